@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Everything that this package raises on purpose.
+
+::
+
+    BallbotError
+    ├── ConfigurationError    a robot, scene, curve or parameter is not acceptable
+    ├── SimulationError       a run cannot go on; names time, quantity and remedy
+    ├── UnstableLoopError     a control law would diverge at the rate it is given
+    └── MessageError          a command, set-point or observation is refused
+
+Each message says what was wrong, the value, what is allowed and what to do.
+"""
+
+
+class BallbotError(Exception):
+    """Base of all errors of this package; catch this to catch them all."""
+
+
+class ConfigurationError(BallbotError, ValueError):
+    """
+    A value in a file, on a command line or in a parameter is not acceptable.
+
+    Raised for unknown names, wrong types, wrong units, values that are not finite or
+    out of range, and files that cannot be read.
+    """
+
+
+class SimulationError(BallbotError, ArithmeticError):
+    """
+    A simulation cannot go on.
+
+    Attributes
+    ----------
+    time : float
+        Simulated time of the failure [s].
+    quantity : str
+        What went wrong, for instance ``'ball_rate is not finite'``.
+    remedy : str
+        What to change.
+
+    """
+
+    def __init__(self, time: float, quantity: str, remedy: str):
+        """Compose the message from its three parts."""
+        super().__init__(f'simulation stopped at t = {time:.6g} s: {quantity}; {remedy}')
+        self.time = time
+        self.quantity = quantity
+        self.remedy = remedy
+
+
+class UnstableLoopError(BallbotError, ValueError):
+    """A control law, closed at the given rate and delay, amplifies instead of damping."""
+
+
+class MessageError(BallbotError, ValueError):
+    """
+    A message is refused.
+
+    Attributes
+    ----------
+    reason : str
+        One word for counters: ``'not_finite'``, ``'wrong_length'``, ``'stale'``, ...
+
+    """
+
+    def __init__(self, reason: str, explanation: str):
+        """Keep the one-word reason beside the sentence."""
+        super().__init__(explanation)
+        self.reason = reason

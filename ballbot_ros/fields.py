@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Described, ranged and validated fields of frozen dataclasses.
+
+A number of this package is described once, where it is declared: its unit, its range and
+one sentence about it.  YAML files, ROS parameters and error messages all read that one
+description::
+
+    @dataclass(frozen=True)
+    class Spring(Checked):
+        stiffness: float = quantity('N/m', 'contact stiffness', above=0.0)
+
+    Spring.from_mapping({'stifness': 3}, 'my.yaml')
+    # ConfigurationError: my.yaml: 'stifness' is not a field of Spring; did you mean
+    # 'stiffness'?
+"""
+from dataclasses import dataclass, field, fields, MISSING
+from difflib import get_close_matches
+import math
+from pathlib import Path
+import re
+from typing import Any, Iterable, Mapping, Type, TypeVar
+
+import yaml
+
+from ballbot_ros.errors import ConfigurationError
+
+T = TypeVar('T', bound='Checked')
+
+
+def quantity(unit: str, doc: str, *, default: Any = MISSING, above: float = -math.inf,
+             minimum: float = -math.inf, maximum: float = math.inf) -> Any:
+    """
+    Declare a finite number with a unit and a range.
+
+    Parameters
+    ----------
+    unit : str
+        SI unit, ``'1'`` for none.
+    doc : str
+        One sentence for people; becomes the description of a ROS parameter.
+    above : float
+        Exclusive lower bound.
+    minimum, maximum : float
+        Inclusive bounds.
+
+    """
+    return field(default=default, metadata={
+        'kind': float, 'unit': unit, 'doc': doc, 'above': above, 'minimum': minimum,
+        'maximum': maximum})
+
+
+def count(doc: str, *, default: Any = MISSING, minimum: int = 0,
+          maximum: int = 2**31 - 1) -> Any:
+    """Declare a whole number with a range."""
+    return field(default=default, metadata={
+        'kind': int, 'unit': '1', 'doc': doc, 'above': -math.inf, 'minimum': minimum,
+        'maximum': maximum})
+
+
+def flag(doc: str, *, default: Any = MISSING) -> Any:
+    """Declare a switch."""
+    return field(default=default, metadata={'kind': bool, 'doc': doc})
+
+
+def text(doc: str, *, default: Any = MISSING, choices: Iterable[str] = ()) -> Any:
+    """Declare a piece of text, of given choices if there are any."""
+    return field(default=default, metadata={
+        'kind': str, 'doc': doc, 'choices': tuple(choices)})
+
+
+def allowed(metadata: Mapping[str, Any]) -> str:
+    """
+    Return the range of a numeric field as people write it.
+
+    >>> allowed(Spring.__dataclass_fields__['stiffness'].metadata)  # doctest: +SKIP
+    'more than 0 N/m'
+    """
+    unit = '' if metadata['unit'] == '1' else f' {metadata["unit"]}'
+    lows = []
+    if metadata['above'] > -math.inf:
+        lows.append(f'more than {metadata["above"]:g}')
+    if metadata['minimum'] > -math.inf:
+        lows.append(f'at least {metadata["minimum"]:g}')
+    if metadata['maximum'] < math.inf:
+        lows.append(f'at most {metadata["maximum"]:g}')
+    return (' and '.join(lows) or 'any finite number') + unit
+
+
+def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) -> Any:
+    """
+    Return `value` converted to its field's kind.
+
+    Integers are accepted for floats; nothing else is converted.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming place, field, value and allowed range.
+
+    """
+    kind = metadata['kind']
+    place = f'{where}: {name}'
+    if kind is str:
+        if not isinstance(value, str):
+            raise ConfigurationError(f'{place} must be text, got {value!r}')
+        if metadata['choices'] and value not in metadata['choices']:
+            raise ConfigurationError(
+                f'{place} must be one of {", ".join(metadata["choices"])}, got {value!r}'
+                + suggestion(value, metadata['choices']))
+        return value
+    if kind is bool:
+        if not isinstance(value, bool):
+            raise ConfigurationError(f'{place} must be true or false, got {value!r}')
+        return value
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ConfigurationError(
+            f'{place} must be a number ({allowed(metadata)}), got {value!r}')
+    if kind is int and not (isinstance(value, int) or float(value).is_integer()):
+        raise ConfigurationError(f'{place} must be a whole number, got {value!r}')
+    number = kind(value)
+    inside = metadata['above'] < number and metadata['minimum'] <= number <= metadata['maximum']
+    if not math.isfinite(number) or not inside:
+        raise ConfigurationError(f'{place} must be {allowed(metadata)}, got {value!r}')
+    return number
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Return ``'; did you mean ...?'`` for a near miss, the list of names otherwise."""
+    names = sorted(known)
+    near = get_close_matches(str(name), names, n=1, cutoff=0.6)
+    if near:
+        return f'; did you mean {near[0]!r}?'
+    return f'; known are {", ".join(names)}' if names else ''
+
+
+def refuse_unknown(mapping: Mapping[str, Any], known: Iterable[str], where: str) -> None:
+    """Raise `ConfigurationError` for the first key of `mapping` that is not `known`."""
+    names = set(known)
+    for key in mapping:
+        if key not in names:
+            raise ConfigurationError(
+                f'{where}: {key!r} is not known here{suggestion(key, names)}')
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A frozen dataclass whose described fields are checked when it is made."""
+
+    def __post_init__(self) -> None:
+        """Convert and check every described field."""
+        for item in fields(self):
+            if 'kind' in item.metadata:
+                value = check_value(item.name, getattr(self, item.name), item.metadata,
+                                    type(self).__name__)
+                object.__setattr__(self, item.name, value)
+
+    @classmethod
+    def from_mapping(cls: Type[T], mapping: Any, where: str) -> T:
+        """
+        Build from the mapping of a YAML file.
+
+        Parameters
+        ----------
+        mapping : mapping of str to values
+        where : str
+            Place for error messages, usually the file name.
+
+        Raises
+        ------
+        ConfigurationError
+            For anything missing, unknown, of the wrong type or out of range.
+
+        """
+        return cls(**checked_values(cls, expect_mapping(mapping, where), where))
+
+
+def checked_values(cls: Type[Checked], entries: Mapping[str, Any], where: str) -> dict:
+    """
+    Return the values of `entries` for the described fields of `cls`, checked.
+
+    Raises
+    ------
+    ConfigurationError
+        For anything missing, unknown, of the wrong type or out of range.
+
+    """
+    described = {item.name: item for item in fields(cls) if 'kind' in item.metadata}
+    refuse_unknown(entries, described, where)
+    values = {}
+    for name, item in described.items():
+        if name in entries:
+            values[name] = check_value(name, entries[name], item.metadata, where)
+        elif item.default is MISSING:
+            unit = f', {allowed(item.metadata)}' if 'unit' in item.metadata else ''
+            raise ConfigurationError(
+                f'{where}: {name} is missing ({item.metadata["doc"]}{unit})')
+    return values
+
+
+def expect_mapping(value: Any, where: str) -> Mapping[str, Any]:
+    """Return `value` if it is a mapping with text keys; raise `ConfigurationError` if not."""
+    if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
+        raise ConfigurationError(
+            f'{where}: expected a mapping of names to values, got {value!r}')
+    return value
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """Refuses a key that is given twice, which YAML would silently let win."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        seen = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if isinstance(key, str) and key in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f'{key!r} is given twice', key_node.start_mark)
+            if isinstance(key, str):
+                seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+# YAML 1.1 reads '1e-4' as text because it has no dot; people write it, so read it as a number.
+_StrictLoader.add_implicit_resolver(
+    'tag:yaml.org,2002:float',
+    re.compile(r'^[-+]?[0-9]+[eE][-+]?[0-9]+$'), list('-+0123456789'))
+
+
+def read_yaml(path: Path) -> Mapping[str, Any]:
+    """
+    Read a YAML file that holds one mapping.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be read, is not YAML, repeats a key or holds no mapping.
+
+    """
+    try:
+        content = yaml.load(path.read_text(encoding='utf-8'), Loader=_StrictLoader)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f'{path}: cannot be read: {error}') from error
+    except yaml.YAMLError as error:
+        raise ConfigurationError(f'{path}: is not valid YAML: {error}') from error
+    return expect_mapping(content, str(path))
