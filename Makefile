@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+# Each target prepares what it needs; scripts/bootstrap.py does the work and says what it does.
+PYTHON ?= python3
+ARGS ?=
+
+help:
+	@echo 'make demo    a ball robot meets a step; ARGS are passed to "ballbot demo"'
+	@echo 'make test    all tests; ARGS are passed to pytest'
+	@echo 'make bench   measure speed and accuracy'
+	@echo 'make lint    style and types only'
+	@echo 'make setup   prepare .venv and do nothing more'
+	@echo 'make clean   remove .venv and everything built'
+
+setup:
+	@command -v $(PYTHON) >/dev/null || { \
+	  echo '$(PYTHON) is missing: sudo apt-get install python3 python3-venv python3-dev' \
+	       'build-essential' >&2; exit 1; }
+	@$(PYTHON) scripts/bootstrap.py
+
+demo: setup
+	@.venv/bin/ballbot demo $(ARGS)
+
+test: setup
+	@.venv/bin/python -m pytest test $(ARGS)
+
+bench: setup
+	@.venv/bin/python bench/run.py $(ARGS)
+
+lint: setup
+	@.venv/bin/python -m pytest -q test/test_lint.py test/test_layers.py $(ARGS)
+
+clean:
+	rm -rf .venv build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
+
+.PHONY: help setup demo test bench lint clean

@@ -1,0 +1,341 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Prepare .venv so that `.venv/bin/ballbot` and `import ballbot_ros.msg` simply work.
+
+The stages: find a Python and the system tools, make the virtual environment, install the pinned
+packages, mend the include paths in the ROS wheels, build the messages with colcon. A stage that
+is finished leaves a stamp with a hash of its inputs; a stage whose stamp matches is skipped, so
+the second run costs nothing and an interrupted one goes on where it was.
+
+Where a ROS 2 installation is sourced, it takes the place of the wheels.
+
+Standard library only, and readable by old interpreters: it is what tells them they are too old.
+"""
+import contextlib
+import fcntl
+import hashlib
+import importlib.util
+import json
+import os
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+import time
+
+ROOT = Path(__file__).resolve().parent.parent
+VENV = ROOT / '.venv'
+PYTHON = VENV / 'bin' / 'python'
+STAMPS = VENV / 'stamps'
+LOCK = ROOT / 'requirements' / 'lock.txt'
+PACKAGE = 'ballbot_ros'
+OLDEST, NEWEST = (3, 10), (3, 13)  # Of the ROS wheels; a sourced ROS 2 may bring a newer one
+
+# The loader reads LD_LIBRARY_PATH at process start only, hence a new start. The wheels bring the
+# same trick; this one is for a sourced ROS 2 installation, which knows nothing of .venv/lib.
+LIBRARY_PATH_HOOK = '''\
+import os
+import sys
+
+library = os.path.join(sys.prefix, 'lib')
+known = [path for path in os.environ.get('LD_LIBRARY_PATH', '').split(os.pathsep) if path]
+if library not in known:
+    os.environ['LD_LIBRARY_PATH'] = os.pathsep.join([library, *known])
+    os.execv(sys.executable, sys.orig_argv)
+'''
+
+
+class Problem(Exception):
+    """Something that the user has to mend; the text says what and how."""
+
+
+# --- Which Python, which ROS, which tools ---------------------------------------------------
+
+def probe():
+    """Describe the running interpreter, as far as the choice between several needs it."""
+    def importable(name):
+        return importlib.util.find_spec(name) is not None
+
+    include = sysconfig.get_path('include')
+    return {
+        'version': list(sys.version_info[:2]),
+        # Of a virtual environment the interpreter below it, which outlives .venv itself.
+        'executable': os.path.realpath(getattr(sys, '_base_executable', None) or sys.executable),
+        'venv': importable('venv') and importable('ensurepip'),
+        'headers': os.path.exists(os.path.join(include, 'Python.h')),
+        'rclpy': importable('rclpy') and importlib.util.find_spec('rclpy').origin,
+    }
+
+
+def probe_other(python):
+    """Let another interpreter describe itself; None where it does not run."""
+    try:
+        out = subprocess.check_output([python, __file__, '--probe'], stderr=subprocess.DEVNULL)
+        return json.loads(out.decode())
+    except (OSError, ValueError, subprocess.CalledProcessError):
+        return None
+
+
+def choose_python(ros):
+    """Return the facts of the first interpreter that will do, the running one preferred."""
+    names = ['python3.%d' % minor for minor in range(NEWEST[1], OLDEST[1] - 1, -1)]
+    others = [shutil.which(name) for name in names] + ['/usr/bin/python3']
+    for python in [None] + [path for path in others if path]:
+        facts = probe_other(python) if python else probe()
+        if not facts or tuple(facts['version']) < OLDEST:
+            continue
+        if facts['rclpy'] if ros else tuple(facts['version']) <= NEWEST:
+            return facts
+    if ros:
+        raise Problem(
+            'ROS 2 %s is sourced, but no Python on PATH that is 3.%d or newer can import rclpy.\n'
+            'Put the Python of that ROS 2 first on PATH, or use a shell without ROS 2: the\n'
+            'set-up then brings its own.' % (os.environ['ROS_DISTRO'], OLDEST[1]))
+    best = 'python3.%d' % (NEWEST[1] - 1)
+    raise Problem(
+        'Python 3.%d to 3.%d is needed; %s is %s, and no other was found on PATH.\n'
+        'Install one, for instance:\n'
+        '  sudo apt-get update && sudo apt-get install %s %s-venv %s-dev\n'
+        'or name one: make PYTHON=/path/to/python3.12'
+        % (OLDEST[1], NEWEST[1], sys.executable, sys.version.split()[0], best, best, best))
+
+
+def check_tools(facts):
+    """Name every missing system tool at once, with the command that installs them all."""
+    python = 'python%d.%d' % tuple(facts['version'])
+    tools = [
+        (facts['venv'], 'the venv module of %s' % python, python + '-venv'),
+        (facts['headers'], 'the C headers of %s' % python, python + '-dev'),
+        (shutil.which(os.environ.get('CC', 'cc')), 'a C compiler', 'gcc'),
+        (shutil.which(os.environ.get('CXX', 'c++')), 'a C++ compiler', 'g++'),
+        (shutil.which('make'), 'make', 'make'),
+    ]
+    missing = [(what, apt) for present, what, apt in tools if not present]
+    if missing:
+        raise Problem('Missing here: %s.\nInstall with:\n  sudo apt-get update && '
+                      'sudo apt-get install %s' % (', '.join(what for what, _ in missing),
+                                                   ' '.join(apt for _, apt in missing)))
+
+
+# --- Running and remembering ----------------------------------------------------------------
+
+def digest(*parts):
+    """Hash strings, and files by name and content, into one short key."""
+    total = hashlib.sha256()
+    for part in parts:
+        name = str(part.relative_to(ROOT)) if isinstance(part, Path) else part
+        content = part.read_bytes() if isinstance(part, Path) else b''
+        total.update(('%s\0%d\0' % (name, len(content))).encode() + content)
+    return total.hexdigest()[:16]
+
+
+def done(stage, key):
+    """Say whether a stage has finished with these inputs before."""
+    stamp = STAMPS / stage
+    return stamp.exists() and stamp.read_text() == key
+
+
+@contextlib.contextmanager
+def stage(name, text, key):
+    """Show a stage in one line with its seconds, and stamp it once its body is through."""
+    label = '%-9s %s ... ' % (name, text)
+    print(label, end='', flush=True)
+    start = time.monotonic()
+    if STAMPS.exists():
+        with contextlib.suppress(FileNotFoundError):
+            (STAMPS / name).unlink()
+    try:
+        yield lambda *command, **more: run(name, label, start, command, **more)
+    except BaseException:
+        print(flush=True)
+        raise
+    STAMPS.mkdir(exist_ok=True)
+    (STAMPS / name).write_text(key)
+    print('%s%.1f s' % ('\r' + label if sys.stdout.isatty() else '', time.monotonic() - start))
+
+
+def run(name, label, start, command, env=None, hint=''):
+    """Run a command into a log file, counting seconds on a terminal; raise Problem on failure."""
+    log = VENV / 'log' / (name + '.txt')
+    log.parent.mkdir(parents=True, exist_ok=True)
+    with log.open('a') as out:
+        out.write('$ %s\n' % ' '.join(map(str, command)))
+        out.flush()
+        process = subprocess.Popen([str(word) for word in command], cwd=str(ROOT), env=env,
+                                   stdout=out, stderr=subprocess.STDOUT)
+        try:
+            while process.poll() is None:
+                time.sleep(0.05)
+                if sys.stdout.isatty():
+                    print('\r%s%d s' % (label, time.monotonic() - start), end='', flush=True)
+        except KeyboardInterrupt:
+            process.wait()  # The terminal has told the child as well
+            raise
+    if process.returncode:
+        tail = log.read_text(errors='replace').splitlines()[-25:]
+        raise Problem('\n'.join(['%s failed. The end of %s:' % (name, log)]
+                                + ['  ' + line for line in tail] + ([hint] if hint else [])))
+
+
+# --- The stages -----------------------------------------------------------------------------
+
+def make_venv(facts, ros, key):
+    """Make an empty virtual environment, in place of whatever this script made before."""
+    old = ROOT / '.venv-old'
+    if VENV.exists():
+        if not (VENV / 'made-by-bootstrap').exists():
+            raise Problem('%s was not made by this script. Move it away, then run again.' % VENV)
+        VENV.rename(old)  # At once, so that an interruption leaves no half of it behind
+    shutil.rmtree(str(old), ignore_errors=True)
+    VENV.mkdir()
+    (VENV / 'made-by-bootstrap').touch()
+    with stage('venv', 'Python %d.%d, %s' % (*facts['version'], ros or 'ROS 2 from wheels'),
+               key) as command:
+        command(facts['executable'], '-m', 'venv',
+                *(['--system-site-packages'] if ros else []), VENV)
+    site = site_packages()
+    # The checkout itself comes first, so that an edit takes effect without a build.
+    (site / (PACKAGE + '.pth')).write_text('%s\n' % ROOT)
+    if ros:
+        (site / '_ballbot_ros_library_path.py').write_text(LIBRARY_PATH_HOOK)
+        (site / '_ballbot_ros_library_path.pth').write_text('import _ballbot_ros_library_path\n')
+
+
+def site_packages():
+    """Return the directory of the packages in .venv."""
+    return next(VENV.glob('lib/python3*/site-packages'))
+
+
+def missing_packages():
+    """Return what a sourced ROS 2 lacks, and pins that leave alone what it has."""
+    installed = json.loads(subprocess.check_output([str(PYTHON), '-c', (
+        'import importlib.metadata as m, json, re\n'
+        'print(json.dumps({re.sub("[-_.]+", "-", d.metadata["Name"]).lower(): d.version'
+        ' for d in m.distributions() if d.metadata["Name"]}))')]).decode())
+
+    def name(line):
+        return re.sub('[-_.]+', '-', re.match(r'[\w.-]+', line).group()).lower()
+
+    if shutil.which('cmake'):
+        installed.setdefault('cmake', '')
+    wanted = [line for file in ('app.in', 'build.in')
+              for line in (LOCK.parent / file).read_text().splitlines() if line[:1].isalnum()]
+    pins = [line for line in LOCK.read_text().splitlines()
+            if line[:1].isalnum() and name(line) not in installed]
+    pins += ['%s==%s' % item for item in installed.items() if item[1]]
+    return [line for line in wanted if name(line) not in installed], pins
+
+
+def install_packages(ros, key):
+    """Install everything pinned, or only what the sourced ROS 2 lacks."""
+    # pip writes INSTALLER last: without it an interruption has left the package half installed,
+    # and pip would take it for complete.
+    for info in site_packages().glob('*.dist-info'):
+        if not (info / 'INSTALLER').exists():
+            shutil.rmtree(str(info))
+    hint = 'If this was the network, run again: what is installed is kept.'
+    pip = [PYTHON, '-m', 'pip', '--disable-pip-version-check', 'install', '--no-input']
+    if ros:
+        lacking, pins = missing_packages()
+        if lacking:
+            (VENV / 'pins.txt').write_text('\n'.join(pins) + '\n')
+            with stage('packages', '%d that ROS 2 lacks' % len(lacking), key) as command:
+                command(*pip, '-c', VENV / 'pins.txt', *lacking, hint=hint)
+        return
+    lines = [line for line in LOCK.read_text().splitlines() if line[:1].isalnum()]
+    tools = [line for line in lines if line.startswith(('setuptools==', 'wheel=='))]
+    with stage('packages', '%d pinned, a minute or so' % len(lines), key) as command:
+        # Without isolation the one source package is built by the pinned setuptools too.
+        command(*pip, '--no-deps', *tools, hint=hint)
+        command(*pip, '--no-deps', '--no-build-isolation', '-r', LOCK, hint=hint)
+        mend_include_paths()
+
+
+def mend_include_paths():
+    """Point the wheels' CMake files to this Python, not to that of the machine that built them."""
+    python, numpy = subprocess.check_output([str(PYTHON), '-c', (
+        'import numpy, sysconfig; print(sysconfig.get_path("include")); '
+        'print(numpy.get_include())')]).decode().split('\n')[:2]
+    for path in (VENV / 'share').rglob('*.cmake'):
+        old = path.read_text()
+        new = re.sub(r'/opt/[^;"\s]*/numpy/(?:_core|core)/include', lambda _: numpy, old)
+        new = re.sub(r'/opt/(?:python|_internal)/[^;"\s]*/include/python3\.\d+', lambda _: python,
+                     new)
+        if new != old:
+            path.write_text(new)
+
+
+def build_messages(ros, key):
+    """Build the package with colcon into .venv itself, which serves as its install prefix."""
+    for pattern in ('share/%s', 'include/%s', 'lib/%s', 'lib/lib%s__*', 'build/%s',
+                    'lib/python3*/site-packages/%s/'):
+        for path in VENV.glob(pattern % PACKAGE):  # So that a deleted message disappears
+            shutil.rmtree(str(path)) if path.is_dir() else path.unlink()
+    env = dict(os.environ, PATH='%s%s%s' % (PYTHON.parent, os.pathsep, os.environ['PATH']))
+    for name in ('PYTHONPATH', 'COLCON_PREFIX_PATH', 'AMENT_PREFIX_PATH', 'CMAKE_PREFIX_PATH'):
+        if not ros:
+            env.pop(name, None)
+    for name in ('AMENT_PREFIX_PATH', 'CMAKE_PREFIX_PATH'):
+        env[name] = os.pathsep.join(filter(None, [str(VENV), env.get(name)]))
+    with stage('messages', 'built with colcon, a minute or so', key) as command:
+        command(PYTHON, '-c', 'import sys; from colcon_core.command import main; sys.exit(main())',
+                '--log-base', VENV / 'log' / 'colcon', 'build', '--paths', ROOT,
+                '--build-base', VENV / 'build', '--install-base', VENV,
+                '--merge-install', '--symlink-install', '--event-handlers', 'console_direct+',
+                env=env)
+        command(PYTHON, '-c', 'import rclpy, %s.msg, %s.srv' % (PACKAGE, PACKAGE))
+
+
+def set_up():
+    """Bring .venv up to date; return whether anything had to be done."""
+    ros = 'AMENT_PREFIX_PATH' in os.environ and os.environ.get('ROS_DISTRO') or ''
+    facts = choose_python(ros)
+    venv_key = digest(str(VENV), facts['executable'], str(facts['version']), ros,
+                      ros and str(facts['rclpy']), LOCK, LOCK.parent / 'app.in',
+                      LOCK.parent / 'build.in')
+    sources = [ROOT / 'package.xml', ROOT / 'setup.py', ROOT / 'setup.cfg', Path(__file__)]
+    for folder in ('msg', 'srv', 'cmake_msgs'):
+        sources += sorted(path for path in (ROOT / folder).iterdir() if path.is_file())
+    # Of these only the names matter: they are installed as links.
+    links = sorted(str(path) for folder in ('config', 'launch')
+                   for path in (ROOT / folder).rglob('*') if '__pycache__' not in path.parts)
+    messages_key = digest(venv_key, *links, *sources)
+    if done('messages', messages_key):
+        return False
+    check_tools(facts)
+    if not done('venv', venv_key):
+        make_venv(facts, ros, venv_key)
+    if not done('packages', venv_key):
+        install_packages(ros, venv_key)
+    build_messages(ros, messages_key)
+    return True
+
+
+def main():
+    """Set up, one process at a time."""
+    if '--probe' in sys.argv:
+        print(json.dumps(probe()))
+        return 0
+    start = time.monotonic()
+    try:
+        with open(__file__) as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                print('waiting for another set-up of this checkout', flush=True)
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            if set_up():
+                print('ready in %.0f s' % (time.monotonic() - start))
+    except Problem as problem:
+        print(problem, file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print('interrupted; run the same again to go on', file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
