@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pendulum controller: set-points and readings in, torque out; no clock, no ROS."""
+from typing import Optional
+
+from ballbot_ros.control.signals import JointReadings, Mode, SetPoint
+from ballbot_ros.control.tuning import ControlTuning
+from ballbot_ros.errors import ConfigurationError, MessageError
+from ballbot_ros.physics.laws import limited, position_torque, velocity_torque
+from ballbot_ros.physics.robot import Robot
+
+
+class PendulumController:
+    """
+    Laws (11) and (12) with a torque limit.
+
+    All time comes from the stamps of readings, so that a paused or replayed simulation
+    gives the same torque.  Until a set-point is given the torque is zero.
+
+    The integral of (12) is the paper's ``set_rate * t - theta2`` with both counted from the
+    first reading under this set-point; the same set-point given again, as a publisher does
+    periodically, does not restart it.  While the torque is limited the integral only moves
+    in the direction that leaves the limit; where it is not limited the law is untouched.
+
+    Parameters
+    ----------
+    robot : Robot
+        With a pendulum.
+    tuning : ControlTuning
+
+    Raises
+    ------
+    ConfigurationError
+        If the robot has no pendulum.
+
+    """
+
+    def __init__(self, robot: Robot, tuning: ControlTuning):
+        """Start idle."""
+        if not robot.has_pendulum:
+            raise ConfigurationError(
+                f'{robot.name} has no pendulum (pendulum_mass is 0): there is nothing to '
+                'control; use a robot with a pendulum')
+        self._tuning = tuning
+        self._gravity_torque = (
+            robot.largest_gravity_torque if tuning.gravity_compensation else 0.0)
+        self.reset()
+
+    @property
+    def set_point(self) -> SetPoint:
+        """Return the set-point in force."""
+        return self._set_point
+
+    def reset(self) -> None:
+        """Forget set-point, readings and integral: idle, for a stop or a jump of time."""
+        self._set_point = SetPoint(Mode.IDLE, stamp=-1e300)
+        self._last: Optional[JointReadings] = None
+        self._torque = 0.0
+        self._restart()
+
+    def give(self, set_point: SetPoint) -> None:
+        """
+        Follow another set-point from now on.
+
+        Raises
+        ------
+        MessageError
+            With reason ``stale`` if it is older than the one in force.
+
+        """
+        current = self._set_point
+        if set_point.stamp < current.stamp:
+            raise MessageError(
+                'stale', f'set-point of {set_point.stamp:.6g} s refused: the one in force is '
+                f'of {current.stamp:.6g} s; if time was set back, reset the controller')
+        if (set_point.mode, set_point.value) != (current.mode, current.value):
+            self._restart()
+            # Another question, even if the reading to come is the one already answered.
+            self._answered = False
+        self._set_point = set_point
+
+    def torque(self, readings: JointReadings) -> float:
+        """
+        Return the torque for these readings, within the torque limit [N m].
+
+        The same stamp again gives the same answer again.
+
+        Raises
+        ------
+        MessageError
+            With reason ``stale`` if the readings are older than the last ones.
+
+        """
+        last = self._last
+        if last is not None and readings.stamp < last.stamp:
+            raise MessageError(
+                'stale', f'readings of {readings.stamp:.6g} s refused: those of '
+                f'{last.stamp:.6g} s came before; if time was set back, reset the controller')
+        if not (self._answered and last is not None and readings.stamp == last.stamp):
+            self._torque = self._law(readings)
+            self._last = readings
+            self._answered = True
+        return self._torque
+
+    def _restart(self) -> None:
+        """Let the integral start at the next reading."""
+        self._start: Optional[JointReadings] = None
+        self._surplus = 0.0
+        self._lag = 0.0
+        self._answered = False
+
+    def _law(self, readings: JointReadings) -> float:
+        """Return the limited torque of the law in force."""
+        if self._set_point.mode is Mode.IDLE:
+            return 0.0
+        if self._set_point.mode is Mode.HOLD:
+            wanted = position_torque(
+                readings.pendulum_angle, readings.pendulum_rate, self._set_point.value,
+                self._tuning.position_kp, self._tuning.position_kd, self._gravity_torque)
+        else:
+            wanted = self._drive(readings)
+        return limited(wanted, self._tuning.torque_limit)
+
+    def _drive(self, readings: JointReadings) -> float:
+        """Return the torque of law (12), holding its integral where that would wind up."""
+        if self._start is None:
+            self._start = readings
+        elapsed = readings.stamp - self._start.stamp
+        turned = readings.joint_angle - self._start.joint_angle
+        lag = self._set_point.value * elapsed - turned - self._surplus
+        wanted = self._velocity_law(readings, lag)
+        deeper = (lag - self._lag) * wanted > 0.0
+        if abs(wanted) > self._tuning.torque_limit and deeper:
+            self._surplus += lag - self._lag
+            lag = self._lag
+            wanted = self._velocity_law(readings, lag)
+        self._lag = lag
+        return wanted
+
+    def _velocity_law(self, readings: JointReadings, lag: float) -> float:
+        """Return the unlimited torque of law (12) [N m]."""
+        return velocity_torque(
+            readings.pendulum_angle, readings.joint_rate, lag, self._set_point.value,
+            self._tuning.velocity_kp, self._tuning.velocity_ki, self._gravity_torque)

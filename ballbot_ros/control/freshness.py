@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Is there still someone there, and how often: watchdog and rate, with time passed in."""
+from collections import deque
+import math
+from statistics import median
+from typing import Deque, Optional
+
+from ballbot_ros.errors import ConfigurationError, MessageError
+
+
+def _finite(now: float) -> float:
+    """Return `now`; refuse a time that is none."""
+    if not math.isfinite(now):
+        raise MessageError('not_finite', f'time must be finite, got {now!r}')
+    return now
+
+
+class Watchdog:
+    """
+    Tells when something that should come regularly stays away.
+
+    Feed it with what it watches, a command for instance, never from one's own timer.  It
+    errs on the safe side: never fed is expired, and so is a clock that jumped back, until
+    it is fed again.
+
+    Parameters
+    ----------
+    timeout : float
+        Longest silence [s].
+
+    Raises
+    ------
+    ConfigurationError
+        If the timeout is not a positive number.
+
+    """
+
+    def __init__(self, timeout: float):
+        """Start hungry."""
+        if not (math.isfinite(timeout) and timeout > 0.0):
+            raise ConfigurationError(
+                f'watchdog timeout must be more than 0 s and finite, got {timeout!r}; '
+                '0.25 s suits this robot')
+        self._timeout = timeout
+        self._last: Optional[float] = None
+
+    @property
+    def timeout(self) -> float:
+        """Return the longest silence [s]."""
+        return self._timeout
+
+    @property
+    def fed(self) -> bool:
+        """Tell whether it was ever fed: tells 'not yet there' from 'gone'."""
+        return self._last is not None
+
+    def feed(self, now: float) -> None:
+        """Note a sign of life at `now` [s]; raise `MessageError` if that is not finite."""
+        self._last = _finite(now)
+
+    def reset(self) -> None:
+        """Forget all signs of life."""
+        self._last = None
+
+    def silence(self, now: float) -> float:
+        """Return the time since the last sign of life, infinite if there was none [s]."""
+        return math.inf if self._last is None else _finite(now) - self._last
+
+    def expired(self, now: float) -> bool:
+        """Tell whether the silence at `now` [s] is too long, or time ran backwards."""
+        return not 0.0 <= self.silence(now) <= self._timeout
+
+
+class RateMonitor:
+    """
+    Measures how often something comes: the median period of the last stamps.
+
+    The median shrugs off a single late message, which is not a slow publisher.
+
+    Parameters
+    ----------
+    size : int
+        Number of stamps looked at, at least 2.
+
+    Raises
+    ------
+    ConfigurationError
+        If the size is less than 2.
+
+    """
+
+    def __init__(self, size: int = 21):
+        """Start with no stamps."""
+        if size < 2:
+            raise ConfigurationError(f'a rate needs at least 2 stamps, got size {size!r}')
+        self._stamps: Deque[float] = deque(maxlen=size)
+
+    def add(self, stamp: float) -> None:
+        """
+        Note one arrival; a repeated stamp counts once, one set back starts anew.
+
+        Parameters
+        ----------
+        stamp : float
+            [s]
+
+        Raises
+        ------
+        MessageError
+            If the stamp is not finite.
+
+        """
+        _finite(stamp)
+        if self._stamps and stamp < self._stamps[-1]:
+            self._stamps.clear()
+        if not self._stamps or stamp > self._stamps[-1]:
+            self._stamps.append(stamp)
+
+    @property
+    def period(self) -> Optional[float]:
+        """Return the median period [s], None before there are two stamps."""
+        stamps = list(self._stamps)
+        if len(stamps) < 2:
+            return None
+        return median(later - earlier for earlier, later in zip(stamps, stamps[1:]))
+
+    @property
+    def rate(self) -> Optional[float]:
+        """Return the median rate [Hz], None before there are two stamps."""
+        return None if self.period is None else 1.0 / self.period

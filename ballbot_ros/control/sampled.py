@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Stability of a control law that is closed at a rate and with a delay.
+
+A gain that is harmless in continuous time amplifies when it acts too rarely or too late.
+The rolling model of `linear` is discretised exactly under a zero-order hold and closed
+with the linearised law; the poles of the result tell.  The published gains on GimBall
+need, to hold the pendulum down, 234 Hz without delay and 468 Hz with one sample of it; to
+hold it at any angle, 275 and 548 Hz.
+
+What divergence looks like: the torque limit turns exponential growth into a limit cycle,
+a pendulum that rattles with full torque back and forth.  It does not turn it into control.
+"""
+from dataclasses import replace
+import math
+from typing import Any, Optional, Sequence, Union
+
+import numpy as np
+from scipy.linalg import expm
+
+from ballbot_ros.control.linear import linear_rolling
+from ballbot_ros.control.signals import Mode
+from ballbot_ros.control.tuning import ControlTuning
+from ballbot_ros.errors import ConfigurationError, UnstableLoopError
+from ballbot_ros.physics.robot import Robot
+
+# Neither law controls where the ball rolls: its speed is a nearly neutral mode that rests on
+# friction, and may drift.  Growth below this [1/s] is such drift, left to whoever gives the
+# set-points; the instabilities looked for here grow hundreds of times faster.
+DRIFT_LIMIT = 0.2
+
+HIGHEST_RATE = 1e5      # [Hz] a loop that diverges even there is not saved by its rate
+LOWEST_RATE = 1.0       # [Hz]
+HALF_CIRCLE = tuple(math.radians(degrees) for degrees in range(0, 181, 15))
+
+
+def _angles(law: Mode) -> Sequence[float]:
+    """Return the set angles to be judged: (11) holds any, (12) rolls with it hanging."""
+    return HALF_CIRCLE if law is Mode.HOLD else (0.0,)
+
+
+def _check(law: Union[Mode, str], rate: float, delay: int) -> Mode:
+    """Return the law; refuse rates and delays that have no meaning."""
+    if not (math.isfinite(rate) and rate > 0.0):
+        raise ConfigurationError(f'control rate must be more than 0 Hz, got {rate!r}')
+    if not (isinstance(delay, int) and 0 <= delay <= 100):
+        raise ConfigurationError(
+            f'delay must be a whole number of samples from 0 to 100, got {delay!r}')
+    if law not in (Mode.HOLD, Mode.DRIVE):
+        raise ConfigurationError(
+            f"law must be 'hold' (11) or 'drive' (12), got {law!r}: only these close a loop")
+    return Mode(law)
+
+
+def _feedback(robot: Robot, tuning: ControlTuning, law: Mode, angle: float) -> np.ndarray:
+    """Return d(torque)/d(phi, phi', theta1', theta2) of the law."""
+    gravity = robot.largest_gravity_torque * math.cos(angle) * tuning.gravity_compensation
+    if law is Mode.HOLD:
+        return np.array([gravity - tuning.position_kp, -tuning.position_kd, 0.0, 0.0])
+    return np.array([gravity, -tuning.velocity_kp, tuning.velocity_kp, -tuning.velocity_ki])
+
+
+def loop_poles(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate: float,
+               delay: int = 0, set_angle: float = 0.0) -> np.ndarray:
+    """
+    Return the poles of the sampled loop, inside the unit circle where it is damped.
+
+    Parameters
+    ----------
+    robot : Robot
+    tuning : ControlTuning
+    law : Mode or str
+        ``'hold'``, eq. (11), or ``'drive'``, eq. (12).
+    rate : float
+        Of the controller [Hz].
+    delay : int
+        Whole samples from reading to torque.
+    set_angle : float
+        Pendulum angle about which to linearise [rad].
+
+    Raises
+    ------
+    ConfigurationError
+        For an impossible rate, delay or law, or a robot without a pendulum.
+
+    """
+    law = _check(law, rate, delay)
+    matrix, column = linear_rolling(robot, set_angle)
+    # theta2 is a state only where the law looks at it: elsewhere it would be a pole at 1
+    # that says no more than that positions do not matter.
+    size = 4 if law is Mode.DRIVE and tuning.velocity_ki > 0.0 else 3
+    plant = np.zeros((size + 1, size + 1))
+    plant[:3, :3], plant[:3, size] = matrix, column
+    if size == 4:
+        plant[3, 1], plant[3, 2] = 1.0, -1.0
+    held = expm(plant / rate)
+    loop = np.zeros((size + delay, size + delay))
+    loop[:size, :size] = held[:size, :size]
+    feedback = _feedback(robot, tuning, law, set_angle)[:size]
+    if delay == 0:
+        loop += np.outer(held[:size, size], feedback)
+    else:
+        loop[:size, size] = held[:size, size]
+        loop[size:-1, size + 1:] = np.eye(delay - 1)
+        loop[-1, :size] = feedback
+    return np.linalg.eigvals(loop)
+
+
+def growth_rate(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate: float,
+                delay: int = 0, set_angles: Optional[Sequence[float]] = None) -> float:
+    """
+    Return how fast the worst deviation grows, negative if it decays [1/s].
+
+    That is log(largest pole) * rate, the worst over `set_angles` [rad]; by default 0 to 180
+    degrees for law (11).  Parameters as in `loop_poles`.
+    """
+    law = _check(law, rate, delay)
+    angles = _angles(law) if set_angles is None else set_angles
+    radius = max(float(np.abs(loop_poles(robot, tuning, law, rate, delay, angle)).max())
+                 for angle in angles)
+    return math.log(radius) * rate
+
+
+def is_stable(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate: float,
+              delay: int = 0, set_angles: Optional[Sequence[float]] = None) -> bool:
+    """Tell whether nothing grows faster than drift; parameters as in `growth_rate`."""
+    return growth_rate(robot, tuning, law, rate, delay, set_angles) < DRIFT_LIMIT
+
+
+def lowest_stable_rate(robot: Robot, tuning: ControlTuning, law: Union[Mode, str],
+                       delay: int = 0, set_angles: Optional[Sequence[float]] = None) -> float:
+    """
+    Return the rate from which on the loop is stable [Hz]; infinity if there is none.
+
+    Found by coming down from 100 kHz in steps and bisecting the first failure to 0.01 %.
+    Parameters as in `growth_rate`.
+    """
+    high = HIGHEST_RATE
+    if not is_stable(robot, tuning, law, high, delay, set_angles):
+        return math.inf
+    low = high / 1.3
+    while is_stable(robot, tuning, law, low, delay, set_angles):
+        if low < LOWEST_RATE:
+            return LOWEST_RATE
+        high, low = low, low / 1.3
+    while high / low > 1.0001:
+        middle = math.sqrt(high * low)
+        if is_stable(robot, tuning, law, middle, delay, set_angles):
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+def check_loop(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate: float,
+               delay: int = 1) -> None:
+    """
+    Refuse a controller that would diverge; parameters as in `loop_poles`.
+
+    Raises
+    ------
+    UnstableLoopError
+        Naming law, gains, rate, delay, the lowest rate that works and the gain that works
+        at this rate.
+
+    """
+    law = _check(law, rate, delay)
+    if is_stable(robot, tuning, law, rate, delay):
+        return
+    names = (('position_kp', 'position_kd') if law is Mode.HOLD
+             else ('velocity_kp', 'velocity_ki'))
+    gains = ', '.join(f'{name} {getattr(tuning, name):g}' for name in names)
+    samples = f'{delay} sample{"" if delay == 1 else "s"} of delay'
+    raise UnstableLoopError(
+        f'{law.law} with {gains} diverges on {robot.name} at {rate:g} Hz with {samples}; '
+        + _remedy(robot, tuning, law, rate, delay))
+
+
+def _remedy(robot: Robot, tuning: ControlTuning, law: Mode, rate: float, delay: int) -> str:
+    """Return what to do instead: a rate, a gain, or a look at the gains."""
+    ways = []
+    lowest = lowest_stable_rate(robot, tuning, law, delay)
+    if math.isfinite(lowest):
+        ways.append(f'run it at {math.ceil(lowest)} Hz or more')
+    # The gain on rates is what diverges first: it meets the small pendulum inertia alone.
+    name = 'position_kd' if law is Mode.HOLD else 'velocity_kp'
+    for percent in range(95, 0, -1):
+        gain: Any = float(f'{percent / 100 * getattr(tuning, name):.2g}')
+        # A tenth of the rate to spare: a gain at its very limit would ring for ever.
+        if is_stable(robot, replace(tuning, **{name: gain}), law, 0.9 * rate, delay):
+            ways.append(f'lower {name} to {gain:g}')
+            break
+    return ' or '.join(ways) or 'no rate saves these gains: see config/tunings'

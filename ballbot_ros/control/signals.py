@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What goes into the controller: set-points and joint readings, checked when made."""
+from dataclasses import dataclass, fields
+from enum import Enum
+import math
+
+from ballbot_ros.errors import MessageError
+
+
+class Mode(str, Enum):
+    """What the pendulum motor does; the values are what messages and files say."""
+
+    IDLE = 'idle'
+    HOLD = 'hold'
+    DRIVE = 'drive'
+
+    @property
+    def law(self) -> str:
+        """Return the law of the paper behind this mode, for messages to people."""
+        return {'idle': 'no torque', 'hold': 'law (11)', 'drive': 'law (12)'}[self.value]
+
+
+@dataclass(frozen=True)
+class SetPoint:
+    """
+    What the controller is asked to do.
+
+    Attributes
+    ----------
+    mode : Mode
+        ``hold``: keep the absolute pendulum angle, eq. (11).  ``drive``: keep the rate of
+        the joint, eq. (12).  ``idle``: no torque.
+    value : float
+        Pendulum angle theta1 + theta2 [rad] or joint rate theta2' [rad/s], counter-clockwise
+        positive.  Positive values drive the ball towards +x.  Angles are counted, not
+        wrapped: 2 pi is one turn away from 0.
+    stamp : float
+        When it was given [s].
+
+    Raises
+    ------
+    MessageError
+        With reason ``not_finite`` or ``unknown_mode``.
+
+    """
+
+    mode: Mode
+    value: float = 0.0
+    stamp: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what no controller can follow."""
+        try:
+            object.__setattr__(self, 'mode', Mode(self.mode))
+        except ValueError as error:
+            known = ', '.join(mode.value for mode in Mode)
+            raise MessageError(
+                'unknown_mode',
+                f'set-point mode must be one of {known}, got {self.mode!r}') from error
+        refuse_not_finite(self, 'set-point', ('value', 'stamp'))
+
+
+@dataclass(frozen=True)
+class JointReadings:
+    """
+    Both joints of the robot at one moment; angles are counter-clockwise positive.
+
+    Attributes
+    ----------
+    stamp : float
+        When they were measured [s].
+    ball_angle, ball_rate : float
+        theta1 [rad] and theta1' [rad/s] against the world; rolling to +x at v, the rate is
+        -v / R.
+    joint_angle, joint_rate : float
+        theta2 [rad] and theta2' [rad/s], pendulum relative to ball.
+
+    Raises
+    ------
+    MessageError
+        With reason ``not_finite``: torque from a guess is worse than none.
+
+    """
+
+    stamp: float
+    ball_angle: float
+    joint_angle: float
+    ball_rate: float
+    joint_rate: float
+
+    def __post_init__(self) -> None:
+        """Refuse readings that are not finite."""
+        refuse_not_finite(self, 'joint reading', tuple(item.name for item in fields(self)))
+
+    @property
+    def pendulum_angle(self) -> float:
+        """Return theta1 + theta2, 0 hanging down [rad]."""
+        return self.ball_angle + self.joint_angle
+
+    @property
+    def pendulum_rate(self) -> float:
+        """Return theta1' + theta2' [rad/s]."""
+        return self.ball_rate + self.joint_rate
+
+
+def refuse_not_finite(message: object, what: str, names: tuple) -> None:
+    """
+    Check that the named numbers of a message are finite.
+
+    Raises
+    ------
+    MessageError
+        With reason ``not_finite``, naming the field.
+
+    """
+    for name in names:
+        number = getattr(message, name)
+        if not math.isfinite(number):
+            raise MessageError(
+                'not_finite', f'{what} refused: {name} must be finite, got {number!r}')

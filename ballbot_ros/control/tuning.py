@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Gains of the pendulum controller, described, ranged and read from YAML."""
+from dataclasses import dataclass
+
+from ballbot_ros.fields import Checked, flag, quantity, read_yaml
+from ballbot_ros.paths import find_config
+
+
+@dataclass(frozen=True)
+class ControlTuning(Checked):
+    """
+    Gains of laws (11) and (12) and the torque they may ask for.
+
+    The defaults are the paper's gains.  They are fast: sampled at less than about 550 Hz,
+    with one sample of delay, they diverge.  See `ballbot_ros.control.check_loop`.
+
+    Raises
+    ------
+    ConfigurationError
+        If a value is out of range.
+
+    """
+
+    position_kp: float = quantity(
+        'N m/rad', 'proportional gain of the position law (11)', minimum=0.0, default=40.0)
+    position_kd: float = quantity(
+        'N m s/rad', 'derivative gain of the position law (11)', minimum=0.0, default=10.0)
+    velocity_kp: float = quantity(
+        'N m s/rad', 'proportional gain of the velocity law (12)', minimum=0.0, default=10.0)
+    velocity_ki: float = quantity(
+        'N m/rad', 'integral gain of the velocity law (12)', minimum=0.0, default=0.0)
+    gravity_compensation: bool = flag(
+        'add M2 g e sin(theta1 + theta2), as the paper does', default=True)
+    torque_limit: float = quantity(
+        'N m', 'largest torque that is ever asked for', above=0.0, default=4.0)
+
+
+def load_tuning(name_or_path: str) -> ControlTuning:
+    """
+    Read a tuning that comes with the package, by name, or a file of one's own.
+
+    >>> load_tuning('published').position_kp  # doctest: +SKIP
+    40.0
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file, field, value and allowed range.
+
+    """
+    path = find_config('tunings', name_or_path)
+    return ControlTuning.from_mapping(read_yaml(path), str(path))

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The controller: laws, limit, integral, repeated and refused input."""
+from dataclasses import replace
+import math
+
+from hypothesis import given, strategies
+import pytest
+
+from ballbot_ros.control import (
+    ControlTuning, JointReadings, load_tuning, Mode, PendulumController, SetPoint)
+from ballbot_ros.errors import ConfigurationError, MessageError
+from ballbot_ros.physics.robot import load_robot
+
+GIMBALL = load_robot('gimball')
+FREE = ControlTuning(torque_limit=1e6)
+number = strategies.floats(-20.0, 20.0)
+
+
+def at(stamp, ball_angle=0.0, joint_angle=0.0, ball_rate=0.0, joint_rate=0.0):
+    return JointReadings(stamp, ball_angle, joint_angle, ball_rate, joint_rate)
+
+
+def controller_for(set_point, tuning=FREE):
+    controller = PendulumController(GIMBALL, tuning)
+    controller.give(set_point)
+    return controller
+
+
+def test_idle_until_told_otherwise():
+    assert PendulumController(GIMBALL, FREE).torque(at(0.0, 1.0, 1.0, 5.0, 5.0)) == 0.0
+
+
+@given(number, number, number, number, number)
+def test_hold_is_law_11(set_angle, ball, joint, ball_rate, joint_rate):
+    torque = controller_for(SetPoint('hold', set_angle)).torque(
+        at(0.0, ball, joint, ball_rate, joint_rate))
+    expected = (40.0 * (set_angle - (ball + joint)) - 10.0 * (ball_rate + joint_rate)
+                + GIMBALL.largest_gravity_torque * math.sin(ball + joint))
+    assert torque == pytest.approx(expected, abs=1e-9)
+
+
+@given(number, number, number, number, number, strategies.floats(1e-3, 10.0))
+def test_drive_is_law_12_from_the_moment_of_the_set_point(
+        set_rate, ball, start, joint, joint_rate, elapsed):
+    controller = controller_for(
+        SetPoint('drive', set_rate, 3.0), replace(FREE, velocity_ki=2.0))
+    controller.torque(at(3.0, ball, start))
+    torque = controller.torque(at(3.0 + elapsed, ball, joint, 0.0, joint_rate))
+    expected = (10.0 * (set_rate - joint_rate) + 2.0 * (set_rate * elapsed - (joint - start))
+                + GIMBALL.largest_gravity_torque * math.sin(ball + joint))
+    assert torque == pytest.approx(expected, abs=1e-6)
+
+
+@given(number, number, number, number, number)
+def test_torque_stays_within_the_limit(value, ball, joint, ball_rate, joint_rate):
+    for mode in Mode:
+        torque = controller_for(SetPoint(mode, value), load_tuning('published')).torque(
+            at(0.0, ball, joint, ball_rate, joint_rate))
+        assert abs(torque) <= 4.0
+
+
+def test_gravity_compensation_can_be_left_out():
+    tuning = replace(FREE, gravity_compensation=False)
+    torque = controller_for(SetPoint('hold', 0.5), tuning).torque(at(0.0, 0.0, 0.5))
+    assert torque == 0.0
+
+
+def test_same_stamp_gives_the_same_answer():
+    controller = controller_for(SetPoint('drive', 1.0), replace(FREE, velocity_ki=5.0))
+    controller.torque(at(0.0))
+    first = controller.torque(at(0.1, joint_rate=0.5))
+    assert controller.torque(at(0.1, joint_rate=0.5)) == first
+    assert controller.torque(at(0.1, joint_rate=0.5)) == first
+
+
+def test_new_set_point_is_answered_even_on_a_repeated_stamp():
+    controller = controller_for(SetPoint('hold', 1.0))
+    assert controller.torque(at(0.0)) == pytest.approx(40.0)
+    controller.give(SetPoint('idle', stamp=0.0))
+    assert controller.torque(at(0.0)) == 0.0
+
+
+def test_repeating_the_set_point_does_not_restart_the_integral():
+    tuning = replace(FREE, velocity_ki=2.0)
+    once = controller_for(SetPoint('drive', 1.0), tuning)
+    often = controller_for(SetPoint('drive', 1.0), tuning)
+    for index in range(50):
+        often.give(SetPoint('drive', 1.0, 0.1 * index))
+        assert often.torque(at(0.1 * index)) == once.torque(at(0.1 * index))
+    often.give(SetPoint('drive', 2.0, 5.0))
+    assert often.torque(at(5.0)) == pytest.approx(20.0)   # a new one does
+
+
+def test_integral_does_not_wind_up_behind_the_limit():
+    tuning = ControlTuning(velocity_kp=1.0, velocity_ki=2.0, torque_limit=4.0)
+    controller = controller_for(SetPoint('drive', 3.0), tuning)
+    for index in range(1000):   # ten seconds against a wall
+        torque = controller.torque(at(0.01 * index))
+    assert torque == pytest.approx(4.0, abs=0.1)
+    # Let go and too fast by half: without anti-windup the torque would stay at the limit.
+    assert controller.torque(at(10.0, joint_rate=6.0)) < 0.0
+
+
+def test_reset_forgets_everything():
+    controller = controller_for(SetPoint('hold', 1.0, 100.0))
+    controller.torque(at(100.0))
+    controller.reset()
+    assert controller.set_point.mode is Mode.IDLE
+    assert controller.torque(at(0.0)) == 0.0
+    controller.give(SetPoint('hold', 0.0, 0.0))
+
+
+def test_the_past_is_refused():
+    controller = controller_for(SetPoint('hold', 0.0, 2.0))
+    with pytest.raises(MessageError, match='set-point of 1 s') as caught:
+        controller.give(SetPoint('hold', 1.0, 1.0))
+    assert caught.value.reason == 'stale'
+    controller.torque(at(2.0))
+    with pytest.raises(MessageError, match='readings of 1.5 s'):
+        controller.torque(at(1.5))
+    assert controller.set_point.value == 0.0
+
+
+@pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf])
+def test_not_finite_is_refused_everywhere(bad):
+    for index in range(5):
+        values = [0.0] * 5
+        values[index] = bad
+        with pytest.raises(MessageError) as caught:
+            JointReadings(*values)
+        assert caught.value.reason == 'not_finite'
+    for arguments in ((bad, 0.0), (0.0, bad)):
+        with pytest.raises(MessageError) as caught:
+            SetPoint('hold', *arguments)
+        assert caught.value.reason == 'not_finite'
+
+
+def test_unknown_mode_is_refused():
+    with pytest.raises(MessageError, match='idle, hold, drive') as caught:
+        SetPoint('fly', 1.0)
+    assert caught.value.reason == 'unknown_mode'
+
+
+def test_robot_without_pendulum_is_refused():
+    with pytest.raises(ConfigurationError, match='no pendulum'):
+        PendulumController(load_robot('shellball'), FREE)

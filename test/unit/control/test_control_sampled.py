@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sampled loop: known limits, refusals, and that refused loops really diverge."""
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from ballbot_ros.control import (
+    check_loop, ControlTuning, is_stable, JointReadings, load_tuning, loop_poles,
+    lowest_stable_rate, PendulumController, rolling_accelerations, SetPoint)
+from ballbot_ros.errors import ConfigurationError, UnstableLoopError
+from ballbot_ros.physics.robot import load_robot
+
+GIMBALL = load_robot('gimball')
+PUBLISHED = load_tuning('published')
+DOWN = (0.0,)
+
+
+@pytest.mark.parametrize('law, expected', [
+    ('hold', [-470.3, -3.984, -0.02698]),
+    ('drive', [-464.9, -0.00906 - 1.962j, -0.00906 + 1.962j])])
+def test_poles_tend_to_the_continuous_ones(law, expected):
+    rate = 1e5
+    poles = np.log(loop_poles(GIMBALL, PUBLISHED, law, rate).astype(complex)) * rate
+    # Sampling at 100 kHz still moves the fast pole by 470^2 / 2e5, some 0.25 %.
+    assert np.sort_complex(poles) == pytest.approx(np.sort_complex(expected), rel=4e-3)
+
+
+@pytest.mark.parametrize('law, delay, expected', [
+    ('hold', 0, 234.0), ('hold', 1, 467.0), ('drive', 0, 229.0), ('drive', 1, 455.0)])
+def test_published_gains_need_the_known_rates(law, delay, expected):
+    assert lowest_stable_rate(
+        GIMBALL, PUBLISHED, law, delay, DOWN) == pytest.approx(expected, rel=5e-3)
+
+
+def test_holding_the_pendulum_up_is_the_hardest():
+    down = lowest_stable_rate(GIMBALL, PUBLISHED, 'hold', 1, DOWN)
+    worst = lowest_stable_rate(GIMBALL, PUBLISHED, 'hold', 1)
+    assert worst == pytest.approx(548.0, rel=2e-3)
+    assert worst == lowest_stable_rate(GIMBALL, PUBLISHED, 'hold', 1, (math.pi,)) > down
+
+
+@pytest.mark.parametrize('law', ['hold', 'drive'])
+def test_published_gains_are_refused_at_100_hz_with_remedies(law):
+    with pytest.raises(UnstableLoopError) as caught:
+        check_loop(GIMBALL, PUBLISHED, law, 100.0, 1)
+    text = str(caught.value)
+    number = {'hold': ('(11)', 'position_kd 10', '548 Hz'),
+              'drive': ('(12)', 'velocity_kp 10', '457 Hz')}[law]
+    for part in (*number, '100 Hz', '1 sample of delay', 'gimball', 'lower'):
+        assert part in text
+
+
+@pytest.mark.parametrize('law, name', [('hold', 'position_kd'), ('drive', 'velocity_kp')])
+def test_the_gain_that_is_offered_works(law, name):
+    with pytest.raises(UnstableLoopError) as caught:
+        check_loop(GIMBALL, PUBLISHED, law, 100.0, 1)
+    offered = float(str(caught.value).split(f'lower {name} to ')[1])
+    check_loop(GIMBALL, replace(PUBLISHED, **{name: offered}), law, 100.0, 1)
+
+
+@pytest.mark.parametrize('law', ['hold', 'drive'])
+@pytest.mark.parametrize('mass', [1.25, 1.6, 2.1])
+def test_gentle_gains_work_at_100_hz_over_the_range_of_the_robot(law, mass):
+    robot = replace(GIMBALL, pendulum_mass=mass, ball_mass=5.4 - mass)
+    check_loop(robot, load_tuning('gentle'), law, 100.0, 1)
+
+
+def test_gentle_gains_survive_two_more_samples_of_delay():
+    assert is_stable(GIMBALL, load_tuning('gentle'), 'hold', 100.0, 3)
+    assert is_stable(GIMBALL, load_tuning('gentle'), 'drive', 100.0, 3)
+
+
+def test_gains_that_no_rate_saves_are_told_so():
+    # Less stiff than gravity on a raised pendulum pulls: it falls over, however often asked.
+    tuning = ControlTuning(position_kp=0.5, position_kd=1.0, gravity_compensation=False)
+    assert lowest_stable_rate(GIMBALL, tuning, 'hold') == math.inf
+    with pytest.raises(UnstableLoopError, match='no rate saves'):
+        check_loop(GIMBALL, tuning, 'hold', 1000.0, 0)
+
+
+def test_integral_adds_a_state_but_no_neutral_pole():
+    tuning = ControlTuning(velocity_kp=1.0, velocity_ki=5.0)
+    poles = loop_poles(GIMBALL, tuning, 'drive', 1000.0)
+    assert len(poles) == 4 and np.abs(poles).max() < 1.0 - 1e-6
+
+
+@pytest.mark.parametrize('law, rate, delay', [
+    ('hold', 0.0, 1), ('hold', math.nan, 1), ('drive', 100.0, -1), ('idle', 100.0, 1),
+    ('fast', 100.0, 1), ('hold', 100.0, 0.5)])
+def test_meaningless_loops_are_refused(law, rate, delay):
+    with pytest.raises(ConfigurationError, match='must be'):
+        check_loop(GIMBALL, PUBLISHED, law, rate, delay)
+
+
+def roll(tuning, set_point, rate, delay, *, seconds=1.0, substeps=20):
+    """Return the pendulum angles of the exact rolling model under the sampled controller."""
+    controller = PendulumController(GIMBALL, tuning)
+    controller.give(set_point)
+    state = np.array([0.01, 0.0, 0.0, 0.0])   # phi, phi', theta1, theta1'
+    waiting = [0.0] * delay
+    step = 1.0 / rate / substeps
+    angles = []
+
+    def slope(now, torque):
+        pendulum, ball = rolling_accelerations(GIMBALL, now[0], now[1], now[3], torque)
+        return np.array([now[1], pendulum, now[3], ball])
+
+    for index in range(int(seconds * rate)):
+        waiting.append(controller.torque(JointReadings(
+            index / rate, state[2], state[0] - state[2], state[3], state[1] - state[3])))
+        torque = waiting.pop(0)
+        for _ in range(substeps):
+            k1 = slope(state, torque)
+            k2 = slope(state + step / 2 * k1, torque)
+            k3 = slope(state + step / 2 * k2, torque)
+            k4 = slope(state + step * k3, torque)
+            state = state + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+            if abs(state[0]) > 2.0:   # gone; what follows means nothing
+                return np.array(angles + [state[0]])
+        angles.append(state[0])
+    return np.array(angles)
+
+
+@pytest.mark.parametrize('delay, refused, accepted', [(0, 225.0, 245.0), (1, 450.0, 490.0)])
+def test_what_is_refused_really_diverges_and_what_is_accepted_does_not(
+        delay, refused, accepted):
+    # Unlimited torque: the limit would hide the growth in a limit cycle.
+    tuning = replace(PUBLISHED, torque_limit=1e9)
+    hanging = SetPoint('hold', 0.0)
+    assert not is_stable(GIMBALL, tuning, 'hold', refused, delay, DOWN)
+    assert is_stable(GIMBALL, tuning, 'hold', accepted, delay, DOWN)
+    assert np.abs(roll(tuning, hanging, refused, delay, seconds=3.0)).max() > 2.0
+    calm = np.abs(roll(tuning, hanging, accepted, delay, seconds=2.0))
+    assert calm.max() < 0.05 and calm[-20:].max() < 1e-3
+
+
+def test_torque_limit_turns_divergence_into_rattling():
+    angles = roll(PUBLISHED, SetPoint('hold', 0.0), 100.0, 1, seconds=3.0, substeps=50)
+    rattle = angles[-100:]
+    assert np.abs(rattle).max() < 1.5          # bounded ...
+    assert rattle.max() - rattle.min() > 0.02  # ... but never at rest
+
+
+def test_drive_law_diverges_where_it_is_refused():
+    tuning = replace(PUBLISHED, torque_limit=1e9)
+    assert np.abs(roll(tuning, SetPoint('drive', 1.0), 430.0, 1)).max() > 1.0
+    assert np.abs(roll(tuning, SetPoint('drive', 1.0), 480.0, 1)).max() < 1.0
