@@ -5,28 +5,82 @@ Compile the inner loops with numba where it is installed; run the same source wh
 The numerical kernels are written in the part of Python that numba understands and are
 marked ``@compiled``.  Set ``BALLBOT_UNCOMPILED=1`` to run them as plain Python, to debug
 or to compare: both give the same numbers to rounding.
+
+Machine code is kept in ``$XDG_CACHE_HOME/ballbot_ros`` (``~/.cache/ballbot_ros``), so that
+only the first run after a change pays for it.  numba by itself notices a change in the
+file of a kernel, but not in the files of the kernels that it calls; so the folder is named
+after a digest of them all.
 """
+import hashlib
 import os
+from pathlib import Path
+import shutil
+import tempfile
 from typing import Any, Callable
 
 try:
     if os.environ.get('BALLBOT_UNCOMPILED', '0') not in ('', '0'):
         raise ImportError('compilation switched off by BALLBOT_UNCOMPILED')
     import numba
+    from numba.core import config as numba_config
 
     COMPILED = True
 except ImportError:
     COMPILED = False
+
+KEPT_CACHES = 4
+
+
+def _cache_folder() -> str:
+    """Return the folder for the machine code of this very source, made if need be."""
+    here = Path(__file__).resolve().parent
+    digest = hashlib.sha256(numba.__version__.encode())
+    for source in [Path(__file__), *sorted((here / 'physics').glob('*.py'))]:
+        digest.update(source.read_bytes())
+    base = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache') / 'ballbot_ros'
+    folder = base / digest.hexdigest()[:16]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        folder.touch()
+        if not os.access(folder, os.W_OK):
+            raise PermissionError(f'{folder} is not writable')
+        for old in sorted(base.iterdir(), key=os.path.getmtime)[:-KEPT_CACHES]:
+            shutil.rmtree(old, ignore_errors=True)
+    except OSError:
+        # A home that cannot be written to costs a compilation per run, not the run.
+        return tempfile.mkdtemp(prefix='ballbot_ros_')
+    return str(folder)
+
+
+_FOLDER = _cache_folder() if COMPILED else ''
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """
     Mark a kernel for compilation.
 
-    The machine code is cached beside the source (or in numba's own cache folder), so that
-    only the first run after a change pays for it.  Strict IEEE arithmetic is kept: no
-    reordering, no dropped checks for infinities.
+    Strict IEEE arithmetic is kept: no reordering, no assumption that numbers are finite.
     """
+    return _compile(function, inline='never')
+
+
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """
+    Mark a kernel that is pasted into the kernels that call it.
+
+    numba counts references to an array at each call that hands it on; in the innermost
+    calls that costs more than the mechanics.
+    """
+    return _compile(function, inline='always')
+
+
+def _compile(function: Callable[..., Any], inline: str) -> Callable[..., Any]:
     if not COMPILED:
         return function
-    return numba.njit(cache=True, error_model='numpy')(function)
+    before = numba_config.CACHE_DIR
+    numba_config.CACHE_DIR = _FOLDER  # read while decorating only; others keep theirs
+    try:
+        return numba.njit(cache=True, error_model='numpy', forceinline=True,
+                          inline=inline)(function)
+    finally:
+        numba_config.CACHE_DIR = before
