@@ -14,7 +14,6 @@ Standard library only, and readable by old interpreters: it is what tells them t
 import contextlib
 import fcntl
 import hashlib
-import importlib.util
 import json
 import os
 from pathlib import Path
@@ -22,8 +21,9 @@ import re
 import shutil
 import subprocess
 import sys
-import sysconfig
 import time
+
+from host import check_tools, choose_python, Problem, sourced_ros
 
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / '.venv'
@@ -31,11 +31,10 @@ PYTHON = VENV / 'bin' / 'python'
 STAMPS = VENV / 'stamps'
 LOCK = ROOT / 'requirements' / 'lock.txt'
 PACKAGE = 'ballbot_ros'
-OLDEST, NEWEST = (3, 10), (3, 13)  # Of the ROS wheels; a sourced ROS 2 may bring a newer one
 
 # The loader reads LD_LIBRARY_PATH at process start only, hence a new start. The wheels bring the
 # same trick; this one is for a sourced ROS 2 installation, which knows nothing of .venv/lib.
-LIBRARY_PATH_HOOK = '''\
+LIBRARY_PATH_HOOK = """\
 import os
 import sys
 
@@ -44,79 +43,7 @@ known = [path for path in os.environ.get('LD_LIBRARY_PATH', '').split(os.pathsep
 if library not in known:
     os.environ['LD_LIBRARY_PATH'] = os.pathsep.join([library, *known])
     os.execv(sys.executable, sys.orig_argv)
-'''
-
-
-class Problem(Exception):
-    """Something that the user has to mend; the text says what and how."""
-
-
-# --- Which Python, which ROS, which tools ---------------------------------------------------
-
-def probe():
-    """Describe the running interpreter, as far as the choice between several needs it."""
-    def importable(name):
-        return importlib.util.find_spec(name) is not None
-
-    include = sysconfig.get_path('include')
-    return {
-        'version': list(sys.version_info[:2]),
-        # Of a virtual environment the interpreter below it, which outlives .venv itself.
-        'executable': os.path.realpath(getattr(sys, '_base_executable', None) or sys.executable),
-        'venv': importable('venv') and importable('ensurepip'),
-        'headers': os.path.exists(os.path.join(include, 'Python.h')),
-        'rclpy': importable('rclpy') and importlib.util.find_spec('rclpy').origin,
-    }
-
-
-def probe_other(python):
-    """Let another interpreter describe itself; None where it does not run."""
-    try:
-        out = subprocess.check_output([python, __file__, '--probe'], stderr=subprocess.DEVNULL)
-        return json.loads(out.decode())
-    except (OSError, ValueError, subprocess.CalledProcessError):
-        return None
-
-
-def choose_python(ros):
-    """Return the facts of the first interpreter that will do, the running one preferred."""
-    names = ['python3.%d' % minor for minor in range(NEWEST[1], OLDEST[1] - 1, -1)]
-    others = [shutil.which(name) for name in names] + ['/usr/bin/python3']
-    for python in [None] + [path for path in others if path]:
-        facts = probe_other(python) if python else probe()
-        if not facts or tuple(facts['version']) < OLDEST:
-            continue
-        if facts['rclpy'] if ros else tuple(facts['version']) <= NEWEST:
-            return facts
-    if ros:
-        raise Problem(
-            'ROS 2 %s is sourced, but no Python on PATH that is 3.%d or newer can import rclpy.\n'
-            'Put the Python of that ROS 2 first on PATH, or use a shell without ROS 2: the\n'
-            'set-up then brings its own.' % (os.environ['ROS_DISTRO'], OLDEST[1]))
-    best = 'python3.%d' % (NEWEST[1] - 1)
-    raise Problem(
-        'Python 3.%d to 3.%d is needed; %s is %s, and no other was found on PATH.\n'
-        'Install one, for instance:\n'
-        '  sudo apt-get update && sudo apt-get install %s %s-venv %s-dev\n'
-        'or name one: make PYTHON=/path/to/python3.12'
-        % (OLDEST[1], NEWEST[1], sys.executable, sys.version.split()[0], best, best, best))
-
-
-def check_tools(facts):
-    """Name every missing system tool at once, with the command that installs them all."""
-    python = 'python%d.%d' % tuple(facts['version'])
-    tools = [
-        (facts['venv'], 'the venv module of %s' % python, python + '-venv'),
-        (facts['headers'], 'the C headers of %s' % python, python + '-dev'),
-        (shutil.which(os.environ.get('CC', 'cc')), 'a C compiler', 'gcc'),
-        (shutil.which(os.environ.get('CXX', 'c++')), 'a C++ compiler', 'g++'),
-        (shutil.which('make'), 'make', 'make'),
-    ]
-    missing = [(what, apt) for present, what, apt in tools if not present]
-    if missing:
-        raise Problem('Missing here: %s.\nInstall with:\n  sudo apt-get update && '
-                      'sudo apt-get install %s' % (', '.join(what for what, _ in missing),
-                                                   ' '.join(apt for _, apt in missing)))
+"""
 
 
 # --- Running and remembering ----------------------------------------------------------------
@@ -181,7 +108,7 @@ def run(name, label, start, command, env=None, hint=''):
 
 # --- The stages -----------------------------------------------------------------------------
 
-def make_venv(facts, ros, key):
+def make_venv(python, ros, key):
     """Make an empty virtual environment, in place of whatever this script made before."""
     old = ROOT / '.venv-old'
     if VENV.exists():
@@ -191,13 +118,14 @@ def make_venv(facts, ros, key):
     shutil.rmtree(str(old), ignore_errors=True)
     VENV.mkdir()
     (VENV / 'made-by-bootstrap').touch()
-    with stage('venv', 'Python %d.%d, %s' % (*facts['version'], ros or 'ROS 2 from wheels'),
+    with stage('venv', 'Python %d.%d, %s' % (*python['version'], ros or 'ROS 2 from wheels'),
                key) as command:
-        command(facts['executable'], '-m', 'venv',
+        command(python['executable'], '-m', 'venv',
                 *(['--system-site-packages'] if ros else []), VENV)
     site = site_packages()
-    # The checkout itself comes first, so that an edit takes effect without a build.
-    (site / (PACKAGE + '.pth')).write_text('%s\n' % ROOT)
+    # The checkout itself comes first, so that an edit takes effect without a build. The build
+    # folder holds the metadata by which the executables in lib/ballbot_ros find their modules.
+    (site / (PACKAGE + '.pth')).write_text('%s\n%s\n' % (ROOT, VENV / 'build' / PACKAGE))
     if ros:
         (site / '_ballbot_ros_library_path.py').write_text(LIBRARY_PATH_HOOK)
         (site / '_ballbot_ros_library_path.pth').write_text('import _ballbot_ros_library_path\n')
@@ -269,7 +197,9 @@ def mend_include_paths():
 
 def build_messages(ros, key):
     """Build the package with colcon into .venv itself, which serves as its install prefix."""
-    for pattern in ('share/%s', 'include/%s', 'lib/%s', 'lib/lib%s__*', 'build/%s',
+    if not done('messages', key):
+        shutil.rmtree(str(VENV / 'build'), ignore_errors=True)
+    for pattern in ('share/%s', 'include/%s', 'lib/%s', 'lib/lib%s__*',
                     'lib/python3*/site-packages/%s/'):
         for path in VENV.glob(pattern % PACKAGE):  # So that a deleted message disappears
             shutil.rmtree(str(path)) if path.is_dir() else path.unlink()
@@ -279,7 +209,7 @@ def build_messages(ros, key):
             env.pop(name, None)
     for name in ('AMENT_PREFIX_PATH', 'CMAKE_PREFIX_PATH'):
         env[name] = os.pathsep.join(filter(None, [str(VENV), env.get(name)]))
-    with stage('messages', 'built with colcon, a minute or so', key) as command:
+    with stage('messages', 'built with colcon, up to a minute', key) as command:
         command(PYTHON, '-c', 'import sys; from colcon_core.command import main; sys.exit(main())',
                 '--log-base', VENV / 'log' / 'colcon', 'build', '--paths', ROOT,
                 '--build-base', VENV / 'build', '--install-base', VENV,
@@ -290,34 +220,32 @@ def build_messages(ros, key):
 
 def set_up():
     """Bring .venv up to date; return whether anything had to be done."""
-    ros = 'AMENT_PREFIX_PATH' in os.environ and os.environ.get('ROS_DISTRO') or ''
-    facts = choose_python(ros)
-    venv_key = digest(str(VENV), facts['executable'], str(facts['version']), ros,
-                      ros and str(facts['rclpy']), LOCK, LOCK.parent / 'app.in',
+    ros = sourced_ros()
+    python = choose_python(ros)
+    venv_key = digest(str(VENV), python['executable'], str(python['version']), ros,
+                      ros and str(python['rclpy']), LOCK, LOCK.parent / 'app.in',
                       LOCK.parent / 'build.in')
     sources = [ROOT / 'package.xml', ROOT / 'setup.py', ROOT / 'setup.cfg', Path(__file__)]
     for folder in ('msg', 'srv', 'cmake_msgs'):
         sources += sorted(path for path in (ROOT / folder).iterdir() if path.is_file())
+    messages_key = digest(venv_key, *sources)
     # Of these only the names matter: they are installed as links.
-    links = sorted(str(path) for folder in ('config', 'launch')
-                   for path in (ROOT / folder).rglob('*') if '__pycache__' not in path.parts)
-    messages_key = digest(venv_key, *links, *sources)
-    if done('messages', messages_key):
+    links_key = digest(*sorted(str(path) for folder in ('config', 'launch')
+                               for path in (ROOT / folder).rglob('[!._]*.*')))
+    if done('messages', messages_key) and done('links', links_key):
         return False
-    check_tools(facts)
+    check_tools(python)
     if not done('venv', venv_key):
-        make_venv(facts, ros, venv_key)
+        make_venv(python, ros, venv_key)
     if not done('packages', venv_key):
         install_packages(ros, venv_key)
     build_messages(ros, messages_key)
+    (STAMPS / 'links').write_text(links_key)
     return True
 
 
 def main():
     """Set up, one process at a time."""
-    if '--probe' in sys.argv:
-        print(json.dumps(probe()))
-        return 0
     start = time.monotonic()
     try:
         with open(__file__) as lock:
