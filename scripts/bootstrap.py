@@ -173,9 +173,9 @@ def install_packages(ros, key):
                 command(*pip, '-c', VENV / 'pins.txt', *lacking, hint=hint)
         return
     lines = [line for line in LOCK.read_text().splitlines() if line[:1].isalnum()]
-    tools = [line for line in lines if line.startswith(('setuptools==', 'wheel=='))]
+    tools = [line for line in lines if line.startswith(('packaging==', 'setuptools==', 'wheel=='))]
     with stage('packages', '%d pinned, a minute or so' % len(lines), key) as command:
-        # Without isolation the one source package is built by the pinned setuptools too.
+        # Isolated, the one source package among them (empy) would fetch tools without a pin.
         command(*pip, '--no-deps', *tools, hint=hint)
         command(*pip, '--no-deps', '--no-build-isolation', '-r', LOCK, hint=hint)
         mend_include_paths()

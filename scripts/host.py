@@ -14,7 +14,6 @@ import sys
 import sysconfig
 
 OLDEST, NEWEST = (3, 10), (3, 13)  # Of the ROS wheels; a sourced ROS 2 may bring a newer one
-MACHINES = ('x86_64', 'aarch64')
 
 
 class Problem(Exception):
@@ -86,7 +85,7 @@ def check_tools(python):
     if missing:
         raise Problem(
             'Missing here: %s.\nInstall with\n  sudo apt-get update && sudo apt-get install %s'
-            % (', '.join(what for what, _ in missing), ' '.join(package for _, package in missing)))
+            % (', '.join(item[0] for item in missing), ' '.join(item[1] for item in missing)))
 
 
 if __name__ == '__main__':

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Style and types: the rules of ROS 2, checked with and without the linters of ROS 2."""
+import importlib.util
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+SPDX = '# SPDX-License-Identifier: Apache-2.0'
+
+# The layers that work without ROS carry type hints. In this order: lowest first.
+TYPED = ('errors.py', 'fields.py', 'compiled.py', 'paths.py', 'physics', 'control', 'hardware',
+         'decision', 'output')
+
+
+def project_files(*suffixes):
+    """List the files of the project, new ones too, but nothing that git ignores."""
+    try:
+        listed = subprocess.run(
+            ['git', 'ls-files', '--cached', '--others', '--exclude-standard'],
+            cwd=ROOT, check=True, capture_output=True, text=True).stdout.splitlines()
+        files = [ROOT / name for name in listed]
+    except (OSError, subprocess.CalledProcessError):  # An archive without git history
+        folders = ('ballbot_ros', 'bench', 'launch', 'scripts', 'test', 'tools', '.ci')
+        files = [path for folder in folders for path in (ROOT / folder).rglob('*')]
+        files += list(ROOT.glob('*.py'))
+    return [path for path in files if path.is_file() and path.suffix in suffixes]
+
+
+def run_module(*arguments):
+    """Run a tool that is a Python module, and return what it says where it fails."""
+    done = subprocess.run([sys.executable, '-m', *map(str, arguments)], cwd=ROOT,
+                          capture_output=True, text=True)
+    return '' if done.returncode == 0 else done.stdout + done.stderr
+
+
+def has(module):
+    """Say whether a module can be imported."""
+    return importlib.util.find_spec(module) is not None
+
+
+def test_each_python_file_begins_with_its_licence():
+    missing = [str(path.relative_to(ROOT)) for path in project_files('.py')
+               if path.read_text(encoding='utf-8').split('\n')[0] != SPDX
+               and path.stat().st_size]
+    assert not missing, f'first line must be {SPDX!r} in: ' + ', '.join(missing)
+
+
+@pytest.mark.skipif(not has('ruff'), reason='ruff is not installed')
+def test_ruff_finds_nothing():
+    assert not (report := run_module('ruff', 'check', '--output-format=concise', '.')), report
+
+
+@pytest.mark.skipif(not has('flake8_import_order'), reason='flake8-import-order is not installed')
+def test_imports_are_in_the_order_of_ros():
+    assert not (report := run_module('flake8', '--select', 'I', *project_files('.py'))), report
+
+
+@pytest.mark.skipif(not has('mypy'), reason='mypy is not installed')
+def test_types_of_the_layers_without_ros_hold():
+    # Those of the checkout, each by its path: an installed copy must not be checked instead.
+    paths = [ROOT / 'ballbot_ros' / name for name in TYPED]
+    paths = [path for path in paths if path.is_file() or any(path.glob('*.py'))]
+    assert not (report := run_module('mypy', '--no-error-summary', *paths)), report
+
+
+@pytest.mark.skipif(not has('ament_flake8'), reason='ament_flake8 is not installed')
+def test_ament_flake8_finds_nothing():
+    from ament_flake8.main import main_with_errors
+    code, errors = main_with_errors(
+        argv=['--config', str(ROOT / 'setup.cfg'), *map(str, project_files('.py'))])
+    assert code == 0, '\n'.join(errors)
+
+
+@pytest.mark.skipif(not has('ament_pep257'), reason='ament_pep257 is not installed')
+def test_ament_pep257_finds_nothing():
+    from ament_pep257.main import main
+    assert main(argv=[str(path) for path in project_files('.py')]) == 0
+
+
+@pytest.mark.skipif(not has('ament_xmllint'), reason='ament_xmllint is not installed')
+def test_ament_xmllint_finds_nothing(capfd):
+    from ament_xmllint.main import main
+    code = main(argv=[str(ROOT / 'package.xml')])
+    said = ''.join(capfd.readouterr())
+    if 'failed to load' in said or 'Could not find' in said:
+        pytest.skip('the schema or xmllint itself is out of reach')
+    assert code == 0, said
+
+
+# ament_copyright is not run: it wants the long header and does not know SPDX lines.
+
+
+def test_shell_scripts_parse():
+    scripts = [path for path in [*project_files('.sh', '.bash'), ROOT / '.ci' / 'run']
+               if path.exists()]
+    assert scripts
+    for script in scripts:
+        done = subprocess.run(['bash', '-n', script], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+
+
+def test_nothing_names_a_package_host_or_a_home_folder():
+    # The pins must install from any mirror, and a path of one machine helps nobody else.
+    pattern = re.compile(r'files\.pythonhosted\.org|--(?:extra-)?index-url|/home/\w|/root/\w')
+    here = Path(__file__).name
+    found = [f'{path.relative_to(ROOT)}:{number}'
+             for path in project_files('.py', '.txt', '.in', '.toml', '.cfg', '.yaml', '.md',
+                                       '.xml', '.msg', '.srv', '.sh')
+             if path.name != here
+             for number, line in enumerate(path.read_text(encoding='utf-8').split('\n'), 1)
+             if pattern.search(line)]
+    assert not found, found
