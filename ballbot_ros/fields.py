@@ -29,7 +29,8 @@ T = TypeVar('T', bound='Checked')
 
 
 def quantity(unit: str, doc: str, *, default: Any = MISSING, above: float = -math.inf,
-             minimum: float = -math.inf, maximum: float = math.inf) -> Any:
+             minimum: float = -math.inf, maximum: float = math.inf,
+             optional: bool = False) -> Any:
     """
     Declare a finite number with a unit and a range.
 
@@ -43,11 +44,13 @@ def quantity(unit: str, doc: str, *, default: Any = MISSING, above: float = -mat
         Exclusive lower bound.
     minimum, maximum : float
         Inclusive bounds.
+    optional : bool
+        Accept None, and make it the default: not given.
 
     """
-    return field(default=default, metadata={
+    return field(default=None if optional else default, metadata={
         'kind': float, 'unit': unit, 'doc': doc, 'above': above, 'minimum': minimum,
-        'maximum': maximum})
+        'maximum': maximum, 'optional': optional})
 
 
 def count(doc: str, *, default: Any = MISSING, minimum: int = 0,
@@ -101,6 +104,8 @@ def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) 
     """
     kind = metadata['kind']
     place = f'{where}: {name}'
+    if value is None and metadata.get('optional'):
+        return None
     if kind is str:
         if not isinstance(value, str):
             raise ConfigurationError(f'{place} must be text, got {value!r}')
