@@ -1,0 +1,272 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The package installs as a ROS 2 user expects it, built for real with colcon."""
+import ast
+import importlib.util
+import os
+from pathlib import Path
+import re
+import runpy
+import shutil
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+MANIFEST = ElementTree.parse(ROOT / 'package.xml').getroot()
+BUILT = ('.git', '.venv', '.venv-old', 'build', 'install', 'log', '__pycache__')
+
+CONSUMER = {
+    'CMakeLists.txt': """
+        cmake_minimum_required(VERSION 3.20)
+        project(consumer CXX)
+        find_package(ballbot_ros REQUIRED)
+        message(STATUS "found in ${ballbot_ros_DIR}")
+        add_executable(consumer main.cpp)
+        target_link_libraries(consumer ballbot_ros::ballbot_ros__rosidl_generator_cpp)
+    """,
+    'main.cpp': """
+        #include <ballbot_ros/msg/step_decision.hpp>
+        #include <iostream>
+        int main() {
+          ballbot_ros::msg::StepDecision decision;
+          decision.decision = ballbot_ros::msg::StepDecision::CROSS;
+          std::cout << to_yaml(decision);
+        }
+    """,
+}
+
+
+def table(name):
+    """Read a literal table of setup.py without running it."""
+    for node in ast.parse((ROOT / 'setup.py').read_text()).body:
+        if isinstance(node, ast.Assign) and node.targets[0].id == name:
+            return ast.literal_eval(node.value)
+    raise AssertionError(f'setup.py has no table {name}')
+
+
+def run(*command, **more):
+    """Run a command; fail with everything it said where it fails."""
+    done = subprocess.run([str(word) for word in command], text=True, stdout=subprocess.PIPE,
+                          stderr=subprocess.STDOUT, **more)
+    assert done.returncode == 0, done.stdout[-6000:]
+    return done.stdout
+
+
+def copy_project(target):
+    """Copy what a fresh clone would hold, together with what is not committed yet."""
+    shutil.copytree(ROOT, target, ignore=shutil.ignore_patterns(*BUILT, '*.egg-info', '.*_cache'))
+    return target
+
+
+def files_below(folder):
+    """List the files below a folder, relative to it."""
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob('*')
+                  if path.is_file() and '__pycache__' not in path.parts)
+
+
+# --- What the declarations say --------------------------------------------------------------
+
+@pytest.mark.parametrize('name, target', table('EXECUTABLES').items())
+def test_each_executable_names_a_function_that_exists(name, target):
+    module, function = target.split(':')
+    path = ROOT.joinpath(*module.split('.')).with_suffix('.py')
+    if not path.exists():
+        path = path.with_suffix('') / '__init__.py'
+    assert path.exists(), f'{name}: setup.py names {module}, which does not exist'
+    defined = {getattr(node, 'name', None) for node in ast.parse(path.read_text()).body}
+    assert function in defined, f'{name}: {module} has no {function}()'
+
+
+def test_the_version_is_the_same_everywhere():
+    text = (ROOT / 'ballbot_ros' / '__init__.py').read_text()
+    assert re.search(r"__version__ = '(.*)'", text).group(1) == MANIFEST.findtext('version')
+
+
+def test_catkin_pkg_accepts_the_manifest():
+    package = pytest.importorskip('catkin_pkg.package')
+    warnings = []
+    parsed = package.parse_package(str(ROOT), warnings=warnings)
+    assert not warnings
+    assert parsed.get_build_type() == 'ament_python'
+    assert 'rosidl_interface_packages' in [group.name for group in parsed.member_of_groups]
+
+
+def test_each_ros_package_that_is_imported_is_declared():
+    declared = {element.text for element in MANIFEST if element.tag in ('depend', 'exec_depend')}
+    # Used where it is found, and done without elsewhere.
+    optional = {'tf2_msgs', 'tf2_ros', 'simulation_interfaces', 'visualization_msgs',
+                'diagnostic_updater', 'control_msgs'}
+    used = set()
+    for folder in ('ballbot_ros', 'launch'):
+        for path in (ROOT / folder).rglob('*.py'):
+            for node in ast.walk(ast.parse(path.read_text())):
+                names = [alias.name for alias in node.names] if isinstance(node, ast.Import) \
+                    else [node.module or ''] if isinstance(node, ast.ImportFrom) else []
+                used.update(name.split('.')[0] for name in names)
+    ros = {name for name in used if name.endswith('_msgs') or name in (
+        'rclpy', 'std_srvs', 'launch', 'launch_ros', 'builtin_interfaces', 'ament_index_python')}
+    assert ros - optional <= declared, 'add to package.xml: %s' % (ros - optional - declared)
+
+
+def test_the_lists_of_python_dependencies_agree():
+    setup = (ROOT / 'setup.py').read_text()
+    required = ast.literal_eval(re.search(r'install_requires=(\[.*?\])', setup, re.S).group(1))
+    listed = (ROOT / 'requirements' / 'app.in').read_text().lower().split('\n')
+    locked = (ROOT / 'requirements' / 'lock.txt').read_text()
+    for name in map(str.lower, required):
+        assert name in listed
+        assert re.search(rf'^{name}==', locked, re.M), f'{name} has no pin in lock.txt'
+
+
+# --- What colcon makes of it ----------------------------------------------------------------
+
+@pytest.fixture(scope='module', params=['plain', 'symlink'])
+def workspace(request, tmp_path_factory):
+    """Build the package in a workspace of its own; return (mode, workspace, environment)."""
+    for module in ('colcon_core', 'rclpy', 'rosidl_generator_py'):
+        if importlib.util.find_spec(module) is None:
+            pytest.skip(f'{module} is needed to build the messages')
+    folder = tmp_path_factory.mktemp(request.param)
+    copy_project(folder / 'src' / 'ballbot_ros')
+    environment = dict(os.environ, ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
+    # The wheels are a prefix that no setup file announces; a sourced ROS 2 is announced already.
+    for name, place in (('AMENT_PREFIX_PATH', sys.prefix), ('CMAKE_PREFIX_PATH', sys.prefix),
+                        ('PATH', Path(sys.prefix, 'bin'))):
+        environment[name] = os.pathsep.join(filter(None, [environment.get(name), str(place)][::(
+            -1 if name == 'PATH' else 1)]))
+    command = [sys.executable, '-c',
+               'import sys; from colcon_core.command import main; sys.exit(main())', 'build',
+               '--event-handlers', 'console_direct+']
+    if request.param == 'symlink':
+        command.append('--symlink-install')
+    if importlib.util.find_spec('colcon_override_check'):
+        command += ['--allow-overriding', 'ballbot_ros']
+    run(*command, cwd=folder, env=environment)
+    return request.param, folder, environment
+
+
+def sourced(workspace, *command):
+    """Run a command as a user does who has sourced the workspace."""
+    _, folder, environment = workspace
+    return run('bash', '-c', '. install/local_setup.sh && exec "$@"', 'bash', *command,
+               cwd=folder, env=environment)
+
+
+def prefix(workspace):
+    """Return the install prefix of the package."""
+    return workspace[1] / 'install' / 'ballbot_ros'
+
+
+@pytest.mark.slow
+def test_ros2_run_finds_all_executables(workspace):
+    places = {path.name: path for path in (prefix(workspace) / 'lib' / 'ballbot_ros').iterdir()}
+    assert set(table('EXECUTABLES')) <= set(places)
+    assert all(os.access(path, os.X_OK) for path in places.values())
+
+
+@pytest.mark.slow
+def test_ballbot_is_a_plain_command_once_sourced(workspace):
+    found = sourced(workspace, 'bash', '-c', 'command -v ballbot').strip()
+    assert found == str(prefix(workspace) / 'bin' / 'ballbot')
+    assert 'usage' in sourced(workspace, 'ballbot', '--help').lower()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', sorted(set(table('EXECUTABLES')) - {'ballbot'}))
+def test_each_node_starts_and_stops(workspace, name):
+    # `timeout` sends SIGINT, as Ctrl-C does, to a node that spins; it must leave cleanly.
+    place = prefix(workspace) / 'lib' / 'ballbot_ros' / name
+    said = sourced(workspace, 'bash', '-c',
+                   f'timeout --preserve-status -s INT 4 {place}; echo exit status $?')
+    assert 'exit status 0' in said, said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('folder', ['config', 'launch'])
+def test_config_and_launch_files_keep_their_folders(workspace, folder):
+    installed = prefix(workspace) / 'share' / 'ballbot_ros' / folder
+    assert files_below(installed) == files_below(ROOT / folder)
+
+
+@pytest.mark.slow
+def test_the_messages_import_and_serialise(workspace):
+    said = sourced(workspace, sys.executable, '-c', (
+        'import ballbot_ros.msg, ballbot_ros.srv\n'
+        'from ballbot_ros.msg import BallState, Contact\n'
+        'from rclpy.serialization import deserialize_message, serialize_message\n'
+        'sent = BallState(x=1.5, contacts=[Contact(kind=Contact.EDGE)])\n'
+        'got = deserialize_message(serialize_message(sent), BallState)\n'
+        'assert got == sent\n'
+        'print(ballbot_ros.msg.__file__)'))
+    assert said.strip().startswith(str(prefix(workspace)))
+
+
+@pytest.mark.slow
+def test_the_interface_files_are_where_ros2_interface_reads_them(workspace):
+    for source in [*ROOT.glob('msg/*.msg'), *ROOT.glob('srv/*.srv')]:
+        installed = prefix(workspace) / 'share' / 'ballbot_ros' / source.relative_to(ROOT)
+        assert installed.read_text() == source.read_text()
+
+
+@pytest.mark.slow
+def test_only_a_symlink_install_runs_the_sources_themselves(workspace):
+    mode, folder, _ = workspace
+    said = sourced(workspace, sys.executable, '-c', (
+        'import os, ballbot_ros; print(os.path.realpath(ballbot_ros.__file__))'))
+    home = folder / 'src' if mode == 'symlink' else prefix(workspace)
+    assert said.strip().startswith(str(home))
+
+
+@pytest.mark.slow
+def test_the_build_leaves_the_sources_alone(workspace):
+    built = files_below(workspace[1] / 'src' / 'ballbot_ros')
+    assert not [name for name in built if not (ROOT / name).exists()]
+
+
+@pytest.mark.slow
+def test_a_cpp_package_finds_and_uses_the_messages(workspace, tmp_path):
+    for name, text in CONSUMER.items():
+        (tmp_path / name).write_text(text)
+    said = sourced(workspace, 'cmake', '-S', tmp_path, '-B', tmp_path / 'build')
+    assert f'found in {prefix(workspace)}' in said
+    run('cmake', '--build', tmp_path / 'build', env=workspace[2])
+    assert 'decision: 2' in sourced(workspace, tmp_path / 'build' / 'consumer')
+
+
+@pytest.mark.slow
+def test_without_ros_pip_installs_all_but_the_messages(tmp_path):
+    for module in ('pip', 'setuptools', 'wheel'):
+        if importlib.util.find_spec(module) is None:
+            pytest.skip(f'{module} is not installed')
+    source = copy_project(tmp_path / 'source')
+    environment = {name: text for name, text in os.environ.items()
+                   if name not in ('AMENT_PREFIX_PATH', 'CMAKE_PREFIX_PATH')}
+    target = tmp_path / 'prefix'
+    run(sys.executable, '-m', 'pip', 'install', '--no-deps', '--no-build-isolation',
+        '--no-index', '--ignore-installed', '--prefix', target, source, env=environment)
+    assert files_below(target / 'share' / 'ballbot_ros' / 'config') == files_below(ROOT / 'config')
+    (package,) = target.glob('lib/python*/site-packages/ballbot_ros')
+    assert not (package / 'msg').exists()
+    assert files_below(package) == files_below(ROOT / 'ballbot_ros')
+    assert os.access(target / 'bin' / 'ballbot', os.X_OK)
+
+
+# --- Launch files ---------------------------------------------------------------------------
+
+@pytest.mark.parametrize('path', sorted(ROOT.glob('launch/*.launch.py')), ids=lambda p: p.stem)
+def test_launch_files_start_executables_that_exist(path):
+    started = {keyword.value.value for node in ast.walk(ast.parse(path.read_text()))
+               if isinstance(node, ast.Call) for keyword in node.keywords
+               if keyword.arg == 'executable'}
+    assert started and started <= set(table('EXECUTABLES'))
+
+
+@pytest.mark.parametrize('path', sorted(ROOT.glob('launch/*.launch.py')), ids=lambda p: p.stem)
+def test_launch_arguments_are_described(path):
+    pytest.importorskip('launch_ros')
+    description = runpy.run_path(str(path))['generate_launch_description']()
+    arguments = description.get_launch_arguments()
+    assert {'robot'} <= {argument.name for argument in arguments}
+    assert all(argument.description for argument in arguments)
