@@ -264,9 +264,13 @@ def test_launch_files_start_executables_that_exist(path):
 
 
 @pytest.mark.parametrize('path', sorted(ROOT.glob('launch/*.launch.py')), ids=lambda p: p.stem)
-def test_launch_arguments_are_described(path):
+def test_launch_arguments_are_described_and_their_defaults_exist(path):
     pytest.importorskip('launch_ros')
+    from launch import LaunchContext
+    from launch.utilities import perform_substitutions
     description = runpy.run_path(str(path))['generate_launch_description']()
-    arguments = description.get_launch_arguments()
-    assert {'robot'} <= {argument.name for argument in arguments}
-    assert all(argument.description for argument in arguments)
+    arguments = {argument.name: argument for argument in description.get_launch_arguments()}
+    assert all(argument.description for argument in arguments.values())
+    for name in ('robot', 'scene'):
+        default = perform_substitutions(LaunchContext(), arguments[name].default_value)
+        assert (ROOT / 'config' / f'{name}s' / f'{default}.yaml').exists()
