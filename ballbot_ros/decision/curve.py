@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The cubic of section 8: which step height is crossed at which speed."""
+from dataclasses import dataclass
+import math
+from pathlib import Path
+from typing import Any, Optional, Tuple
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.fields import Checked, checked_values, quantity, read_yaml, text
+from ballbot_ros.paths import find_config
+
+
+@dataclass(frozen=True)
+class HeightCurve(Checked):
+    """
+    Highest crossable step as a cubic of the speed at touch, and where that holds.
+
+    The cubic is never evaluated outside its range: beyond it the fit turns over, and a
+    faster ball would be said to climb less.
+
+    Attributes
+    ----------
+    coefficients : tuple of float
+        a0 to a3 of height = a0 + a1 v + a2 v^2 + a3 v^3 [m, m/s].
+
+    Raises
+    ------
+    ConfigurationError
+        If a number is not finite, the range is empty, or the curve does not rise all over
+        its range.
+
+    """
+
+    name: str = text('name of the curve')
+    robot: str = text('name of the robot it was made for')
+    actuation: str = text('what the pendulum did')
+    source: str = text('where the numbers come from')
+    lowest_speed: float = quantity('m/s', 'slowest speed of the range', minimum=0.0)
+    highest_speed: float = quantity('m/s', 'fastest speed of the range', above=0.0)
+    residual: float = quantity('m', 'largest error of the fit', minimum=0.0)
+    coefficients: Tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check each value, then that together they make a usable curve."""
+        super().__post_init__()
+        object.__setattr__(self, 'coefficients', _four_numbers(self.coefficients))
+        if not self.lowest_speed < self.highest_speed:
+            raise ConfigurationError(
+                f'HeightCurve: highest_speed must be more than lowest_speed '
+                f'({self.lowest_speed:g} m/s), got {self.highest_speed:g} m/s')
+        speed = _flattest(self)
+        if not _slope(self, speed) > 0.0:
+            raise ConfigurationError(
+                f'HeightCurve: {self.name} must rise from {self.lowest_speed:g} to '
+                f'{self.highest_speed:g} m/s, but it falls or is flat at {speed:.3g} m/s; '
+                'narrow the range')
+
+    def height(self, speed: float) -> float:
+        """
+        Return the highest step that is crossed at `speed` [m].
+
+        Parameters
+        ----------
+        speed : float
+            At touch [m/s], within the range.
+
+        Raises
+        ------
+        ConfigurationError
+            Outside the range, and for a speed that is not a number.
+
+        """
+        if not self.lowest_speed <= speed <= self.highest_speed:
+            raise ConfigurationError(
+                f'curve {self.name} holds from {self.lowest_speed:g} to '
+                f'{self.highest_speed:g} m/s, not at {speed!r} m/s, and is not extrapolated')
+        a0, a1, a2, a3 = self.coefficients
+        return a0 + speed * (a1 + speed * (a2 + speed * a3))
+
+    def required_speed(self, height: float) -> Optional[float]:
+        """
+        Return the lowest speed in range at which `height` [m] is crossed [m/s].
+
+        Parameters
+        ----------
+        height : float
+            Below what the lowest speed crosses already, the lowest speed is the answer.
+
+        Returns
+        -------
+        float or None
+            None if no speed of the range is enough, or the height is not a number.
+
+        """
+        low, high = self.lowest_speed, self.highest_speed
+        if not height <= self.height(high):
+            return None
+        if height <= self.height(low):
+            return low
+        # The curve rises, so halving finds the one place; 40 halvings of a metre per second
+        # are below a picometre per second.
+        for _ in range(40):
+            middle = 0.5 * (low + high)
+            if self.height(middle) >= height:
+                high = middle
+            else:
+                low = middle
+        return high
+
+
+def _four_numbers(values: Any) -> Tuple[float, ...]:
+    """Return the coefficients as floats; refuse anything but four finite numbers."""
+    good = isinstance(values, (list, tuple)) and len(values) == 4 and all(
+        isinstance(value, (int, float)) and not isinstance(value, bool)
+        and math.isfinite(value) for value in values)
+    if not good:
+        raise ConfigurationError(
+            'HeightCurve: coefficients must be four finite numbers [a0, a1, a2, a3] '
+            f'(m, m/s), got {values!r}')
+    return tuple(float(value) for value in values)
+
+
+def _slope(curve: HeightCurve, speed: float) -> float:
+    """Return d(height)/d(speed) [s]."""
+    _, a1, a2, a3 = curve.coefficients
+    return a1 + speed * (2.0 * a2 + speed * 3.0 * a3)
+
+
+def _flattest(curve: HeightCurve) -> float:
+    """Return the speed in range at which the curve rises least [m/s]."""
+    candidates = [curve.lowest_speed, curve.highest_speed]
+    _, _, a2, a3 = curve.coefficients
+    if a3 != 0.0 and curve.lowest_speed < -a2 / (3.0 * a3) < curve.highest_speed:
+        candidates.append(-a2 / (3.0 * a3))
+    return min(candidates, key=lambda speed: _slope(curve, speed))
+
+
+def load_curve(name_or_path: str) -> HeightCurve:
+    """
+    Read a curve that comes with the package, by name, or a file of one's own.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file, field, value and what is allowed.
+
+    """
+    path: Path = find_config('curves', name_or_path)
+    content = dict(read_yaml(path))
+    coefficients = content.pop('coefficients', None)
+    values = checked_values(HeightCurve, content, str(path))
+    try:
+        return HeightCurve(**values, coefficients=coefficients)
+    except ConfigurationError as error:
+        raise ConfigurationError(f'{path}: {error}') from error

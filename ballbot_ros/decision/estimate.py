@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a step asks for and what the ball can give from where it is."""
+from dataclasses import dataclass
+import math
+from typing import Optional
+
+from ballbot_ros.decision.curve import HeightCurve
+from ballbot_ros.decision.tuning import DecisionTuning
+from ballbot_ros.decision.values import TrackedStep
+from ballbot_ros.physics.crossing import touch_distance
+from ballbot_ros.physics.robot import Robot
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """
+    What a step asks for and what can be had; all speeds are those at touch.
+
+    Attributes
+    ----------
+    conservative : float
+        Height with its margins [m].
+    room : float
+        Way to go until touch [m].
+    top : float
+        What is allowed and still on the curve [m/s].
+    required : float or None
+        With its margin; None above the end of the curve [m/s].
+    reachable : float
+        Speeding up from here, at most `top` [m/s].
+    slowest : float
+        Braking from here [m/s].
+    spare : float
+        What could be added to the height until `reachable` is not enough, negative where it
+        is not; NaN where `reachable` lies below the curve [m].
+
+    """
+
+    conservative: float
+    room: float
+    top: float
+    required: Optional[float]
+    reachable: float
+    slowest: float
+    spare: float
+
+
+def estimate(step: TrackedStep, distance: float, speed: float, margins: tuple, robot: Robot,
+             curve: HeightCurve, tuning: DecisionTuning) -> Estimate:
+    """
+    Return what the step asks for and what can be had.
+
+    Parameters
+    ----------
+    step : TrackedStep
+    distance : float
+        Ball's centre to the face [m].
+    speed : float
+        Now [m/s].
+    margins : tuple of float
+        Part added to the speed [1], added to the height [m], in deviations of the height.
+    robot, curve, tuning
+
+    """
+    speed_margin, height_margin, sigma_margin = margins
+    conservative = step.height + sigma_margin * step.height_sd + height_margin
+    room = max(0.0, distance - touch_distance(robot.ball_radius, step.height))
+    required = curve.required_speed(conservative)
+    forward = max(0.0, speed)
+    top = min(tuning.highest_speed, curve.highest_speed)
+    # Products, for a power of a mad speed would raise; infinity compares as it should.
+    reachable = min(top, math.sqrt(forward * forward + 2.0 * tuning.acceleration * room))
+    clean = reachable / (1.0 + speed_margin)
+    return Estimate(
+        conservative=conservative, room=room, top=top,
+        required=None if required is None else required * (1.0 + speed_margin),
+        reachable=reachable,
+        slowest=math.sqrt(max(0.0, forward * forward - 2.0 * tuning.deceleration * room)),
+        spare=(curve.height(clean) - conservative if clean >= curve.lowest_speed
+               else math.nan))

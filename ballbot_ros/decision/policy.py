@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Cross the step ahead, stop, or find another way: section 8 of the paper, with margins.
+
+The ball touches a step when its centre is sqrt(2 R h - h^2) before the face; what lies
+before that is the room to accelerate.  The curve says which speed at touch the step asks
+for.  Whatever is not known for certain is answered with STOP and a reason, never a guess.
+"""
+from dataclasses import astuple, replace
+import math
+from typing import Optional
+
+from ballbot_ros.decision.curve import HeightCurve
+from ballbot_ros.decision.estimate import estimate
+from ballbot_ros.decision.tuning import DecisionTuning
+from ballbot_ros.decision.values import (
+    Decision, Kind, Motion, Reason, Sighting, TrackedStep)
+from ballbot_ros.physics.crossing import touch_distance
+from ballbot_ros.physics.robot import Robot
+
+# Down by less than this is an uneven floor, more is a drop [m].
+SMALLEST_DROP = 0.005
+
+# Aim above the required speed by this [m/s]: the margin must not be eaten by the lag.
+HEADROOM = 0.1
+
+# A ball that leans against a step for this long is not going to make it [s].
+LONGEST_CONTACT = 1.5
+
+# In contact the ball bounces; this far off the step it still is in contact [m].
+CONTACT_SLACK = 0.03
+
+
+def decide(sighting: Optional[Sighting], motion: Motion, previous: Optional[Decision], *,
+           robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> Decision:
+    """
+    Decide on the step ahead.
+
+    Parameters
+    ----------
+    sighting : Sighting or None
+        The tracker's last answer; None if there was none yet.
+    motion : Motion
+        Now.
+    previous : Decision or None
+        The last answer of this function: it is all the memory there is.  A crossing that
+        cannot be broken off any more goes on with half the margins, and one in contact
+        goes on until the centre has passed the face.
+    robot, curve, tuning
+        That belong together; see `check_decision`.
+
+    Returns
+    -------
+    Decision
+        Never raises for anything that a sensor says.
+
+    """
+    step = sighting.step if sighting is not None else None
+    # First of all: whatever is compared with NaN is false, and could be taken for an answer.
+    if not all(map(math.isfinite, astuple(motion))):
+        return _stop(Reason.BAD_OBSERVATION, 'Stopping: odometry is not finite')
+    distance = step.position - motion.position if step is not None else math.nan
+    if step is not None and not all(map(math.isfinite, (*astuple(step), distance))):
+        return _stop(Reason.BAD_OBSERVATION, 'Stopping: the step is not finite')
+    pushing = _push(previous, step, motion, robot)
+    if pushing is not None:
+        return pushing
+    trouble = _trouble(sighting, motion, tuning)
+    if trouble is not None:
+        return replace(trouble, distance=distance, step=step.number if step else 0)
+    if step is None or distance <= 0.0:
+        return Decision(Kind.CLEAR, Reason.NOTHING_AHEAD, tuning.cruise_speed,
+                        f'Nothing ahead: cruising at {tuning.cruise_speed:.2f} m/s')
+    if step.height < -SMALLEST_DROP:
+        return _stop(
+            Reason.DROP, f'Stopping: the floor drops by {-1e3 * step.height:.0f} mm at '
+            f'{distance:.2f} m', height=step.height, distance=distance, step=step.number)
+    return _weigh(step, distance, motion.speed, previous, robot, curve, tuning)
+
+
+def _stop(reason: Reason, explanation: str, **numbers: float) -> Decision:
+    """Return a STOP."""
+    return Decision(Kind.STOP, reason, 0.0, explanation, **numbers)  # type: ignore[arg-type]
+
+
+def _trouble(sighting: Optional[Sighting], motion: Motion,
+             tuning: DecisionTuning) -> Optional[Decision]:
+    """Return the STOP that a missing, old or troubled sighting asks for."""
+    if sighting is None:
+        return _stop(Reason.STALE, 'Stopping: nothing has been observed yet')
+    if sighting.trouble is not None:
+        return _stop(sighting.trouble,
+                     f'Stopping: the observation is refused, {sighting.explanation}')
+    age = motion.stamp - sighting.stamp
+    # Written so that an age that is not a number is too old; from the future is no better.
+    if not abs(age) <= tuning.observation_timeout:
+        when = f'{age:.2f} s old' if age >= 0.0 else f'{-age:.2f} s ahead of the clock'
+        return _stop(Reason.STALE, f'Stopping: the last observation is {when}, '
+                     f'{tuning.observation_timeout:g} s is allowed')
+    return None
+
+
+def _crosses(previous: Optional[Decision], step: TrackedStep) -> bool:
+    """Tell whether the ball is on its way over this very step."""
+    return (previous is not None and previous.kind is Kind.CROSS
+            and previous.step == step.number)
+
+
+def _push(previous: Optional[Decision], step: Optional[TrackedStep], motion: Motion,
+          robot: Robot) -> Optional[Decision]:
+    """
+    Return the decision of a crossing ball in contact: on, unless it lasts too long.
+
+    Observations do not matter here.  The face is below the ball, the odometry slips, and
+    there is nothing better to do than to push.
+    """
+    if previous is None or step is None or not _crosses(previous, step):
+        return None
+    distance = step.position - motion.position
+    room = distance - touch_distance(robot.ball_radius, step.height)
+    since = previous.contact_since
+    if distance <= 0.0 or room > (0.0 if since is None else CONTACT_SLACK):
+        return None
+    since = motion.stamp if since is None else since
+    if not 0.0 <= motion.stamp - since <= LONGEST_CONTACT:
+        return replace(
+            previous, kind=Kind.STOP, reason=Reason.NO_ROOM, set_speed=0.0,
+            distance=distance, contact_since=None,
+            explanation='Stopping: still not over the step after '
+            f'{LONGEST_CONTACT:g} s of pushing; back off for a longer run-up')
+    return replace(
+        previous, reason=Reason.COMMITTED, distance=distance, contact_since=since,
+        explanation=f'On the step, {distance:.2f} m to its face: pushing on')
+
+
+def _weigh(step: TrackedStep, distance: float, speed: float, previous: Optional[Decision],
+           robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> Decision:
+    """Return the decision on a known step ahead."""
+    margins = (tuning.speed_margin, tuning.height_margin, tuning.sigma_margin)
+    reason = Reason.WITHIN_CURVE
+    found = estimate(step, distance, speed, margins, robot, curve, tuning)
+    if _crosses(previous, step) and found.room < tuning.braking_distance(speed):
+        reason, margins = Reason.COMMITTED, tuning.halved
+        found = estimate(step, distance, speed, margins, robot, curve, tuning)
+    needed = found.required
+    answer = Decision(
+        Kind.CROSS, reason, 0.0, '', math.nan if needed is None else needed,
+        found.reachable, step.height, found.spare, distance, step.number)
+    where = f'{1e3 * step.height:.0f} mm at {distance:.2f} m'
+    if needed is None or needed > found.top:
+        wish = 'more than the curve knows' if needed is None else f'{needed:.2f} m/s'
+        return replace(
+            answer, kind=Kind.GO_ROUND, reason=Reason.TOO_HIGH,
+            set_speed=min(tuning.cruise_speed, found.top),
+            explanation=f'{where}: needs {wish}, {found.top:.2f} m/s is the most; '
+            'find another way')
+    if found.slowest > curve.highest_speed:
+        return replace(
+            answer, kind=Kind.STOP, reason=Reason.TOO_FAST,
+            explanation=f'{where}: touched at {found.slowest:.2f} m/s even when braking, the '
+            f'curve ends at {curve.highest_speed:.2f} m/s')
+    if not needed <= found.reachable:
+        return replace(
+            answer, kind=Kind.STOP, reason=Reason.NO_ROOM,
+            explanation=f'{where}: needs {needed:.2f} m/s, only {found.reachable:.2f} m/s '
+            'reachable from here; a longer run-up would do')
+    # Going on with half the margins is no reason to slow down.
+    pace = previous.set_speed if previous and reason is Reason.COMMITTED else 0.0
+    return replace(
+        answer, set_speed=min(found.top, max(tuning.cruise_speed, needed + HEADROOM, pace)),
+        explanation=f'{where}: needs {needed:.2f} m/s, {found.reachable:.2f} m/s reachable, '
+        f'{math.floor(1e3 * found.spare):.0f} mm to spare')

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fuse observations of the next step with odometry into one step, or say why not."""
+import math
+from typing import Optional
+
+from ballbot_ros.decision.tuning import DecisionTuning
+from ballbot_ros.decision.values import Reason, Sighting, StepObservation, TrackedStep
+from ballbot_ros.physics.robot import Robot
+
+# No sensor is as good as the zero deviation that some claim: odometry and observation are
+# never of exactly the same moment, and odometry drifts while the step is approached.
+DISTANCE_FLOOR = 0.010   # [m]
+HEIGHT_FLOOR = 0.0005    # [m]
+
+# A step this close ahead of the centre may be seen as passed already.
+PASSED_SLACK = 0.02      # [m]
+
+# Once passed, a face this much further on is the next one.  Less is the old one, displaced by
+# the slip of a ball that climbs; treads are longer.
+NEXT_FACE = 0.1          # [m]
+
+LARGEST = 1e6            # [m] more than any floor has
+
+
+class StepTracker:
+    """
+    Keeps the next step ahead.
+
+    Observations of one step are averaged with weights 1 / variance at a fixed place on the
+    odometry axis.  Once the centre has passed that place, the next detection is another
+    step.  One that contradicts the step by more than `contradiction_sigma` deviations is
+    reported, not averaged in; after `forget_after` of them in a row the newest is believed,
+    for then the world has changed.  After as many looks that find nothing the step is
+    forgotten, but not within 1.5 radii, where a sensor may look over it.
+
+    Parameters
+    ----------
+    robot : Robot
+    tuning : DecisionTuning
+
+    """
+
+    def __init__(self, robot: Robot, tuning: DecisionTuning):
+        """Start with nothing seen."""
+        self._radius = robot.ball_radius
+        self._sigmas = tuning.contradiction_sigma
+        self._patience = tuning.forget_after
+        self._number = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all, for a jump of time or place; the numbers of steps go on counting."""
+        self._step: Optional[TrackedStep] = None
+        self._answer: Optional[Sighting] = None
+        self._newest = -math.inf
+        self._strikes = 0
+        self._misses = 0
+
+    def update(self, observation: StepObservation, position: float) -> Sighting:
+        """
+        Take in one observation; the same stamp again gives the same answer again.
+
+        Parameters
+        ----------
+        observation : StepObservation
+        position : float
+            Odometry of the ball's centre when it was made [m].
+
+        Returns
+        -------
+        Sighting
+            With its trouble, if there is any; never raises for what a sensor says.
+
+        """
+        if self._answer is None or observation.stamp != self._answer.stamp:
+            self._answer = self._judge(observation, position)
+        return self._answer
+
+    def _judge(self, observation: StepObservation, position: float) -> Sighting:
+        """Return what is known after a new observation."""
+        fault = _fault(observation, position)
+        if fault:
+            return self._trouble(observation, Reason.BAD_OBSERVATION, fault)
+        if not observation.detected and observation.height != 0.0:
+            return self._trouble(
+                observation, Reason.CONTRADICTORY, 'nothing is detected, and yet it is '
+                f'{1e3 * observation.height:.0f} mm high')
+        contradiction = self._contradiction(observation, position)
+        if contradiction:
+            self._strikes += 1
+            if self._strikes < self._patience:
+                return self._trouble(observation, Reason.CONTRADICTORY, contradiction)
+            self._replace(observation, position)
+        self._strikes = 0
+        self._newest = observation.stamp
+        if observation.detected:
+            self._take(observation, position)
+        else:
+            self._miss(position)
+        return Sighting(observation.stamp, self._step)
+
+    def _trouble(self, observation: StepObservation, reason: Reason, why: str) -> Sighting:
+        """Return a sighting that reports trouble and keeps the step."""
+        return Sighting(observation.stamp, self._step, reason, why)
+
+    def _contradiction(self, observation: StepObservation, position: float) -> str:
+        """Return how a sane observation contradicts what is known, or nothing."""
+        if observation.stamp < self._newest:
+            return (f'it is of {observation.stamp:.3f} s, before the last one of '
+                    f'{self._newest:.3f} s')
+        step = self._step
+        if step is None or not observation.detected or self._is_passed(position):
+            return ''
+        place_sd, height_sd = _deviations(observation)
+        far = math.hypot(step.position_sd, place_sd)
+        high = math.hypot(step.height_sd, height_sd)
+        moved = position + observation.distance - step.position
+        grown = observation.height - step.height
+        if abs(moved) > self._sigmas * far:
+            return (f'the step jumped by {1e3 * moved:.0f} mm, more than {self._sigmas:g} '
+                    'deviations')
+        if abs(grown) > self._sigmas * high:
+            return (f'the step changed from {1e3 * step.height:.0f} to '
+                    f'{1e3 * observation.height:.0f} mm, more than {self._sigmas:g} deviations')
+        return ''
+
+    def _is_passed(self, position: float) -> bool:
+        """Tell whether the centre is beyond the face."""
+        return self._step is not None and position > self._step.position - PASSED_SLACK
+
+    def _begin(self, observation: StepObservation, position: float, number: int) -> None:
+        """Start a step with an observation."""
+        self._number = number
+        self._step = TrackedStep(
+            number, position + observation.distance, observation.height,
+            *_deviations(observation))
+
+    def _replace(self, observation: StepObservation, position: float) -> None:
+        """Believe the newest observation instead of all before."""
+        step, self._step = self._step, None
+        if step is None or not observation.detected:
+            return
+        moved = abs(position + observation.distance - step.position)
+        grown = abs(observation.height - step.height)
+        deviation = math.hypot(step.height_sd, _deviations(observation)[1])
+        # Odometry that slipped by less than a ball has not brought another step.
+        same = moved < self._radius and grown <= self._sigmas * deviation
+        self._begin(observation, position, self._number + (0 if same else 1))
+
+    def _take(self, observation: StepObservation, position: float) -> None:
+        """Average a detection into the step, or start another step with it."""
+        self._misses = 0
+        step, place = self._step, position + observation.distance
+        if step is None or (self._is_passed(position) and place > step.position + NEXT_FACE):
+            self._begin(observation, position, self._number + 1)
+            return
+        place_sd, height_sd = _deviations(observation)
+        place, place_sd = _average(step.position, step.position_sd, place, place_sd)
+        height, height_sd = _average(
+            step.height, step.height_sd, observation.height, height_sd)
+        self._step = TrackedStep(
+            step.number, place, height, max(place_sd, DISTANCE_FLOOR),
+            max(height_sd, HEIGHT_FLOOR))
+
+    def _miss(self, position: float) -> None:
+        """Forget the step when it is passed, or was looked for in vain often enough."""
+        if self._step is None:
+            return
+        self._misses += 1
+        visible = self._step.position - position > 1.5 * self._radius
+        if self._is_passed(position) or (visible and self._misses >= self._patience):
+            self._step = None
+            self._misses = 0
+
+
+def _fault(observation: StepObservation, position: float) -> str:
+    """Return what is impossible about an observation, or nothing."""
+    if not (observation.finite and math.isfinite(position)):
+        return 'a number of it is not finite'
+    for name in ('distance', 'distance_sd', 'height_sd'):
+        if getattr(observation, name) < 0.0:
+            return f'{name} is negative ({getattr(observation, name):g} m)'
+    for name in ('distance', 'height', 'distance_sd', 'height_sd'):
+        if abs(getattr(observation, name)) > LARGEST:
+            return f'{name} is beyond all measure ({getattr(observation, name):g} m)'
+    return ''
+
+
+def _deviations(observation: StepObservation) -> tuple:
+    """Return the deviations of distance and height that are believed [m]."""
+    return (max(observation.distance_sd, DISTANCE_FLOOR),
+            max(observation.height_sd, HEIGHT_FLOOR))
+
+
+def _average(first: float, first_sd: float, second: float, second_sd: float) -> tuple:
+    """Return mean and deviation of two values weighted by 1 / variance."""
+    one, two = first_sd**-2, second_sd**-2
+    return (one * first + two * second) / (one + two), (one + two)**-0.5

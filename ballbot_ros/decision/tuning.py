@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How boldly to drive at a step: speeds, margins and patience."""
+from dataclasses import dataclass
+
+from ballbot_ros.control import held_acceleration
+from ballbot_ros.decision.curve import HeightCurve
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.fields import Checked, count, quantity, read_yaml
+from ballbot_ros.paths import find_config
+from ballbot_ros.physics.robot import Robot
+
+
+@dataclass(frozen=True)
+class DecisionTuning(Checked):
+    """
+    Numbers of the decision and the approach.
+
+    Raises
+    ------
+    ConfigurationError
+        If a value is out of range, or the cruise speed is above the highest speed.
+
+    """
+
+    cruise_speed: float = quantity(
+        'm/s', 'speed where nothing is in the way', above=0.0, default=0.4)
+    highest_speed: float = quantity(
+        'm/s', 'speed that is never asked for more', above=0.0, default=1.1)
+    acceleration: float = quantity(
+        'm/s2', 'acceleration that can be counted on', above=0.0, default=0.4)
+    deceleration: float = quantity(
+        'm/s2', 'deceleration that can be counted on', above=0.0, default=0.4)
+    reaction_time: float = quantity(
+        's', 'time until a new set speed shows in the speed', above=0.0, default=0.9)
+    speed_margin: float = quantity(
+        '1', 'part by which the required speed is raised', minimum=0.0, maximum=1.0,
+        default=0.08)
+    height_margin: float = quantity(
+        'm', 'added to the height of a step', minimum=0.0, default=0.002)
+    sigma_margin: float = quantity(
+        '1', 'standard deviations of the height added to it', minimum=0.0, default=2.0)
+    stop_gap: float = quantity(
+        'm', 'front of the resting ball to the step', minimum=0.0, default=0.25)
+    largest_lean: float = quantity(
+        'rad', 'largest pendulum angle', above=0.0, maximum=1.5, default=0.7)
+    speed_gain: float = quantity(
+        'rad s/m', 'pendulum angle per speed error', above=0.0, default=1.8)
+    observation_timeout: float = quantity(
+        's', 'age at which an observation is worth nothing', above=0.0, default=0.3)
+    contradiction_sigma: float = quantity(
+        '1', 'deviations at which an observation contradicts', above=0.0, default=5.0)
+    forget_after: int = count(
+        'observations in a row after which the newest are believed instead', minimum=1,
+        default=5)
+
+    def __post_init__(self) -> None:
+        """Check each value, then that the speeds agree."""
+        super().__post_init__()
+        if self.cruise_speed > self.highest_speed:
+            raise ConfigurationError(
+                f'DecisionTuning: cruise_speed must be at most highest_speed '
+                f'({self.highest_speed:g} m/s), got {self.cruise_speed:g} m/s')
+
+    @property
+    def halved(self) -> tuple:
+        """Return half of (speed_margin, height_margin, sigma_margin)."""
+        return self.speed_margin / 2, self.height_margin / 2, self.sigma_margin / 2
+
+    def braking_distance(self, speed: float) -> float:
+        """Return v reaction_time + v^2 / (2 deceleration) for a speed [m/s] forward [m]."""
+        forward = max(0.0, speed)
+        return forward * (self.reaction_time + forward / (2.0 * self.deceleration))
+
+
+def load_decision_tuning(name_or_path: str) -> DecisionTuning:
+    """
+    Read a decision tuning by name or path.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file, field, value and allowed range.
+
+    """
+    path = find_config('tunings', name_or_path)
+    return DecisionTuning.from_mapping(read_yaml(path), str(path))
+
+
+def check_decision(robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> None:
+    """
+    Refuse a robot, a curve and a tuning that do not belong together.
+
+    Raises
+    ------
+    ConfigurationError
+        If the curve is of another robot, starts above the highest speed or fits worse than
+        the height margin, or if the pendulum cannot give the accelerations counted on.
+
+    """
+    if curve.robot != robot.name:
+        raise ConfigurationError(
+            f'curve {curve.name} was made for {curve.robot}, not for {robot.name}: make one '
+            'for this robot')
+    if tuning.highest_speed < curve.lowest_speed:
+        raise ConfigurationError(
+            f'highest_speed must be at least the lowest speed of curve {curve.name} '
+            f'({curve.lowest_speed:g} m/s), got {tuning.highest_speed:g} m/s')
+    if tuning.height_margin < curve.residual:
+        raise ConfigurationError(
+            f'height_margin must be at least the residual of curve {curve.name} '
+            f'({curve.residual:g} m), got {tuning.height_margin:g} m')
+    possible = held_acceleration(robot, tuning.largest_lean)
+    for name in ('acceleration', 'deceleration'):
+        if getattr(tuning, name) > possible:
+            raise ConfigurationError(
+                f'{name} must be at most {possible:.3g} m/s2, what {robot.name} gains at a '
+                f'largest_lean of {tuning.largest_lean:g} rad, got {getattr(tuning, name):g} '
+                'm/s2')

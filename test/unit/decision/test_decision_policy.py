@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The decision: never bold without reason, never a guess."""
+from dataclasses import replace
+import math
+
+from hypothesis import given, strategies
+import pytest
+
+from ballbot_ros.decision import (
+    check_decision, decide, Decision, DecisionTuning, Kind, load_curve, load_decision_tuning,
+    Motion, Reason, Sighting, TrackedStep)
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.crossing import touch_distance
+from ballbot_ros.physics.robot import load_robot
+
+GIMBALL = load_robot('gimball')
+CURVE = load_curve('gimball_down')
+TUNING = load_decision_tuning('decision_default')
+anything = strategies.floats(allow_nan=True, allow_infinity=True)
+heights = strategies.floats(-0.05, 0.12)
+distances = strategies.floats(0.0, 4.0)
+speeds = strategies.floats(-0.5, 1.5)
+
+
+def on(height=0.031, distance=0.8, speed=0.8, *, previous=None, sd=0.0005, now=0.0, stamp=None,
+       trouble=None):
+    """Return the decision on a step at `distance` ahead of a ball at 0."""
+    step = TrackedStep(1, distance, height, 0.01, sd)
+    return decide(
+        Sighting(now if stamp is None else stamp, step, trouble, 'it is a test'),
+        Motion(now, 0.0, speed), previous, robot=GIMBALL, curve=CURVE, tuning=TUNING)
+
+
+def crossing(**numbers):
+    return Decision(Kind.CROSS, Reason.WITHIN_CURVE, 0.9, '', step=1, **numbers)
+
+
+@pytest.mark.parametrize('height, distance, speed, kind, reason', [
+    (0.031, 0.80, 0.80, 'cross', 'within_curve'),
+    (0.031, 1.20, 0.00, 'cross', 'within_curve'),    # the paper's run-up
+    (0.005, 0.30, 0.40, 'cross', 'within_curve'),
+    (0.000, 1.00, 0.40, 'cross', 'within_curve'),    # a line on the floor
+    (0.031, 0.40, 0.30, 'stop', 'no_room'),
+    (0.035, 0.50, 0.40, 'stop', 'no_room'),
+    (0.056, 3.00, 0.40, 'go_round', 'too_high'),
+    (0.080, 1.20, 0.00, 'go_round', 'too_high'),
+    (0.500, 1.20, 0.00, 'go_round', 'too_high'),     # a wall
+    (0.031, 0.20, 1.40, 'stop', 'too_fast'),
+    (-0.03, 1.00, 0.40, 'stop', 'drop')])
+def test_golden_cases(height, distance, speed, kind, reason):
+    answer = on(height, distance, speed)
+    assert (answer.kind.value, answer.reason.value) == (kind, reason)
+    assert answer.explanation
+
+
+def test_explanation_has_the_numbers_in_it():
+    assert on(0.031, 0.62, 0.86).explanation == (
+        '31 mm at 0.62 m: needs 0.92 m/s, 1.07 m/s reachable, 7 mm to spare')
+
+
+def test_nothing_ahead_is_cruised():
+    answer = decide(Sighting(0.0), Motion(0.1, 0.0, 0.4), None, robot=GIMBALL, curve=CURVE,
+                    tuning=TUNING)
+    assert answer.kind is Kind.CLEAR and answer.set_speed == TUNING.cruise_speed
+
+
+@given(heights, distances, speeds, strategies.floats(0.0, 0.01))
+def test_crossing_is_only_tried_when_fast_enough_at_touch(height, distance, speed, sd):
+    answer = on(height, distance, speed, sd=sd)
+    if answer.kind is not Kind.CROSS:
+        assert answer.set_speed in (0.0, TUNING.cruise_speed)
+        return
+    assert answer.required_speed <= answer.reachable_speed <= TUNING.highest_speed
+    assert answer.height_margin >= -1e-9
+    assert answer.set_speed >= answer.required_speed
+    room = max(0.0, distance - touch_distance(GIMBALL.ball_radius, height))
+    assert answer.reachable_speed**2 <= max(speed, 0.0)**2 + 0.8 * room + 1e-9
+    assert CURVE.height(answer.required_speed) >= height + 2.0 * sd
+
+
+@given(heights, heights, distances, speeds)
+def test_a_higher_step_is_never_easier(one, other, distance, speed):
+    low, high = on(min(one, other), distance, speed), on(max(one, other), distance, speed)
+    # More height also means an earlier touch, so less room: both work the same way.
+    if high.kind is Kind.CROSS and low.reason is not Reason.DROP:
+        # Braking has more room before a low step: it can only be touched slower.
+        assert low.kind is Kind.CROSS
+        assert low.required_speed <= high.required_speed
+
+
+@given(anything, anything, anything, anything, anything, anything)
+def test_nothing_that_is_not_finite_is_crossed(height, distance, speed, sd, now, stamp):
+    answer = on(height, distance, speed, sd=sd, now=now, stamp=stamp)
+    if not all(map(math.isfinite, (height, distance, speed, sd, now, stamp))):
+        assert answer.kind is Kind.STOP
+    assert math.isfinite(answer.set_speed)
+
+
+@pytest.mark.parametrize('name', ['height', 'distance', 'sd'])
+@pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf])
+def test_a_step_that_is_not_finite_stops(name, bad):
+    answer = on(**{name: bad}, previous=crossing())
+    assert (answer.kind, answer.reason) == (Kind.STOP, Reason.BAD_OBSERVATION)
+
+
+@pytest.mark.parametrize('speed, now', [(math.nan, 0.0), (math.inf, 0.0), (0.4, math.nan)])
+def test_odometry_that_is_not_finite_stops(speed, now):
+    assert on(speed=speed, now=now).reason is Reason.BAD_OBSERVATION
+
+
+def test_old_missing_and_future_observations_stop():
+    assert on(now=10.0, stamp=9.71).kind is Kind.CROSS
+    for stamp in (9.69, 0.0, 10.5):
+        answer = on(now=10.0, stamp=stamp)
+        assert (answer.kind, answer.reason) == (Kind.STOP, Reason.STALE)
+    answer = decide(None, Motion(0.0, 0.0, 0.4), None, robot=GIMBALL, curve=CURVE,
+                    tuning=TUNING)
+    assert (answer.kind, answer.reason) == (Kind.STOP, Reason.STALE)
+
+
+@pytest.mark.parametrize('trouble', [Reason.BAD_OBSERVATION, Reason.CONTRADICTORY])
+def test_troubled_observations_stop_with_their_reason(trouble):
+    answer = on(trouble=trouble)
+    assert (answer.kind, answer.reason) == (Kind.STOP, trouble)
+    assert 'it is a test' in answer.explanation
+
+
+def test_a_crossing_past_the_point_of_no_return_goes_on_with_half_the_margins():
+    # Full margins ask for 0.92 m/s, half of them for 0.86 m/s, the step itself for 0.80 m/s.
+    assert on(distance=0.15, speed=0.88).reason is Reason.NO_ROOM
+    answer = on(distance=0.15, speed=0.88, previous=crossing())
+    assert (answer.kind, answer.reason) == (Kind.CROSS, Reason.COMMITTED)
+    assert answer.set_speed >= 0.9
+
+
+def test_a_hopeless_crossing_is_broken_off_even_then():
+    assert on(distance=0.15, speed=0.7, previous=crossing()).kind is Kind.STOP
+
+
+def test_commitment_is_to_one_step_only():
+    other = replace(crossing(), step=2)
+    assert on(distance=0.15, speed=0.88, previous=other).kind is Kind.STOP
+
+
+def test_in_contact_it_pushes_until_the_centre_has_passed():
+    answer = on(distance=0.1, speed=0.1, previous=crossing())
+    assert (answer.kind, answer.reason) == (Kind.CROSS, Reason.COMMITTED)
+    # Slow, old and contradictory: nothing of it matters with the face below the ball.
+    answer = on(distance=0.05, speed=0.0, now=1.0, stamp=0.0, previous=answer,
+                trouble=Reason.CONTRADICTORY)
+    assert answer.kind is Kind.CROSS and answer.contact_since == 0.0
+    # Passed: the observation matters again.
+    assert on(distance=-0.01, now=1.1, previous=answer).kind is Kind.CLEAR
+
+
+def test_a_ball_that_does_not_get_over_stops_pushing():
+    answer = on(distance=0.1, speed=0.1, previous=crossing())
+    answer = on(distance=0.1, speed=0.0, now=1.6, previous=answer)
+    assert (answer.kind, answer.reason) == (Kind.STOP, Reason.NO_ROOM)
+    assert on(distance=0.1, speed=0.0, now=1.7, previous=answer).kind is Kind.STOP
+
+
+def test_who_was_not_crossing_does_not_push():
+    assert on(distance=0.1, speed=0.1).kind is Kind.STOP
+
+
+def test_touch_is_where_the_sphere_meets_the_edge():
+    assert touch_distance(0.2, 0.0) == touch_distance(0.2, -0.1) == 0.0
+    assert touch_distance(0.2, 0.2) == touch_distance(0.2, 3.0) == 0.2
+    # Centre at height R, edge at height h: the distance between them is R.
+    assert math.hypot(touch_distance(0.226, 0.03), 0.226 - 0.03) == pytest.approx(0.226)
+
+
+@pytest.mark.parametrize('curve, change, complaint', [
+    ('shellball_free', {}, 'made for shellball'),
+    ('gimball_down', {'acceleration': 0.6}, 'acceleration must be at most'),
+    ('gimball_down', {'largest_lean': 0.3}, 'acceleration must be at most'),
+    ('gimball_down', {'height_margin': 0.0}, 'residual'),
+    ('gimball_down', {'highest_speed': 0.1, 'cruise_speed': 0.1}, 'lowest speed')])
+def test_what_does_not_belong_together_is_refused(curve, change, complaint):
+    with pytest.raises(ConfigurationError, match=complaint):
+        check_decision(GIMBALL, load_curve(curve), replace(TUNING, **change))
+
+
+def test_shipped_tuning_fits_the_shipped_curves():
+    assert TUNING == DecisionTuning()
+    for name in ('gimball_down', 'gimball_free', 'gimball_horizontal'):
+        check_decision(GIMBALL, load_curve(name), TUNING)
+
+
+def test_cruising_above_the_limit_is_refused():
+    with pytest.raises(ConfigurationError, match='cruise_speed must be at most'):
+        DecisionTuning(cruise_speed=1.2)
