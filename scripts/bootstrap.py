@@ -138,10 +138,11 @@ def site_packages():
 
 def missing_packages():
     """Return what a sourced ROS 2 lacks, and pins that leave alone what it has."""
+    # Reversed, because of two versions the first on the path is the one that is imported.
     installed = json.loads(subprocess.check_output([str(PYTHON), '-c', (
         'import importlib.metadata as m, json, re\n'
         'print(json.dumps({re.sub("[-_.]+", "-", d.metadata["Name"]).lower(): d.version'
-        ' for d in m.distributions() if d.metadata["Name"]}))')]).decode())
+        ' for d in reversed(list(m.distributions())) if d.metadata["Name"]}))')]).decode())
 
     def name(line):
         return re.sub('[-_.]+', '-', re.match(r'[\w.-]+', line).group()).lower()
