@@ -12,6 +12,8 @@ Local *maxima* within reach (only concave vertices have them) count negatively. 
 a wall corner never reaches the vertex, so nothing changes there; but where a floor turns
 gently into a ramp, the two contacts merge into one at the vertex, and without the negative
 one a whole contact force would appear and vanish at once, with energy from nowhere.
+Friction acts at the minima only, where it can but take energy; a maximum takes its share
+from the coefficients of the two minima that it lies between, see `share_friction`.
 
 **What.**  A spring and a damper along the normal, eq. (7), which do not pull unless asked
 to; friction with a slip velocity at the contact point, eq. (8), that grows to its full
@@ -68,6 +70,24 @@ def write_contact(table: Any, row: int, kind: int, x: float, y: float, normal_x:
     table[row, FRICTION] = friction
 
 
+@compiled
+def share_friction(table: Any, row: int) -> None:
+    """
+    Take from the two neighbours of a CORNER the friction that it counts for.
+
+    A neighbour that is about to merge with the corner loses all of its friction, the other
+    one none of it, and in between both a share: friction stays continuous.  To count it
+    negatively, as the normal force, would give energy: the three slips are not the same.
+    """
+    x, y, penetration = table[row, POINT_X], table[row, POINT_Y], table[row, PENETRATION]
+    left = math.hypot(table[row - 1, POINT_X] - x, table[row - 1, POINT_Y] - y)
+    right = math.hypot(table[row + 1, POINT_X] - x, table[row + 1, POINT_Y] - y)
+    # On a straight line all three may be the same point.
+    share = right / (left + right) if left + right > 0.0 else 0.5
+    table[row - 1, FRICTION] *= 1.0 - share * penetration / table[row - 1, PENETRATION]
+    table[row + 1, FRICTION] *= 1.0 - (1.0 - share) * penetration / table[row + 1, PENETRATION]
+
+
 @inlined
 def find_contacts(x: float, y: float, radius: float, ground: Any, table: Any) -> int:
     """
@@ -86,7 +106,7 @@ def find_contacts(x: float, y: float, radius: float, ground: Any, table: Any) ->
 
     """
     last = len(ground) - 2
-    count = 0
+    count = corners = 0
     for segment in range(first_segment(ground, x - radius), last + 1):
         start_x, start_y = ground[segment, VERTEX_X], ground[segment, VERTEX_Y]
         if start_x > x + radius and segment > 0:
@@ -112,13 +132,16 @@ def find_contacts(x: float, y: float, radius: float, ground: Any, table: Any) ->
         if nearest or farthest:
             distance = math.sqrt(end_x * end_x + end_y * end_y)
             if 0.0 < distance < radius:
-                friction = ground[segment + 1, EDGE_FRICTION]
-                if farthest:
-                    friction = 0.5 * (ground[segment, SURFACE_FRICTION]
-                                      + ground[segment + 1, SURFACE_FRICTION])
                 write_contact(table, count, EDGE if nearest else CORNER, x, y,
-                              end_x / distance, end_y / distance, distance, radius, friction)
+                              end_x / distance, end_y / distance, distance, radius,
+                              ground[segment + 1, EDGE_FRICTION] if nearest else 0.0)
                 count += 1
+                corners += 0 if nearest else 1
+    if corners > 0:
+        # Minima and maxima alternate along the ground.
+        for row in range(1, count - 1):
+            if table[row, KIND] == CORNER:
+                share_friction(table, row)
     return count
 
 
@@ -143,8 +166,8 @@ def contact_force(robot: Any, table: Any, row: int, velocity_x: float, velocity_
     Return normal force, friction force, slip velocity and normal velocity of one contact.
 
     The normal force is positive out of the ground, friction and slip along the tangent
-    (normal_y, -normal_x), which points to +x on a floor.  Both forces of a CORNER are
-    counted with reversed sign.
+    (normal_y, -normal_x), which points to +x on a floor.  The normal force of a CORNER is
+    counted with reversed sign; it has no friction.
 
     Parameters
     ----------
@@ -170,7 +193,7 @@ def contact_force(robot: Any, table: Any, row: int, velocity_x: float, velocity_
     friction_force = -abs(normal_force) * table[row, FRICTION] * friction_scale(
         slip, robot.slip_threshold, robot.smooth_friction)
     if table[row, KIND] == CORNER:
-        return -normal_force, -friction_force, slip, normal_velocity
+        return -normal_force, 0.0, slip, normal_velocity
     return normal_force, friction_force, slip, normal_velocity
 
 
