@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The equations of motion as the paper prints them: the matrices of eq. (6), solved as eq. (13).
+
+::
+
+    A q'' + B [th1'^2, th2'^2, x'^2, y'^2] + C [th1' th2', th2' x', x' y', x' th1']
+          + D q' + G = [tau1, tau2, Fx, Fy]              with q = (theta1, theta2, x, y)
+
+The simulation does not use them: `dynamics` has the same equations solved by hand.  They are
+here to be compared with, by tests and by readers of the paper.  The angle alpha of eqs. (4)
+and (5) is 0, because all angles of this package are measured from the vertical.
+"""
+import numpy as np
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.model import State
+from ballbot_ros.physics.robot import Robot
+from ballbot_ros.physics.terrain import Array
+
+
+def _levers(robot: Robot, state: State) -> tuple[float, float]:
+    """Return M2 e cos(theta1 + theta2) and M2 e sin(theta1 + theta2) [kg m]."""
+    moment = robot.pendulum_mass * robot.pendulum_length
+    return (moment * float(np.cos(state.pendulum_angle)),
+            moment * float(np.sin(state.pendulum_angle)))
+
+
+def mass_matrix(robot: Robot, state: State) -> Array:
+    """Return A of eq. (6), mass and inertia; singular for a robot without a pendulum."""
+    cosine, sine = _levers(robot, state)
+    swing = robot.pendulum_inertia + robot.pendulum_mass * robot.pendulum_length**2
+    mass = robot.total_mass
+    return np.array([
+        [robot.ball_inertia + swing, swing, cosine, sine],
+        [swing, swing, cosine, sine],
+        [cosine, cosine, mass, 0.0],
+        [sine, sine, 0.0, mass]])
+
+
+def centrifugal_matrix(robot: Robot, state: State) -> Array:
+    """Return B of eq. (6), which multiplies the squares of the rates."""
+    cosine, sine = _levers(robot, state)
+    matrix = np.zeros((4, 4))
+    matrix[2, :2] = -sine
+    matrix[3, :2] = cosine
+    return matrix
+
+
+def coriolis_matrix(robot: Robot, state: State) -> Array:
+    """Return C of eq. (6), which multiplies the products of the rates."""
+    cosine, sine = _levers(robot, state)
+    matrix = np.zeros((4, 4))
+    matrix[2, 0] = -2.0 * sine
+    matrix[3, 0] = 2.0 * cosine
+    return matrix
+
+
+def friction_matrix(robot: Robot) -> Array:
+    """Return D of eq. (6), viscous friction; c2 acts on the relative rate theta2'."""
+    return np.diag([robot.rolling_friction, robot.joint_friction, 0.0, 0.0])
+
+
+def gravity_vector(robot: Robot, state: State) -> Array:
+    """Return G of eq. (6)."""
+    _, sine = _levers(robot, state)
+    return robot.gravity * np.array([sine, sine, 0.0, robot.total_mass])
+
+
+def accelerations_by_solve(robot: Robot, state: State, ball_torque: float, motor_torque: float,
+                           force_x: float, force_y: float) -> Array:
+    """
+    Return the accelerations of theta1, theta2, x and y: eq. (13).
+
+    Parameters
+    ----------
+    robot : Robot
+        With a pendulum.
+    state : State
+    ball_torque : float
+        tau1, of the contacts about the centre [N m].
+    motor_torque : float
+        tau2, of the pendulum motor [N m].
+    force_x, force_y : float
+        Of the contacts [N].
+
+    Raises
+    ------
+    ConfigurationError
+        If the robot has no pendulum: A is singular.
+
+    """
+    if not robot.has_pendulum:
+        raise ConfigurationError(
+            f'robot {robot.name!r} has no pendulum, so that the second row of A in eq. (6) is '
+            'zero; its equations are those of a rigid ball, see dynamics.derivative')
+    ball, joint, x, y = rates = np.array(
+        [state.ball_rate, state.joint_rate, state.velocity_x, state.velocity_y])
+    forces = np.array([ball_torque, motor_torque, force_x, force_y])
+    return np.linalg.solve(mass_matrix(robot, state), (
+        forces - centrifugal_matrix(robot, state) @ rates**2
+        - coriolis_matrix(robot, state) @ [ball * joint, joint * x, x * y, x * ball]
+        - friction_matrix(robot) @ rates - gravity_vector(robot, state)))

@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What all tests share; nothing here needs ROS."""
+import os
+
+import hypothesis
+import pytest
+
+from ballbot_ros.physics import load_robot
+
+# The first call of a compiled kernel may compile it, so no example has a deadline.  In CI the
+# same examples come each time: a red build is then a change of the code, not of luck.
+hypothesis.settings.register_profile('local', deadline=None)
+hypothesis.settings.register_profile('ci', deadline=None, derandomize=True)
+hypothesis.settings.load_profile('ci' if os.environ.get('CI') else 'local')
+
+
+@pytest.fixture(scope='session')
+def gimball():
+    """Return the ball with the pendulum."""
+    return load_robot('gimball')
+
+
+@pytest.fixture(scope='session')
+def shellball():
+    """Return the empty ball."""
+    return load_robot('shellball')
+
+
+@pytest.fixture(params=['gimball', 'shellball'])
+def robot(request):
+    """Return each robot of the package in turn."""
+    return load_robot(request.param)
