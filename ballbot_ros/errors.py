@@ -12,6 +12,7 @@ Everything that this package raises on purpose.
 
 Each message says what was wrong, the value, what is allowed and what to do.
 """
+from typing import Any
 
 
 class BallbotError(Exception):
@@ -39,8 +40,12 @@ class SimulationError(BallbotError, ArithmeticError):
         What went wrong, for instance ``'ball_rate is not finite'``.
     remedy : str
         What to change.
+    trajectory : Trajectory or None
+        What there is of the run that failed, where it was recorded.
 
     """
+
+    trajectory: Any = None
 
     def __init__(self, time: float, quantity: str, remedy: str):
         """Compose the message from its three parts."""

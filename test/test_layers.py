@@ -16,8 +16,10 @@ LAYERS = {
     'hardware': ('errors', 'helpers'),
     'decision': ('errors', 'helpers', 'physics', 'control'),
     'output': ('errors', 'helpers', 'physics', 'control', 'hardware', 'decision'),
-    'ros': ('errors', 'helpers', 'physics', 'control', 'hardware', 'decision', 'output'),
-    'nodes': ('errors', 'helpers', 'physics', 'control', 'hardware', 'decision', 'output', 'ros'),
+    'plant': ('errors', 'helpers', 'physics'),
+    'ros': ('errors', 'helpers', 'physics', 'control', 'hardware', 'decision', 'output', 'plant'),
+    'nodes': ('errors', 'helpers', 'physics', 'control', 'hardware', 'decision', 'output', 'plant',
+              'ros'),
 }
 LAYERS['cli'] = LAYERS['demo'] = (*LAYERS, 'cli', 'demo')
 

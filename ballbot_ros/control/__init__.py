@@ -7,10 +7,11 @@ from ballbot_ros.control.linear import (
 from ballbot_ros.control.sampled import (
     check_loop, growth_rate, is_stable, loop_poles, lowest_stable_rate)
 from ballbot_ros.control.signals import JointReadings, Mode, SetPoint
+from ballbot_ros.control.supervised import SupervisedController, Supervision
 from ballbot_ros.control.tuning import ControlTuning, load_tuning
 
 __all__ = [
     'check_loop', 'ControlTuning', 'growth_rate', 'held_acceleration', 'is_stable',
     'JointReadings', 'linear_rolling', 'load_tuning', 'loop_poles', 'lowest_stable_rate',
     'Mode', 'PendulumController', 'RateMonitor', 'rolling_accelerations', 'SetPoint',
-    'Watchdog']
+    'SupervisedController', 'Supervision', 'Watchdog']

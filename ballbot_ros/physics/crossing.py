@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Does the ball get over a step, and how high a step can it get over?
+Tell whether the ball gets over a step, and how high a step it gets over.
 
 The ball starts a hair before it touches the step, rolling without slip at the given speed:
 the *collision speed* is the speed of the centre at first touch.  It is *over* once its
@@ -9,6 +9,7 @@ past its start.  The first attempt counts.
 """
 from dataclasses import replace
 import math
+from typing import Any
 
 import numpy as np
 
@@ -45,8 +46,9 @@ OVER, BACK, UNDECIDED = range(3)
 
 
 @compiled
-def run_crossing(method, time, state, step, steps, face_x, upper_y, back_x, robot, ground,
-                 drive, table, work):
+def run_crossing(method: int, time: float, state: Any, step: float, steps: int, face_x: float,
+                 upper_y: float, back_x: float, robot: Any, ground: Any, drive: Any, table: Any,
+                 work: Any) -> tuple:
     """
     Advance `state` in place until the ball is over the step, or back, or time is up.
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
+r"""
 Equations of motion of the ball and its pendulum: eqs. (3)-(6) and (13), solved by hand.
 
 ::
@@ -7,9 +7,9 @@ Equations of motion of the ball and its pendulum: eqs. (3)-(6) and (13), solved 
           y ^        phi = theta1 + theta2: absolute angle of the pendulum,
             |              0 hanging down, + towards +x
             |   ___        theta1: ball angle     all angles counter-clockwise positive
-            | /     \\      theta2 = phi - theta1: joint angle, what an encoder reads
+            | /     \      theta2 = phi - theta1: joint angle, what an encoder reads
             ||   o   |
-            | \\  |\\ /   e: pendulum length
+            | \  |\ /   e: pendulum length
         ____|__‾‾|‾*‾____________> x          rolling forward (to +x) turns the ball
                  phi                           clockwise: ball_rate = -v / R < 0
 

@@ -114,7 +114,7 @@ def read_terrain(section: Any, where: str) -> Terrain:
             refuse_unknown(section, names, where)
             if 'vertices' not in section:
                 raise ConfigurationError('vertices is missing: a list of [x, y] pairs [m]')
-            return Terrain(*(section.get(name) for name in names))
+            return Terrain(section['vertices'], *(section.get(name) for name in names[1:]))
         if not isinstance(section, list) or not section:
             raise ConfigurationError(
                 f'expected a list of pieces or a mapping with vertices, got {section!r}')

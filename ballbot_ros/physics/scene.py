@@ -91,9 +91,18 @@ SECTIONS = ('robot', 'robot_changes', 'terrain', 'initial', 'actuation', 'durati
             'output_step', 'solver', 'contact')
 
 
-def load_scene(name_or_path: str) -> Scene:
+def load_scene(name_or_path: str, robot: Optional[str] = None,
+               solver: Optional[Solver] = None) -> Scene:
     """
     Read a scene that comes with the package, by name, or a file of one's own.
+
+    Parameters
+    ----------
+    name_or_path : str
+    robot : str, optional
+        Name or file of a robot to put in place of the scene's.
+    solver : Solver, optional
+        To use instead of the scene's.
 
     Raises
     ------
@@ -102,7 +111,13 @@ def load_scene(name_or_path: str) -> Scene:
 
     """
     path = find_config('scenes', name_or_path)
-    return read_scene(read_yaml(path), str(path), Path(path).stem)
+    content = dict(read_yaml(path))
+    if robot is not None:
+        content['robot'] = robot
+    scene = read_scene(content, str(path), Path(path).stem)
+    if solver is None:
+        return scene
+    return replace(scene, model=replace(scene.model, solver=solver))
 
 
 def read_scene(content: Mapping[str, Any], where: str, name: str) -> Scene:

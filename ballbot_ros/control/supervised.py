@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pendulum controller among unreliable neighbours: old set-points, slow states, new time."""
+from dataclasses import dataclass
+from typing import List, Optional
+
+from ballbot_ros.control.controller import PendulumController
+from ballbot_ros.control.freshness import RateMonitor
+from ballbot_ros.control.signals import JointReadings, Mode, SetPoint
+from ballbot_ros.errors import MessageError
+
+# A set-point stamped further ahead of the joint states than this is of another clock [s].
+SKEW = 1.0
+# Measured rates are this uncertain.
+RATE_SLACK = 0.98
+# Stamps are rounded to the nanosecond; this is well above and well below any period [s].
+ROUNDING = 1e-6
+
+
+@dataclass(frozen=True)
+class Supervision:
+    """
+    What is expected of the neighbours.
+
+    Attributes
+    ----------
+    lowest_rate : float
+        Joint states must come at least this often, or the loop diverges [Hz].
+    set_point_timeout : float
+        Age at which a set-point is not followed any more [s]; 0 for never.
+    set_point_period : float
+        In lockstep, a state is answered only with the set-point of its own period [s];
+        0 outside lockstep.
+
+    """
+
+    lowest_rate: float = 0.0
+    set_point_timeout: float = 0.0
+    set_point_period: float = 0.0
+
+
+class SupervisedController:
+    """
+    Answers joint states with torque, or with none where that would not be safe.
+
+    All time is that of the stamps.  What a person should know is collected in `notices`.
+
+    Parameters
+    ----------
+    controller : PendulumController
+    supervision : Supervision
+
+    Attributes
+    ----------
+    notices : list of str
+        To be logged and cleared by the owner.
+    too_slow : bool
+        The joint states come too rarely: torque is held at 0.
+
+    """
+
+    def __init__(self, controller: PendulumController, supervision: Supervision):
+        """Start idle."""
+        self._controller = controller
+        self._expected = supervision
+        self._rate = RateMonitor()
+        self._newest: Optional[JointReadings] = None
+        self._waiting: Optional[JointReadings] = None
+        self._let_down = False
+        self.notices: List[str] = []
+        self.too_slow = False
+
+    @property
+    def set_point(self) -> SetPoint:
+        """Return the set-point in force."""
+        return self._controller.set_point
+
+    @property
+    def rate(self) -> Optional[float]:
+        """Return the median rate of the joint states [Hz], None before there are two."""
+        return self._rate.rate
+
+    @property
+    def time(self) -> float:
+        """Return the stamp of the newest joint state, 0 before there is one [s]."""
+        return self._newest.stamp if self._newest else 0.0
+
+    def give(self, set_point: SetPoint) -> None:
+        """
+        Take a set-point.
+
+        Raises
+        ------
+        MessageError
+            With reason ``stale`` or ``from_the_future``.
+
+        """
+        ahead = set_point.stamp - self.time
+        if self._newest is not None and ahead > SKEW:
+            raise MessageError(
+                'from_the_future', f'set-point of {set_point.stamp:.3f} s refused: the joint '
+                f'states are of {self.time:.3f} s; is one of them stamped with wall time?')
+        timeout = self._expected.set_point_timeout
+        if self._newest is not None and timeout and -ahead > timeout:
+            raise MessageError(
+                'stale', f'set-point of {set_point.stamp:.3f} s refused: the joint states are '
+                f'of {self.time:.3f} s, more than {timeout:g} s later')
+        self._controller.give(set_point)
+        self._let_down = False
+
+    def take(self, readings: JointReadings) -> None:
+        """Note a joint state; `answer` then tells the torque for it."""
+        if self._newest is not None and readings.stamp < self._newest.stamp:
+            self.notices.append(
+                f'time went back from {self._newest.stamp:.3f} s to {readings.stamp:.3f} s: '
+                'set-point and integral are forgotten')
+            self._controller.reset()
+        self._rate.add(readings.stamp)
+        self._newest = self._waiting = readings
+
+    def answer(self) -> Optional[float]:
+        """
+        Return the torque for the newest joint state [N m].
+
+        Returns
+        -------
+        float or None
+            None if it was answered already, or its set-point is still to come.
+
+        """
+        readings = self._waiting
+        if readings is None or self._too_early(readings.stamp):
+            return None
+        self._waiting = None
+        self._check_age(readings.stamp)
+        slow = self.rate is not None and self.rate < RATE_SLACK * self._expected.lowest_rate
+        if slow and not self.too_slow:
+            self.notices.append(
+                f'joint states come at {self.rate:.0f} Hz and these gains need '
+                f'{self._expected.lowest_rate:.0f} Hz: torque is 0; raise the rate or choose '
+                'another tuning')
+        self.too_slow = slow
+        torque = self._controller.torque(readings)
+        return 0.0 if slow else torque
+
+    def _too_early(self, stamp: float) -> bool:
+        """In lockstep: tell whether the set-point of this state's period is missing."""
+        period = self._expected.set_point_period
+        if not period:
+            return False
+        given = self.set_point.stamp
+        return not given - ROUNDING <= stamp < given + period - ROUNDING
+
+    def _check_age(self, stamp: float) -> None:
+        """Let the pendulum down when nobody renews the set-point."""
+        timeout = self._expected.set_point_timeout
+        current = self.set_point
+        if not timeout or self._let_down or current.mode is Mode.IDLE \
+                or not stamp - current.stamp > timeout + ROUNDING:
+            return
+        self._let_down = True
+        self._controller.give(SetPoint(Mode.HOLD, 0.0, current.stamp))
+        self.notices.append(
+            f'no new set-point for {timeout:g} s at t = {stamp:.3f} s: the pendulum is let down; '
+            f'publish set-points at {2.0 / timeout:.0f} Hz or more')

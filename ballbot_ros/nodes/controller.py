@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node ``controller``: joint states and set-points in, pendulum torque out."""
+from collections import Counter
+from dataclasses import replace
+import sys
+import time
+from typing import Any, Callable, List, Optional, Tuple
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import TwistStamped
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from ballbot_ros.control import (
+    check_loop, load_tuning, lowest_stable_rate, Mode, PendulumController, SetPoint,
+    SupervisedController, Supervision, Watchdog)
+from ballbot_ros.errors import MessageError
+from ballbot_ros.physics.actuation import set_rate_for_speed
+from ballbot_ros.physics.robot import load_robot
+from ballbot_ros.ros import diagnostics, qos
+from ballbot_ros.ros.conversions import command_message, readings, set_point, to_seconds
+from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.run import run
+from ballbot_ros.ros.settings import ControllerSettings
+
+
+class Controller(Node):
+    """Runs laws (11) and (12); see `ControllerSettings` for what can be set."""
+
+    def __init__(self, **kwargs: Any):
+        """Refuse a loop that would diverge, then wait for joint states."""
+        super().__init__('controller', **kwargs)
+        settings = declare(self, ControllerSettings)
+        self._robot = load_robot(settings.robot)
+        tuning = load_tuning(settings.tuning)
+        if settings.torque_limit > 0.0:
+            tuning = replace(tuning, torque_limit=settings.torque_limit)
+        controller = PendulumController(self._robot, tuning)
+        laws = (Mode.HOLD, Mode.DRIVE)
+        for law in laws:
+            check_loop(self._robot, tuning, law, settings.rate, settings.delay)
+        lowest = max(lowest_stable_rate(self._robot, tuning, law, settings.delay)
+                     for law in laws)
+        self._controller = SupervisedController(controller, Supervision(
+            lowest, settings.set_point_timeout, settings.lockstep_set_point_period))
+        self._watchdog = Watchdog(settings.state_timeout)
+        self._newest = self._answered = Time()
+        self._torque = 0.0
+        self._refused: Counter = Counter()
+        self._commands = self.create_publisher(JointState, 'joint_commands', qos.NEWEST)
+        self.create_subscription(JointState, 'joint_states', self._on_state, qos.NEWEST)
+        self.create_subscription(JointState, 'set_point', self._on_set_point, qos.NEWEST)
+        self.create_subscription(TwistStamped, 'cmd_vel', self._on_cmd_vel, qos.NEWEST)
+        self._diagnostics = diagnostics.Diagnostics(self, 'pendulum', self._health)
+        self.create_timer(settings.state_timeout / 4, self._watch,
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.get_logger().info(f'these gains need joint states at {lowest:.0f} Hz or more')
+
+    def _on_state(self, message: JointState) -> None:
+        """Answer a joint state with a command that carries its stamp."""
+        def take() -> None:
+            self._controller.take(readings(message))
+            self._newest = message.header.stamp
+            if not self._watchdog.fed:
+                self.get_logger().info('joint states have arrived')
+            self._watchdog.feed(time.monotonic())
+        if self._guard('joint state', take):
+            self._answer()
+
+    def _on_set_point(self, message: JointState) -> None:
+        """Follow a set-point; one without a stamp counts from the newest joint state."""
+        def give() -> None:
+            asked = set_point(message)
+            self._controller.give(
+                asked if asked.stamp else replace(asked, stamp=self._controller.time))
+        if self._guard('set-point', give):
+            self._answer()
+
+    def _on_cmd_vel(self, message: TwistStamped) -> None:
+        """Drive at a forward speed by law (12), with the joint rate v / R."""
+        def give() -> None:
+            rate = set_rate_for_speed(self._robot, message.twist.linear.x)
+            stamp = to_seconds(message.header.stamp) or self._controller.time
+            self._controller.give(SetPoint(Mode.DRIVE, rate, stamp))
+        if self._guard('cmd_vel', give):
+            self._answer()
+
+    def _guard(self, what: str, act: Callable[[], None]) -> bool:
+        """Do something with a message; count and tell a refusal, and return False then."""
+        try:
+            act()
+        except (MessageError, ValueError) as error:
+            self._refused[getattr(error, 'reason', 'not_finite')] += 1
+            self.get_logger().warning(f'{what} refused: {error}', throttle_duration_sec=1.0)
+            return False
+        return True
+
+    def _answer(self) -> None:
+        torque = self._controller.answer()
+        if torque is not None:
+            self._answered = self._newest
+            self._command(torque)
+        while self._controller.notices:
+            self.get_logger().warning(self._controller.notices.pop(0))
+
+    def _command(self, torque: float) -> None:
+        # Never stamped with a state that is still to be answered: in lockstep a zero from the
+        # watchdog would otherwise pass for its answer.
+        self._torque = torque
+        self._commands.publish(command_message(self._answered, torque))
+
+    def _watch(self) -> None:
+        """Take the torque away when no joint state comes any more."""
+        if self._watchdog.fed and self._watchdog.expired(time.monotonic()) and self._torque:
+            self._command(0.0)
+            self.get_logger().warning(
+                f'no joint state for {self._watchdog.timeout:g} s: torque is 0; has the '
+                'simulator or the bridge stopped?')
+            self._diagnostics.publish()
+
+    def make_safe(self) -> None:
+        """Leave no torque behind."""
+        if self._watchdog.fed:
+            self._command(0.0)
+
+    def _health(self) -> Tuple[bytes, str, dict]:
+        """Return level, message and numbers for /diagnostics."""
+        now = self._controller.set_point
+        values = {
+            'mode': now.mode.value, 'set_value': f'{now.value:.4f}',
+            'torque': f'{self._torque:.4f}', 'state_rate': f'{self._controller.rate or 0.0:.1f}',
+            'messages_refused': sum(self._refused.values()),
+            **{f'refused_{reason}': number for reason, number in self._refused.items()}}
+        if not self._watchdog.fed:
+            return diagnostics.WARN, 'waiting for joint_states', values
+        if self._watchdog.expired(time.monotonic()):
+            return diagnostics.WARN, 'no joint_states any more, torque is 0', values
+        if self._controller.too_slow:
+            return diagnostics.ERROR, 'joint_states come too rarely, torque is 0', values
+        if self._refused:
+            return diagnostics.WARN, 'running; messages were refused', values
+        return diagnostics.OK, 'running', values
+
+
+def main(args: Optional[List[str]] = None) -> int:
+    """Run the node."""
+    return run(Controller, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

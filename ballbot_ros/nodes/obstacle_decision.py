@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node ``obstacle_decision``: what to do about the step ahead, and a set-point for it."""
+from collections import Counter, deque
+import sys
+from typing import Any, Deque, List, Optional, Tuple
+
+from builtin_interfaces.msg import Time
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from ballbot_ros.decision import (
+    check_decision, decide, Decision, Kind, lean, load_curve, load_decision_tuning, Motion,
+    Sighting, StepTracker)
+from ballbot_ros.msg import StepDecision, StepObservation
+from ballbot_ros.physics.robot import load_robot
+from ballbot_ros.ros import diagnostics, qos
+from ballbot_ros.ros.conversions import (
+    decision_message, motion, observation, set_point_message, to_seconds)
+from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.run import run
+from ballbot_ros.ros.settings import DecisionSettings
+
+# So many messages are kept while the other topic lags behind.
+KEPT = 50
+
+
+class ObstacleDecision(Node):
+    """
+    Decides and drives; see `DecisionSettings` for what can be set.
+
+    An observation is judged with the first odometry that is not older than it, so that the
+    answer depends on stamps alone and not on which message happened to arrive first.
+    """
+
+    def __init__(self, **kwargs: Any):
+        """Check that robot, curve and tuning belong together, then wait."""
+        super().__init__('obstacle_decision', **kwargs)
+        settings = declare(self, DecisionSettings)
+        self._robot = load_robot(settings.robot)
+        self._curve = load_curve(settings.curve)
+        self._tuning = load_decision_tuning(settings.tuning)
+        check_decision(self._robot, self._curve, self._tuning)
+        self._tracker = StepTracker(self._robot, self._tuning)
+        self._sighting: Optional[Sighting] = None
+        self._decision: Optional[Decision] = None
+        self._odometry: Deque[Odometry] = deque(maxlen=KEPT)
+        self._waiting: Deque[StepObservation] = deque(maxlen=KEPT)
+        self._answers: Counter = Counter()
+        self._decisions = self.create_publisher(StepDecision, 'step_decision', qos.LATCHED)
+        self._set_points = self.create_publisher(JointState, 'set_point', qos.NEWEST)
+        self.create_subscription(
+            StepObservation, 'step_observation', self._on_observation, qos.SHORT)
+        self.create_subscription(Odometry, 'odom', self._on_odometry, qos.SHORT)
+        self._diagnostics = diagnostics.Diagnostics(self, 'decision', self._health)
+
+    def _on_observation(self, message: StepObservation) -> None:
+        self._waiting.append(message)
+        self._work()
+
+    def _on_odometry(self, message: Odometry) -> None:
+        if self._odometry and _key(message) < _key(self._odometry[-1]):
+            self.get_logger().warning('time went back: everything seen so far is forgotten')
+            self._odometry.clear()
+            self._waiting.clear()
+            self._tracker.reset()
+            self._sighting = self._decision = None
+        self._odometry.append(message)
+        self._work()
+        self._notice_silence(message)
+
+    def _work(self) -> None:
+        """Answer each observation for which there is odometry."""
+        while self._waiting:
+            seen = self._waiting[0]
+            after = [item for item in self._odometry if _key(item) >= _key(seen)]
+            if not after:
+                return
+            self._waiting.popleft()
+            now = motion(after[0])
+            self._sighting = self._tracker.update(observation(seen), now.position)
+            self._decide(seen.header.stamp, now)
+
+    def _notice_silence(self, message: Odometry) -> None:
+        """Stop when observations stay away while odometry goes on."""
+        if self._waiting or self._decision is None or self._sighting is None:
+            return
+        silence = to_seconds(message.header.stamp) - self._sighting.stamp
+        if silence > self._tuning.observation_timeout:
+            self._decide(message.header.stamp, motion(message))
+
+    def _decide(self, stamp: Time, now: Motion) -> None:
+        """Decide, say so, and drive accordingly."""
+        before = self._decision
+        self._decision = decision = decide(
+            self._sighting, now, before, robot=self._robot, curve=self._curve,
+            tuning=self._tuning)
+        self._answers[decision.kind.value] += 1
+        self._decisions.publish(decision_message(stamp, decision))
+        angle = lean(decision, now.speed, self._robot, self._tuning)
+        # Stamped with the observation: in lockstep this tells which period it is for.
+        self._set_points.publish(set_point_message(stamp, angle))
+        if before is None or (before.kind, before.reason) != (decision.kind, decision.reason):
+            self.get_logger().info(f'{decision.kind.name}: {decision.explanation}')
+
+    def make_safe(self) -> None:
+        """Let the pendulum down."""
+        if self._decision is not None and self._odometry:
+            self._set_points.publish(
+                set_point_message(self._odometry[-1].header.stamp, 0.0))
+
+    def _health(self) -> Tuple[bytes, str, dict]:
+        """Return level, message and numbers for /diagnostics."""
+        values = {f'decided_{kind}': number for kind, number in self._answers.items()}
+        if self._decision is None:
+            return diagnostics.WARN, 'waiting for step_observation and odom', values
+        values['set_speed'] = f'{self._decision.set_speed:.3f}'
+        refused = self._sighting is not None and self._sighting.trouble is not None
+        level = diagnostics.WARN if refused or self._decision.kind is Kind.STOP \
+            else diagnostics.OK
+        return level, self._decision.explanation, values
+
+
+def _key(message: Any) -> Tuple[int, int]:
+    """Return a stamp for exact comparison."""
+    return message.header.stamp.sec, message.header.stamp.nanosec
+
+
+def main(args: Optional[List[str]] = None) -> int:
+    """Run the node."""
+    return run(ObstacleDecision, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which command the motor follows: the newest fresh one, or none."""
+from collections import Counter
+import math
+from typing import Optional
+
+from ballbot_ros.errors import ConfigurationError, MessageError
+
+# Clocks of sender and receiver may differ by this much before a stamp counts as "from the
+# future" [s].
+SKEW = 0.05
+
+
+class CommandGate:
+    """
+    Takes torque commands, refuses bad ones with a reason, and forgets old ones.
+
+    All times are of one clock and passed in.
+
+    Parameters
+    ----------
+    timeout : float
+        A command older than this is not followed any more [s].
+
+    Attributes
+    ----------
+    accepted : int
+    refused : Counter
+        By reason.
+
+    """
+
+    def __init__(self, timeout: float):
+        """Start without a command."""
+        if not (timeout > 0.0 and math.isfinite(timeout)):
+            raise ConfigurationError(
+                f'command_timeout must be above 0 s and finite, got {timeout!r}')
+        self.timeout = timeout
+        self.accepted = 0
+        self.refused: Counter = Counter()
+        self.stamp: Optional[float] = None
+        self._torque = 0.0
+
+    def offer(self, torque: float, stamp: float, now: float) -> None:
+        """
+        Take a command.
+
+        Parameters
+        ----------
+        torque : float
+            [N m]
+        stamp : float
+            Of the state that it answers [s].
+        now : float
+            [s]
+
+        Raises
+        ------
+        MessageError
+            With reason ``not_finite``, ``stale``, ``from_the_future`` or ``out_of_order``;
+            it is counted, and the command in force stays.
+
+        """
+        try:
+            self._check(torque, stamp, now)
+        except MessageError as error:
+            self.refused[error.reason] += 1
+            raise
+        self.accepted += 1
+        self.stamp, self._torque = stamp, torque
+
+    def refuse(self, reason: str) -> None:
+        """Count a command that did not even get here."""
+        self.refused[reason] += 1
+
+    def _check(self, torque: float, stamp: float, now: float) -> None:
+        if not math.isfinite(torque):
+            raise MessageError('not_finite', f'effort must be a finite torque, got {torque!r}')
+        age = now - stamp
+        if not age <= self.timeout:
+            raise MessageError(
+                'stale', f'the command answers a state of {stamp:.3f} s and it is {now:.3f} s: '
+                f'older than {self.timeout:g} s; stamp commands with the stamp of the '
+                'joint_states they answer')
+        if age < -SKEW:
+            raise MessageError(
+                'from_the_future', f'the command is stamped {stamp:.3f} s and it is {now:.3f} s '
+                'here: does the sender use wall time instead of simulated time?')
+        if self.stamp is not None and stamp < self.stamp:
+            raise MessageError(
+                'out_of_order', f'the command is stamped {stamp:.6f} s, one of '
+                f'{self.stamp:.6f} s came before')
+
+    def torque(self, now: float) -> float:
+        """Return the torque to apply at `now` [N m]: 0 without a fresh command."""
+        if self.stamp is None or now - self.stamp > self.timeout:
+            return 0.0
+        return self._torque
+
+    def expired(self, now: float) -> bool:
+        """Tell whether there was a command and it has become too old."""
+        return self.stamp is not None and now - self.stamp > self.timeout
+
+    def clear(self) -> None:
+        """Forget the command in force; the counts stay."""
+        self.stamp, self._torque = None, 0.0

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Keep simulated time beside wall time, and say so honestly when that fails."""
+import math
+
+from ballbot_ros.errors import ConfigurationError
+
+
+def periods_per(slow_rate: float, base_rate: float, name: str) -> int:
+    """
+    Return how many periods of the base rate make one of the slow rate.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is not a whole number; the message names rates near by that fit.
+
+    """
+    ratio = base_rate / slow_rate
+    periods = round(ratio)
+    if periods < 1 or abs(ratio - periods) > 1e-9 * ratio:
+        above = base_rate / max(1, math.floor(ratio))
+        below = base_rate / (max(1, math.floor(ratio)) + 1)
+        raise ConfigurationError(
+            f'{name} must divide control_rate ({base_rate:g} Hz) into a whole number of '
+            f'periods, got {slow_rate:g} Hz; {below:g} Hz and {above:g} Hz do')
+    return periods
+
+
+class Pace:
+    """
+    Tells how many control periods are due by the wall clock.
+
+    When the machine is too slow, at most `most` periods are caught up per call; the rest is
+    given up and counted, so that simulated time falls behind instead of spiralling.
+
+    Parameters
+    ----------
+    period : float
+        Simulated time of a control period [s].
+    factor : float
+        Simulated seconds per wall second, above 0.
+    most : int
+        Periods per call.
+
+    Attributes
+    ----------
+    dropped : int
+        Periods given up so far.
+
+    """
+
+    def __init__(self, period: float, factor: float, most: int = 10):
+        """Start unhurried: nothing is due before the first `restart`."""
+        self._wall_period = period / factor
+        self._most = most
+        self._origin = math.inf
+        self._done = 0
+        self.dropped = 0
+
+    def restart(self, now: float) -> None:
+        """Count from `now` [s of wall time], after a pause for instance."""
+        self._origin = now
+        self._done = 0
+
+    def due(self, now: float) -> int:
+        """Return how many periods to run at `now` [s of wall time]."""
+        if not math.isfinite(self._origin):
+            self.restart(now)
+        wanted = math.floor((now - self._origin) / self._wall_period) - self._done
+        if wanted <= 0:
+            return 0
+        # What goes beyond the cap is lost for good: count it as done.
+        self._done += wanted
+        self.dropped += max(0, wanted - self._most)
+        return min(wanted, self._most)
+
+
+class Speedometer:
+    """Measures the real-time factor over a window of wall time."""
+
+    def __init__(self, window: float = 1.0):
+        """Start with nothing measured."""
+        self._window = window
+        self._mark = (math.nan, math.nan)
+        self.factor = math.nan
+
+    def note(self, simulated: float, wall: float) -> None:
+        """Take a reading of both clocks [s]."""
+        since_simulated, since_wall = self._mark
+        if math.isnan(since_wall):
+            self._mark = (simulated, wall)
+        elif wall - since_wall >= self._window:
+            self.factor = (simulated - since_simulated) / (wall - since_wall)
+            self._mark = (simulated, wall)

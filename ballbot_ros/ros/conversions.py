@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Between messages and the values of the pure layers; every message is checked here."""
+import math
+from typing import Sequence
+
+from builtin_interfaces.msg import Time
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState
+
+from ballbot_ros.control import JointReadings, Mode, SetPoint
+from ballbot_ros.decision import Decision, Kind, Motion, Reason, StepObservation
+from ballbot_ros.errors import MessageError
+from ballbot_ros.msg import BallState, Contact, StepDecision
+from ballbot_ros.msg import StepObservation as StepObservationMsg
+from ballbot_ros.physics.model import Model, State
+
+SHELL, PENDULUM = 'shell', 'pendulum'
+JOINTS = [SHELL, PENDULUM]
+
+
+def to_time(seconds: float) -> Time:
+    """Return a stamp, rounded to the nanosecond."""
+    nanoseconds = round(seconds * 1e9)
+    return Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+
+
+def to_seconds(stamp: Time) -> float:
+    """Return a stamp in seconds."""
+    return stamp.sec + 1e-9 * stamp.nanosec
+
+
+def _joint_value(message: JointState, joint: str, values: Sequence[float], what: str) -> float:
+    """Return the entry of one joint; raise `MessageError` where there is none."""
+    if joint not in message.name:
+        raise MessageError(
+            'unknown_joint', f'joint {joint!r} is missing, the message names '
+            f'{list(message.name)}')
+    if len(values) != len(message.name):
+        raise MessageError(
+            'wrong_length', f'{what} has {len(values)} entries for {len(message.name)} joints')
+    return float(values[message.name.index(joint)])
+
+
+def command_torque(message: JointState) -> float:
+    """
+    Return the torque of a joint command [N m].
+
+    Raises
+    ------
+    MessageError
+        With reason ``unknown_joint``, ``wrong_length`` or ``unsupported``.
+
+    """
+    for what in ('position', 'velocity'):
+        given = [value for value in getattr(message, what) if not math.isnan(value)]
+        if given:
+            raise MessageError(
+                'unsupported', f'{what} commands are not followed here, only effort; leave '
+                f'{what} empty or NaN, or send set-points to the controller')
+    return _joint_value(message, PENDULUM, message.effort, 'effort')
+
+
+def command_message(stamp: Time, torque: float) -> JointState:
+    """Return a joint command for the pendulum; its stamp is that of the state it answers."""
+    message = JointState(name=[PENDULUM], effort=[torque])
+    message.header.stamp = stamp
+    return message
+
+
+def joint_state_message(state: State, torque: float, has_pendulum: bool) -> JointState:
+    """Return shell and pendulum as joints: theta1, and theta2 relative to the shell."""
+    message = JointState()
+    message.header.stamp = to_time(state.time)
+    if has_pendulum:
+        message.name = JOINTS
+        message.position = [state.ball_angle, state.joint_angle]
+        message.velocity = [state.ball_rate, state.joint_rate]
+        message.effort = [0.0, torque]
+    else:
+        message.name = [SHELL]
+        message.position, message.velocity = [state.ball_angle], [state.ball_rate]
+        message.effort = [0.0]
+    return message
+
+
+def readings(message: JointState) -> JointReadings:
+    """
+    Return what the controller needs of a joint state.
+
+    Raises
+    ------
+    MessageError
+        If a joint is missing, the lengths do not fit or a number is not finite.
+
+    """
+    return JointReadings(
+        to_seconds(message.header.stamp),
+        _joint_value(message, SHELL, message.position, 'position'),
+        _joint_value(message, PENDULUM, message.position, 'position'),
+        _joint_value(message, SHELL, message.velocity, 'velocity'),
+        _joint_value(message, PENDULUM, message.velocity, 'velocity'))
+
+
+def set_point(message: JointState) -> SetPoint:
+    """
+    Return the set-point that a joint state asks for.
+
+    A position of the joint ``pendulum`` is an absolute pendulum angle for law (11), a
+    velocity a joint rate for law (12); neither means no torque.  NaN counts as not given.
+
+    Raises
+    ------
+    MessageError
+        If both are given, the joint is missing or a number is infinite.
+
+    """
+    stamp = to_seconds(message.header.stamp)
+    given = {}
+    for mode, what in ((Mode.HOLD, 'position'), (Mode.DRIVE, 'velocity')):
+        values = getattr(message, what)
+        if len(values):
+            value = _joint_value(message, PENDULUM, values, what)
+            if not math.isnan(value):
+                given[mode] = value
+    if len(given) > 1:
+        raise MessageError(
+            'contradictory', 'a set-point is a position, for law (11), or a velocity, for law '
+            '(12), not both; leave one empty')
+    for mode, value in given.items():
+        return SetPoint(mode, value, stamp)
+    return SetPoint(Mode.IDLE, 0.0, stamp)
+
+
+def set_point_message(stamp: Time, angle: float) -> JointState:
+    """Return a set-point for law (11): an absolute pendulum angle [rad]."""
+    message = JointState(name=[PENDULUM], position=[angle])
+    message.header.stamp = stamp
+    return message
+
+
+def odometry_message(state: State) -> Odometry:
+    """Return the pose and velocity of the level, non-rolling frame at the ball centre."""
+    message = Odometry(child_frame_id='base_link')
+    message.header.frame_id = 'odom'
+    message.header.stamp = to_time(state.time)
+    message.pose.pose.position.x = state.x
+    message.pose.pose.position.z = state.y
+    message.twist.twist.linear.x = state.velocity_x
+    message.twist.twist.linear.z = state.velocity_y
+    return message
+
+
+def motion(message: Odometry) -> Motion:
+    """Return position and speed along x."""
+    return Motion(to_seconds(message.header.stamp), message.pose.pose.position.x,
+                  message.twist.twist.linear.x)
+
+
+def ball_state_message(state: State, torque: float, model: Model) -> BallState:
+    """Return everything that is known about a state."""
+    energies = model.energies(state)
+    absent = None if model.robot.has_pendulum else math.nan
+    message = BallState(
+        x=state.x, y=state.y, ball_angle=state.ball_angle,
+        pendulum_angle=state.pendulum_angle if absent is None else absent,
+        velocity_x=state.velocity_x, velocity_y=state.velocity_y, ball_rate=state.ball_rate,
+        pendulum_rate=state.pendulum_rate if absent is None else absent,
+        pendulum_torque=torque if absent is None else absent,
+        kinetic_energy=energies.kinetic, potential_energy=energies.potential,
+        contact_energy=energies.contact, dissipated_energy=state.dissipated_energy,
+        motor_work=state.motor_work,
+        contacts=[Contact(**touch._asdict()) for touch in model.touches(state)])
+    message.header.frame_id = 'odom'
+    message.header.stamp = to_time(state.time)
+    return message
+
+
+def observation(message: StepObservationMsg) -> StepObservation:
+    """Return an observation as the decision takes it; nothing is checked here."""
+    return StepObservation(
+        to_seconds(message.header.stamp), message.detected, message.distance, message.height,
+        message.distance_sd, message.height_sd)
+
+
+_KINDS = {Kind.CLEAR: StepDecision.CLEAR, Kind.CROSS: StepDecision.CROSS,
+          Kind.STOP: StepDecision.STOP, Kind.GO_ROUND: StepDecision.GO_ROUND}
+
+
+def decision_message(stamp: Time, decision: Decision) -> StepDecision:
+    """Return a decision as a message."""
+    message = StepDecision(
+        decision=_KINDS[decision.kind],
+        reason=getattr(StepDecision, Reason(decision.reason).name),
+        speed=decision.set_speed, required_speed=decision.required_speed,
+        reachable_speed=decision.reachable_speed,
+        height=0.0 if math.isnan(decision.height) else decision.height,
+        height_margin=decision.height_margin, distance=decision.distance,
+        explanation=decision.explanation)
+    message.header.stamp = stamp
+    return message

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A node's health on /diagnostics, once a second and at once when it changes."""
+from typing import Callable, Mapping, Tuple
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+OK = DiagnosticStatus.OK
+WARN = DiagnosticStatus.WARN
+ERROR = DiagnosticStatus.ERROR
+
+Health = Tuple[bytes, str, Mapping[str, object]]
+
+
+class Diagnostics:
+    """
+    Publishes what `report` returns: level, message, and named values.
+
+    Parameters
+    ----------
+    node : Node
+    name : str
+        Of the status, after the name of the node.
+    report : callable
+        Called at each publication.
+    period : float
+        [s] of wall time: health is told while simulated time stands still, too.
+
+    """
+
+    def __init__(self, node: Node, name: str, report: Callable[[], Health], period: float = 1.0):
+        """Start telling."""
+        self._node = node
+        self._name = f'{node.get_fully_qualified_name().lstrip("/")}: {name}'
+        self._report = report
+        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._timer = node.create_timer(
+            period, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def publish(self) -> None:
+        """Tell now."""
+        level, message, values = self._report()
+        status = DiagnosticStatus(
+            level=level, name=self._name, message=message, hardware_id='ballbot',
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(array)

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the simulator tells the world, each at its own rate."""
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+
+from ballbot_ros.msg import BallState, StepObservation
+from ballbot_ros.plant import periods_per, Plant, Sensor
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.conversions import (
+    ball_state_message, joint_state_message, odometry_message, to_time)
+from ballbot_ros.ros.settings import SimulatorSettings
+
+try:
+    from geometry_msgs.msg import TransformStamped
+    from tf2_msgs.msg import TFMessage
+except ImportError:  # not among the wheels; part of every ROS 2 installation
+    TFMessage = None
+
+
+class Outputs:
+    """
+    Publishes the state of a plant.
+
+    /clock goes out first, so that nothing is stamped in a future that receivers have not
+    heard of; joint_states goes out last, because in lockstep its answer ends the period.
+
+    Parameters
+    ----------
+    node : Node
+    plant : Plant
+    sensor : Sensor
+    settings : SimulatorSettings
+
+    Raises
+    ------
+    ConfigurationError
+        If a rate does not divide the control rate.
+
+    """
+
+    def __init__(self, node: Node, plant: Plant, sensor: Sensor, settings: SimulatorSettings):
+        """Create the publishers."""
+        self._plant, self._sensor = plant, sensor
+        rates = ('clock_rate', 'odom_rate', 'observation_rate', 'ball_state_rate')
+        every = [periods_per(getattr(settings, rate), settings.control_rate, rate)
+                 for rate in rates]
+        self._schedule = list(zip(every, (
+            self._tell_clock, self._tell_odometry, self._tell_observation, self._tell_ball)))
+        self._observation_periods = every[2]
+        self._clock = node.create_publisher(Clock, '/clock', qos.CLOCK)
+        self._odometry = node.create_publisher(Odometry, 'odom', qos.STATE)
+        self._observation = node.create_publisher(
+            StepObservation, 'step_observation', qos.STATE)
+        self._ball = node.create_publisher(BallState, 'ball_state', qos.STATE)
+        self._joints = node.create_publisher(JointState, 'joint_states', qos.STATE)
+        self._transforms = None
+        if TFMessage is None:
+            node.get_logger().info('tf2_msgs is not installed: no /tf from odom to base_link')
+        else:
+            self._transforms = node.create_publisher(TFMessage, '/tf', qos.STATE)
+
+    def publish(self) -> None:
+        """Tell the present state, as far as its turn has come."""
+        for every, tell in self._schedule:
+            if self._plant.periods % every == 0:
+                tell()
+        self._joints.publish(joint_state_message(
+            self._plant.state, self._plant.torque, self._plant.model.robot.has_pendulum))
+
+    def _tell_clock(self) -> None:
+        self._clock.publish(Clock(clock=to_time(self._plant.time)))
+
+    def _tell_odometry(self) -> None:
+        message = odometry_message(self._plant.state)
+        self._odometry.publish(message)
+        if self._transforms is not None:
+            transform = TransformStamped(
+                header=message.header, child_frame_id=message.child_frame_id)
+            transform.transform.translation.x = message.pose.pose.position.x
+            transform.transform.translation.z = message.pose.pose.position.z
+            self._transforms.publish(TFMessage(transforms=[transform]))
+
+    def _tell_observation(self) -> None:
+        sight = self._sensor.look(
+            self._plant.state.x, self._plant.periods // self._observation_periods)
+        message = StepObservation(
+            detected=sight.detected, distance=sight.distance, height=sight.height,
+            distance_sd=self._sensor.distance_sd, height_sd=self._sensor.height_sd)
+        message.header.frame_id = 'base_link'
+        message.header.stamp = to_time(self._plant.time)
+        self._observation.publish(message)
+
+    def _tell_ball(self) -> None:
+        self._ball.publish(ball_state_message(
+            self._plant.state, self._plant.torque, self._plant.model))

@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Quality of service by meaning; every publisher and subscriber picks one of these."""
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+
+def _profile(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE
+             ) -> QoSProfile:
+    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, durability=durability,
+                      reliability=ReliabilityPolicy.RELIABLE)
+
+
+# Measurements: reliable, so that every subscriber matches, and deep enough for a recorder that
+# is held up for a moment.
+STATE = _profile(200)
+
+# Only the newest reading, set-point or command matters: a queue of old ones would be followed
+# one by one after a hiccup.
+NEWEST = _profile(1)
+
+# Observations and odometry as an input: a few, because two topics are matched by stamp.
+SHORT = _profile(20)
+
+# For those who come late: the last decision.
+LATCHED = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
+
+# /clock, as rclpy subscribes to it.
+CLOCK = _profile(1)

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Start a node, spin it, and end it so that nothing is left running."""
+import signal
+import sys
+from typing import Any, Callable, List, Optional
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.logging import get_logger
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from ballbot_ros.errors import BallbotError
+
+# How long a stop signal may wait for the executor to wake up [s].
+WAKE = 0.1
+
+REFUSED = 2  # exit code when the node does not accept its configuration
+
+
+def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
+    """
+    Run a node until SIGINT or SIGTERM and return the exit code of the process.
+
+    A node that has a method ``make_safe`` has it called before it is destroyed, on every way
+    out and while it can still publish: rclpy's own signal handlers would shut the context
+    down first, hence ours.
+
+    Parameters
+    ----------
+    make_node : callable
+        Usually the class of the node.
+    args : list of str, optional
+        Command line, ``sys.argv`` if not given.
+
+    Returns
+    -------
+    int
+        0 after a signal, 2 for a configuration that is refused.
+
+    """
+    stopping: List[int] = []
+
+    def stop(number: int, _frame: Any) -> None:
+        stopping.append(number)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except (RuntimeError, ValueError) as error:  # a malformed argument or parameter file
+        print(f'cannot start: {error}', file=sys.stderr)
+        return REFUSED
+    node: Optional[Node] = None
+    executor = SingleThreadedExecutor()
+    try:
+        node = make_node()
+        executor.add_node(node)
+        while rclpy.ok() and not stopping:
+            executor.spin_once(timeout_sec=WAKE)
+    except BallbotError as error:
+        get_logger('ballbot_ros').fatal(str(error))
+        return REFUSED
+    finally:
+        if node is not None:
+            make_safe = getattr(node, 'make_safe', None)
+            if make_safe is not None:
+                make_safe()
+            executor.remove_node(node)
+            node.destroy_node()
+        executor.shutdown()
+        rclpy.try_shutdown()
+    return 0
