@@ -2,7 +2,7 @@
 """The node ``obstacle_decision``: what to do about the step ahead, and a set-point for it."""
 from collections import Counter, deque
 import sys
-from typing import Any, Deque, List, Optional, Tuple
+from typing import Any, Deque, Dict, List, Optional, Tuple
 
 from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
@@ -111,7 +111,7 @@ class ObstacleDecision(Node):
 
     def _health(self) -> Tuple[bytes, str, dict]:
         """Return level, message and numbers for /diagnostics."""
-        values = {f'decided_{kind}': number for kind, number in self._answers.items()}
+        values: Dict[str, object] = {f'decided_{kind}': number for kind, number in self._answers.items()}
         if self._decision is None:
             return diagnostics.WARN, 'waiting for step_observation and odom', values
         values['set_speed'] = f'{self._decision.set_speed:.3f}'

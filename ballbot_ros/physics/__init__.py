@@ -7,18 +7,17 @@ The ball robot as a mechanical system, importable without ROS.
     >>> bool(trajectory['x'][-1] > 1.0)
     True
 """
-from ballbot_ros.physics.actuation import Actuation as Actuation
-from ballbot_ros.physics.crossing import crosses as crosses
-from ballbot_ros.physics.crossing import held_at as held_at
-from ballbot_ros.physics.crossing import highest_step as highest_step
-from ballbot_ros.physics.model import Model as Model
-from ballbot_ros.physics.model import Solver as Solver
-from ballbot_ros.physics.model import State as State
-from ballbot_ros.physics.options import ContactOptions as ContactOptions
-from ballbot_ros.physics.robot import load_robot as load_robot
-from ballbot_ros.physics.robot import Robot as Robot
-from ballbot_ros.physics.scene import load_scene as load_scene
-from ballbot_ros.physics.scene import Scene as Scene
-from ballbot_ros.physics.simulation import simulate as simulate
-from ballbot_ros.physics.terrain import Terrain as Terrain
-from ballbot_ros.physics.trajectory import Trajectory as Trajectory
+from ballbot_ros.physics.actuation import Actuation
+from ballbot_ros.physics.crossing import crosses, held_at, highest_step
+from ballbot_ros.physics.model import Model, Solver, State
+from ballbot_ros.physics.options import ContactOptions
+from ballbot_ros.physics.robot import load_robot, Robot
+from ballbot_ros.physics.scene import load_scene, Scene
+from ballbot_ros.physics.simulation import simulate
+from ballbot_ros.physics.terrain import Terrain
+from ballbot_ros.physics.trajectory import Trajectory
+
+__all__ = [
+    'Actuation', 'ContactOptions', 'crosses', 'held_at', 'highest_step', 'load_robot',
+    'load_scene', 'Model', 'Robot', 'Scene', 'simulate', 'Solver', 'State', 'Terrain',
+    'Trajectory']

@@ -174,5 +174,3 @@ def _friction(name: str, values: ArrayLike, length: int) -> Array:
         raise ConfigurationError(
             f'terrain: {name} must be at least 0 and finite, got {array.tolist()}')
     return array
-
-

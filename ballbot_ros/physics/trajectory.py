@@ -133,4 +133,3 @@ class Trajectory:
         return float(max(np.max(np.abs(part)) for part in (
             self['kinetic_energy'], potential - potential[0], self['contact_energy'],
             self.dissipated_energy, self['motor_work'])))
-
