@@ -14,13 +14,11 @@ LAYERS = {
     'physics': ('errors', 'helpers'),
     'control': ('errors', 'helpers', 'physics'),
     'hardware': ('errors', 'helpers'),
-    'decision': ('errors', 'helpers', 'physics', 'control'),
-    'output': ('errors', 'helpers', 'physics', 'control', 'hardware', 'decision'),
     'plant': ('errors', 'helpers', 'physics'),
-    'ros': ('errors', 'helpers', 'physics', 'control', 'hardware', 'decision', 'output', 'plant'),
-    'nodes': ('errors', 'helpers', 'physics', 'control', 'hardware', 'decision', 'output', 'plant',
-              'ros'),
+    'decision': ('errors', 'helpers', 'physics', 'control'),
 }
+for top in ('output', 'ros', 'nodes'):  # These stand on everything below
+    LAYERS[top] = tuple(LAYERS)
 LAYERS['cli'] = LAYERS['demo'] = (*LAYERS, 'cli', 'demo')
 
 # The modules and folders directly below ballbot_ros whose name is not that of their layer.

@@ -95,9 +95,6 @@ def test_catkin_pkg_accepts_the_manifest():
 
 def test_each_ros_package_that_is_imported_is_declared():
     declared = {element.text for element in MANIFEST if element.tag in ('depend', 'exec_depend')}
-    # Used where it is found, and done without elsewhere.
-    optional = {'tf2_msgs', 'tf2_ros', 'simulation_interfaces', 'visualization_msgs',
-                'diagnostic_updater', 'control_msgs'}
     used = set()
     for folder in ('ballbot_ros', 'launch'):
         for path in (ROOT / folder).rglob('*.py'):
@@ -105,9 +102,9 @@ def test_each_ros_package_that_is_imported_is_declared():
                 names = [alias.name for alias in node.names] if isinstance(node, ast.Import) \
                     else [node.module or ''] if isinstance(node, ast.ImportFrom) else []
                 used.update(name.split('.')[0] for name in names)
-    ros = {name for name in used if name.endswith('_msgs') or name in (
-        'rclpy', 'std_srvs', 'launch', 'launch_ros', 'builtin_interfaces', 'ament_index_python')}
-    assert ros - optional <= declared, 'add to package.xml: %s' % (ros - optional - declared)
+    ros = {name for name in used if name.endswith(('_msgs', '_srvs', '_interfaces')) or name in (
+        'ament_index_python', 'diagnostic_updater', 'launch', 'launch_ros', 'rclpy', 'tf2_ros')}
+    assert ros <= declared, f'add to package.xml: {ros - declared}'
 
 
 def test_the_lists_of_python_dependencies_agree():
