@@ -9,7 +9,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 ARGUMENTS = (
     ('robot', 'gimball', 'Name of a robot in config/robots, or the path of a YAML file'),
     ('scene', 'doorstep', 'Name of a scene in config/scenes, or the path of a YAML file'),
-    ('lockstep', 'false', 'true: time advances only through the service ~/step'),
+    ('lockstep', 'false', 'true: each period waits for its command, so that a run is repeatable'),
     ('real_time_factor', '1.0', 'Simulated seconds per second; 0 means as fast as possible'),
 )
 
