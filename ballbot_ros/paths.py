@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Find the robots, scenes and curves that come with the package."""
+"""Find the robots, scenes, curves and message files that come with the package."""
 from pathlib import Path
 import sys
 
@@ -8,9 +8,9 @@ from ballbot_ros.errors import ConfigurationError
 PACKAGE = 'ballbot_ros'
 
 
-def config_folder() -> Path:
+def shipped_folder(name: str) -> Path:
     """
-    Return the folder ``config/`` of this package.
+    Return a folder that comes with this package, ``'config'`` or ``'msg'``.
 
     A source checkout (and a symlink install, which points back to it) has it beside the
     package; an installed package has it in ``share/`` of its prefix.
@@ -18,21 +18,27 @@ def config_folder() -> Path:
     Raises
     ------
     ConfigurationError
-        If the package was installed without its configuration.
+        If the package was installed without it.
 
     """
     here = Path(__file__).resolve().parent
-    candidates = [here.parent / 'config']
+    candidates = [here.parent]
     # <prefix>/lib/pythonX.Y/site-packages/ballbot_ros: the prefix is three levels up.
-    candidates += [up / 'share' / PACKAGE / 'config' for up in here.parents[2:6]]
-    candidates.append(Path(sys.prefix) / 'share' / PACKAGE / 'config')
+    candidates += [up / 'share' / PACKAGE for up in here.parents[2:6]]
+    candidates.append(Path(sys.prefix) / 'share' / PACKAGE)
     for candidate in candidates:
-        if (candidate / 'robots').is_dir():
-            return candidate
+        # The manifest tells our folder from any other of that name.
+        if (candidate / 'package.xml').is_file() and (candidate / name).is_dir():
+            return candidate / name
     raise ConfigurationError(
-        'the folder config/ of ballbot_ros was not found; looked in '
+        f'the folder {name}/ of ballbot_ros was not found; looked in '
         + ', '.join(str(candidate) for candidate in candidates)
         + '. Install the package again.')
+
+
+def config_folder() -> Path:
+    """Return the folder of robots, scenes, curves and tunings; see `shipped_folder`."""
+    return shipped_folder('config')
 
 
 def find_config(kind: str, name_or_path: str) -> Path:

@@ -20,6 +20,7 @@ from ballbot_ros.physics.actuation import set_rate_for_speed
 from ballbot_ros.physics.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import command_message, readings, set_point, to_seconds
+from ballbot_ros.ros.endpoints import advertise, listen
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import ControllerSettings
@@ -48,13 +49,15 @@ class Controller(Node):
         self._newest = self._answered = Time()
         self._torque = 0.0
         self._refused: Counter = Counter()
-        self._commands = self.create_publisher(JointState, 'joint_commands', qos.NEWEST)
-        self.create_subscription(JointState, 'joint_states', self._on_state, qos.NEWEST)
-        self.create_subscription(JointState, 'set_point', self._on_set_point, qos.NEWEST)
-        self.create_subscription(TwistStamped, 'cmd_vel', self._on_cmd_vel, qos.NEWEST)
+        self._commands = advertise(self, JointState, 'joint_commands', qos.NEWEST)
+        listen(self, JointState, 'joint_states', self._on_state, qos.NEWEST)
+        listen(self, JointState, 'set_point', self._on_set_point, qos.NEWEST)
+        listen(self, TwistStamped, 'cmd_vel', self._on_cmd_vel, qos.NEWEST)
         self._diagnostics = diagnostics.Diagnostics(self, 'pendulum', self._health)
-        self.create_timer(settings.state_timeout / 4, self._watch,
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        # In lockstep time stands still between states, for as long as somebody needs.
+        if not settings.lockstep_set_point_period:
+            self.create_timer(settings.state_timeout / 4, self._watch,
+                              clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.get_logger().info(f'these gains need joint states at {lowest:.0f} Hz or more')
 
     def _on_state(self, message: JointState) -> None:

@@ -17,6 +17,7 @@ from ballbot_ros.physics.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import (
     decision_message, motion, observation, set_point_message, to_seconds)
+from ballbot_ros.ros.endpoints import advertise, listen
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import DecisionSettings
@@ -47,11 +48,11 @@ class ObstacleDecision(Node):
         self._odometry: Deque[Odometry] = deque(maxlen=KEPT)
         self._waiting: Deque[StepObservation] = deque(maxlen=KEPT)
         self._answers: Counter = Counter()
-        self._decisions = self.create_publisher(StepDecision, 'step_decision', qos.LATCHED)
-        self._set_points = self.create_publisher(JointState, 'set_point', qos.NEWEST)
-        self.create_subscription(
-            StepObservation, 'step_observation', self._on_observation, qos.SHORT)
-        self.create_subscription(Odometry, 'odom', self._on_odometry, qos.SHORT)
+        self._decisions = advertise(self, StepDecision, 'step_decision', qos.LATCHED)
+        self._set_points = advertise(self, JointState, 'set_point', qos.NEWEST)
+        listen(
+            self, StepObservation, 'step_observation', self._on_observation, qos.SHORT)
+        listen(self, Odometry, 'odom', self._on_odometry, qos.SHORT)
         self._diagnostics = diagnostics.Diagnostics(self, 'decision', self._health)
 
     def _on_observation(self, message: StepObservation) -> None:
@@ -111,7 +112,8 @@ class ObstacleDecision(Node):
 
     def _health(self) -> Tuple[bytes, str, dict]:
         """Return level, message and numbers for /diagnostics."""
-        values: Dict[str, object] = {f'decided_{kind}': number for kind, number in self._answers.items()}
+        values: Dict[str, object] = {
+            f'decided_{kind}': number for kind, number in self._answers.items()}
         if self._decision is None:
             return diagnostics.WARN, 'waiting for step_observation and odom', values
         values['set_speed'] = f'{self._decision.set_speed:.3f}'

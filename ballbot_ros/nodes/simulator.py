@@ -15,6 +15,7 @@ from ballbot_ros.physics.scene import load_scene
 from ballbot_ros.plant import CommandGate, Pace, Plant, Sensor, Speedometer
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import command_torque, to_seconds, to_time
+from ballbot_ros.ros.endpoints import listen
 from ballbot_ros.ros.lockstep import Allowance
 from ballbot_ros.ros.outputs import Outputs
 from ballbot_ros.ros.parameters import declare
@@ -54,7 +55,7 @@ class Simulator(Node):
         self._outputs = Outputs(self, self._plant, Sensor(
             scene.model.terrain, settings.observation_reach, settings.observation_distance_sd,
             settings.observation_height_sd, settings.seed), settings)
-        self.create_subscription(JointState, 'joint_commands', self._on_command, qos.NEWEST)
+        listen(self, JointState, 'joint_commands', self._on_command, qos.NEWEST)
         for name in ('pause', 'resume', 'reset'):
             self.create_service(Trigger, f'~/{name}', getattr(self, f'_on_{name}'))
         self.create_service(Step, '~/step', self._on_step)

@@ -6,9 +6,15 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.endpoints import advertise, mismatches
+
 OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
 ERROR = DiagnosticStatus.ERROR
+
+# Publications between two looks for endpoints that cannot talk to each other.
+MATCHED_EVERY = 10
 
 Health = Tuple[bytes, str, Mapping[str, object]]
 
@@ -34,7 +40,9 @@ class Diagnostics:
         self._node = node
         self._name = f'{node.get_fully_qualified_name().lstrip("/")}: {name}'
         self._report = report
-        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._count = 0
+        self._publisher = advertise(
+            node, DiagnosticArray, '/diagnostics', qos.SHORT)
         self._timer = node.create_timer(
             period, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -47,3 +55,7 @@ class Diagnostics:
         array = DiagnosticArray(status=[status])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
+        self._count += 1
+        if self._count % MATCHED_EVERY == 2:
+            for sentence in mismatches(self._node):
+                self._node.get_logger().warning(sentence)

@@ -10,6 +10,7 @@ from ballbot_ros.plant import periods_per, Plant, Sensor
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import (
     ball_state_message, joint_state_message, odometry_message, to_time)
+from ballbot_ros.ros.endpoints import advertise
 from ballbot_ros.ros.settings import SimulatorSettings
 
 try:
@@ -49,17 +50,17 @@ class Outputs:
         self._schedule = list(zip(every, (
             self._tell_clock, self._tell_odometry, self._tell_observation, self._tell_ball)))
         self._observation_periods = every[2]
-        self._clock = node.create_publisher(Clock, '/clock', qos.CLOCK)
-        self._odometry = node.create_publisher(Odometry, 'odom', qos.STATE)
-        self._observation = node.create_publisher(
-            StepObservation, 'step_observation', qos.STATE)
-        self._ball = node.create_publisher(BallState, 'ball_state', qos.STATE)
-        self._joints = node.create_publisher(JointState, 'joint_states', qos.STATE)
+        self._clock = advertise(node, Clock, '/clock', qos.CLOCK)
+        self._odometry = advertise(node, Odometry, 'odom', qos.STATE)
+        self._observation = advertise(
+            node, StepObservation, 'step_observation', qos.STATE)
+        self._ball = advertise(node, BallState, 'ball_state', qos.STATE)
+        self._joints = advertise(node, JointState, 'joint_states', qos.STATE)
         self._transforms = None
         if TFMessage is None:
             node.get_logger().info('tf2_msgs is not installed: no /tf from odom to base_link')
         else:
-            self._transforms = node.create_publisher(TFMessage, '/tf', qos.STATE)
+            self._transforms = advertise(node, TFMessage, '/tf', qos.STATE)
 
     def publish(self) -> None:
         """Tell the present state, as far as its turn has come."""

@@ -1,0 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The demo: three processes, two door-steps, and the story of what happened."""
+from ballbot_ros.demo.demo import run_demo
+
+__all__ = ['run_demo']

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Run the demo: processes, recorder, timeline, picture, verdict."""
+from pathlib import Path
+import sys
+import time
+from typing import List
+
+from nav_msgs.msg import Odometry
+import numpy as np
+import rclpy
+from rclpy.client import Client
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from ballbot_ros.decision import load_curve
+from ballbot_ros.demo.processes import NodeProcesses, own_domain
+from ballbot_ros.demo.story import Story
+from ballbot_ros.msg import BallState, StepDecision, StepObservation
+from ballbot_ros.output.figures import save, strip
+from ballbot_ros.physics import load_scene, Scene, Trajectory
+from ballbot_ros.plant.sensor import faces
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.bag import BagRecorder
+from ballbot_ros.ros.conversions import to_seconds
+from ballbot_ros.ros.settings import SimulatorSettings
+
+SCENE, CURVE = 'doorstep', 'gimball_down'
+LONGEST = 30.0  # simulated time after which the robot has had its chance [s]
+
+TOPICS = (
+    ('joint_states', JointState, qos.STATE), ('joint_commands', JointState, qos.STATE),
+    ('set_point', JointState, qos.STATE), ('odom', Odometry, qos.STATE),
+    ('step_observation', StepObservation, qos.STATE), ('ball_state', BallState, qos.STATE),
+    ('step_decision', StepDecision, qos.LATCHED))
+
+
+def run_demo(out: Path, real_time: bool = False, quiet: bool = False,
+             timeout: float = 60.0) -> int:
+    """
+    Let the robot meet two door-steps.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for the bag, the picture and the logs.
+    real_time : bool
+        Run at the pace of the wall clock instead of in lockstep, as fast as it goes.
+    quiet : bool
+        Tell only the verdict.
+    timeout : float
+        Wall time after which it is given up [s].
+
+    Returns
+    -------
+    int
+        0 if the robot crossed the first step and came to rest before the second, 1 if not.
+
+    """
+    scene, domain = load_scene(SCENE), own_domain()
+    out.mkdir(parents=True, exist_ok=True)
+    story = Story(faces(scene.model.terrain), scene.model.robot, load_curve(CURVE),
+                  (lambda *_: None) if quiet else _tell)
+    begun = time.monotonic()
+    if not quiet:
+        how = 'in real time' if real_time else 'in lockstep, as fast as it goes'
+        print(f'Three nodes on ROS domain {domain}, {how}.  {scene.model.robot.name} stands '
+              'before a door-step.\n', flush=True)
+    wrong = _play(out, scene, story, domain, real_time, begun + timeout)
+    wrong += story.verdict()
+    picture = out / 'crossing.png'
+    if story.states:
+        save(strip(_trajectory(scene, story.states), 'what the topics told'), picture)
+    simulated = to_seconds(story.states[-1].header.stamp) if story.states else 0.0
+    print(f'\n{"FAILED" if wrong else "Done"}: {simulated:.1f} s of simulated time in '
+          f'{time.monotonic() - begun:.1f} s.  Picture: {picture}  Bag: {out / "bag"}')
+    for sentence in wrong:
+        print(f'  - {sentence}', file=sys.stderr)
+    return 1 if wrong else 0
+
+
+def _tell(when: float, mark: str, sentence: str) -> None:
+    """Print one line of the timeline."""
+    print(f'{when:7.2f} s  {mark:>9}  {sentence}', flush=True)
+
+
+def _play(out: Path, scene: Scene, story: Story, domain: int, real_time: bool,
+          deadline: float) -> List[str]:
+    """Run the nodes until the story has its end; return what went wrong on the way."""
+    lockstep_period = 1.0 / SimulatorSettings.observation_rate
+    rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+    node, executor = Node('ballbot_demo'), SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        with BagRecorder(out / 'bag') as bag, NodeProcesses(out / 'logs', domain) as nodes:
+            bag.subscribe(node, TOPICS, {
+                'ball_state': lambda data: story.ball(deserialize_message(data, BallState)),
+                'step_decision':
+                    lambda data: story.decision(deserialize_message(data, StepDecision))})
+            nodes.start('controller', {
+                'lockstep_set_point_period': 0.0 if real_time else lockstep_period})
+            nodes.start('obstacle_decision', {'curve': CURVE})
+            nodes.start('simulator', {
+                'scene': SCENE, 'lockstep': not real_time,
+                'real_time_factor': 1.0 if real_time else 0.0, 'start_paused': True})
+            resume = node.create_client(Trigger, 'simulator/resume')
+            asked = False
+            while story.rested is None and time.monotonic() < deadline:
+                executor.spin_once(timeout_sec=0.1)
+                # Time starts when everybody hears everybody, so that the bag is complete.
+                if not asked and _all_connected(node, resume):
+                    asked = True
+                    resume.call_async(Trigger.Request())
+                ended = nodes.ended()
+                if ended is not None:
+                    return [f'node {ended[0]} ended with code {ended[1]}, see '
+                            f'{nodes.log(ended[0])}']
+                if story.states and to_seconds(story.states[-1].header.stamp) > LONGEST:
+                    break
+            codes = nodes.stop()
+            return [f'node {name} ended with code {code}, see {nodes.log(name)}'
+                    for name, code in codes.items() if code]
+    finally:
+        executor.remove_node(node)
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _all_connected(node: Node, resume: Client) -> bool:
+    """Tell whether each topic has its publisher, and the simulator its listeners."""
+    return (resume.service_is_ready()
+            and all(node.count_publishers(topic) for topic, _, _ in TOPICS)
+            and node.count_subscribers('joint_states') > 1  # the recorder and the controller
+            and node.count_subscribers('step_observation') > 1)
+
+
+def _trajectory(scene: Scene, states: List[BallState]) -> Trajectory:
+    """Return the recorded states as a trajectory, for the picture."""
+    rows = np.zeros((len(states), 15))
+    for row, state in zip(rows, states):
+        row[:9] = (to_seconds(state.header.stamp), state.ball_angle, state.pendulum_angle,
+                   state.x, state.y, state.ball_rate, state.pendulum_rate, state.velocity_x,
+                   state.velocity_y)
+        row[13:] = state.motor_work, state.pendulum_torque
+    return Trajectory(scene.model, rows)

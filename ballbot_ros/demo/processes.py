@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Start nodes as processes of their own, and end them for certain."""
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+from typing import Any, Dict, List, Mapping, Optional, Tuple
+
+GRACE = 5.0  # wall time for a node to end after SIGINT before it is killed [s]
+
+
+def own_domain() -> int:
+    """
+    Return the ROS domain to use: that of the environment, or one of few others' use.
+
+    101 domains are free of clashes with the ports of ordinary programs.
+    """
+    given = os.environ.get('ROS_DOMAIN_ID')
+    return int(given) if given else 1 + os.getpid() % 101
+
+
+def environment(domain: int) -> Dict[str, str]:
+    """Return the environment of the nodes: one domain, this machine only."""
+    return {**os.environ, 'ROS_DOMAIN_ID': str(domain),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+            'RCUTILS_COLORIZED_OUTPUT': '0', 'PYTHONUNBUFFERED': '1'}
+
+
+def parameter_arguments(parameters: Mapping[str, Any]) -> List[str]:
+    """Return the command line for parameters of a node."""
+    arguments = []
+    for name, value in parameters.items():
+        text = str(value).lower() if isinstance(value, bool) else str(value)
+        arguments += ['-p', f'{name}:={text}']
+    return ['--ros-args', *arguments] if arguments else []
+
+
+class NodeProcesses:
+    """
+    Nodes of this package as processes, each with its log file.
+
+    Use as a context manager: whatever happens, no process is left behind.
+
+    Parameters
+    ----------
+    folder : Path
+        For the logs.
+    domain : int
+        ROS domain.
+
+    """
+
+    def __init__(self, folder: Path, domain: int):
+        """Start with none."""
+        self._folder = folder
+        self._environment = environment(domain)
+        self._running: Dict[str, subprocess.Popen] = {}
+        folder.mkdir(parents=True, exist_ok=True)
+        for old in folder.glob('*.log'):
+            old.unlink()
+
+    def __enter__(self) -> 'NodeProcesses':
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        """End all."""
+        self.stop()
+
+    def log(self, name: str) -> Path:
+        """Return the log file of a node."""
+        return self._folder / f'{name}.log'
+
+    def start(self, name: str, parameters: Optional[Mapping[str, Any]] = None) -> None:
+        """Start ``ballbot_ros.nodes.<name>``; a second start goes on in the same log."""
+        with open(self.log(name), 'a', encoding='utf-8') as log:
+            self._running[name] = subprocess.Popen(
+                [sys.executable, '-m', f'ballbot_ros.nodes.{name}',
+                 *parameter_arguments(parameters or {})],
+                stdout=log, stderr=subprocess.STDOUT, env=self._environment,
+                stdin=subprocess.DEVNULL, start_new_session=True)
+
+    def ended(self) -> Optional[Tuple[str, int]]:
+        """Return name and exit code of a node that has ended by itself, if one has."""
+        for name, process in self._running.items():
+            code = process.poll()
+            if code is not None:
+                return name, code
+        return None
+
+    def signal(self, name: str, number: int) -> None:
+        """Send a signal to one node."""
+        self._running[name].send_signal(number)
+
+    def wait(self, name: str, timeout: float = GRACE) -> int:
+        """Return the exit code of a node that is about to end."""
+        return self._running.pop(name).wait(timeout)
+
+    def stop(self) -> Dict[str, int]:
+        """End all nodes and return their exit codes."""
+        for process in self._running.values():
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+        codes = {}
+        for name, process in self._running.items():
+            try:
+                codes[name] = process.wait(GRACE)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                codes[name] = process.wait()
+        self._running.clear()
+        return codes

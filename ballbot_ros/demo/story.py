@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What happened, told from the topics: a timeline for people and a verdict for machines."""
+from dataclasses import dataclass, field
+import math
+from typing import Callable, List, Optional, Sequence, Tuple
+
+from ballbot_ros.decision import HeightCurve
+from ballbot_ros.msg import BallState, Contact, StepDecision
+from ballbot_ros.physics.robot import Robot
+from ballbot_ros.ros.conversions import to_seconds
+
+# At rest means slower than this [m/s], for this long [s].
+REST_SPEED, REST_TIME = 0.02, 1.0
+# A contact with an edge this close to a face belongs to it [m].
+NEAR = 0.01
+
+NAMES = {StepDecision.CLEAR: 'CLEAR', StepDecision.CROSS: 'CROSS', StepDecision.STOP: 'STOP',
+         StepDecision.GO_ROUND: 'GO ROUND'}
+
+
+@dataclass
+class Passage:
+    """What became of one step."""
+
+    x: float
+    height: float
+    decided: List[int] = field(default_factory=list)
+    touched: Optional[float] = None  # when [s]
+    touch_speed: float = math.nan
+    crossed: Optional[float] = None
+
+
+class Story:
+    """
+    Listens to ball states and decisions, tells a timeline, and knows the end.
+
+    Parameters
+    ----------
+    steps : sequence of (x, height)
+        Of the scene, from left to right [m].
+    robot : Robot
+    curve : HeightCurve
+        To say how much was to spare.
+    tell : callable
+        Called with time [s], a mark and a sentence.
+
+    """
+
+    def __init__(self, steps: Sequence[Tuple[float, float]], robot: Robot, curve: HeightCurve,
+                 tell: Callable[[float, str, str], None]):
+        """Begin."""
+        self.passages = [Passage(x, height) for x, height in steps]
+        self.states: List[BallState] = []
+        self._robot, self._curve, self._tell = robot, curve, tell
+        self._last: Optional[Tuple[int, int, int]] = None
+        self._resting: Optional[float] = None
+        self.rested: Optional[float] = None
+
+    @property
+    def next_step(self) -> int:
+        """Return the index of the step ahead of the ball."""
+        return sum(passage.crossed is not None for passage in self.passages)
+
+    def decision(self, message: StepDecision) -> None:
+        """Take a decision; a change of mind is told."""
+        index = self.next_step
+        key = (message.decision, message.reason, index)
+        if key == self._last:
+            return
+        seen_before = self._last is not None and self._last[2] == index
+        self._last = key
+        time = to_seconds(message.header.stamp)
+        if index < len(self.passages) and message.decision != StepDecision.CLEAR:
+            if not seen_before:
+                self._tell(time, 'sees', f'a step of {1e3 * message.height:.0f} mm, '
+                           f'{message.distance:.2f} m ahead of its centre')
+            if message.decision not in self.passages[index].decided:
+                self.passages[index].decided.append(message.decision)
+        late = 'too late to stop: ' if message.reason == StepDecision.COMMITTED else ''
+        self._tell(time, NAMES.get(message.decision, '?'), late + message.explanation)
+
+    def ball(self, message: BallState) -> None:
+        """Take a state; touches, crossings and rest are told."""
+        before = self.states[-1] if self.states else message
+        self.states.append(message)
+        time = to_seconds(message.header.stamp)
+        for passage in self.passages:
+            self._follow(passage, message, before, time)
+        self._watch_rest(message, time)
+
+    def _follow(self, passage: Passage, message: BallState, before: BallState,
+                time: float) -> None:
+        if passage.touched is None and any(
+                touch.kind == Contact.EDGE and abs(touch.x - passage.x) < NEAR
+                for touch in message.contacts):
+            passage.touched, passage.touch_speed = time, before.velocity_x
+            self._tell(time, 'touches', f'the {1e3 * passage.height:.0f} mm step at '
+                       f'{before.velocity_x:.2f} m/s{self._spare(passage)}')
+        radius = self._robot.ball_radius
+        if passage.crossed is None and message.x > passage.x \
+                and message.y > passage.height + 0.5 * radius:
+            passage.crossed = time
+            self._tell(time, 'crossed', f'over it, now at {message.velocity_x:.2f} m/s, pendulum '
+                       f'at {math.degrees(message.pendulum_angle):.0f} degrees')
+
+    def _spare(self, passage: Passage) -> str:
+        speed = min(max(passage.touch_speed, self._curve.lowest_speed),
+                    self._curve.highest_speed)
+        spare = self._curve.height(speed) - passage.height
+        word = 'to spare' if spare >= 0.0 else 'short'
+        return f': {1e3 * abs(spare):.0f} mm {word} on the curve'
+
+    def _watch_rest(self, message: BallState, time: float) -> None:
+        """Note when the ball has come to rest after the first step."""
+        if self.next_step == 0 or abs(message.velocity_x) > REST_SPEED:
+            self._resting = None
+            return
+        if self._resting is None:
+            self._resting = time
+        elif self.rested is None and time - self._resting >= REST_TIME:
+            self.rested = self._resting
+            gap = self._gap(message)
+            self._tell(self._resting, 'rests', 'still' if math.isnan(gap) else
+                       f'{gap:.2f} m before the next step')
+
+    def _gap(self, message: BallState) -> float:
+        """Return the way from the front of the ball to the next face [m], NaN if none."""
+        if self.next_step >= len(self.passages):
+            return math.nan
+        return self.passages[self.next_step].x - message.x - self._robot.ball_radius
+
+    def verdict(self) -> List[str]:
+        """Return what did not happen as it should have; empty for a success."""
+        first, second = self.passages[:2]
+        height = f'{1e3 * second.height:.0f} mm'
+        wrong = []
+        if StepDecision.CROSS not in first.decided:
+            wrong.append(f'the {1e3 * first.height:.0f} mm step was never accepted')
+        if first.crossed is None:
+            wrong.append(f'the {1e3 * first.height:.0f} mm step was not crossed')
+        if StepDecision.CROSS in second.decided:
+            wrong.append(f'the {height} step was accepted, and cannot be crossed')
+        if StepDecision.GO_ROUND not in second.decided:
+            wrong.append(f'the {height} step was never refused')
+        if second.touched is not None:
+            wrong.append(f'the {height} step was touched')
+        if self.rested is None:
+            wrong.append('the robot did not come to rest')
+        return wrong

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Record topics into an MCAP bag that `ros2 bag`, Foxglove and PlotJuggler open."""
+from pathlib import Path
+import shutil
+import struct
+from typing import Any, Callable, Dict, Optional, Sequence, Tuple
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import get_types_from_msg, get_typestore, Stores
+
+from ballbot_ros.paths import PACKAGE, shipped_folder
+from ballbot_ros.ros.endpoints import listen
+
+# CDR: four bytes of encapsulation, then the stamp that all recorded messages begin with.
+_STAMP = struct.Struct('<iI')
+_STAMP_OFFSET = 4
+
+
+class BagRecorder:
+    """
+    Writes serialized messages as they come, stamped with their own time.
+
+    Messages are neither decoded nor encoded, so that recording costs little.  Use as a
+    context manager: the bag is complete when it is closed, also after an error.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the bag; an older bag there is replaced.
+
+    """
+
+    def __init__(self, folder: Path):
+        """Open the bag."""
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        self._store = get_typestore(Stores.ROS2_JAZZY)
+        own: Dict[str, Any] = {}
+        for file in sorted(shipped_folder('msg').glob('*.msg')):
+            own.update(get_types_from_msg(file.read_text(), f'{PACKAGE}/msg/{file.stem}'))
+        self._store.register(own)
+        self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+        self.messages = 0
+
+    def __enter__(self) -> 'BagRecorder':
+        """Start writing."""
+        self._writer.open()
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        """Complete the bag."""
+        self._writer.close()
+
+    def subscribe(self, node: Node, topics: Sequence[Tuple[str, Any, QoSProfile]],
+                  listeners: Optional[Dict[str, Callable[[bytes], None]]] = None) -> None:
+        """
+        Record topics heard by a node.
+
+        Parameters
+        ----------
+        node : Node
+        topics : sequence of (name, message class, QoSProfile)
+            The first field of each must be a stamp or a header.
+        listeners : mapping of topic to callable, optional
+            Called with the serialized message, too.
+
+        """
+        for topic, kind, profile in topics:
+            name = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+            connection = self._writer.add_connection(
+                node.resolve_topic_name(topic), name, typestore=self._store)
+            listener = (listeners or {}).get(topic)
+            listen(node, kind, topic, self._writing(connection, listener), profile, raw=True)
+
+    def _writing(self, connection: Any, listener: Optional[Callable[[bytes], None]]
+                 ) -> Callable[[bytes], None]:
+        def write(data: bytes) -> None:
+            seconds, nanoseconds = _STAMP.unpack_from(data, _STAMP_OFFSET)
+            self._writer.write(connection, seconds * 10**9 + nanoseconds, data)
+            self.messages += 1
+            if listener is not None:
+                listener(data)
+        return write
