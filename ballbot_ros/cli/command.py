@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Find the verb on the command line and hand over to its module.
+
+Each verb is a line of `VERBS` and a module with ``add_arguments(parser)`` and
+``run(arguments) -> int``.  Only the module of the verb that was asked for is imported, and
+it imports what is heavy inside ``run``: help and errors come at once.
+"""
+import argparse
+from importlib import import_module
+import os
+import sys
+from typing import NoReturn, Optional, Sequence
+
+from ballbot_ros import __version__
+from ballbot_ros.errors import BallbotError, ConfigurationError
+
+# Verb -> its module and what it does.
+VERBS = {
+    'demo': ('ballbot_ros.cli.demo', 'show the robot meet a step that it can cross and one '
+             'that it cannot, with all ROS nodes'),
+    'simulate': ('ballbot_ros.cli.simulate', 'run a scene and keep numbers and figures'),
+    'scenes': ('ballbot_ros.cli.scenes', 'list the scenes that come with the package'),
+    'robots': ('ballbot_ros.cli.robots', 'list the robots, or the numbers of one of them'),
+}
+
+# Exit codes: of the shell for what a signal ended (128 + its number), argparse's for misuse.
+DONE, FAILED, MISUSED, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that raises instead of printing its usage and ending the program."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise `ConfigurationError`."""
+        raise ConfigurationError(f'{message}; see {self.prog} --help')
+
+
+def main(argv: Optional[Sequence[str]] = None) -> int:
+    """
+    Run the command ``ballbot``.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments without the name of the program; those of the process by default.
+
+    Returns
+    -------
+    int
+        Exit code: 0, 1 for a run that could not go on, 2 for a mistake in the arguments or
+        a file, 130 after Ctrl-C.
+
+    """
+    try:
+        try:
+            code = _run(list(sys.argv[1:] if argv is None else argv))
+        finally:
+            sys.stdout.flush()
+        return code
+    except BrokenPipeError:
+        # Whoever read has gone; what is still buffered must not fail again at the exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return PIPE_CLOSED
+    except KeyboardInterrupt:
+        complain('interrupted; files written before are complete, others were not begun')
+        return INTERRUPTED
+    except BallbotError as error:
+        complain(str(error))
+        return MISUSED
+    except MemoryError:
+        complain('not enough memory; ask for a shorter duration or a larger output_step')
+        return FAILED
+
+
+def complain(message: str) -> None:
+    """Print an error as one line on standard error."""
+    print(f'ballbot: error: {" ".join(message.split())}', file=sys.stderr)
+
+
+def _run(words: list[str]) -> int:
+    """Parse the words and run their verb."""
+    verb = next((word for word in words if not word.startswith('-')), None)
+    if verb is not None and verb not in VERBS:
+        from ballbot_ros.fields import suggestion
+        raise ConfigurationError(
+            f'{verb!r} is not a command{suggestion(verb, VERBS)}; see ballbot --help')
+    parser = Parser(prog='ballbot', allow_abbrev=False, description=(
+        'Simulator, controller and obstacle decision for a pendulum-driven ball robot.'))
+    parser.add_argument('--version', action='version', version=f'ballbot {__version__}')
+    choices = parser.add_subparsers(dest='verb', metavar='command', parser_class=Parser)
+    for name, (module, help_text) in VERBS.items():
+        sub = choices.add_parser(name, help=help_text, allow_abbrev=False,
+                                 description=f'{help_text[0].upper()}{help_text[1:]}.')
+        if name == verb:
+            import_module(module).add_arguments(sub)
+    try:
+        arguments = parser.parse_args(words)
+    except SystemExit as ending:  # --help and --version
+        return ending.code if isinstance(ending.code, int) else FAILED
+    if arguments.verb is None:
+        parser.print_help()
+        return MISUSED
+    code: int = import_module(VERBS[arguments.verb][0]).run(arguments)
+    return code

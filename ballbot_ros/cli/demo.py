@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verb ``demo``: all ROS nodes together, on a scene with two steps."""
+import argparse
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the demo can be told."""
+    parser.add_argument('--out', type=Path, default=Path('ballbot_output/demo'), metavar='DIR',
+                        help='folder for what it records (default: %(default)s)')
+    parser.add_argument('--real-time', action='store_true',
+                        help='at the pace of a clock instead of as fast as it goes')
+    parser.add_argument('--timeout', type=float, default=60.0, metavar='SECONDS',
+                        help='give up after this long (default: %(default)g)')
+    parser.add_argument('--quiet', action='store_true', help='print errors only')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """
+    Run the demo.
+
+    Raises
+    ------
+    ConfigurationError
+        If the timeout is not above 0, or ROS cannot be found.
+
+    """
+    from ballbot_ros.errors import ConfigurationError
+    if not 0.0 < arguments.timeout < float('inf'):
+        raise ConfigurationError(
+            f'--timeout must be more than 0 s and finite, got {arguments.timeout!r}')
+    try:
+        from ballbot_ros.demo import run_demo
+    except ImportError as error:
+        raise ConfigurationError(
+            f'the demo needs ROS 2, and {error.name or error} cannot be imported; source '
+            '/opt/ros/jazzy/setup.bash, or run "make demo" in a checkout.  "ballbot simulate" '
+            'works without ROS') from error
+    code: int = run_demo(out=arguments.out, real_time=arguments.real_time,
+                         quiet=arguments.quiet, timeout=arguments.timeout)
+    return code

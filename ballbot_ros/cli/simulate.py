@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verb ``simulate``: run a scene and keep what happens."""
+import argparse
+from pathlib import Path
+import sys
+from time import perf_counter
+from typing import Any, Optional
+
+from ballbot_ros.cli.command import complain, DONE, FAILED, INTERRUPTED
+
+DEFAULT_FOLDER = Path('ballbot_output')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add scene, solver and output."""
+    parser.add_argument('scene', metavar='SCENE',
+                        help='name of a scene ("ballbot scenes" lists them) or a YAML file')
+    parser.add_argument('--out', type=Path, metavar='DIR',
+                        help='folder for the files (default: ballbot_output/SCENE)')
+    parser.add_argument('--duration', type=float, metavar='SECONDS',
+                        help='simulated time, instead of that of the scene')
+    parser.add_argument('--step', type=float, metavar='SECONDS',
+                        help='integration step, instead of that of the scene')
+    parser.add_argument('--method', help='integrator, instead of that of the scene')
+    parser.add_argument('--no-figures', action='store_true', help='write numbers only')
+    parser.add_argument('--format', choices=('svg', 'png', 'both'), default='both',
+                        help='of the figures (default: %(default)s)')
+    parser.add_argument('--json', action='store_true',
+                        help='print the summary as JSON and nothing else')
+    parser.add_argument('--quiet', action='store_true', help='print errors only')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Simulate, write the files and print the summary."""
+    scene = read_scene(arguments)
+    from ballbot_ros.cli.progress import watched
+    from ballbot_ros.errors import SimulationError
+    folder = arguments.out or DEFAULT_FOLDER / scene.name
+    failure: Optional[SimulationError] = None
+    begin = perf_counter()
+    try:
+        load_machine_code(scene, arguments.quiet or arguments.json)
+        begin = perf_counter()
+        with watched(scene.run.duration, arguments.quiet or arguments.json) as progress:
+            trajectory = scene.simulate(progress)
+    except SimulationError as error:
+        trajectory, failure = getattr(error, 'trajectory', None), error
+        if trajectory is None:
+            raise
+    wall_time = perf_counter() - begin
+    from ballbot_ros.output import summarise
+    summary = summarise(trajectory, scene, wall_time)
+    files = write_all(trajectory, summary, folder, arguments)
+    if arguments.json:
+        print_json(summary, files)
+    elif not arguments.quiet:
+        from ballbot_ros.output import report
+        print(f'{report(summary)}\n\nWritten to {folder}: '
+              f'{", ".join(path.name for path in files)}')
+    if failure is not None:
+        complain(f'{failure}; what there is up to then was written to {folder}')
+        return FAILED
+    if not summary.complete:
+        complain(f'interrupted at {summary.duration:g} s of {scene.run.duration:g} s; what '
+                 f'there is was written to {folder}')
+        return INTERRUPTED
+    return DONE
+
+
+def load_machine_code(scene: Any, silent: bool) -> None:
+    """Run one sample, so that the time a run takes is not that of loading or compiling."""
+    from dataclasses import replace
+    from threading import Timer
+    from ballbot_ros.compiled import COMPILED
+    notice = Timer(3.0, lambda: print(
+        'compiling; only the first run after a change of the package does', file=sys.stderr))
+    notice.daemon = True
+    if COMPILED and not silent:
+        notice.start()
+    try:
+        replace(scene, run=replace(scene.run, duration=scene.run.output_step)).simulate()
+    finally:
+        notice.cancel()
+
+
+def read_scene(arguments: argparse.Namespace) -> Any:
+    """
+    Return the scene with what the command line changes.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the option, or the place in the file, the value and what is allowed.
+
+    """
+    from dataclasses import replace
+    from ballbot_ros.cli.listing import check_name
+    check_name('scenes', arguments.scene)
+    from ballbot_ros.fields import check_value
+    from ballbot_ros.physics.scene import load_scene
+    scene = load_scene(arguments.scene)
+
+    def change(part: Any, *names: str) -> Any:
+        given = {name: check_value(name, getattr(arguments, name),
+                                   part.__dataclass_fields__[name].metadata, 'command line')
+                 for name in names if getattr(arguments, name) is not None}
+        return replace(part, **given)
+
+    model = replace(scene.model, solver=change(scene.model.solver, 'step', 'method'))
+    return replace(scene, model=model, run=change(scene.run, 'duration'))
+
+
+def write_all(trajectory: Any, summary: Any, folder: Path,
+              arguments: argparse.Namespace) -> list[Path]:
+    """Write all files of a run and return their paths."""
+    from ballbot_ros.output import report, write_csv, write_npz, write_text
+    write_text(report(summary) + '\n', folder / 'summary.txt')
+    write_text(summary.to_json() + '\n', folder / 'summary.json')
+    write_csv(trajectory, folder / 'trajectory.csv')
+    write_npz(trajectory, folder / 'trajectory.npz')
+    files = [folder / name for name in (
+        'summary.txt', 'summary.json', 'trajectory.csv', 'trajectory.npz')]
+    if arguments.no_figures:
+        return files
+    from ballbot_ros.output.figures import FORMATS, save, strip, time_series
+    for name, draw in (('strip', strip), ('time_series', time_series)):
+        figure = draw(trajectory, summary.name)
+        for kind in FORMATS if arguments.format == 'both' else (arguments.format,):
+            files.append(folder / f'{name}.{kind}')
+            save(figure, files[-1])
+    return files
+
+
+def print_json(summary: Any, files: list[Path]) -> None:
+    """Print the summary, and where the files are, as one JSON object."""
+    import json
+    content = {**summary.to_dict(), 'files': [str(path) for path in files]}
+    json.dump(content, sys.stdout, indent=2, allow_nan=False)
+    print()

@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What remains of a run: files of numbers, figures and a summary.
+
+    >>> from ballbot_ros.output import summarise
+    >>> from ballbot_ros.physics import load_scene
+    >>> scene = load_scene('fig7_bottom')
+    >>> [face.passed for face in summarise(scene.simulate(), scene).faces]
+    [True]
+
+Figures are imported from `ballbot_ros.output.figures`, because matplotlib takes a while.
+"""
+from ballbot_ros.output.faces import Face
+from ballbot_ros.output.files import (
+    read_columns, read_units, write_csv, write_npz, write_text)
+from ballbot_ros.output.summary import summarise, Summary
+from ballbot_ros.output.wording import report
+
+__all__ = [
+    'Face', 'read_columns', 'read_units', 'report', 'summarise', 'Summary', 'write_csv',
+    'write_npz', 'write_text']

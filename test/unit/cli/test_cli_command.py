@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command line helps, and says what is wrong in one line."""
+import subprocess
+import sys
+import time
+
+import pytest
+
+from ballbot_ros import __version__
+from ballbot_ros.cli import main
+from ballbot_ros.cli.command import VERBS
+from ballbot_ros.cli.listing import describe
+from ballbot_ros.paths import config_folder
+
+COMMAND = [sys.executable, '-m', 'ballbot_ros.cli']
+
+
+def said(capsys, *words):
+    """Return the exit code, standard output and standard error of a call."""
+    code = main(words)
+    return (code, *capsys.readouterr())
+
+
+def complaint(capsys, *words):
+    """Return the one line that a call with a mistake prints."""
+    code, out, err = said(capsys, *words)
+    assert code == 2 and out == ''
+    assert err.startswith('ballbot: error: ') and err.count('\n') == 1
+    return err
+
+
+def test_help_names_every_verb(capsys):
+    code, out, err = said(capsys, '--help')
+    assert code == 0 and err == ''
+    assert all(f'\n    {verb} ' in out for verb in VERBS)
+
+
+@pytest.mark.parametrize('verb', sorted(VERBS))
+def test_every_verb_has_help(capsys, verb):
+    code, out, _ = said(capsys, verb, '--help')
+    assert code == 0 and out.startswith(f'usage: ballbot {verb}')
+
+
+def test_help_imports_nothing_heavy():
+    code = ('import sys; from ballbot_ros.cli import main; main(["simulate", "--help"]); '
+            'heavy = {"numpy", "numba", "matplotlib", "yaml", "rich"} & set(sys.modules); '
+            'sys.exit(str(heavy) if heavy else 0)')
+    begin = time.perf_counter()
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert time.perf_counter() - begin < 3.0  # 0.1 s; a machine under load gets its time
+
+
+def test_version_is_that_of_the_package(capsys):
+    assert said(capsys, '--version') == (0, f'ballbot {__version__}\n', '')
+
+
+def test_no_verb_prints_help_and_fails(capsys):
+    code, out, _ = said(capsys)
+    assert code == 2 and 'simulate' in out
+
+
+def test_unknown_verb_gets_a_suggestion(capsys):
+    assert "did you mean 'simulate'?" in complaint(capsys, 'simulat', 'fig7_top')
+
+
+def test_unknown_option_is_named(capsys):
+    assert '--durtion' in complaint(capsys, 'simulate', 'fig7_top', '--durtion', '3')
+
+
+def test_an_option_that_is_no_number_is_named(capsys):
+    assert '--duration' in complaint(capsys, 'simulate', 'fig7_top', '--duration', 'long')
+
+
+def test_a_missing_argument_is_named(capsys):
+    assert 'SCENE' in complaint(capsys, 'simulate')
+
+
+def test_scenes_lists_each_with_a_description(capsys):
+    code, out, _ = said(capsys, 'scenes')
+    names = sorted(path.stem for path in (config_folder() / 'scenes').glob('*.yaml'))
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines()] == names
+    assert all(len(line.split()) > 3 for line in out.splitlines())
+
+
+def test_a_description_is_the_first_sentence_of_the_leading_comment(tmp_path):
+    path = tmp_path / 'mine.yaml'
+    path.write_text('# SPDX-License-Identifier: X\n# Fig. 7 of a 2.5 m\n# run.  More.\nrobot: a\n')
+    assert describe(path) == 'Fig. 7 of a 2.5 m run'
+
+
+def test_robots_lists_the_robots(capsys):
+    _, out, _ = said(capsys, 'robots')
+    assert [line.split()[0] for line in out.splitlines()] == ['gimball', 'shellball']
+
+
+def test_robot_table_gives_unit_source_range_and_note(capsys):
+    code, out, _ = said(capsys, 'robots', 'gimball')
+    assert code == 0
+    line = next(line for line in out.splitlines() if line.startswith('ball_mass '))
+    assert line.split()[1:7] == ['3.8', 'kg', 'derived', '3.3', 'to', '4.15']
+    assert 'published, its split' in line
+    assert 'motor.gear_ratio' in out and 'restitution' in out
+    assert all(len(line) < 130 for line in out.splitlines())
+
+
+def test_unknown_robot_gets_a_suggestion(capsys):
+    assert "did you mean 'gimball'?" in complaint(capsys, 'robots', 'gimbal')
+
+
+def test_demo_passes_its_options_on(monkeypatch, tmp_path):
+    import types
+    told = {}
+
+    def run_demo(**options):
+        told.update(options)
+        return 7
+
+    monkeypatch.setitem(sys.modules, 'ballbot_ros.demo', types.SimpleNamespace(
+        run_demo=run_demo))
+    assert main(['demo', '--out', str(tmp_path), '--real-time', '--timeout', '9']) == 7
+    assert told == {'out': tmp_path, 'real_time': True, 'quiet': False, 'timeout': 9.0}
+
+
+def test_demo_without_ros_says_what_to_do(capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'ballbot_ros.demo', None)
+    assert 'needs ROS 2' in complaint(capsys, 'demo')
+
+
+@pytest.mark.parametrize('seconds', ['0', '-1', 'inf', 'nan'])
+def test_demo_refuses_an_impossible_timeout(capsys, seconds):
+    assert '--timeout must be' in complaint(capsys, 'demo', f'--timeout={seconds}')
+
+
+def test_a_reader_that_goes_away_is_no_error():
+    reader = subprocess.Popen([*COMMAND, 'robots', 'gimball'], stdout=subprocess.PIPE,
+                              stderr=subprocess.PIPE, text=True)
+    reader.stdout.close()
+    assert reader.stderr.read() == ''
+    assert reader.wait(timeout=60) == 141

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``ballbot simulate`` keeps what happened, whatever happens."""
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from ballbot_ros.cli import main
+from ballbot_ros.output import read_columns
+
+COMMAND = [sys.executable, '-m', 'ballbot_ros.cli', 'simulate']
+NUMBERS = {'summary.txt', 'summary.json', 'trajectory.csv', 'trajectory.npz'}
+FIGURES = {f'{name}.{kind}' for name in ('strip', 'time_series') for kind in ('png', 'svg')}
+
+
+def names(folder):
+    return {path.name for path in Path(folder).iterdir()}
+
+
+def complaint(capsys, *words):
+    """Return the one line that a call with a mistake prints."""
+    assert main(['simulate', *words]) == 2
+    out, err = capsys.readouterr()
+    assert out == '' and err.startswith('ballbot: error: ') and err.count('\n') == 1
+    return err
+
+
+def scene_file(tmp_path, text):
+    path = tmp_path / 'mine.yaml'
+    path.write_text(text)
+    return str(path)
+
+
+def test_a_run_leaves_numbers_and_figures(tmp_path, capsys):
+    assert main(['simulate', 'fig7_bottom', '--out', str(tmp_path)]) == 0
+    out, err = capsys.readouterr()
+    assert names(tmp_path) == NUMBERS | FIGURES
+    assert (tmp_path / 'summary.txt').read_text() in out + '\n'
+    assert 'error' not in err
+
+
+def test_without_a_folder_files_go_beside_where_one_stands(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(['simulate', 'fig7_top', '--no-figures', '--quiet']) == 0
+    assert names(tmp_path / 'ballbot_output' / 'fig7_top') == NUMBERS
+
+
+def test_one_format_of_figures_can_be_chosen(tmp_path):
+    assert main(['simulate', 'fig7_top', '--out', str(tmp_path), '--format', 'svg',
+                 '--quiet']) == 0
+    assert names(tmp_path) == NUMBERS | {'strip.svg', 'time_series.svg'}
+
+
+def test_json_is_alone_on_standard_output(tmp_path, capsys):
+    assert main(['simulate', 'fig7_top', '--out', str(tmp_path), '--no-figures',
+                 '--json']) == 0
+    out, err = capsys.readouterr()
+    content = json.loads(out)
+    assert err == ''
+    assert {'name', 'robot', 'x', 'y', 'speed', 'pendulum_torque', 'faces', 'energy_residual',
+            'wall_time', 'steps', 'warnings', 'files'} <= set(content)
+    assert all(Path(name).is_file() for name in content['files'])
+    files = content.pop('files')
+    assert len(files) == len(NUMBERS)
+    assert content == json.loads((tmp_path / 'summary.json').read_text())
+
+
+def test_quiet_prints_nothing(tmp_path, capsys):
+    assert main(['simulate', 'fig7_top', '--out', str(tmp_path), '--no-figures', '--quiet']) == 0
+    assert capsys.readouterr() == ('', '')
+
+
+def test_options_replace_what_the_scene_says(tmp_path, capsys):
+    assert main(['simulate', 'fig7_top', '--out', str(tmp_path), '--no-figures', '--json',
+                 '--duration', '0.5', '--step', '5e-4', '--method', 'semi_implicit']) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert content['duration'] == pytest.approx(0.5) and content['steps'] == 1000
+    assert read_columns(tmp_path / 'trajectory.csv')['time'][-1] == pytest.approx(0.5)
+
+
+def test_unknown_scene_gets_the_nearest_name(capsys):
+    assert "did you mean 'fig7_bottom'?" in complaint(capsys, 'fig7_botom')
+
+
+@pytest.mark.parametrize('words, says', [
+    (['--duration', '-1'], 'duration must be more than 0'),
+    (['--duration', 'nan'], 'duration must be more than 0'),
+    (['--step', '3e-4'], 'output_step must be a whole number of steps'),
+    (['--method', 'rk5'], "did you mean 'rk4'"),
+    (['--out', '/dev/null/here'], 'cannot be written')])
+def test_a_value_that_cannot_be_is_refused_in_one_line(capsys, words, says):
+    assert says in complaint(capsys, 'fig7_top', '--quiet', *words)
+
+
+@pytest.mark.parametrize('text, says', [
+    ('robot: [', 'is not valid YAML'), ('robot: gimbal\nduration: 1', 'no robot named'),
+    ('robot: gimball\nduration: 1\nintial: {}', "did you mean 'initial'"),
+    ('robot: gimball', 'duration is missing'), ('- 1', 'expected a mapping')])
+def test_a_malformed_scene_is_refused_in_one_line(tmp_path, capsys, text, says):
+    message = complaint(capsys, scene_file(tmp_path, text))
+    assert says in message
+
+
+def test_a_run_that_cannot_go_on_keeps_what_there_is(tmp_path, capsys):
+    # The ball falls at 100 m/s: its shell cannot stop it.
+    scene = scene_file(tmp_path, 'robot: gimball\nduration: 2\n'
+                       'initial: {y: 100.0, velocity_y: -100.0}\n')
+    assert main(['simulate', scene, '--out', str(tmp_path / 'out'), '--json']) == 1
+    out, err = capsys.readouterr()
+    assert 'simulation stopped at t = ' in err and err.count('\n') == 1
+    assert not json.loads(out)['complete']
+    assert names(tmp_path / 'out') == NUMBERS | FIGURES
+    assert len(read_columns(tmp_path / 'out' / 'trajectory.npz')['y']) > 500
+
+
+def start_long_run(folder, **options):
+    # A shell that runs the tests in the background makes its children deaf to Ctrl-C.
+    return subprocess.Popen(
+        [*COMMAND, 'fig7_top', '--out', str(folder), '--duration', '2000', '--step', '1e-5',
+         '--no-figures'],
+        text=True, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        **options)
+
+
+def test_ctrl_c_keeps_what_was_done(tmp_path):
+    process = start_long_run(tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    try:
+        assert any('Ctrl-C ends it' in line for line in process.stderr)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert err.startswith('ballbot: error: interrupted at ') and err.count('\n') == 1
+    assert 'ended early' in out
+    assert names(tmp_path) == NUMBERS
+    time = read_columns(tmp_path / 'trajectory.csv')['time']
+    assert 0.4 < time[-1] < 2000.0
+    assert json.loads((tmp_path / 'summary.json').read_text())['samples'] == len(time)
+
+
+@pytest.mark.skipif(not hasattr(os, 'openpty'), reason='needs a terminal')
+def test_a_terminal_gets_a_bar(tmp_path):
+    master, slave = os.openpty()
+    process = start_long_run(tmp_path, stdout=subprocess.DEVNULL, stderr=slave)
+    os.close(slave)
+    seen = b''
+    try:
+        while b'of 2000 s' not in seen:
+            seen += os.read(master, 4096)
+    finally:
+        process.kill()
+        process.wait()
+        os.close(master)
