@@ -7,7 +7,7 @@ import subprocess
 import sys
 from typing import Any, Dict, List, Mapping, Optional, Tuple
 
-GRACE = 5.0  # wall time for a node to end after SIGINT before it is killed [s]
+GRACE = 15.0  # wall time for a node to end after SIGINT before it is killed [s]
 
 
 def own_domain() -> int:
@@ -92,6 +92,10 @@ class NodeProcesses:
     def signal(self, name: str, number: int) -> None:
         """Send a signal to one node."""
         self._running[name].send_signal(number)
+
+    def process_id(self, name: str) -> int:
+        """Return the process id of a node."""
+        return self._running[name].pid
 
     def wait(self, name: str, timeout: float = GRACE) -> int:
         """Return the exit code of a node that is about to end."""

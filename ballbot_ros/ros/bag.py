@@ -18,6 +18,12 @@ _STAMP = struct.Struct('<iI')
 _STAMP_OFFSET = 4
 
 
+def stamp_of(data: bytes) -> int:
+    """Return the stamp that a serialized message begins with [ns]."""
+    seconds, nanoseconds = _STAMP.unpack_from(data, _STAMP_OFFSET)
+    return int(seconds) * 10**9 + int(nanoseconds)
+
+
 class BagRecorder:
     """
     Writes serialized messages as they come, stamped with their own time.
@@ -77,8 +83,7 @@ class BagRecorder:
     def _writing(self, connection: Any, listener: Optional[Callable[[bytes], None]]
                  ) -> Callable[[bytes], None]:
         def write(data: bytes) -> None:
-            seconds, nanoseconds = _STAMP.unpack_from(data, _STAMP_OFFSET)
-            self._writer.write(connection, seconds * 10**9 + nanoseconds, data)
+            self._writer.write(connection, stamp_of(data), data)
             self.messages += 1
             if listener is not None:
                 listener(data)

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Time the numerical core: the right-hand side, and a second of crossing a step."""
+import time
+
+import numpy as np
+
+from ballbot_ros.compiled import COMPILED, compiled
+from ballbot_ros.physics import Actuation, held_at, load_robot, Model, Solver, Terrain
+from ballbot_ros.physics import contact, dynamics, integrators
+
+REPEATS = 15
+CALLS = 100_000 if COMPILED else 300
+
+
+@compiled
+def call_often(calls, state, robot, ground, drive, table, rates):
+    """Call the right-hand side; each call depends on the last, so none can be left out."""
+    for _ in range(calls):
+        dynamics.derivative(0.0, state, robot, ground, drive, table, rates)
+        state[dynamics.X] += 1e-15 * rates[dynamics.Y]
+
+
+def times(function):
+    """Return the wall times of REPEATS calls after one to warm up [s]."""
+    function()
+    found = []
+    for _ in range(REPEATS):
+        begin = time.perf_counter()
+        function()
+        found.append(time.perf_counter() - begin)
+    return found
+
+
+def crossing():
+    """Return a model with a 31 mm step, and a start half a second before it at 0.8 m/s."""
+    model = Model(load_robot('gimball'), Terrain.step(0.031, at=0.5), solver=Solver('rk4', 1e-4))
+    return model, model.at_rest(0.0, speed=0.8)
+
+
+def right_hand_side(actuation):
+    """Return the time of one right-hand side, several times over [s]."""
+    model, start = crossing()
+    vector, rates = np.array(start[1:]), np.zeros(dynamics.SIZE)
+    table, drive = contact.contact_table(len(model.profile)), actuation.drive(model.robot)
+    return [spent / CALLS for spent in times(lambda: call_often(
+        CALLS, vector, model.numbers, model.profile, drive, table, rates))]
+
+
+def one_second():
+    """Return the time of one simulated second with RK4 at 1e-4 s, several times over [s]."""
+    model, start = crossing()
+    table, work = contact.contact_table(len(model.profile)), integrators.workspace()
+    drive, rows = Actuation().drive(model.robot), np.empty((1000, 2 + dynamics.SIZE))
+
+    def run():
+        integrators.record_run(integrators.RK4, 0.0, np.array(start[1:]), 1e-4, 10,
+                               model.numbers, model.profile, drive, table, work, rows)
+    return times(run)
+
+
+def measure():
+    """Yield name, unit, values and target of each measurement."""
+    yield 'right-hand side, pendulum free', 'ns', [
+        1e9 * value for value in right_hand_side(Actuation())], 100.0
+    yield 'right-hand side, pendulum held by (11)', 'ns', [
+        1e9 * value for value in right_hand_side(held_at(0.0))], 100.0
+    yield 'one second of crossing, RK4 at 1e-4 s', 'ms', [
+        1e3 * value for value in one_second()], 6.0

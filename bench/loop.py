@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Time the nodes: the closed loop over real topics, in real time and in lockstep."""
+import os
+from pathlib import Path
+import tempfile
+import time
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+
+from ballbot_ros.demo.processes import NodeProcesses, own_domain
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.bag import stamp_of
+from ballbot_ros.ros.endpoints import listen
+
+SETTLE = 2.0  # wall time before the measurement, for discovery and caches [s]
+WINDOW = 6.0  # wall time of the measurement [s]
+REPEATS = 3
+
+
+def processor_time(process_id):
+    """Return user and system time that a process has used [s]."""
+    fields = Path(f'/proc/{process_id}/stat').read_text().rsplit(')', 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+def watch(lockstep):
+    """
+    Run simulator and controller and listen to the commands.
+
+    Returns wall arrival times [s], stamps [s], and the part of a core that the simulator used.
+    """
+    domain, arrivals, stamps = own_domain(), [], []
+
+    def note(data):
+        arrivals.append(time.perf_counter())
+        stamps.append(1e-9 * stamp_of(data))
+
+    rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+    node, executor = Node('bench'), SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        with tempfile.TemporaryDirectory() as folder, \
+                NodeProcesses(Path(folder), domain) as nodes:
+            nodes.start('simulator', {
+                'lockstep': lockstep, 'real_time_factor': 0.0 if lockstep else 1.0})
+            nodes.start('controller')
+            listen(node, JointState, 'joint_commands', note, qos.STATE, raw=True)
+            deadline = time.perf_counter() + 60.0
+            while not arrivals and time.perf_counter() < deadline:
+                executor.spin_once(timeout_sec=0.1)
+            _spin(executor, SETTLE)
+            arrivals.clear()
+            stamps.clear()
+            before = processor_time(nodes.process_id('simulator'))
+            begin = time.perf_counter()
+            _spin(executor, WINDOW)
+            spent = time.perf_counter() - begin
+            used = (processor_time(nodes.process_id('simulator')) - before) / spent
+    finally:
+        executor.remove_node(node)
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return arrivals, stamps, used
+
+
+def _spin(executor, duration):
+    end = time.perf_counter() + duration
+    while time.perf_counter() < end:
+        executor.spin_once(timeout_sec=0.05)
+
+
+def quantile(values, part):
+    """Return the value below which `part` of the values lie."""
+    ordered = sorted(values)
+    return ordered[min(len(ordered) - 1, int(part * len(ordered)))]
+
+
+def measure():
+    """Yield name, unit, values and target of each measurement."""
+    middle, late, used, factors = [], [], [], []
+    for _ in range(REPEATS):
+        arrivals, stamps, share = watch(lockstep=False)
+        periods = [1e3 * (after - before) for before, after in zip(arrivals, arrivals[1:])]
+        middle.append(quantile(periods, 0.5))
+        late.append(quantile(periods, 0.99))
+        used.append(100.0 * share)
+        arrivals, stamps, _ = watch(lockstep=True)
+        factors.append((stamps[-1] - stamps[0]) / (arrivals[-1] - arrivals[0]))
+    yield 'closed loop at 500 Hz in real time, median period', 'ms', middle, None
+    yield 'closed loop at 500 Hz in real time, p99 period', 'ms', late, 4.0
+    yield 'simulator node in real time, part of a core', '%', used, 40.0
+    yield 'lockstep at 500 Hz control, times real time', 'x', factors, -4.0

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Measure what the package is meant to reach, and print it beside the targets.
+
+    make bench                       # everything, about a minute
+    make bench ARGS='--only kernels'
+    make bench ARGS='--json out.json'
+
+Nothing here fails: a target that is missed is printed as missed.
+"""
+import argparse
+import importlib
+import json
+import os
+from pathlib import Path
+import platform
+from statistics import median
+import sys
+
+PARTS = ('kernels', 'loop')
+
+
+def main():
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('--only', choices=PARTS, help='measure one part only')
+    parser.add_argument('--json', type=Path, metavar='FILE', help='write the numbers here, too')
+    arguments = parser.parse_args()
+    sys.path.insert(0, str(Path(__file__).resolve().parent))
+    load = os.getloadavg()[0]
+    print(f'Python {platform.python_version()}, {os.cpu_count()} cores, load {load:.1f} at the '
+          f'start{": busy, expect poor figures" if load > 0.5 else ""}\n')
+    print(f'{"":52}{"median":>9}{"least":>9}{"most":>9}      target')
+    results = []
+    for part in PARTS if arguments.only is None else (arguments.only,):
+        for name, unit, values, target in importlib.import_module(part).measure():
+            results.append({'name': name, 'unit': unit, 'values': values, 'target': target})
+            print(row(name, unit, values, target), flush=True)
+    if arguments.json is not None:
+        arguments.json.write_text(json.dumps({'load': load, 'results': results}, indent=1))
+
+
+def row(name, unit, values, target):
+    """Return one line of the table; a negative target is one to be exceeded."""
+    text = f'{name:52}{median(values):9.2f}{min(values):9.2f}{max(values):9.2f} {unit:3}'
+    if target is None:
+        return text
+    met = median(values) <= target if target > 0.0 else median(values) >= -target
+    return f'{text} {"<=" if target > 0.0 else ">="} {abs(target):g}: ' \
+           f'{"met" if met else "MISSED"}'
+
+
+if __name__ == '__main__':
+    main()
