@@ -67,7 +67,9 @@ def _arc(radius: float, begin: float, end: float) -> list:
 
 
 def _cord(diameter: float) -> list:
-    return _arc(0.5 * diameter, math.pi, 0.0)
+    # A round cord seen from above: the lower half of its sides is out of reach.
+    radius = 0.5 * diameter
+    return [(0.0, radius), *_arc(radius, math.pi, 0.0), (0.0, -radius)]
 
 
 def _carpet(thickness: float, length: float) -> list:
