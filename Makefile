@@ -30,6 +30,6 @@ lint: setup
 	@.venv/bin/python -m pytest -q test/test_lint.py test/test_layers.py $(ARGS)
 
 clean:
-	rm -rf .venv build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-old build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
 .PHONY: help setup demo test bench lint clean

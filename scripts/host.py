@@ -8,6 +8,7 @@ interpreters, for it is what tells them that they are too old.
 import importlib.util
 import json
 import os
+import platform
 import shutil
 import subprocess
 import sys
@@ -50,6 +51,11 @@ def describe_other(python):
 
 def choose_python(ros):
     """Return the description of the first interpreter that will do, the running one first."""
+    if not ros and platform.machine() != 'x86_64':
+        raise Problem(
+            'ROS 2 as Python wheels exists for x86_64 only, and this is %s.\n'
+            'Install ROS 2 Jazzy or later, source its setup file, then run this again: the\n'
+            'set-up uses the ROS 2 that is sourced.' % platform.machine())
     names = ['python3.%d' % minor for minor in range(NEWEST[1], OLDEST[1] - 1, -1)]
     others = [shutil.which(name) for name in names] + ['/usr/bin/python3']
     for python in [None] + [path for path in others if path]:
