@@ -141,6 +141,9 @@ def highest_step(robot: Robot, speed: float, actuation: Actuation = Actuation(),
     """
     if not tolerance > 0.0:
         raise ConfigurationError(f'tolerance must be above 0 m, got {tolerance!r}')
+    if robot.gravity == 0.0:
+        raise ConfigurationError(
+            f'robot {robot.name!r} has no gravity: there is no highest step')
 
     def passes(height: float) -> bool:
         return crosses(robot, speed, height, actuation, pendulum_angle, options, solver)

@@ -104,7 +104,7 @@ def signed_squares(terrain, x, y):
         turn = past[0] * tangent[1] - past[1] * tangent[0]  # 0 but at a vertex
         offset = np.array([x, y]) - points[index]
         in_front = tangent[0] * offset[1] - tangent[1] * offset[0] > 0.0
-        if least and (in_front if part[index] > 0.0 else turn < 1e-9):
+        if least and (in_front or (part[index] == 0.0 and turn < 1e-9)):
             found += depth**2
         elif not least and turn > 0.0:
             found -= depth**2

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The published crossings succeed, and the thresholds are those found independently."""
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import (
+    Actuation, ContactOptions, crosses, held_at, highest_step, load_robot, load_scene)
+from ballbot_ros.physics.actuation import set_rate_for_speed
+from ballbot_ros.physics.crossing import touch_distance
+
+GIMBALL = load_robot('gimball')
+SHELLBALL = load_robot('shellball')
+SPEEDS = [0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2]
+
+# Highest step [mm] at each speed, from a program of its own, written in C before this one
+# (physics-notes, section 2.1).  Nothing here was fitted to it.
+TABLE = {
+    'shellball free': [
+        3.12, 6.78, 11.11, 15.58, 19.94, 24.00, 27.69, 30.95, 33.81, 36.31, 38.48],
+    'gimball free': [
+        2.33, 5.20, 9.41, 14.44, 20.00, 25.86, 31.78, 37.56, 43.11, 48.34, 53.23],
+    'gimball down': [
+        2.34, 5.20, 9.36, 14.33, 19.77, 25.42, 31.05, 36.50, 41.64, 46.44, 50.88],
+    'gimball level': [
+        8.36, 13.14, 18.72, 24.69, 30.84, 37.00, 43.00, 48.72, 54.06, 59.00, 63.53]}
+CASES = {
+    'shellball free': (SHELLBALL, Actuation(), 0.0), 'gimball free': (GIMBALL, Actuation(), 0.0),
+    'gimball down': (GIMBALL, held_at(0.0), 0.0),
+    'gimball level': (GIMBALL, held_at(math.pi / 2), math.pi / 2)}
+
+
+@pytest.mark.parametrize('case', TABLE)
+def test_thresholds_are_those_of_the_independent_program(case):
+    robot, actuation, angle = CASES[case]
+    found = [1e3 * highest_step(robot, speed, actuation, angle) for speed in SPEEDS]
+    np.testing.assert_allclose(found, TABLE[case], atol=0.3)
+
+
+@pytest.mark.parametrize('case', TABLE)
+def test_with_the_lever_of_that_program_the_agreement_is_within_both_brackets(case):
+    # It has the printed R in eq. (8), and a clamp; each bracket is 0.05 mm wide.
+    robot, actuation, angle = CASES[case]
+    options = ContactOptions(slip_lever='radius')
+    found = [1e3 * highest_step(robot, speed, actuation, angle, options=options)
+             for speed in SPEEDS]
+    np.testing.assert_allclose(found, TABLE[case], atol=0.07)
+
+
+@pytest.mark.parametrize('case', TABLE)
+@pytest.mark.parametrize('speed', [0.4, 1.0])
+def test_the_literal_paper_has_nearly_the_same_thresholds(case, speed):
+    robot, actuation, angle = CASES[case]
+    literal = ContactOptions(pulling=True, slip_lever='radius')
+    own = highest_step(robot, speed, actuation, angle)
+    assert highest_step(robot, speed, actuation, angle, options=literal) == pytest.approx(
+        own, abs=4e-4)
+    smooth = ContactOptions(friction_ramp='smooth')
+    assert highest_step(robot, speed, actuation, angle, options=smooth) == pytest.approx(
+        own, abs=1e-4)
+
+
+@pytest.mark.parametrize('case', TABLE)
+@pytest.mark.parametrize('speed', [0.3, 0.8, 1.2])
+def test_every_lower_step_is_passed_and_no_higher_one(case, speed):
+    robot, actuation, angle = CASES[case]
+    threshold = highest_step(robot, speed, actuation, angle)
+    for share in (0.2, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99):
+        assert crosses(robot, speed, share * threshold, actuation, angle)
+    for share in (1.01, 1.02, 1.05, 1.1, 1.3, 2.0):
+        assert not crosses(robot, speed, share * threshold, actuation, angle)
+
+
+def test_threshold_lies_inside_the_bracket_that_was_asked_for():
+    for tolerance in (1e-3, 5e-5, 1e-6):
+        low = highest_step(GIMBALL, 0.7, tolerance=tolerance)
+        assert crosses(GIMBALL, 0.7, low)
+        assert not crosses(GIMBALL, 0.7, low + tolerance)
+
+
+def test_faster_balls_get_higher_and_a_level_pendulum_helps():
+    for case in TABLE:
+        robot, actuation, angle = CASES[case]
+        heights = [highest_step(robot, speed, actuation, angle) for speed in SPEEDS[::2]]
+        assert np.all(np.diff(heights) > 0.0)
+    for speed in SPEEDS[::5]:
+        assert highest_step(GIMBALL, speed, held_at(math.pi / 2), math.pi / 2) \
+            > highest_step(GIMBALL, speed, held_at(0.0)) + 5e-3
+
+
+@pytest.mark.parametrize('speed, height, actuation, angle', [
+    (0.76, 0.021, held_at(0.0), 0.0),
+    (0.78, 0.031, Actuation('velocity', set_rate=set_rate_for_speed(GIMBALL, 0.78)), 0.0),
+    (1.09, 0.056, held_at(math.pi / 2), math.pi / 2)], ids=['top', 'middle', 'bottom'])
+def test_the_crossings_of_figure_7_succeed(speed, height, actuation, angle):
+    assert crosses(GIMBALL, speed, height, actuation, angle)
+
+
+@pytest.mark.parametrize('row', ['top', 'middle', 'bottom'])
+def test_the_scenes_of_figure_7_succeed(row):
+    scene = load_scene(f'fig7_{row}')
+    run = scene.simulate()
+    face = scene.model.terrain.vertices[1, 0]
+    upper = scene.model.terrain.vertices[-1, 1]
+    over = np.flatnonzero(run['x'] > face + 0.05)
+    assert len(over) and (run['x'][over[0]:] > face).all()
+    assert (run['y'][over] > upper + 0.9 * scene.model.robot.ball_radius).all()
+
+
+def test_pendulum_is_where_figure_7_shows_it():
+    top, middle, bottom = (
+        load_scene(f'fig7_{row}').simulate() for row in ('top', 'middle', 'bottom'))
+    assert np.degrees(np.abs(top['pendulum_angle']).max()) < 40.0
+    assert np.degrees(middle['pendulum_angle'].max()) > 45.0
+    assert np.degrees(np.abs(bottom['pendulum_angle'] - math.pi / 2).max()) < 40.0
+
+
+def test_touch_is_where_the_ball_first_meets_the_edge():
+    for height in (0.005, 0.031, 0.1, 0.226, 0.5):
+        below = min(height, 0.226)
+        assert (0.226 - below)**2 + touch_distance(0.226, height)**2 == pytest.approx(
+            0.226**2, rel=1e-12)
+    assert touch_distance(0.226, 0.03, 0.0016) > touch_distance(0.226, 0.03)
+
+
+@pytest.mark.parametrize('name, arguments', [
+    ('speed', (0.0, 0.01)), ('speed', (-1.0, 0.01)), ('speed', (math.nan, 0.01)),
+    ('height', (0.5, 0.0)), ('height', (0.5, math.inf))])
+def test_impossible_crossings_are_refused_by_name(name, arguments):
+    with pytest.raises(ConfigurationError, match=f'{name} must be above 0'):
+        crosses(GIMBALL, *arguments)
+
+
+def test_impossible_searches_are_refused():
+    with pytest.raises(ConfigurationError, match='tolerance must be above 0 m'):
+        highest_step(GIMBALL, 0.5, tolerance=0.0)
+    with pytest.raises(ConfigurationError, match="'shellball' has no gravity"):
+        highest_step(replace(SHELLBALL, gravity=0.0), 0.5)
