@@ -243,7 +243,8 @@ def failure(ending: int, time: float, vector: Array,
     if ending == integrators.SUNK:
         return SimulationError(
             time, f'the centre of the ball is under the ground at x = {vector[dynamics.X]:.4g} m',
-            'raise contact_stiffness, lower the speed of the impact or use a smaller step')
+            'raise contact_stiffness, lower the speed of the impact, or use a smaller step than '
+            f'{model.solver.step:g} s (solver) or softer gains')
     names = [name for name, value in zip(State._fields[1:], vector) if not math.isfinite(value)]
     return SimulationError(
         time, f'{" and ".join(names) or "the state"} stopped being finite',

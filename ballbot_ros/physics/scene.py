@@ -139,8 +139,11 @@ def read_scene(content: Mapping[str, Any], where: str, name: str) -> Scene:
         raise ConfigurationError(
             f'{where}: robot must be the name or the file of a robot, '
             f'got {content.get("robot")!r}')
-    robot = _changed(load_robot(content['robot']), content.get('robot_changes', {}),
-                     f'{where}: robot_changes')
+    try:
+        robot = load_robot(content['robot'])
+    except ConfigurationError as error:
+        raise ConfigurationError(f'{where}: robot: {error}') from error
+    robot = _changed(robot, content.get('robot_changes', {}), f'{where}: robot_changes')
     terrain = (read_terrain(content['terrain'], f'{where}: terrain')
                if 'terrain' in content else Terrain.flat())
     model = Model(robot, terrain, _section(ContactOptions, content, 'contact', where),

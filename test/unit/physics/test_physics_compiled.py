@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled and plain kernels give the same numbers."""
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from ballbot_ros import compiled
+
+# Runs each robot and law against a step, and prints where they end.
+PROGRAM = """
+import json
+from ballbot_ros import compiled
+from ballbot_ros.physics import Actuation, load_robot, Model, simulate, Terrain
+
+ends = {}
+for name, laws in (('gimball', ('free', 'position', 'velocity', 'voltage', 'torque')),
+                   ('shellball', ('free',))):
+    robot = load_robot(name)
+    for law in laws:
+        model = Model(robot, Terrain.step(0.021))
+        start = model.at_rest(-0.4 * robot.ball_radius - 0.02, 0.8)
+        actuation = Actuation(law, set_angle=1.0, set_rate=4.0, velocity_ki=1.0, voltage=6.0,
+                              torque=0.5)
+        run = simulate(model, start, actuation, 0.06)
+        ends[f'{name} {law}'] = [list(values[[20, 40, 60]]) for values in run.columns.values()]
+print(json.dumps([compiled.COMPILED, ends]))
+"""
+
+
+def outcome(uncompiled):
+    """Return what the program prints, in a process of its own."""
+    done = subprocess.run(
+        [sys.executable, '-c', PROGRAM], check=True, capture_output=True, text=True,
+        env={**os.environ, 'BALLBOT_UNCOMPILED': uncompiled,
+             'PYTHONPATH': os.pathsep.join(path for path in sys.path if path)})
+    return json.loads(done.stdout)
+
+
+@pytest.mark.skipif(not compiled.COMPILED, reason='numba is not installed or switched off')
+def test_compiled_and_plain_kernels_agree():
+    (machine, fast), (source, plain) = outcome('0'), outcome('1')
+    assert machine and not source
+    assert set(fast) == set(plain) and len(fast) == 6
+    for name, columns in plain.items():
+        # Relative to the largest value of its column: forces near 0 are differences.
+        for one, two in zip(np.array(columns), np.array(fast[name])):
+            np.testing.assert_allclose(
+                two, one, rtol=1e-12, atol=1e-12 * max(1.0, np.abs(one).max()), err_msg=name)

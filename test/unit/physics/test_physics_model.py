@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A state is a value, a model maps it to a later one, and says why where it cannot."""
+from dataclasses import FrozenInstanceError, replace
+import math
+
+import numpy as np
+import pytest
+
+from ballbot_ros.errors import BallbotError, ConfigurationError, SimulationError
+from ballbot_ros.physics import (
+    Actuation, ContactOptions, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
+from ballbot_ros.physics.simulation import CHUNK
+from ballbot_ros.physics.trajectory import UNITS
+
+GIMBALL = load_robot('gimball')
+MODEL = Model(GIMBALL, Terrain.step(0.03, at=1.0))
+START = MODEL.at_rest(0.7, 0.8, 0.3)
+LAW = Actuation('velocity', set_rate=3.0, velocity_ki=2.0)
+DRIVE = LAW.drive(GIMBALL)
+
+
+# A pure function --------------------------------------------------------------------------
+
+def test_advance_is_a_pure_function():
+    start = State(*START)
+    first = MODEL.advance(start, DRIVE, 2000)
+    MODEL.advance(MODEL.at_rest(-1.0, 2.0), DRIVE, 777)  # something else in between
+    assert MODEL.advance(start, DRIVE, 2000) == first
+    assert start == START
+    # Another object that says the same, which has touched nothing before.
+    assert Model(GIMBALL, Terrain.step(0.03, at=1.0)).advance(start, DRIVE, 2000) == first
+
+
+def test_two_advances_are_one():
+    assert MODEL.advance(MODEL.advance(START, DRIVE, 600), DRIVE, 1400)[1:] == pytest.approx(
+        MODEL.advance(START, DRIVE, 2000)[1:], rel=1e-12, abs=1e-15)
+
+
+def test_a_repeated_run_is_the_same_to_the_bit():
+    runs = [load_scene('fig7_bottom').simulate() for _ in range(2)]
+    np.testing.assert_array_equal(runs[0].rows, runs[1].rows)
+
+
+def test_samples_of_a_run_are_the_states_of_the_model():
+    run = simulate(MODEL, START, LAW, 0.2, 1e-3)
+    state = START
+    for index in range(1, len(run), 50):
+        state = MODEL.advance(START, LAW.drive(GIMBALL, 0.0, START.joint_angle), 10 * index)
+        assert run.state(index)[1:] == pytest.approx(state[1:], rel=1e-11, abs=1e-14)
+        assert run['pendulum_torque'][index] == pytest.approx(MODEL.torque(
+            run.state(index), LAW.drive(GIMBALL, 0.0, START.joint_angle)), rel=1e-12)
+
+
+def test_a_run_may_go_on_from_a_later_time():
+    run = simulate(MODEL, START._replace(time=5.0), Actuation(), 0.2)
+    assert run['time'][0] == 5.0 and run['time'][-1] == pytest.approx(5.2, rel=1e-14)
+    np.testing.assert_allclose(run['x'], simulate(MODEL, START, Actuation(), 0.2)['x'],
+                               rtol=1e-12)
+
+
+def test_nothing_can_be_changed_after_it_was_made():
+    for thing, name in ((MODEL, 'robot'), (GIMBALL, 'ball_mass'), (MODEL.solver, 'step'),
+                        (LAW, 'law'), (MODEL.terrain, 'vertices')):
+        with pytest.raises(FrozenInstanceError):
+            setattr(thing, name, None)
+    with pytest.raises(ValueError, match='read-only'):
+        MODEL.terrain.vertices[0, 0] = 9.0
+    with pytest.raises(TypeError):
+        GIMBALL.provenance['ball_mass'] = None
+
+
+def test_times_of_the_samples_carry_no_accumulated_rounding():
+    run = simulate(Model(GIMBALL, Terrain.flat()), MODEL.at_rest(0.0), Actuation(), 3.0)
+    np.testing.assert_allclose(run['time'], np.arange(3001) * 1e-3, rtol=0.0, atol=1e-14)
+
+
+def test_duration_is_rounded_up_to_a_whole_number_of_samples():
+    assert len(simulate(MODEL, START, Actuation(), 0.0101)) == 12
+    assert len(simulate(MODEL, START, Actuation(), 0.01)) == 11
+
+
+def test_progress_is_told_and_an_interruption_keeps_what_there_is():
+    told = []
+
+    def stop(elapsed):
+        told.append(elapsed)
+        if len(told) == 2:
+            raise KeyboardInterrupt
+
+    run = simulate(MODEL, START, Actuation(), 3.0, progress=stop)
+    assert told == pytest.approx([CHUNK * 1e-3, 2 * CHUNK * 1e-3], rel=1e-12)
+    assert len(run) == 2 * CHUNK + 1
+
+
+def test_energies_and_touches_are_those_of_the_columns():
+    run = simulate(MODEL, START, LAW, 0.3)
+    for index in (0, 80, 200):
+        energies = MODEL.energies(run.state(index))
+        assert energies.kinetic == pytest.approx(run['kinetic_energy'][index], rel=1e-13)
+        assert energies.total == pytest.approx(
+            run['kinetic_energy'][index] + run['potential_energy'][index]
+            + run['contact_energy'][index], rel=1e-13)
+        touches = MODEL.touches(run.state(index))
+        assert sum(touch.normal_force * touch.normal_y - touch.friction_force * touch.normal_x
+                   for touch in touches) == pytest.approx(
+                       run['contact_force_y'][index], rel=1e-12, abs=1e-12)
+    assert set(run.columns) == set(UNITS)
+    assert run.state(0) == START
+    assert START.dissipated_energy == 0.0
+
+
+@pytest.mark.parametrize('slope_deg', [-10.0, 0.0, 3.0])
+@pytest.mark.parametrize('speed', [0.0, 0.7])
+def test_at_rest_means_carried_and_rolling_without_slip(slope_deg, speed):
+    model = Model(GIMBALL, Terrain.slope(math.radians(slope_deg)))
+    start = model.at_rest(0.2, speed)
+    (touch,) = model.touches(start)
+    assert touch.normal_force * touch.normal_y == pytest.approx(GIMBALL.weight, rel=1e-9)
+    assert touch.slip_velocity == pytest.approx(0.0, abs=1e-3 * speed + 1e-15)
+    assert math.hypot(start.velocity_x, start.velocity_y) == pytest.approx(speed, rel=1e-14)
+
+
+def test_at_rest_with_the_printed_lever_has_no_slip_of_the_printed_kind():
+    model = Model(GIMBALL, Terrain.flat(), ContactOptions(slip_lever='radius'))
+    start = model.at_rest(0.0, 1.0)
+    assert start.ball_rate == -1.0 / GIMBALL.ball_radius
+    assert model.touches(start)[0].slip_velocity == pytest.approx(0.0, abs=1e-15)
+
+
+# Where it cannot --------------------------------------------------------------------------
+
+def failure_of(model, start, actuation=Actuation(), duration=1.0, output_step=None):
+    """Return the error of a run that must fail, checked for its parts."""
+    with pytest.raises(SimulationError) as caught:
+        simulate(model, start, actuation, duration, output_step or model.solver.step)
+    error = caught.value
+    assert isinstance(error, BallbotError)
+    assert f't = {error.time:.6g} s' in str(error)
+    assert error.quantity in str(error) and error.remedy in str(error)
+    return error
+
+
+@pytest.mark.parametrize('method', ['semi_implicit', 'rk4'])
+def test_a_step_too_long_for_the_contact_diverges_and_says_so(shellball, method):
+    # The contact of the empty ball swings at 247 rad/s: no explicit scheme bears 20 ms.
+    model = Model(shellball, Terrain.flat(), solver=Solver(method, 0.02))
+    start = model.at_rest(0.0, 1.0)._replace(y=shellball.ball_radius - 0.01)
+    error = failure_of(model, start, duration=30.0)
+    assert 'smaller step than 0.02 s' in error.remedy
+    assert len(error.trajectory) >= 1
+    assert np.isfinite(error.trajectory.rows).all()
+    assert error.trajectory['time'][-1] < error.time
+
+
+def test_a_step_too_long_that_does_not_diverge_is_seen_in_the_ledger():
+    # At 5 ms the friction of eq. (9) flips from one end to the other, and stays bounded.
+    model = Model(GIMBALL, Terrain.flat(), solver=Solver(step=5e-3))
+    start = model.at_rest(0.0, 1.0)._replace(y=GIMBALL.ball_radius - 0.01)
+    run = simulate(model, start, Actuation(), 5.0, 5e-3)
+    assert np.abs(run.energy_residual).max() > 0.1 * run.energy_in_play
+
+
+def test_gains_too_stiff_for_the_step_are_named_as_a_remedy():
+    model = Model(GIMBALL, Terrain.flat(), solver=Solver(step=1e-2))
+    stiff = Actuation('position', set_angle=1.0, position_kp=40.0, position_kd=1e5)
+    error = failure_of(model, State(y=500.0), stiff, 9.0)
+    assert '0.01 s' in error.remedy and 'gains' in error.remedy
+
+
+def test_numbers_that_overflow_are_named():
+    error = failure_of(Model(GIMBALL, Terrain.flat()), State(y=9.0, pendulum_rate=1e200))
+    assert 'stopped being finite' in error.quantity
+    assert 'velocity_x' in error.quantity and 'ball_rate' not in error.quantity
+    assert '0.0001 s' in error.remedy and 'gains' in error.remedy
+
+
+def test_a_ball_that_is_shot_into_the_ground_sinks_and_says_where():
+    model = Model(GIMBALL, Terrain.flat())
+    error = failure_of(model, State(x=1.5, y=1.0, velocity_y=-30.0), duration=1.0)
+    assert 'under the ground at x = 1.5 m' in error.quantity
+    assert 'contact_stiffness' in error.remedy
+    assert 0.02 < error.time < 0.05
+    # The sample before it is the last good one.
+    assert error.trajectory['y'][-1] > 0.0
+
+
+def test_advance_raises_the_same_as_a_run():
+    with pytest.raises(SimulationError, match='under the ground'):
+        MODEL.advance(State(y=1.0, velocity_y=-30.0), DRIVE, 5000)
+
+
+def test_ground_too_soft_to_carry_the_ball_is_refused():
+    soft = replace(GIMBALL, contact_stiffness=100.0)
+    with pytest.raises(ConfigurationError, match='too soft or too steep'):
+        Model(soft, Terrain.flat()).at_rest(0.0)
+
+
+@pytest.mark.parametrize('duration', [0.0, -1.0, math.nan, math.inf])
+def test_impossible_durations_are_refused(duration):
+    with pytest.raises(ConfigurationError, match='duration must be above 0 s and finite'):
+        simulate(MODEL, START, Actuation(), duration)
+
+
+@pytest.mark.parametrize('output_step', [2.5e-4, 5e-5, 1e-9])
+def test_output_steps_that_do_not_fit_are_refused(output_step):
+    with pytest.raises(ConfigurationError, match='output_step must be a whole number of steps'):
+        simulate(MODEL, START, Actuation(), 1.0, output_step)
+
+
+@pytest.mark.parametrize('law, words', [
+    ('position', 'needs a pendulum'), ('velocity', 'needs a pendulum'),
+    ('torque', 'needs a pendulum'), ('voltage', 'needs a pendulum')])
+def test_a_ball_without_pendulum_can_only_roll_freely(shellball, law, words):
+    with pytest.raises(ConfigurationError, match=words):
+        Actuation(law).drive(shellball)
+    assert Actuation().drive(shellball).law == 0
+
+
+def test_voltage_needs_a_motor():
+    with pytest.raises(ConfigurationError, match='needs a motor'):
+        Actuation('voltage').drive(replace(GIMBALL, motor=None))
+
+
+def test_torque_limit_holds_for_every_law():
+    state = State(y=9.0, pendulum_angle=-2.0, pendulum_rate=-50.0)
+    for law in ('position', 'velocity', 'torque', 'voltage'):
+        drive = Actuation(law, set_angle=2.0, set_rate=50.0, torque=9.0, voltage=12.0,
+                          torque_limit=0.7).drive(GIMBALL)
+        assert MODEL.torque(state, drive) == 0.7
