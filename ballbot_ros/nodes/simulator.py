@@ -50,7 +50,7 @@ class Simulator(Node):
         self._silent = True
         self._credit = 0
         self._speed = Speedometer()
-        factor = settings.real_time_factor
+        self._factor = factor = settings.real_time_factor
         self._pace = Pace(self._plant.period, factor) if factor > 0.0 else None
         self._outputs = Outputs(self, self._plant, Sensor(
             scene.model.terrain, settings.observation_reach, settings.observation_distance_sd,
@@ -81,11 +81,12 @@ class Simulator(Node):
         elif self._pace:
             dropped = self._pace.dropped
             for _ in range(self._pace.due(now)):
-                self._period()
-            if self._pace.dropped > dropped:
+                if self._allowance.running:  # a failure or the last step ends it in between
+                    self._period()
+            if self._pace.dropped > dropped and self._speed.factor < 0.98 * self._factor:
                 self.get_logger().warning(
                     f'falling behind: real-time factor {self._speed.factor:.2f} instead of '
-                    f'{self._settings.real_time_factor:g}', throttle_duration_sec=2.0)
+                    f'{self._factor:g}', throttle_duration_sec=2.0)
         else:
             while time.monotonic() - now < BATCH and self._allowance.running:
                 self._period()
@@ -115,17 +116,17 @@ class Simulator(Node):
         self._allowance.spend()
         self._ask()
 
-    def _ask(self) -> None:
+    def _ask(self, everything: bool = False) -> None:
         """Publish the state; in lockstep this asks for the command that answers it."""
         self._answered = False
         self._asked = self._since = time.monotonic()
-        self._outputs.publish()
+        self._outputs.publish(everything)
 
     def _insist(self, now: float) -> None:
         """Repeat a state that nobody answers, and say so when it lasts."""
         if now - self._asked >= REPEAT:
             self._asked = now
-            self._outputs.publish()
+            self._outputs.repeat()
         if now - self._since >= self._settings.lockstep_patience:
             self._gate.clear()
             self.get_logger().warning(
@@ -169,7 +170,7 @@ class Simulator(Node):
         self._failure = None
         self._gate.clear()
         self._plant.reset()
-        self._ask()
+        self._ask(everything=True)
         return self._done(response, 'back at the start of the scene; time goes on, now '
                           f't = {self._plant.time:.3f} s'
                           + (', paused' if self._allowance.paused else ''))

@@ -80,6 +80,10 @@ def _view(run: Trajectory, row: Row) -> tuple[float, float, float, float]:
     radius = run.model.robot.ball_radius
     x, y = run['x'][row.samples], run['y'][row.samples]
     left, right = float(x.min()) - _MARGIN * radius, float(x.max()) + _MARGIN * radius
+    # Where the ball stopped before a step, the step is the point of the picture.
+    for face in rising_faces(run.model.terrain, radius):
+        if right - radius < face[-1, 0] < right + radius:
+            right = max(right, float(face[-1, 0]) + 0.5 * radius)
     line = ground_line(run.model.terrain, left, right)
     top = max(float(y.max()) + radius, float(line[:, 1].max()))
     return left, right, float(line[:, 1].min()) - _DEPTH * radius, top
