@@ -231,8 +231,9 @@ def test_a_vertex_more_on_a_straight_line_changes_nothing(case, motion, places):
     for number, place in enumerate(places):
         segment = number % (len(terrain.vertices) - 1)
         one, two = terrain.vertices[segment:segment + 2]
-        added.append((segment, one + place * (two - one)))
-    for segment, point in sorted(added, key=lambda item: (-item[0], -item[1][0],)):
+        added.append((segment, place, one + place * (two - one)))
+    # From the back, so that the places in front keep their numbers.
+    for segment, _, point in sorted(added, key=lambda item: item[:2], reverse=True):
         points.insert(segment + 1, point)
     points = np.array(points)
     steps = np.diff(points, axis=0)
@@ -240,7 +241,7 @@ def test_a_vertex_more_on_a_straight_line_changes_nothing(case, motion, places):
     # Exactly at the new vertex the contact is called an edge, with the friction of one.
     rows = rows_at(terrain, x, y)
     assume(all(np.hypot(*(row[[POINT_X, POINT_Y]] - point)) > 1e-6
-               for row in rows for _, point in added))
+               for row in rows for *_, point in added))
     np.testing.assert_allclose(loads_at(Terrain(points), x, y, *motion),
                                loads_at(terrain, x, y, *motion), rtol=1e-6, atol=1e-5)
 

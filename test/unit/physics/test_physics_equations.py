@@ -7,8 +7,8 @@ import pytest
 import sympy
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics import ContactOptions, load_robot, State, Terrain
-from ballbot_ros.physics import contact, dynamics, matrices
+from ballbot_ros.physics import (
+    contact, ContactOptions, dynamics, load_robot, matrices, State, Terrain)
 from ballbot_ros.physics.robot import Robot
 
 SYMBOLS = sympy.symbols('M1 M2 J1 J2 e c1 c2 g')

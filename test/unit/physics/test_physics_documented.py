@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The numbers of docs/model.md are those of the code."""
+import math
+from pathlib import Path
+
+import pytest
+
+from ballbot_ros.physics import (
+    Actuation, ContactOptions, held_at, highest_step, load_robot)
+
+TEXT = (Path(__file__).resolve().parents[3] / 'docs' / 'model.md').read_text(encoding='utf-8')
+CASES = {
+    'shellball free': ('shellball', Actuation(), 0.0),
+    'gimball free': ('gimball', Actuation(), 0.0),
+    'gimball down': ('gimball', held_at(0.0), 0.0),
+    'gimball level': ('gimball', held_at(math.pi / 2), math.pi / 2)}
+OPTIONS = [ContactOptions(pulling=True), ContactOptions(slip_lever='radius'),
+           ContactOptions(pulling=True, slip_lever='radius'),
+           ContactOptions(friction_ramp='smooth')]
+
+
+def table(name):
+    """Return the rows of the table behind a mark, without its head."""
+    lines = TEXT.split(f'<!-- {name} -->\n')[1].split('\n\n')[0].split('\n')
+    return [[cell.strip() for cell in line.strip('|').split('|')] for line in lines[2:]]
+
+
+@pytest.mark.parametrize('row', table('effects'), ids=lambda row: ' '.join(row[:2]))
+def test_effect_of_the_contact_options_on_the_height(row):
+    name, speed, *values = row[0], *map(float, row[1:])
+    robot, actuation, angle = CASES[name]
+
+    def millimetres(options=ContactOptions()):
+        return 1e3 * highest_step(
+            load_robot(robot), speed, actuation, angle, 2e-6, options)
+
+    own = millimetres()
+    assert values[0] == pytest.approx(own, abs=0.02)
+    assert values[1:] == pytest.approx([millimetres(item) - own for item in OPTIONS], abs=0.012)
+
+
+def test_what_the_numbers_mean_for_the_contact():
+    for column, name in ((1, 'gimball'), (2, 'shellball')):
+        robot = load_robot(name)
+        zeta = robot.damping_ratio
+        phase = math.pi - 2.0 * math.asin(zeta)
+        root = math.sqrt(1.0 - zeta**2)
+        natural = math.sqrt(robot.contact_stiffness / robot.total_mass)
+        expected = [1e3 * robot.static_penetration, zeta, math.exp(-zeta / root * phase),
+                    robot.restitution, 1e3 * phase / (natural * root),
+                    math.degrees(robot.slope_limit)]
+        shown = [row[column].split()[0] for row in table('contact')]
+        for text, value in zip(shown, expected):
+            places = len(text.partition('.')[2])
+            assert float(text) == pytest.approx(value, abs=0.5001 * 10.0**-places)
+        assert len(shown) == len(expected)
