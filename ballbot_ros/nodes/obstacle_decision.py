@@ -48,6 +48,7 @@ class ObstacleDecision(Node):
         self._odometry: Deque[Odometry] = deque(maxlen=KEPT)
         self._waiting: Deque[StepObservation] = deque(maxlen=KEPT)
         self._answers: Counter = Counter()
+        self._told: Optional[Tuple[StepDecision, JointState]] = None
         self._decisions = advertise(self, StepDecision, 'step_decision', qos.LATCHED)
         self._set_points = advertise(self, JointState, 'set_point', qos.NEWEST)
         listen(
@@ -56,6 +57,10 @@ class ObstacleDecision(Node):
         self._diagnostics = diagnostics.Diagnostics(self, 'decision', self._health)
 
     def _on_observation(self, message: StepObservation) -> None:
+        if self._told is not None and _key(message) == _key(self._told[0]):
+            # Asked again: to decide again might give another answer.
+            self._publish()
+            return
         self._waiting.append(message)
         self._work()
 
@@ -65,7 +70,7 @@ class ObstacleDecision(Node):
             self._odometry.clear()
             self._waiting.clear()
             self._tracker.reset()
-            self._sighting = self._decision = None
+            self._sighting = self._decision = self._told = None
         self._odometry.append(message)
         self._work()
         self._notice_silence(message)
@@ -97,12 +102,18 @@ class ObstacleDecision(Node):
             self._sighting, now, before, robot=self._robot, curve=self._curve,
             tuning=self._tuning)
         self._answers[decision.kind.value] += 1
-        self._decisions.publish(decision_message(stamp, decision))
         angle = lean(decision, now.speed, self._robot, self._tuning)
         # Stamped with the observation: in lockstep this tells which period it is for.
-        self._set_points.publish(set_point_message(stamp, angle))
+        self._told = decision_message(stamp, decision), set_point_message(stamp, angle)
+        self._publish()
         if before is None or (before.kind, before.reason) != (decision.kind, decision.reason):
             self.get_logger().info(f'{decision.kind.name}: {decision.explanation}')
+
+    def _publish(self) -> None:
+        """Tell decision and set-point."""
+        if self._told is not None:
+            self._decisions.publish(self._told[0])
+            self._set_points.publish(self._told[1])
 
     def make_safe(self) -> None:
         """Let the pendulum down."""

@@ -4,6 +4,7 @@ import sys
 import time
 from typing import Any, List, Optional, Tuple
 
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -58,7 +59,9 @@ class Simulator(Node):
         listen(self, JointState, 'joint_commands', self._on_command, qos.NEWEST)
         for name in ('pause', 'resume', 'reset'):
             self.create_service(Trigger, f'~/{name}', getattr(self, f'_on_{name}'))
-        self.create_service(Step, '~/step', self._on_step)
+        # In the group of all others a step that waits would keep out what it waits for.
+        self.create_service(
+            Step, '~/step', self._on_step, callback_group=ReentrantCallbackGroup())
         self._diagnostics = diagnostics.Diagnostics(self, 'simulation', self._health)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._ask()

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the simulator tells the world, each at its own rate."""
+from typing import Any, Dict
+
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
@@ -44,6 +47,7 @@ class Outputs:
     def __init__(self, node: Node, plant: Plant, sensor: Sensor, settings: SimulatorSettings):
         """Create the publishers."""
         self._plant, self._sensor = plant, sensor
+        self._told: Dict[Publisher, Any] = {}
         rates = ('clock_rate', 'odom_rate', 'observation_rate', 'ball_state_rate')
         every = [periods_per(getattr(settings, rate), settings.control_rate, rate)
                  for rate in rates]
@@ -62,26 +66,40 @@ class Outputs:
         else:
             self._transforms = advertise(node, TFMessage, '/tf', qos.STATE)
 
-    def publish(self) -> None:
-        """Tell the present state, as far as its turn has come."""
+    def publish(self, everything: bool = False) -> None:
+        """Tell the present state, on each topic whose turn has come or on all of them."""
         for every, tell in self._schedule:
-            if self._plant.periods % every == 0:
+            if everything or self._plant.periods % every == 0:
                 tell()
-        self._joints.publish(joint_state_message(
+        self._tell(self._joints, joint_state_message(
             self._plant.state, self._plant.torque, self._plant.model.robot.has_pendulum))
 
+    def repeat(self) -> None:
+        """
+        Tell again what was told last on each topic, with the stamps of then.
+
+        For those who were not there in time: a controller that is started again in lockstep
+        needs the set-point of its period, hence the decision the observation.
+        """
+        for publisher, message in self._told.items():
+            publisher.publish(message)
+
+    def _tell(self, publisher: Publisher, message: Any) -> None:
+        self._told[publisher] = message
+        publisher.publish(message)
+
     def _tell_clock(self) -> None:
-        self._clock.publish(Clock(clock=to_time(self._plant.time)))
+        self._tell(self._clock, Clock(clock=to_time(self._plant.time)))
 
     def _tell_odometry(self) -> None:
         message = odometry_message(self._plant.state)
-        self._odometry.publish(message)
+        self._tell(self._odometry, message)
         if self._transforms is not None:
             transform = TransformStamped(
                 header=message.header, child_frame_id=message.child_frame_id)
             transform.transform.translation.x = message.pose.pose.position.x
             transform.transform.translation.z = message.pose.pose.position.z
-            self._transforms.publish(TFMessage(transforms=[transform]))
+            self._tell(self._transforms, TFMessage(transforms=[transform]))
 
     def _tell_observation(self) -> None:
         sight = self._sensor.look(
@@ -91,8 +109,8 @@ class Outputs:
             distance_sd=self._sensor.distance_sd, height_sd=self._sensor.height_sd)
         message.header.frame_id = 'base_link'
         message.header.stamp = to_time(self._plant.time)
-        self._observation.publish(message)
+        self._tell(self._observation, message)
 
     def _tell_ball(self) -> None:
-        self._ball.publish(ball_state_message(
+        self._tell(self._ball, ball_state_message(
             self._plant.state, self._plant.torque, self._plant.model))
