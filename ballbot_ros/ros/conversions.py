@@ -106,12 +106,13 @@ def set_point(message: JointState) -> SetPoint:
     Return the set-point that a joint state asks for.
 
     A position of the joint ``pendulum`` is an absolute pendulum angle for law (11), a
-    velocity a joint rate for law (12); neither means no torque.  NaN counts as not given.
+    velocity a joint rate for law (12); a message with neither means no torque.  Beside a
+    number, NaN counts as not given; alone it is refused.
 
     Raises
     ------
     MessageError
-        If both are given, the joint is missing or a number is infinite.
+        If both are given, the joint is missing or a number is not finite.
 
     """
     stamp = to_seconds(message.header.stamp)
@@ -119,14 +120,16 @@ def set_point(message: JointState) -> SetPoint:
     for mode, what in ((Mode.HOLD, 'position'), (Mode.DRIVE, 'velocity')):
         values = getattr(message, what)
         if len(values):
-            value = _joint_value(message, PENDULUM, values, what)
-            if not math.isnan(value):
-                given[mode] = value
-    if len(given) > 1:
+            given[mode] = _joint_value(message, PENDULUM, values, what)
+    meant = {mode: value for mode, value in given.items() if not math.isnan(value)}
+    if len(meant) > 1:
         raise MessageError(
             'contradictory', 'a set-point is a position, for law (11), or a velocity, for law '
             '(12), not both; leave one empty')
-    for mode, value in given.items():
+    if given and not meant:
+        raise MessageError(
+            'not_finite', 'the set-point is NaN; for no torque leave position and velocity empty')
+    for mode, value in meant.items():
         return SetPoint(mode, value, stamp)
     return SetPoint(Mode.IDLE, 0.0, stamp)
 
