@@ -52,6 +52,8 @@ def faces(terrain: Terrain) -> Tuple[Tuple[float, float], ...]:
             foot = None
         if steep and foot is None:
             foot = (x, y, rise)
+    if foot is not None:  # the last segment is steep, and goes on for ever
+        found.append((foot[0], terrain.vertices[-1][1] - foot[1]))
     return tuple((float(x), float(height)) for x, height in found if abs(height) >= LOWEST)
 
 
