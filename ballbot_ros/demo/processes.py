@@ -5,7 +5,7 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
-from typing import Any, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 GRACE = 15.0  # wall time for a node to end after SIGINT before it is killed [s]
 
@@ -72,12 +72,23 @@ class NodeProcesses:
         """Return the log file of a node."""
         return self._folder / f'{name}.log'
 
-    def start(self, name: str, parameters: Optional[Mapping[str, Any]] = None) -> None:
-        """Start ``ballbot_ros.nodes.<name>``; a second start goes on in the same log."""
+    def start(self, name: str, parameters: Optional[Mapping[str, Any]] = None,
+              arguments: Sequence[str] = ()) -> None:
+        """
+        Start ``ballbot_ros.nodes.<name>``; a second start goes on in the same log.
+
+        Parameters
+        ----------
+        name : str
+        parameters : mapping, optional
+        arguments : sequence of str
+            More of the command line, ``('--ros-args', '-r', '__ns:=/left')`` for instance.
+
+        """
         with open(self.log(name), 'a', encoding='utf-8') as log:
             self._running[name] = subprocess.Popen(
                 [sys.executable, '-m', f'ballbot_ros.nodes.{name}',
-                 *parameter_arguments(parameters or {})],
+                 *parameter_arguments(parameters or {}), *arguments],
                 stdout=log, stderr=subprocess.STDOUT, env=self._environment,
                 stdin=subprocess.DEVNULL, start_new_session=True)
 
