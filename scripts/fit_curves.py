@@ -23,13 +23,13 @@ SPEEDS = np.linspace(0.2, 1.2, 21)
 TOLERANCE = 2e-5
 DRIFT = 2e-5  # heights may differ by this between machines [m]
 
-HEADER = '''\
+HEADER = """\
 # How high a step {what}, as a cubic of the speed at
 # touch: height = a0 + a1 v + a2 v^2 + a3 v^3, in m and m/s.  Valid between the two speeds
 # only: outside, the cubic means nothing and may even come down again.
 #
 # Written by scripts/fit_curves.py: re-simulated, the paper prints its cubic in a figure only.
-'''
+"""
 
 CURVES = {
     'gimball_down': ('GimBall crosses with its pendulum held down', 'gimball',

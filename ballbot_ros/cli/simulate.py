@@ -21,7 +21,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='simulated time, instead of that of the scene')
     parser.add_argument('--step', type=float, metavar='SECONDS',
                         help='integration step, instead of that of the scene')
-    parser.add_argument('--method', help='integrator, instead of that of the scene')
+    parser.add_argument('--method', help='integrator, instead of that of the scene: rk4, '
+                        'semi_implicit or adaptive')
+    parser.add_argument('--tolerance', type=float, metavar='METRES',
+                        help='local error of the adaptive method, instead of that of the scene')
     parser.add_argument('--no-figures', action='store_true', help='write numbers only')
     parser.add_argument('--format', choices=('svg', 'png', 'both'), default='both',
                         help='of the figures (default: %(default)s)')
@@ -106,7 +109,8 @@ def read_scene(arguments: argparse.Namespace) -> Any:
                  for name in names if getattr(arguments, name) is not None}
         return replace(part, **given)
 
-    model = replace(scene.model, solver=change(scene.model.solver, 'step', 'method'))
+    model = replace(scene.model, solver=change(
+        scene.model.solver, 'step', 'method', 'tolerance'))
     return replace(scene, model=model, run=change(scene.run, 'duration'))
 
 

@@ -16,7 +16,7 @@ from ballbot_ros.output.panels import sane
 from ballbot_ros.physics.trajectory import Trajectory
 
 _WIDTH, _HIGHEST_ROW = 9.6, 3.6  # of the drawing, and of a row in it [in]
-_LEFT, _RIGHT, _TOP, _BOTTOM = 0.72, 0.2, 0.72, 0.48  # [in]
+_LEFT, _RIGHT, _TOP, _BOTTOM = 0.8, 0.2, 0.72, 0.48  # [in]
 _ROW_GAP, _COLUMN_GAP, _NARROWEST = 0.55, 0.65, 6.4  # [in]
 _LETTER, _LINE = 0.072, 0.15  # size of a letter of a label [in]
 _MARGIN, _DEPTH = 1.25, 0.42  # beside the outermost centres, of the ground [ball radii]

@@ -10,7 +10,6 @@ import numpy as np
 from ballbot_ros.output.faces import Face, meet_faces
 from ballbot_ros.output.warn import find_warnings
 from ballbot_ros.physics.scene import Scene
-from ballbot_ros.physics.simulation import steps_in
 from ballbot_ros.physics.terrain import Array
 from ballbot_ros.physics.trajectory import Trajectory
 
@@ -119,7 +118,6 @@ def summarise(trajectory: Trajectory, scene: Scene,
 
     """
     robot, run = scene.model.robot, scene.run
-    every = steps_in(run.output_step, scene.model.solver.step, 'output_step')
     asked = math.ceil(run.duration / run.output_step - 1e-9)
     samples = len(trajectory)
     time = trajectory['time']
@@ -137,7 +135,7 @@ def summarise(trajectory: Trajectory, scene: Scene,
     relative = residual / in_play if in_play > 0.0 else None
     return Summary(
         name=scene.name, robot=robot.name, complete=samples == asked + 1, duration=duration,
-        samples=samples, steps=(samples - 1) * every,
+        samples=samples, steps=trajectory.effort.steps,
         x=float(trajectory['x'][-1]), y=float(trajectory['y'][-1]), speed=float(speed[-1]),
         highest_speed=float(np.max(speed)), lowest_speed=float(np.min(speed)),
         surface_normal_force=float(np.max(trajectory['surface_normal_force'])),

@@ -28,7 +28,7 @@ line is left out.
 import math
 from typing import Any, NamedTuple
 
-from ballbot_ros.compiled import compiled
+from ballbot_ros.compiled import compiled, inlined
 from ballbot_ros.physics.contact import contact_loads
 from ballbot_ros.physics.laws import limited, motor_torque, position_torque, velocity_torque
 from ballbot_ros.physics.options import ContactOptions
@@ -90,24 +90,79 @@ class Drive(NamedTuple):
 
 
 @compiled
-def drive_torque(time: float, state: Any, drive: Any) -> float:
-    """Return the torque tau2 of the pendulum motor [N m]."""
+def wanted_torque(time: float, state: Any, drive: Any) -> float:
+    """Return the torque tau2 that the law asks for, without the limit [N m]."""
     joint_rate = state[PENDULUM_RATE] - state[BALL_RATE]
     if drive.law == POSITION:
-        torque = position_torque(state[PENDULUM_ANGLE], state[PENDULUM_RATE], drive.set_value,
-                                 drive.kp, drive.kd_or_ki, drive.gravity_torque)
-    elif drive.law == VELOCITY:
+        return position_torque(state[PENDULUM_ANGLE], state[PENDULUM_RATE], drive.set_value,
+                               drive.kp, drive.kd_or_ki, drive.gravity_torque)
+    if drive.law == VELOCITY:
         travel = state[PENDULUM_ANGLE] - state[BALL_ANGLE] - drive.start_joint_angle
         lag = drive.set_value * (time - drive.start_time) - travel
-        torque = velocity_torque(state[PENDULUM_ANGLE], joint_rate, lag, drive.set_value,
-                                 drive.kp, drive.kd_or_ki, drive.gravity_torque)
-    elif drive.law == VOLTAGE:
-        torque = motor_torque(drive.set_value, joint_rate, drive.kp, drive.kd_or_ki)
-    elif drive.law == TORQUE:
-        torque = drive.set_value
+        return velocity_torque(state[PENDULUM_ANGLE], joint_rate, lag, drive.set_value,
+                               drive.kp, drive.kd_or_ki, drive.gravity_torque)
+    if drive.law == VOLTAGE:
+        return motor_torque(drive.set_value, joint_rate, drive.kp, drive.kd_or_ki)
+    if drive.law == TORQUE:
+        return drive.set_value
+    return 0.0
+
+
+@compiled
+def drive_torque(time: float, state: Any, drive: Any) -> float:
+    """Return the torque tau2 of the pendulum motor, within its limit [N m]."""
+    return limited(wanted_torque(time, state, drive), drive.limit)
+
+
+@inlined
+def write_rates(state: Any, robot: Any, loads: Any, motor: float, rates: Any) -> None:
+    """
+    Write the time derivative of `state` under given loads into `rates`; eq. (13).
+
+    Parameters
+    ----------
+    state, rates : (13,) arrays
+    robot : Numbers
+    loads : tuple
+        What the ground does to the ball, see `contact.contact_loads`.
+    motor : float
+        Torque tau2 of the pendulum motor [N m].
+
+    """
+    ball_rate = state[BALL_RATE]
+    force_x, force_y, torque, contact_loss, friction_loss = loads
+    rolling_torque = robot.rolling_friction * ball_rate
+
+    rates[BALL_ANGLE] = ball_rate
+    rates[X] = state[VELOCITY_X]
+    rates[Y] = state[VELOCITY_Y]
+    rates[CONTACT_LOSS] = contact_loss
+    rates[FRICTION_LOSS] = friction_loss
+    rates[ROLLING_LOSS] = rolling_torque * ball_rate
+
+    if robot.swing_inertia > 0.0:
+        angle, rate = state[PENDULUM_ANGLE], state[PENDULUM_RATE]
+        sine, cosine = math.sin(angle), math.cos(angle)
+        joint_rate = rate - ball_rate
+        friction = robot.joint_friction * joint_rate
+        moment = robot.pendulum_moment
+        swing = (motor - friction - moment / robot.mass * (force_x * cosine + force_y * sine)
+                 ) / robot.swing_inertia
+        rates[PENDULUM_ANGLE] = rate
+        rates[PENDULUM_RATE] = swing
+        rates[JOINT_LOSS] = friction * joint_rate
+        rates[MOTOR_WORK] = motor * joint_rate
+        torque += friction - motor
+        force_x -= moment * (cosine * swing - sine * rate * rate)
+        force_y -= moment * (sine * swing + cosine * rate * rate)
     else:
-        return 0.0
-    return limited(torque, drive.limit)
+        rates[PENDULUM_ANGLE] = 0.0
+        rates[PENDULUM_RATE] = 0.0
+        rates[JOINT_LOSS] = 0.0
+        rates[MOTOR_WORK] = 0.0
+    rates[BALL_RATE] = (torque - rolling_torque) / robot.ball_inertia
+    rates[VELOCITY_X] = force_x / robot.mass
+    rates[VELOCITY_Y] = force_y / robot.mass - robot.gravity
 
 
 @compiled
@@ -130,43 +185,10 @@ def derivative(time: float, state: Any, robot: Any, ground: Any, drive: Any, tab
         Room for the contacts, see `contact.contact_table`.
 
     """
-    ball_rate = state[BALL_RATE]
-    velocity_x, velocity_y = state[VELOCITY_X], state[VELOCITY_Y]
-    force_x, force_y, torque, contact_loss, friction_loss = contact_loads(
-        robot, ground, table, state[X], state[Y], velocity_x, velocity_y, ball_rate)
-    rolling_torque = robot.rolling_friction * ball_rate
-
-    rates[BALL_ANGLE] = ball_rate
-    rates[X] = velocity_x
-    rates[Y] = velocity_y
-    rates[CONTACT_LOSS] = contact_loss
-    rates[FRICTION_LOSS] = friction_loss
-    rates[ROLLING_LOSS] = rolling_torque * ball_rate
-
-    if robot.swing_inertia > 0.0:
-        angle, rate = state[PENDULUM_ANGLE], state[PENDULUM_RATE]
-        sine, cosine = math.sin(angle), math.cos(angle)
-        joint_rate = rate - ball_rate
-        motor = drive_torque(time, state, drive)
-        friction = robot.joint_friction * joint_rate
-        moment = robot.pendulum_moment
-        swing = (motor - friction - moment / robot.mass * (force_x * cosine + force_y * sine)
-                 ) / robot.swing_inertia
-        rates[PENDULUM_ANGLE] = rate
-        rates[PENDULUM_RATE] = swing
-        rates[JOINT_LOSS] = friction * joint_rate
-        rates[MOTOR_WORK] = motor * joint_rate
-        torque += friction - motor
-        force_x -= moment * (cosine * swing - sine * rate * rate)
-        force_y -= moment * (sine * swing + cosine * rate * rate)
-    else:
-        rates[PENDULUM_ANGLE] = 0.0
-        rates[PENDULUM_RATE] = 0.0
-        rates[JOINT_LOSS] = 0.0
-        rates[MOTOR_WORK] = 0.0
-    rates[BALL_RATE] = (torque - rolling_torque) / robot.ball_inertia
-    rates[VELOCITY_X] = force_x / robot.mass
-    rates[VELOCITY_Y] = force_y / robot.mass - robot.gravity
+    loads = contact_loads(robot, ground, table, state[X], state[Y], state[VELOCITY_X],
+                          state[VELOCITY_Y], state[BALL_RATE])
+    motor = drive_torque(time, state, drive) if robot.swing_inertia > 0.0 else 0.0
+    write_rates(state, robot, loads, motor, rates)
 
 
 @compiled

@@ -9,10 +9,13 @@ import numpy as np
 
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.fields import Checked, quantity, text
-from ballbot_ros.physics import contact, dynamics, integrators
+from ballbot_ros.physics import adaptive, contact, dynamics, integrators
 from ballbot_ros.physics.options import ContactOptions
 from ballbot_ros.physics.robot import Robot
 from ballbot_ros.physics.terrain import Array, Terrain, VERTEX_X
+
+
+METHODS = (*integrators.METHODS, 'adaptive')
 
 
 class State(NamedTuple):
@@ -82,10 +85,20 @@ class Energies(NamedTuple):
 
 @dataclass(frozen=True)
 class Solver(Checked):
-    """Which integrator, and with which step."""
+    """
+    Which integrator, and how finely.
 
-    method: str = text('integrator', default='rk4', choices=integrators.METHODS)
-    step: float = quantity('s', 'integration step', default=1e-4, above=0.0, maximum=0.1)
+    ``rk4`` and ``semi_implicit`` take steps of one length; see `integrators`.  ``adaptive``
+    chooses its steps by their estimated local error, and meets every kink of the contact law;
+    see `adaptive`.
+    """
+
+    method: str = text('integrator', default='rk4', choices=METHODS)
+    step: float = quantity(
+        's', 'integration step of a method that has one', default=1e-4, above=0.0, maximum=0.1)
+    tolerance: float = quantity(
+        'm', 'local error per step of the adaptive method', default=1e-9, minimum=1e-14,
+        maximum=1e-3)
 
 
 @dataclass(frozen=True)
@@ -175,7 +188,7 @@ class Model:
 
     def advance(self, state: State, drive: dynamics.Drive, steps: int) -> State:
         """
-        Return the state after a number of solver steps.
+        Return the state after some time.
 
         Parameters
         ----------
@@ -183,6 +196,7 @@ class Model:
         drive : Drive
             See `Actuation.drive`.
         steps : int
+            The time, in steps of the solver; the adaptive method takes others on the way.
 
         Raises
         ------
@@ -191,11 +205,15 @@ class Model:
 
         """
         vector = np.array(state[1:])
-        done, ending = integrators.advance(
-            integrators.METHODS.index(self.solver.method), state.time, vector,
-            self.solver.step, steps, self.numbers, self.profile, drive,
-            self._table, self._work)
-        time = state.time + done * self.solver.step
+        if self.solver.method == 'adaptive':
+            time, _, _, ending = self._scratch.advance(
+                self, drive, vector, state.time, state.time + steps * self.solver.step)
+        else:
+            done, ending = integrators.advance(
+                integrators.METHODS.index(self.solver.method), state.time, vector,
+                self.solver.step, steps, self.numbers, self.profile, drive,
+                self._table, self._work)
+            time = state.time + done * self.solver.step
         if ending != integrators.FINISHED:
             raise failure(ending, time, vector, self)
         return State(time, *vector.tolist())
@@ -208,6 +226,10 @@ class Model:
     @cached_property
     def _work(self) -> Array:
         return integrators.workspace()
+
+    @cached_property
+    def _scratch(self) -> adaptive.Scratch:
+        return adaptive.Scratch(len(self.profile))
 
     def torque(self, state: State, drive: dynamics.Drive) -> float:
         """Return the torque of the pendulum motor [N m]."""
@@ -245,7 +267,13 @@ def failure(ending: int, time: float, vector: Array,
             time, f'the centre of the ball is under the ground at x = {vector[dynamics.X]:.4g} m',
             'raise contact_stiffness, lower the speed of the impact, or use a smaller step than '
             f'{model.solver.step:g} s (solver) or softer gains')
+    if ending == adaptive.STALLED:
+        return SimulationError(
+            time, 'the adaptive step became too small to go on',
+            f'raise the tolerance above {model.solver.tolerance:g} m, use softer gains or a '
+            'larger slip_threshold')
     names = [name for name, value in zip(State._fields[1:], vector) if not math.isfinite(value)]
     return SimulationError(
         time, f'{" and ".join(names) or "the state"} stopped being finite',
-        f'use a smaller step than {model.solver.step:g} s (solver), or softer gains')
+        f'use a smaller step than {model.solver.step:g} s (solver), the adaptive method, or '
+        'softer gains')

@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run a model from a state for a while and keep what happens."""
-from typing import Callable, Optional
+from typing import Callable, Optional, Tuple
 
 import numpy as np
 
 from ballbot_ros.errors import ConfigurationError, SimulationError
-from ballbot_ros.physics import contact, dynamics, integrators
+from ballbot_ros.physics import adaptive, contact, dynamics, integrators
 from ballbot_ros.physics.actuation import Actuation
+from ballbot_ros.physics.dynamics import Drive
 from ballbot_ros.physics.model import failure, Model, State
-from ballbot_ros.physics.trajectory import Trajectory
+from ballbot_ros.physics.terrain import Array
+from ballbot_ros.physics.trajectory import Effort, Trajectory
 
 # Rows per call into compiled code: the progress is told, and Ctrl-C heard, in between.
 CHUNK = 500
@@ -49,7 +51,7 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
     duration : float
         [s], rounded up to a whole number of output steps.
     output_step : float
-        Time between samples [s], a whole number of solver steps.
+        Time between samples [s]; a whole number of solver steps, where these are fixed.
     progress : callable, optional
         Called now and then with the simulated time since the start [s].  May raise
         KeyboardInterrupt to end the run early.
@@ -69,34 +71,66 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
     """
     if not duration > 0.0 or not np.isfinite(duration):
         raise ConfigurationError(f'duration must be above 0 s and finite, got {duration!r}')
-    step = model.solver.step
-    every = steps_in(output_step, step, 'output_step')
-    count = int(np.ceil(duration / (every * step) - 1e-9))
+    run = (_adaptive_run if model.solver.method == 'adaptive' else _fixed_run)(
+        model, start.time, output_step)
+    count = int(np.ceil(duration / output_step - 1e-9))
     drive = actuation.drive(model.robot, start.time, start.joint_angle)
     vector = np.array(start[1:])
     rows = np.empty((1 + count, 2 + dynamics.SIZE))
     rows[0] = [*start, dynamics.drive_torque(start.time, vector, drive)]
-    table, work = contact.contact_table(len(model.profile)), integrators.workspace()
-    done = 0
+    done, effort = 0, Effort()
     try:
         while done < count:
-            # Times are counted from the start, so that they carry no accumulated rounding.
-            begin = start.time + done * every * step
-            chunk = rows[1 + done:1 + min(done + CHUNK, count)]
-            filled, ending = integrators.record_run(
-                integrators.METHODS.index(model.solver.method), begin, vector, step, every,
-                model.numbers, model.profile, drive, table, work, chunk)
+            filled, ending, effort = run(
+                done, vector, drive, rows[1 + done:1 + min(done + CHUNK, count)])
             done += filled
             if ending != integrators.FINISHED:
-                error = failure(ending, start.time + (done + 1) * every * step, vector, model)
-                error.trajectory = Trajectory(model, rows[:1 + done])
+                error = failure(ending, start.time + (done + 1) * output_step, vector, model)
+                error.trajectory = Trajectory(model, rows[:1 + done], effort)
                 raise error
             if progress is not None:
-                progress(done * every * step)
+                progress(done * output_step)
     except KeyboardInterrupt:
         if done == 0:
             raise
-    return Trajectory(model, rows[:1 + done])
+    return Trajectory(model, rows[:1 + done], effort)
+
+
+# A run of rows: from row number, state (advanced in place), drive and rows to fill, to the
+# number filled, how it ended, and the effort so far.
+Run = Callable[[int, Array, Drive, Array], Tuple[int, int, Effort]]
+
+
+def _fixed_run(model: Model, begin: float, output_step: float) -> Run:
+    """Return a run with steps of one length."""
+    step = model.solver.step
+    every = steps_in(output_step, step, 'output_step')
+    table, work = contact.contact_table(len(model.profile)), integrators.workspace()
+    method = integrators.METHODS.index(model.solver.method)
+    per_step = 4 if method == integrators.RK4 else 1
+
+    def run(done: int, state: Array, drive: Drive, rows: Array) -> Tuple[int, int, Effort]:
+        # Times are counted from the start, so that they carry no accumulated rounding.
+        filled, ending = integrators.record_run(
+            method, begin + done * every * step, state, step, every, model.numbers,
+            model.profile, drive, table, work, rows)
+        steps = (done + filled) * every
+        return filled, ending, Effort(steps, 0, 0, per_step * steps)
+    return run
+
+
+def _adaptive_run(model: Model, begin: float, output_step: float) -> Run:
+    """Return a run with steps chosen by their error."""
+    scratch = adaptive.Scratch(len(model.profile))
+    step = 0.0
+
+    def run(done: int, state: Array, drive: Drive, rows: Array) -> Tuple[int, int, Effort]:
+        nonlocal step
+        _, step, filled, ending = scratch.advance(
+            model, drive, state, begin + done * output_step,
+            begin + (done + len(rows)) * output_step, step, rows, output_step)
+        return filled, ending, Effort(*scratch.tally.tolist())
+    return run
 
 
 __all__ = ['CHUNK', 'simulate', 'SimulationError', 'steps_in']

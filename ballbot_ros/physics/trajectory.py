@@ -2,7 +2,7 @@
 """A simulated run as named columns with units."""
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Mapping
+from typing import Any, Mapping, NamedTuple
 
 import numpy as np
 
@@ -63,6 +63,15 @@ def evaluate_rows(states: Any, robot: Any, ground: Any, table: Any, out: Any) ->
                 row[10] = slip
 
 
+class Effort(NamedTuple):
+    """What a run has cost."""
+
+    steps: int = 0
+    refused: int = 0  # steps of the adaptive method that were not accurate enough
+    events: int = 0  # kinks of the contact law that were located
+    evaluations: int = 0  # of the right-hand side
+
+
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """
@@ -73,11 +82,13 @@ class Trajectory:
     model : Model
     rows : (n, 15) array
         Time, the state vector (see `dynamics`), torque of the motor.
+    effort : Effort
 
     """
 
     model: Model
     rows: Array
+    effort: Effort = Effort()
 
     def __len__(self) -> int:
         """Return the number of samples."""

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Start a node, spin it, and end it so that nothing is left running."""
+import gc
 import signal
 import sys
 from typing import Any, Callable, List, Optional
@@ -56,6 +57,10 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
     try:
         node = make_node()
         executor.add_node(node)
+        # All that is there now lives as long as the node: looking through it again and again for
+        # garbage would cost milliseconds in the middle of a control period.
+        gc.collect()
+        gc.freeze()
         while rclpy.ok() and not stopping:
             executor.spin_once(timeout_sec=WAKE)
     except BallbotError as error:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from ballbot_ros.fields import Checked, count, flag, quantity, text
-from ballbot_ros.physics.integrators import METHODS
+from ballbot_ros.physics.model import METHODS
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,8 @@ class SimulatorSettings(Checked):
         'Hz', 'rate of joint_states; the motor torque is constant over a period', default=500.0,
         minimum=1.0, maximum=10000.0)
     physics_step: float = quantity(
-        's', 'integration step; a control period is a whole number of them', default=1e-4,
+        's', 'integration step of a method that has one; a control period is a whole number of '
+        'them', default=1e-4,
         minimum=1e-7, maximum=0.01)
     method: str = text('integrator', default='rk4', choices=METHODS)
     real_time_factor: float = quantity(

@@ -1,0 +1,310 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Adaptive integration that meets every kink of the contact law on purpose.
+
+The embedded Runge-Kutta pair of Dormand and Prince, 5(4), chooses its steps by the estimated
+local error.  Each step is taken with a frozen mode (see `modes`); where the mode ends within
+the step, the end is located on the dense output and the next step starts there in the new
+mode.  So the order holds through impacts, lift-offs and the onset of slip, where a fixed step
+loses it.
+
+Reference: E. Hairer, S. P. Noersett, G. Wanner, Solving Ordinary Differential Equations I,
+sections II.4 to II.6 (DOPRI5).
+"""
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.compiled import compiled
+from ballbot_ros.physics.contact import contact_table
+from ballbot_ros.physics.dynamics import (
+    BALL_ANGLE, BALL_RATE, drive_torque, PENDULUM_ANGLE, PENDULUM_RATE, SIZE, VELOCITY_X,
+    VELOCITY_Y, X, Y)
+from ballbot_ros.physics.integrators import FINISHED, ground_height, NOT_FINITE, SUNK
+from ballbot_ros.physics.modes import (
+    broken, features_within, find_mode, margin_of, mode_derivative, mode_table)
+
+STALLED = 3  # a run can end like this, too: the step has become too small
+
+# Rows of the work array: seven stages, then the coefficients of the dense output.
+STAGES = 7
+DENSE = 7
+PROBE = 12
+ROWS = 13
+
+# Coefficients of the pair; the last row of A is the solution of order 5 (first same as last).
+A = np.array([
+    [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+    [1 / 5, 0.0, 0.0, 0.0, 0.0, 0.0],
+    [3 / 40, 9 / 40, 0.0, 0.0, 0.0, 0.0],
+    [44 / 45, -56 / 15, 32 / 9, 0.0, 0.0, 0.0],
+    [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0.0, 0.0],
+    [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0.0],
+    [35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84]])
+C = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
+ERROR = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+CONTINUE = np.array([
+    -12715105075 / 11282082432, 0.0, 87487479700 / 32700410799, -10690763975 / 1880347072,
+    701980252875 / 199316789632, -1453857185 / 822651844, 69997945 / 29380423])
+
+LARGEST_STEP = 0.02   # [s]: no swing of the pendulum is overlooked
+LARGEST_WAY = 0.25    # of the radius per step: no feature of the ground is overlooked
+LOOKS = 4             # times within a step at which the mode is checked
+SMALLEST_STEP = 1e-14  # [s], relative to times above 1 s
+
+
+@compiled
+def run_stages(time: float, state: Any, step: float, mode: Any, count: int, robot: Any,
+               ground: Any, drive: Any, table: Any, work: Any) -> None:
+    """Compute stages 2 to 7 from stage 1, and the new state into the probe row."""
+    for stage in range(1, STAGES):
+        for i in range(SIZE):
+            total = 0.0
+            for earlier in range(stage):
+                total += A[stage, earlier] * work[earlier, i]
+            work[PROBE, i] = state[i] + step * total
+        mode_derivative(time + C[stage] * step, work[PROBE], mode, count, robot, ground, drive,
+                        table, work[stage])
+
+
+@compiled
+def local_error(state: Any, step: float, robot: Any, work: Any) -> float:
+    """
+    Return the estimated local error as a length at the rim of the ball [m].
+
+    Angles count with the radius; velocities with the time that a contact lasts, in which an
+    error of velocity becomes one of position.
+    """
+    duration = math.sqrt(robot.mass / robot.stiffness)
+    worst = 0.0
+    for i in range(VELOCITY_Y + 1):
+        total = 0.0
+        for stage in range(STAGES):
+            total += ERROR[stage] * work[stage, i]
+        weight = duration if i >= BALL_RATE else 1.0
+        if i in (BALL_ANGLE, PENDULUM_ANGLE, BALL_RATE, PENDULUM_RATE):
+            weight *= robot.radius
+        worst = max(worst, weight * abs(step * total))
+    return worst
+
+
+@compiled
+def prepare_dense(state: Any, step: float, work: Any) -> None:
+    """Compute the coefficients of the continuous extension, of order 4."""
+    for i in range(SIZE):
+        change = work[PROBE, i] - state[i]
+        bend = step * work[0, i] - change
+        last = 0.0
+        for stage in range(STAGES):
+            last += CONTINUE[stage] * work[stage, i]
+        work[DENSE, i] = state[i]
+        work[DENSE + 1, i] = change
+        work[DENSE + 2, i] = bend
+        work[DENSE + 3, i] = change - step * work[STAGES - 1, i] - bend
+        work[DENSE + 4, i] = step * last
+
+
+@compiled
+def interpolate(part: float, work: Any, out: Any) -> None:
+    """Write the state at `part` (0 to 1) of the last step into `out`."""
+    rest = 1.0 - part
+    for i in range(SIZE):
+        out[i] = work[DENSE, i] + part * (work[DENSE + 1, i] + rest * (
+            work[DENSE + 2, i] + part * (work[DENSE + 3, i] + rest * work[DENSE + 4, i])))
+
+
+@compiled
+def locate(kind: int, item: int, low: float, high: float, time: float, step: float, mode: Any,
+           count: int, robot: Any, ground: Any, drive: Any, table: Any, work: Any,
+           probe: Any) -> float:
+    """
+    Return the part of the step at which a margin has just become negative.
+
+    Regula falsi, Illinois variant, on the dense output; ends on the far side of the zero, so
+    that the next mode differs.
+    """
+    interpolate(low, work, probe)
+    at_low = margin_of(kind, item, time + low * step, probe, mode, count, robot, ground, drive,
+                       table)
+    interpolate(high, work, probe)
+    at_high = margin_of(kind, item, time + high * step, probe, mode, count, robot, ground,
+                        drive, table)
+    # Time is good to 1e-13 s, or to rounding for long runs.
+    width = max(1e-13, 4e-16 * time) / step
+    for _ in range(60):
+        if high - low <= width:
+            break
+        if at_low > 0.0 and at_high < 0.0:
+            part = low + (high - low) * at_low / (at_low - at_high)
+            # Aim a little beyond the zero, to close the bracket from both sides.
+            part = min(max(part + 0.25 * width, low + 0.25 * width), high - 0.25 * width)
+        else:
+            part = 0.5 * (low + high)
+        interpolate(part, work, probe)
+        margin = margin_of(kind, item, time + part * step, probe, mode, count, robot, ground,
+                           drive, table)
+        if margin > 0.0:
+            low, at_low, at_high = part, margin, 0.5 * at_high
+        else:
+            high, at_high, at_low = part, margin, 0.5 * at_low
+    return high
+
+
+@compiled
+def mode_end(time: float, step: float, mode: Any, count: int, first: int, behind: int,
+             robot: Any, ground: Any, drive: Any, table: Any, work: Any, probe: Any, kinds: Any,
+             items: Any) -> float:
+    """Return the part of the step at which the mode ends, 2 if it does not."""
+    for look in range(1, LOOKS + 1):
+        part = look / LOOKS
+        interpolate(part, work, probe)
+        found = broken(time + part * step, probe, mode, count, first, behind, robot, ground,
+                       drive, table, kinds, items)
+        if found > 0:
+            earliest = part
+            for index in range(found):
+                earliest = min(earliest, locate(
+                    kinds[index], items[index], part - 1.0 / LOOKS, part, time, step, mode,
+                    count, robot, ground, drive, table, work, probe))
+            return earliest
+    return 2.0
+
+
+@compiled
+def step_limit(state: Any, robot: Any) -> float:
+    """Return the longest step that overlooks nothing [s]."""
+    speed = math.hypot(state[VELOCITY_X], state[VELOCITY_Y]) + 1e-3
+    return min(LARGEST_STEP, LARGEST_WAY * robot.radius / speed)
+
+
+@compiled
+def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step: float,
+                     robot: Any, ground: Any, drive: Any, table: Any, work: Any, probe: Any,
+                     mode: Any, kinds: Any, items: Any, rows: Any, interval: float,
+                     tally: Any) -> tuple:
+    """
+    Advance `state` in place from `time` to `end`, filling `rows` at equal intervals.
+
+    Parameters
+    ----------
+    tolerance : float
+        Local error of a step, see `local_error` [m].
+    step : float
+        First step to try [s]; 0 to choose.
+    rows : (n, 15) array
+        Row i is the state at ``time + (i + 1) * interval``; may be empty.
+    tally : (4,) int array
+        Steps taken, steps refused, events, right-hand sides; added to.
+
+    Returns
+    -------
+    time : float
+        Reached [s].
+    step : float
+        To try next [s].
+    filled : int
+        Rows filled.
+    ending : int
+        FINISHED, NOT_FINITE, SUNK or STALLED.
+
+    """
+    begin, filled = time, 0
+    count = find_mode(time, state, robot, ground, drive, table, mode)
+    mode_derivative(time, state, mode, count, robot, ground, drive, table, work[0])
+    tally[3] += 1
+    if step <= 0.0:
+        step = 1e-4
+    while time < end:
+        smallest = SMALLEST_STEP * max(1.0, abs(time))
+        limit = step_limit(state, robot)
+        used = min(step, limit, end - time)
+        run_stages(time, state, used, mode, count, robot, ground, drive, table, work)
+        tally[3] += STAGES - 1
+        error = local_error(state, used, robot, work)
+        if not error <= tolerance:
+            # Also for an error that is not a number: try much shorter.
+            shrink = 0.9 * (tolerance / error)**0.2 if math.isfinite(error) else 0.1
+            step = used * max(0.1, shrink)
+            tally[1] += 1
+            if step < smallest:
+                return time, step, filled, STALLED if math.isfinite(error) else NOT_FINITE
+            continue
+        tally[0] += 1
+        grow = 5.0 if error == 0.0 else min(5.0, 0.9 * (tolerance / error)**0.2)
+        # A step cut short by the end, or by the limit, says little about the one to try.
+        step = max(step, used * grow) if used < step else used * grow
+        prepare_dense(state, used, work)
+        first, behind = features_within(
+            state[X], robot.radius + LARGEST_WAY * robot.radius, ground)
+        part = mode_end(time, used, mode, count, first, behind, robot, ground, drive, table,
+                        work, probe, kinds, items)
+        reached = min(time + used, end) if part > 1.0 else time + part * used
+        while filled < len(rows) and begin + (filled + 1) * interval <= reached + smallest:
+            moment = begin + (filled + 1) * interval
+            interpolate(min((moment - time) / used, 1.0), work, probe)
+            rows[filled, 0] = moment
+            for i in range(SIZE):
+                rows[filled, 1 + i] = probe[i]
+            rows[filled, 1 + SIZE] = drive_torque(moment, probe, drive)
+            filled += 1
+        if part > 1.0:
+            for i in range(SIZE):
+                state[i] = work[PROBE, i]
+                work[0, i] = work[STAGES - 1, i]
+        else:
+            interpolate(part, work, state)
+            tally[2] += 1
+        total = 0.0
+        for i in range(VELOCITY_Y + 1):
+            total += state[i]
+        if not math.isfinite(total):
+            return reached, step, filled, NOT_FINITE
+        time = end if end - reached < smallest else reached
+        if state[Y] <= ground_height(ground, state[X]):
+            return time, step, filled, SUNK
+        if part <= 1.0:
+            count = find_mode(time, state, robot, ground, drive, table, mode)
+            mode_derivative(time, state, mode, count, robot, ground, drive, table, work[0])
+            tally[3] += 1
+    return time, step, filled, FINISHED
+
+
+NO_ROWS = np.zeros((0, 2 + SIZE))
+
+
+class Scratch:
+    """
+    The arrays that `advance_adaptive` works in.
+
+    Parameters
+    ----------
+    vertices : int
+        Of the profile.
+
+    Attributes
+    ----------
+    tally : (4,) int array
+        Steps taken, steps refused, events, right-hand sides, since it was made.
+
+    """
+
+    def __init__(self, vertices: int):
+        """Allocate them once."""
+        self._table = contact_table(vertices)
+        self._work: NDArray[np.float64] = np.zeros((ROWS, SIZE))
+        self._probe: NDArray[np.float64] = np.zeros(SIZE)
+        self._mode = mode_table(vertices)
+        self._broken: NDArray[np.int64] = np.zeros((2, 4 * vertices + 8), dtype=np.int64)
+        self.tally: NDArray[np.int64] = np.zeros(4, dtype=np.int64)
+
+    def advance(self, model: Any, drive: Any, state: NDArray[np.float64], time: float,
+                end: float, step: float = 0.0, rows: NDArray[np.float64] = NO_ROWS,
+                interval: float = 1.0) -> tuple:
+        """Advance `state` of a `Model` in place; see `advance_adaptive`."""
+        found: tuple = advance_adaptive(
+            time, state, end, model.solver.tolerance, step, model.numbers, model.profile, drive,
+            self._table, self._work, self._probe, self._mode, self._broken[0], self._broken[1],
+            rows, interval, self.tally)
+        return found

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The adaptive method: exact where the contact law has kinks, and cheap in between."""
+from dataclasses import replace
+
+from hypothesis import given
+from hypothesis import strategies as some
+import numpy as np
+import pytest
+
+from ballbot_ros.physics import (
+    Actuation, ContactOptions, held_at, load_robot, load_scene, Model, simulate, Solver, State,
+    Terrain)
+from ballbot_ros.physics import contact, dynamics, modes
+
+MOVING = ('fig7_top', 'fig7_middle', 'fig7_bottom', 'household', 'ramp_release',
+          'shellball_drop', 'voltage_start')
+
+# A floor with a gentle bend, a ramp, a step, a narrow ridge and a notch.
+ROUGH = Terrain([[-1.0, 0.0], [0.0, 0.0], [0.5, 0.03], [0.9, 0.03], [0.9, 0.06], [1.3, 0.06],
+                 [1.31, 0.09], [1.32, 0.06], [1.6, 0.06], [1.7, 0.02], [1.8, 0.06], [2.5, 0.06]])
+
+
+def with_tolerance(scene, tolerance):
+    return replace(scene, model=replace(
+        scene.model, solver=Solver('adaptive', tolerance=tolerance)))
+
+
+@pytest.mark.parametrize('name', MOVING)
+def test_a_scene_ends_where_ten_times_finer_fixed_steps_end(name):
+    scene = load_scene(name)
+    fixed = replace(scene, model=replace(scene.model, solver=Solver('rk4', 1e-5))).simulate()
+    found = with_tolerance(scene, 1e-10).simulate()
+    # What is left is the first-order error of the fixed steps through the kinks.
+    assert found['x'][-1] == pytest.approx(fixed['x'][-1], abs=2e-5)
+    assert found['time'] == pytest.approx(fixed['time'], abs=1e-12)
+
+
+@pytest.mark.parametrize('name', MOVING)
+def test_the_energy_ledger_closes_to_a_ten_millionth(name):
+    run = with_tolerance(load_scene(name), 1e-10).simulate()
+    assert np.max(np.abs(run.energy_residual)) < 1e-7 * run.energy_in_play
+
+
+@pytest.mark.parametrize('name', MOVING)
+def test_a_smaller_tolerance_gives_a_smaller_error(name):
+    scene = load_scene(name)
+    exact = with_tolerance(scene, 1e-13).simulate()
+    errors = [abs(with_tolerance(scene, tolerance).simulate()['x'][-1] - exact['x'][-1])
+              for tolerance in (1e-6, 1e-11)]
+    assert errors[1] < 1e-8 and errors[1] < 0.1 * errors[0]
+
+
+def test_it_keeps_the_energy_of_a_ball_that_bounces_without_loss():
+    robot = replace(load_robot('shellball'), contact_damping=0.0, rolling_friction=0.0)
+    model = Model(robot, Terrain.flat(), solver=Solver('adaptive', tolerance=1e-12))
+    start = State(x=0.0, y=0.5)
+    run = simulate(model, start, Actuation(), 60.0)
+    bounces = np.sum((run['contact_energy'][:-1] == 0.0) & (run['contact_energy'][1:] > 0.0))
+    total = run['kinetic_energy'] + run['potential_energy'] + run['contact_energy']
+    assert bounces > 90
+    assert np.max(np.abs(total - total[0])) < 1e-7 * run.energy_in_play
+
+
+def test_a_second_of_crossing_takes_far_fewer_evaluations_than_fixed_steps():
+    scene = load_scene('fig7_top')
+    found, fixed = with_tolerance(scene, 1e-8).simulate(), scene.simulate()
+    assert 0 < found.effort.events < 50
+    assert found.effort.evaluations < 0.1 * fixed.effort.evaluations
+
+
+def test_times_in_between_do_not_change_the_run():
+    scene = with_tolerance(load_scene('fig7_top'), 1e-10)
+    coarse = replace(scene, run=replace(scene.run, output_step=0.1)).simulate()
+    assert coarse['x'] == pytest.approx(scene.simulate()['x'][::100], abs=1e-9)
+
+
+def test_advancing_period_by_period_agrees_with_one_run():
+    scene = with_tolerance(load_scene('fig7_bottom'), 1e-11)
+    drive = scene.actuation.drive(scene.model.robot)
+    state = scene.start
+    for _ in range(500):
+        state = scene.model.advance(state, drive, 20)
+    assert state.x == pytest.approx(scene.simulate()['x'][1000], abs=1e-8)
+    assert scene.model.advance(state, drive, 20) == scene.model.advance(state, drive, 20)
+
+
+states = some.builds(
+    State, x=some.floats(-0.5, 2.3), y=some.floats(0.15, 0.35), ball_angle=some.floats(-9, 9),
+    pendulum_angle=some.floats(-4, 4), ball_rate=some.floats(-9, 9),
+    pendulum_rate=some.floats(-9, 9), velocity_x=some.floats(-2, 2),
+    velocity_y=some.floats(-2, 2))
+options = some.builds(
+    ContactOptions, pulling=some.booleans(), friction_ramp=some.sampled_from(['linear', 'smooth']),
+    slip_lever=some.sampled_from(['contact', 'radius']))
+
+
+@given(states, options, some.booleans())
+def test_the_formulas_of_a_mode_are_the_law_itself_inside_the_mode(state, choice, held):
+    model = Model(load_robot('gimball'), ROUGH, choice)
+    actuation = replace(held_at(0.3), torque_limit=5.0) if held else Actuation()
+    drive, vector = actuation.drive(model.robot), np.array(state[1:])
+    table = contact.contact_table(len(model.profile))
+    mode = modes.mode_table(len(model.profile))
+    law, formulas = np.zeros(dynamics.SIZE), np.zeros(dynamics.SIZE)
+    dynamics.derivative(0.0, vector, model.numbers, model.profile, drive, table, law)
+    count = modes.find_mode(0.0, vector, model.numbers, model.profile, drive, table, mode)
+    modes.mode_derivative(0.0, vector, mode, count, model.numbers, model.profile, drive, table,
+                          formulas)
+    assert count == contact.find_contacts(
+        state.x, state.y, model.robot.ball_radius, model.profile, table)
+    assert formulas == pytest.approx(law, rel=1e-9, abs=1e-9)
+
+
+@given(states)
+def test_no_margin_of_the_mode_of_a_state_is_broken_by_that_state(state):
+    model = Model(load_robot('gimball'), ROUGH)
+    drive, vector = Actuation().drive(model.robot), np.array(state[1:])
+    size = len(model.profile)
+    table, mode = contact.contact_table(size), modes.mode_table(size)
+    kinds, items = np.zeros((2, 4 * size + 8), dtype=np.int64)
+    count = modes.find_mode(0.0, vector, model.numbers, model.profile, drive, table, mode)
+    assert modes.broken(0.0, vector, mode, count, 0, 2 * size - 3, model.numbers, model.profile,
+                        drive, table, kinds, items) == 0
