@@ -81,19 +81,24 @@ class RateMonitor:
     ----------
     size : int
         Number of stamps looked at, at least 2.
+    least : int
+        Number of stamps before which nothing is told, from 2 to `size`: the median of one
+        or two periods shrugs off nothing.
 
     Raises
     ------
     ConfigurationError
-        If the size is less than 2.
+        If the numbers are out of range.
 
     """
 
-    def __init__(self, size: int = 21):
+    def __init__(self, size: int = 21, least: int = 2):
         """Start with no stamps."""
-        if size < 2:
-            raise ConfigurationError(f'a rate needs at least 2 stamps, got size {size!r}')
+        if not 2 <= least <= size:
+            raise ConfigurationError(
+                f'a rate needs at least 2 stamps, got size {size!r} and least {least!r}')
         self._stamps: Deque[float] = deque(maxlen=size)
+        self._least = least
 
     def add(self, stamp: float) -> None:
         """
@@ -118,13 +123,13 @@ class RateMonitor:
 
     @property
     def period(self) -> Optional[float]:
-        """Return the median period [s], None before there are two stamps."""
+        """Return the median period [s], None before there are stamps enough."""
         stamps = list(self._stamps)
-        if len(stamps) < 2:
+        if len(stamps) < self._least:
             return None
         return median(later - earlier for earlier, later in zip(stamps, stamps[1:]))
 
     @property
     def rate(self) -> Optional[float]:
-        """Return the median rate [Hz], None before there are two stamps."""
+        """Return the median rate [Hz], None before there are stamps enough."""
         return None if self.period is None else 1.0 / self.period

@@ -12,6 +12,9 @@ from ballbot_ros.errors import MessageError
 SKEW = 1.0
 # Measured rates are this uncertain.
 RATE_SLACK = 0.98
+# So many joint states are seen before their rate is judged: one lost at the start is no reason
+# to stop.
+JUDGED = 11
 # Stamps are rounded to the nanosecond; this is well above and well below any period [s].
 ROUNDING = 1e-6
 
@@ -62,7 +65,7 @@ class SupervisedController:
         """Start idle."""
         self._controller = controller
         self._expected = supervision
-        self._rate = RateMonitor()
+        self._rate = RateMonitor(least=JUDGED)
         self._newest: Optional[JointReadings] = None
         self._waiting: Optional[JointReadings] = None
         self._let_down = False
@@ -76,7 +79,7 @@ class SupervisedController:
 
     @property
     def rate(self) -> Optional[float]:
-        """Return the median rate of the joint states [Hz], None before there are two."""
+        """Return the median rate of the joint states [Hz], None before it can be judged."""
         return self._rate.rate
 
     @property
