@@ -20,7 +20,7 @@ from ballbot_ros.physics.actuation import set_rate_for_speed
 from ballbot_ros.physics.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import command_message, readings, set_point, to_seconds
-from ballbot_ros.ros.endpoints import advertise, listen
+from ballbot_ros.ros.endpoints import advertise, deliver, listen
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import ControllerSettings
@@ -126,6 +126,7 @@ class Controller(Node):
         """Leave no torque behind."""
         if self._watchdog.fed:
             self._command(0.0)
+            deliver(self._commands)
 
     def _health(self) -> Tuple[bytes, str, dict]:
         """Return level, message and numbers for /diagnostics."""

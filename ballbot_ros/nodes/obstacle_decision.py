@@ -17,7 +17,7 @@ from ballbot_ros.physics.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import (
     decision_message, motion, observation, set_point_message, to_seconds)
-from ballbot_ros.ros.endpoints import advertise, listen
+from ballbot_ros.ros.endpoints import advertise, deliver, listen
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import DecisionSettings
@@ -120,6 +120,7 @@ class ObstacleDecision(Node):
         if self._decision is not None and self._odometry:
             self._set_points.publish(
                 set_point_message(self._odometry[-1].header.stamp, 0.0))
+            deliver(self._set_points)
 
     def _health(self) -> Tuple[bytes, str, dict]:
         """Return level, message and numbers for /diagnostics."""

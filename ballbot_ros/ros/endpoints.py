@@ -8,11 +8,16 @@ looked up now and then instead, and told with the name of the other node.
 """
 from typing import Any, Callable, List
 
+from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import qos_check_compatible, QoSCompatibility, QoSProfile
 from rclpy.subscription import Subscription
+
+# How long the last message of a publisher may take to be received [s]; it takes 5 ms, unless
+# a subscriber has died.
+LAST_WORD = 0.5
 
 
 def advertise(node: Node, kind: Any, topic: str, profile: QoSProfile) -> Publisher:
@@ -28,6 +33,11 @@ def listen(node: Node, kind: Any, topic: str, callback: Callable[[Any], None],
     return node.create_subscription(
         kind, topic, callback, profile, raw=raw,
         event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False))
+
+
+def deliver(publisher: Publisher) -> None:
+    """Wait until all have what was published last; destroyed at once, it might get lost."""
+    publisher.wait_for_all_acked(Duration(seconds=LAST_WORD))
 
 
 def mismatches(node: Node) -> List[str]:
