@@ -2,7 +2,7 @@
 """
 Measure what the package is meant to reach, and print it beside the targets.
 
-    make bench                       # everything, about a minute
+    make bench                       # everything, some minutes
     make bench ARGS='--only kernels'
     make bench ARGS='--json out.json'
 
@@ -17,7 +17,7 @@ import platform
 from statistics import median
 import sys
 
-PARTS = ('kernels', 'loop')
+PARTS = ('kernels', 'loop', 'accuracy')
 
 
 def main():

@@ -25,6 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'semi_implicit or adaptive')
     parser.add_argument('--tolerance', type=float, metavar='METRES',
                         help='local error of the adaptive method, instead of that of the scene')
+    parser.add_argument('--accuracy', type=float, metavar='METRES',
+                        help='largest error of position; chooses the solver by itself')
     parser.add_argument('--no-figures', action='store_true', help='write numbers only')
     parser.add_argument('--format', choices=('svg', 'png', 'both'), default='both',
                         help='of the figures (default: %(default)s)')
@@ -111,7 +113,7 @@ def read_scene(arguments: argparse.Namespace) -> Any:
 
     model = replace(scene.model, solver=change(
         scene.model.solver, 'step', 'method', 'tolerance'))
-    return replace(scene, model=model, run=change(scene.run, 'duration'))
+    return replace(scene, model=model, run=change(scene.run, 'duration', 'accuracy'))
 
 
 def write_all(trajectory: Any, summary: Any, folder: Path,

@@ -32,15 +32,22 @@ def find_warnings(trajectory: Trajectory, scene: Scene, expected: int,
         Of the energy ledger, relative to the energy in play.
 
     """
-    robot, solver = scene.model.robot, scene.model.solver
+    robot, solver, assured = scene.model.robot, scene.model.solver, trajectory.assurance
+    finer = (f'a smaller step than {solver.step:g} s' if solver.method != 'adaptive'
+             else f'a smaller tolerance than {solver.tolerance:g} m')
+    if assured is not None:
+        finer = 'a smaller accuracy'
+        if not assured.complete:
+            yield (f'the motion is chaotic: the accuracy of {assured.accuracy:g} m holds up to '
+                   f'{assured.horizon:.4g} s, and no tolerance takes it further')
     if len(trajectory) < expected:
         yield (f'the run ended early: {len(trajectory)} of {expected} samples, up to '
                f'{trajectory["time"][-1]:g} s')
     if not np.isfinite(trajectory.rows).all():
-        yield f'some numbers are not finite; use a smaller step than {solver.step:g} s'
+        yield f'some numbers are not finite; use {finer}'
     elif residual is not None and not residual <= RESIDUAL:
         yield (f'the energy ledger is off by {residual:.1e} of the energy in play (at most '
-               f'{RESIDUAL:.0e} is good); use a smaller step than {solver.step:g} s')
+               f'{RESIDUAL:.0e} is good); use {finer}')
     depth = float(np.max(trajectory['penetration']))
     if depth > DEPTH * robot.ball_radius:
         yield (f'the ball sank {1e3 * depth:.3g} mm into the ground, more than {DEPTH:.0%} of '

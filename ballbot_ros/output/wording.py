@@ -41,6 +41,11 @@ def _rows(summary: Summary) -> Iterator[tuple[str, str]]:
     if summary.energy_residual is not None:
         yield 'energy ledger', (f'off by {summary.energy_residual:.1e} of the '
                                 f'{summary.energy_in_play:.3g} J in play')
+    if summary.accuracy is not None and summary.error_estimate is not None:
+        yield 'accuracy', (f'{summary.accuracy:g} m asked for, error estimated at '
+                           f'{summary.error_estimate:.1e} m up to {summary.horizon:.4g} s')
+        yield 'effort', (f'{summary.evaluations} evaluations, {summary.events} kinks located, '
+                         'in all runs together')
     if summary.wall_time is not None and summary.real_time_factor is not None:
         yield 'took', (f'{summary.wall_time:.3g} s, {summary.real_time_factor:.3g} times as '
                        'fast as real time')

@@ -86,7 +86,10 @@ def local_error(state: Any, step: float, robot: Any, work: Any) -> float:
         weight = duration if i >= BALL_RATE else 1.0
         if i in (BALL_ANGLE, PENDULUM_ANGLE, BALL_RATE, PENDULUM_RATE):
             weight *= robot.radius
-        worst = max(worst, weight * abs(step * total))
+        part = weight * abs(step * total)
+        if not part < math.inf:
+            return math.inf  # max() would lose a NaN
+        worst = max(worst, part)
     return worst
 
 
@@ -116,6 +119,12 @@ def interpolate(part: float, work: Any, out: Any) -> None:
 
 
 @compiled
+def time_width(time: float) -> float:
+    """Return how closely an event is located [s]: to rounding, for long runs."""
+    return max(1e-13, 4e-16 * time)
+
+
+@compiled
 def locate(kind: int, item: int, low: float, high: float, time: float, step: float, mode: Any,
            count: int, robot: Any, ground: Any, drive: Any, table: Any, work: Any,
            probe: Any) -> float:
@@ -131,8 +140,7 @@ def locate(kind: int, item: int, low: float, high: float, time: float, step: flo
     interpolate(high, work, probe)
     at_high = margin_of(kind, item, time + high * step, probe, mode, count, robot, ground,
                         drive, table)
-    # Time is good to 1e-13 s, or to rounding for long runs.
-    width = max(1e-13, 4e-16 * time) / step
+    width = time_width(time) / step
     for _ in range(60):
         if high - low <= width:
             break
@@ -156,19 +164,29 @@ def locate(kind: int, item: int, low: float, high: float, time: float, step: flo
 def mode_end(time: float, step: float, mode: Any, count: int, first: int, behind: int,
              robot: Any, ground: Any, drive: Any, table: Any, work: Any, probe: Any, kinds: Any,
              items: Any) -> float:
-    """Return the part of the step at which the mode ends, 2 if it does not."""
+    """
+    Return the part of the step at which the mode ends, 2 if it does not.
+
+    A margin may have come and gone before the one that a look finds: a ball lands on a segment
+    and rolls over its end.  So what has been located is looked at again, from just before.
+    """
     for look in range(1, LOOKS + 1):
-        part = look / LOOKS
-        interpolate(part, work, probe)
-        found = broken(time + part * step, probe, mode, count, first, behind, robot, ground,
-                       drive, table, kinds, items)
-        if found > 0:
-            earliest = part
+        before, part = (look - 1) / LOOKS, look / LOOKS
+        ending = 2.0
+        while part > before:
+            interpolate(part, work, probe)
+            found = broken(time + part * step, probe, mode, count, first, behind, robot, ground,
+                           drive, table, kinds, items)
+            if found == 0:
+                break
+            ending = part
             for index in range(found):
-                earliest = min(earliest, locate(
-                    kinds[index], items[index], part - 1.0 / LOOKS, part, time, step, mode,
-                    count, robot, ground, drive, table, work, probe))
-            return earliest
+                ending = min(ending, locate(
+                    kinds[index], items[index], before, part, time, step, mode, count, robot,
+                    ground, drive, table, work, probe))
+            part = ending - 4.0 * time_width(time) / step
+        if ending < 2.0:
+            return ending
     return 2.0
 
 
@@ -224,7 +242,7 @@ def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step
         tally[3] += STAGES - 1
         error = local_error(state, used, robot, work)
         if not error <= tolerance:
-            # Also for an error that is not a number: try much shorter.
+            # An error without bound: try much shorter.
             shrink = 0.9 * (tolerance / error)**0.2 if math.isfinite(error) else 0.1
             step = used * max(0.1, shrink)
             tally[1] += 1

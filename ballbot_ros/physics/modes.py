@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.compiled import compiled, inlined
 from ballbot_ros.physics.contact import (
-    CORNER, EDGE, first_segment, FRICTION, KIND, NORMAL_X, NORMAL_Y,
+    CORNER, EDGE, first_segment, FRICTION, friction_scale, KIND, NORMAL_X, NORMAL_Y,
     PENETRATION, share_friction, SURFACE, write_contact)
 from ballbot_ros.physics.dynamics import (
     BALL_RATE, VELOCITY_X, VELOCITY_Y, wanted_torque, write_rates, X, Y)
@@ -127,11 +127,15 @@ def normal_and_slip(state: Any, robot: Any, table: Any, row: int) -> tuple:
 
 @compiled
 def unlimited_scale(slip: float, robot: Any) -> float:
-    """Return mu_scale of eq. (9), continued smoothly beyond the threshold."""
-    ratio = slip / robot.slip_threshold
+    """
+    Return mu_scale of eq. (9), continued smoothly beyond the threshold.
+
+    The cubic would soon change its sign there, and a trial step would run away; it ends
+    with zero slope, and a constant continues it smoothly enough.
+    """
     if robot.smooth_friction > 0.0:
-        return 0.5 * ratio * (3.0 - ratio * ratio)
-    return ratio
+        return friction_scale(slip, robot.slip_threshold, robot.smooth_friction)
+    return slip / robot.slip_threshold
 
 
 @inlined

@@ -9,6 +9,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.fields import (
     Checked, checked_values, expect_mapping, quantity, read_yaml, refuse_unknown, T)
 from ballbot_ros.paths import find_config
+from ballbot_ros.physics.accuracy import LARGEST, simulate_accurately, SMALLEST
 from ballbot_ros.physics.actuation import Actuation, set_rate_for_speed
 from ballbot_ros.physics.features import read_terrain
 from ballbot_ros.physics.model import Model, Solver, State
@@ -48,10 +49,13 @@ class Initial(Checked):
 
 @dataclass(frozen=True)
 class Run(Checked):
-    """How long a scene lasts and how often it is sampled."""
+    """How long a scene lasts, how often it is sampled, and how wrong it may be."""
 
     duration: float = quantity('s', 'simulated time', above=0.0, maximum=86400.0)
     output_step: float = quantity('s', 'time between samples', default=1e-3, above=0.0)
+    accuracy: Optional[float] = quantity(
+        'm', 'largest error of position; chooses the solver', minimum=SMALLEST, maximum=LARGEST,
+        optional=True)
 
 
 @dataclass(frozen=True)
@@ -82,13 +86,21 @@ class Scene:
         return self.initial.state(self.model)
 
     def simulate(self, progress: Optional[Callable[[float], None]] = None) -> Trajectory:
-        """Run the scene; see `simulation.simulate`."""
+        """
+        Run the scene.
+
+        With an accuracy see `accuracy.simulate_accurately`, else `simulation.simulate`.
+        """
+        if self.run.accuracy is not None:
+            return simulate_accurately(
+                self.model, self.start, self.actuation, self.run.duration, self.run.accuracy,
+                self.run.output_step, progress)
         return simulate(self.model, self.start, self.actuation, self.run.duration,
                         self.run.output_step, progress)
 
 
 SECTIONS = ('robot', 'robot_changes', 'terrain', 'initial', 'actuation', 'duration',
-            'output_step', 'solver', 'contact')
+            'output_step', 'accuracy', 'solver', 'contact')
 
 
 def load_scene(name_or_path: str, robot: Optional[str] = None,
@@ -150,7 +162,8 @@ def read_scene(content: Mapping[str, Any], where: str, name: str) -> Scene:
                   _section(Solver, content, 'solver', where))
     initial = _section(Initial, content, 'initial', where)
     actuation = _read_actuation(content.get('actuation', {}), robot, f'{where}: actuation')
-    timing = {key: content[key] for key in ('duration', 'output_step') if key in content}
+    timing = {key: content[key] for key in ('duration', 'output_step', 'accuracy')
+              if key in content}
     return Scene(name, model, initial, actuation, Run.from_mapping(timing, where))
 
 

@@ -2,7 +2,7 @@
 """A simulated run as named columns with units."""
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Mapping, NamedTuple
+from typing import Any, Mapping, NamedTuple, Optional
 
 import numpy as np
 
@@ -72,6 +72,17 @@ class Effort(NamedTuple):
     evaluations: int = 0  # of the right-hand side
 
 
+class Assurance(NamedTuple):
+    """What is known about the error of a run."""
+
+    accuracy: float  # asked for [m]
+    estimate: float  # of the largest error of position up to the horizon [m]
+    horizon: float  # simulated time up to which the accuracy holds [s]
+    complete: bool  # whether that is the whole run
+    tolerance: float  # local error per step with which the run was made [m]
+    runs: int  # needed to find out
+
+
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """
@@ -83,12 +94,15 @@ class Trajectory:
     rows : (n, 15) array
         Time, the state vector (see `dynamics`), torque of the motor.
     effort : Effort
+    assurance : Assurance or None
+        Where an accuracy was asked for.
 
     """
 
     model: Model
     rows: Array
     effort: Effort = Effort()
+    assurance: Optional[Assurance] = None
 
     def __len__(self) -> int:
         """Return the number of samples."""

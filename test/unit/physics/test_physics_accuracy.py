@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Accuracy as an input: the promise, its honesty, and its price."""
+from dataclasses import replace
+from pathlib import Path
+import sys
+
+import numpy as np
+import pytest
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import Actuation, load_robot, load_scene, Model, State, Terrain
+from ballbot_ros.physics.accuracy import simulate_accurately
+
+# The generator of random scenes that bench/accuracy.py measures the promise with.
+sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'bench'))
+
+
+@pytest.mark.parametrize('accuracy', [1e-3, 1e-6])
+def test_random_scenes_keep_the_accuracy_that_was_asked_for(accuracy):
+    from random_scenes import DURATION, random_scene
+    for seed in range(60):
+        model, start, actuation = random_scene(seed)
+        exact = simulate_accurately(model, start, actuation, DURATION, 1e-9)
+        found = simulate_accurately(model, start, actuation, DURATION, accuracy)
+        held = found['time'] <= min(found.assurance.horizon, exact.assurance.horizon) + 1e-9
+        gap = np.hypot(found['x'] - exact['x'], found['y'] - exact['y'])[held]
+        assert np.max(gap) <= accuracy, f'seed {seed}'
+
+
+def test_the_estimate_is_of_the_coarser_run_and_so_on_the_safe_side():
+    scene = load_scene('fig7_bottom')
+    exact = replace(scene, run=replace(scene.run, accuracy=1e-9)).simulate()
+    found = replace(scene, run=replace(scene.run, accuracy=1e-5)).simulate()
+    error = np.max(np.hypot(found['x'] - exact['x'], found['y'] - exact['y']))
+    assert found.assurance.complete and error < found.assurance.estimate <= 1e-5
+
+
+def test_a_looser_accuracy_costs_less():
+    scene = load_scene('household')
+    cost = [replace(scene, run=replace(scene.run, accuracy=level)).simulate().effort.evaluations
+            for level in (1e-3, 1e-8)]
+    assert cost[0] < 0.8 * cost[1]
+
+
+def test_chaotic_motion_is_said_to_be_so_with_a_horizon_that_holds():
+    # A ball without losses hops on sharp ridges: errors grow with each bounce.
+    ridges = [[0.02 * i, 0.004 * (i % 2)] for i in range(-2000, 2001)]
+    robot = replace(load_robot('shellball'), contact_damping=0.0, rolling_friction=0.0,
+                    surface_friction=0.0, edge_friction=0.0)
+    model, start = Model(robot, Terrain(ridges)), State(x=0.003, y=0.16)
+    found = simulate_accurately(model, start, Actuation(), 60.0, 1e-6)
+    exact = simulate_accurately(model, start, Actuation(), 60.0, 1e-9)
+    assert not found.assurance.complete and 0.1 < found.assurance.horizon < 60.0
+    held = found['time'] <= min(found.assurance.horizon, exact.assurance.horizon)
+    assert np.max(np.abs(found['x'] - exact['x'])[held]) <= 1e-6
+
+
+@pytest.mark.parametrize('accuracy', [0.0, -1e-3, 1e-12, 1.0, float('nan')])
+def test_an_accuracy_that_cannot_be_had_is_refused_with_the_range(accuracy):
+    scene = load_scene('fig7_top')
+    with pytest.raises(ConfigurationError, match='accuracy must be at least 1e-09'):
+        simulate_accurately(scene.model, scene.start, scene.actuation, 0.1, accuracy)
