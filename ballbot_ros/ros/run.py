@@ -50,7 +50,7 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except (RuntimeError, ValueError) as error:  # a malformed argument or parameter file
-        print(f'cannot start: {error}', file=sys.stderr)
+        print(f'cannot start: {_one_line(error)}', file=sys.stderr)
         return REFUSED
     node: Optional[Node] = None
     executor = SingleThreadedExecutor()
@@ -64,7 +64,7 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
         while rclpy.ok() and not stopping:
             executor.spin_once(timeout_sec=WAKE)
     except BallbotError as error:
-        get_logger('ballbot_ros').fatal(str(error))
+        get_logger('ballbot_ros').fatal(_one_line(error))
         return REFUSED
     finally:
         if node is not None:
@@ -76,3 +76,8 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
         executor.shutdown()
         rclpy.try_shutdown()
     return 0
+
+
+def _one_line(error: Exception) -> str:
+    """Return the message of an error without its line breaks."""
+    return ' '.join(str(error).split())
