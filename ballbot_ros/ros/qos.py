@@ -13,6 +13,9 @@ def _profile(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATIL
 # is held up for a moment.
 STATE = _profile(200)
 
+# For a recorder, which must miss nothing while it is held up: some seconds of everything.
+RECORD = _profile(5000)
+
 # Only the newest reading, set-point or command matters: a queue of old ones would be followed
 # one by one after a hiccup.
 NEWEST = _profile(1)
@@ -22,6 +25,9 @@ SHORT = _profile(20)
 
 # For those who come late: the last decision.
 LATCHED = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)
+
+# The same for a recorder, which wants all decisions.
+RECORD_LATCHED = _profile(5000, DurabilityPolicy.TRANSIENT_LOCAL)
 
 # /clock, as rclpy subscribes to it.
 CLOCK = _profile(1)
