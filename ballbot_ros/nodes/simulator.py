@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node ``simulator``: the ball robot, its sensors, and the time they live in."""
+import math
 import sys
 import time
 from typing import Any, List, Optional, Tuple
@@ -42,7 +43,8 @@ class Simulator(Node):
         self._settings = settings = declare(self, SimulatorSettings)
         scene = load_scene(settings.scene, settings.robot or None,
                            Solver(settings.method, settings.physics_step))
-        self._plant = Plant(scene, settings.control_rate, settings.torque_limit or None)
+        self._plant = Plant(scene, settings.control_rate, settings.torque_limit or None,
+                            settings.accuracy or None)
         self._gate = CommandGate(settings.command_timeout)
         self._allowance = Allowance(settings.start_paused)
         self._failure: Optional[SimulationError] = None
@@ -206,9 +208,14 @@ class Simulator(Node):
             'periods_dropped': self._pace.dropped if self._pace else 0,
             'commands_accepted': self._gate.accepted,
             'commands_refused': sum(self._gate.refused.values()),
+            'error_estimate': f'{self._plant.error_estimate:.1e}',
             **{f'refused_{reason}': number for reason, number in self._gate.refused.items()}}
         if self._failure is not None:
             return diagnostics.ERROR, str(self._failure), values
+        if self._plant.lost_at < math.inf:
+            return diagnostics.WARN, (
+                f'the accuracy of {self._settings.accuracy:g} m holds up to '
+                f't = {self._plant.lost_at:.3f} s only: the motion is chaotic'), values
         if self._allowance.paused:
             return diagnostics.OK, 'paused', values
         if self._gate.refused:

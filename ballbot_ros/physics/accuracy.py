@@ -31,6 +31,25 @@ FINEST_TOLERANCE = 1e-14
 SMALLEST, LARGEST = 1e-9, 0.1  # that can be asked for [m]
 
 
+def solvers_for(accuracy: float, step: float = 1e-4) -> tuple:
+    """
+    Return the solvers of the first, coarser and of the second, finer run for an accuracy [m].
+
+    Raises
+    ------
+    ConfigurationError
+        If the accuracy is out of range.
+
+    """
+    if not SMALLEST <= accuracy <= LARGEST:
+        raise ConfigurationError(
+            f'accuracy must be at least {SMALLEST:g} m and at most {LARGEST:g} m, '
+            f'got {accuracy!r}')
+    coarse = max(FINEST_TOLERANCE, FIRST_TOLERANCE * accuracy)
+    return tuple(Solver('adaptive', step, tolerance) for tolerance in (
+        coarse, max(FINEST_TOLERANCE, REFINEMENT * coarse)))
+
+
 def simulate_accurately(model: Model, start: State, actuation: Actuation, duration: float,
                         accuracy: float, output_step: float = 1e-3,
                         progress: Optional[Callable[[float], None]] = None) -> Trajectory:
@@ -57,27 +76,21 @@ def simulate_accurately(model: Model, start: State, actuation: Actuation, durati
         See `simulate`.
 
     """
-    if not SMALLEST <= accuracy <= LARGEST:
-        raise ConfigurationError(
-            f'accuracy must be at least {SMALLEST:g} m and at most {LARGEST:g} m, '
-            f'got {accuracy!r}')
-
-    def run(tolerance: float) -> Trajectory:
-        solver = Solver('adaptive', tolerance=tolerance)
+    def run(solver: Solver) -> Trajectory:
         return simulate(replace(model, solver=solver), start, actuation, duration, output_step,
                         progress)
 
-    tolerance = max(FINEST_TOLERANCE, FIRST_TOLERANCE * accuracy)
-    coarse = run(tolerance)
+    first, solver = solvers_for(accuracy)
+    coarse = run(first)
     effort, runs = coarse.effort, 1
     while True:
-        tolerance = max(FINEST_TOLERANCE, REFINEMENT * tolerance)
-        fine = run(tolerance)
+        fine = run(solver)
         effort, runs = Effort(*map(sum, zip(effort, fine.effort))), runs + 1
-        assured = _compare(coarse, fine, accuracy, tolerance, runs)
-        if assured.complete or tolerance <= FINEST_TOLERANCE:
+        assured = _compare(coarse, fine, accuracy, solver.tolerance, runs)
+        if assured.complete or solver.tolerance <= FINEST_TOLERANCE:
             return replace(fine, effort=effort, assurance=assured)
         coarse = fine
+        solver = replace(solver, tolerance=max(FINEST_TOLERANCE, REFINEMENT * solver.tolerance))
 
 
 def _compare(coarse: Trajectory, fine: Trajectory, accuracy: float, tolerance: float,

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated robot, advanced one control period at a time."""
+from dataclasses import replace
 import math
 from typing import Optional
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import dynamics
+from ballbot_ros.physics.accuracy import solvers_for
 from ballbot_ros.physics.model import Model, State
 from ballbot_ros.physics.scene import Scene
 from ballbot_ros.physics.simulation import steps_in
@@ -25,6 +27,16 @@ class Plant:
         [Hz]; a control period must be a whole number of solver steps.
     torque_limit : float, optional
         [N m]; that of the robot's motor if not given, none without a motor.
+    accuracy : float, optional
+        Chooses the solver by itself [m].  A shadow with a coarser one then runs along under
+        the same torques, and how far the two are apart estimates the error.
+
+    Attributes
+    ----------
+    error_estimate : float
+        Largest distance between the two so far [m]; NaN without an accuracy.
+    lost_at : float
+        Time since which the accuracy does not hold any more [s], infinite while it does.
 
     Raises
     ------
@@ -33,11 +45,18 @@ class Plant:
 
     """
 
-    def __init__(self, scene: Scene, control_rate: float, torque_limit: Optional[float] = None):
+    def __init__(self, scene: Scene, control_rate: float, torque_limit: Optional[float] = None,
+                 accuracy: Optional[float] = None):
         """Start at the start of the scene."""
         if not (control_rate > 0.0 and math.isfinite(control_rate)):
             raise ConfigurationError(f'control_rate must be above 0 Hz, got {control_rate!r}')
         self.model: Model = scene.model
+        self._accuracy = math.nan if accuracy is None else accuracy
+        self._shadow: Optional[Model] = None
+        if accuracy is not None:
+            coarse, fine = solvers_for(accuracy, scene.model.solver.step)
+            self.model = replace(scene.model, solver=fine)
+            self._shadow = replace(scene.model, solver=coarse)
         self.period = 1.0 / control_rate
         self._steps = steps_in(self.period, scene.model.solver.step,
                                f'a control period (control_rate {control_rate:g} Hz)')
@@ -48,7 +67,9 @@ class Plant:
         self._start = scene.start
         self.periods = 0
         self.torque = 0.0
-        self.state: State = self._start
+        self.state = self._shade = self._start
+        self.error_estimate = math.nan if accuracy is None else 0.0
+        self.lost_at = math.inf
 
     @property
     def time(self) -> float:
@@ -75,11 +96,24 @@ class Plant:
         after = self.model.advance(self.state, drive, self._steps)
         self.periods += 1
         self.torque = cut if self.model.robot.has_pendulum else 0.0
+        if self._shadow is not None:
+            shade = self._shadow.advance(self._shade, drive, self._steps)
+            self._shade = shade._replace(time=self.time)
+            self._compare(after)
         self.state = after._replace(time=self.time)
         return self.state
 
+    def _compare(self, after: State) -> None:
+        """Note how far the shadow is away."""
+        gap = math.hypot(after.x - self._shade.x, after.y - self._shade.y)
+        self.error_estimate = max(self.error_estimate, gap)
+        if self.lost_at == math.inf and not gap <= self._accuracy:
+            self.lost_at = self.time
+
     def reset(self) -> State:
         """Go back to the start of the scene; time goes on."""
-        self.state = self._start._replace(time=self.time)
+        self.state = self._shade = self._start._replace(time=self.time)
         self.torque = 0.0
+        self.error_estimate = math.nan if self._shadow is None else 0.0
+        self.lost_at = math.inf
         return self.state

@@ -21,6 +21,9 @@ class SimulatorSettings(Checked):
         'them', default=1e-4,
         minimum=1e-7, maximum=0.01)
     method: str = text('integrator', default='rk4', choices=METHODS)
+    accuracy: float = quantity(
+        'm', 'error of position allowed under given torques; chooses the method and is watched on '
+        '/diagnostics; 0 to use method and physics_step', default=0.0, minimum=0.0, maximum=0.1)
     real_time_factor: float = quantity(
         '1', 'simulated seconds per wall second; 0 for as fast as it goes', default=1.0,
         minimum=0.0, maximum=1000.0)
