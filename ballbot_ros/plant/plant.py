@@ -70,6 +70,10 @@ class Plant:
         self.state = self._shade = self._start
         self.error_estimate = math.nan if accuracy is None else 0.0
         self.lost_at = math.inf
+        # Compile now: the first control period must not wait for it.
+        for model in (self.model, self._shadow):
+            if model is not None:
+                model.advance(self._start, dynamics.Drive(dynamics.TORQUE), 1)
 
     @property
     def time(self) -> float:

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lets simulated time pass: by the clock, as fast as it goes, or in lockstep."""
+import time
+from typing import Callable, Optional
+
+from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.task import Future
+
+from ballbot_ros.errors import SimulationError
+from ballbot_ros.plant import CommandGate, Pace, Plant, Speedometer
+from ballbot_ros.ros.lockstep import Allowance
+from ballbot_ros.ros.outputs import Outputs
+from ballbot_ros.ros.settings import SimulatorSettings
+
+# A state is repeated this often while nobody answers it: subscribers may not be there yet [s].
+REPEAT = 0.2
+# Wall time that one callback may fill with simulation when going as fast as it goes [s].
+BATCH = 0.002
+
+
+class Timekeeper:
+    """
+    Runs the control periods of a plant when they are due and tells each new state.
+
+    Parameters
+    ----------
+    plant : Plant
+    gate : CommandGate
+        Where the torque of a period comes from.
+    outputs : Outputs
+        Where states are told.
+    settings : SimulatorSettings
+    logger : RcutilsLogger
+    failed : callable
+        Called when the simulation cannot go on.
+
+    Attributes
+    ----------
+    failure : SimulationError or None
+        Why time stands still until `reset`.
+
+    """
+
+    def __init__(self, plant: Plant, gate: CommandGate, outputs: Outputs,
+                 settings: SimulatorSettings, logger: RcutilsLogger,
+                 failed: Callable[[], None]):
+        """Tell the first state."""
+        self._plant, self._gate, self._outputs = plant, gate, outputs
+        self._settings, self._logger, self._failed = settings, logger, failed
+        self._allowance = Allowance(settings.start_paused)
+        factor = settings.real_time_factor
+        self._pace = Pace(plant.period, factor) if factor > 0.0 else None
+        self._speed = Speedometer()
+        self._credit = 0  # periods that the clock allows and lockstep has not run yet
+        self._silent = True  # no command to miss
+        self.failure: Optional[SimulationError] = None
+        self._ask()
+
+    @property
+    def interval(self) -> float:
+        """Return how often `tick` is to be called [s of wall time]."""
+        if self._pace:
+            return self._plant.period / self._settings.real_time_factor
+        return REPEAT / 4 if self._settings.lockstep else BATCH / 4
+
+    @property
+    def paused(self) -> bool:
+        """Tell whether time stands still until told otherwise."""
+        return self._allowance.paused
+
+    @property
+    def real_time_factor(self) -> float:
+        """Return the measured factor, NaN before there is one."""
+        return self._speed.factor
+
+    @property
+    def dropped(self) -> int:
+        """Return the periods given up because the machine was too slow."""
+        return self._pace.dropped if self._pace else 0
+
+    def tick(self) -> None:
+        """Let as much time pass as is due."""
+        now = time.monotonic()
+        self._speed.note(self._plant.time, now)
+        if not self._allowance.running:
+            return
+        if self._settings.lockstep:
+            if self._pace:
+                self._credit = min(1, self._credit + self._pace.due(now))
+            if not self._answered:
+                self._insist(now)
+            self._follow()
+        elif self._pace:
+            self._keep_pace(self._pace, now)
+        else:
+            while time.monotonic() - now < BATCH and self._allowance.running:
+                self._period()
+
+    def answer(self) -> None:
+        """Note that the present state has been answered; in lockstep time goes on."""
+        self._answered = True
+        if self._settings.lockstep:
+            self._follow()
+
+    def commanded(self) -> None:
+        """Note that commands come."""
+        self._silent = False
+
+    def pause(self) -> None:
+        """Let no more time pass."""
+        self._allowance.pause()
+
+    def resume(self) -> None:
+        """Let time pass again."""
+        self._allowance.resume()
+        self._begin()
+
+    def step(self, periods: int) -> Future:
+        """Let some periods pass, then pause; the future holds whether all have passed."""
+        done = self._allowance.step(periods)
+        self._begin()
+        return done
+
+    def reset(self) -> None:
+        """Put the plant back to its start; time goes on."""
+        self.failure = None
+        self._gate.clear()
+        self._plant.reset()
+        self._ask(everything=True)
+
+    def _begin(self) -> None:
+        self._since = time.monotonic()
+        if self._pace:
+            self._pace.restart(self._since)
+
+    def _keep_pace(self, pace: Pace, now: float) -> None:
+        dropped, wanted = pace.dropped, self._settings.real_time_factor
+        for _ in range(pace.due(now)):
+            if self._allowance.running:  # a failure or the last step ends it in between
+                self._period()
+        if pace.dropped > dropped and self._speed.factor < 0.98 * wanted:
+            self._logger.warning(
+                f'falling behind: real-time factor {self._speed.factor:.2f} instead of '
+                f'{wanted:g}', throttle_duration_sec=2.0)
+
+    def _follow(self) -> None:
+        """In lockstep: run the period whose state has been answered, if its time has come."""
+        if self._answered and self._allowance.running and (self._credit or not self._pace):
+            self._credit = 0
+            self._period()
+
+    def _period(self) -> None:
+        """Run one control period and tell its end."""
+        now = self._plant.time
+        if self._gate.expired(now) and not self._silent:
+            self._silent = True
+            self._logger.warning(
+                f'no command for {self._settings.command_timeout:g} s at t = {now:.3f} s: '
+                'torque is 0; is the controller running?')
+        try:
+            self._plant.advance(self._gate.torque(now))
+        except SimulationError as error:
+            self.failure = error
+            self._allowance.pause()
+            self._logger.fatal(f'{error}. Nothing is published until ~/reset.')
+            self._failed()
+            return
+        self._allowance.spend()
+        self._ask()
+
+    def _ask(self, everything: bool = False) -> None:
+        """Publish the state; in lockstep this asks for the command that answers it."""
+        self._answered = False
+        self._asked = self._since = time.monotonic()
+        self._outputs.publish(everything)
+
+    def _insist(self, now: float) -> None:
+        """Repeat a state that nobody answers, and say so when it lasts."""
+        if now - self._asked >= REPEAT:
+            self._asked = now
+            self._outputs.repeat()
+        if now - self._since >= self._settings.lockstep_patience:
+            self._gate.clear()
+            self._logger.warning(
+                f'no command answers the state of t = {self._plant.time:.3f} s: time stands '
+                'still, torque is 0; is the controller running?', throttle_duration_sec=10.0)
