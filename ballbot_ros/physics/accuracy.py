@@ -16,8 +16,9 @@ from typing import Callable, Optional
 
 import numpy as np
 
-from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics.actuation import Actuation
+from ballbot_ros.physics.failures import OutOfBalance
 from ballbot_ros.physics.model import Model, Solver, State
 from ballbot_ros.physics.simulation import simulate
 from ballbot_ros.physics.trajectory import Assurance, Effort, Trajectory
@@ -61,7 +62,7 @@ def simulate_accurately(model: Model, start: State, actuation: Actuation, durati
     accuracy : float
         Largest error of the position of the centre at any sample [m].
     model, start, actuation, duration, output_step, progress
-        See `simulate`; the solver of the model is not used.
+        See `simulate`; of the solver of the model only its work budget is used, for each run.
 
     Returns
     -------
@@ -76,19 +77,32 @@ def simulate_accurately(model: Model, start: State, actuation: Actuation, durati
         See `simulate`.
 
     """
-    def run(solver: Solver) -> Trajectory:
-        return simulate(replace(model, solver=solver), start, actuation, duration, output_step,
-                        progress)
+    def run(solver: Solver) -> Optional[Trajectory]:
+        try:
+            return simulate(replace(model, solver=solver), start, actuation, duration,
+                            output_step, progress)
+        except OutOfBalance:
+            # The position may be right, but nobody should have to trust it: look closer.
+            if solver.tolerance <= FINEST_TOLERANCE:
+                raise
+            return None
 
-    first, solver = solvers_for(accuracy)
+    first, solver = (replace(item, work_budget=model.solver.work_budget)
+                     for item in solvers_for(accuracy))
     coarse = run(first)
-    effort, runs = coarse.effort, 1
+    effort, runs = coarse.effort if coarse else Effort(), 1
     while True:
-        fine = run(solver)
-        effort, runs = Effort(*map(sum, zip(effort, fine.effort))), runs + 1
-        assured = _compare(coarse, fine, accuracy, solver.tolerance, runs)
-        if assured.complete or solver.tolerance <= FINEST_TOLERANCE:
-            return replace(fine, effort=effort, assurance=assured)
+        fine, runs = run(solver), runs + 1
+        if fine is not None:
+            effort = Effort(*map(sum, zip(effort, fine.effort)))
+        if coarse is not None and fine is not None:
+            assured = _compare(coarse, fine, accuracy, solver.tolerance, runs)
+            if assured.complete or solver.tolerance <= FINEST_TOLERANCE:
+                return replace(fine, effort=effort, assurance=assured)
+        elif fine is not None and solver.tolerance <= FINEST_TOLERANCE:
+            raise SimulationError(
+                start.time, 'only the finest tolerance keeps the energy: nothing confirms the run',
+                'use a larger slip_threshold, a softer contact_stiffness or softer gains')
         coarse = fine
         solver = replace(solver, tolerance=max(FINEST_TOLERANCE, REFINEMENT * solver.tolerance))
 

@@ -12,7 +12,7 @@ Reference: E. Hairer, S. P. Noersett, G. Wanner, Solving Ordinary Differential E
 sections II.4 to II.6 (DOPRI5).
 """
 import math
-from typing import Any
+from typing import Any, Optional
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,8 @@ from ballbot_ros.physics.integrators import FINISHED, ground_height, NOT_FINITE,
 from ballbot_ros.physics.modes import (
     broken, features_within, find_mode, margin_of, mode_derivative, mode_table)
 
-STALLED = 3  # a run can end like this, too: the step has become too small
+# A run can end like this, too: the step has become too small, or the work budget is used up.
+STALLED, SPENT = 3, 4
 
 # Rows of the work array: seven stages, then the coefficients of the dense output.
 STAGES = 7
@@ -51,8 +52,11 @@ CONTINUE = np.array([
 
 LARGEST_STEP = 0.02   # [s]: no swing of the pendulum is overlooked
 LARGEST_WAY = 0.25    # of the radius per step: no feature of the ground is overlooked
+MOST_ENDS = 64        # located within one look; of more, an early one will do
 LOOKS = 4             # times within a step at which the mode is checked
 SMALLEST_STEP = 1e-14  # [s], relative to times above 1 s
+STUCK = 1000          # events in a row without any time between them
+FREE_FEATURES = 32    # of the ground that a right-hand side pays for; more cost work, too
 
 
 @compiled
@@ -173,7 +177,9 @@ def mode_end(time: float, step: float, mode: Any, count: int, first: int, behind
     for look in range(1, LOOKS + 1):
         before, part = (look - 1) / LOOKS, look / LOOKS
         ending = 2.0
-        while part > before:
+        for _ in range(MOST_ENDS):
+            if part <= before:
+                break
             interpolate(part, work, probe)
             found = broken(time + part * step, probe, mode, count, first, behind, robot, ground,
                            drive, table, kinds, items)
@@ -193,15 +199,18 @@ def mode_end(time: float, step: float, mode: Any, count: int, first: int, behind
 @compiled
 def step_limit(state: Any, robot: Any) -> float:
     """Return the longest step that overlooks nothing [s]."""
+    way = LARGEST_WAY * robot.radius
     speed = math.hypot(state[VELOCITY_X], state[VELOCITY_Y]) + 1e-3
-    return min(LARGEST_STEP, LARGEST_WAY * robot.radius / speed)
+    # A ball falls on the way: one of a millimetre falls more than its radius in 20 ms.
+    return min(LARGEST_STEP,
+               2.0 * way / (speed + math.sqrt(speed * speed + 2.0 * robot.gravity * way)))
 
 
 @compiled
 def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step: float,
                      robot: Any, ground: Any, drive: Any, table: Any, work: Any, probe: Any,
                      mode: Any, kinds: Any, items: Any, rows: Any, interval: float,
-                     tally: Any) -> tuple:
+                     tally: Any, budget: int) -> tuple:
     """
     Advance `state` in place from `time` to `end`, filling `rows` at equal intervals.
 
@@ -213,8 +222,11 @@ def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step
         First step to try [s]; 0 to choose.
     rows : (n, 15) array
         Row i is the state at ``time + (i + 1) * interval``; may be empty.
-    tally : (4,) int array
-        Steps taken, steps refused, events, right-hand sides; added to.
+    tally : (5,) int array
+        Steps taken, steps refused, events, right-hand sides, and the right-hand sides that
+        looking at many features of the ground is worth; added to.
+    budget : int
+        Where the sum of the last two of these ends the run.
 
     Returns
     -------
@@ -225,16 +237,18 @@ def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step
     filled : int
         Rows filled.
     ending : int
-        FINISHED, NOT_FINITE, SUNK or STALLED.
+        FINISHED, NOT_FINITE, SUNK, STALLED or SPENT.
 
     """
-    begin, filled = time, 0
+    begin, filled, stuck = time, 0, 0
     count = find_mode(time, state, robot, ground, drive, table, mode)
     mode_derivative(time, state, mode, count, robot, ground, drive, table, work[0])
     tally[3] += 1
     if step <= 0.0:
         step = 1e-4
     while time < end:
+        if tally[3] + tally[4] >= budget:
+            return time, step, filled, SPENT
         smallest = SMALLEST_STEP * max(1.0, abs(time))
         limit = step_limit(state, robot)
         used = min(step, limit, end - time)
@@ -256,6 +270,7 @@ def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step
         prepare_dense(state, used, work)
         first, behind = features_within(
             state[X], robot.radius + LARGEST_WAY * robot.radius, ground)
+        tally[4] += (STAGES * count + LOOKS * (behind - first)) // FREE_FEATURES
         part = mode_end(time, used, mode, count, first, behind, robot, ground, drive, table,
                         work, probe, kinds, items)
         reached = min(time + used, end) if part > 1.0 else time + part * used
@@ -274,6 +289,9 @@ def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step
         else:
             interpolate(part, work, state)
             tally[2] += 1
+        stuck = stuck + 1 if part * used < smallest else 0
+        if stuck > STUCK:
+            return time, step, filled, STALLED
         total = 0.0
         for i in range(VELOCITY_Y + 1):
             total += state[i]
@@ -303,8 +321,8 @@ class Scratch:
 
     Attributes
     ----------
-    tally : (4,) int array
-        Steps taken, steps refused, events, right-hand sides, since it was made.
+    tally : (5,) int array
+        See `advance_adaptive`; since it was made.
 
     """
 
@@ -315,14 +333,20 @@ class Scratch:
         self._probe: NDArray[np.float64] = np.zeros(SIZE)
         self._mode = mode_table(vertices)
         self._broken: NDArray[np.int64] = np.zeros((2, 4 * vertices + 8), dtype=np.int64)
-        self.tally: NDArray[np.int64] = np.zeros(4, dtype=np.int64)
+        self.tally: NDArray[np.int64] = np.zeros(5, dtype=np.int64)
 
     def advance(self, model: Any, drive: Any, state: NDArray[np.float64], time: float,
                 end: float, step: float = 0.0, rows: NDArray[np.float64] = NO_ROWS,
-                interval: float = 1.0) -> tuple:
-        """Advance `state` of a `Model` in place; see `advance_adaptive`."""
+                interval: float = 1.0, limit: Optional[int] = None) -> tuple:
+        """
+        Advance `state` of a `Model` in place; see `advance_adaptive`.
+
+        Its work budget is that of this call, unless a `limit` of the whole tally is given.
+        """
+        if limit is None:
+            limit = int(self.tally[3] + self.tally[4]) + model.solver.work_budget
         found: tuple = advance_adaptive(
             time, state, end, model.solver.tolerance, step, model.numbers, model.profile, drive,
             self._table, self._work, self._probe, self._mode, self._broken[0], self._broken[1],
-            rows, interval, self.tally)
+            rows, interval, self.tally, limit)
         return found

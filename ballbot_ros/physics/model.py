@@ -2,14 +2,14 @@
 """State of the ball as a value, and a model that advances it as a pure function."""
 from dataclasses import dataclass
 from functools import cached_property
-import math
 from typing import NamedTuple
 
 import numpy as np
 
-from ballbot_ros.errors import ConfigurationError, SimulationError
-from ballbot_ros.fields import Checked, quantity, text
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.fields import Checked, count, quantity, text
 from ballbot_ros.physics import adaptive, contact, dynamics, integrators
+from ballbot_ros.physics.failures import failure, Ledger, LEDGER_BOUND, out_of_balance
 from ballbot_ros.physics.options import ContactOptions
 from ballbot_ros.physics.robot import Robot
 from ballbot_ros.physics.terrain import Array, Terrain, VERTEX_X
@@ -99,6 +99,9 @@ class Solver(Checked):
     tolerance: float = quantity(
         'm', 'local error per step of the adaptive method', default=1e-9, minimum=1e-14,
         maximum=1e-3)
+    work_budget: int = count(
+        'right-hand sides that one run may take before it is given up', default=100_000_000,
+        minimum=1)
 
 
 @dataclass(frozen=True)
@@ -201,7 +204,8 @@ class Model:
         Raises
         ------
         SimulationError
-            If a number stops being finite or the ball sinks into the ground.
+            If a number stops being finite, the ball sinks into the ground, the work budget
+            is used up, or (fixed steps) the energy ledger does not close.
 
         """
         vector = np.array(state[1:])
@@ -209,11 +213,16 @@ class Model:
             time, _, _, ending = self._scratch.advance(
                 self, drive, vector, state.time, state.time + steps * self.solver.step)
         else:
+            ledger = Ledger(self, vector, self._table)
             done, ending = integrators.advance(
                 integrators.METHODS.index(self.solver.method), state.time, vector,
                 self.solver.step, steps, self.numbers, self.profile, drive,
                 self._table, self._work)
             time = state.time + done * self.solver.step
+            # The adaptive method looks after its error itself; fixed steps do not.
+            missing = ledger.missing(vector) if ending == integrators.FINISHED else 0.0
+            if not missing <= LEDGER_BOUND:
+                raise out_of_balance(time, missing, self)
         if ending != integrators.FINISHED:
             raise failure(ending, time, vector, self)
         return State(time, *vector.tolist())
@@ -257,23 +266,3 @@ class Model:
             float(dynamics.potential_energy(vector, self.numbers)),
             float(contact.spring_energy(self.numbers, self.profile, self._table,
                                         state.x, state.y)))
-
-
-def failure(ending: int, time: float, vector: Array,
-            model: Model) -> SimulationError:
-    """Return the error that explains how a run ended."""
-    if ending == integrators.SUNK:
-        return SimulationError(
-            time, f'the centre of the ball is under the ground at x = {vector[dynamics.X]:.4g} m',
-            'raise contact_stiffness, lower the speed of the impact, or use a smaller step than '
-            f'{model.solver.step:g} s (solver) or softer gains')
-    if ending == adaptive.STALLED:
-        return SimulationError(
-            time, 'the adaptive step became too small to go on',
-            f'raise the tolerance above {model.solver.tolerance:g} m, use softer gains or a '
-            'larger slip_threshold')
-    names = [name for name, value in zip(State._fields[1:], vector) if not math.isfinite(value)]
-    return SimulationError(
-        time, f'{" and ".join(names) or "the state"} stopped being finite',
-        f'use a smaller step than {model.solver.step:g} s (solver), the adaptive method, or '
-        'softer gains')

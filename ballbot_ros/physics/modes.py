@@ -251,12 +251,13 @@ def broken(time: float, state: Any, mode: Any, count: int, first: int, behind: i
 
     Returns how many there are; `kinds` and `items` say which.
     """
-    found = 0
+    found = row = 0
     for feature in range(first, behind):
         margin = feature_margin(feature, state[X], state[Y], robot.radius, ground)
-        inside = False
-        for row in range(count):
-            inside = inside or mode[row, FEATURE] == feature
+        # Both go from left to right: no need to search, which takes long on rough ground.
+        while row < count and mode[row, FEATURE] < feature:
+            row += 1
+        inside = row < count and mode[row, FEATURE] == feature
         if touches(feature, margin, ground) != inside:
             kinds[found], items[found] = OF_FEATURE, feature
             found += 1

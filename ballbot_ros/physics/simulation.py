@@ -8,7 +8,8 @@ from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import adaptive, contact, dynamics, integrators
 from ballbot_ros.physics.actuation import Actuation
 from ballbot_ros.physics.dynamics import Drive
-from ballbot_ros.physics.model import failure, Model, State
+from ballbot_ros.physics.failures import failure, Ledger, LEDGER_BOUND, out_of_balance
+from ballbot_ros.physics.model import Model, State
 from ballbot_ros.physics.terrain import Array
 from ballbot_ros.physics.trajectory import Effort, Trajectory
 
@@ -79,6 +80,7 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
     rows = np.empty((1 + count, 2 + dynamics.SIZE))
     rows[0] = [*start, dynamics.drive_torque(start.time, vector, drive)]
     done, effort = 0, Effort()
+    ledger = Ledger(model, vector, contact.contact_table(len(model.profile)))
     try:
         while done < count:
             filled, ending, effort = run(
@@ -88,12 +90,27 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
                 error = failure(ending, start.time + (done + 1) * output_step, vector, model)
                 error.trajectory = Trajectory(model, rows[:1 + done], effort)
                 raise error
+            if not (missing := ledger.missing(vector)) <= LEDGER_BOUND:
+                raise _balanced_part(model, rows[:1 + done], effort, missing)
             if progress is not None:
                 progress(done * output_step)
     except KeyboardInterrupt:
         if done == 0:
             raise
     return Trajectory(model, rows[:1 + done], effort)
+
+
+def _balanced_part(model: Model, rows: Array, effort: Effort,
+                   missing: float) -> SimulationError:
+    """Return the error of a run out of balance; it keeps the rows before the first bad one."""
+    run = Trajectory(model, rows, effort)
+    with np.errstate(over='ignore', invalid='ignore'):
+        gap = np.abs(run.energy_residual)
+        bad = np.flatnonzero(~(gap <= LEDGER_BOUND * run.energy_in_play))
+    first = max(1, int(bad[0]) if len(bad) else len(rows) - 1)
+    error = out_of_balance(float(rows[first, 0]), missing, model)
+    error.trajectory = Trajectory(model, rows[:first], effort)
+    return error
 
 
 # A run of rows: from row number, state (advanced in place), drive and rows to fill, to the
@@ -122,14 +139,14 @@ def _fixed_run(model: Model, begin: float, output_step: float) -> Run:
 def _adaptive_run(model: Model, begin: float, output_step: float) -> Run:
     """Return a run with steps chosen by their error."""
     scratch = adaptive.Scratch(len(model.profile))
-    step = 0.0
+    step, limit = 0.0, model.solver.work_budget
 
     def run(done: int, state: Array, drive: Drive, rows: Array) -> Tuple[int, int, Effort]:
         nonlocal step
         _, step, filled, ending = scratch.advance(
             model, drive, state, begin + done * output_step,
-            begin + (done + len(rows)) * output_step, step, rows, output_step)
-        return filled, ending, Effort(*scratch.tally.tolist())
+            begin + (done + len(rows)) * output_step, step, rows, output_step, limit)
+        return filled, ending, Effort(*scratch.tally[:4].tolist())
     return run
 
 

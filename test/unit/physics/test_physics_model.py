@@ -156,8 +156,12 @@ def test_a_step_too_long_that_does_not_diverge_is_seen_in_the_ledger():
     # At 5 ms the friction of eq. (9) flips from one end to the other, and stays bounded.
     model = Model(GIMBALL, Terrain.flat(), solver=Solver(step=5e-3))
     start = model.at_rest(0.0, 1.0)._replace(y=GIMBALL.ball_radius - 0.01)
-    run = simulate(model, start, Actuation(), 5.0, 5e-3)
-    assert np.abs(run.energy_residual).max() > 0.1 * run.energy_in_play
+    error = failure_of(model, start, duration=5.0)
+    assert 'the energy ledger misses' in error.quantity and '0.005 s' in error.remedy
+    run = error.trajectory
+    assert np.abs(run.energy_residual).max() < 0.1 * run.energy_in_play
+    with pytest.raises(SimulationError, match='the energy ledger misses'):
+        model.advance(start, Actuation().drive(GIMBALL), 1000)
 
 
 def test_gains_too_stiff_for_the_step_are_named_as_a_remedy():

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""At the extremes a run ends with a good answer or with an error that helps, and it ends."""
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballbot_ros.errors import SimulationError
+from ballbot_ros.physics import (
+    Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
+
+SHELLBALL = load_robot('shellball')
+ROUGH = Terrain([[0.001 * i, 0.0005 * (i % 2)] for i in range(1000)])
+
+
+def test_a_run_gives_up_when_its_work_budget_is_used_up():
+    scene = load_scene('fig7_top')
+    needed = simulate(replace(scene.model, solver=Solver('adaptive')), scene.start,
+                      scene.actuation, 1.0).effort.evaluations
+    model = replace(scene.model, solver=Solver('adaptive', work_budget=needed // 2))
+    with pytest.raises(SimulationError, match=r'work budget of \d+ right-hand sides') as caught:
+        simulate(model, scene.start, scene.actuation, 1.0)
+    assert 'slip_threshold' in caught.value.remedy
+    assert 0.0 < caught.value.trajectory['time'][-1] <= caught.value.time < 1.0
+
+
+def test_each_period_of_an_advance_has_a_work_budget_of_its_own():
+    model = Model(SHELLBALL, Terrain.flat(), solver=Solver('adaptive', work_budget=1000))
+    state, drive = model.at_rest(0.0, 1.0), Actuation().drive(SHELLBALL)
+    for _ in range(200):
+        state = model.advance(state, drive, 50)
+    with pytest.raises(SimulationError, match='work budget of 1000'):
+        model.advance(state, drive, 10_000_000)
+
+
+def test_looking_at_thousands_of_features_is_work_too():
+    robot = replace(SHELLBALL, ball_radius=1.0)
+    model = Model(robot, ROUGH, solver=Solver('adaptive', work_budget=20_000))
+    start = State(x=0.5, y=1.0, velocity_x=1.0)
+    with pytest.raises(SimulationError, match='work budget'):
+        simulate(model, start, Actuation(), 10.0)
+
+
+def test_a_thousand_elastic_bounces_keep_their_energy():
+    robot = replace(SHELLBALL, contact_damping=0.0, rolling_friction=0.0)
+    model = Model(robot, Terrain.flat(), solver=Solver('adaptive'))
+    start = State(y=robot.ball_radius + 0.05)
+    run = simulate(model, start, Actuation(), 230.0, 1e-2)
+    energy = run['kinetic_energy'] + run['potential_energy'] + run['contact_energy']
+    upward = run['velocity_y'] > 0.0
+    assert np.sum(~upward[:-1] & upward[1:]) >= 1000
+    assert np.max(np.abs(energy - energy[0])) < 1e-3 * robot.weight * 0.05
+
+
+def test_a_tiny_ball_does_not_fall_through_its_floor_between_two_looks():
+    robot = replace(SHELLBALL, ball_radius=1e-3, ball_inertia=1e-9, ball_mass=1e-3,
+                    contact_stiffness=1e3, contact_damping=0.1, gravity=25.0)
+    spike = Terrain([[-1.0, 0.0], [-1e-4, 0.0], [0.0, 5e-4], [1e-4, 0.0], [1.0, 0.0]])
+    run = simulate(Model(robot, spike, solver=Solver('adaptive')),
+                   State(x=1e-5, y=3e-3), Actuation(), 0.2)
+    assert np.max(np.abs(run.energy_residual)) < 1e-4 * run.energy_in_play
