@@ -9,15 +9,14 @@ from typing import Any, List
 from nav_msgs.msg import Odometry
 import numpy as np
 import rclpy
-from rclpy.client import Client
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 
 from ballbot_ros.decision import load_curve
+from ballbot_ros.demo.beginning import Beginning
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.demo.story import Story
 from ballbot_ros.msg import BallState, StepDecision, StepObservation
@@ -119,14 +118,10 @@ def _play(out: Path, scene_name: str, story: Story, domain: int, real_time: bool
             nodes.start('simulator', {
                 'scene': scene_name, 'lockstep': not real_time,
                 'real_time_factor': 1.0 if real_time else 0.0, 'start_paused': True})
-            resume = node.create_client(Trigger, 'simulator/resume')
-            asked = False
+            beginning = Beginning(node, bag, (topic for topic, _, _ in TOPICS))
             while story.rested is None and time.monotonic() < deadline:
                 executor.spin_once(timeout_sec=0.1)
-                # Time starts when everybody hears everybody, so that the bag is complete.
-                if not asked and _all_connected(node, resume):
-                    asked = True
-                    resume.call_async(Trigger.Request())
+                beginning.work()
                 ended = nodes.ended()
                 if ended is not None:
                     return [f'node {ended[0]} ended with code {ended[1]}, see '
@@ -144,14 +139,6 @@ def _play(out: Path, scene_name: str, story: Story, domain: int, real_time: bool
         executor.remove_node(node)
         node.destroy_node()
         rclpy.try_shutdown()
-
-
-def _all_connected(node: Node, resume: Client) -> bool:
-    """Tell whether each topic has its publisher, and the simulator its listeners."""
-    return (resume.service_is_ready()
-            and all(node.count_publishers(topic) for topic, _, _ in TOPICS)
-            and node.count_subscribers('joint_states') > 1  # the recorder and the controller
-            and node.count_subscribers('step_observation') > 1)
 
 
 def _trajectory(scene: Scene, states: List[BallState]) -> Trajectory:

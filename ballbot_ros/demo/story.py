@@ -51,6 +51,7 @@ class Story:
         """Begin."""
         self.passages = [Passage(x, height) for x, height in steps]
         self.states: List[BallState] = []
+        self._waiting: List[StepDecision] = []
         self._robot, self._curve, self._tell = robot, curve, tell
         self._last: Optional[Tuple[int, int, int]] = None
         self._resting: Optional[float] = None
@@ -62,14 +63,26 @@ class Story:
         return sum(passage.crossed is not None for passage in self.passages)
 
     def decision(self, message: StepDecision) -> None:
-        """Take a decision; a change of mind is told."""
-        index = self.next_step
+        """Take a decision; it is told when the states have come as far as its stamp."""
+        self._waiting.append(message)
+        self._catch_up()
+
+    def _catch_up(self) -> None:
+        now = to_seconds(self.states[-1].header.stamp) if self.states else -math.inf
+        while self._waiting and to_seconds(self._waiting[0].header.stamp) <= now:
+            self._decided(self._waiting.pop(0))
+
+    def _decided(self, message: StepDecision) -> None:
+        """Tell a decision if it is a change of mind."""
+        time = to_seconds(message.header.stamp)
+        # Topics overtake each other: what counts is which step was ahead at that time.
+        index = sum(passage.crossed is not None and passage.crossed <= time
+                    for passage in self.passages)
         key = (message.decision, message.reason, index)
         if key == self._last:
             return
         seen_before = self._last is not None and self._last[2] == index
         self._last = key
-        time = to_seconds(message.header.stamp)
         if index < len(self.passages) and message.decision != StepDecision.CLEAR:
             if not seen_before:
                 self._tell(time, 'sees', f'a step of {1e3 * message.height:.0f} mm, '
@@ -87,6 +100,7 @@ class Story:
         for passage in self.passages:
             self._follow(passage, message, before, time)
         self._watch_rest(message, time)
+        self._catch_up()
 
     def _follow(self, passage: Passage, message: BallState, before: BallState,
                 time: float) -> None:

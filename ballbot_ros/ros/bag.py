@@ -3,7 +3,7 @@
 from pathlib import Path
 import shutil
 import struct
-from typing import Any, Callable, Dict, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Optional, Sequence, Set, Tuple
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -36,6 +36,13 @@ class BagRecorder:
     folder : Path
         Of the bag; an older bag there is replaced.
 
+    Attributes
+    ----------
+    messages : int
+        Recorded so far.
+    heard : set of str
+        Topics of which something was recorded.
+
     """
 
     def __init__(self, folder: Path):
@@ -49,6 +56,7 @@ class BagRecorder:
         self._store.register(own)
         self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
         self.messages = 0
+        self.heard: Set[str] = set()
 
     def __enter__(self) -> 'BagRecorder':
         """Start writing."""
@@ -78,13 +86,15 @@ class BagRecorder:
             connection = self._writer.add_connection(
                 node.resolve_topic_name(topic), name, typestore=self._store)
             listener = (listeners or {}).get(topic)
-            listen(node, kind, topic, self._writing(connection, listener), profile, raw=True)
+            write = self._writing(topic, connection, listener)
+            listen(node, kind, topic, write, profile, raw=True)
 
-    def _writing(self, connection: Any, listener: Optional[Callable[[bytes], None]]
-                 ) -> Callable[[bytes], None]:
+    def _writing(self, topic: str, connection: Any,
+                 listener: Optional[Callable[[bytes], None]]) -> Callable[[bytes], None]:
         def write(data: bytes) -> None:
             self._writer.write(connection, stamp_of(data), data)
             self.messages += 1
+            self.heard.add(topic)
             if listener is not None:
                 listener(data)
         return write
