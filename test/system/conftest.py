@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A ROS domain and a graph for each test on real topics."""
+from contextlib import contextmanager, ExitStack
+import fcntl
+from itertools import count
+import os
+from pathlib import Path
+import tempfile
+
+from graph import Graph
+import pytest
+
+# Ports of the first lie beside those that Linux gives to programs, and the demo takes none of
+# them.  The others are for a machine on which many tests run at once.
+DOMAINS = (*range(215, 232), *range(1, 102))
+PREFERRED = 17
+_turn = count(os.getpid())
+
+
+@contextmanager
+def own_domain():
+    """
+    Reserve a ROS domain that no other test uses, in this process or another.
+
+    A locked file says so: the lock goes with the process that holds it, whatever happens.
+    """
+    shift = next(_turn) % PREFERRED  # not the one that was left just now
+    for number in (*DOMAINS[shift:PREFERRED], *DOMAINS[:shift], *DOMAINS[PREFERRED:]):
+        path = Path(tempfile.gettempdir()) / f'ballbot_ros_test_domain_{number}.lock'
+        try:
+            lock = open(path, 'w')
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            continue
+        with lock:
+            yield number
+        return
+    pytest.fail('all ROS domains are taken')
+
+
+@pytest.fixture(autouse=True)
+def this_machine_only(monkeypatch):
+    """Keep all talk on this machine."""
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    monkeypatch.setenv('RCUTILS_COLORIZED_OUTPUT', '0')
+
+
+@pytest.fixture
+def domain():
+    """Return a ROS domain that nobody else uses."""
+    with own_domain() as number:
+        yield number
+
+
+@pytest.fixture
+def make_graph(tmp_path):
+    """Return a function that makes graphs; all of them end after the test."""
+    with ExitStack() as stack:
+        def make():
+            domain = stack.enter_context(own_domain())
+            graph = Graph(tmp_path / f'logs_{domain}', domain)
+            stack.callback(graph.close)
+            return graph
+        yield make
+
+
+@pytest.fixture
+def graph(make_graph):
+    """Return a graph, and end all of it after the test."""
+    return make_graph()

@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A ROS graph of a test's own: nodes as processes, and a node that talks with them."""
+import signal
+import subprocess
+import sys
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from ballbot_ros.demo.processes import NodeProcesses
+from ballbot_ros.ros.conversions import to_seconds, to_time
+from ballbot_ros.srv import Step
+
+# Nothing waits this long on a quiet machine; on a busy one nothing fails for lack of time [s].
+PATIENCE = 30.0
+
+# Reliable, and so deep that nothing is lost while the test is held up.
+EVERYTHING = QoSProfile(depth=5000)
+
+
+class Graph:
+    """
+    Sentences for tests; all waiting is for something, never for a while.
+
+    Parameters
+    ----------
+    folder : Path
+        For the logs of the nodes.
+    domain : int
+        ROS domain that nobody else uses.
+
+    """
+
+    def __init__(self, folder, domain):
+        """Join the domain."""
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = Node('test', context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.processes = NodeProcesses(folder, domain)
+        self.statuses = {}
+        self._voices = {}
+        self._busy = []
+        # From the start: a client that is made for one call may be known too late for its answer.
+        self._clients = {
+            name: self.node.create_client(kind, f'simulator/{name}') for name, kind in (
+                ('pause', Trigger), ('resume', Trigger), ('reset', Trigger), ('step', Step))}
+        self.hear('/diagnostics', DiagnosticArray, callback=self._note)
+
+    def close(self):
+        """End every process, and leave; a second time does no harm."""
+        self.be_quiet_again()
+        self.processes.stop()
+        if not self.context.ok():
+            return
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self.context)
+
+    # Processes
+
+    def start(self, name, *arguments, **parameters):
+        """Start a node of the package."""
+        self.processes.start(name, parameters, arguments)
+
+    def log(self, name):
+        """Return what a node has logged so far."""
+        return self.processes.log(name).read_text()
+
+    def kill(self, name):
+        """End a node without a chance to do anything about it."""
+        self.processes.signal(name, signal.SIGKILL)
+        assert self.processes.wait(name, PATIENCE) == -signal.SIGKILL
+
+    def end(self, name, number=signal.SIGINT):
+        """Send a signal to a node and return its exit code."""
+        self.processes.signal(name, number)
+        return self.processes.wait(name, PATIENCE)
+
+    def make_busy(self, processes=3):
+        """Let other processes fight for the processor until the end of the test."""
+        self._busy += [subprocess.Popen([sys.executable, '-c', 'while True: pass'])
+                       for _ in range(processes)]
+
+    def be_quiet_again(self):
+        """End what `make_busy` started."""
+        while self._busy:
+            process = self._busy.pop()
+            process.kill()
+            process.wait()
+
+    # Topics
+
+    def hear(self, topic, kind, profile=EVERYTHING, callback=None):
+        """Return the list in which the messages of a topic arrive."""
+        heard = []
+        self.node.create_subscription(kind, topic, callback or heard.append, profile)
+        return heard
+
+    def voice(self, topic, kind=JointState, profile=EVERYTHING):
+        """Return a publisher that somebody hears."""
+        if topic not in self._voices:
+            self._voices[topic] = self.node.create_publisher(kind, topic, profile)
+        publisher = self._voices[topic]
+        self.wait(lambda: publisher.get_subscription_count(), f'somebody hears {topic}')
+        return publisher
+
+    def say_until(self, condition, what, topic, *messages):
+        """Publish messages, or what functions return, in turn until a condition holds."""
+        kind = JointState if callable(messages[0]) else type(messages[0])
+        publisher = self.voice(topic, kind)
+        deadline, turn = time.monotonic() + PATIENCE, 0
+        while not condition():
+            assert time.monotonic() < deadline, self._complaint(what)
+            message = messages[turn % len(messages)]
+            publisher.publish(message() if callable(message) else message)
+            turn += 1
+            self.listen(0.02)
+
+    def joint(self, position=(), velocity=(), effort=(), stamp=0.0, name=('pendulum',)):
+        """Return a joint message."""
+        message = JointState(name=list(name), position=list(position), velocity=list(velocity),
+                             effort=list(effort))
+        message.header.stamp = to_time(stamp)
+        return message
+
+    # Waiting
+
+    def listen(self, seconds):
+        """Take in what comes for a while."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0.0:
+            self.executor.spin_once(timeout_sec=left)
+
+    def wait(self, condition, what):
+        """Return what a condition returns as soon as that is true."""
+        deadline = time.monotonic() + PATIENCE
+        while not (found := condition()):
+            assert time.monotonic() < deadline, self._complaint(what)
+            self.executor.spin_once(timeout_sec=0.05)
+        return found
+
+    def wait_for_time(self, states, seconds):
+        """Wait until simulated time, told by stamped messages, has come so far."""
+        self.wait(lambda: states and to_seconds(states[-1].header.stamp) >= seconds,
+                  f'simulated time has come to {seconds:g} s')
+
+    def wait_for_log(self, name, text):
+        """Wait until a node has logged a text."""
+        self.wait(lambda: text in self.log(name), f'{name} logs {text!r}')
+
+    def _complaint(self, what):
+        logs = '\n'.join(f'--- {path.stem}\n{path.read_text()[-3000:]}' for path in
+                         sorted(self.processes.log('x').parent.glob('*.log')))
+        return f'waited {PATIENCE:g} s in vain until {what}\n{logs}'
+
+    # Services
+
+    def call(self, service, kind, **fields):
+        """Call any service and return its response."""
+        client = self.node.create_client(kind, service)
+        self.wait(client.service_is_ready, f'{service} is there')
+        future = client.call_async(kind.Request(**fields))
+        self.wait(future.done, f'{service} answers')
+        return future.result()
+
+    def ask(self, service, **fields):
+        """Call a service of the simulator and return its response."""
+        client = self._clients[service]
+        self.wait(client.service_is_ready, f'{service} is there')
+        future = client.call_async(client.srv_type.Request(**fields))
+        self.wait(future.done, f'{service} answers')
+        return future.result()
+
+    def tell(self, verb):
+        """Call pause, resume or reset of the simulator and return its message."""
+        response = self.ask(verb)
+        assert response.success, response.message
+        return response.message
+
+    def wait_for_talk(self, *heard):
+        """Reset a paused simulation until the test hears what its nodes have to say."""
+        deadline = time.monotonic() + PATIENCE
+        while not all(heard):
+            assert time.monotonic() < deadline, self._complaint('all speak with each other')
+            self.tell('reset')
+            self.listen(0.1)
+
+    def step(self, periods):
+        """Let a paused simulator run some periods; return the simulated time after [s]."""
+        response = self.ask('step', periods=periods)
+        assert response.success, response.message
+        return to_seconds(response.time)
+
+    # Health
+
+    def _note(self, array):
+        for status in array.status:
+            self.statuses[status.name.split(':')[0]] = status
+
+    def values(self, name):
+        """Return the newest numbers of a node on /diagnostics, none before they came."""
+        status = self.statuses.get(name)
+        return {pair.key: pair.value for pair in status.values} if status else {}
+
+    def refusals(self, name):
+        """Return how many messages a node has refused, by reason."""
+        return {key[len('refused_'):]: int(value) for key, value in self.values(name).items()
+                if key.startswith('refused_')}
+
+    def wait_for_health(self, name, level, message=''):
+        """Wait until a node says that its health is so."""
+        self.wait(lambda: name in self.statuses and self.statuses[name].level == level
+                  and message in self.statuses[name].message,
+                  f'{name} tells {level!r} {message!r} on /diagnostics')

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The demo as people start it: what it shows, what it leaves behind, and how it fails."""
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+import numpy as np
+from PIL import Image
+import pytest
+from rosbags.highlevel import AnyReader
+
+from ballbot_ros.demo.processes import environment
+
+PATIENCE = 120.0
+NODES = {'simulator', 'controller', 'obstacle_decision'}
+
+
+@pytest.fixture
+def demo(domain, tmp_path):
+    """Return a function that starts ``ballbot demo``; what it starts ends with the test."""
+    started = []
+
+    def start(*arguments):
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'ballbot_ros.cli', 'demo', '--out', str(tmp_path / 'out'),
+             *arguments], env=environment(domain), stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT, text=True)
+        started.append(process)
+        return process
+    yield start
+    for process in started:
+        process.terminate()
+        process.communicate(timeout=PATIENCE)
+
+
+def nodes_of(demo):
+    """Return name and process id of the nodes that a demo has started."""
+    found = {}
+    for stat in Path('/proc').glob('[0-9]*/stat'):
+        try:
+            parent = int(stat.read_text().rsplit(')', 1)[1].split()[1])
+            words = (stat.parent / 'cmdline').read_text().split('\0')
+        except (OSError, IndexError):
+            continue  # it has just ended
+        names = [word.rsplit('.', 1)[1] for word in words if word.startswith('ballbot_ros.nodes.')]
+        if parent == demo.pid and names:
+            found[names[0]] = int(stat.parent.name)
+    return found
+
+
+def wait(condition, what):
+    """Return what a condition returns as soon as that is true."""
+    deadline = time.monotonic() + PATIENCE
+    while not (found := condition()):
+        assert time.monotonic() < deadline, f'waited in vain until {what}'
+        time.sleep(0.02)
+    return found
+
+
+def test_first_step_is_crossed_second_refused_and_all_of_it_told_and_kept(demo, tmp_path):
+    process = demo('--timeout', '110')
+    said = process.communicate(timeout=PATIENCE)[0]
+    assert process.returncode == 0, said
+    order = ['sees  a step of 31 mm', 'CROSS', 'touches  the 31 mm step', 'to spare on the curve',
+             'crossed', 'sees  a step of 80 mm', 'GO ROUND', 'rests', 'before the next step',
+             'Done:']
+    places = [said.find(words) for words in order]
+    assert -1 not in places and places == sorted(places), said
+
+    with Image.open(tmp_path / 'out' / 'crossing.png') as picture:
+        assert picture.format == 'PNG'
+        assert 500 < picture.width < 5000 and 150 < picture.height < 5000
+        assert np.asarray(picture.convert('L')).std() > 10.0  # there is something on it
+
+    with AnyReader([tmp_path / 'out' / 'bag']) as bag:
+        stamps = {connection.topic: set() for connection in bag.connections}
+        heights, last = set(), None
+        for connection, _, data in bag.messages():
+            message = bag.deserialize(data, connection.msgtype)
+            stamps[connection.topic].add(
+                round(1e3 * (message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)))
+            if connection.topic == '/ball_state':
+                last = message
+            if connection.topic == '/step_decision':
+                heights.add(round(1e3 * message.height))
+    end = max(stamps['/joint_states'])
+    assert end > 5000 and heights == {31, 80}
+    for topic, period in (('/joint_states', 2), ('/joint_commands', 2), ('/ball_state', 10),
+                          ('/odom', 10), ('/step_observation', 20), ('/step_decision', 20),
+                          ('/set_point', 20)):
+        # All from the first moment on; only what was on its way at the end may be missing.
+        missing = set(range(0, end + 1, period)) - stamps.pop(topic)
+        assert missing <= set(range(end - 20, end + 1)), (topic, missing)
+    assert not stamps
+    assert 1.426 < last.x < 4.426 - 0.226 and abs(last.velocity_x) < 0.02
+
+    with open(tmp_path / 'out' / 'bag' / 'bag.mcap', 'rb') as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        states = [message for *_, message in reader.iter_decoded_messages(['/ball_state'])]
+    assert states[-1].x == last.x and states[-1].contacts[0].normal_force > 0.0
+
+
+def test_a_node_that_dies_fails_the_demo_and_is_named(demo, tmp_path):
+    process = demo()
+    nodes = wait(lambda: (nodes_of(process).keys() == NODES) and nodes_of(process), 'all started')
+    wait(lambda: 'joint states have arrived' in (
+        tmp_path / 'out' / 'logs' / 'controller.log').read_text(), 'they talk')
+    subprocess.run(['kill', '-KILL', str(nodes['controller'])], check=True)
+    said = process.communicate(timeout=PATIENCE)[0]
+    assert process.returncode == 1, said
+    assert 'FAILED' in said and 'node controller ended with code -9, see ' in said
+    assert 'Traceback' not in said
+    assert not any(Path('/proc', str(number)).exists() for number in nodes.values())
+
+
+@pytest.mark.parametrize('number, code', [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_demo_that_is_interrupted_leaves_nothing_running(demo, tmp_path, number, code):
+    process = demo()
+    nodes = wait(lambda: (nodes_of(process).keys() == NODES) and nodes_of(process), 'all started')
+    wait(lambda: all('running with' in (tmp_path / 'out' / 'logs' / f'{name}.log').read_text()
+                     for name in NODES), 'they run')
+    process.send_signal(number)
+    said = process.communicate(timeout=PATIENCE)[0]
+    assert process.returncode == code, said
+    assert 'Traceback' not in said
+    assert not any(Path('/proc', str(number)).exists() for number in nodes.values())
+
+
+def test_demo_whose_robot_cannot_do_it_fails_and_says_what_was_missing(domain, tmp_path):
+    # The first step is 60 mm: too high, so that nothing is crossed and nothing ever ends.
+    scene = tmp_path / 'too_high.yaml'
+    scene.write_text('robot: gimball\nterrain:\n  - flat: {length: 1.4}\n'
+                     '  - step: {height: 0.06}\n  - flat: {length: 1.0}\n'
+                     '  - step: {height: 0.08}\n  - flat: {length: 1.0}\nduration: 10.0\n')
+    done = subprocess.run(
+        [sys.executable, '-c', 'import pathlib, sys; from ballbot_ros.demo import run_demo; '
+         f'sys.exit(run_demo(pathlib.Path("out"), timeout=5.0, scene_name="{scene}"))'],
+        cwd=tmp_path, env=environment(domain), capture_output=True, text=True, timeout=PATIENCE)
+    assert done.returncode == 1, done.stderr
+    for words in ('the 60 mm step was never accepted', 'the 60 mm step was not crossed',
+                  'the robot did not come to rest', 'given up after 5 s'):
+        assert words in done.stderr
+    assert (tmp_path / 'out' / 'bag' / 'bag.mcap').exists()

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pause, resume, step and reset, in each way that time can pass."""
+from nav_msgs.msg import Odometry
+import pytest
+
+from ballbot_ros.msg import BallState
+from ballbot_ros.ros import diagnostics
+from ballbot_ros.ros.conversions import to_seconds
+from ballbot_ros.srv import Step
+
+WAYS = {
+    'real time': {'real_time_factor': 1.0},
+    'as fast as it goes': {'real_time_factor': 0.0},
+    'lockstep': {'real_time_factor': 0.0, 'lockstep': True},
+    'lockstep in real time': {'real_time_factor': 1.0, 'lockstep': True},
+}
+# A ball that rolls from the start: whether it is back there can be seen.
+ROLLING = """
+robot: gimball
+initial: {x: 0.25, speed: 0.5}
+duration: 1.0
+"""
+
+
+@pytest.fixture
+def rolling(tmp_path):
+    """Return the scene file of a ball that rolls."""
+    path = tmp_path / 'rolling.yaml'
+    path.write_text(ROLLING)
+    return path
+
+
+@pytest.mark.parametrize('way', WAYS)
+def test_time_is_paused_stepped_reset_and_resumed(graph, rolling, way):
+    states = graph.hear('ball_state', BallState)
+    if 'lockstep' in WAYS[way]:
+        graph.start('controller')
+    graph.start('simulator', scene=rolling, start_paused=True, ball_state_rate=500.0, **WAYS[way])
+    graph.wait_for_talk(states)
+    assert {to_seconds(state.header.stamp) for state in states} == {0.0}
+
+    # Exactly so many periods, also right after one another.
+    assert [round(500 * graph.step(periods)) for periods in (1, 50, 0, 9)] == [1, 51, 52, 61]
+    graph.wait_for_time(states, 61 / 500)
+    assert sorted({round(500 * to_seconds(state.header.stamp)) for state in states}) == [
+        *range(62)]
+    assert states[-1].x == pytest.approx(0.25 + 0.5 * 61 / 500, rel=0.05)
+
+    assert 't = 0.122 s, paused' in graph.tell('reset')
+    graph.wait(lambda: states[-1].x == 0.25, 'the ball is back')
+    assert to_seconds(states[-1].header.stamp) == pytest.approx(0.122)
+
+    graph.tell('resume')
+    graph.wait_for_time(states, 0.3)
+    assert float(graph.tell('pause').split()[-2]) >= 0.3
+    graph.wait_for_health('simulator', diagnostics.OK, 'paused')
+    assert graph.end('simulator') == 0
+
+
+def test_step_and_resume_say_why_not(graph, rolling):
+    graph.start('simulator', scene=rolling, lockstep=True)
+    refused = graph.ask('step', periods=1)
+    assert not refused.success and 'call ~/pause first' in refused.message
+    graph.tell('pause')
+
+    # Nobody answers the states, so this step lasts until something ends it.
+    client = graph.node.create_client(Step, 'simulator/step')
+    unfinished = client.call_async(Step.Request(periods=5))
+    graph.wait(lambda: 'not paused' in graph.ask('step', periods=1).message,
+               'the first step has begun')
+    graph.tell('pause')
+    graph.wait(unfinished.done, 'the step is ended by the pause')
+    assert not unfinished.result().success
+    assert unfinished.result().message == 'ended before all periods were run'
+    assert graph.end('simulator') == 0
+
+
+def test_a_run_that_fails_goes_silent_says_why_and_can_be_reset(graph, tmp_path):
+    # So heavy a fall onto so soft a ground puts the centre of the ball below it.
+    scene = tmp_path / 'fall.yaml'
+    scene.write_text('robot: gimball\nrobot_changes: {contact_stiffness: 500.0}\n'
+                     'initial: {y: 1.0, velocity_y: -10.0}\nduration: 1.0\n')
+    states, odometry = graph.hear('ball_state', BallState), graph.hear('odom', Odometry)
+    graph.start('simulator', scene=scene, start_paused=True)
+    graph.wait_for_talk(states)
+    failed = graph.ask('step', periods=500)
+    assert not failed.success
+    graph.wait_for_health('simulator', diagnostics.ERROR, 'under the ground')
+    log = graph.log('simulator')
+    assert 'simulation stopped at t = 0.' in log and 'raise contact_stiffness' in log
+    assert log.count('Nothing is published until ~/reset') == 1
+
+    for service, fields in (('resume', {}), ('step', {'periods': 1})):
+        response = graph.ask(service, **fields)
+        assert not response.success and 'call ~/reset first' in response.message
+    states.clear()
+    odometry.clear()
+    graph.statuses.clear()
+    graph.wait_for_health('simulator', diagnostics.ERROR)
+    assert not states and not odometry
+
+    graph.tell('reset')
+    graph.wait(lambda: states and states[-1].y == 1.0, 'the ball is back')
+    assert graph.step(5) > 0.01
+    graph.wait_for_health('simulator', diagnostics.OK)

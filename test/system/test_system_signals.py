@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ctrl-C and SIGTERM end a node at once, with exit code 0 and without a traceback."""
+import signal
+import time
+
+import pytest
+from sensor_msgs.msg import JointState
+
+NODES = ('simulator', 'controller', 'obstacle_decision')
+SIGNALS = [signal.SIGINT, signal.SIGTERM]
+
+
+def end_all(graph, number):
+    """Send a signal to all nodes; return how long it took until the last had ended [s]."""
+    begun = time.monotonic()
+    for name in NODES:
+        graph.processes.signal(name, number)
+    for name in NODES:
+        assert graph.processes.wait(name, 30.0) == 0, graph.log(name)
+        assert 'Traceback' not in graph.log(name)
+        assert 'rror' not in graph.log(name)
+    return time.monotonic() - begun
+
+
+@pytest.mark.parametrize('number', SIGNALS)
+def test_while_waiting_for_others(graph, number):
+    graph.start('simulator', lockstep=True, start_paused=True)
+    graph.start('controller')
+    graph.start('obstacle_decision')
+    for name in NODES:
+        graph.wait_for_log(name, 'running with')
+    end_all(graph, number)
+
+
+@pytest.mark.parametrize('number', SIGNALS)
+def test_while_waiting_in_lockstep_for_an_answer(graph, number):
+    states = graph.hear('joint_states', JointState)
+    graph.start('simulator', lockstep=True)
+    graph.wait(lambda: states, 'the simulator asks')
+    assert graph.end('simulator', number) == 0
+    assert 'Traceback' not in graph.log('simulator')
+
+
+@pytest.mark.parametrize('number', SIGNALS)
+@pytest.mark.parametrize('busy', [0, 4])
+def test_while_all_are_busy(graph, number, busy):
+    states = graph.hear('joint_states', JointState)
+    graph.start('simulator', lockstep=True, real_time_factor=0.0)
+    graph.start('controller')
+    graph.start('obstacle_decision')
+    graph.wait_for_time(states, 0.1)
+    graph.make_busy(busy)
+    assert end_all(graph, number) < 5.0
