@@ -7,6 +7,7 @@ help:
 	@echo 'make demo    a ball robot meets a step; ARGS are passed to "ballbot demo"'
 	@echo 'make test    all tests; ARGS are passed to pytest'
 	@echo 'make bench   measure speed and accuracy'
+	@echo 'make extremes  20,000 cases at the extremes, each judged; some minutes'
 	@echo 'make lint    style and types only'
 	@echo 'make setup   prepare .venv and do nothing more'
 	@echo 'make clean   remove .venv and everything built'
@@ -26,10 +27,13 @@ test: setup
 bench: setup
 	@.venv/bin/python bench/run.py $(ARGS)
 
+extremes: setup
+	@.venv/bin/python extremes/run.py $(ARGS)
+
 lint: setup
 	@.venv/bin/python -m pytest -q test/test_lint.py test/test_layers.py $(ARGS)
 
 clean:
 	rm -rf .venv .venv-old build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
-.PHONY: help setup demo test bench lint clean
+.PHONY: help setup demo test bench extremes lint clean

@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from ballbot_ros.compiled import compiled
-from ballbot_ros.errors import SimulationError
+from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics.adaptive import SPENT, STALLED
 from ballbot_ros.physics.contact import spring_energy
 from ballbot_ros.physics.dynamics import (
@@ -32,6 +32,40 @@ def energy_parts(state: Any, robot: Any, ground: Any, table: Any) -> tuple:
             spring_energy(robot, ground, table, state[X], state[Y]), lost, state[MOTOR_WORK])
 
 
+@compiled
+def worst_gap(states: Any, first: Any, play: float, robot: Any, ground: Any,
+              table: Any) -> tuple:
+    """
+    Return the largest gap of the ledger over the energy in play, where, and that energy.
+
+    Parameters
+    ----------
+    states : (n, 13) array
+    first : tuple
+        What `energy_parts` says of the start of the run.
+    play : float
+        Largest energy that has been in play so far [J]; see `Trajectory.energy_in_play`.
+
+    """
+    worst, where = 0.0, 0
+    floor = 0.0
+    for part in first:
+        floor += ROUNDING * abs(part)
+    for row in range(len(states)):
+        parts = energy_parts(states[row], robot, ground, table)
+        play = max(play, parts[0], abs(parts[1] - first[1]), abs(parts[2]),
+                   abs(parts[3] - first[3]), abs(parts[4] - first[4]))
+        gap = abs(parts[0] + parts[1] + parts[2] + parts[3] - parts[4]
+                  - (first[0] + first[1] + first[2] + first[3] - first[4]))
+        # A gap that is no number is one without bound.
+        ratio = gap / max(play, floor) if gap > 0.0 else (0.0 if gap == 0.0 else math.inf)
+        if ratio > worst:
+            worst, where = ratio, row
+        if worst > LEDGER_BOUND:
+            break
+    return worst, where, play
+
+
 class Ledger:
     """
     The energy of a run, to be looked at now and then.
@@ -48,22 +82,24 @@ class Ledger:
 
     def __init__(self, model: Any, state: Array, table: Array):
         """Open it."""
-        self._numbers, self._profile, self._table = model.numbers, model.profile, table
-        self._first = energy_parts(state, self._numbers, self._profile, table)
-        kinetic, _, contact, _, _ = self._first
-        self._play = max(kinetic, abs(contact))
+        self._fixed = model.numbers, model.profile, table
+        self._first = energy_parts(state, *self._fixed)
+        self._play = max(self._first[0], abs(self._first[2]))
 
-    def missing(self, state: Array) -> float:
-        """Return the energy from or to nowhere since the start, over the energy in play."""
-        parts = energy_parts(state, self._numbers, self._profile, self._table)
-        kinetic, potential, contact, lost, work = (
-            now - then for now, then in zip(parts, self._first))
-        self._play = max(self._play, parts[0], abs(parts[2]), abs(potential), abs(lost),
-                         abs(work))
-        gap = abs(kinetic + potential + contact + lost - work)
-        floor = ROUNDING * sum(map(abs, self._first))
-        # A gap that is no number is one without bound.
-        return gap / max(self._play, floor) if gap > 0.0 else (0.0 if gap == 0.0 else math.inf)
+    def missing(self, states: Array) -> tuple:
+        """
+        Look at the next states of the run, an (n, 13) array.
+
+        Returns
+        -------
+        missing : float
+            Energy from or to nowhere since the start, over the energy in play; the worst.
+        where : int
+            Number of that state; the first that is beyond `LEDGER_BOUND`.
+
+        """
+        worst, where, self._play = worst_gap(states, self._first, self._play, *self._fixed)
+        return float(worst), int(where)
 
 
 class OutOfBalance(SimulationError):
@@ -79,6 +115,24 @@ def out_of_balance(time: float, missing: float, model: Any) -> OutOfBalance:
     return OutOfBalance(
         time, f'the energy ledger misses {100.0 * missing:.3g} % of the energy in play', f'{way} '
         'or softer gains, a softer contact_stiffness or a larger slip_threshold')
+
+
+def check_work(model: Any, steps: int) -> None:
+    """
+    Refuse a run with steps of one length that would take more than its work budget.
+
+    Raises
+    ------
+    ConfigurationError
+
+    """
+    solver = model.solver
+    needed = steps * (4 if solver.method == 'rk4' else 1)
+    if needed > solver.work_budget:
+        raise ConfigurationError(
+            f'solver: {steps} steps of {solver.step:g} s take {needed} right-hand sides, more '
+            f'than the work_budget of {solver.work_budget}; raise it, use a longer step, or the '
+            'adaptive method')
 
 
 def failure(ending: int, time: float, vector: Array, model: Any) -> SimulationError:

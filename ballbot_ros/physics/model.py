@@ -9,7 +9,8 @@ import numpy as np
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.fields import Checked, count, quantity, text
 from ballbot_ros.physics import adaptive, contact, dynamics, integrators
-from ballbot_ros.physics.failures import failure, Ledger, LEDGER_BOUND, out_of_balance
+from ballbot_ros.physics.failures import (
+    check_work, failure, Ledger, LEDGER_BOUND, out_of_balance)
 from ballbot_ros.physics.options import ContactOptions
 from ballbot_ros.physics.robot import Robot
 from ballbot_ros.physics.terrain import Array, Terrain, VERTEX_X
@@ -213,6 +214,7 @@ class Model:
             time, _, _, ending = self._scratch.advance(
                 self, drive, vector, state.time, state.time + steps * self.solver.step)
         else:
+            check_work(self, steps)
             ledger = Ledger(self, vector, self._table)
             done, ending = integrators.advance(
                 integrators.METHODS.index(self.solver.method), state.time, vector,
@@ -220,8 +222,8 @@ class Model:
                 self._table, self._work)
             time = state.time + done * self.solver.step
             # The adaptive method looks after its error itself; fixed steps do not.
-            missing = ledger.missing(vector) if ending == integrators.FINISHED else 0.0
-            if not missing <= LEDGER_BOUND:
+            missing, _ = ledger.missing(vector[None])
+            if ending == integrators.FINISHED and missing > LEDGER_BOUND:
                 raise out_of_balance(time, missing, self)
         if ending != integrators.FINISHED:
             raise failure(ending, time, vector, self)

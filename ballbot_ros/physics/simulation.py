@@ -8,7 +8,8 @@ from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import adaptive, contact, dynamics, integrators
 from ballbot_ros.physics.actuation import Actuation
 from ballbot_ros.physics.dynamics import Drive
-from ballbot_ros.physics.failures import failure, Ledger, LEDGER_BOUND, out_of_balance
+from ballbot_ros.physics.failures import (
+    check_work, failure, Ledger, LEDGER_BOUND, out_of_balance)
 from ballbot_ros.physics.model import Model, State
 from ballbot_ros.physics.terrain import Array
 from ballbot_ros.physics.trajectory import Effort, Trajectory
@@ -75,6 +76,8 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
     run = (_adaptive_run if model.solver.method == 'adaptive' else _fixed_run)(
         model, start.time, output_step)
     count = int(np.ceil(duration / output_step - 1e-9))
+    if model.solver.method != 'adaptive':
+        check_work(model, count * steps_in(output_step, model.solver.step, 'output_step'))
     drive = actuation.drive(model.robot, start.time, start.joint_angle)
     vector = np.array(start[1:])
     rows = np.empty((1 + count, 2 + dynamics.SIZE))
@@ -90,27 +93,18 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
                 error = failure(ending, start.time + (done + 1) * output_step, vector, model)
                 error.trajectory = Trajectory(model, rows[:1 + done], effort)
                 raise error
-            if not (missing := ledger.missing(vector)) <= LEDGER_BOUND:
-                raise _balanced_part(model, rows[:1 + done], effort, missing)
+            missing, where = ledger.missing(rows[1 + done - filled:1 + done, 1:-1])
+            if missing > LEDGER_BOUND:
+                bad = 1 + done - filled + where
+                balance = out_of_balance(float(rows[bad, 0]), missing, model)
+                balance.trajectory = Trajectory(model, rows[:bad], effort)
+                raise balance
             if progress is not None:
                 progress(done * output_step)
     except KeyboardInterrupt:
         if done == 0:
             raise
     return Trajectory(model, rows[:1 + done], effort)
-
-
-def _balanced_part(model: Model, rows: Array, effort: Effort,
-                   missing: float) -> SimulationError:
-    """Return the error of a run out of balance; it keeps the rows before the first bad one."""
-    run = Trajectory(model, rows, effort)
-    with np.errstate(over='ignore', invalid='ignore'):
-        gap = np.abs(run.energy_residual)
-        bad = np.flatnonzero(~(gap <= LEDGER_BOUND * run.energy_in_play))
-    first = max(1, int(bad[0]) if len(bad) else len(rows) - 1)
-    error = out_of_balance(float(rows[first, 0]), missing, model)
-    error.trajectory = Trajectory(model, rows[:first], effort)
-    return error
 
 
 # A run of rows: from row number, state (advanced in place), drive and rows to fill, to the

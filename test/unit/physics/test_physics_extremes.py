@@ -1,13 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """At the extremes a run ends with a good answer or with an error that helps, and it ends."""
 from dataclasses import replace
+import importlib
+from pathlib import Path
+import sys
 
 import numpy as np
 import pytest
 
-from ballbot_ros.errors import SimulationError
+from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import (
     Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'extremes'))
+BY_NAME, make_case = (
+    getattr(importlib.import_module('cases'), name) for name in ('BY_NAME', 'make_case'))
+judge, REFUSED, WRONG = (
+    getattr(importlib.import_module('judge'), name) for name in ('judge', 'REFUSED', 'WRONG'))
 
 SHELLBALL = load_robot('shellball')
 ROUGH = Terrain([[0.001 * i, 0.0005 * (i % 2)] for i in range(1000)])
@@ -59,3 +68,30 @@ def test_a_tiny_ball_does_not_fall_through_its_floor_between_two_looks():
     run = simulate(Model(robot, spike, solver=Solver('adaptive')),
                    State(x=1e-5, y=3e-3), Actuation(), 0.2)
     assert np.max(np.abs(run.energy_residual)) < 1e-4 * run.energy_in_play
+
+
+def test_fixed_steps_beyond_the_work_budget_are_refused_before_they_start():
+    model = Model(SHELLBALL, Terrain.flat(), solver=Solver('rk4', 1e-6, work_budget=10_000))
+    start = model.at_rest(0.0, 1.0)
+    with pytest.raises(ConfigurationError, match='work_budget of 10000'):
+        simulate(model, start, Actuation(), 1.0)
+    with pytest.raises(ConfigurationError, match='work_budget of 10000'):
+        model.advance(start, Actuation().drive(SHELLBALL), 2501)
+
+
+@pytest.mark.parametrize('name', [name for name in BY_NAME if name != 'hour'])
+def test_no_case_at_the_extremes_is_wrong(name):
+    for seed in range(2 if name in ('bounces', 'control_period') else 6):
+        found = judge(name, seed)
+        assert found.verdict != WRONG, f'--only {name}:{seed}  {found.why}'
+
+
+def test_energy_that_comes_and_goes_again_is_seen_too():
+    # At its end the ledger of this run would close: each sample is looked at.
+    found = judge('fixed', 811)
+    assert found.verdict == REFUSED and 'the energy ledger misses' in found.why
+
+
+def test_a_case_is_a_function_of_its_class_and_seed():
+    assert make_case('combined', 3).start == make_case('combined', 3).start
+    assert make_case('combined', 3).start != make_case('combined', 4).start

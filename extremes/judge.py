@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The verdict on one case.
+
+GOOD      finite, the energy ledger closes, and a stricter run is at the same place all along
+CHAOTIC   the same up to a horizon that the run itself declares, or a loop declared unstable
+REFUSED   an error of this package that names what is wrong and what to do
+WRONG     all else
+"""
+from dataclasses import dataclass, replace
+import math
+import time
+
+from cases import BUDGET, make_case
+import numpy as np
+
+from ballbot_ros.control import is_stable
+from ballbot_ros.errors import ConfigurationError, SimulationError
+from ballbot_ros.physics import dynamics, simulate, State
+from ballbot_ros.physics.accuracy import FINEST_TOLERANCE, simulate_accurately
+from ballbot_ros.physics.laws import position_torque, velocity_torque
+
+GOOD, CHAOTIC, REFUSED, WRONG = 'good', 'chaotic', 'refused', 'WRONG'
+ACCURACY = 1e-4        # asked for, of the radius
+LEDGER = 0.05          # of the energy in play may be missing: the bound of the product
+FIXED = 0.1            # of the radius, and of the way: what fixed steps may be off
+STRICTER = 1.0 / 30.0  # times the tolerance, for the run that confirms
+SLOW = 30.0            # [s] a case that takes longer hangs
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is said of a case."""
+
+    name: str
+    seed: int
+    verdict: str
+    why: str = ''
+    ledger: float = 0.0  # worst of the run, over the energy in play
+    seconds: float = 0.0
+
+
+def judge(name, seed):
+    """Run a case and return the verdict."""
+    begin = time.perf_counter()
+    ledger = 0.0
+    try:
+        case = make_case(name, seed)
+        verdict, why, ledger = {'accurate': accurate, 'fixed': fixed, 'loop': loop}[
+            case.judged](case)
+    except SimulationError as error:
+        told = math.isfinite(error.time) and error.quantity and error.remedy
+        verdict, why = REFUSED if told else WRONG, f'{error}'
+    except ConfigurationError as error:
+        verdict, why = REFUSED, f'{error}'
+    except Exception as error:  # noqa: BLE001 - any other kind is what is looked for
+        verdict, why = WRONG, f'{type(error).__name__}: {error}'
+    seconds = time.perf_counter() - begin
+    if seconds > SLOW:
+        verdict, why = WRONG, f'takes {seconds:.0f} s; {why}'
+    return Verdict(name, seed, verdict, why, ledger, seconds)
+
+
+def accuracy_of(case):
+    """Return the accuracy to be asked for [m]."""
+    return min(max(ACCURACY * case.model.robot.ball_radius, 1e-9), 0.1)
+
+
+def unsound(run):
+    """Return what is wrong with a trajectory by itself, and the gap of its ledger."""
+    if not np.isfinite(run.rows).all():
+        return 'not finite', math.inf
+    gap = float(np.max(np.abs(run.energy_residual)))
+    gap = gap / run.energy_in_play if gap > 0.0 else 0.0
+    return f'ledger misses {100.0 * gap:.3g} %' if not gap <= LEDGER else '', gap
+
+
+def apart(one, other, until):
+    """Return the largest distance of two runs up to a time [m]."""
+    count = min(len(one), len(other))
+    held = one['time'][:count] <= until
+    return float(np.max(np.hypot(one['x'][:count] - other['x'][:count],
+                                 one['y'][:count] - other['y'][:count])[held]))
+
+
+def accurate(case):
+    """Judge a run that was asked for an accuracy."""
+    accuracy, output_step = accuracy_of(case), case.output_step or 0.02 * case.duration
+    run = simulate_accurately(case.model, case.start, case.actuation, case.duration, accuracy,
+                              output_step)
+    fault, ledger = unsound(run)
+    if fault:
+        return WRONG, fault, ledger
+    said = run.assurance
+    verdict = GOOD if said.complete else CHAOTIC
+    if said.tolerance <= FINEST_TOLERANCE:
+        return verdict, f'horizon {said.horizon:.3g} s', ledger
+    strict = replace(case.model, solver=replace(
+        case.model.solver, tolerance=max(FINEST_TOLERANCE, STRICTER * said.tolerance),
+        work_budget=10 * case.model.solver.work_budget))
+    try:
+        check = simulate(strict, case.start, case.actuation, case.duration, output_step)
+    except SimulationError as error:
+        return WRONG, f'a stricter run does not confirm it: {error}', ledger
+    gap = apart(run, check, said.horizon)
+    if not gap <= accuracy:
+        return WRONG, f'{gap:.3g} m off, said {accuracy:.3g} m', ledger
+    return verdict, '', ledger
+
+
+def fixed(case):
+    """Judge a run with steps of one length against one that was asked for an accuracy."""
+    run = simulate(case.model, case.start, case.actuation, case.duration, case.output_step)
+    fault, ledger = unsound(run)
+    if fault:
+        return WRONG, fault, ledger
+    model = replace(case.model, solver=replace(
+        case.model.solver, method='adaptive', work_budget=5 * BUDGET))
+    try:
+        exact = simulate_accurately(model, case.start, case.actuation, case.duration,
+                                    accuracy_of(case), case.output_step)
+        horizon = exact.assurance.horizon
+    except SimulationError:  # too stiff for it: then much shorter steps have to confirm
+        finer = replace(case.model.solver, step=0.1 * case.model.solver.step,
+                        work_budget=10 * case.model.solver.work_budget)
+        exact = simulate(replace(case.model, solver=finer), case.start, case.actuation,
+                         case.duration, case.output_step)
+        horizon = case.duration
+    way = float(np.sum(np.hypot(np.diff(exact['x']), np.diff(exact['y']))))
+    bound = FIXED * max(case.model.robot.ball_radius, way)
+    gap = apart(run, exact, horizon)
+    if not gap <= bound:
+        return WRONG, f'{gap:.3g} m off, bound {bound:.3g} m', ledger
+    return GOOD if horizon > 0.999 * case.duration else CHAOTIC, '', ledger
+
+
+def sampled(case, tolerance):
+    """Return the states at the control periods of a loop."""
+    robot, tuning, law = case.model.robot, case.tuning, case.actuation.law
+    model = replace(case.model, solver=replace(case.model.solver, tolerance=tolerance))
+    gravity = robot.largest_gravity_torque
+    state, states = case.start, [case.start]
+    for _ in range(int(case.duration * case.rate)):
+        if law == 'position':
+            torque = position_torque(
+                state.pendulum_angle, state.pendulum_rate, case.actuation.set_angle,
+                tuning.position_kp, tuning.position_kd, gravity)
+        else:
+            torque = velocity_torque(
+                state.pendulum_angle, state.joint_rate, 0.0, case.actuation.set_rate,
+                tuning.velocity_kp, 0.0, gravity)
+        torque = min(max(torque, -tuning.torque_limit), tuning.torque_limit)
+        state = model.advance(state, dynamics.Drive(dynamics.TORQUE, torque), 1)
+        states.append(state)
+    return np.array(states)
+
+
+def loop(case):
+    """Judge a law that is closed at a rate; `is_stable` has to say if it diverges."""
+    stable = is_stable(case.model.robot, case.tuning,
+                       'hold' if case.actuation.law == 'position' else 'drive', case.rate)
+    accuracy = accuracy_of(case)
+    coarse, fine = (sampled(case, tolerance * accuracy) for tolerance in (1e-3, 1e-3 * STRICTER))
+    if not np.isfinite(fine).all():
+        return WRONG, 'not finite', math.inf
+    ledger = balance(case.model, fine)
+    if not ledger <= LEDGER:
+        return WRONG, f'ledger misses {100.0 * ledger:.3g} %', ledger
+    gap = float(np.max(np.hypot(*(coarse - fine)[:, 3:5].T)))
+    if not stable:
+        return CHAOTIC, 'the loop is declared unstable', ledger
+    return (GOOD, '', ledger) if gap <= accuracy else (WRONG, f'{gap:.3g} m off', ledger)
+
+
+def balance(model, states):
+    """Return the worst gap of the energy ledger over states, over the energy in play."""
+    parts = np.array([
+        [*model.energies(state), state.dissipated_energy, -state.motor_work]
+        for state in (State(*row) for row in states.tolist())])
+    parts[:, 1] -= parts[0, 1]
+    play = float(np.max(np.abs(parts)))
+    gap = float(np.max(np.abs(np.sum(parts, axis=1) - np.sum(parts[0]))))
+    return gap / play if gap > 0.0 else 0.0

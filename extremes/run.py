@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Push the simulator to its extremes and judge every case.
+
+    make extremes                                  # 20,000 cases, some minutes
+    make extremes ARGS='--class slope --cases 500'
+    make extremes ARGS='--only combined:17'        # one case again, with its story
+    make extremes ARGS=--maps                      # the pictures of docs/extremes.md
+
+The exit code is 1 if any case is wrong.
+"""
+import argparse
+from dataclasses import asdict
+import json
+import multiprocessing
+import os
+from pathlib import Path
+import signal
+import sys
+import time
+
+from cases import BY_NAME, CLASSES
+from judge import CHAOTIC, GOOD, judge, REFUSED, Verdict, WRONG
+
+
+def main():
+    """Run what is asked for; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('--cases', type=int, default=20_000, metavar='N', help='how many in all')
+    parser.add_argument('--seed', type=int, default=0, metavar='S', help='where seeds begin')
+    parser.add_argument('--class', dest='only_class', choices=sorted(BY_NAME), metavar='NAME',
+                        help=f'one class only: {", ".join(sorted(BY_NAME))}')
+    parser.add_argument('--only', metavar='CLASS:SEED', help='one case again')
+    parser.add_argument('--json', type=Path, metavar='FILE', help='write every verdict here')
+    parser.add_argument('--jobs', type=int, default=os.cpu_count(), metavar='N',
+                        help='processes; default: one per core')
+    parser.add_argument('--maps', action='store_true', help='draw the maps instead')
+    arguments = parser.parse_args()
+    if arguments.maps:
+        from maps import draw_all
+        draw_all(Path(__file__).resolve().parents[1] / 'docs' / 'figures')
+        return 0
+    if arguments.only:
+        name, _, seed = arguments.only.partition(':')
+        if name not in BY_NAME or not seed.isdigit():
+            parser.error(f'--only takes CLASS:SEED, for instance slope:17, got {arguments.only}')
+        found = judge(name, int(seed))
+        print(f'{name}:{seed}  {found.verdict}  {found.why}\n'
+              f'ledger {found.ledger:.2g}, {found.seconds:.2f} s')
+        return int(found.verdict == WRONG)
+    jobs = listed(arguments.cases, arguments.only_class, arguments.seed)
+    verdicts = run_all(jobs, arguments.jobs)
+    print(table(verdicts))
+    if arguments.json is not None:
+        arguments.json.write_text(json.dumps([asdict(item) for item in verdicts], indent=1))
+    return int(any(item.verdict == WRONG for item in verdicts))
+
+
+def listed(cases, only_class, seed):
+    """Return class and seed of each case, the longest first."""
+    jobs = []
+    for make, part in reversed(CLASSES.items()):
+        if only_class in (None, make.__name__):
+            count = part if part >= 1 else round(part * cases)
+            if only_class is not None:
+                count = cases
+            jobs += [(make.__name__, seed + i) for i in range(count)]
+    return jobs
+
+
+def run_all(jobs, processes):
+    """Return the verdicts; Ctrl-C ends it with those there are."""
+    verdicts, begin = [], time.monotonic()
+    # Ctrl-C is for this process; the others are ended by it.
+    pool = multiprocessing.get_context('spawn').Pool(
+        processes, signal.signal, (signal.SIGINT, signal.SIG_IGN))
+    try:
+        for found in pool.imap_unordered(work, jobs, 8 if len(jobs) > 1000 else 1):
+            verdicts.append(found)
+            if sys.stderr.isatty() and len(verdicts) % 50 == 0:
+                wrong = sum(item.verdict == WRONG for item in verdicts)
+                print(f'\r{len(verdicts)} of {len(jobs)} cases, {wrong} wrong, '
+                      f'{time.monotonic() - begin:.0f} s ', end='', file=sys.stderr)
+    except KeyboardInterrupt:
+        print(f'\nended after {len(verdicts)} of {len(jobs)} cases', file=sys.stderr)
+    finally:
+        pool.terminate()
+        pool.join()
+    if sys.stderr.isatty():
+        print(file=sys.stderr)
+    return sorted(verdicts, key=lambda item: (list(BY_NAME).index(item.name), item.seed))
+
+
+def work(job) -> Verdict:
+    """Judge one case; what a process of the pool does."""
+    return judge(*job)
+
+
+def table(verdicts):
+    """Return the table by class, and every wrong case below it."""
+    lines = [f'{"class":16}{"cases":>7}{"good":>7}{"chaotic":>9}{"refused":>9}{"wrong":>7}'
+             f'{"worst ledger":>14}{"slowest":>10}']
+    for name in [*BY_NAME, 'all']:
+        own = [item for item in verdicts if name in (item.name, 'all')]
+        if own:
+            numbers = [sum(item.verdict == kind for item in own)
+                       for kind in (GOOD, CHAOTIC, REFUSED, WRONG)]
+            lines.append(
+                f'{name:16}{len(own):7}{numbers[0]:7}{numbers[1]:9}{numbers[2]:9}{numbers[3]:7}'
+                f'{max(item.ledger for item in own):14.1e}'
+                f'{max(item.seconds for item in own):8.2f} s')
+    wrong = [item for item in verdicts if item.verdict == WRONG]
+    lines += [f'WRONG {item.name}:{item.seed}  {item.why}' for item in wrong]
+    return '\n'.join(lines)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
