@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Weigh error against time: our solvers, those of SciPy and SUNDIALS, and MuJoCo.
+
+The error is that of the end position against a run by `simulate_accurately` at 1e-9 m, for
+MuJoCo against MuJoCo at a hundredth of its usual step.  Timed is one whole run, warm: of ours
+one call into the compiled kernel, of the others one call of their own function.  Runs are
+interleaved and repeated; a ratio is one of times within the same repetition.  All curves go to
+docs/bench.json, from which figures.py draws.
+"""
+import json
+import math
+from pathlib import Path
+from statistics import median
+
+from curves import honest, time_at, timed
+import kernels
+import mujoco_peer
+import numpy as np
+import peers
+from precision_scenes import cases, MUJOCO_HEIGHT, MUJOCO_SCENE, MUJOCO_SPEED, with_solver
+from search_race import race
+
+from ballbot_ros.errors import SimulationError
+from ballbot_ros.physics import Actuation, contact, dynamics, integrators, load_robot
+from ballbot_ros.physics.accuracy import simulate_accurately
+from ballbot_ros.physics.adaptive import Scratch
+from ballbot_ros.physics.simulation import simulate
+
+REPEATS = 3
+LEVELS = (1e-4, 1e-6)  # errors at which times are compared [m]
+ENOUGH = 1e-7          # a curve ends once it is this good [m]
+LONGEST = 2.0          # or once a run takes this long [s]
+STEPS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5)
+TOLERANCES = tuple(10.0**-power for power in range(3, 14))
+RESULTS = Path(__file__).resolve().parents[1] / 'docs' / 'bench.json'
+
+
+def fixed(case, method):
+    """Return a function from step to end position and right-hand sides, for our steppers."""
+    model = case.model
+    table, work = contact.contact_table(len(model.profile)), integrators.workspace()
+    drive, index = case.actuation.drive(model.robot, 0.0, case.start.joint_angle), \
+        integrators.METHODS.index(method)
+
+    def run(step):
+        steps, state = round(case.duration / step), np.array(case.start[1:])
+        integrators.advance(index, 0.0, state, case.duration / steps, steps, model.numbers,
+                            model.profile, drive, table, work)
+        return state[dynamics.X], state[dynamics.Y], steps * (4 if method == 'rk4' else 1)
+    return run
+
+
+def adaptive(case):
+    """Return the same from tolerance, for our adaptive method."""
+    models = {value: with_solver(case.model, 'adaptive', tolerance=value)
+              for value in TOLERANCES}
+    scratch = Scratch(len(case.model.profile))
+    drive = case.actuation.drive(case.model.robot, 0.0, case.start.joint_angle)
+
+    def run(tolerance):
+        before, state = int(scratch.tally[3]), np.array(case.start[1:])
+        scratch.advance(models[tolerance], drive, state, 0.0, case.duration)
+        return state[dynamics.X], state[dynamics.Y], int(scratch.tally[3]) - before
+    return run
+
+
+def solvers(case):
+    """Return name, function and settings from coarse to fine of every solver of a scene."""
+    found = [('adaptive', adaptive(case), TOLERANCES)]
+    found += [(name, fixed(case, name), STEPS) for name in integrators.METHODS]
+    ours, plain = peers.compiled_rates(case), peers.numpy_rates(case)
+    for method in peers.SCIPY:
+        found.append((f'SciPy {method}', lambda value, method=method: peers.solve_scipy(
+            method, ours, case, value), TOLERANCES))
+    for method in peers.PLAIN:
+        found.append((f'SciPy {method}, NumPy', lambda value, method=method: peers.solve_scipy(
+            method, plain, case, value), TOLERANCES))
+    if peers.CVODE is not None:
+        for method in ('BDF', 'Adams'):
+            found.append((f'CVODE {method}', lambda value, method=method: peers.solve_cvode(
+                method, ours, case, value), TOLERANCES))
+    if mujoco_peer.mujoco is not None and case.name == MUJOCO_SCENE:
+        for method in ('implicitfast', 'RK4'):
+            found.append((f'MuJoCo {method}', mujoco(case, method), STEPS))
+    return found
+
+
+def mujoco(case, method):
+    """Return the same from step, for MuJoCo; models are built before they are timed."""
+    def model(step):
+        return mujoco_peer.Crossing(case.model.robot, MUJOCO_SPEED, MUJOCO_HEIGHT, step, method)
+    built = {step: model(step) for step in STEPS}
+
+    def run(step):
+        return *built[step].end(case.duration), round(case.duration / step)
+    run.exact = model(1e-5 if method == 'RK4' else 2e-6).end(case.duration)
+    return run
+
+
+def curves_of(case):
+    """Return the work-precision curve of every solver on a scene, and the reference."""
+    exact = simulate_accurately(case.model, case.start, case.actuation, case.duration, 1e-9)
+    end, curves, todo = (exact['x'][-1], exact['y'][-1]), {}, []
+    for name, run, settings in solvers(case):
+        aim, curve = getattr(run, 'exact', end), []
+        run(settings[0])  # to warm up
+        for setting in settings:
+            spent, (x, y, calls) = timed(run, setting)
+            error = math.hypot(x - aim[0], y - aim[1])
+            curve.append({'setting': setting, 'error': error if error < math.inf else 1e9,
+                          'calls': calls, 'times': [spent]})
+            todo.append((run, curve[-1]))
+            if error < ENOUGH or spent > LONGEST:
+                break
+        curves[name] = curve
+    for _ in range(REPEATS - 1):
+        for run, point in todo:
+            point['times'].append(timed(run, point['setting'])[0])
+    return curves, exact.assurance
+
+
+def residual(case, curve, level):
+    """Return what the energy ledger misses with the tolerance for an error, relative."""
+    good = [setting for error, setting, _ in honest(curve) if error <= level]
+    for setting in reversed(good):
+        try:
+            run = simulate(with_solver(case.model, 'adaptive', tolerance=setting), case.start,
+                           case.actuation, case.duration)
+        except SimulationError:  # the ledger itself refuses so coarse a run
+            continue
+        return float(np.max(np.abs(run.energy_residual))) / run.energy_in_play
+    return math.nan
+
+
+TARGETS = {('SciPy LSODA', 1e-6): -50.0, ('SciPy LSODA', 1e-4): -50.0,
+           ('CVODE BDF', 1e-6): -10.0, ('CVODE BDF', 1e-4): -10.0}
+
+
+def measure():
+    """Yield name, unit, values and target of each measurement."""
+    stored, ratios = {}, {}
+    yield 'right-hand side, pendulum free', 'ns', [
+        1e9 * value for value in kernels.right_hand_side(Actuation())], 40.0
+    for case in cases():
+        yield f'{case.name}: NumPy and compiled rates differ by', '1e-9', [
+            1e9 * peers.largest_difference(case)], 1.0
+        curves, assurance = curves_of(case)
+        stored[case.name] = {'duration': case.duration, 'curves': curves,
+                             'horizon': assurance.horizon, 'reference': assurance.estimate}
+        if not assurance.complete:
+            yield f'{case.name}: CHAOTIC, reference holds up to', 's', [assurance.horizon], None
+        for level in LEVELS:
+            ours = [time_at(curves['adaptive'], level, item) for item in range(REPEATS)]
+            yield f'{case.name}: adaptive, {level:g} m', 'us', [
+                1e6 * value for value in ours], own_target(case.name, level)
+            yield f'{case.name}: adaptive, {level:g} m, times real time', 'x', [
+                case.duration / value for value in ours], None
+            for name, curve in curves.items():
+                ratios.setdefault((name, level), {})[case.name] = [
+                    time_at(curve, level, item) / ours[item] for item in range(REPEATS)]
+        yield f'{case.name}: energy residual at 1e-6 m', '1e-9', [
+            1e9 * residual(case, curves['adaptive'], 1e-6)], None
+    yield from ratio_rows(ratios)
+    yield from race(load_robot('gimball'))
+    RESULTS.write_text(json.dumps({'scenes': stored, 'ratios': [
+        {'solver': name, 'error': level, 'scenes': table}
+        for (name, level), table in ratios.items()]}, indent=1) + '\n')
+
+
+def own_target(scene, level):
+    """Return the target for our own time [us]."""
+    return {('near_critical', 1e-6): 100.0, ('near_critical', 1e-4): 20.0,
+            ('roll_60_s', 1e-4): 1000.0}.get((scene, level))
+
+
+def ratio_rows(ratios):
+    """Yield how many times longer than our adaptive method each solver takes."""
+    for (name, level), table in ratios.items():
+        if name == 'adaptive':
+            continue
+        target = TARGETS.get((name, level))
+        if 'near_critical' in table:  # spread over the repetitions
+            yield (f'{name} / adaptive, {level:g} m, near_critical', 'x',
+                   table['near_critical'], target)
+        reached = [median(values) for values in table.values() if not math.isnan(values[0])]
+        if reached:  # spread over the scenes
+            yield (f'{name} / adaptive, {level:g} m, {len(reached)} of {len(table)} scenes',
+                   'x', reached, target)
+    if peers.CVODE is None:
+        yield f'CVODE: not installed; {peers.HOW_TO_INSTALL}', '', [math.nan], None

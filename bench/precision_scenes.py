@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The scenes on which error is weighed against time: each strains a solver in its own way."""
+from dataclasses import replace
+import math
+from typing import NamedTuple
+
+from ballbot_ros.physics import Actuation, held_at, load_robot, load_scene, Model, Solver, Terrain
+from ballbot_ros.physics.crossing import highest_step, LEAD, touch_distance
+from ballbot_ros.physics.features import read_terrain
+from ballbot_ros.physics.model import State
+
+# The one scene that MuJoCo runs, too: far from the critical height of either engine.
+MUJOCO_SCENE, MUJOCO_SPEED, MUJOCO_HEIGHT = 'crossing_25_mm', 0.8, 0.025
+
+
+class Case(NamedTuple):
+    """A run whose end is asked for."""
+
+    name: str
+    model: Model
+    start: State
+    actuation: Actuation
+    duration: float  # [s]
+
+
+def _shipped(name):
+    scene = load_scene(name)
+    return Case(name, scene.model, scene.start, scene.actuation, scene.run.duration)
+
+
+def _collision(name, robot, speed, height, actuation=Actuation(), angle=0.0, duration=1.0):
+    """Return a ball that starts a hair before it touches a step."""
+    model = Model(robot, Terrain.step(height))
+    x = -LEAD - touch_distance(robot.ball_radius, height, robot.static_penetration)
+    return Case(name, model, model.at_rest(x, speed, angle), actuation, duration)
+
+
+def near_critical():
+    """Return the crossing of a step 0.2 mm lower than the highest, at 0.6 m/s."""
+    gimball = load_robot('gimball')
+    return _collision('near_critical', gimball, 0.6, highest_step(gimball, 0.6) - 2e-4)
+
+
+def cases():
+    """Return all scenes."""
+    gimball, shellball = load_robot('gimball'), load_robot('shellball')
+    flat = Model(gimball, Terrain.flat())
+    threshold = Model(gimball, read_terrain(
+        [{'flat': {'length': 0.6}}, {'threshold': {'height': 0.01, 'width': 0.06,
+                                                   'bevel': 0.015}},
+         {'flat': {'length': 1.0}}], 'threshold'))
+    cliff = Model(gimball, Terrain.step(-0.05, at=0.3))
+    # The damping rises with the root of the stiffness, so that bounces stay as high.
+    stiff = replace(gimball, contact_stiffness=100.0 * gimball.contact_stiffness,
+                    contact_damping=10.0 * gimball.contact_damping)
+    return [
+        _shipped('fig7_top'), _shipped('fig7_middle'), _shipped('fig7_bottom'),
+        near_critical(),
+        _collision('crossing_25_mm', gimball, MUJOCO_SPEED, MUJOCO_HEIGHT),
+        _collision('shellball_step', shellball, 1.2, 0.03),
+        _shipped('shellball_drop'),
+        Case('sliding_to_rolling', flat, flat.at_rest(0.0)._replace(velocity_x=1.0),
+             Actuation(), 1.5),
+        Case('threshold', threshold, threshold.at_rest(0.3, 0.8), Actuation(), 1.5),
+        Case('cliff', cliff, cliff.at_rest(0.0, 0.8), Actuation(), 1.0),
+        Case('roll_60_s', flat, flat.at_rest(0.0, 1.0), Actuation(), 60.0),
+        _collision('stiff_x100', stiff, 0.8, 0.02),
+        _collision('pd_held', gimball, 0.8, 0.031, held_at(math.pi / 2), math.pi / 2),
+    ]
+
+
+def with_solver(model, method, step=1e-4, tolerance=1e-9):
+    """Return a model with another solver."""
+    return replace(model, solver=Solver(method, step, tolerance))
