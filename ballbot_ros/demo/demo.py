@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run the demo: processes, recorder, timeline, picture, verdict."""
+import os
 from pathlib import Path
 import signal
 import sys
@@ -17,7 +18,7 @@ from sensor_msgs.msg import JointState
 
 from ballbot_ros.decision import load_curve
 from ballbot_ros.demo.beginning import Beginning
-from ballbot_ros.demo.processes import NodeProcesses, own_domain
+from ballbot_ros.demo.processes import NodeProcesses, own_domain, stay_here
 from ballbot_ros.demo.story import Story
 from ballbot_ros.msg import BallState, StepDecision, StepObservation
 from ballbot_ros.output.figures import save, strip
@@ -103,6 +104,7 @@ def _play(out: Path, scene_name: str, story: Story, domain: int, real_time: bool
     """Run the nodes until the story has its end; return what went wrong on the way."""
     deadline = time.monotonic() + timeout
     lockstep_period = 1.0 / SimulatorSettings.observation_rate
+    os.environ.update(stay_here(out / 'logs'))
     rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
     node, executor = Node('ballbot_demo'), SingleThreadedExecutor()
     executor.add_node(node)
