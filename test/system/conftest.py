@@ -10,6 +10,8 @@ import tempfile
 from graph import Graph
 import pytest
 
+from ballbot_ros.demo.processes import stay_here
+
 # Ports of the first lie beside those that Linux gives to programs, and the demo takes none of
 # them.  The others are for a machine on which many tests run at once.
 DOMAINS = (*range(215, 232), *range(1, 102))
@@ -39,10 +41,10 @@ def own_domain():
 
 
 @pytest.fixture(autouse=True)
-def this_machine_only(monkeypatch):
-    """Keep all talk on this machine."""
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    monkeypatch.setenv('RCUTILS_COLORIZED_OUTPUT', '0')
+def this_machine_only(monkeypatch, tmp_path_factory):
+    """Keep all talk on this machine, and let it begin at once."""
+    for name, value in stay_here(tmp_path_factory.mktemp('settings')).items():
+        monkeypatch.setenv(name, value)
 
 
 @pytest.fixture

@@ -27,7 +27,7 @@ def demo(domain, tmp_path):
     def start(*arguments):
         process = subprocess.Popen(
             [sys.executable, '-m', 'ballbot_ros.cli', 'demo', '--out', str(tmp_path / 'out'),
-             *arguments], env=environment(domain), stdout=subprocess.PIPE,
+             *arguments], env=environment(domain, tmp_path), stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT, text=True)
         started.append(process)
         return process
@@ -139,7 +139,8 @@ def test_demo_whose_robot_cannot_do_it_fails_and_says_what_was_missing(domain, t
     done = subprocess.run(
         [sys.executable, '-c', 'import pathlib, sys; from ballbot_ros.demo import run_demo; '
          f'sys.exit(run_demo(pathlib.Path("out"), timeout=5.0, scene_name="{scene}"))'],
-        cwd=tmp_path, env=environment(domain), capture_output=True, text=True, timeout=PATIENCE)
+        cwd=tmp_path, env=environment(domain, tmp_path), capture_output=True, text=True,
+        timeout=PATIENCE)
     assert done.returncode == 1, done.stderr
     for words in ('the 60 mm step was never accepted', 'the 60 mm step was not crossed',
                   'the robot did not come to rest', 'given up after 5 s'):
