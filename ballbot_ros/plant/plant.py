@@ -98,10 +98,10 @@ class Plant:
         cut = min(max(torque, -self.torque_limit), self.torque_limit)
         drive = dynamics.Drive(dynamics.TORQUE, cut, limit=self.torque_limit)
         after = self.model.advance(self.state, drive, self._steps)
+        shade = self._shadow.advance(self._shade, drive, self._steps) if self._shadow else None
         self.periods += 1
         self.torque = cut if self.model.robot.has_pendulum else 0.0
-        if self._shadow is not None:
-            shade = self._shadow.advance(self._shade, drive, self._steps)
+        if shade is not None:
             self._shade = shade._replace(time=self.time)
             self._compare(after)
         self.state = after._replace(time=self.time)
