@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command gate: only fresh, finite commands in their order move the motor."""
+import math
+
+from hypothesis import given, strategies
+import pytest
+
+from ballbot_ros.errors import ConfigurationError, MessageError
+from ballbot_ros.plant import CommandGate
+
+TIMEOUT = 0.1
+
+
+def gate_with(torque, stamp):
+    gate = CommandGate(TIMEOUT)
+    gate.offer(torque, stamp, stamp)
+    return gate
+
+
+def refusal(gate, *offer):
+    """Return the reason for which an offer is refused."""
+    with pytest.raises(MessageError) as caught:
+        gate.offer(*offer)
+    return caught.value.reason
+
+
+def test_without_a_command_there_is_no_torque():
+    gate = CommandGate(TIMEOUT)
+    assert gate.torque(0.0) == 0.0
+    assert not gate.expired(1e9)  # nothing was there that could be missed
+
+
+def test_newest_command_is_followed_until_it_is_too_old():
+    gate = gate_with(1.5, 2.0)
+    assert gate.torque(2.0) == gate.torque(2.0999) == 1.5
+    assert gate.torque(2.1001) == 0.0
+    assert gate.expired(2.1001) and not gate.expired(2.0999)
+    gate.offer(-0.5, 2.05, 2.11)
+    assert gate.torque(2.11) == -0.5 and gate.accepted == 2
+
+
+@pytest.mark.parametrize('torque', [math.nan, math.inf, -math.inf])
+def test_not_finite_is_refused(torque):
+    assert refusal(gate_with(1.0, 2.0), torque, 2.0, 2.0) == 'not_finite'
+
+
+@pytest.mark.parametrize('stamp, reason', [
+    (1.899, 'stale'), (0.0, 'stale'), (-1e300, 'stale'), (math.nan, 'stale'),
+    (-math.inf, 'stale'), (2.051, 'from_the_future'), (1.8e9, 'from_the_future'),
+    (math.inf, 'from_the_future')])
+def test_other_times_are_refused(stamp, reason):
+    assert refusal(CommandGate(TIMEOUT), 1.0, stamp, 2.0) == reason
+
+
+def test_order_is_kept_and_the_same_stamp_may_come_again():
+    gate = gate_with(1.0, 2.0)
+    gate.offer(2.0, 2.0, 2.01)
+    assert refusal(gate, 3.0, 1.998, 2.01) == 'out_of_order'
+    assert gate.torque(2.01) == 2.0
+
+
+def test_clocks_may_differ_a_little():
+    gate = CommandGate(TIMEOUT)
+    gate.offer(1.0, 2.049, 2.0)
+    assert gate.torque(2.0) == 1.0
+
+
+def test_each_refusal_is_counted_by_its_reason_and_changes_nothing():
+    gate = gate_with(1.0, 2.0)
+    for torque, stamp in ((math.nan, 2.0), (math.inf, 2.0), (1.0, 1.0), (1.0, 3.0), (1.0, 1.99)):
+        refusal(gate, torque, stamp, 2.0)
+    gate.refuse('wrong_length')
+    assert gate.refused == {'not_finite': 2, 'stale': 1, 'from_the_future': 1,
+                            'out_of_order': 1, 'wrong_length': 1}
+    assert gate.torque(2.0) == 1.0 and gate.accepted == 1
+
+
+def test_clear_forgets_the_command_and_keeps_the_counts():
+    gate = gate_with(1.0, 2.0)
+    refusal(gate, math.nan, 2.0, 2.0)
+    gate.clear()
+    assert gate.torque(2.0) == 0.0 and not gate.expired(9.0)
+    assert gate.accepted == 1 and gate.refused == {'not_finite': 1}
+    gate.offer(0.5, 1.95, 2.0)  # older than the one that was forgotten
+    assert gate.torque(2.0) == 0.5
+
+
+@pytest.mark.parametrize('timeout', [0.0, -0.1, math.nan, math.inf])
+def test_timeout_that_is_none_is_refused(timeout):
+    with pytest.raises(ConfigurationError, match='above 0 s and finite'):
+        CommandGate(timeout)
+
+
+anything = strategies.floats(allow_nan=True, allow_infinity=True)
+
+
+@given(strategies.lists(strategies.tuples(
+    anything, strategies.one_of(anything, strategies.floats(0.0, 1.0))), max_size=20))
+def test_whatever_is_offered_the_torque_is_finite_and_fresh(offers):
+    gate, good = CommandGate(TIMEOUT), 0.0
+    for index, (torque, stamp) in enumerate(offers):
+        now = 0.05 * index
+        try:
+            gate.offer(torque, stamp, now)
+            good = stamp
+        except MessageError as error:
+            assert error.reason in gate.refused
+        applied = gate.torque(now)
+        assert math.isfinite(applied)
+        assert applied == 0.0 or now - good <= TIMEOUT
+    assert gate.accepted + sum(gate.refused.values()) == len(offers)

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What counts as a step ahead, and the noise with which it is seen."""
+import numpy as np
+import pytest
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import load_scene, Terrain
+from ballbot_ros.physics.features import read_terrain
+from ballbot_ros.plant import Plant, Sensor
+from ballbot_ros.plant.sensor import faces
+
+
+def ground(*pieces):
+    return read_terrain([{'flat': {'length': 1.0}}, *pieces], 'test')
+
+
+@pytest.mark.parametrize('piece, expected', [
+    ({'step': {'height': 0.03}}, [(1.0, 0.03)]),
+    ({'step': {'height': -0.2}}, [(1.0, -0.2)]),
+    ({'threshold': {'height': 0.02, 'width': 0.1, 'bevel': 0.005}},
+     [(1.0, 0.02), (1.095, -0.02)]),
+    ({'threshold': {'height': 0.02, 'width': 0.2, 'bevel': 0.08}}, []),
+    ({'slope': {'length': 1.0, 'angle_deg': 30}}, []),
+    ({'step': {'height': 0.001}}, []),
+])
+def test_steep_rises_and_drops_are_faces_and_slopes_are_not(piece, expected):
+    found = faces(ground(piece, {'flat': {'length': 1.0}}))
+    assert np.array(found).reshape(-1, 2) == pytest.approx(np.array(expected).reshape(-1, 2))
+
+
+def test_the_next_face_ahead_of_the_centre_is_seen_within_reach():
+    sensor = Sensor(ground({'step': {'height': 0.03}}, {'flat': {'length': 2.0}},
+                           {'step': {'height': 0.08}}), reach=1.5)
+    assert sensor.look(0.2, 0) == sensor.look(0.2, 7)
+    seen = sensor.look(0.2, 0)
+    assert (seen.detected, seen.distance, seen.height) == (True, pytest.approx(0.8), 0.03)
+    beyond = sensor.look(1.01, 0)
+    assert (beyond.detected, beyond.distance, beyond.height) == (False, 1.5, 0.0)
+    assert sensor.look(1.6, 0).height == pytest.approx(0.08)
+
+
+def test_the_noise_is_a_function_of_seed_and_number_alone():
+    step = Terrain.step(0.03, at=1.0)
+    one, two = (Sensor(step, 3.0, 0.01, 0.002, seed=5) for _ in range(2))
+    one.look(0.5, 1)
+    assert one.look(0.5, 2) == two.look(0.5, 2) != two.look(0.5, 3)
+    assert Sensor(step, 3.0, 0.01, 0.002, seed=6).look(0.5, 2) != two.look(0.5, 2)
+
+
+def test_the_noise_has_the_stated_deviations_and_no_bias():
+    sensor = Sensor(Terrain.step(0.03, at=1.0), 3.0, 0.01, 0.002)
+    looks = np.array([(seen.distance, seen.height) for seen in (
+        sensor.look(0.0, number) for number in range(4000))])
+    assert looks.mean(axis=0) == pytest.approx([1.0, 0.03], abs=6e-4)
+    assert looks.std(axis=0) == pytest.approx([0.01, 0.002], rel=0.05)
+
+
+@pytest.mark.parametrize('deviation', [-0.1, float('nan'), float('inf')])
+def test_a_deviation_that_is_none_is_refused(deviation):
+    with pytest.raises(ConfigurationError, match='height_sd must be at least 0 m'):
+        Sensor(Terrain.flat(), 3.0, 0.0, deviation)
+
+
+def test_time_carries_no_rounding_and_goes_on_through_a_reset():
+    plant = Plant(load_scene('flat'), 500.0)
+    for _ in range(1000):
+        plant.advance(0.2)
+    moved = plant.state
+    assert plant.time == moved.time == 2.0 and moved.x > 0.01
+    assert plant.reset().time == 2.0 and plant.state.x == 0.0 and plant.state.motor_work == 0.0
+
+
+def test_the_torque_is_cut_to_that_of_the_motor():
+    plant = Plant(load_scene('flat'), 500.0)
+    plant.advance(100.0)
+    assert plant.torque == plant.torque_limit == 4.0
+    assert Plant(load_scene('flat'), 500.0, torque_limit=1.0).torque_limit == 1.0
+
+
+def test_a_period_that_is_no_whole_number_of_steps_is_refused():
+    with pytest.raises(ConfigurationError, match='a control period .* whole number of steps'):
+        Plant(load_scene('flat'), 30_000.0)
