@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages are checked where they become values, and nowhere else."""
+import math
+
+from hypothesis import given
+from hypothesis import strategies as some
+import pytest
+
+pytest.importorskip('rclpy')
+from sensor_msgs.msg import JointState  # noqa: E402, I100
+
+from ballbot_ros.control import Mode  # noqa: E402
+from ballbot_ros.decision import Decision, Kind, Reason  # noqa: E402
+from ballbot_ros.errors import MessageError  # noqa: E402
+from ballbot_ros.msg import StepDecision  # noqa: E402
+from ballbot_ros.physics import load_robot, Model, State, Terrain  # noqa: E402
+from ballbot_ros.ros import conversions, parameters, settings  # noqa: E402
+
+
+def joints(**values):
+    return JointState(**values)
+
+
+@given(some.integers(0, 2**31 - 1), some.integers(0, 10**9 - 1))
+def test_a_stamp_survives_seconds_to_a_microsecond_and_small_ones_exactly(seconds, nanoseconds):
+    from builtin_interfaces.msg import Time
+    stamp = Time(sec=seconds, nanosec=nanoseconds)
+    back = conversions.to_time(conversions.to_seconds(stamp))
+    assert abs((back.sec - seconds) * 10**9 + back.nanosec - nanoseconds) < 1000
+    if seconds < 1000:
+        assert back == stamp
+
+
+@pytest.mark.parametrize('message, reason', [
+    (joints(name=['shell'], effort=[1.0]), 'unknown_joint'),
+    (joints(name=[], effort=[1.0]), 'unknown_joint'),
+    (joints(name=['pendulum'], effort=[]), 'wrong_length'),
+    (joints(name=['pendulum'], effort=[1.0, 2.0]), 'wrong_length'),
+    (joints(name=['pendulum'], position=[1.0], effort=[1.0]), 'unsupported'),
+    (joints(name=['pendulum'], velocity=[1.0]), 'unsupported'),
+])
+def test_a_command_that_is_none_is_refused_with_a_reason(message, reason):
+    with pytest.raises(MessageError) as caught:
+        conversions.command_torque(message)
+    assert caught.value.reason == reason
+
+
+def test_nan_in_a_command_means_not_given():
+    message = joints(name=['shell', 'pendulum'], position=[math.nan] * 2, effort=[math.nan, 1.5])
+    assert conversions.command_torque(message) == 1.5
+
+
+@pytest.mark.parametrize('message, mode, value', [
+    (joints(name=['pendulum'], position=[0.3]), Mode.HOLD, 0.3),
+    (joints(name=['pendulum'], velocity=[2.0]), Mode.DRIVE, 2.0),
+    (joints(name=['pendulum'], position=[math.nan], velocity=[2.0]), Mode.DRIVE, 2.0),
+    (joints(name=['pendulum']), Mode.IDLE, 0.0),
+])
+def test_the_mode_of_a_set_point_is_what_is_given(message, mode, value):
+    found = conversions.set_point(message)
+    assert (found.mode, found.value) == (mode, value)
+
+
+@pytest.mark.parametrize('message', [
+    joints(name=['pendulum'], position=[0.3], velocity=[2.0]),
+    joints(name=['pendulum'], position=[math.inf]),
+    joints(name=['shell'], position=[0.3]),
+])
+def test_a_set_point_that_is_none_is_refused(message):
+    with pytest.raises(MessageError):
+        conversions.set_point(message)
+
+
+@given(some.builds(State, *[some.floats(-50, 50)] * 9))
+def test_readings_give_back_the_angles_of_the_state(state):
+    found = conversions.readings(
+        conversions.joint_state_message(state._replace(time=1.0), 0.5, True))
+    assert found.pendulum_angle == pytest.approx(state.pendulum_angle, abs=1e-12)
+    assert found.pendulum_rate == pytest.approx(state.pendulum_rate, abs=1e-12)
+
+
+def test_a_robot_without_a_pendulum_has_one_joint_and_nan_for_the_rest():
+    model = Model(load_robot('shellball'), Terrain.flat())
+    state = model.at_rest(0.0, 0.5)
+    assert list(conversions.joint_state_message(state, 0.0, False).name) == ['shell']
+    message = conversions.ball_state_message(state, 0.0, model)
+    assert math.isnan(message.pendulum_angle) and math.isnan(message.pendulum_torque)
+    assert len(message.contacts) == 1
+    assert message.contacts[0].normal_force == pytest.approx(model.robot.weight)
+
+
+@pytest.mark.parametrize('kind', list(Kind))
+@pytest.mark.parametrize('reason', list(Reason))
+def test_every_decision_has_its_number_in_the_message(kind, reason):
+    from builtin_interfaces.msg import Time
+    message = conversions.decision_message(Time(), Decision(kind, reason, 0.4, 'because'))
+    assert message.decision == getattr(StepDecision, kind.name) != StepDecision.UNKNOWN
+    assert message.reason == getattr(StepDecision, reason.name) != StepDecision.UNKNOWN
+    assert message.explanation == 'because'
+
+
+@pytest.mark.parametrize('cls', [settings.SimulatorSettings, settings.ControllerSettings,
+                                 settings.DecisionSettings])
+def test_every_parameter_is_described_and_every_number_has_its_range(cls):
+    for item in cls.__dataclass_fields__.values():
+        descriptor = parameters.describe(item.metadata, read_only=True)
+        assert len(descriptor.description) > 10 and descriptor.read_only, item.name
+        if item.metadata['kind'] is not str and item.metadata['kind'] is not bool:
+            assert (descriptor.floating_point_range or descriptor.integer_range
+                    or 'at least' in descriptor.additional_constraints), item.name
