@@ -5,16 +5,14 @@ import math
 from hypothesis import given
 from hypothesis import strategies as some
 import pytest
+from sensor_msgs.msg import JointState
 
-pytest.importorskip('rclpy')
-from sensor_msgs.msg import JointState  # noqa: E402, I100
-
-from ballbot_ros.control import Mode  # noqa: E402
-from ballbot_ros.decision import Decision, Kind, Reason  # noqa: E402
-from ballbot_ros.errors import MessageError  # noqa: E402
-from ballbot_ros.msg import StepDecision  # noqa: E402
-from ballbot_ros.physics import load_robot, Model, State, Terrain  # noqa: E402
-from ballbot_ros.ros import conversions, parameters, settings  # noqa: E402
+from ballbot_ros.control import Mode
+from ballbot_ros.decision import Decision, Kind, Reason
+from ballbot_ros.errors import MessageError
+from ballbot_ros.msg import StepDecision
+from ballbot_ros.physics import load_robot, Model, State, Terrain
+from ballbot_ros.ros import conversions, parameters, settings
 
 
 def joints(**values):
