@@ -68,8 +68,7 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """
     Mark a kernel that is pasted into the kernels that call it.
 
-    numba counts references to an array at each call that hands it on; in the innermost
-    calls that costs more than the mechanics.
+    In the innermost calls, handing on the arguments costs more than the mechanics.
     """
     return _compile(function, inline='always')
 
@@ -80,7 +79,9 @@ def _compile(function: Callable[..., Any], inline: str) -> Callable[..., Any]:
     before = numba_config.CACHE_DIR
     numba_config.CACHE_DIR = _FOLDER  # read while decorating only; others keep theirs
     try:
-        return numba.njit(cache=True, error_model='numpy', forceinline=True,
+        # Without numba's counting of references (_nrt): kernels neither make nor keep arrays,
+        # whoever calls holds them, and the counting took twice as long as the mechanics.
+        return numba.njit(cache=True, error_model='numpy', forceinline=True, _nrt=False,
                           inline=inline)(function)
     finally:
         numba_config.CACHE_DIR = before
