@@ -146,7 +146,7 @@ def slip_figure(path):
         yield (lambda threshold: number * threshold / rate,
                f'step = {number:g} $v_s$ / ($\\mu$ g (1 + M R²/J₁))', 0.36, True)
         contact = METHODS[method][0] * math.sqrt(robot.total_mass / robot.contact_stiffness)
-        yield lambda threshold: contact, 'limit of the contact spring', 0.78, False
+        yield lambda threshold: contact, 'limit of the contact spring', 0.72, False
     step_figure(
         path, np.logspace(-5, 0, SIZE), 'slip threshold $v_s$ [m/s]',
         lambda threshold: replace(robot, slip_threshold=float(threshold)),

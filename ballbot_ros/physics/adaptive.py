@@ -34,6 +34,8 @@ LARGEST_WAY = 0.25    # of the radius per step: no feature of the ground is over
 MOST_ENDS = 64        # located within one look; of more, an early one will do
 LOOKS = 4             # times within a step at which the mode is checked
 SMALLEST_STEP = 1e-14  # [s], relative to times above 1 s
+HASTY = 1e-9          # [s] between events that rounding makes
+PATIENCE = 20         # such events in a row, then ever longer steps over them
 STUCK = 1000          # events in a row without any time between them
 FREE_FEATURES = 32    # of the ground that a right-hand side pays for; more cost work, too
 
@@ -156,7 +158,7 @@ def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step
         FINISHED, NOT_FINITE, SUNK, STALLED or SPENT.
 
     """
-    begin, filled, stuck = time, 0, 0
+    begin, filled, stuck, hasty = time, 0, 0, 0
     count = find_mode(time, state, robot, ground, drive, table, mode)
     mode_derivative(time, state, mode, count, robot, ground, drive, table, work[0])
     tally[3] += 1
@@ -189,6 +191,11 @@ def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step
         tally[4] += (STAGES * count + LOOKS * (behind - first)) // FREE_FEATURES
         part = mode_end(time, used, mode, count, first, behind, robot, ground, drive, table,
                         work, probe, kinds, items)
+        # A margin that changes by less than its rounding flickers: step over it.
+        hasty = hasty + 1 if part * used < HASTY else 0
+        if hasty > PATIENCE and part <= 1.0:
+            push = time_width(time) * 2.0**min(hasty - PATIENCE, 40)
+            part = max(part, min(1.0, push / used))
         reached = min(time + used, end) if part > 1.0 else time + part * used
         while filled < len(rows) and begin + (filled + 1) * interval <= reached + smallest:
             moment = begin + (filled + 1) * interval

@@ -95,3 +95,10 @@ def test_energy_that_comes_and_goes_again_is_seen_too():
 def test_a_case_is_a_function_of_its_class_and_seed():
     assert make_case('combined', 3).start == make_case('combined', 3).start
     assert make_case('combined', 3).start != make_case('combined', 4).start
+
+
+@pytest.mark.parametrize('seed', [73, 373, 516])
+def test_a_contact_that_flickers_by_rounding_is_stepped_over(seed):
+    # With next to no gravity, depth changes by less than its rounding between two events.
+    found = judge('gravity', seed)
+    assert found.verdict != WRONG, found.why
