@@ -19,9 +19,9 @@ from ballbot_ros.fields import allowed, check_value, Checked, suggestion
 
 T = TypeVar('T', bound=Checked)
 
-# Parameters that rclpy itself declares, now or when asked to.
+# Parameters that rclpy itself declares.  Those named qos_overrides are not among them: no
+# publisher or subscriber here asks for them, so they would have no effect.
 BUILT_IN = ('use_sim_time', 'start_type_description_service')
-BUILT_IN_PREFIX = 'qos_overrides.'
 
 
 def describe(metadata: Any, read_only: bool) -> ParameterDescriptor:
@@ -119,7 +119,7 @@ def _overrides(node: Node) -> Dict[str, Parameter]:
 def _refuse_unknown_overrides(node: Node, known: Iterable[str]) -> None:
     names = sorted({*known, *BUILT_IN})
     for name in _overrides(node):
-        if name not in names and not name.startswith(BUILT_IN_PREFIX):
+        if name not in names:
             raise ConfigurationError(
                 f'{name!r} is not a parameter of node {node.get_name()}'
                 + suggestion(name, names))
