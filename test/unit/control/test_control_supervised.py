@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controller among unreliable neighbours."""
+from hypothesis import given, strategies
 import pytest
 
 from ballbot_ros.control import (
@@ -83,3 +84,86 @@ def test_when_time_goes_back_all_is_forgotten_and_told():
     answer(controller, 5.0)
     assert answer(controller, 1.0) == 0.0
     assert controller.set_point.mode is Mode.IDLE and 'time went back' in controller.notices[0]
+
+
+def test_one_state_lost_at_the_start_is_no_slow_rate():
+    controller = made(lowest_rate=275.0)
+    controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
+    torques = [answer(controller, 0.002 * number) for number in (0, 2, 3, 4, 5, 6, 8, 9, 10, 11)]
+    assert 0.0 not in torques and not controller.notices and controller.rate is None
+
+
+@given(strategies.lists(strategies.sampled_from([1, 1, 1, 2, 3]), min_size=30, max_size=60))
+def test_torque_depends_on_the_median_rate_of_the_last_states(gaps):
+    controller, stamp = made(lowest_rate=275.0), 0.0
+    controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
+    for index, gap in enumerate(gaps):
+        stamp += 0.002 * gap
+        torque = answer(controller, stamp)
+        if index >= 21:
+            usual = sorted(gaps[index - 19:index + 1])
+            slow = usual[9] + usual[10] > 2 * 500 / 275 / 0.98
+            assert (torque == 0.0) == slow == controller.too_slow
+
+
+def test_a_set_point_without_a_timeout_holds_for_ever():
+    controller = made(set_point_timeout=0.0)
+    controller.give(SetPoint(Mode.HOLD, 1.0, 0.0))
+    assert answer(controller, 1e6) > 0.0 and not controller.notices
+
+
+def test_idle_needs_no_renewal_and_drive_is_let_down_too():
+    controller = made(set_point_timeout=0.5)
+    controller.give(SetPoint(Mode.IDLE, 0.0, 0.0))
+    assert answer(controller, 9.0) == 0.0 and not controller.notices
+    controller.give(SetPoint(Mode.DRIVE, 3.0, 9.0))
+    assert answer(controller, 9.4) > 0.0
+    answer(controller, 9.6)
+    assert controller.set_point == SetPoint(Mode.HOLD, 0.0, 9.0)
+
+
+def test_the_notice_of_each_silence_is_given_once():
+    controller = made(set_point_timeout=0.5)
+    for begin in (0.0, 2.0):
+        controller.give(SetPoint(Mode.HOLD, 1.0, begin))
+        for number in range(20):
+            answer(controller, begin + 0.1 * number)
+    assert len(controller.notices) == 2
+    assert 'publish set-points at 4 Hz or more' in controller.notices[0]
+
+
+def test_a_set_point_may_be_ahead_a_little_and_before_the_first_state_at_any_time():
+    controller = made(set_point_timeout=0.5)
+    controller.give(SetPoint(Mode.HOLD, 1.0, 1e6))
+    controller = made(set_point_timeout=0.5)
+    controller.take(at(10.0))
+    controller.give(SetPoint(Mode.HOLD, 1.0, 10.9))
+    assert controller.set_point.value == 1.0
+
+
+def test_in_lockstep_stamps_may_be_rounded_to_the_nanosecond():
+    controller = made(set_point_period=1.0 / 30.0)
+    for period in range(1, 50):
+        controller.give(SetPoint(Mode.HOLD, 0.0, round(period / 30.0, 9)))
+        for state in (0.0, 1.0, 2.0):
+            assert answer(controller, round((period + state / 3.0) / 30.0, 9)) is not None
+    assert answer(controller, round(50 / 30.0, 9)) is None
+
+
+def test_a_state_told_again_is_answered_again_with_the_same():
+    controller = made(set_point_period=0.02)
+    controller.give(SetPoint(Mode.DRIVE, 1.0, 0.0))
+    first = answer(controller, 0.002)
+    assert [answer(controller, 0.002) for _ in range(3)] == [first] * 3
+
+
+def test_after_time_went_back_old_set_points_do_not_count_and_new_ones_do():
+    controller = made(set_point_timeout=0.5)
+    controller.give(SetPoint(Mode.HOLD, 1.0, 5.0))
+    answer(controller, 5.0)
+    answer(controller, 1.0)
+    with pytest.raises(MessageError):
+        controller.give(SetPoint(Mode.HOLD, 1.0, 5.02))
+    controller.give(SetPoint(Mode.HOLD, 1.0, 1.0))
+    assert answer(controller, 1.002) > 0.0
+    assert controller.time == 1.002

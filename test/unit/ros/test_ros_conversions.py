@@ -10,7 +10,7 @@ from sensor_msgs.msg import JointState
 from ballbot_ros.control import Mode
 from ballbot_ros.decision import Decision, Kind, Reason
 from ballbot_ros.errors import MessageError
-from ballbot_ros.msg import StepDecision
+from ballbot_ros.msg import StepDecision, StepObservation
 from ballbot_ros.physics import load_robot, Model, State, Terrain
 from ballbot_ros.ros import conversions, parameters, settings
 
@@ -106,3 +106,93 @@ def test_every_parameter_is_described_and_every_number_has_its_range(cls):
         if item.metadata['kind'] is not str and item.metadata['kind'] is not bool:
             assert (descriptor.floating_point_range or descriptor.integer_range
                     or 'at least' in descriptor.additional_constraints), item.name
+
+
+@pytest.mark.parametrize('message', [
+    joints(name=['pendulum'], position=[math.nan]),
+    joints(name=['pendulum'], velocity=[math.nan]),
+    joints(name=['pendulum'], position=[math.nan], velocity=[math.nan]),
+    joints(name=['pendulum'], velocity=[-math.inf]),
+])
+def test_a_set_point_that_says_nothing_finite_does_not_take_the_torque_away(message):
+    with pytest.raises(MessageError) as caught:
+        conversions.set_point(message)
+    assert caught.value.reason == 'not_finite'
+
+
+@given(some.floats(-3.0, 3.0), some.floats(0.0, 1e6))
+def test_a_set_point_comes_back_as_it_was_sent(angle, stamp):
+    found = conversions.set_point(
+        conversions.set_point_message(conversions.to_time(stamp), angle))
+    assert (found.mode, found.value) == (Mode.HOLD, angle)
+    assert found.stamp == pytest.approx(stamp, abs=1e-9, rel=1e-15)
+
+
+@given(some.floats(allow_nan=True, allow_infinity=True))
+def test_a_command_comes_back_as_it_was_sent(torque):
+    message = conversions.command_message(conversions.to_time(1.5), torque)
+    assert str(conversions.command_torque(message)) == str(torque)
+    assert conversions.to_seconds(message.header.stamp) == 1.5
+
+
+def test_a_command_is_found_by_its_name_not_its_place():
+    message = joints(name=['wheel', 'pendulum', 'shell'], effort=[1.0, 2.0, 3.0])
+    assert conversions.command_torque(message) == 2.0
+
+
+STATE = {'name': ['shell', 'pendulum'], 'position': [0.1, 0.2], 'velocity': [0.3, 0.4]}
+
+
+@pytest.mark.parametrize('change, reason', [
+    ({'name': ['shell', 'wheel']}, 'unknown_joint'),
+    ({'name': ['wheel', 'pendulum']}, 'unknown_joint'), ({'name': ['shell']}, 'wrong_length'),
+    ({'position': [0.1]}, 'wrong_length'), ({'velocity': []}, 'wrong_length'),
+    ({'position': [math.nan, 0.2]}, 'not_finite'), ({'velocity': [0.3, math.inf]}, 'not_finite')])
+def test_readings_that_are_incomplete_are_refused(change, reason):
+    with pytest.raises(MessageError) as caught:
+        conversions.readings(joints(**{**STATE, **change}))
+    assert caught.value.reason == reason
+
+
+@given(some.builds(State, *[some.floats(-50, 50)] * 9))
+def test_odometry_gives_back_place_and_speed(state):
+    message = conversions.odometry_message(state._replace(time=2.5))
+    assert conversions.motion(message) == (
+        type(conversions.motion(message))(2.5, state.x, state.velocity_x))
+    assert message.pose.pose.position.z == state.y
+    assert message.pose.pose.orientation.w == 1.0  # level: the frame does not roll
+    assert (message.header.frame_id, message.child_frame_id) == ('odom', 'base_link')
+
+
+def test_the_ball_state_holds_what_the_model_knows():
+    model = Model(load_robot('gimball'), Terrain.step(0.05, at=0.226))
+    state = model.at_rest(0.0, 0.3)._replace(time=1.25, motor_work=0.5, friction_loss=0.25)
+    message = conversions.ball_state_message(state, 0.75, model)
+    assert (message.x, message.y, message.velocity_x) == (state.x, state.y, state.velocity_x)
+    assert message.pendulum_torque == 0.75 and message.motor_work == 0.5
+    assert message.dissipated_energy == 0.25
+    energies = model.energies(state)
+    assert message.kinetic_energy + message.potential_energy + message.contact_energy \
+        == pytest.approx(energies.total)
+    assert [contact.x for contact in message.contacts] == [
+        touch.x for touch in model.touches(state)]
+    assert conversions.to_seconds(message.header.stamp) == 1.25
+
+
+@given(*[some.floats(allow_nan=True, allow_infinity=True)] * 4, some.booleans())
+def test_an_observation_is_passed_on_as_it_is_for_the_tracker_to_judge(
+        distance, height, distance_sd, height_sd, detected):
+    found = conversions.observation(StepObservation(
+        detected=detected, distance=distance, height=height, distance_sd=distance_sd,
+        height_sd=height_sd))
+    assert str((found.distance, found.height, found.distance_sd, found.height_sd)) \
+        == str((distance, height, distance_sd, height_sd))
+    assert found.detected == detected
+
+
+def test_a_decision_without_a_step_has_height_0_and_nan_for_what_is_not_known():
+    message = conversions.decision_message(
+        conversions.to_time(3.0), Decision(Kind.CLEAR, Reason.NOTHING_AHEAD, 0.4, 'free'))
+    assert message.height == 0.0 and message.speed == 0.4
+    assert all(map(math.isnan, (message.required_speed, message.reachable_speed,
+                                message.height_margin, message.distance)))

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes as processes: their command line, their surroundings and their end."""
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import pytest
+
+from ballbot_ros.demo import processes
+from ballbot_ros.demo.processes import (
+    environment, NodeProcesses, own_domain, parameter_arguments)
+
+
+def test_parameters_become_arguments_that_ros_reads():
+    assert parameter_arguments({}) == []
+    assert parameter_arguments({'lockstep': True, 'rate': 2.5, 'scene': 'flat'}) == [
+        '--ros-args', '-p', 'lockstep:=true', '-p', 'rate:=2.5', '-p', 'scene:=flat']
+
+
+def test_a_domain_that_is_given_is_used_and_else_one_of_ones_own(monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', '42')
+    assert own_domain() == 42
+    monkeypatch.delenv('ROS_DOMAIN_ID')
+    assert 1 <= own_domain() <= 101
+    monkeypatch.setenv('ROS_DOMAIN_ID', '')
+    assert 1 <= own_domain() <= 101
+
+
+def test_nodes_stay_on_this_machine_and_settings_of_the_user_go_first(tmp_path, monkeypatch):
+    monkeypatch.delenv('FASTRTPS_DEFAULT_PROFILES_FILE', raising=False)
+    monkeypatch.setenv('FASTDDS_DEFAULT_PROFILES_FILE', '/my/own.xml')
+    found = environment(17, tmp_path / 'logs')
+    assert found['ROS_DOMAIN_ID'] == '17'
+    assert found['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
+    assert found['FASTDDS_DEFAULT_PROFILES_FILE'] == '/my/own.xml'
+    ElementTree.parse(found['FASTRTPS_DEFAULT_PROFILES_FILE'])
+    assert 'ROS_DOMAIN_ID' not in os.environ or os.environ['ROS_DOMAIN_ID'] != '17'
+
+
+@pytest.fixture
+def sleepers(tmp_path, monkeypatch):
+    """Return processes that run small programs in place of the nodes."""
+    programs = {
+        'polite': 'import time; print("up", flush=True); time.sleep(60)',
+        'deaf': 'import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); '
+                'print("up", flush=True); time.sleep(60)',
+        'broken': 'import sys; sys.exit(3)'}
+    real = subprocess.Popen
+
+    def start(command, **options):
+        name = command[2].rsplit('.', 1)[1]
+        return real([sys.executable, '-c', programs[name]], **options)
+    monkeypatch.setattr(processes.subprocess, 'Popen', start)
+    monkeypatch.setattr(processes, 'GRACE', 0.2)
+    with NodeProcesses(tmp_path / 'logs', 17) as nodes:
+        yield nodes
+
+
+def wait_until_up(nodes, name):
+    while 'up' not in nodes.log(name).read_text():
+        assert nodes.ended() is None
+
+
+def test_a_node_that_has_ended_is_named_with_its_code(sleepers):
+    sleepers.start('broken')
+    while sleepers.ended() is None:
+        pass
+    assert sleepers.ended() == ('broken', 3)
+    assert sleepers.stop() == {'broken': 3}
+
+
+def test_who_does_not_end_is_ended(sleepers):
+    for name in ('polite', 'deaf'):
+        sleepers.start(name)
+        wait_until_up(sleepers, name)
+    numbers = [sleepers.process_id(name) for name in ('polite', 'deaf')]
+    codes = sleepers.stop()
+    assert codes == {'polite': codes['polite'], 'deaf': -signal.SIGKILL}
+    assert codes['polite'] != -signal.SIGKILL
+    assert not any(Path('/proc', str(number)).exists() for number in numbers)
+    assert sleepers.stop() == {}
+
+
+def test_logs_of_a_run_replace_those_of_the_last_and_a_restart_goes_on_in_them(tmp_path, sleepers):
+    (tmp_path / 'new').mkdir()
+    (tmp_path / 'new' / 'old.log').write_text('old')
+    nodes = NodeProcesses(tmp_path / 'new', 17)
+    assert not nodes.log('old').exists()
+    with nodes:
+        for number in (1, 2):
+            nodes.start('polite')
+            while nodes.log('polite').read_text().count('up') < number:
+                pass
+            nodes.signal('polite', signal.SIGTERM)
+            assert nodes.wait('polite', 20.0) == -signal.SIGTERM

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters: refused with a sentence that helps, converted only where nothing is lost."""
+from dataclasses import dataclass, fields
+import math
+
+import pytest
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.fields import Checked, count, flag, quantity, text
+from ballbot_ros.nodes.controller import Controller
+from ballbot_ros.nodes.obstacle_decision import ObstacleDecision
+from ballbot_ros.nodes.simulator import Simulator
+from ballbot_ros.ros.parameters import declare
+
+
+@dataclass(frozen=True)
+class Example(Checked):
+    """Some parameters."""
+
+    gain: float = quantity('N m/rad', 'stiffness', default=2.0, minimum=0.0, maximum=10.0)
+    ratio: float = quantity('1', 'ratio', default=1.0, above=0.0)
+    steps: int = count('of a stair', default=3, maximum=9)
+    loud: bool = flag('say it', default=False)
+    method: str = text('how', default='rk4', choices=('rk4', 'euler'))
+
+
+def given(make_node, live=(), apply=None, **overrides):
+    """Return a node and its settings."""
+    node = make_node(Node, 'example', **overrides)
+    return node, declare(node, Example, live, apply)
+
+
+def changed(node, name, value):
+    return node.set_parameters([Parameter(name, value=value)])[0]
+
+
+def test_defaults_are_declared_and_returned(make_node):
+    node, settings = given(make_node)
+    assert settings == Example()
+    assert {item.name: node.get_parameter(item.name).value for item in fields(Example)} == {
+        'gain': 2.0, 'ratio': 1.0, 'steps': 3, 'loud': False, 'method': 'rk4'}
+
+
+def test_a_whole_number_is_a_float_too(make_node):
+    node, settings = given(make_node, gain=5, ratio=2)
+    assert settings == Example(gain=5.0, ratio=2.0)
+    assert type(settings.gain) is float and type(node.get_parameter('gain').value) is float
+
+
+@pytest.mark.parametrize('overrides, sayings', [
+    ({'gian': 1.0}, ("'gian' is not a parameter of node example", "did you mean 'gain'?")),
+    ({'Gain': 1.0}, ("did you mean 'gain'?",)),
+    ({'zzz': 1.0}, ('known are gain, loud, method, ratio, start_type_description_service, '
+                    'steps, use_sim_time',)),
+    ({'use_simtime': True}, ("did you mean 'use_sim_time'?",)),
+    ({'qos_overrides./odom.publisher.depth': 1}, ('is not a parameter',)),
+    ({'gain': 10.5}, ('node example: gain must be at least 0 and at most 10 N m/rad, got 10.5',)),
+    ({'gain': -1}, ('at least 0', 'got -1')),
+    ({'gain': math.nan}, ('got nan',)),
+    ({'gain': math.inf}, ('got inf',)),
+    ({'gain': 'stiff'}, ('gain must be a number', "got 'stiff'")),
+    ({'gain': True}, ('gain must be a number', 'got True')),
+    ({'gain': [1.0]}, ('gain must be a number',)),
+    ({'ratio': 0.0}, ('ratio must be more than 0, got 0',)),
+    ({'steps': 2.5}, ('steps must be a whole number, got 2.5',)),
+    ({'steps': 10}, ('steps must be at least 0 and at most 9, got 10',)),
+    ({'loud': 1}, ('loud must be true or false, got 1',)),
+    ({'loud': 'yes'}, ("got 'yes'",)),
+    ({'method': 4}, ('method must be text, got 4',)),
+    ({'method': 'rk5'}, ('one of rk4, euler', "did you mean 'rk4'?")),
+])
+def test_refused_at_the_start_with_a_sentence_that_helps(make_node, overrides, sayings):
+    with pytest.raises(ConfigurationError) as caught:
+        given(make_node, **overrides)
+    for saying in sayings:
+        assert saying in str(caught.value)
+
+
+def test_what_is_not_live_cannot_be_changed(make_node):
+    node, _ = given(make_node)
+    assert not changed(node, 'gain', 3.0).successful
+    assert node.get_parameter('gain').value == 2.0
+
+
+def test_live_changes_are_applied_whole_and_keep_each_other(make_node):
+    applied = []
+    node, _ = given(make_node, ('gain', 'steps', 'method'), applied.append)
+    assert changed(node, 'gain', 3.0).successful
+    assert changed(node, 'steps', 5).successful
+    assert changed(node, 'gain', 4).successful
+    assert applied == [Example(gain=3.0), Example(gain=3.0, steps=5), Example(gain=4.0, steps=5)]
+    assert node.get_parameter('gain').value == 4
+
+
+@pytest.mark.parametrize('name, value', [
+    ('gain', 11.0), ('gain', 11), ('gain', math.nan), ('gain', 'stiff'), ('steps', 10),
+    ('method', 'rk5'), ('method', 4)])
+def test_live_changes_out_of_range_are_refused_and_nothing_is_applied(make_node, name, value):
+    applied = []
+    node, _ = given(make_node, ('gain', 'steps', 'method'), applied.append)
+    result = changed(node, name, value)
+    assert not result.successful and result.reason
+    assert not applied and node.get_parameter(name).value == getattr(Example(), name)
+
+
+def test_who_applies_may_refuse_and_the_old_stays(make_node):
+    seen = []
+
+    def apply(settings):
+        seen.append(settings)
+        if settings.gain > 3.0:
+            raise ConfigurationError('too stiff for this robot; 3 is the most')
+    node, _ = given(make_node, ('gain', 'ratio'), apply)
+    result = changed(node, 'gain', 4.0)
+    assert not result.successful and result.reason == 'too stiff for this robot; 3 is the most'
+    assert changed(node, 'ratio', 2.0).successful
+    assert seen[-1] == Example(ratio=2.0)  # not with the gain that was refused
+
+
+@pytest.mark.parametrize('cls', [Simulator, Controller, ObstacleDecision])
+def test_each_parameter_of_a_node_is_described_ranged_and_read_only(make_node, cls):
+    node = make_node(cls)
+    own = [name for name in node._parameters if name not in (
+        'use_sim_time', 'start_type_description_service')]
+    assert len(own) >= 3
+    for name in own:
+        described = node.describe_parameter(name)
+        assert len(described.description) > 10 and described.read_only, name
+        value = node.get_parameter(name).value
+        if isinstance(value, float):
+            assert described.floating_point_range or 'more than' in \
+                described.additional_constraints, name
+        elif isinstance(value, int) and not isinstance(value, bool):
+            assert described.integer_range, name
+        assert not changed(node, name, value).successful
