@@ -3,7 +3,7 @@
 Weigh error against time: our solvers, those of SciPy and SUNDIALS, and MuJoCo.
 
 The error is that of the end position against a run by `simulate_accurately` at 1e-9 m, for
-MuJoCo against MuJoCo at a hundredth of its usual step.  Timed is one whole run, warm: of ours
+MuJoCo against MuJoCo at its finest step.  Timed is one whole run, warm: of ours
 one call into the compiled kernel, of the others one call of their own function.  Runs are
 interleaved and repeated; a ratio is one of times within the same repetition.  All curves go to
 docs/bench.json, from which figures.py draws.
