@@ -11,9 +11,7 @@ from pathlib import Path
 from statistics import median
 
 from curves import honest
-import matplotlib
-matplotlib.use('Agg')
-import matplotlib.pyplot as plt  # noqa: E402, I100
+import matplotlib.pyplot as plt
 
 DOCS = Path(__file__).resolve().parents[1] / 'docs'
 
