@@ -101,8 +101,8 @@ class Solver(Checked):
         'm', 'local error per step of the adaptive method', default=1e-9, minimum=1e-14,
         maximum=1e-3)
     work_budget: int = count(
-        'right-hand sides that one run may take before it is given up', default=100_000_000,
-        minimum=1)
+        'right-hand sides that one run may take before it is given up; the default is some '
+        'minutes of work', default=10_000_000_000, minimum=1, maximum=10**15)
 
 
 @dataclass(frozen=True)
