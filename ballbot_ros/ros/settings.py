@@ -20,7 +20,8 @@ class SimulatorSettings(Checked):
         's', 'integration step of a method that has one; a control period is a whole number of '
         'them', default=1e-4,
         minimum=1e-7, maximum=0.01)
-    method: str = text('integrator, where no accuracy is asked for', default='rk4', choices=METHODS)
+    method: str = text('integrator, where no accuracy is asked for', default='rk4',
+                       choices=METHODS)
     accuracy: float = quantity(
         'm', 'error of position allowed under given torques; chooses the method and is watched on '
         '/diagnostics; 0 to use method and physics_step', default=0.0, minimum=0.0, maximum=0.1)
