@@ -63,7 +63,8 @@ def estimate(step: TrackedStep, distance: float, speed: float, margins: tuple, r
 
     """
     speed_margin, height_margin, sigma_margin = margins
-    conservative = step.height + sigma_margin * step.height_sd + height_margin
+    # A deviation below zero is none; it must never make the step look lower.
+    conservative = step.height + sigma_margin * max(0.0, step.height_sd) + height_margin
     room = max(0.0, distance - touch_distance(robot.ball_radius, step.height))
     required = curve.required_speed(conservative)
     forward = max(0.0, speed)

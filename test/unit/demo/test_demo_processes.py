@@ -54,7 +54,7 @@ def sleepers(tmp_path, monkeypatch):
         name = command[2].rsplit('.', 1)[1]
         return real([sys.executable, '-c', programs[name]], **options)
     monkeypatch.setattr(processes.subprocess, 'Popen', start)
-    monkeypatch.setattr(processes, 'GRACE', 0.2)
+    monkeypatch.setattr(processes, 'GRACE', 2.0)
     with NodeProcesses(tmp_path / 'logs', 17) as nodes:
         yield nodes
 
