@@ -123,6 +123,7 @@ def _play(out: Path, scene_name: str, story: Story, domain: int, real_time: bool
             beginning = Beginning(node, bag, (topic for topic, _, _ in TOPICS))
             while story.rested is None and time.monotonic() < deadline:
                 executor.spin_once(timeout_sec=0.1)
+                bag.take_all()
                 beginning.work()
                 ended = nodes.ended()
                 if ended is not None:
@@ -135,6 +136,7 @@ def _play(out: Path, scene_name: str, story: Story, domain: int, real_time: bool
                     return [f'given up after {timeout:g} s; where the machine was just too slow, '
                             'allow more (--timeout)']
             codes = nodes.stop()
+            bag.take_all()
             return [f'node {name} ended with code {code}, see {nodes.log(name)}'
                     for name, code in codes.items() if code]
     finally:

@@ -3,10 +3,11 @@
 from pathlib import Path
 import shutil
 import struct
-from typing import Any, Callable, Dict, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Set, Tuple
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
@@ -55,6 +56,7 @@ class BagRecorder:
             own.update(get_types_from_msg(file.read_text(), f'{PACKAGE}/msg/{file.stem}'))
         self._store.register(own)
         self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+        self._subscriptions: List[Tuple[Subscription, Callable[[bytes], None]]] = []
         self.messages = 0
         self.heard: Set[str] = set()
 
@@ -87,7 +89,21 @@ class BagRecorder:
                 node.resolve_topic_name(topic), name, typestore=self._store)
             listener = (listeners or {}).get(topic)
             write = self._writing(topic, connection, listener)
-            listen(node, kind, topic, write, profile, raw=True)
+            subscription = listen(node, kind, topic, write, profile, raw=True)
+            self._subscriptions.append((subscription, write))
+
+    def take_all(self) -> None:
+        """
+        Record all that has come.
+
+        An executor takes one message per topic each time that it wakes up, and looks at all
+        topics again before the next one; on a busy machine that is too slow.
+        """
+        for subscription, write in self._subscriptions:
+            handle, kind = subscription.handle, subscription.msg_type
+            with handle:
+                while (taken := handle.take_message(kind, True)) is not None:
+                    write(taken[0])
 
     def _writing(self, topic: str, connection: Any,
                  listener: Optional[Callable[[bytes], None]]) -> Callable[[bytes], None]:
