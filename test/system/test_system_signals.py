@@ -50,4 +50,4 @@ def test_while_all_are_busy(graph, number, busy):
     graph.start('obstacle_decision')
     graph.wait_for_time(states, 0.1)
     graph.make_busy(busy)
-    assert end_all(graph, number) < 5.0
+    assert end_all(graph, number) < 10.0  # 2 s on a machine with nothing else to do
