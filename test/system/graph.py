@@ -174,11 +174,15 @@ class Graph:
 
     def ask(self, service, **fields):
         """Call a service of the simulator and return its response."""
-        client = self._clients[service]
-        self.wait(client.service_is_ready, f'{service} is there')
-        future = client.call_async(client.srv_type.Request(**fields))
+        future = self.begin(service, **fields)
         self.wait(future.done, f'{service} answers')
         return future.result()
+
+    def begin(self, service, **fields):
+        """Call a service of the simulator and return the future; calls arrive in their order."""
+        client = self._clients[service]
+        self.wait(client.service_is_ready, f'{service} is there')
+        return client.call_async(client.srv_type.Request(**fields))
 
     def tell(self, verb):
         """Call pause, resume or reset of the simulator and return its message."""

@@ -6,7 +6,6 @@ import pytest
 from ballbot_ros.msg import BallState
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import to_seconds
-from ballbot_ros.srv import Step
 
 WAYS = {
     'real time': {'real_time_factor': 1.0},
@@ -64,8 +63,7 @@ def test_step_and_resume_say_why_not(graph, rolling):
     graph.tell('pause')
 
     # Nobody answers the states, so this step lasts until something ends it.
-    client = graph.node.create_client(Step, 'simulator/step')
-    unfinished = client.call_async(Step.Request(periods=5))
+    unfinished = graph.begin('step', periods=5)
     graph.wait(lambda: 'not paused' in graph.ask('step', periods=1).message,
                'the first step has begun')
     graph.tell('pause')
