@@ -11,7 +11,7 @@ def _profile(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATIL
 
 # Measurements: reliable, so that every subscriber matches, and deep enough for a recorder that
 # is held up for a moment.
-STATE = _profile(200)
+STATE = _profile(1000)
 
 # For a recorder, which must miss nothing while it is held up: some seconds of everything.
 RECORD = _profile(5000)
