@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The demo as people start it: what it shows, what it leaves behind, and how it fails."""
 from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
@@ -28,7 +29,9 @@ def demo(domain, tmp_path):
         process = subprocess.Popen(
             [sys.executable, '-m', 'ballbot_ros.cli', 'demo', '--out', str(tmp_path / 'out'),
              *arguments], env=environment(domain, tmp_path), stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT, text=True)
+            stderr=subprocess.STDOUT, text=True,
+            # Whoever runs the tests in the background has it ignored.
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
         started.append(process)
         return process
     yield start
@@ -89,15 +92,19 @@ def test_first_step_is_crossed_second_refused_and_all_of_it_told_and_kept(demo, 
                 heights.add(round(1e3 * message.height))
     end = max(stamps['/joint_states'])
     assert end > 5000 and heights == {31, 80}
-    for topic, period in (('/joint_states', 2), ('/ball_state', 10), ('/odom', 10),
-                          ('/step_observation', 20)):
-        # All from the first moment on; only what was on its way at the end may be missing.
-        missing = set(range(0, end + 1, period)) - stamps.pop(topic)
-        assert missing <= set(range(end - 20, end + 1)), (topic, missing)
-    for topic, period in (('/joint_commands', 2), ('/step_decision', 20), ('/set_point', 20)):
-        # Those who publish them keep the newest only: on a busy machine some get lost.
-        found = stamps.pop(topic)
-        assert 0 in found and len(found) > 0.5 * end / period, topic
+    # A machine that had time for it has recorded everything from the first moment on, but for
+    # what was on its way at the end; of topics that keep the newest only a little may be lost.
+    simulated, wall = map(float, re.search(r'Done: (\S+) s of simulated time in (\S+) s',
+                                           said).groups())
+    allowed = 0.0 if wall < simulated else 0.5
+    for topic, period, lost in (
+            ('/joint_states', 2, 0.0), ('/ball_state', 10, 0.0), ('/odom', 10, 0.0),
+            ('/step_observation', 20, 0.0), ('/joint_commands', 2, 0.1),
+            ('/step_decision', 20, 0.1), ('/set_point', 20, 0.1)):
+        wanted = set(range(0, end - 20, period))
+        missing = wanted - stamps.pop(topic)
+        assert len(missing) <= max(lost, allowed) * len(wanted), (topic, missing)
+        assert 0 not in missing, topic
     assert not stamps
     assert 1.426 < last.x < 4.426 - 0.226 and abs(last.velocity_x) < 0.02
 

@@ -81,7 +81,7 @@ def test_a_run_that_fails_goes_silent_says_why_and_can_be_reset(graph, tmp_path)
     states, odometry = graph.hear('ball_state', BallState), graph.hear('odom', Odometry)
     graph.start('simulator', scene=scene, start_paused=True)
     graph.wait_for_talk(states)
-    failed = graph.ask('step', periods=500)
+    failed = graph.ask('step', again=False, periods=500)
     assert not failed.success
     graph.wait_for_health('simulator', diagnostics.ERROR, 'under the ground')
     log = graph.log('simulator')
