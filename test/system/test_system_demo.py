@@ -64,6 +64,7 @@ def wait(condition, what):
     return found
 
 
+@pytest.mark.slow
 def test_first_step_is_crossed_second_refused_and_all_of_it_told_and_kept(demo, tmp_path):
     process = demo('--timeout', '110')
     said = process.communicate(timeout=PATIENCE)[0]

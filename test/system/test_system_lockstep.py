@@ -60,6 +60,7 @@ def record(graph, scene, seed):
     return found
 
 
+@pytest.mark.slow
 def test_two_runs_are_the_same_to_the_bit_even_under_load_and_another_seed_is_another_run(
         make_graph, scene):
     first = record(make_graph(), scene, seed=7)

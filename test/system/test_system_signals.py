@@ -41,6 +41,15 @@ def test_while_waiting_in_lockstep_for_an_answer(graph, number):
     assert 'Traceback' not in graph.log('simulator')
 
 
+def test_while_a_step_waits(graph):
+    graph.start('simulator', lockstep=True, start_paused=True)
+    graph.tell('reset')
+    unfinished = graph.begin('step', periods=5)
+    graph.wait(lambda: 'not paused' in graph.ask('step', periods=1).message, 'it has begun')
+    assert graph.end('simulator') == 0 and not unfinished.done()
+    assert 'Traceback' not in graph.log('simulator') and 'never' not in graph.log('simulator')
+
+
 @pytest.mark.parametrize('number', SIGNALS)
 @pytest.mark.parametrize('busy', [0, 4])
 def test_while_all_are_busy(graph, number, busy):

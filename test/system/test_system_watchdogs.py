@@ -64,6 +64,7 @@ def test_states_that_come_too_rarely_get_no_torque(graph):
     graph.wait_for_health('controller', diagnostics.ERROR, 'come too rarely, torque is 0')
 
 
+@pytest.mark.slow
 def test_decision_that_dies_on_the_way_is_replaced_and_nothing_is_guessed(graph, tmp_path):
     scene = tmp_path / 'two_steps.yaml'
     scene.write_text('robot: gimball\nterrain:\n  - flat: {length: 2.2}\n'
