@@ -15,6 +15,7 @@ LAYERS = {
     'control': ('errors', 'helpers', 'physics'),
     'hardware': ('errors', 'helpers'),
     'plant': ('errors', 'helpers', 'physics'),
+    'laboratory': ('errors', 'helpers', 'physics'),
     'decision': ('errors', 'helpers', 'physics', 'control'),
 }
 for top in ('output', 'ros', 'nodes'):  # These stand on everything below

@@ -20,6 +20,8 @@ VERBS = {
     'demo': ('ballbot_ros.cli.demo', 'show the robot meet a step that it can cross and one '
              'that it cannot, with all ROS nodes'),
     'simulate': ('ballbot_ros.cli.simulate', 'run a scene and keep numbers and figures'),
+    'compare-models': ('ballbot_ros.cli.compare_models', 'say where simpler models of the '
+                       'highest step do'),
     'scenes': ('ballbot_ros.cli.scenes', 'list the scenes that come with the package'),
     'robots': ('ballbot_ros.cli.robots', 'list the robots, or the numbers of one of them'),
 }

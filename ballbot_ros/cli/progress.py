@@ -12,50 +12,56 @@ PATIENCE = 0.5
 class _Progress:
     """A bar on a terminal, one line elsewhere, nothing for a short run."""
 
-    def __init__(self, duration: float):
+    def __init__(self, total: float, doing: str, unit: str, keeps: bool):
         """Start the clock."""
-        self.duration = duration
+        self.total, self.doing, self.unit = total, doing, unit
+        self.ending = 'ends it and keeps what there is' if keeps else 'ends it'
         self.begin = perf_counter()
         self.bar: Any = None
         self.told = False
 
     def __call__(self, done: float) -> None:
-        """Take note of the simulated time [s]."""
+        """Take note of how much is done, of the total."""
         if self.bar is not None:
-            self.bar.update(0, completed=min(done, self.duration))
+            self.bar.update(0, completed=min(done, self.total))
         elif not self.told and perf_counter() - self.begin > PATIENCE:
             self.told = True
             if sys.stderr.isatty():
                 self._start()
             else:
-                print(f'simulating {self.duration:g} s; Ctrl-C ends it and keeps what there is',
+                print(f'{self.doing} {self.total:g} {self.unit}; Ctrl-C {self.ending}',
                       file=sys.stderr, flush=True)
 
     def _start(self) -> None:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
         self.bar = Progress(
-            TextColumn('simulating'), BarColumn(),
-            TextColumn('{task.completed:.4g} of {task.total:.4g} s'), TimeRemainingColumn(),
-            console=Console(stderr=True), transient=True)
-        self.bar.add_task('', total=self.duration)
+            TextColumn(self.doing), BarColumn(),
+            TextColumn(f'{{task.completed:.4g}} of {{task.total:.4g}} {self.unit}'),
+            TimeRemainingColumn(), console=Console(stderr=True), transient=True)
+        self.bar.add_task('', total=self.total)
         self.bar.start()
 
 
 @contextmanager
-def watched(duration: float, silent: bool) -> Iterator[Optional[Callable[[float], None]]]:
+def watched(total: float, silent: bool, doing: str = 'simulating',
+            unit: str = 's', keeps: bool = True) -> Iterator[Optional[Callable[[float], None]]]:
     """
-    Give a callback that shows the progress of a run on standard error.
+    Give a callback that shows on standard error how far something has got.
 
     Parameters
     ----------
-    duration : float
-        Simulated time of the whole run [s].
+    total : float
+        All that is to be done: of a run, its simulated time [s].
     silent : bool
         Show nothing and give None.
+    doing, unit : str
+        What is done, and what `total` counts.
+    keeps : bool
+        What is done by then survives Ctrl-C.
 
     """
-    progress = None if silent else _Progress(duration)
+    progress = None if silent else _Progress(total, doing, unit, keeps)
     try:
         yield progress
     finally:

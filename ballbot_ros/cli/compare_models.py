@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verb ``compare-models``: where simpler models do, and what each costs."""
+import argparse
+import math
+import sys
+from typing import Any, Iterator
+
+from ballbot_ros.cli.command import DONE
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add robot and actuation."""
+    parser.add_argument('--robot', default='gimball', metavar='ROBOT',
+                        help='name or YAML file (default: %(default)s)')
+    parser.add_argument('--actuation', choices=('free', 'held'), default='free',
+                        help='of the pendulum (default: %(default)s)')
+    parser.add_argument('--angle', type=float, default=90.0, metavar='DEGREES',
+                        help='at which it is held, 0 hanging down (default: %(default)g)')
+    parser.add_argument('--json', action='store_true', help='print all heights as JSON')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compute and print the table."""
+    from ballbot_ros.cli.listing import check_name
+    from ballbot_ros.errors import ConfigurationError
+    if not math.isfinite(arguments.angle):
+        raise ConfigurationError(f'--angle must be finite, got {arguments.angle!r}')
+    check_name('robots', arguments.robot)
+    from ballbot_ros.cli.progress import watched
+    from ballbot_ros.laboratory.comparison import Case, compare, count_heights, SPEEDS
+    from ballbot_ros.physics import held_at, load_robot
+    robot = load_robot(arguments.robot)
+    angle = math.radians(arguments.angle)
+    case = Case(robot, held_at(angle), angle) if arguments.actuation == 'held' else Case(robot)
+    case.actuation.drive(robot)  # refuses what this robot cannot do
+    with watched(count_heights(case, len(SPEEDS)), arguments.json, 'computing',
+                 'heights', keeps=False) as progress:
+        found = compare(case, SPEEDS, progress)
+    if arguments.json:
+        print_json(found)
+    else:
+        what = f'held at {arguments.angle:g} degrees' if case.held else 'free'
+        print('\n'.join(table(found, f'{robot.name}, pendulum {what}' if robot.has_pendulum
+                              else robot.name)))
+    return DONE
+
+
+def table(found: Any, title: str) -> Iterator[str]:
+    """Yield the lines of the table; it is Markdown, too."""
+    from ballbot_ros.laboratory.comparison import LEVELS, spans
+    yield (f'{title}: {len(found.speeds)} speeds from {found.speeds[0]:g} to '
+           f'{found.speeds[-1]:g} m/s')
+    yield ''
+    rows = [('model', 'source', *(f'within {1e3 * level:g} mm at m/s' for level in LEVELS),
+             'largest deviation', 'cost of a height')]
+    for curve in (found.full, *found.others):
+        away = curve.heights - found.full.heights
+        worst = away[abs(away).argmax()]
+        rows.append((curve.name, curve.source, *(
+            write_spans(spans(found.speeds, abs(away) <= level)) for level in LEVELS),
+            f'{1e3 * worst:+.1f} mm', f'{1e6 * curve.cost:.2g} us' if curve.cost < 1e-3
+            else f'{1e3 * curve.cost:.2g} ms'))
+    widths = [max(map(len, column)) for column in zip(*rows)]
+    for index, row in enumerate(rows):
+        yield f'| {" | ".join(f"{cell:<{width}}" for cell, width in zip(row, widths))} |'
+        if index == 0:
+            yield f'|{"|".join("-" * (width + 2) for width in widths)}|'
+
+
+def write_spans(ranges: list) -> str:
+    """Return ranges of speeds as text."""
+    return ', '.join(f'{low:.3g}' if low == high else f'{low:.3g} to {high:.3g}'
+                     for low, high in ranges) or 'none'
+
+
+def print_json(found: Any) -> None:
+    """Print all heights as one JSON object, in SI units."""
+    import json
+    json.dump({'speeds': found.speeds.tolist(), 'models': [
+        {'name': curve.name, 'source': curve.source, 'heights': curve.heights.tolist(),
+         'cost': curve.cost} for curve in (found.full, *found.others)]},
+        sys.stdout, indent=2, allow_nan=False)
+    print()
