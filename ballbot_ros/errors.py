@@ -8,7 +8,9 @@ Everything that this package raises on purpose.
     ├── ConfigurationError    a robot, scene, curve or parameter is not acceptable
     ├── SimulationError       a run cannot go on; names time, quantity and remedy
     ├── UnstableLoopError     a control law would diverge at the rate it is given
-    └── MessageError          a command, set-point or observation is refused
+    ├── MessageError          a command, set-point or observation is refused
+    ├── LinkError             the serial line cannot be opened, or is gone
+    └── DriveError            the motor controller does not answer, or not as it must
 
 Each message says what was wrong, the value, what is allowed and what to do.
 """
@@ -67,6 +69,43 @@ class MessageError(BallbotError, ValueError):
     ----------
     reason : str
         One word for counters: ``'not_finite'``, ``'wrong_length'``, ``'stale'``, ...
+
+    """
+
+    def __init__(self, reason: str, explanation: str):
+        """Keep the one-word reason beside the sentence."""
+        super().__init__(explanation)
+        self.reason = reason
+
+
+class LinkError(BallbotError, OSError):
+    """
+    The line to the motor controller cannot be opened or does not carry bytes any more.
+
+    Attributes
+    ----------
+    reason : str
+        One word for counters and for choosing what to do: ``'missing'``, ``'permission'``,
+        ``'busy'``, ``'not_a_port'``, ``'bad_address'``, ``'bad_baud'`` when opening;
+        ``'gone'`` (unplugged), ``'stuck'`` (takes no bytes) or ``'closed'`` later.
+
+    """
+
+    def __init__(self, reason: str, explanation: str):
+        """Keep the one-word reason beside the sentence."""
+        super().__init__(explanation)
+        self.reason = reason
+
+
+class DriveError(BallbotError):
+    """
+    The line is there, but the motor controller does not do what it must.
+
+    Attributes
+    ----------
+    reason : str
+        One word: ``'silent'``, ``'garbled'`` (bytes come, none make sense: wrong baud rate or
+        noise), ``'wrong_protocol'``, ``'firmware'``, ``'not_armed'``, ``'not_stopped'``.
 
     """
 

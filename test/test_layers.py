@@ -17,6 +17,8 @@ LAYERS = {
     'plant': ('errors', 'helpers', 'physics'),
     'laboratory': ('errors', 'helpers', 'physics'),
     'decision': ('errors', 'helpers', 'physics', 'control'),
+    # A motor controller in software: it speaks the codecs and turns the pendulum of a plant.
+    'emulator': ('errors', 'helpers', 'physics', 'plant', 'hardware'),
 }
 for top in ('output', 'ros', 'nodes'):  # These stand on everything below
     LAYERS[top] = tuple(LAYERS)
@@ -107,6 +109,7 @@ def test_no_import_points_the_wrong_way():
     ('ballbot_ros.hardware.planted', 'import ballbot_ros.physics.model'),
     ('ballbot_ros.control.planted', 'from ballbot_ros import decision'),
     ('ballbot_ros.control.planted', 'from ballbot_ros.hardware import protocol'),
+    ('ballbot_ros.hardware.planted', 'from ballbot_ros.emulator import emulator'),
     ('ballbot_ros.errors', 'from ballbot_ros.fields import quantity'),
     ('ballbot_ros.decision.planted', 'import rclpy.node'),
     ('ballbot_ros.decision.planted', 'from std_msgs.msg import Header'),

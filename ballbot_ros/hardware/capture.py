@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Keep the raw traffic of a serial line in a file, and play it back.
+
+A line of the file is a time [s], a direction (``>`` to the drive, ``<`` from it) and the
+bytes in hexadecimal::
+
+    # ballbot traffic 1
+    0.000000 > 662030202a3131380a
+    0.001812 < 302e303030303030
+
+A capture plays back into a driver in place of a `Link`, so that a fault seen once on a real
+robot becomes a test.
+"""
+from pathlib import Path
+import time
+from typing import Callable, NamedTuple, Optional, Sequence
+
+from ballbot_ros.errors import ConfigurationError, LinkError
+
+HEADER = '# ballbot traffic 1'
+TO_DRIVE, FROM_DRIVE = '>', '<'
+
+
+class Record(NamedTuple):
+    """One piece of traffic."""
+
+    time: float  # since the start of the capture [s]
+    direction: str  # '>' to the drive, '<' from it
+    data: bytes
+
+
+class Recorder:
+    """
+    Writes traffic to a file.
+
+    A full disk must not stop a motor bridge: a failure to write ends the recording, and is kept
+    in `failure` for the diagnostics.
+
+    Parameters
+    ----------
+    path : Path
+    clock : callable
+        Gives seconds.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be made.
+
+    """
+
+    def __init__(self, path: Path, clock: Callable[[], float] = time.monotonic):
+        """Make the file."""
+        self.failure: Optional[str] = None
+        self._clock = clock
+        self._begin = clock()
+        try:
+            self._file = open(path, 'w', encoding='ascii')
+            self._file.write(f'{HEADER}\n')
+        except OSError as error:
+            raise ConfigurationError(f'cannot record to {path}: {error}') from error
+
+    def note(self, direction: str, data: bytes) -> None:
+        """Write a piece of traffic down."""
+        if self.failure is None:
+            try:
+                self._file.write(f'{self._clock() - self._begin:.6f} {direction} {data.hex()}\n')
+            except OSError as error:
+                self.failure = str(error)
+
+    def close(self) -> None:
+        """Finish the file."""
+        try:
+            self._file.close()
+        except OSError as error:
+            self.failure = self.failure or str(error)
+
+
+def read_capture(path: Path) -> list[Record]:
+    """
+    Read a capture.
+
+    A last line that was cut off by the end of its process is left out.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file and line of what is no traffic.
+
+    """
+    try:
+        lines = path.read_text(encoding='ascii').splitlines(keepends=True)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f'{path}: cannot be read: {error}') from error
+    if not lines or lines[0].rstrip('\n') != HEADER:
+        raise ConfigurationError(f'{path}: is no capture, the first line must be {HEADER!r}')
+    records = []
+    for number, line in enumerate(lines[1:], start=2):
+        if not line.endswith('\n'):
+            break
+        try:
+            stamp, direction, *data = line.split()
+            if direction not in (TO_DRIVE, FROM_DRIVE):
+                raise ValueError(f'direction {direction!r}')
+            records.append(Record(float(stamp), direction, bytes.fromhex(''.join(data))))
+        except ValueError as error:
+            raise ConfigurationError(
+                f'{path}:{number}: is not "time > hex" or "time < hex": {error}') from error
+    return records
+
+
+class Replay:
+    """
+    A capture in place of a `Link`: each read gives the next piece that came from the drive.
+
+    Attributes
+    ----------
+    written : list of bytes
+        What was written to it.
+
+    """
+
+    def __init__(self, records: Sequence[Record]):
+        """Start at the beginning."""
+        self.written: list[bytes] = []
+        self.port, self.baud = 'replay', 0
+        self.bytes_out = self.bytes_in = 0
+        self._pieces = [record.data for record in records if record.direction == FROM_DRIVE]
+        self._next = 0
+
+    @property
+    def finished(self) -> bool:
+        """Tell whether all of it was read."""
+        return self._next >= len(self._pieces)
+
+    def write(self, data: bytes) -> None:
+        """Keep what is written."""
+        self.written.append(data)
+        self.bytes_out += len(data)
+
+    def read(self) -> bytes:
+        """
+        Return the next piece.
+
+        Raises
+        ------
+        LinkError
+            After the last one, as a line does that was unplugged.
+
+        """
+        if self.finished:
+            raise LinkError('gone', 'the capture ends here')
+        self._next += 1
+        self.bytes_in += len(self._pieces[self._next - 1])
+        return self._pieces[self._next - 1]
+
+    def wait(self, seconds: float) -> bool:
+        """Tell whether there is more."""
+        return not self.finished
+
+    def close(self) -> None:
+        """Do nothing."""

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+r"""
+ODrive ASCII protocol, firmware 0.5: lines of text with a checksum.
+
+A line is ``text *NN`` and a line end; ``NN`` is the exclusive or of all characters before the
+asterisk, in decimal.  A drive adds it to a reply if and only if the command had one, so every
+command here has one, and a line from the drive without is not taken for a reply.
+
+The checksum is weak, and the drive takes a line that lost it: a ``3`` with one bit turned is
+``;``, which starts a comment and hides the rest.  Hence numbers are written with a fixed number
+of decimals (cut short they only come nearer to zero) and with a space before the asterisk (an
+asterisk that turned into a digit must not lengthen the number).
+
+Source: odriverobotics/ODrive, docs/ascii-protocol.rst and
+Firmware/communication/ascii_protocol.cpp at fw-v0.5.
+"""
+from functools import reduce
+from operator import xor
+import re
+from typing import NamedTuple, Optional
+
+# The drive makes a line in a buffer of this size, with checksum and line end.
+LONGEST_LINE = 64
+LINE_END = b'\r\n'
+
+INVALID_PROPERTY = 'invalid property'
+
+IDLE, CLOSED_LOOP_CONTROL = 1, 8  # axis states
+TORQUE_CONTROL = 1  # control mode
+PASSTHROUGH = 1  # input mode
+
+AXIS_ERRORS = {
+    0x1: 'INVALID_STATE', 0x40: 'MOTOR_FAILED', 0x80: 'SENSORLESS_ESTIMATOR_FAILED',
+    0x100: 'ENCODER_FAILED', 0x200: 'CONTROLLER_FAILED', 0x800: 'WATCHDOG_TIMER_EXPIRED',
+    0x1000: 'MIN_ENDSTOP_PRESSED', 0x2000: 'MAX_ENDSTOP_PRESSED', 0x4000: 'ESTOP_REQUESTED',
+    0x20000: 'HOMING_WITHOUT_ENDSTOP', 0x40000: 'OVER_TEMP', 0x80000: 'UNKNOWN_POSITION'}
+
+_CHECKED = re.compile(rb'([\x20-\x29\x2b-\x7e]*)\*(0|[1-9][0-9]{0,2})')
+_FEEDBACK = re.compile(r'(-?[0-9]{1,9}\.[0-9]{6}) (-?[0-9]{1,9}\.[0-9]{6})')
+_NUMBER = re.compile(r'-?[0-9]{1,10}(\.[0-9]{0,6})?|-?inf')
+
+
+class Feedback(NamedTuple):
+    """The reply to ``f``."""
+
+    position: float  # [turn]
+    velocity: float  # [turn/s]
+
+
+def checksum(text: bytes) -> int:
+    """Return the exclusive or of all bytes."""
+    return reduce(xor, text, 0)
+
+
+def line(text: str) -> bytes:
+    """Return a command with its checksum and line end."""
+    body = f'{text} '.encode('ascii')
+    return b'%s*%d\n' % (body, checksum(body))
+
+
+def torque(axis: int, value: float) -> bytes:
+    """Return the command for a motor torque [N m]; feeds the watchdog."""
+    return line(f'c {axis} {value:.5f}')
+
+
+def feedback(axis: int) -> bytes:
+    """Return the question for position and velocity."""
+    return line(f'f {axis}')
+
+
+def feed_watchdog(axis: int) -> bytes:
+    """Return the command that feeds the watchdog and nothing else."""
+    return line(f'u {axis}')
+
+
+def read(name: str) -> bytes:
+    """Return the question for a property."""
+    return line(f'r {name}')
+
+
+def write(name: str, value: float) -> bytes:
+    """Return the command that sets a property; there is no answer."""
+    return line(f'w {name} {value:g}')
+
+
+def marker(number: int) -> bytes:
+    """
+    Return a line that changes nothing and whose answer carries a number.
+
+    Replies come in the order of the questions but do not name them.  What comes before the answer
+    to a marker belongs to questions from before it.
+
+    Parameters
+    ----------
+    number : int
+        200 to 999: of a motor that no board has, however few of the digits arrive.
+
+    """
+    return line(f'u {number}')
+
+
+def marker_answer(number: int) -> str:
+    """Return what the drive says to a marker."""
+    return f'invalid motor {number}'
+
+
+CLEAR_ERRORS = line('sc')
+INFO = line('i')
+# Ends whatever half a line a predecessor left in the buffer of the drive.
+FRESH_LINE = b'\n'
+
+
+class LineParser:
+    r"""
+    Finds the lines of the drive whose checksum is right.
+
+    Only ``\r\n`` ends a line: a lone ``\n`` is a fault, and what is around it is not to be
+    trusted.
+
+    Attributes
+    ----------
+    refused : int
+        Lines whose checksum or characters are wrong.
+    unchecked : int
+        Lines of printable text without a checksum, which a drive prints unasked, or as a reply
+        where it does not know checksums.
+
+    """
+
+    def __init__(self) -> None:
+        """Start with nothing received."""
+        self.refused = 0
+        self.unchecked = 0
+        self._rest = b''
+
+    def feed(self, data: bytes) -> list[str]:
+        """Take bytes and return the texts of the lines that they complete."""
+        *lines, rest = (self._rest + data).split(LINE_END)
+        # What is longer than any line cannot become one; the end may be half a line end.
+        if len(rest) > LONGEST_LINE:
+            rest = rest[-LONGEST_LINE:]
+        self._rest = rest
+        return [text for text in map(self._check, lines) if text is not None]
+
+    def _check(self, raw: bytes) -> Optional[str]:
+        match = _CHECKED.fullmatch(raw)
+        if match and len(raw) <= LONGEST_LINE and checksum(match[1]) == int(match[2]):
+            return match[1].decode('ascii')
+        if raw:
+            if b'*' not in raw and raw.isascii() and raw.decode('ascii').isprintable():
+                self.unchecked += 1
+            else:
+                self.refused += 1
+        return None
+
+
+def parse_feedback(text: str) -> Optional[Feedback]:
+    """Return the two numbers of a reply to ``f``, None if it is not one."""
+    match = _FEEDBACK.fullmatch(text)
+    return Feedback(float(match[1]), float(match[2])) if match else None
+
+
+def parse_number(text: str) -> Optional[float]:
+    """Return the number of a reply to ``r``, None if it is not one."""
+    return float(text) if _NUMBER.fullmatch(text) else None
+
+
+def error_names(bits: int) -> tuple[str, ...]:
+    """Return the names of the bits of ``axis.error``; unknown ones in hexadecimal."""
+    known = tuple(name for bit, name in AXIS_ERRORS.items() if bits & bit)
+    rest = bits & ~sum(AXIS_ERRORS)
+    return (*known, hex(rest)) if rest else known
