@@ -23,6 +23,8 @@ VERBS = {
     'compare-models': ('ballbot_ros.cli.compare_models', 'say where simpler models of the '
                        'highest step do'),
     'scenes': ('ballbot_ros.cli.scenes', 'list the scenes that come with the package'),
+    'test-bench': ('ballbot_ros.cli.test_bench', 'roll a virtual robot into steps as the '
+                   "paper's tests did"),
     'robots': ('ballbot_ros.cli.robots', 'list the robots, or the numbers of one of them'),
 }
 

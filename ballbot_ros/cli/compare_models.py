@@ -27,11 +27,12 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(f'--angle must be finite, got {arguments.angle!r}')
     check_name('robots', arguments.robot)
     from ballbot_ros.cli.progress import watched
-    from ballbot_ros.laboratory.comparison import Case, compare, count_heights, SPEEDS
-    from ballbot_ros.physics import held_at, load_robot
+    from ballbot_ros.laboratory.cases import Case, holding, SPEEDS
+    from ballbot_ros.laboratory.comparison import compare, count_heights
+    from ballbot_ros.physics import load_robot
     robot = load_robot(arguments.robot)
-    angle = math.radians(arguments.angle)
-    case = Case(robot, held_at(angle), angle) if arguments.actuation == 'held' else Case(robot)
+    case = holding(robot, math.radians(arguments.angle)) if arguments.actuation == 'held' \
+        else Case(robot)
     case.actuation.drive(robot)  # refuses what this robot cannot do
     with watched(count_heights(case, len(SPEEDS)), arguments.json, 'computing',
                  'heights', keeps=False) as progress:

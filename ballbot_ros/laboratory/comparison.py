@@ -3,37 +3,16 @@
 from dataclasses import dataclass
 from statistics import median
 from time import perf_counter
-from typing import Callable, NamedTuple, Optional, Sequence
+from typing import Callable, NamedTuple, Optional
 
 import numpy as np
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.laboratory import comparators, impacts
-from ballbot_ros.physics import highest_step
-from ballbot_ros.physics.actuation import Actuation
-from ballbot_ros.physics.robot import Robot
+from ballbot_ros.laboratory.cases import Case, step_height
 from ballbot_ros.physics.terrain import Array
 
-SPEEDS = np.linspace(0.2, 1.2, 21)
 LEVELS = (1e-3, 3e-3, 1e-2)  # deviations of the height that are asked for [m]
-
-
-class Case(NamedTuple):
-    """A robot at a step, with its pendulum free or held."""
-
-    robot: Robot
-    actuation: Actuation = Actuation()
-    pendulum_angle: float = 0.0  # absolute, at the first touch [rad]
-
-    @property
-    def held(self) -> bool:
-        """Tell whether law (11) holds the pendulum."""
-        return self.actuation.law == 'position'
-
-    @property
-    def swings(self) -> bool:
-        """Tell whether there is a pendulum, and it is free."""
-        return self.robot.has_pendulum and not self.held
 
 
 class Comparator(NamedTuple):
@@ -96,7 +75,7 @@ class Comparison:
     others: tuple[Curve, ...]
 
 
-def compare(case: Case, speeds: Sequence[float],
+def compare(case: Case, speeds: Array,
             progress: Optional[Callable[[int], None]] = None) -> Comparison:
     """
     Compute the highest step by every model that applies.
@@ -106,7 +85,7 @@ def compare(case: Case, speeds: Sequence[float],
     case : Case
         With its pendulum free, or held by law (11): for other actuations the simpler models say
         nothing.
-    speeds : sequence of float
+    speeds : array
         Collision speeds [m/s].
     progress : callable, optional
         Called with the number of heights done.
@@ -126,8 +105,8 @@ def compare(case: Case, speeds: Sequence[float],
     def curve(name: str, source: str, height: Callable[[Case, float], float]) -> Curve:
         nonlocal done
         heights, times = [], []
-        height(case, speeds[0])  # whatever is compiled or loaded at the first call
-        for speed in speeds:
+        height(case, float(speeds[0]))  # whatever is compiled or loaded at the first call
+        for speed in speeds.tolist():
             begin = perf_counter()
             heights.append(height(case, speed))
             times.append(perf_counter() - begin)
@@ -136,9 +115,8 @@ def compare(case: Case, speeds: Sequence[float],
                 progress(done)
         return Curve(name, source, np.array(heights), median(times))
 
-    full = curve('full model', 'eqs. (4) to (13)', lambda case, speed: highest_step(
-        case.robot, speed, case.actuation, case.pendulum_angle))
-    return Comparison(np.array(speeds), full, tuple(
+    full = curve('full model', 'eqs. (4) to (13)', step_height)
+    return Comparison(speeds, full, tuple(
         curve(item.name, item.source, item.height)
         for item in COMPARATORS if item.applies(case)))
 

@@ -8,15 +8,16 @@ import pytest
 
 from ballbot_ros.cli import main
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.laboratory.comparison import Case, compare, spans
-from ballbot_ros.physics import Actuation, held_at, load_robot
+from ballbot_ros.laboratory.cases import Case, holding
+from ballbot_ros.laboratory.comparison import compare, spans
+from ballbot_ros.physics import Actuation, load_robot
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 
 
 def heights(case, speeds):
     """Return the heights of each model by its name [m]."""
-    found = compare(case, speeds)
+    found = compare(case, np.array(speeds))
     return {curve.name: curve.heights for curve in (found.full, *found.others)}
 
 
@@ -35,14 +36,14 @@ def test_quasi_static_and_energy_bracket_the_full_model():
 
 def test_each_case_is_compared_with_the_models_that_apply():
     assert 'quasi-static' not in heights(Case(SHELLBALL), (0.4,))
-    held = heights(Case(GIMBALL, held_at(math.pi / 2), math.pi / 2), (0.4,))
+    held = heights(holding(GIMBALL, math.pi / 2), (0.4,))
     assert {'energy, held pendulum', 'plastic impulse, held pendulum'} <= set(held)
     assert 'energy' not in held and 'impulse, free pendulum' not in held
 
 
 def test_an_actuation_that_the_models_do_not_know_is_refused():
     with pytest.raises(ConfigurationError, match='velocity'):
-        compare(Case(GIMBALL, Actuation(law='velocity', set_rate=3.0)), (0.4,))
+        compare(Case(GIMBALL, Actuation(law='velocity', set_rate=3.0)), np.array([0.4]))
 
 
 def test_ranges_of_speeds_are_found():
@@ -55,7 +56,7 @@ def test_ranges_of_speeds_are_found():
 @pytest.fixture
 def few(monkeypatch):
     """Compare at two speeds only."""
-    monkeypatch.setattr('ballbot_ros.laboratory.comparison.SPEEDS', np.array([0.3, 0.9]))
+    monkeypatch.setattr('ballbot_ros.laboratory.cases.SPEEDS', np.array([0.3, 0.9]))
 
 
 def test_the_command_prints_a_row_for_each_model(capsys, few):

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verb ``test-bench``: the paper's tests, with a virtual robot."""
+import argparse
+import math
+from pathlib import Path
+from typing import Any, Iterator
+
+from ballbot_ros.cli.command import complain, DONE, INTERRUPTED
+
+DEFAULT_FOLDER = Path('ballbot_output')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add robot, rig and output."""
+    parser.add_argument('--robot', default='gimball', metavar='ROBOT',
+                        help='name or YAML file (default: %(default)s)')
+    parser.add_argument('--driven', action='store_true',
+                        help='from rest under a constant voltage, instead of down a ramp')
+    parser.add_argument('--slope', type=float, metavar='DEGREES', help='of the ramp')
+    parser.add_argument('--run-up', type=float, metavar='METRES',
+                        help='of the driven test (default: 1.2)')
+    parser.add_argument('--sensor-distance', type=float, metavar='METRES',
+                        help='second touch sensor to the step (default: 0.2)')
+    parser.add_argument('--rolls', type=int, default=12, metavar='N',
+                        help='about the threshold of each step (default: %(default)s)')
+    parser.add_argument('--seed', type=int, default=0, metavar='N',
+                        help='of the scatter (default: %(default)s)')
+    parser.add_argument('--out', type=Path, metavar='DIR',
+                        help='folder for the files (default: ballbot_output/bench_ROBOT)')
+    parser.add_argument('--quiet', action='store_true', help='print errors only')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Roll, write the files and print what was found."""
+    from ballbot_ros.cli.listing import check_name
+    check_name('robots', arguments.robot)
+    from ballbot_ros.cli.progress import watched
+    from ballbot_ros.errors import ConfigurationError
+    from ballbot_ros.laboratory.procedure import HEIGHTS, run_tests
+    from ballbot_ros.physics import load_robot
+    robot, bench = load_robot(arguments.robot), make_bench(arguments)
+    if arguments.seed < 0:
+        raise ConfigurationError(f'--seed must be at least 0, got {arguments.seed}')
+    rolls: list = []
+    interrupted = False
+    with watched(len(HEIGHTS), arguments.quiet, 'testing', 'steps') as progress:
+        try:
+            for roll in run_tests(bench, robot, HEIGHTS, arguments.seed, arguments.rolls):
+                rolls.append(roll)
+                if progress is not None:
+                    progress(HEIGHTS.index(roll.step_height))
+        except KeyboardInterrupt:
+            interrupted = True
+    name = f'bench_{robot.name}{"_driven" if arguments.driven else ""}'
+    folder = arguments.out or DEFAULT_FOLDER / name
+    files = write_all(robot, bench, rolls, folder)
+    if not arguments.quiet:
+        print('\n'.join(report(robot, bench, rolls)))
+        print(f'\nWritten to {folder}: {", ".join(files)}')
+    if interrupted:
+        complain(f'interrupted after {len(rolls)} rolls; they were written to {folder}')
+        return INTERRUPTED
+    return DONE
+
+
+def make_bench(arguments: argparse.Namespace) -> Any:
+    """Return the rig that the command line describes."""
+    from ballbot_ros.errors import ConfigurationError
+    from ballbot_ros.laboratory.rig import Ramp, RunUp
+    for option, value, wanted in (('--slope', arguments.slope, not arguments.driven),
+                                  ('--run-up', arguments.run_up, arguments.driven)):
+        if value is not None and not wanted:
+            raise ConfigurationError(
+                f'{option} belongs to the {"free-rolling" if arguments.driven else "driven"} '
+                f'test; leave it out, or {"leave out" if arguments.driven else "add"} --driven')
+    changes = {name: value for name, value in (
+        ('slope', None if arguments.slope is None else math.radians(arguments.slope)),
+        ('length', arguments.run_up), ('sensor_distance', arguments.sensor_distance))
+        if value is not None}
+    return RunUp(**changes) if arguments.driven else Ramp(**changes)
+
+
+def write_all(robot: Any, bench: Any, rolls: list, folder: Path) -> list[str]:
+    """Write table, truth and plot, and return the names of the files."""
+    from ballbot_ros.output import write_text
+    from ballbot_ros.output.figures import FORMATS, save
+    from ballbot_ros.output.heights import bench_curves, bench_figure
+    write_text('\n'.join(as_seen(bench, rolls)) + '\n', folder / 'tests.csv')
+    write_text('\n'.join(as_was(rolls)) + '\n', folder / 'truth.csv')
+    figure = bench_figure(rolls, bench_curves(robot, bench),
+                          f'{robot.name}, {bench.knob} varied: {len(rolls)} rolls')
+    for kind in FORMATS:
+        save(figure, folder / f'tests.{kind}')
+    return ['tests.csv', 'truth.csv', *(f'tests.{kind}' for kind in FORMATS)]
+
+
+def as_seen(bench: Any, rolls: list) -> Iterator[str]:
+    """Yield the table that the experimenters would have written."""
+    yield f'test,step height [mm],{bench.knob} [{bench.unit}],measured speed [m/s],passed'
+    for number, roll in enumerate(rolls, 1):
+        speed = f'{roll.measured_speed:.3f}' if math.isfinite(roll.measured_speed) else ''
+        yield (f'{number},{1e3 * roll.step_height:g},{roll.setting:.4g},{speed},'
+               f'{"yes" if roll.passed else "no"}')
+
+
+def as_was(rolls: list) -> Iterator[str]:
+    """Yield what they could not know: the state at the first touch."""
+    yield 'test,collision speed [m/s],pendulum angle at the touch [rad]'
+    for number, roll in enumerate(rolls, 1):
+        if math.isfinite(roll.touch_speed):
+            yield f'{number},{roll.touch_speed:.6f},{roll.touch_angle:.6f}'
+        else:
+            yield f'{number},,'
+
+
+def report(robot: Any, bench: Any, rolls: list) -> Iterator[str]:
+    """Yield what was found, step by step, beside what was true."""
+    from ballbot_ros.laboratory.procedure import find_thresholds
+    yield f'{robot.name}, {bench.knob} varied: {len(rolls)} rolls'
+    yield ''
+    yield 'step mm  rolls  highest no-pass m/s  lowest pass m/s  highest no-pass at touch m/s'
+    true = {item.step_height: item for item in find_thresholds(
+        roll._replace(measured_speed=roll.touch_speed) for roll in rolls)}
+    for item in find_thresholds(rolls):
+        speeds = (item.highest_no_pass, item.lowest_pass, true[item.step_height].highest_no_pass)
+        cells = [f'{speed:.3f}' if math.isfinite(speed) else 'none' for speed in speeds]
+        yield (f'{1e3 * item.step_height:7.0f}  {item.rolls:5d}  {cells[0]:>19}  {cells[1]:>15}'
+               f'  {cells[2]:>28}')
