@@ -31,6 +31,10 @@ from ballbot_ros.fields import Checked, quantity
 from ballbot_ros.hardware.wire import WireBudget
 
 
+# A stop that is not confirmed is repeated after this time [s].
+STOP_PERIOD = 0.02
+
+
 class Line(Protocol):
     """What a driver needs of a `Link`; a `Replay` has it too."""
 
@@ -148,6 +152,7 @@ class Driver(ABC):
         self.clock = clock
         self.telemetry = Telemetry()
         self.counts: Counter = Counter()
+        self._armed = False  # by us, and not stopped since
 
     # What waits
 
@@ -176,7 +181,6 @@ class Driver(ABC):
 
         """
 
-    @abstractmethod
     def arm(self, patience: float = 0.5) -> None:
         """
         Put the motor under power at zero torque.
@@ -187,6 +191,8 @@ class Driver(ABC):
             ``not_armed``, with the faults that the drive names.
 
         """
+        self._arm(self.clock() + patience)
+        self._armed = True
 
     def stop(self, patience: float = 0.5) -> None:
         """
@@ -199,15 +205,13 @@ class Driver(ABC):
             then do it.
 
         """
-        deadline = self.clock() + patience
         begin = self.clock()
         while True:
             self.send_stop()
-            self.line.wait(self.options.reply_timeout)
-            self.poll()
-            if self.stopped_since(begin):
+            soon = self.clock() + STOP_PERIOD
+            if self._until(lambda: self.stopped_since(begin), soon):
                 return
-            if self.clock() >= deadline:
+            if self.clock() >= begin + patience:
                 raise DriveError('not_stopped', (
                     f'{self.line.port}: the drive did not confirm the stop within '
                     f'{patience:g} s; its own watchdog lets go after '
@@ -227,25 +231,31 @@ class Driver(ABC):
         Raises
         ------
         MessageError
-            If it is not finite; nothing is sent.
+            If it is not finite.  Nothing is sent.
+        DriveError
+            ``not_armed`` before `arm` and after a stop.  Nothing is sent.
 
         """
+        if not self._armed:
+            raise DriveError('not_armed', (
+                f'{self.line.port}: the motor gets no torque before it has been armed'))
         if not math.isfinite(torque):
             raise MessageError('not_finite', f'torque must be finite, got {torque!r}')
         limit = self.options.torque_limit
         self._send(self._torque_message(min(max(torque, -limit), limit)) + self._questions())
 
     def ask(self) -> None:
-        """Send the questions of this period only; does not feed the watchdog."""
+        """Send the questions of this period only; this keeps no torque alive."""
         self._send(self._questions())
 
     @abstractmethod
     def feed(self) -> None:
         """Feed the watchdog of the drive and leave its torque as it is."""
 
-    @abstractmethod
     def send_stop(self) -> None:
         """Write zero torque, power off, and the questions whose answers confirm it."""
+        self._armed = False
+        self._send(self._stop_message())
 
     @abstractmethod
     def stopped_since(self, time: float) -> bool:
@@ -262,6 +272,39 @@ class Driver(ABC):
         """Return what one period of `send_torque` and its replies put on the line at most."""
 
     # For drivers
+
+    def _until(self, condition: Callable[[], bool], deadline: float) -> bool:
+        """Poll until a condition holds or the deadline has come, and tell whether it holds."""
+        while True:
+            self.poll()
+            if condition():
+                return True
+            left = deadline - self.clock()
+            if left <= 0.0:
+                return False
+            self.line.wait(left)
+
+    def _soon(self, deadline: float) -> float:
+        """Return when a reply to what is asked now is overdue, at most a deadline."""
+        return min(deadline, self.clock() + self.options.reply_timeout)
+
+    def _nobody(self, received: int, maker: str) -> DriveError:
+        """Return why a handshake failed in which so many bytes were received."""
+        if not received:
+            return DriveError('silent', (
+                f'{self.line.port}: no {maker} answers; is it powered, are RX and TX crossed, is '
+                'its serial port set to this protocol?'))
+        return DriveError('garbled', (
+            f'{self.line.port}: {received} bytes came that no {maker} would send: wrong baud '
+            'rate, another protocol, or noise'))
+
+    @abstractmethod
+    def _arm(self, deadline: float) -> None:
+        """See `arm`."""
+
+    @abstractmethod
+    def _stop_message(self) -> bytes:
+        """Return the bytes of `send_stop`."""
 
     def _send(self, data: bytes) -> None:
         if data:

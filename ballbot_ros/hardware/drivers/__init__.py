@@ -15,6 +15,8 @@ from ballbot_ros.hardware.driver import DriveOptions, Driver, Line
 # Protocol -> module and class.
 DRIVERS = {
     'odrive': ('ballbot_ros.hardware.drivers.odrive', 'ODrive'),
+    'roboclaw': ('ballbot_ros.hardware.drivers.roboclaw', 'RoboClaw'),
+    'vesc': ('ballbot_ros.hardware.drivers.vesc', 'Vesc'),
 }
 
 

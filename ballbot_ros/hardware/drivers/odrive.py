@@ -18,8 +18,6 @@ TURN = 2.0 * math.pi
 FIRMWARE = (0, 5)
 # Longest replies: "-12345.123456 -1234.123456*255\r\n", and a value cut to nine characters.
 LONGEST_FEEDBACK, LONGEST_VALUE = 32, 15
-# A repeated question of the handshake, or a repeated stop, comes after this time [s].
-REPEAT = 0.01
 MARKERS = range(200, 1000)
 
 # What is asked one at a time beside position and velocity; errors and state come often.
@@ -121,9 +119,8 @@ class ODrive(Driver):
             Setting('encoder', 'ready' if ready == 1.0 else 'not ready', 'ready', ready == 1.0,
                     'calibrate the encoder with odrivetool'))
 
-    def arm(self, patience: float = 0.5) -> None:
-        """Clear old errors and close the loop at zero torque; see `Driver`."""
-        deadline = self.clock() + patience
+    def _arm(self, deadline: float) -> None:
+        # An error left over keeps the drive from arming; a present one comes back at once.
         self._send(self._torque_message(0.0) + codec.CLEAR_ERRORS)
         self._refuse_faults(deadline)
         wanted = codec.CLOSED_LOOP_CONTROL
@@ -143,11 +140,10 @@ class ODrive(Driver):
         """Feed the watchdog; see `Driver`."""
         self._send(codec.feed_watchdog(self.options.axis))
 
-    def send_stop(self) -> None:
-        """Write zero torque, idle, and the question for the state; see `Driver`."""
-        self._send(self._torque_message(0.0)
-                   + codec.write(self._full('requested_state'), codec.IDLE)
-                   + self._in_step_question(STATE))
+    def _stop_message(self) -> bytes:
+        return (self._torque_message(0.0)
+                + codec.write(self._full('requested_state'), codec.IDLE)
+                + self._in_step_question(STATE))
 
     def stopped_since(self, time: float) -> bool:
         """Tell whether the state, asked for after `time`, was idle; see `Driver`."""
@@ -211,15 +207,16 @@ class ODrive(Driver):
 
         """
         self._fall_out_of_step()
-        refused, unchecked = self._parser.refused, self._parser.unchecked
-        before = self.counts['bytes']
+        received, texts = self.counts['bytes'], self._parser.unchecked
         while self._marked_at is not None:
             self._send(self._in_step_question(''))
             self._until(lambda: self._marked_at is None, self._soon(deadline))
             if self._marked_at is not None and self.clock() >= deadline:
-                raise self._nobody(self.counts['bytes'] - before,
-                                   self._parser.refused - refused,
-                                   self._parser.unchecked - unchecked)
+                if self._parser.unchecked > texts:
+                    raise DriveError('wrong_protocol', (
+                        f'{self.line.port}: text comes back, but not that of an ODrive, whose '
+                        'replies have a checksum'))
+                raise self._nobody(self.counts['bytes'] - received, 'ODrive')
 
     def _read(self, name: str, deadline: float) -> Optional[float]:
         """
@@ -250,34 +247,6 @@ class ODrive(Driver):
             raise DriveError('not_armed', (
                 f'{self.line.port}: the ODrive names {", ".join(codec.error_names(int(bits)))}; '
                 'mend the cause, odrivetool tells more with dump_errors(odrv0)'))
-
-    def _soon(self, deadline: float) -> float:
-        return min(deadline, self.clock() + self.options.reply_timeout)
-
-    def _until(self, condition: Callable[[], bool], deadline: float) -> bool:
-        """Poll until a condition holds or the deadline has come, and tell whether it holds."""
-        while True:
-            self.poll()
-            if condition():
-                return True
-            left = deadline - self.clock()
-            if left <= 0.0:
-                return False
-            self.line.wait(min(left, REPEAT))
-
-    def _nobody(self, received: int, refused: int, unchecked: int) -> DriveError:
-        """Say why the handshake failed."""
-        where = self.line.port
-        if not received:
-            return DriveError('silent', (
-                f'{where}: nobody answers; is the drive powered, are RX and TX crossed, is its '
-                'UART set to the ASCII protocol?'))
-        if unchecked and unchecked >= refused:
-            return DriveError('wrong_protocol', (
-                f'{where}: text comes back, but without the checksum of an ODrive'))
-        return DriveError('garbled', (
-            f'{where}: {received} bytes came that are no ODrive text: wrong baud rate, another '
-            'protocol, or noise'))
 
     # Replies
 

@@ -2,10 +2,11 @@
 """A drive at the other end of a line that is nothing but memory, with a clock of its own."""
 from ballbot_ros.emulator.device import DriveSettings
 from ballbot_ros.emulator.odrive import ODriveDevice
+from ballbot_ros.emulator.roboclaw import RoboClawDevice
+from ballbot_ros.emulator.vesc import VescDevice
 from ballbot_ros.hardware.drivers import open_driver, read_options
 
-DEVICES = {'odrive': ODriveDevice}
-OPTIONS = {'odrive': {'torque_limit': 0.1}}
+DEVICES = {'odrive': ODriveDevice, 'roboclaw': RoboClawDevice, 'vesc': VescDevice}
 
 
 class Bench:
@@ -23,7 +24,7 @@ class Bench:
         self.to_drive = self.from_drive = lambda data: data
         self.waiting = b''
         self.driver = open_driver(
-            protocol, self, read_options(protocol, {**OPTIONS[protocol], **options}, 'test'),
+            protocol, self, read_options(protocol, {'torque_limit': 0.1, **options}, 'test'),
             clock=lambda: self.now)
 
     def write(self, data):

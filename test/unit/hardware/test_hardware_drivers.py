@@ -139,32 +139,37 @@ def test_a_lost_reply_keeps_the_loop_going(bench):
     assert bench.driver.telemetry.time > bench.now - 0.02
 
 
-def test_a_restarted_drive_is_not_armed(bench):
+def test_no_torque_is_sent_before_arming_or_after_a_stop(bench):
+    with pytest.raises(DriveError, match='armed'):
+        bench.driver.send_torque(0.05)
     bench.driver.arm()
     bench.cycles(20, torque=0.05)
-    bench.device.reboot(bench.now)
-    bench.pass_time(0.5)
-    telemetry = bench.cycles(60, torque=0.05)
-    assert bench.device.torque() == 0.0 or protocol_has_no_arming(bench)
-    assert telemetry.position is not None
-
-
-def protocol_has_no_arming(bench):
-    """Tell whether a command alone puts this motor under power."""
-    return bench.driver.protocol in ('vesc', 'roboclaw')
+    bench.driver.stop()
+    with pytest.raises(DriveError, match='armed'):
+        bench.driver.send_torque(0.05)
+    assert bench.device.torque() == 0.0
 
 
 def test_position_velocity_and_health_are_told(bench):
     bench.device.sensed = bench.device.sensed._replace(
-        position=12.3, velocity=-45.0, bus_voltage=23.5, temperature=41.0)
+        position=2.3, velocity=-45.0, bus_voltage=23.5, temperature=41.0)
     bench.driver.arm()
     telemetry = bench.cycles(400, torque=0.05)
-    assert telemetry.position == pytest.approx(12.3, abs=2e-3)
+    assert telemetry.position == pytest.approx(2.3, abs=2e-3)
     assert telemetry.velocity == pytest.approx(-45.0, rel=0.01)
     assert telemetry.bus_voltage == pytest.approx(23.5, abs=0.06)
     assert telemetry.temperature == pytest.approx(41.0, abs=0.1)
     assert telemetry.current == pytest.approx(2.0, abs=0.1)
     assert telemetry.armed is True and telemetry.faults == ()
+
+
+def test_the_position_goes_on_over_full_turns_although_replies_are_lost(bench):
+    bench.driver.arm()
+    start = bench.cycles(10).position
+    bench.device.sensed = bench.device.sensed._replace(position=1234.5)
+    assert bench.cycles(10).position - start == pytest.approx(1234.5, abs=2e-3)
+    bench.device.sensed = bench.device.sensed._replace(position=-987.6)
+    assert bench.cycles(10).position - start == pytest.approx(-987.6, abs=2e-3)
 
 
 def test_a_fault_is_named_and_takes_the_power_off(bench):

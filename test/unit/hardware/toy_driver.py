@@ -17,15 +17,8 @@ class Toy(Driver):
         """Return none."""
         return ()
 
-    def arm(self, patience=0.5):
-        """Do nothing."""
-
     def feed(self):
         """Do nothing."""
-
-    def send_stop(self):
-        """Send the stop."""
-        self._send(b'0')
 
     def stopped_since(self, time):
         """Believe it."""
@@ -34,6 +27,12 @@ class Toy(Driver):
     def budget(self):
         """Return two bytes."""
         return WireBudget(1, 1)
+
+    def _arm(self, deadline):
+        pass
+
+    def _stop_message(self):
+        return b'0'
 
     def _torque_message(self, torque):
         return b't'

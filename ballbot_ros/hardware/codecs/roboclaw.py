@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+RoboClaw packet serial: short packets with a CRC.
+
+A command that changes something is ``address command data crc crc`` and is answered by FF.  A
+question is ``address command`` alone; its answer is ``data crc crc``, where the CRC
+(CRC-16/XMODEM) also covers the question.  So an answer has neither start nor length nor name of
+its own, and 16 bits are all that tell it from noise.  Questions are therefore asked in groups, and
+`ReplyParser` believes answers only where those to a whole group follow one another.
+
+Source: RoboClaw Series User Manual (commands 14, 15, 16, 21, 24, 30, 32, 48, 49, 82, 90, 135)
+and basicmicro/roboclaw_python_library.
+"""
+from binascii import crc_hqx
+import struct
+from typing import NamedTuple, Optional, Sequence
+
+ADDRESSES = range(0x80, 0x88)
+ACKNOWLEDGED = 0xFF
+FULL_DUTY = 32767
+
+SET_TIMEOUT, GET_TIMEOUT, GET_VERSION, GET_BATTERY = 14, 15, 21, 24
+GET_PWMS, GET_CURRENTS, GET_TEMPERATURE, GET_STATUS = 48, 49, 82, 90
+# Of motor 1 and motor 2.
+GET_ENCODER, GET_SPEED, SET_DUTY, GET_MAX_CURRENT = (16, 17), (30, 31), (32, 33), (135, 136)
+
+# Question -> form of its answer; None for text that ends with a zero byte.
+ANSWERS: dict[int, Optional[struct.Struct]] = {
+    GET_TIMEOUT: struct.Struct('>B'),
+    GET_ENCODER[0]: struct.Struct('>iB'),
+    GET_ENCODER[1]: struct.Struct('>iB'),
+    GET_VERSION: None,
+    GET_BATTERY: struct.Struct('>H'),
+    GET_SPEED[0]: struct.Struct('>iB'),
+    GET_SPEED[1]: struct.Struct('>iB'),
+    GET_PWMS: struct.Struct('>hh'),
+    GET_CURRENTS: struct.Struct('>hh'),
+    GET_TEMPERATURE: struct.Struct('>H'),
+    GET_STATUS: struct.Struct('>I'),
+    GET_MAX_CURRENT[0]: struct.Struct('>II'),
+    GET_MAX_CURRENT[1]: struct.Struct('>II'),
+}
+LONGEST_VERSION = 48
+
+STATUS = {
+    0x1: 'E_STOP', 0x2: 'TEMPERATURE_ERROR', 0x4: 'TEMPERATURE_2_ERROR',
+    0x8: 'MAIN_VOLTAGE_HIGH_ERROR', 0x10: 'LOGIC_VOLTAGE_HIGH_ERROR',
+    0x20: 'LOGIC_VOLTAGE_LOW_ERROR', 0x40: 'M1_DRIVER_FAULT_ERROR',
+    0x80: 'M2_DRIVER_FAULT_ERROR', 0x100: 'M1_SPEED_ERROR', 0x200: 'M2_SPEED_ERROR',
+    0x400: 'M1_POSITION_ERROR', 0x800: 'M2_POSITION_ERROR', 0x1000: 'M1_CURRENT_ERROR',
+    0x2000: 'M2_CURRENT_ERROR', 0x10000: 'M1_OVER_CURRENT_WARNING',
+    0x20000: 'M2_OVER_CURRENT_WARNING', 0x40000: 'MAIN_VOLTAGE_HIGH_WARNING',
+    0x80000: 'MAIN_VOLTAGE_LOW_WARNING', 0x100000: 'TEMPERATURE_WARNING',
+    0x200000: 'TEMPERATURE_2_WARNING', 0x400000: 'S4_SIGNAL_TRIGGERED',
+    0x800000: 'S5_SIGNAL_TRIGGERED', 0x1000000: 'SPEED_ERROR_LIMIT_WARNING',
+    0x2000000: 'POSITION_ERROR_LIMIT_WARNING'}
+# Of these, what takes the power off.
+ERRORS = 0xFFFF
+
+
+class Reply(NamedTuple):
+    """An answer and the question that it answers."""
+
+    command: int
+    values: tuple[int, ...]  # empty for text
+    text: str = ''
+
+
+def command(address: int, number: int, data: bytes = b'') -> bytes:
+    """Return a command with its CRC."""
+    body = bytes((address, number)) + data
+    return body + crc_hqx(body, 0).to_bytes(2, 'big')
+
+
+def ask(address: int, number: int) -> bytes:
+    """Return a question."""
+    return bytes((address, number))
+
+
+def set_duty(address: int, motor: int, duty: float) -> bytes:
+    """
+    Return the command for a duty cycle.
+
+    Parameters
+    ----------
+    address : int
+    motor : int
+        1 or 2.
+    duty : float
+        Of the supply voltage, -1 to 1; cut to that.
+
+    """
+    counts = round(FULL_DUTY * min(max(duty, -1.0), 1.0))
+    return command(address, SET_DUTY[motor - 1], struct.pack('>h', counts))
+
+
+def answer(address: int, number: int, *values: int, text: str = '') -> bytes:
+    """Return the answer to a question, as the firmware makes it."""
+    form = ANSWERS[number]
+    data = form.pack(*values) if form is not None else text.encode('ascii') + b'\0'
+    return data + crc_hqx(data, crc_hqx(ask(address, number), 0)).to_bytes(2, 'big')
+
+
+def answer_length(number: int) -> int:
+    """Return the bytes of an answer, the most for one that is text."""
+    form = ANSWERS[number]
+    return (LONGEST_VERSION if form is None else form.size) + 2
+
+
+class ReplyParser:
+    """
+    Finds the answers to groups of questions in what the drive sends.
+
+    Attributes
+    ----------
+    groups : sequence of sequences of int
+        Questions that were asked together, in their order; two or more in each, so that an
+        answer is vouched for by 32 bits at least.  No group may be the beginning of another.
+    skipped : int
+        Bytes that belong to no answer, those that acknowledge commands apart.
+
+    """
+
+    def __init__(self, address: int):
+        """Start with nothing received and nothing expected."""
+        self.groups: Sequence[Sequence[int]] = ()
+        self.skipped = 0
+        self._address = address
+        self._buffer = b''
+
+    def feed(self, data: bytes) -> list[list[Reply]]:
+        """Take bytes and return the answers to the groups that they complete."""
+        self._buffer += data
+        groups = []
+        place = 0
+        while place < len(self._buffer):
+            found, end = self._match(place)
+            if found:
+                groups.append(found)
+                place = end
+            elif end < 0:  # one may still become of it
+                break
+            else:
+                self.skipped += self._buffer[place] != ACKNOWLEDGED
+                place += 1
+        self._buffer = self._buffer[place:]
+        return groups
+
+    def _match(self, place: int) -> tuple[list[Reply], int]:
+        """Return the answers to a group and their end, or none and -1 if bytes are missing."""
+        missing = False
+        for group in self.groups:
+            found: list[Reply] = []
+            end = place
+            for number in group:
+                reply, end = self._reply(number, end)
+                if reply is None:
+                    break
+                found.append(reply)
+            if len(found) == len(group):
+                return found, end
+            missing = missing or end < 0
+        return [], -1 if missing else place
+
+    def _reply(self, number: int, place: int) -> tuple[Optional[Reply], int]:
+        """Return the answer to a question and its end, or None and -1 if bytes are missing."""
+        buffer, form = self._buffer, ANSWERS[number]
+        if form is not None:
+            end = place + form.size
+        else:
+            zero = buffer.find(0, place, place + LONGEST_VERSION)
+            if zero < 0:
+                return None, -1 if len(buffer) - place < LONGEST_VERSION else 0
+            end = zero + 1
+        if len(buffer) < end + 2:
+            return None, -1
+        data = buffer[place:end]
+        crc = crc_hqx(data, crc_hqx(ask(self._address, number), 0))
+        if crc != int.from_bytes(buffer[end:end + 2], 'big') or not (form or data.isascii()):
+            return None, 0
+        if form is not None:
+            return Reply(number, form.unpack(data)), end + 2
+        return Reply(number, (), data[:-1].decode('ascii').strip()), end + 2
+
+
+def status_names(bits: int) -> tuple[str, ...]:
+    """Return the names of the bits of a status; unknown ones in hexadecimal."""
+    known = tuple(name for bit, name in STATUS.items() if bits & bit)
+    rest = bits & ~sum(STATUS)
+    return (*known, hex(rest)) if rest else known

@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+VESC serial protocol: packets with a CRC, firmware 5 to 7.
+
+``02 length payload crc crc 03`` up to 255 bytes of payload, ``03 length length ...`` above; the
+CRC is CRC-16/XMODEM of the payload, numbers are big-endian.  The first byte of a payload names
+the message, in a reply the question too.  Start bytes also occur inside packets: the parser
+tries every place until one fits.
+
+Source: vedderb/bldc, comm/packet.c, comm/commands.c, util/buffer.c, confgenerator.c, datatypes.h.
+"""
+from binascii import crc_hqx
+import math
+import struct
+from typing import Any, NamedTuple, Optional
+
+SHORT, LONG, STOP = 0x02, 0x03, 0x03
+SHORT_LIMIT = 255
+# The firmware takes no more (PACKET_MAX_PL_LEN); its longest reply, the motor settings, is half.
+LONGEST_PAYLOAD = 512
+
+FW_VERSION, GET_VALUES, SET_CURRENT = 0, 4, 6
+GET_MCCONF, GET_APPCONF, ALIVE, GET_VALUES_SELECTIVE = 14, 17, 30, 50
+
+FAULTS = (
+    'NONE', 'OVER_VOLTAGE', 'UNDER_VOLTAGE', 'DRV', 'ABS_OVER_CURRENT', 'OVER_TEMP_FET',
+    'OVER_TEMP_MOTOR', 'GATE_DRIVER_OVER_VOLTAGE', 'GATE_DRIVER_UNDER_VOLTAGE',
+    'MCU_UNDER_VOLTAGE', 'BOOTING_FROM_WATCHDOG_RESET', 'ENCODER_SPI',
+    'ENCODER_SINCOS_BELOW_MIN_AMPLITUDE', 'ENCODER_SINCOS_ABOVE_MAX_AMPLITUDE',
+    'FLASH_CORRUPTION', 'HIGH_OFFSET_CURRENT_SENSOR_1', 'HIGH_OFFSET_CURRENT_SENSOR_2',
+    'HIGH_OFFSET_CURRENT_SENSOR_3', 'UNBALANCED_CURRENTS', 'BRK', 'RESOLVER_LOT', 'RESOLVER_DOS',
+    'RESOLVER_LOS', 'FLASH_CORRUPTION_APP_CFG', 'FLASH_CORRUPTION_MC_CFG', 'ENCODER_NO_MAGNET',
+    'ENCODER_MAGNET_TOO_STRONG', 'PHASE_FILTER', 'ENCODER_FAULT', 'LV_OUTPUT_FAULT',
+    'ENCODER_SLIP', 'OVERSPEED', 'UNDERSPEED', 'ABS_OVERSPEED')
+
+# Field of the values -> its bit in the mask, its format and what it is divided by.
+FIELDS = {
+    'temperature': (0, 'h', 10.0),
+    'motor_temperature': (1, 'h', 10.0),
+    'current': (2, 'i', 100.0),
+    'erpm': (7, 'i', 1.0),
+    'bus_voltage': (8, 'h', 10.0),
+    'tachometer': (13, 'i', 1),
+    'fault': (15, 'B', 1),
+    'angle_deg': (16, 'i', 1e6),
+    'status': (21, 'B', 1),
+}
+MASK = sum(1 << bit for bit, _, _ in FIELDS.values())
+_VALUES = struct.Struct('>BI' + ''.join(form for _, form, _ in FIELDS.values()))
+TIMED_OUT = 1  # bit of the status: the watchdog has let the motor go
+
+
+class Values(NamedTuple):
+    """The reply to `get_values`."""
+
+    temperature: float  # of the power stage [degC]
+    motor_temperature: float
+    current: float  # of the motor [A]
+    erpm: float  # electrical speed [1/min]
+    bus_voltage: float  # [V]
+    tachometer: int  # six per electrical turn
+    fault: int
+    angle_deg: float  # of the encoder, 0 to 360
+    status: int
+
+
+class Firmware(NamedTuple):
+    """The reply to `get_firmware`."""
+
+    major: int
+    minor: int
+    hardware: str
+    serial_number: str
+
+
+def frame(payload: bytes) -> bytes:
+    """
+    Return the packet of a payload.
+
+    Raises
+    ------
+    ValueError
+        If it is empty, or longer than the firmware takes.
+
+    """
+    length = len(payload)
+    if not 0 < length <= LONGEST_PAYLOAD:
+        raise ValueError(f'a payload has 1 to {LONGEST_PAYLOAD} bytes, got {length}')
+    start = bytes((SHORT, length)) if length <= SHORT_LIMIT else struct.pack('>BH', LONG, length)
+    return start + payload + struct.pack('>HB', crc_hqx(payload, 0), STOP)
+
+
+def set_current(current: float) -> bytes:
+    """Return the command for a motor current [A]; feeds the watchdog."""
+    return frame(struct.pack('>Bi', SET_CURRENT, round(1000.0 * current)))
+
+
+def get_values() -> bytes:
+    """Return the question for the fields of `Values`."""
+    return frame(struct.pack('>BI', GET_VALUES_SELECTIVE, MASK))
+
+
+def feed_watchdog() -> bytes:
+    """Return the command that feeds the watchdog and nothing else."""
+    return frame(bytes((ALIVE,)))
+
+
+def ask(message: int) -> bytes:
+    """Return a question that is its name and nothing more."""
+    return frame(bytes((message,)))
+
+
+class FrameParser:
+    """
+    Finds packets whose length, CRC and stop byte are right.
+
+    Attributes
+    ----------
+    refused : int
+        Packets of the right form with a wrong CRC.
+    skipped : int
+        Bytes that belong to no packet.
+
+    """
+
+    def __init__(self) -> None:
+        """Start with nothing received."""
+        self.refused = 0
+        self.skipped = 0
+        self._buffer = bytearray()
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Take bytes and return the payloads of the packets that they complete."""
+        buffer = self._buffer
+        buffer += data
+        payloads = []
+        place = 0
+        while True:
+            end = self._end(buffer, place)
+            if end is None:  # needs more bytes
+                break
+            if end < 0:
+                place += 1
+                self.skipped += 1
+                continue
+            start = place + buffer[place]  # the start byte is also the size of the header
+            payloads.append(bytes(buffer[start:end - 3]))
+            place = end
+        del buffer[:place]
+        return payloads
+
+    def _end(self, buffer: bytearray, place: int) -> Optional[int]:
+        """Return where the packet at a place ends, -1 if there is none, None if too short."""
+        left = len(buffer) - place
+        if left < 1:
+            return None
+        header = buffer[place]
+        if header not in (SHORT, LONG):
+            return -1
+        if left < header:
+            return None
+        length = int.from_bytes(buffer[place + 1:place + header], 'big')
+        # A payload that fits the short form comes in it.
+        if not (0 if header == SHORT else SHORT_LIMIT) < length <= LONGEST_PAYLOAD:
+            return -1
+        end = place + header + length + 3
+        if len(buffer) < end:
+            return None
+        if buffer[end - 1] != STOP:
+            return -1
+        payload = buffer[place + header:end - 3]
+        if crc_hqx(payload, 0) != int.from_bytes(buffer[end - 3:end - 1], 'big'):
+            self.refused += 1
+            return -1
+        return end
+
+
+def parse_values(payload: bytes) -> Optional[Values]:
+    """Return the values of a reply to `get_values`, None if it is not one."""
+    if len(payload) != _VALUES.size:
+        return None
+    name, mask, *raw = _VALUES.unpack(payload)
+    if (name, mask) != (GET_VALUES_SELECTIVE, MASK):
+        return None
+    scaled: list[Any] = [
+        number / scale if isinstance(scale, float) else number
+        for number, (_, _, scale) in zip(raw, FIELDS.values())]
+    return Values(*scaled)
+
+
+def pack_values(values: Values) -> bytes:
+    """Return the payload of a reply to `get_values`, as the firmware makes it."""
+    return _VALUES.pack(GET_VALUES_SELECTIVE, MASK, *(
+        int(number * scale) for number, (_, _, scale) in zip(values, FIELDS.values())))
+
+
+def parse_firmware(payload: bytes) -> Optional[Firmware]:
+    """Return the content of a reply to ``FW_VERSION``, None if it is not one."""
+    name, end = payload[3:].partition(b'\0')[0], payload.find(b'\0', 3)
+    if len(payload) < 3 or payload[0] != FW_VERSION or end < 0 or len(payload) < end + 13:
+        return None
+    return Firmware(payload[1], payload[2], name.decode('ascii', 'replace'),
+                    payload[end + 1:end + 13].hex())
+
+
+def parse_timeout(payload: bytes) -> Optional[tuple[float, float]]:
+    """
+    Return watchdog time [s] and the brake current when it expires [A] of a ``GET_APPCONF``.
+
+    They stand at its beginning, after signature and identity; what follows them differs between
+    versions and is not read.
+    """
+    if len(payload) < 14 or payload[0] != GET_APPCONF:
+        return None
+    milliseconds, brake = struct.unpack_from('>II', payload, 6)
+    return milliseconds / 1000.0, unpack_float(brake)
+
+
+def parse_current_limits(payload: bytes) -> Optional[tuple[float, float]]:
+    """Return the largest and the least motor current [A] of a ``GET_MCCONF``."""
+    if len(payload) < 17 or payload[0] != GET_MCCONF:
+        return None
+    most, least = struct.unpack_from('>II', payload, 9)
+    return unpack_float(most), unpack_float(least)
+
+
+def pack_float(value: float) -> int:
+    """Return the 32 bits that ``buffer_append_float32_auto`` makes of a number."""
+    if abs(value) < 1.5e-38:
+        return 0
+    fraction, exponent = math.frexp(abs(value))
+    digits = int((fraction - 0.5) * 2.0 * 0x800000)
+    return (value < 0.0) << 31 | ((exponent + 126) & 0xFF) << 23 | digits & 0x7FFFFF
+
+
+def unpack_float(bits: int) -> float:
+    """Return the number that `pack_float` made the bits of."""
+    exponent, digits = bits >> 23 & 0xFF, bits & 0x7FFFFF
+    if exponent == 0 and digits == 0:
+        return 0.0
+    fraction = 0.5 + digits / (2.0 * 0x800000)
+    return math.ldexp(-fraction if bits >> 31 else fraction, exponent - 126)
+
+
+def fault_names(fault: int) -> tuple[str, ...]:
+    """Return the name of a fault code, nothing for none."""
+    if fault == 0:
+        return ()
+    return (FAULTS[fault] if fault < len(FAULTS) else f'FAULT_{fault}',)
