@@ -15,13 +15,14 @@ from statistics import median
 
 from curves import honest, time_at, timed
 import kernels
-import mujoco_peer
 import numpy as np
 import peers
 from precision_scenes import cases, MUJOCO_HEIGHT, MUJOCO_SCENE, MUJOCO_SPEED, with_solver
 from search_race import race
 
 from ballbot_ros.errors import SimulationError
+from ballbot_ros.laboratory import twin
+from ballbot_ros.laboratory.cases import Case
 from ballbot_ros.physics import Actuation, contact, dynamics, integrators, load_robot
 from ballbot_ros.physics.accuracy import simulate_accurately
 from ballbot_ros.physics.adaptive import Scratch
@@ -80,7 +81,7 @@ def solvers(case):
         for method in ('BDF', 'Adams'):
             found.append((f'CVODE {method}', lambda value, method=method: peers.solve_cvode(
                 method, ours, case, value), TOLERANCES))
-    if mujoco_peer.mujoco is not None and case.name == MUJOCO_SCENE:
+    if twin.installed() and case.name == MUJOCO_SCENE:
         for method in ('implicitfast', 'RK4'):
             found.append((f'MuJoCo {method}', mujoco(case, method), STEPS))
     return found
@@ -89,12 +90,18 @@ def solvers(case):
 def mujoco(case, method):
     """Return the same from step, for MuJoCo; models are built before they are timed."""
     def model(step):
-        return mujoco_peer.Crossing(case.model.robot, MUJOCO_SPEED, MUJOCO_HEIGHT, step, method)
+        return twin.Twin(Case(case.model.robot), MUJOCO_SPEED, MUJOCO_HEIGHT, step, method,
+                         'matched')
     built = {step: model(step) for step in STEPS}
 
+    def end(ball):
+        ball.reset()
+        ball.advance(round(case.duration / ball.step))
+        return ball.centre()[1:3]
+
     def run(step):
-        return *built[step].end(case.duration), round(case.duration / step)
-    run.exact = model(1e-5 if method == 'RK4' else 2e-6).end(case.duration)
+        return *end(built[step]), round(case.duration / step)
+    run.exact = end(model(1e-5 if method == 'RK4' else 2e-6))
     return run
 
 

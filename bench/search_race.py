@@ -3,9 +3,10 @@
 import math
 import time
 
-import mujoco_peer
 import peers
 
+from ballbot_ros.laboratory import twin
+from ballbot_ros.laboratory.cases import Case
 from ballbot_ros.physics import Solver
 from ballbot_ros.physics.crossing import crosses
 
@@ -32,10 +33,10 @@ def race(robot):
         return highest(lambda height: crosses(robot, SPEED, height, solver=Solver('rk4', step)))
 
     def theirs(step, integrator):
-        return highest(lambda height: mujoco_peer.Crossing(
-            robot, SPEED, height, step, integrator).passes())
+        return highest(lambda height: twin.Twin(
+            Case(robot), SPEED, height, step, integrator, 'matched').passes())
     searches = {'rk4': ours}
-    if mujoco_peer.mujoco is None:
+    if not twin.installed():
         yield f'MuJoCo: not installed; {peers.HOW_TO_INSTALL}', '', [math.nan], None
     else:
         searches['implicitfast'] = lambda step: theirs(step, 'implicitfast')
