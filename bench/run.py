@@ -17,7 +17,7 @@ import platform
 from statistics import median
 import sys
 
-PARTS = ('kernels', 'loop', 'accuracy', 'precision')
+PARTS = ('kernels', 'loop', 'accuracy', 'precision', 'estimate')
 
 
 def main():

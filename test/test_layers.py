@@ -13,6 +13,7 @@ LAYERS = {
     'helpers': ('errors',),
     'physics': ('errors', 'helpers'),
     'control': ('errors', 'helpers', 'physics'),
+    'estimation': ('errors', 'helpers', 'physics', 'control'),
     'hardware': ('errors', 'helpers'),
     'plant': ('errors', 'helpers', 'physics'),
     'laboratory': ('errors', 'helpers', 'physics'),

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The filter among unreliable sensors: an IMU that stays away, an encoder that jumps."""
+from dataclasses import replace
+import math
+from typing import Optional
+
+from ballbot_ros.errors import MessageError
+from ballbot_ros.estimation.imu import ImuMounting, ImuReading
+from ballbot_ros.estimation.kalman import Estimate, FilterTuning, PendulumFilter
+from ballbot_ros.physics.robot import Robot
+
+# An encoder angle further than this from the expected one is not believed [rad]: at 25 rad/s,
+# more than any joint here turns, it takes 20 ms, and the rate is known before.
+JUMP = 0.5
+# So many in a row, and the encoder counts from another zero.
+INSISTS = 5
+# An IMU is not asked any more after this silence [s].
+IMU_TIMEOUT = 0.05
+# Over which the differences of the turn rate are smoothed [s]: one of two readings is noisy.
+SMOOTHING = 0.01
+
+
+class Fusion:
+    """
+    Takes readings as they come and always has an estimate.
+
+    Parameters
+    ----------
+    robot : Robot
+    mounting : ImuMounting, optional
+    tuning : FilterTuning, optional
+    encoder_zero : float, optional
+        Encoder angle at joint angle 0 [rad], of an encoder that remembers it.
+
+    Attributes
+    ----------
+    estimate : Estimate or None
+        None before the first encoder reading.
+    jumps : int
+        Encoder readings that were not believed.
+    rezeroed : int
+        Times that the encoder went on from another zero.
+
+    """
+
+    def __init__(self, robot: Robot, mounting: ImuMounting = ImuMounting(),
+                 tuning: FilterTuning = FilterTuning(),
+                 encoder_zero: Optional[float] = None):
+        """Start with nothing known."""
+        self._filter = PendulumFilter(robot, tuning)
+        self._mounting, self._encoder_zero = mounting, encoder_zero
+        self.jumps = self.rezeroed = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything: the next encoder reading is of a robot at rest."""
+        self.estimate: Optional[Estimate] = None
+        self._imu: Optional[ImuReading] = None
+        self._in_a_row = 0
+        self._torque = 0.0
+
+    def has_imu(self, now: float) -> bool:
+        """Tell whether the IMU has been heard of lately."""
+        return self._imu is not None and now - self._imu.stamp <= IMU_TIMEOUT
+
+    def imu(self, reading: ImuReading) -> None:
+        """
+        Take an IMU reading.
+
+        Raises
+        ------
+        MessageError
+            With reason ``out_of_order``.
+
+        """
+        before = self._imu
+        if before is not None and reading.stamp < before.stamp:
+            raise MessageError(
+                'out_of_order', f'IMU reading of {reading.stamp:.6f} s refused: one of '
+                f'{before.stamp:.6f} s came before')
+        period, turning = math.inf, 0.0
+        if before is not None:
+            period, turning = reading.stamp - before.stamp, before.turn_acceleration
+            if 0.0 < period <= IMU_TIMEOUT:
+                slope = (reading.turn_rate - before.turn_rate) / period
+                turning += (slope - turning) * min(1.0, period / SMOOTHING)
+        self._imu = self._mounting.at_centre(replace(reading, turn_acceleration=turning))
+        if self.estimate is None:
+            return
+        if period > IMU_TIMEOUT:
+            self._learn_upright(self._imu)
+        estimate = self._filter.predict(
+            self.estimate, reading.stamp, self._torque, self._imu)
+        self.estimate = self._filter.with_imu(estimate, self._imu, min(period, IMU_TIMEOUT))
+
+    def _learn_upright(self, imu: ImuReading) -> None:
+        """
+        Let ball angle 0 be where the IMU is upright, when it comes late.
+
+        Without one the ball angle was counted from wherever it was.  The pendulum stays where it
+        is, so ball and joint angle move by opposite amounts.
+        """
+        estimate = self.estimate
+        assert estimate is not None
+        shift = math.atan2(imu.forward, imu.upward) - estimate.readings.ball_angle
+        shift = math.remainder(shift, 2.0 * math.pi)
+        mean = estimate.mean.copy()
+        mean[1] -= shift
+        self.estimate = estimate._replace(
+            mean=mean, encoder_zero=estimate.encoder_zero + shift)
+
+    def encoder(self, stamp: float, angle: float, torque: float) -> Estimate:
+        """
+        Take an encoder reading and return the estimate of its time.
+
+        Parameters
+        ----------
+        stamp : float
+            [s]
+        angle : float
+            Of the joint, from an arbitrary zero [rad].
+        torque : float
+            At the pendulum since the reading before [N m].
+
+        Raises
+        ------
+        MessageError
+            With reason ``not_finite``.
+
+        """
+        if not (math.isfinite(angle) and math.isfinite(stamp) and math.isfinite(torque)):
+            raise MessageError(
+                'not_finite', f'encoder reading refused: angle {angle!r}, stamp {stamp!r} and '
+                f'torque {torque!r} must be finite')
+        self._torque = torque
+        if self.estimate is None:
+            self.estimate = self._filter.start(
+                stamp, angle, self._imu if self.has_imu(stamp) else None, self._encoder_zero)
+            return self.estimate
+        estimate = self._filter.predict(
+            self.estimate, stamp, torque, self._imu if self.has_imu(stamp) else None)
+        surprise = self._filter.surprise(estimate, angle)
+        if abs(surprise) <= JUMP:
+            self._in_a_row = 0
+            estimate = self._filter.with_encoder(estimate, angle)
+        else:
+            self.jumps += 1
+            self._in_a_row += 1
+            if self._in_a_row >= INSISTS:
+                self._in_a_row = 0
+                self.rezeroed += 1
+                estimate = estimate._replace(encoder_zero=estimate.encoder_zero + surprise)
+        self.estimate = estimate
+        return estimate

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+An inertial measurement unit inside the shell, seen in the plane of motion.
+
+It turns with the shell.  Its y axis is the axle of the joint, to the left (REP 103); its x axis
+is forward and its z axis up when the shell stands at ball angle 0.  Angles of this package are
+counter-clockwise positive with +x to the right, so the ball rate is *minus* the gyro's y::
+
+    ball_rate = -angular_velocity.y      (turn_rate below)
+    forward, upward = linear_acceleration.x, linear_acceleration.z
+
+What an accelerometer tells is specific force: acceleration minus gravity, so at rest it shows
+g upwards, and nothing in free fall.
+"""
+from dataclasses import dataclass, fields
+import math
+from typing import Tuple
+
+from ballbot_ros.errors import MessageError
+from ballbot_ros.fields import Checked, quantity
+
+
+@dataclass(frozen=True)
+class ImuMounting(Checked):
+    """
+    Where in the shell the IMU sits and how it is turned.
+
+    An IMU away from the centre feels the shell turn: 0.2 m out at 5 rad/s it feels 5 m/s2.
+    """
+
+    imu_forward: float = quantity(
+        'm', 'place of the IMU ahead of the ball centre, in the frame of the shell at ball angle '
+        '0', default=0.0, minimum=-10.0, maximum=10.0)
+    imu_upward: float = quantity(
+        'm', 'place of the IMU above the ball centre, likewise', default=0.0, minimum=-10.0,
+        maximum=10.0)
+    imu_angle: float = quantity(
+        'rad', 'angle of the IMU against the shell, counter-clockwise positive; decides only '
+        'where ball angle 0 is', default=0.0, minimum=-math.pi, maximum=math.pi)
+
+    def at_centre(self, reading: 'ImuReading') -> 'ImuReading':
+        """Return what an IMU at the ball centre, square with the shell, would have read."""
+        turning = reading.turn_acceleration
+        forward, upward = turned(reading.forward, reading.upward, self.imu_angle)
+        square = reading.turn_rate**2
+        return ImuReading(
+            reading.stamp, reading.turn_rate,
+            forward + self.imu_forward * square + self.imu_upward * turning,
+            upward + self.imu_upward * square - self.imu_forward * turning, turning)
+
+
+@dataclass(frozen=True)
+class ImuReading:
+    """
+    One reading, in the frame of the IMU.
+
+    Attributes
+    ----------
+    stamp : float
+        [s]
+    turn_rate : float
+        Of the shell, counter-clockwise positive [rad/s].
+    forward, upward : float
+        Specific force along the x and z axes of the IMU [m/s2].
+    turn_acceleration : float
+        How fast the turn rate changes, from this and earlier readings [rad/s2].
+
+    Raises
+    ------
+    MessageError
+        With reason ``not_finite``.
+
+    """
+
+    stamp: float
+    turn_rate: float
+    forward: float
+    upward: float
+    turn_acceleration: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is not finite: one NaN would spoil the estimate for good."""
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if not math.isfinite(value):
+                raise MessageError(
+                    'not_finite', f'IMU reading refused: {item.name} must be finite, got '
+                    f'{value!r}')
+
+
+def turned(x: float, y: float, angle: float) -> Tuple[float, float]:
+    """Return a vector turned counter-clockwise by `angle` [rad]."""
+    sine, cosine = math.sin(angle), math.cos(angle)
+    return x * cosine - y * sine, x * sine + y * cosine

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the sensors cannot tell, found from the model instead of claimed."""
+from typing import List
+
+import numpy as np
+
+from ballbot_ros.control.linear import linear_rolling
+from ballbot_ros.physics.robot import Robot
+
+# Columns of the matrix below, in the words of people.
+NAMES = ('pendulum angle', 'pendulum rate', 'ball rate', 'joint angle', 'constant torque',
+         'slope of the floor')
+# A direction that readings change by less than this part of the strongest is not told.
+THRESHOLD = 1e-9
+
+
+def unobservable(robot: Robot, imu: bool, angle: float = 0.0) -> List[str]:
+    """
+    Return which quantities readings over time leave undecided, for small motion.
+
+    Unknown are the state of the rolling ball, a constant error of the torque (friction that
+    was not modelled, a wrong torque constant) and the slope of the floor.
+
+    Parameters
+    ----------
+    robot : Robot
+    imu : bool
+        Whether there is a gyro and an accelerometer beside the encoder.
+    angle : float
+        Pendulum angle about which to look [rad].
+
+    Returns
+    -------
+    list of str
+        Quantities that take part in a combination that cannot be told apart.
+
+    """
+    matrix, column = linear_rolling(robot, angle)
+    size = len(NAMES)
+    motion = np.zeros((size, size))
+    motion[:3, :3], motion[:3, 4] = matrix, column
+    # On a slope the whole weight pulls along it: a torque M g R about the contact point.
+    pull = robot.weight * robot.ball_radius
+    pendulum = robot.pendulum_inertia + robot.pendulum_mass * robot.pendulum_length**2
+    ball = robot.ball_inertia + robot.total_mass * robot.ball_radius**2
+    coupling = (robot.pendulum_mass * robot.pendulum_length * robot.ball_radius * np.cos(angle))
+    inertia = np.array([[pendulum, -coupling], [-coupling, ball]])
+    motion[1:3, 5] = np.linalg.solve(inertia, [0.0, pull])
+    motion[3, 1], motion[3, 2] = 1.0, -1.0
+    readings = [np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0])]
+    if imu:
+        readings.append(np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+        # Direction of the specific force: ball angle times g, and the acceleration of rolling.
+        readings.append(np.array([robot.gravity, 0.0, 0.0, -robot.gravity, 0.0, 0.0])
+                        - robot.ball_radius * motion[2])
+    rows = np.array(readings)
+    rows = np.vstack([rows @ np.linalg.matrix_power(motion / 10.0, power)
+                      for power in range(size)])
+    _, strengths, directions = np.linalg.svd(rows)
+    missing = directions[strengths < THRESHOLD * strengths[0]]
+    return [name for name, weights in zip(NAMES, missing.T) if np.abs(weights).max() > 1e-6] \
+        if len(missing) else []
