@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The motor of one real robot: which drive, on which port, and what joins it to the pendulum."""
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Mapping, Optional
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.estimation import FilterTuning, ImuMounting
+from ballbot_ros.fields import (
+    Checked, count, expect_mapping, flag, quantity, read_yaml, text)
+from ballbot_ros.hardware.driver import DriveOptions
+from ballbot_ros.hardware.drivers import DRIVERS, driver_class, read_options
+from ballbot_ros.paths import find_config
+from ballbot_ros.physics.robot import Provenance, read_values
+
+# What the bridge does when commands stay away; see `supervisor`.
+ON_TIMEOUT = ('coast', 'brake', 'settle')
+
+
+@dataclass(frozen=True)
+class Joint(Checked):
+    """
+    Between the shaft of the motor and the joint of the pendulum.
+
+    Angles and torques of the joint are those of the pendulum against the shell,
+    counter-clockwise positive with +x to the right.
+    """
+
+    gear_ratio: float = quantity('1', 'motor turns per turn of the pendulum joint', above=0.0)
+    gear_efficiency: float = quantity(
+        '1', 'torque out over torque in', above=0.0, maximum=1.0, default=1.0)
+    direction: int = count(
+        '1 if the drive counts up when the pendulum swings to +x, else -1', default=1,
+        minimum=-1, maximum=1)
+    encoder_scale: Optional[float] = quantity(
+        '1', 'turns of the joint per turn that the drive reports; 1 / gear_ratio if not given, '
+        'for an encoder on the motor', above=0.0, optional=True)
+    torque_factor: float = quantity(
+        '1', 'torque that is there over torque that was asked for; found by calibrate-motor',
+        above=0.0, maximum=10.0, default=1.0)
+    encoder_zero: Optional[float] = quantity(
+        'rad', 'joint angle that the drive reports at joint angle 0, where it remembers that',
+        optional=True)
+
+    def __post_init__(self) -> None:
+        """Check each value; direction has no middle."""
+        super().__post_init__()
+        if self.direction == 0:
+            raise ConfigurationError('Joint: direction must be 1 or -1, got 0')
+
+    def joint_angle(self, position: float) -> float:
+        """Return the angle of the joint for a position of the drive; rates likewise [rad]."""
+        scale = 1.0 / self.gear_ratio if self.encoder_scale is None else self.encoder_scale
+        return self.direction * scale * position
+
+    def motor_torque(self, torque: float) -> float:
+        """Return the torque at the motor shaft that gives one at the pendulum [N m]."""
+        return self.direction * torque / (
+            self.gear_ratio * self.gear_efficiency * self.torque_factor)
+
+
+@dataclass(frozen=True)
+class Limits(Checked):
+    """What is never exceeded, and what happens when commands stay away."""
+
+    torque_limit: float = quantity(
+        'N m', 'largest torque at the pendulum', above=0.0, maximum=1000.0)
+    torque_rate_limit: float = quantity(
+        'N m/s', 'fastest change of the torque; a cut to zero is always immediate', above=0.0,
+        default=400.0)
+    angle_limit: float = quantity(
+        'rad', 'absolute pendulum angle beyond which only torque back is let through',
+        above=0.0, maximum=6.3, default=1.6)
+    speed_limit: float = quantity(
+        'rad/s', 'rate of the joint beyond which only torque against it is let through; at half '
+        'as much again the e-stop engages', above=0.0, default=12.0)
+    command_timeout: float = quantity(
+        's', 'the motor is at zero this long after the last fresh command at the latest',
+        minimum=0.01, maximum=10.0, default=0.1)
+    on_timeout: str = text(
+        'what the motor does when commands stay away', default='coast', choices=ON_TIMEOUT)
+    damping: float = quantity(
+        'N m s/rad', 'torque per rate of brake and settle', minimum=0.0, default=0.3)
+    damping_time: float = quantity(
+        's', 'how long brake and settle last; zero torque after', minimum=0.0, maximum=60.0,
+        default=2.0)
+    rearm: bool = flag(
+        'after a lost line, a reboot or a let-go of the drive go on by itself; if not, the '
+        'e-stop engages and a person must reset it', default=False)
+
+
+@dataclass(frozen=True)
+class Connection(Checked):
+    """Where the drive is, and how often it is talked to."""
+
+    protocol: str = text('what the drive speaks', choices=tuple(DRIVERS))
+    port: str = text('serial device or URL of pyserial; best a name in /dev/serial/by-id')
+    baud: int = count('bits per second', default=115200, minimum=300, maximum=20_000_000)
+    loop_rate: float = quantity(
+        'Hz', 'rate of commands to the drive and of joint_states', minimum=1.0, maximum=5000.0,
+        default=500.0)
+    watchdog: float = quantity(
+        's', 'time without a command after which the drive lets go by itself', minimum=0.01,
+        maximum=1.0, default=0.1)
+    imu_required: bool = flag(
+        'give no torque while no IMU is heard: without one the angle is a guess off level floor',
+        default=True)
+
+
+SECTIONS = {'connection': Connection, 'joint': Joint, 'limits': Limits, 'imu': ImuMounting,
+            'estimate': FilterTuning}
+
+
+@dataclass(frozen=True)
+class Hardware:
+    """
+    Everything about the motor of one robot.
+
+    Attributes
+    ----------
+    name, robot : str
+        Its own name, and that of the robot that it moves.
+    connection, joint, limits, imu, estimate
+        See the classes.
+    drive : mapping
+        What only this protocol needs, see the `Options` of its driver.
+    provenance : mapping of str to Provenance
+        By section and field.
+
+    """
+
+    name: str
+    robot: str
+    connection: Connection
+    joint: Joint
+    limits: Limits
+    imu: ImuMounting = ImuMounting()
+    estimate: FilterTuning = FilterTuning()
+    drive: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    provenance: Mapping[str, Provenance] = field(
+        default_factory=lambda: MappingProxyType({}), compare=False, repr=False)
+
+    def options(self) -> DriveOptions:
+        """
+        Return what the driver is told.
+
+        Raises
+        ------
+        ConfigurationError
+            If the section `drive` does not suit the protocol.
+
+        """
+        return read_options(self.connection.protocol, {
+            'torque_limit': abs(self.joint.motor_torque(self.limits.torque_limit)),
+            'watchdog': self.connection.watchdog, **self.drive}, f'{self.name}: drive')
+
+
+def read_hardware(content: Mapping[str, Any], where: str) -> Hardware:
+    """
+    Return the hardware that a mapping describes; see `load_hardware`.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming section, field, value and allowed range.
+
+    """
+    from ballbot_ros.fields import refuse_unknown
+    refuse_unknown(content, ('name', 'robot', 'drive', *SECTIONS), where)
+    for name in ('name', 'robot'):
+        if not isinstance(content.get(name), str):
+            raise ConfigurationError(f'{where}: {name} must be text, got {content.get(name)!r}')
+    parts, provenance = {}, {}
+    for name, cls in SECTIONS.items():
+        place = f'{where}: {name}'
+        values, sources = read_values(cls, expect_mapping(content.get(name, {}), place), place)
+        try:
+            parts[name] = cls(**values)
+        except ConfigurationError as error:
+            raise ConfigurationError(f'{place}: {error}') from error
+        provenance.update({f'{name}.{key}': item for key, item in sources.items()})
+    connection = parts['connection']
+    drive, sources = read_values(
+        driver_class(connection.protocol).Options,
+        {'torque_limit': 1.0, **expect_mapping(content.get('drive', {}), f'{where}: drive')},
+        f'{where}: drive')
+    del drive['torque_limit']  # that of the motor follows from that of the pendulum
+    provenance.update({f'drive.{key}': item for key, item in sources.items()})
+    return Hardware(content['name'], content['robot'], drive=MappingProxyType(drive),
+                    provenance=MappingProxyType(provenance), **parts)
+
+
+def load_hardware(name_or_path: str) -> Hardware:
+    """
+    Read hardware that comes with the package, by name, or a file of one's own.
+
+    Values carry their source like those of robots (`physics.robot.load_robot`).
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file, section, field, value and allowed range.
+
+    """
+    path: Path = find_config('hardware', name_or_path)
+    return read_hardware(read_yaml(path), str(path))

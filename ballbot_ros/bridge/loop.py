@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The loop in a thread of its own: whatever else stands still, it goes on or stops the motor."""
+import threading
+from typing import Callable, Optional
+
+from ballbot_ros.bridge.session import Report, Session
+
+# How long the end of the thread is waited for; a handshake may be under way [s].
+JOIN = 3.0
+
+
+class Loop:
+    """
+    Calls `Session.tick` at a rate, and closes the session however it ends.
+
+    Parameters
+    ----------
+    session : Session
+    rate : float
+        [Hz]
+    tell : callable
+        Called in the thread with each `Report`.
+
+    Attributes
+    ----------
+    failure : BaseException or None
+        What ended the loop, if nobody asked for its end.
+    late : int
+        Periods that were missed.
+
+    """
+
+    def __init__(self, session: Session, rate: float, tell: Callable[[Report], None]):
+        """Start at once."""
+        self._session, self._period, self._tell = session, 1.0 / rate, tell
+        self._ending = threading.Event()
+        self.failure: Optional[BaseException] = None
+        self.late = 0
+        self._thread = threading.Thread(target=self._run, name='motor loop', daemon=True)
+        self._thread.start()
+
+    @property
+    def running(self) -> bool:
+        """Tell whether the thread is alive."""
+        return self._thread.is_alive()
+
+    def end(self) -> None:
+        """Stop the motor, close the line and end the thread; a second time does no harm."""
+        self._ending.set()
+        self._thread.join(JOIN)
+        self._session.close()
+
+    def _run(self) -> None:
+        clock, due = self._session.clock, self._session.clock()
+        try:
+            while True:
+                report = self._session.tick()
+                if report is not None:
+                    self._tell(report)
+                due += self._period
+                left = due - clock()
+                if left < 0.0:
+                    # Late: go on from here, never two ticks at once.
+                    self.late += 1
+                    due, left = clock(), 0.0
+                if self._ending.wait(left):
+                    return
+        except BaseException as error:  # noqa: B902 (whatever it is, the motor stops)
+            self.failure = error
+        finally:
+            self._session.close()

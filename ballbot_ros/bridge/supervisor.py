@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What the motor may do: fresh commands within limits, or nothing.
+
+All times are of one steady clock and passed in, so that nothing here needs to sleep to be
+tested.
+
+When commands stay away, `on_timeout` says what follows.  All three take energy out, none puts
+any in, and after `damping_time` each is zero torque:
+
+* ``coast``: zero torque.  The pendulum falls and rocks; on a slope the ball rolls away down it.
+* ``brake``: torque against the rate of the joint, as if the pendulum moved in oil against the
+  shell.  On a slope the ball rolls down slowly, dragging the pendulum along; on the level a
+  rolling ball is stopped.
+* ``settle``: torque against the absolute rate of the pendulum, which so comes to hang still
+  quickly; the ball rolls on.  On a slope it rolls away.
+
+None of them holds a ball on a slope: that takes torque for as long as the slope lasts, and
+nobody is there any more to say that it is wanted.
+"""
+from collections import Counter
+import math
+from typing import NamedTuple, Optional
+
+from ballbot_ros.bridge.hardware_file import Limits
+from ballbot_ros.errors import RefusedError
+from ballbot_ros.plant.commands import CommandGate
+
+# The e-stop is not reset while commands other than zero have arrived this recently [s].
+QUIET = 0.5
+# Torque below this is none [N m].
+NOTHING = 1e-6
+# Beyond this part of the speed limit something is wrong that limiting does not help.
+RUNAWAY = 1.5
+
+
+class Motion(NamedTuple):
+    """What the supervisor must know of the robot; see `estimation.Estimate`."""
+
+    pendulum_angle: float  # absolute [rad]
+    pendulum_rate: float  # absolute [rad/s]
+    joint_rate: float  # against the shell [rad/s]
+
+
+class Supervisor:
+    """
+    Decides the torque of each moment.
+
+    Parameters
+    ----------
+    limits : Limits
+    period : float
+        Between two decisions [s]; the timeout is kept in spite of it.
+
+    Attributes
+    ----------
+    e_stop : str
+        Why the e-stop is engaged; empty when it is not.
+    counts : Counter
+        ``timeouts``, ``limited_torque``, ``limited_rate``, ``limited_angle``,
+        ``limited_speed``, ``e_stops``.
+    timed_out : bool
+        Commands came once, and stay away.
+
+    """
+
+    def __init__(self, limits: Limits, period: float):
+        """Start with the e-stop engaged."""
+        self._limits, self._period = limits, period
+        # What arrives just after a decision is acted on a period later.
+        self._gate = CommandGate(max(limits.command_timeout - period, 0.5 * period))
+        self._pushed = -math.inf  # when a command other than zero last came
+        self._torque = 0.0
+        self._decided: Optional[float] = None
+        self._since: Optional[float] = None  # when commands began to stay away
+        self.e_stop = 'engaged at start'
+        self.counts: Counter = Counter()
+
+    @property
+    def refused(self) -> Counter:
+        """Return the commands refused, by reason."""
+        return self._gate.refused
+
+    @property
+    def accepted(self) -> int:
+        """Return the number of commands accepted."""
+        return self._gate.accepted
+
+    @property
+    def torque(self) -> float:
+        """Return the torque decided last [N m]."""
+        return self._torque
+
+    @property
+    def timed_out(self) -> bool:
+        """Tell whether commands came and stay away."""
+        return self._since is not None
+
+    def offer(self, torque: float, stamp: float, now: float) -> None:
+        """
+        Take a command.
+
+        Parameters
+        ----------
+        torque : float
+            At the pendulum [N m].
+        stamp : float
+            Of the state that it answers [s].
+        now : float
+            [s]
+
+        Raises
+        ------
+        MessageError
+            With the reasons of `CommandGate`.
+
+        """
+        if math.isfinite(torque) and abs(torque) > NOTHING:
+            self._pushed = now
+        self._gate.offer(torque, stamp, now)
+
+    def refuse(self, reason: str) -> None:
+        """Count a command that could not even be read."""
+        self._gate.refuse(reason)
+
+    def trigger(self, reason: str) -> None:
+        """Engage the e-stop; the first reason stays."""
+        if not self.e_stop:
+            self.counts['e_stops'] += 1
+            self.e_stop = reason
+        self.quiet()
+
+    def reset(self, now: float, obstacle: str = '') -> None:
+        """
+        Release the e-stop.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        obstacle : str
+            What else speaks against it: the line is down, the drive tells of a fault.
+
+        Raises
+        ------
+        RefusedError
+            With the reason.
+
+        """
+        if obstacle:
+            raise RefusedError(f'the e-stop stays engaged: {obstacle}')
+        if now - self._pushed < QUIET:
+            raise RefusedError(
+                'the e-stop stays engaged: commands other than zero are arriving, and the robot '
+                f'would jump; let the controller command zero (no set-point) for {QUIET:g} s')
+        self.e_stop = ''
+        self.quiet()
+
+    def quiet(self) -> None:
+        """Forget the command in force and the torque: the motor has no power."""
+        self._gate.clear()
+        self._torque = 0.0
+        self._decided = self._since = None
+
+    def decide(self, now: float, motion: Optional[Motion]) -> float:
+        """
+        Return the torque from now on [N m].
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        motion : Motion or None
+            None while it is not known: then there is no torque.
+
+        """
+        wanted = self._wanted(now, motion)
+        if self.e_stop or motion is None or wanted == 0.0:
+            torque = 0.0  # a cut to zero is never slowed down
+        else:
+            torque = self._within(wanted, now, motion)
+        self._torque, self._decided = torque, now
+        return torque
+
+    def _wanted(self, now: float, motion: Optional[Motion]) -> float:
+        """Return what is commanded, or what takes its place."""
+        if not self._gate.expired(now):
+            self._since = None
+            return self._gate.torque(now)
+        if self._since is None:
+            self._since = now
+            self.counts['timeouts'] += 1
+        limits = self._limits
+        if motion is None or limits.on_timeout == 'coast' \
+                or now - self._since > limits.damping_time:
+            return 0.0
+        rate = motion.joint_rate if limits.on_timeout == 'brake' else motion.pendulum_rate
+        return -limits.damping * rate
+
+    def _within(self, wanted: float, now: float, motion: Motion) -> float:
+        """Return the torque cut to all limits."""
+        limits = self._limits
+        if abs(motion.joint_rate) > RUNAWAY * limits.speed_limit:
+            self.trigger(
+                f'runaway: the joint turns at {motion.joint_rate:.1f} rad/s and speed_limit is '
+                f'{limits.speed_limit:g} rad/s')
+            return 0.0
+        torque = self._cut('torque', wanted, limits.torque_limit)
+        if abs(motion.pendulum_angle) > limits.angle_limit \
+                and torque * motion.pendulum_angle > 0.0:
+            self.counts['limited_angle'] += 1
+            return 0.0
+        if abs(motion.joint_rate) > limits.speed_limit and torque * motion.joint_rate > 0.0:
+            self.counts['limited_speed'] += 1
+            return 0.0
+        elapsed = self._period if self._decided is None else min(
+            max(now - self._decided, 0.0), limits.command_timeout)
+        return self._torque + self._cut(
+            'rate', torque - self._torque, limits.torque_rate_limit * elapsed)
+
+    def _cut(self, what: str, value: float, limit: float) -> float:
+        if abs(value) <= limit:
+            return value
+        self.counts[f'limited_{what}'] += 1
+        return math.copysign(limit, value)
+
+
