@@ -17,6 +17,7 @@ VERSION = ElementTree.parse(ROOT / 'package.xml').findtext('version')
 # land in bin as well, and so become plain commands.
 EXECUTABLES = {
     'ballbot': 'ballbot_ros.cli:main',
+    'bridge': 'ballbot_ros.nodes.bridge:main',
     'controller': 'ballbot_ros.nodes.controller:main',
     'obstacle_decision': 'ballbot_ros.nodes.obstacle_decision:main',
     'simulator': 'ballbot_ros.nodes.simulator:main',

@@ -10,7 +10,8 @@ Everything that this package raises on purpose.
     ├── UnstableLoopError     a control law would diverge at the rate it is given
     ├── MessageError          a command, set-point or observation is refused
     ├── LinkError             the serial line cannot be opened, or is gone
-    └── DriveError            the motor controller does not answer, or not as it must
+    ├── DriveError            the motor controller does not answer, or not as it must
+    └── RefusedError          a request that would not be safe now
 
 Each message says what was wrong, the value, what is allowed and what to do.
 """
@@ -113,3 +114,7 @@ class DriveError(BallbotError):
         """Keep the one-word reason beside the sentence."""
         super().__init__(explanation)
         self.reason = reason
+
+
+class RefusedError(BallbotError):
+    """A request, to release the e-stop for instance, would not be safe now; says why."""

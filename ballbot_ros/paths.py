@@ -48,7 +48,7 @@ def find_config(kind: str, name_or_path: str) -> Path:
     Parameters
     ----------
     kind : str
-        Subfolder of ``config/``: ``'robots'``, ``'scenes'`` or ``'curves'``.
+        Subfolder of ``config/``: ``'robots'``, ``'scenes'``, ..., ``'hardware'``.
     name_or_path : str
         Something with a ``/`` or ending in ``.yaml`` is a path, all else is a name.
 
@@ -62,12 +62,12 @@ def find_config(kind: str, name_or_path: str) -> Path:
         path = Path(name_or_path).expanduser()
         if path.is_file():
             return path
-        raise ConfigurationError(f'{kind[:-1]} file {name_or_path!r} does not exist')
+        raise ConfigurationError(f'{kind.removesuffix("s")} file {name_or_path!r} does not exist')
     folder = config_folder() / kind
     path = folder / f'{name_or_path}.yaml'
     if path.is_file():
         return path
     known = ', '.join(sorted(file.stem for file in folder.glob('*.yaml')))
     raise ConfigurationError(
-        f'there is no {kind[:-1]} named {name_or_path!r}; known are {known}. '
+        f'there is no {kind.removesuffix("s")} named {name_or_path!r}; known are {known}. '
         'A path to a YAML file of your own is accepted too.')

@@ -21,6 +21,8 @@ LAYERS = {
     # A motor controller in software: it speaks the codecs and turns the pendulum of a plant.
     'emulator': ('errors', 'helpers', 'physics', 'plant', 'hardware'),
 }
+# Between commands and a real motor.
+LAYERS['bridge'] = tuple(LAYERS)
 for top in ('output', 'ros', 'nodes'):  # These stand on everything below
     LAYERS[top] = tuple(LAYERS)
 LAYERS['cli'] = LAYERS['demo'] = (*LAYERS, 'cli', 'demo')

@@ -8,9 +8,9 @@ from typing import Any, Mapping, Optional
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.estimation import FilterTuning, ImuMounting
 from ballbot_ros.fields import (
-    Checked, count, expect_mapping, flag, quantity, read_yaml, text)
+    Checked, count, expect_mapping, flag, quantity, read_yaml, refuse_unknown, text)
 from ballbot_ros.hardware.driver import DriveOptions
-from ballbot_ros.hardware.drivers import DRIVERS, driver_class, read_options
+from ballbot_ros.hardware.drivers import driver_class, DRIVERS, read_options
 from ballbot_ros.paths import find_config
 from ballbot_ros.physics.robot import Provenance, read_values
 
@@ -166,7 +166,6 @@ def read_hardware(content: Mapping[str, Any], where: str) -> Hardware:
         Naming section, field, value and allowed range.
 
     """
-    from ballbot_ros.fields import refuse_unknown
     refuse_unknown(content, ('name', 'robot', 'drive', *SECTIONS), where)
     for name in ('name', 'robot'):
         if not isinstance(content.get(name), str):

@@ -23,7 +23,7 @@ class Loop:
 
     Attributes
     ----------
-    failure : BaseException or None
+    failure : Exception or None
         What ended the loop, if nobody asked for its end.
     late : int
         Periods that were missed.
@@ -34,7 +34,7 @@ class Loop:
         """Start at once."""
         self._session, self._period, self._tell = session, 1.0 / rate, tell
         self._ending = threading.Event()
-        self.failure: Optional[BaseException] = None
+        self.failure: Optional[Exception] = None
         self.late = 0
         self._thread = threading.Thread(target=self._run, name='motor loop', daemon=True)
         self._thread.start()
@@ -65,7 +65,7 @@ class Loop:
                     due, left = clock(), 0.0
                 if self._ending.wait(left):
                     return
-        except BaseException as error:  # noqa: B902 (whatever it is, the motor stops)
+        except Exception as error:  # noqa: BLE001 whatever it is, the owner must hear of it
             self.failure = error
         finally:
             self._session.close()

@@ -14,7 +14,8 @@ from typing import Callable, List, NamedTuple, Optional, Tuple
 
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.supervisor import Motion, Supervisor
-from ballbot_ros.errors import BallbotError, ConfigurationError, DriveError, LinkError, RefusedError
+from ballbot_ros.errors import (
+    BallbotError, ConfigurationError, DriveError, LinkError, RefusedError)
 from ballbot_ros.estimation import Estimate, Fusion, ImuReading
 from ballbot_ros.hardware.driver import Driver, Identity, Setting, Telemetry
 from ballbot_ros.physics.robot import Robot
@@ -50,6 +51,8 @@ class Report(NamedTuple):
     power: Power
     e_stop: str
     timed_out: bool
+    commanded: bool  # a fresh command is in force
+    link_up: bool
 
 
 class Session:
@@ -205,26 +208,26 @@ class Session:
     # What happens each period
 
     def tick(self) -> Optional[Report]:
-        """Do what this period asks for; None while there is no drive."""
+        """Do what this period asks for; None before `configure` and after `close`."""
         with self._lock:
             if not self._wanted:
                 return None
             if self._driver is None:
                 self._look_for_drive()
-            driver = self._driver
-            if driver is None:
-                return None
-            estimate = None
-            try:
-                telemetry = driver.poll()
-                now = self.clock()
-                estimate = self._measure(telemetry, now)
-                self._watch(telemetry, now)
-                self._act(driver, now)
-            except (LinkError, DriveError) as error:
-                self._lose(error)
-            return Report(self.clock(), estimate, self.supervisor.torque, driver.telemetry,
-                          self._power, self.supervisor.e_stop, self.supervisor.timed_out)
+            estimate, telemetry = None, Telemetry()
+            if self._driver is not None:
+                try:
+                    telemetry = self._driver.poll()
+                    now = self.clock()
+                    estimate = self._measure(telemetry, now)
+                    self._watch(telemetry, now)
+                    self._act(self._driver, now)
+                except (LinkError, DriveError) as error:
+                    self._lose(error)
+            supervisor = self.supervisor
+            return Report(self.clock(), estimate, supervisor.torque, telemetry, self._power,
+                          supervisor.e_stop, supervisor.timed_out, supervisor.commanded,
+                          self._driver is not None)
 
     @property
     def _allowed(self) -> bool:

@@ -92,6 +92,11 @@ class Supervisor:
         return self._torque
 
     @property
+    def commanded(self) -> bool:
+        """Tell whether there is a command in force, be it zero."""
+        return self._gate.stamp is not None and self._since is None
+
+    @property
     def timed_out(self) -> bool:
         """Tell whether commands came and stay away."""
         return self._since is not None

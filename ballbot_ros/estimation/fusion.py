@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The filter among unreliable sensors: an IMU that stays away, an encoder that jumps."""
+from collections import deque
 from dataclasses import replace
 import math
-from typing import Optional
+from typing import Deque, Optional
 
 from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation.imu import ImuMounting, ImuReading
@@ -16,6 +17,8 @@ JUMP = 0.5
 INSISTS = 5
 # An IMU is not asked any more after this silence [s].
 IMU_TIMEOUT = 0.05
+# So many IMU readings wait while there is no encoder reading: some seconds.
+MOST_WAITING = 2000
 # Over which the differences of the turn rate are smoothed [s]: one of two readings is noisy.
 SMOOTHING = 0.01
 
@@ -55,17 +58,19 @@ class Fusion:
     def reset(self) -> None:
         """Forget everything: the next encoder reading is of a robot at rest."""
         self.estimate: Optional[Estimate] = None
+        self._waiting: Deque[ImuReading] = deque(maxlen=MOST_WAITING)
+        self._newest = -math.inf
         self._imu: Optional[ImuReading] = None
         self._in_a_row = 0
         self._torque = 0.0
 
     def has_imu(self, now: float) -> bool:
         """Tell whether the IMU has been heard of lately."""
-        return self._imu is not None and now - self._imu.stamp <= IMU_TIMEOUT
+        return now - self._newest <= IMU_TIMEOUT
 
     def imu(self, reading: ImuReading) -> None:
         """
-        Take an IMU reading.
+        Take an IMU reading; it counts from the first encoder reading that is not older.
 
         Raises
         ------
@@ -73,12 +78,16 @@ class Fusion:
             With reason ``out_of_order``.
 
         """
-        before = self._imu
-        if before is not None and reading.stamp < before.stamp:
+        if reading.stamp < self._newest:
             raise MessageError(
                 'out_of_order', f'IMU reading of {reading.stamp:.6f} s refused: one of '
-                f'{before.stamp:.6f} s came before')
-        period, turning = math.inf, 0.0
+                f'{self._newest:.6f} s came before')
+        self._newest = reading.stamp
+        self._waiting.append(reading)
+
+    def _use(self, reading: ImuReading) -> None:
+        """Improve the estimate by an IMU reading."""
+        before, period, turning = self._imu, math.inf, 0.0
         if before is not None:
             period, turning = reading.stamp - before.stamp, before.turn_acceleration
             if 0.0 < period <= IMU_TIMEOUT:
@@ -133,12 +142,15 @@ class Fusion:
                 'not_finite', f'encoder reading refused: angle {angle!r}, stamp {stamp!r} and '
                 f'torque {torque!r} must be finite')
         self._torque = torque
+        while self._waiting and self._waiting[0].stamp <= stamp:
+            self._use(self._waiting.popleft())
+        imu = self._imu
+        if imu is not None and stamp - imu.stamp > IMU_TIMEOUT:
+            imu = None
         if self.estimate is None:
-            self.estimate = self._filter.start(
-                stamp, angle, self._imu if self.has_imu(stamp) else None, self._encoder_zero)
+            self.estimate = self._filter.start(stamp, angle, imu, self._encoder_zero)
             return self.estimate
-        estimate = self._filter.predict(
-            self.estimate, stamp, torque, self._imu if self.has_imu(stamp) else None)
+        estimate = self._filter.predict(self.estimate, stamp, torque, imu)
         surprise = self._filter.surprise(estimate, angle)
         if abs(surprise) <= JUMP:
             self._in_a_row = 0

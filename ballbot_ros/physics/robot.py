@@ -183,10 +183,10 @@ def load_robot(name_or_path: str) -> Robot:
     path = find_config('robots', name_or_path)
     content = dict(read_yaml(path))
     motor = content.pop('motor', None)
-    values, provenance = _read_values(Robot, content, str(path))
+    values, provenance = read_values(Robot, content, str(path))
     if motor is not None:
         where = f'{path}: motor'
-        motor_values, motor_provenance = _read_values(
+        motor_values, motor_provenance = read_values(
             Motor, expect_mapping(motor, where), where)
         values['motor'] = Motor(**motor_values)
         provenance.update({f'motor.{key}': item for key, item in motor_provenance.items()})
@@ -196,8 +196,16 @@ def load_robot(name_or_path: str) -> Robot:
         raise ConfigurationError(f'{path}: {error}') from error
 
 
-def _read_values(cls: Type[Checked], content: Mapping[str, Any], where: str) -> tuple:
-    """Return the checked values and the provenance of the fields of `cls`."""
+def read_values(cls: Type[Checked], content: Mapping[str, Any], where: str) -> tuple:
+    """
+    Return the checked values of the fields of `cls`, and a `Provenance` for those that tell it.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming place, field, value and allowed range.
+
+    """
     described = {item.name: item.metadata for item in fields(cls) if 'kind' in item.metadata}
     refuse_unknown(content, described, where)
     plain, provenance = {}, {}

@@ -20,6 +20,10 @@ RECORD = _profile(5000)
 # one by one after a hiccup.
 NEWEST = _profile(1)
 
+# Readings of a sensor, taken from whoever offers them: drivers publish best effort, too.
+SENSOR = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=5,
+                    reliability=ReliabilityPolicy.BEST_EFFORT)
+
 # Observations and odometry as an input: a few, because two topics are matched by stamp.
 SHORT = _profile(20)
 

@@ -97,3 +97,24 @@ class DecisionSettings(Checked):
                       default='gimball_down')
     tuning: str = text('name of a decision tuning in config/tunings, or a YAML file',
                        default='decision_default')
+
+
+@dataclass(frozen=True)
+class BridgeSettings(Checked):
+    """Parameters of the node ``bridge``."""
+
+    hardware: str = text('name of a hardware file in config/hardware, or a YAML file',
+                         default='gimball_odrive')
+    port: str = text('serial device or URL; empty for that of the hardware file', default='')
+    baud: int = count('bits per second; 0 for those of the hardware file', default=0,
+                      maximum=20_000_000)
+    tuning: str = text('gains that the controller runs with: the loop is checked for them',
+                       default='gentle')
+    delay: int = count('samples from a joint state to the torque that answers it, for the check',
+                       default=1, maximum=10)
+    autostart: bool = flag(
+        'configure and activate at start, and again until it works; the e-stop is engaged all '
+        'the same', default=True)
+    capture: str = text('file for the raw traffic of the serial line; empty for none', default='')
+    status_rate: float = quantity(
+        'Hz', 'rate of motor_status', default=10.0, minimum=0.1, maximum=100.0)

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node ``bridge``: joint commands to a real motor on a serial line, joint states back."""
+from dataclasses import replace
+from pathlib import Path
+import sys
+from typing import Any, Callable, List, Optional
+
+from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from sensor_msgs.msg import Imu, JointState
+from std_srvs.srv import Trigger
+
+from ballbot_ros.bridge.connect import connector
+from ballbot_ros.bridge.feasibility import check_feasible
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.bridge.loop import Loop
+from ballbot_ros.bridge.session import Session
+from ballbot_ros.control import load_tuning
+from ballbot_ros.errors import BallbotError, DriveError, MessageError
+from ballbot_ros.physics.robot import load_robot
+from ballbot_ros.ros import diagnostics, qos
+from ballbot_ros.ros.conversions import command_torque, to_seconds
+from ballbot_ros.ros.endpoints import listen
+from ballbot_ros.ros.motor import Clocks, imu_reading, MotorOutputs
+from ballbot_ros.ros.motor_health import health
+from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.run import run
+from ballbot_ros.ros.settings import BridgeSettings
+
+SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
+# How often the loop is looked after [s], and a drive that was not there looked for.
+LOOK_AFTER, START_AGAIN = 0.1, 1.0
+
+
+class Bridge(LifecycleNode):
+    """
+    Drives a motor; see `BridgeSettings` for what can be set.
+
+    The states are those of ros2_control: *configure* opens the line, finds the drive and checks
+    its settings, and joint states flow; *activate* lets the motor have power, once the e-stop
+    is released; *deactivate* takes the power; *cleanup* closes the line.
+    """
+
+    def __init__(self, **kwargs: Any):
+        """Refuse a loop that cannot work, then wait for a transition or make it."""
+        super().__init__('bridge', **kwargs)
+        settings = declare(self, BridgeSettings)
+        hardware, connection = load_hardware(settings.hardware), {}
+        if settings.port:
+            connection['port'] = settings.port
+        if settings.baud:
+            connection['baud'] = settings.baud
+        hardware = replace(hardware, connection=replace(hardware.connection, **connection))
+        robot = load_robot(hardware.robot)
+        check_feasible(hardware, robot, load_tuning(settings.tuning), settings.delay)
+        self._hardware, self._settings = hardware, settings
+        self._clocks = Clocks(self)
+        self._outputs = MotorOutputs(self, self._clocks, settings.status_rate)
+        self._session = Session(hardware, robot, connector(
+            hardware, Path(settings.capture) if settings.capture else None))
+        self._loop: Optional[Loop] = None
+        self._imu_refused = 0
+        self._complaint = ''
+        listen(self, JointState, 'joint_commands', self._on_command, qos.NEWEST)
+        listen(self, Imu, 'imu', self._on_imu, qos.SENSOR)
+        self.create_service(Trigger, '~/engage_e_stop', self._on_engage)
+        self.create_service(Trigger, '~/release_e_stop', self._on_release)
+        self._diagnostics = diagnostics.Diagnostics(self, 'motor', lambda: health(
+            self._session, self._loop, self._hardware, self._imu_refused))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(LOOK_AFTER, self._look_after, clock=steady)
+        if settings.autostart:
+            self._starting = self.create_timer(START_AGAIN, self._start, clock=steady)
+            self._start()
+
+    # Lifecycle
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Open the line, find the drive, check it, and start the loop."""
+        try:
+            identity, settings = self._session.configure()
+        except BallbotError as error:
+            if str(error) != self._complaint:  # said once, not every second
+                self._complaint = str(error)
+                self.get_logger().error(f'cannot configure: {error}')
+            return FAILURE
+        self.get_logger().info(
+            f'{identity.protocol} {identity.hardware} {identity.serial_number}, firmware '
+            f'{identity.firmware}, on {self._hardware.connection.port}; '
+            + ', '.join(f'{item.name} {item.value}' for item in settings))
+        self._loop = Loop(self._session, self._hardware.connection.loop_rate, self._outputs.tell)
+        return SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let the motor have power, once the e-stop is released."""
+        if not self._done(self._session.activate):
+            return FAILURE
+        self.get_logger().info(
+            'active; the e-stop is engaged, release it with: ros2 service call '
+            f'{self.get_fully_qualified_name()}/release_e_stop std_srvs/srv/Trigger')
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Take the power off the motor."""
+        self._session.deactivate()
+        self._session.engage('deactivated')
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop the motor and close the line."""
+        self.make_safe()
+        return SUCCESS
+
+    on_shutdown = on_error = on_cleanup
+
+    def make_safe(self) -> None:
+        """Stop the motor and close the line."""
+        loop, self._loop = self._loop, None
+        if loop is not None:
+            loop.end()
+        self._session.close()
+
+    def _start(self) -> None:
+        if self.trigger_configure() is SUCCESS and self.trigger_activate() is SUCCESS:
+            self._starting.cancel()
+
+    def _look_after(self) -> None:
+        """Log what the loop has to say, and end when it has ended."""
+        notices, self._session.notices[:] = list(self._session.notices), []
+        for sentence in notices:
+            self.get_logger().warning(sentence)
+        self._outputs.tell_e_stop(bool(self._session.supervisor.e_stop))
+        if self._loop is not None and self._loop.failure is not None:
+            raise DriveError('loop_failed', f'the loop ended: {self._loop.failure!r}')
+
+    # Topics and services
+
+    def _on_command(self, message: JointState) -> None:
+        try:
+            torque = command_torque(message)
+        except MessageError as error:
+            self._session.supervisor.refuse(error.reason)
+            return self._refused(f'command refused: {error}')
+        try:
+            self._session.command(torque, self._clocks.steady(to_seconds(message.header.stamp)))
+        except MessageError as error:
+            self._refused(f'command refused: {error}')
+
+    def _on_imu(self, message: Imu) -> None:
+        try:
+            self._session.imu(imu_reading(message, self._clocks))
+        except MessageError as error:
+            self._imu_refused += 1
+            self._refused(f'IMU reading refused: {error}')
+
+    def _refused(self, sentence: str) -> None:
+        self.get_logger().warning(sentence, throttle_duration_sec=1.0)
+
+    def _on_engage(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._session.engage('asked for by service')
+        response.success, response.message = True, 'the e-stop is engaged'
+        return response
+
+    def _on_release(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            self._session.release()
+            response.success, response.message = True, 'the e-stop is released'
+        except BallbotError as error:
+            response.message = str(error)
+        return response
+
+    def _done(self, act: Callable[[], None]) -> bool:
+        """Do something; log why it cannot be done, and return False then."""
+        try:
+            act()
+        except BallbotError as error:
+            self.get_logger().error(str(error))
+            return False
+        return True
+
+
+def main(args: Optional[List[str]] = None) -> int:
+    """Run the node."""
+    return run(Bridge, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The messages of the motor bridge, and the clock that they are stamped with."""
+import math
+import time
+from typing import List, Optional
+
+from rclpy.node import Node
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Bool
+
+from ballbot_ros.bridge.session import Power, Report
+from ballbot_ros.errors import MessageError
+from ballbot_ros.estimation import Estimate, ImuReading
+from ballbot_ros.msg import MotorStatus
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.conversions import JOINTS, to_seconds, to_time
+from ballbot_ros.ros.endpoints import advertise
+
+# REP 145: an IMU says with this that it has no such sensor.
+NOT_REPORTED = -1.0
+
+
+class Clocks:
+    """
+    Between stamps (ROS time) and the steady clock that all timeouts are counted on.
+
+    Parameters
+    ----------
+    node : Node
+
+    """
+
+    def __init__(self, node: Node):
+        """Use the clock of the node."""
+        self._clock = node.get_clock()
+
+    @property
+    def _ahead(self) -> float:
+        return 1e-9 * float(self._clock.now().nanoseconds) - time.monotonic()
+
+    def steady(self, stamp: float) -> float:
+        """Return the time of a stamp on the steady clock [s]."""
+        return stamp - self._ahead
+
+    def stamp(self, steady: float) -> float:
+        """Return the stamp of a time of the steady clock [s]."""
+        return steady + self._ahead
+
+
+def imu_reading(message: Imu, clocks: Clocks) -> ImuReading:
+    """
+    Return what the estimate needs of an IMU message; see `estimation.imu` for the axes.
+
+    Raises
+    ------
+    MessageError
+        With reason ``not_reported`` or ``not_finite``.
+
+    """
+    for what in ('angular_velocity', 'linear_acceleration'):
+        if getattr(message, f'{what}_covariance')[0] == NOT_REPORTED:
+            raise MessageError('not_reported', f'the IMU reports no {what}, and both are needed')
+    stamp = to_seconds(message.header.stamp)
+    return ImuReading(
+        clocks.steady(stamp) if stamp else time.monotonic(), -message.angular_velocity.y,
+        message.linear_acceleration.x, message.linear_acceleration.z)
+
+
+def imu_message(stamp: float, turn_rate: float, forward: float, upward: float) -> Imu:
+    """Return an IMU message for a reading in the plane of motion."""
+    message = Imu()
+    message.header.stamp = to_time(stamp)
+    message.header.frame_id = 'ball_link'
+    message.orientation_covariance[0] = NOT_REPORTED
+    message.angular_velocity.y = -turn_rate
+    message.linear_acceleration.x, message.linear_acceleration.z = forward, upward
+    return message
+
+
+class MotorOutputs:
+    """
+    Tells joint_states, motor_status and the e-stop; may be called from any one thread.
+
+    Parameters
+    ----------
+    node : Node
+    clocks : Clocks
+    status_rate : float
+        [Hz]
+
+    """
+
+    def __init__(self, node: Node, clocks: Clocks, status_rate: float):
+        """Create the publishers."""
+        self._clocks, self._status_period = clocks, 1.0 / status_rate
+        self._joints = advertise(node, JointState, 'joint_states', qos.STATE)
+        self._status = advertise(node, MotorStatus, 'motor_status', qos.STATE)
+        self._e_stop = advertise(node, Bool, 'e_stop', qos.LATCHED)
+        self._told: Optional[bool] = None
+        self._next, self._state = 0.0, ''
+        self._estimate: Optional[Estimate] = None
+        self.tell_e_stop(True)
+
+    def tell_e_stop(self, engaged: bool) -> None:
+        """Tell the e-stop, if it has changed."""
+        if engaged is not self._told:
+            self._told = engaged
+            self._e_stop.publish(Bool(data=engaged))
+
+    def tell(self, report: Report) -> None:
+        """Tell what a period of the loop has found."""
+        self._estimate = report.estimate or self._estimate
+        if report.estimate is not None:
+            self._joints.publish(self._joint_states(report.estimate, report.torque))
+        self.tell_e_stop(bool(report.e_stop))
+        state = state_of(report)
+        if report.time >= self._next or state != self._state:
+            self._next, self._state = report.time + self._status_period, state
+            self._status.publish(self._motor_status(report, state))
+
+    def _joint_states(self, estimate: Estimate, torque: float) -> JointState:
+        now = estimate.readings
+        message = JointState(
+            name=JOINTS, position=[now.ball_angle, now.joint_angle],
+            velocity=[now.ball_rate, now.joint_rate], effort=[0.0, torque])
+        message.header.stamp = to_time(self._clocks.stamp(estimate.stamp))
+        return message
+
+    def _motor_status(self, report: Report, state: str) -> MotorStatus:
+        estimate, drive = self._estimate, report.telemetry
+        message = MotorStatus(
+            state=state, e_stop=report.e_stop, torque=report.torque,
+            pendulum_angle=estimate.readings.pendulum_angle if estimate else math.nan,
+            pendulum_angle_sd=estimate.angle_sd if estimate else math.nan,
+            pendulum_rate_sd=estimate.rate_sd if estimate else math.nan,
+            current=_told(drive.current), bus_voltage=_told(drive.bus_voltage),
+            temperature=_told(drive.temperature),
+            motor_temperature=_told(drive.motor_temperature), faults=_faults(report))
+        message.header.stamp = to_time(self._clocks.stamp(report.time))
+        return message
+
+
+def state_of(report: Report) -> str:
+    """Return the state of a report, as in MotorStatus."""
+    if not report.link_up:
+        return MotorStatus.LOST
+    if report.power is Power.STOPPING:
+        return MotorStatus.STOPPING
+    if report.e_stop:
+        return MotorStatus.E_STOP
+    if report.power is Power.OFF:
+        return MotorStatus.OFF
+    if report.timed_out:
+        return MotorStatus.TIMED_OUT
+    return MotorStatus.FOLLOWING if report.commanded else MotorStatus.WAITING
+
+
+def _told(value: Optional[float]) -> float:
+    return math.nan if value is None else value
+
+
+def _faults(report: Report) -> List[str]:
+    return list(report.telemetry.faults)

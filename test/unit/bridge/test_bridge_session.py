@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A motor that is stopped however things end, and the torque of the emulated one to prove it."""
+from dataclasses import replace
+import math
+
+import pytest
+from virtual_robot import STEP, VirtualRobot
+
+from ballbot_ros.bridge.session import Power
+from ballbot_ros.emulator.device import DriveSettings
+from ballbot_ros.errors import ConfigurationError, LinkError, RefusedError
+
+
+def test_a_command_reaches_the_motor_as_torque_at_the_pendulum():
+    robot = VirtualRobot().ready()
+    robot.run(0.1, torque=0.9)
+    assert robot.motor == pytest.approx(0.9 / (50.0 * 0.9), rel=1e-3)
+
+
+def test_the_estimate_follows_the_true_pendulum_through_the_wire():
+    robot = VirtualRobot().ready()
+    for _ in range(300):
+        report = robot.run(STEP, torque=0.8)
+        if report.estimate is not None:
+            error = report.estimate.readings.pendulum_angle - robot.plant.state.pendulum_angle
+            assert abs(error) < math.radians(1.5)
+    assert robot.plant.state.pendulum_angle > 0.3
+
+
+def test_a_joint_of_the_other_direction_gives_the_same_pendulum():
+    angles = []
+    for direction in (1, -1):
+        robot = VirtualRobot()
+        robot.joint = replace(robot.hardware.joint, direction=direction)
+        robot.session._hardware = robot.hardware = replace(robot.hardware, joint=robot.joint)
+        robot.ready()
+        report = robot.run(0.3, torque=0.8)
+        angles.append((robot.plant.state.pendulum_angle, report.torque))
+    assert angles[0] == pytest.approx(angles[1], rel=1e-3)
+
+
+def test_configure_stops_a_motor_that_somebody_left_turning():
+    robot = VirtualRobot()
+    robot.device.receive(b'w axis0.requested_state 8\nc 0 0.05\n', robot.now)
+    assert robot.device.torque() > 0.0
+    robot.session.configure()
+    robot.pass_time(STEP)
+    assert robot.motor == 0.0
+
+
+@pytest.mark.parametrize('settings, complaint', [
+    ({'watchdog': 0.0}, 'watchdog is off'), ({'watchdog': 1.0}, 'watchdog is 1 s'),
+    ({'torque_limit': 0.5}, 'torque limit')])
+def test_a_drive_that_is_not_set_safely_is_refused_with_what_to_type(settings, complaint):
+    robot = VirtualRobot(settings=DriveSettings(**{'torque_limit': 0.08, **settings}))
+    with pytest.raises(ConfigurationError, match=f'{complaint}.*w axis0'):
+        robot.session.configure()
+    assert robot.lines == 0
+
+
+def test_without_a_drive_configure_leaves_no_open_line():
+    robot = VirtualRobot()
+    robot.plugged = False
+    with pytest.raises(LinkError):
+        robot.session.configure()
+    with pytest.raises(RefusedError, match='no drive'):
+        robot.session.activate()
+    assert robot.lines == 0
+
+
+def test_the_motor_has_no_power_before_the_e_stop_is_released():
+    robot = VirtualRobot()
+    robot.session.configure()
+    robot.session.activate()
+    report = robot.run(0.2, torque=1.0)
+    assert report.power is Power.OFF and not robot.device.armed
+    with pytest.raises(RefusedError, match='other than zero'):
+        robot.session.release()
+
+
+def test_the_e_stop_is_not_released_before_the_bridge_is_active():
+    robot = VirtualRobot()
+    with pytest.raises(RefusedError, match='line to the drive is down'):
+        robot.session.release()
+    robot.session.configure()
+    robot.run(0.1)
+    with pytest.raises(RefusedError, match='not active'):
+        robot.session.release()
+
+
+def test_without_an_imu_there_is_no_torque_unless_the_file_says_so():
+    robot = VirtualRobot()
+    robot._imu = None
+    robot.session.configure()
+    robot.session.activate()
+    robot.run(0.1)
+    with pytest.raises(RefusedError, match='no IMU'):
+        robot.session.release()
+    free = VirtualRobot(imu=False).ready()
+    free.run(0.1, torque=0.5)
+    assert free.motor > 0.0
+
+
+def test_an_imu_that_falls_silent_takes_the_torque_away():
+    robot = VirtualRobot().ready()
+    robot.run(0.2, torque=1.0)
+    robot._imu = None
+    robot.run(0.1, torque=1.0)
+    assert robot.motor == 0.0
+
+
+@pytest.mark.parametrize('end', ['engage', 'deactivate', 'close'])
+def test_every_deliberate_end_leaves_the_motor_without_power(end):
+    robot = VirtualRobot().ready()
+    robot.run(0.2, torque=1.0)
+    assert robot.motor != 0.0
+    session = robot.session
+    session.engage('button') if end == 'engage' else getattr(session, end)()
+    robot.pass_time(STEP)
+    assert robot.motor == 0.0
+    robot.run(0.1)
+    assert not robot.device.armed
+
+
+def test_commands_that_stop_coming_stop_the_motor_within_a_tenth_of_a_second():
+    robot = VirtualRobot().ready()
+    robot.run(0.2, torque=1.0)
+    assert robot.motor != 0.0
+    robot.torques.clear()
+    robot.run(0.2)
+    stopped = next(i for i, torque in enumerate(robot.torques) if torque == 0.0)
+    assert stopped * STEP <= 0.1 and not any(robot.torques[stopped:])
+
+
+def test_a_bridge_that_vanishes_is_outlived_by_no_torque():
+    robot = VirtualRobot().ready()
+    robot.run(0.2, torque=1.0)
+    robot.pass_time(0.11)  # nobody ticks: SIGKILL
+    assert robot.motor == 0.0 and not robot.device.armed
+
+
+def test_a_stop_is_repeated_until_the_drive_confirms_it():
+    robot = VirtualRobot().ready()
+    robot.run(0.1, torque=1.0)
+    lost, receive = [], robot.device.receive
+
+    def deaf(data, now):
+        if len(lost) < 8:
+            lost.append(data)
+            return b''
+        return receive(data, now)
+    robot.device.receive = deaf
+    robot.session.engage('button')
+    assert robot.run(STEP).power is Power.STOPPING
+    report = robot.run(0.15)
+    assert report.power is Power.OFF and not robot.device.armed
+    assert len(lost) == 8
+
+
+@pytest.mark.parametrize('rearm', [False, True])
+def test_after_unplugging_it_is_back_within_a_second_and_armed_only_by_policy(rearm):
+    robot = VirtualRobot(rearm=rearm).ready()
+    robot.run(0.2, torque=0.5)
+    robot.plugged = False
+    robot.run(0.4, torque=0.5)
+    assert robot.motor == 0.0 and not robot.session.link_up
+    robot.plugged = True
+    robot.run(1.0, torque=0.5)
+    assert robot.session.link_up and robot.lines == 1
+    assert robot.session.counts['links_lost'] == robot.session.counts['reconnects'] == 1
+    assert (robot.motor != 0.0) is rearm
+    assert bool(robot.session.supervisor.e_stop) is not rearm
+
+
+@pytest.mark.parametrize('rearm', [False, True])
+def test_after_a_reboot_of_the_drive_likewise(rearm):
+    robot = VirtualRobot(rearm=rearm).ready()
+    robot.run(0.2, torque=0.5)
+    robot.device.reboot(robot.now)
+    robot.run(1.5, torque=0.5)
+    assert robot.session.link_up
+    assert robot.device.armed is rearm and (robot.motor != 0.0) is rearm
+
+
+def test_a_drive_that_lets_go_by_itself_is_noticed():
+    robot = VirtualRobot().ready()
+    robot.run(0.2, torque=0.5)
+    robot.device.over_current()
+    robot.run(0.3, torque=0.5)
+    assert 'let go' in robot.session.supervisor.e_stop
+    assert robot.session.counts['let_go'] == 1
+
+
+def test_fifty_unplugs_leave_no_line_open_and_no_flood_of_notices():
+    robot = VirtualRobot()
+    robot.session.configure()
+    for _ in range(50):
+        robot.plugged = False
+        robot.run(0.02)
+        robot.plugged = True
+        robot.run(0.2)
+    assert robot.lines == 1 and len(robot.session.notices) <= 20
+    assert robot.session.counts['reconnects'] == 50

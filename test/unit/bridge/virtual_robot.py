@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A robot of bits: ball, drive and cable in memory, with a clock that only the test moves."""
+from dataclasses import replace
+
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.bridge.session import Session
+from ballbot_ros.emulator.device import DriveSettings, Sensed
+from ballbot_ros.emulator.odrive import ODriveDevice
+from ballbot_ros.errors import LinkError
+from ballbot_ros.estimation import ImuReading
+from ballbot_ros.hardware.drivers import open_driver
+from ballbot_ros.physics import load_robot
+from ballbot_ros.physics.scene import read_scene
+from ballbot_ros.plant import Imu, Plant
+
+STEP = 0.002
+
+
+class VirtualRobot:
+    """
+    A session that drives a plant through an emulated drive.
+
+    Attributes
+    ----------
+    plugged : bool
+        Whether the cable is in.
+    powered : bool
+        Whether the drive answers.
+
+    """
+
+    def __init__(self, imu=True, settings=None, **limits):
+        self.now = 100.0
+        self.hardware = load_hardware('gimball_odrive')
+        self.hardware = replace(
+            self.hardware, limits=replace(self.hardware.limits, **limits),
+            connection=replace(self.hardware.connection, imu_required=imu))
+        self.joint = self.hardware.joint
+        self.device = ODriveDevice(settings or DriveSettings(
+            torque_limit=self.hardware.options().torque_limit))
+        self.plant = Plant(read_scene(
+            {'robot': 'gimball', 'initial': {'x': 0.0}, 'duration': 1.0}, 'test', 'test'), 500.0)
+        self._imu = Imu(9.81) if imu else None
+        self.plugged = True
+        self.lines = 0  # opened and not closed
+        self.session = Session(self.hardware, load_robot('gimball'), self._connect, self.clock)
+        self.torques = []  # at the motor, at each step
+
+    def clock(self):
+        """Return the time."""
+        return self.now
+
+    def _connect(self):
+        return open_driver('odrive', _Cable(self), self.hardware.options(), self.clock)
+
+    def pass_time(self, seconds):
+        """Let ball and drive live on, without the bridge."""
+        end = self.now + seconds - 1e-9
+        while self.now < end:
+            self.now += STEP
+            motor = self.device.torque() if self.device.booted_at <= self.now else 0.0
+            gear = self.joint.gear_ratio * self.joint.gear_efficiency * self.joint.direction
+            before = self.plant.state
+            state = self.plant.advance(motor * gear)
+            scale = self.joint.gear_ratio * self.joint.direction
+            self.device.sensed = Sensed(scale * state.joint_angle, scale * state.joint_rate)
+            self.device.tick(self.now)
+            self.torques.append(motor)
+            if self._imu is not None:
+                sample = self._imu.sample(before, state, 0)
+                self.session.imu(ImuReading(self.now, *sample[1:]))
+
+    def run(self, seconds, torque=None):
+        """Let the bridge tick, and command a torque if there is one; return the last report."""
+        report = None
+        for _ in range(round(seconds / STEP)):
+            self.pass_time(STEP)
+            report = self.session.tick() or report
+            if torque is not None:
+                self.session.command(torque, self.now)
+        return report
+
+    def ready(self):
+        """Configure, activate and release the e-stop; return the robot."""
+        self.session.configure()
+        self.run(0.1)
+        self.session.activate()
+        self.session.release()
+        self.run(0.1)
+        return self
+
+    @property
+    def motor(self):
+        """Return the torque at the motor shaft now [N m]."""
+        return self.torques[-1]
+
+
+class _Cable:
+    port = 'cable'
+
+    def __init__(self, robot):
+        self._robot, self._waiting = robot, b''
+        self._check()
+        robot.lines += 1
+
+    def _check(self):
+        if not self._robot.plugged:
+            raise LinkError('gone', 'the cable is out')
+
+    def write(self, data):
+        self._check()
+        self._waiting += self._robot.device.receive(data, self._robot.now)
+
+    def read(self):
+        self._check()
+        data, self._waiting = self._waiting, b''
+        return data
+
+    def wait(self, seconds):
+        self._check()
+        self._robot.pass_time(max(STEP, min(seconds, STEP)))
+        return bool(self._waiting)
+
+    def close(self):
+        self._robot.lines -= 1
