@@ -11,11 +11,13 @@ import sys
 
 from ballbot_ros.decision import DecisionTuning
 from ballbot_ros.fields import allowed
-from ballbot_ros.ros.settings import ControllerSettings, DecisionSettings, SimulatorSettings
+from ballbot_ros.ros.settings import (
+    BridgeSettings, ControllerSettings, DecisionSettings, SimulatorSettings)
 
 README = Path(__file__).resolve().parent.parent / 'README.md'
 TABLES = {'simulator': SimulatorSettings, 'controller': ControllerSettings,
-          'obstacle_decision': DecisionSettings, 'decision tuning': DecisionTuning}
+          'obstacle_decision': DecisionSettings, 'decision tuning': DecisionTuning,
+          'bridge': BridgeSettings}
 
 KINDS = {str: 'text', bool: 'true or false'}
 

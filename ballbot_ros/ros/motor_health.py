@@ -30,11 +30,13 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
         return diagnostics.WARN, 'not configured', values
     if not session.link_up:
         return diagnostics.ERROR, f'looking for the drive: {session.trouble}', values
-    if driver is not None and driver.telemetry.faults:
-        return diagnostics.ERROR, 'the drive tells of ' + ', '.join(
-            driver.telemetry.faults), values
+    # Without power most drives tell of their watchdog; arming clears that.
+    faults = ', '.join(driver.telemetry.faults) if driver else ''
+    values['faults'] = faults
     if supervisor.e_stop:
         return diagnostics.WARN, f'e-stop: {supervisor.e_stop}', values
+    if faults:
+        return diagnostics.ERROR, f'the drive tells of {faults}', values
     if supervisor.timed_out:
         return diagnostics.WARN, 'commands stay away', values
     if not fusion.has_imu(session.clock()):
