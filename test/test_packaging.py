@@ -266,7 +266,8 @@ def test_launch_files_start_executables_that_exist(path):
 @pytest.mark.parametrize('path', sorted(ROOT.glob('launch/*.launch.py')), ids=lambda p: p.stem)
 def test_launch_files_set_parameters_that_exist(path):
     settings = pytest.importorskip('ballbot_ros.ros.settings')
-    known = {'simulator': settings.SimulatorSettings, 'controller': settings.ControllerSettings,
+    known = {'bridge': settings.BridgeSettings, 'simulator': settings.SimulatorSettings,
+             'controller': settings.ControllerSettings,
              'obstacle_decision': settings.DecisionSettings}
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'Node':
@@ -284,6 +285,8 @@ def test_launch_arguments_are_described_and_their_defaults_exist(path):
     description = runpy.run_path(str(path))['generate_launch_description']()
     arguments = {argument.name: argument for argument in description.get_launch_arguments()}
     assert all(argument.description for argument in arguments.values())
-    for name in ('robot', 'scene'):
-        default = perform_substitutions(LaunchContext(), arguments[name].default_value)
-        assert (ROOT / 'config' / f'{name}s' / f'{default}.yaml').exists()
+    for name, folder in (('robot', 'robots'), ('scene', 'scenes'), ('hardware', 'hardware'),
+                         ('tuning', 'tunings')):
+        if name in arguments:
+            default = perform_substitutions(LaunchContext(), arguments[name].default_value)
+            assert (ROOT / 'config' / folder / f'{default}.yaml').exists()

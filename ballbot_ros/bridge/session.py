@@ -276,6 +276,10 @@ class Session:
         """Notice a drive that fell silent, or let go of the motor by itself."""
         if now - max(self._answered, self._armed_at) > LOST:
             raise DriveError('silent', f'the drive has not answered for {LOST:g} s')
+        if self._power is Power.ON and now - max(self._answered, self._armed_at) > SILENCE:
+            # It may have been switched off and on, and forgotten what it was told.
+            self._went_wrong(f'the drive fell silent for {SILENCE:g} s')
+            self._begin_stop()
         told = telemetry.status_time is not None and telemetry.status_time > self._armed_at
         if self._power is Power.ON and told and (telemetry.faults or telemetry.armed is False):
             self.counts['let_go'] += 1

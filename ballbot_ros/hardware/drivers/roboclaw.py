@@ -152,6 +152,8 @@ class RoboClaw(Driver):
                           + 2 * len(numbers), 1 + answers)
 
     def _torque_message(self, torque: float) -> bytes:
+        if torque == 0.0:  # released is exactly no torque; the back voltage would be a guess
+            return self._duty_message(0.0)
         options, told = self.options, self.telemetry
         voltage = torque * options.resistance / options.torque_constant \
             + options.speed_constant * (told.velocity or 0.0)

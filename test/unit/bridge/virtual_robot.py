@@ -6,6 +6,8 @@ from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.emulator.device import DriveSettings, Sensed
 from ballbot_ros.emulator.odrive import ODriveDevice
+from ballbot_ros.emulator.roboclaw import RoboClawDevice
+from ballbot_ros.emulator.vesc import VescDevice
 from ballbot_ros.errors import LinkError
 from ballbot_ros.estimation import ImuReading
 from ballbot_ros.hardware.drivers import open_driver
@@ -14,6 +16,7 @@ from ballbot_ros.physics.scene import read_scene
 from ballbot_ros.plant import Imu, Plant
 
 STEP = 0.002
+DEVICES = {'odrive': ODriveDevice, 'vesc': VescDevice, 'roboclaw': RoboClawDevice}
 
 
 class VirtualRobot:
@@ -29,15 +32,16 @@ class VirtualRobot:
 
     """
 
-    def __init__(self, imu=True, settings=None, **limits):
+    def __init__(self, protocol='odrive', imu=True, settings=None, **limits):
         self.now = 100.0
-        self.hardware = load_hardware('gimball_odrive')
+        self.hardware = load_hardware(f'gimball_{protocol}')
         self.hardware = replace(
             self.hardware, limits=replace(self.hardware.limits, **limits),
             connection=replace(self.hardware.connection, imu_required=imu))
         self.joint = self.hardware.joint
-        self.device = ODriveDevice(settings or DriveSettings(
-            torque_limit=self.hardware.options().torque_limit))
+        torque = self.hardware.options().torque_limit
+        self.device = DEVICES[protocol](settings or DriveSettings(
+            torque_limit=torque, current_limit=torque / DriveSettings.torque_constant))
         self.plant = Plant(read_scene(
             {'robot': 'gimball', 'initial': {'x': 0.0}, 'duration': 1.0}, 'test', 'test'), 500.0)
         self._imu = Imu(9.81) if imu else None
@@ -51,7 +55,8 @@ class VirtualRobot:
         return self.now
 
     def _connect(self):
-        return open_driver('odrive', _Cable(self), self.hardware.options(), self.clock)
+        return open_driver(self.hardware.connection.protocol, _Cable(self),
+                           self.hardware.options(), self.clock)
 
     def pass_time(self, seconds):
         """Let ball and drive live on, without the bridge."""
