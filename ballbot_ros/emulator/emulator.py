@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An emulated motor controller on a serial device, in real time, with a ball behind it."""
+from collections import deque
+import math
+from pathlib import Path
+from queue import Empty, SimpleQueue
+import random
+from threading import Event, Thread
+import time
+from typing import Callable, Deque, NamedTuple, Optional
+
+from ballbot_ros.emulator.ball import Ball, Imu, ImuNoise, settings_for
+from ballbot_ros.emulator.device import Device, DriveSettings
+from ballbot_ros.emulator.line import Direction
+from ballbot_ros.emulator.odrive import ODriveDevice
+from ballbot_ros.emulator.roboclaw import RoboClawDevice
+from ballbot_ros.emulator.terminal import Terminal
+from ballbot_ros.emulator.vesc import VescDevice
+from ballbot_ros.errors import BallbotError, ConfigurationError
+from ballbot_ros.fields import suggestion
+from ballbot_ros.physics.model import State
+from ballbot_ros.physics.scene import Scene
+from ballbot_ros.plant import Pace
+
+DEVICES: dict[str, type[Device]] = {
+    'odrive': ODriveDevice, 'roboclaw': RoboClawDevice, 'vesc': VescDevice}
+# The torque is constant over a period, and the ball is simulated by periods [s].
+PERIOD = 1e-3
+# Periods to catch up with at once; after a longer stop the ball loses the rest.
+MOST_PERIODS = 50
+# The oldest entries of the log go first.
+LONGEST_LOG = 1_000_000
+# Shortest sleep: what comes within this time is handled together [s].
+SHORTEST_WAIT = 5e-5
+
+
+class Applied(NamedTuple):
+    """A change of the torque of the motor."""
+
+    time: float  # of time.monotonic [s]
+    torque: float  # at the motor shaft [N m]
+
+
+class Emulator:
+    """
+    A motor controller behind a pseudo-terminal.
+
+    Start it, open `path` as a serial port, stop it; or use it as a context manager.  The model
+    runs in a thread of its own, so everything here may be called from another.
+
+    Parameters
+    ----------
+    protocol : str
+        Of the drive: odrive, roboclaw or vesc.
+    scene : Scene
+        Robot, ground and start; the robot must have a motor.
+    baud : int
+        Of the drive; a host that sets another one gets, and sends, noise.
+    settings : DriveSettings, optional
+        Those that fit the motor of the robot if not given.
+    link : Path, optional
+        Symbolic link to keep pointing to the device.
+    seed : int
+        Of the faults.
+    noise : ImuNoise
+
+    Attributes
+    ----------
+    log : deque of Applied
+        Every change of the torque, oldest first.
+    dropped : int
+        Periods of the model that were given up because the machine was too slow.
+
+    Raises
+    ------
+    ConfigurationError
+        For an unknown protocol, a robot without motor, or a link that cannot be made.
+
+    """
+
+    def __init__(self, protocol: str, scene: Scene, baud: int = 115200,
+                 settings: Optional[DriveSettings] = None, link: Optional[Path] = None,
+                 seed: int = 0, noise: ImuNoise = ImuNoise()):
+        """Plug the device in; time does not run before `start`."""
+        if protocol not in DEVICES:
+            raise ConfigurationError(
+                f'{protocol!r} is no protocol{suggestion(protocol, DEVICES)}')
+        self.settings = settings or settings_for(scene.model.robot)
+        self.ball = Ball(scene, self.settings, PERIOD, noise)
+        self.device = DEVICES[protocol](self.settings)
+        self.device.sensed = self.device.sensed._replace(
+            bus_voltage=self.ball.motor.maximum_voltage)
+        self.baud = baud
+        dice = random.Random(seed)
+        self.to_drive, self.from_drive = Direction(baud, dice), Direction(baud, dice)
+        self.terminal = Terminal(link)
+        self.log: Deque[Applied] = deque(maxlen=LONGEST_LOG)
+        self.encoder_jump = 0.0  # [rad at the motor shaft]
+        self.silent_until = -math.inf  # the drive says nothing
+        self.plug_at = math.inf
+        self.read_rate = math.inf  # bytes per second that are taken from the line
+        self.failure: Optional[BallbotError] = None
+        self._credit = 0.0
+        self._pace = Pace(PERIOD, 1.0, MOST_PERIODS)
+        self._replies: Deque[tuple[float, bytes]] = deque()  # when the firmware sends, what
+        self._calls: SimpleQueue[tuple[Callable[[], None], Event]] = SimpleQueue()
+        self._torque = 0.0
+        self._running = False
+        self._thread: Optional[Thread] = None
+
+    # From other threads
+
+    @property
+    def path(self) -> str:
+        """Return the serial device, or the link to it."""
+        return self.terminal.path
+
+    @property
+    def torque(self) -> float:
+        """Return the torque at the motor shaft now [N m]."""
+        return self._torque
+
+    @property
+    def pendulum_torque(self) -> float:
+        """Return the torque at the pendulum joint now [N m]."""
+        return self.ball.pendulum_torque(self._torque)
+
+    @property
+    def state(self) -> State:
+        """Return the true state of the ball."""
+        return self.ball.state
+
+    @property
+    def dropped(self) -> int:
+        """Return how many periods of the model were given up."""
+        return self._pace.dropped
+
+    def imu(self) -> Imu:
+        """Return a reading of an inertial sensor in the shell."""
+        return self.ball.imu()
+
+    def start(self) -> 'Emulator':
+        """Let time run and return itself."""
+        self._running = True
+        self._thread = Thread(target=self._run, name='emulator', daemon=True)
+        self._thread.start()
+        return self
+
+    def stop(self) -> None:
+        """Stop time and unplug; stopping twice is no error."""
+        self._running = False
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+        self.terminal.unplug()
+
+    def call(self, function: Callable[[], None]) -> None:
+        """Run a function between two steps of the emulator, and wait until it has been."""
+        if self._thread is None:
+            function()
+            return
+        done = Event()
+        self._calls.put((function, done))
+        while not done.wait(0.1):
+            if not self._thread.is_alive():
+                raise self.failure or BallbotError('the emulator has ended')
+
+    def __enter__(self) -> 'Emulator':
+        """Start."""
+        return self.start()
+
+    def __exit__(self, *_: object) -> None:
+        """Stop."""
+        self.stop()
+
+    # The thread
+
+    def _run(self) -> None:
+        """Let time pass until stopped, or until the model cannot go on."""
+        try:
+            before = time.monotonic()
+            while self._running:
+                now = time.monotonic()
+                self._step(now, now - before)
+                before = now
+                self.terminal.wait(self._pause(now))
+        except BallbotError as error:
+            self.failure = error
+            self.terminal.unplug()
+
+    def _pause(self, now: float) -> float:
+        """Return how long nothing needs to be done [s]."""
+        due = min(now + PERIOD, self.to_drive.next_at(), self.from_drive.next_at(),
+                  self._replies[0][0] if self._replies else math.inf)
+        if self.read_rate < math.inf:
+            time.sleep(PERIOD)  # what waits in the terminal must not wake this thread
+        return max(SHORTEST_WAIT, due - now)
+
+    def _step(self, now: float, elapsed: float) -> None:
+        """Do all that is due at a time [s]."""
+        self._do_calls()
+        if now >= self.plug_at:
+            self.plug_at = math.inf
+            self.terminal.plug()
+        self._let_ball_roll(now)
+        if self.terminal.plugged:
+            garbled = self.terminal.baud not in (None, self.baud)
+            self.to_drive.garbled = self.from_drive.garbled = garbled
+        self.to_drive.put(self._read(elapsed), now)
+        self.device.tick(now)
+        arrived = self.to_drive.take(now)
+        reply = self.device.receive(arrived, now)
+        self._note_torque(now)
+        if reply and now >= self.silent_until:
+            self._replies.append((now + self.device.turnaround, reply))
+        while self._replies and self._replies[0][0] <= now:
+            self.from_drive.put(self._replies.popleft()[1], now)
+        self.terminal.write(self.from_drive.take(now))
+
+    def _read(self, elapsed: float) -> bytes:
+        """Return what the line brings, at most what a slow reader takes in a time [s]."""
+        if self.read_rate == math.inf:
+            return self.terminal.read()
+        self._credit = min(self._credit + self.read_rate * elapsed, 4096.0)
+        data = self.terminal.read(int(self._credit))
+        self._credit -= len(data)
+        return data
+
+    def _let_ball_roll(self, now: float) -> None:
+        """Advance the model to a time [s]."""
+        for _ in range(self._pace.due(now)):
+            self.ball.advance(self.device.torque())
+            self.device.sensed = self.ball.sensed(self.device.sensed, self.encoder_jump)
+
+    def _note_torque(self, now: float) -> None:
+        """Write the torque down if it has changed."""
+        torque = self.device.torque()
+        if torque != self._torque:
+            self._torque = torque
+            self.log.append(Applied(now, torque))
+
+    def _do_calls(self) -> None:
+        """Run what other threads have asked for."""
+        while True:
+            try:
+                function, done = self._calls.get_nowait()
+            except Empty:
+                return
+            try:
+                function()
+            finally:
+                done.set()

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A serial line: bytes take their time, and may get lost or changed on the way."""
+from collections import deque
+from dataclasses import dataclass
+import random
+from typing import Deque
+
+from ballbot_ros.fields import Checked, quantity
+from ballbot_ros.hardware.wire import BITS_PER_BYTE
+
+# What a receiver makes of another baud rate is no text and no packet: this stands for it.
+WRONG_BAUD = bytes((byte * 167 + 13) % 256 | 0x80 for byte in range(256))
+
+
+@dataclass(frozen=True)
+class Trouble(Checked):
+    """What happens to the bytes on a line; all parts are per byte."""
+
+    drop: float = quantity('1', 'part of the bytes that get lost', default=0.0, minimum=0.0,
+                           maximum=1.0)
+    corrupt: float = quantity('1', 'part of the bytes that become another byte', default=0.0,
+                              minimum=0.0, maximum=1.0)
+    duplicate: float = quantity('1', 'part of the bytes that come twice', default=0.0,
+                                minimum=0.0, maximum=1.0)
+    delay: float = quantity('s', 'added to the way of every byte', default=0.0, minimum=0.0,
+                            maximum=10.0)
+    garbage: float = quantity('1/s', 'random bytes that come by themselves', default=0.0,
+                              minimum=0.0, maximum=1e6)
+
+    def damage(self, data: bytes, dice: random.Random) -> bytes:
+        """Return what is left of bytes."""
+        if not (self.drop or self.corrupt or self.duplicate):
+            return data
+        result = bytearray()
+        for byte in data:
+            if dice.random() < self.drop:
+                continue
+            if dice.random() < self.corrupt:
+                byte ^= dice.randrange(1, 256)
+            result.append(byte)
+            if dice.random() < self.duplicate:
+                result.append(byte)
+        return bytes(result)
+
+
+class Direction:
+    """
+    One direction of a line: what is put in comes out one byte after the other.
+
+    Parameters
+    ----------
+    baud : float
+        [bit/s]
+    dice : Random
+
+    """
+
+    def __init__(self, baud: float, dice: random.Random):
+        """Start with an idle line."""
+        self.trouble = Trouble()
+        self.garbled = False  # the two ends have different baud rates
+        self._byte_time = BITS_PER_BYTE / baud
+        self._dice = dice
+        self._free_at = 0.0
+        self._garbage_at = 0.0
+        self._flying: Deque[tuple[float, int]] = deque()  # when a byte is over, the byte
+
+    def put(self, data: bytes, now: float) -> None:
+        """Send bytes at `now` [s]."""
+        if self.garbled:
+            data = data.translate(WRONG_BAUD)
+        for byte in self.trouble.damage(data, self._dice):
+            self._free_at = max(self._free_at, now) + self._byte_time
+            self._flying.append((self._free_at + self.trouble.delay, byte))
+
+    def take(self, now: float) -> bytes:
+        """Return the bytes that are over at `now` [s]."""
+        self._make_garbage(now)
+        arrived = bytearray()
+        while self._flying and self._flying[0][0] <= now:
+            arrived.append(self._flying.popleft()[1])
+        return bytes(arrived)
+
+    def next_at(self) -> float:
+        """Return when the next byte is over [s], infinite for an idle line."""
+        return self._flying[0][0] if self._flying else float('inf')
+
+    def clear(self) -> None:
+        """Lose what is under way."""
+        self._flying.clear()
+        self._free_at = 0.0
+
+    def _make_garbage(self, now: float) -> None:
+        """Put in the random bytes of the time since the last call."""
+        if self.trouble.garbage:
+            number = int(self.trouble.garbage * min(now - self._garbage_at, 0.1))
+            if number:
+                self._garbage_at = now
+                self._flying.extend((now, self._dice.randrange(256)) for _ in range(number))
+        else:
+            self._garbage_at = now
