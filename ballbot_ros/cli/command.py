@@ -22,6 +22,8 @@ VERBS = {
     'simulate': ('ballbot_ros.cli.simulate', 'run a scene and keep numbers and figures'),
     'compare-models': ('ballbot_ros.cli.compare_models', 'say where simpler models of the '
                        'highest step do'),
+    'emulate-motor': ('ballbot_ros.cli.emulate_motor', 'a motor controller in software, with '
+                      'the ball behind it, on a serial device'),
     'scenes': ('ballbot_ros.cli.scenes', 'list the scenes that come with the package'),
     'test-bench': ('ballbot_ros.cli.test_bench', 'roll a virtual robot into steps as the '
                    "paper's tests did"),

@@ -154,6 +154,11 @@ class Emulator:
             self._thread = None
         self.terminal.unplug()
 
+    def wait(self) -> None:
+        """Return when the emulator has ended; see `failure` for why."""
+        while self._thread is not None and self._thread.is_alive():
+            self._thread.join(0.5)
+
     def call(self, function: Callable[[], None]) -> None:
         """Run a function between two steps of the emulator, and wait until it has been."""
         if self._thread is None:

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verb ``emulate-motor``: a motor controller in software on a serial device."""
+import argparse
+from pathlib import Path
+import signal
+import sys
+from typing import Any
+
+from ballbot_ros.cli.command import complain, DONE, FAILED
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add drive, ball and faults."""
+    parser.add_argument('--protocol', required=True, help='odrive, vesc or roboclaw')
+    parser.add_argument('--robot', help='name or file of a robot with a motor, instead of that '
+                        'of the scene')
+    parser.add_argument('--scene', default='flat',
+                        help='ground and start of the ball (default: %(default)s)')
+    parser.add_argument('--baud', type=int, default=115200,
+                        help='baud rate of the drive (default: %(default)s)')
+    parser.add_argument('--watchdog', type=float, metavar='SECONDS',
+                        help='of the drive, 0 for none (default: 0.1)')
+    parser.add_argument('--link', type=Path, metavar='PATH',
+                        help='symbolic link to keep pointing to the device')
+    parser.add_argument('--fault', action='append', default=[], metavar='LINE',
+                        help='a fault from the start, such as "corrupt 0.01"; may be repeated')
+    parser.add_argument('--control', type=Path, metavar='SOCKET',
+                        help='Unix socket that takes faults, one line each, as standard input '
+                        'does')
+    parser.add_argument('--log', type=Path, metavar='FILE',
+                        help='write every change of the torque here at the end, as CSV')
+    parser.add_argument('--seed', type=int, default=0, help='of the faults')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Emulate until interrupted."""
+    from ballbot_ros.emulator.control import Channel, obey
+    from ballbot_ros.emulator.emulator import Emulator
+    emulator = make_emulator(arguments, Emulator)
+    channel = None
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        for line in arguments.fault:
+            obey(emulator, line)
+        if arguments.control is not None:
+            channel = Channel(emulator, arguments.control)
+        emulator.start()
+        print(emulator.path, flush=True)
+        _take_lines(emulator)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        if channel is not None:
+            channel.close()
+        emulator.stop()
+        if arguments.log is not None:
+            write_log(emulator, arguments.log)
+    if emulator.failure is not None:
+        complain(str(emulator.failure))
+        return FAILED
+    return DONE
+
+
+def make_emulator(arguments: argparse.Namespace, make: Any) -> Any:
+    """
+    Return the emulator that the arguments describe, not started yet.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming what is wrong with scene, robot, protocol or link.
+
+    """
+    from ballbot_ros.emulator.ball import settings_for
+    from ballbot_ros.physics.scene import load_scene
+    scene = load_scene(arguments.scene, robot=arguments.robot)
+    given = {} if arguments.watchdog is None else {'watchdog': arguments.watchdog}
+    return make(arguments.protocol, scene, arguments.baud,
+                settings_for(scene.model.robot, **given), arguments.link, arguments.seed)
+
+
+def write_log(emulator: Any, path: Path) -> None:
+    """Write the changes of the torque: time of the monotonic clock [s], motor torque [N m]."""
+    lines = (f'{entry.time:.6f},{entry.torque:.9g}\n' for entry in emulator.log)
+    path.write_text('time,torque\n' + ''.join(lines), encoding='ascii')
+
+
+def _take_lines(emulator: Any) -> None:
+    """Obey what comes on standard input; without one wait for a signal, or the end of a run."""
+    from ballbot_ros.emulator.control import answer
+    for line in sys.stdin:
+        if line.strip():
+            print(answer(emulator, line), flush=True)
+    emulator.wait()
+
+
+def _interrupt(*_: object) -> None:
+    raise KeyboardInterrupt

@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Faults on demand: one line of text each, from the command line, standard input or a socket.
+
+`FAULTS` is the only table of them; docs/hardware.md is written from it.
+"""
+from dataclasses import replace
+import json
+import math
+from pathlib import Path
+import socketserver
+from threading import Thread
+import time
+from typing import Callable, NamedTuple, Optional
+
+from ballbot_ros.emulator.emulator import Emulator
+from ballbot_ros.emulator.line import Trouble
+from ballbot_ros.errors import BallbotError, ConfigurationError
+from ballbot_ros.fields import suggestion
+
+# Where the fault is on the line; both ways if neither word stands behind the number.
+WAYS = ('to', 'from')
+
+
+class Fault(NamedTuple):
+    """A line that the control channel understands."""
+
+    argument: str  # what stands behind the name, in words; empty for nothing
+    effect: str
+    act: Callable[[Emulator, float, float], None]  # emulator, number, now
+    default: Optional[float] = None  # of the number; None if it must be given
+
+
+def _plug_after(emulator: Emulator, seconds: float, now: float) -> None:
+    emulator.terminal.unplug()
+    emulator.plug_at = now + seconds
+    emulator.to_drive.clear()
+    emulator.from_drive.clear()
+
+
+def _plug(emulator: Emulator, _: float, now: float) -> None:
+    emulator.plug_at = now
+
+
+def _silence(emulator: Emulator, seconds: float, now: float) -> None:
+    emulator.silent_until = now + seconds
+
+
+def _reboot(emulator: Emulator, _: float, now: float) -> None:
+    emulator.device.reboot(now)
+
+
+def _over_current(emulator: Emulator, _: float, __: float) -> None:
+    emulator.device.over_current()
+
+
+def _temperature(emulator: Emulator, degrees: float, _: float) -> None:
+    emulator.device.sensed = emulator.device.sensed._replace(temperature=degrees)
+
+
+def _voltage(emulator: Emulator, volts: float, _: float) -> None:
+    emulator.device.sensed = emulator.device.sensed._replace(bus_voltage=volts)
+
+
+def _encoder_jump(emulator: Emulator, turns: float, _: float) -> None:
+    emulator.encoder_jump += turns * math.tau
+
+
+def _slow_reader(emulator: Emulator, rate: float, _: float) -> None:
+    emulator.read_rate = rate
+
+
+def _reset(emulator: Emulator, _: float, __: float) -> None:
+    emulator.ball.reset()
+
+
+def _clear(emulator: Emulator, _: float, now: float) -> None:
+    emulator.to_drive.trouble = emulator.from_drive.trouble = Trouble()
+    emulator.silent_until = -math.inf
+    emulator.read_rate = math.inf
+    emulator.encoder_jump = 0.0
+    fresh = type(emulator.device.sensed)()
+    emulator.device.sensed = emulator.device.sensed._replace(
+        temperature=fresh.temperature, bus_voltage=emulator.ball.motor.maximum_voltage)
+    _plug(emulator, 0.0, now)
+
+
+FAULTS = {
+    'unplug': Fault('seconds, or nothing for good', 'the device is gone, and comes back under '
+                    'another name', _plug_after, math.inf),
+    'plug': Fault('', 'the device is back', _plug, 0.0),
+    'silence': Fault('seconds', 'the drive hears but does not answer', _silence),
+    'reboot': Fault('', 'the drive loses its state and is deaf while it boots', _reboot, 0.0),
+    'over_current': Fault('', 'the drive trips as on a short circuit', _over_current, 0.0),
+    'temperature': Fault('degC', 'of the power stage; hot enough, the drive trips',
+                         _temperature),
+    'voltage': Fault('V', 'of the supply', _voltage),
+    'encoder_jump': Fault('motor turns', 'the encoder is off by so much more', _encoder_jump),
+    'slow_reader': Fault('bytes/s', 'the drive takes no more from the line', _slow_reader),
+    'reset': Fault('', 'the ball is put back to the start of its scene', _reset, 0.0),
+    'clear': Fault('', 'the line is clean again, the drive cool, the encoder right', _clear,
+                   0.0),
+}
+# What happens to single bytes: each field of `Trouble`, with the way as a second word.
+LINE_FAULTS = {name: item.metadata for name, item in Trouble.__dataclass_fields__.items()}
+
+
+def obey(emulator: Emulator, line: str) -> str:
+    """
+    Do what a line says, and return what to answer.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is not understood.
+
+    """
+    name, *words = line.split() or ['']
+    if name == 'state':
+        return json.dumps(state_of(emulator))
+    if name in LINE_FAULTS:
+        ways = _ways(name, words)
+        number = _number(name, words, None)
+        changes = {way: replace(way.trouble, **{name: number}) for way in (
+            direction for key, direction in (('to', emulator.to_drive),
+                                             ('from', emulator.from_drive)) if key in ways)}
+
+        def change() -> None:
+            for way, trouble in changes.items():
+                way.trouble = trouble
+        emulator.call(change)
+    elif name in FAULTS:
+        fault = FAULTS[name]
+        number = _number(name, words, fault.default)
+        if fault.argument == '' and words:
+            raise ConfigurationError(f'{name} takes no number, got {words[0]!r}')
+        emulator.call(lambda: fault.act(emulator, number, time.monotonic()))
+    else:
+        known = (*FAULTS, *LINE_FAULTS, 'state')
+        raise ConfigurationError(f'{name!r} is no fault{suggestion(name, known)}')
+    return 'ok'
+
+
+def _ways(name: str, words: list[str]) -> tuple[str, ...]:
+    """Take the way off the words and return it, both if none is there."""
+    if len(words) == 2:
+        way = words.pop()
+        if way not in WAYS:
+            raise ConfigurationError(
+                f'{name}: the second word must be "to" or "from" (the drive), got {way!r}')
+        return (way,)
+    return WAYS
+
+
+def _number(name: str, words: list[str], default: Optional[float]) -> float:
+    """Return the number behind a name."""
+    if not words and default is not None:
+        return default
+    try:
+        number, = (float(word) for word in words)
+    except ValueError:
+        raise ConfigurationError(
+            f'{name} takes one number, got {" ".join(words) or "nothing"}') from None
+    if math.isnan(number) or name in FAULTS and FAULTS[name].argument.startswith(
+            ('seconds', 'bytes')) and number < 0.0:
+        raise ConfigurationError(f'{name}: the number must be at least 0, got {number:g}')
+    return number
+
+
+def state_of(emulator: Emulator) -> dict[str, object]:
+    """Return what the emulated robot does, all SI."""
+    state, imu = emulator.state, emulator.imu()
+    return {
+        'device': emulator.path, 'plugged': emulator.terminal.plugged,
+        'motor_torque': emulator.torque, 'pendulum_torque': emulator.pendulum_torque,
+        'time': state.time, 'x': state.x, 'velocity_x': state.velocity_x,
+        'ball_angle': state.ball_angle, 'ball_rate': state.ball_rate,
+        'pendulum_angle': state.pendulum_angle, 'pendulum_rate': state.pendulum_rate,
+        'joint_angle': state.joint_angle, 'joint_rate': state.joint_rate,
+        'imu_angular_rate': imu.angular_rate, 'imu_force_x': imu.force_x,
+        'imu_force_y': imu.force_y, 'dropped_periods': emulator.dropped}
+
+
+def answer(emulator: Emulator, line: str) -> str:
+    """Obey a line and return one line: ``ok``, a JSON object, or ``error:`` and why."""
+    try:
+        return obey(emulator, line)
+    except BallbotError as error:
+        return f'error: {error}'
+
+
+class Channel:
+    """
+    Obeys lines that come over a Unix socket, and answers each with one.
+
+    Parameters
+    ----------
+    emulator : Emulator
+    path : Path
+        Of the socket.
+
+    Raises
+    ------
+    ConfigurationError
+        If the socket cannot be made.
+
+    """
+
+    def __init__(self, emulator: Emulator, path: Path):
+        """Listen."""
+        class Handler(socketserver.StreamRequestHandler):
+            def handle(self) -> None:
+                for raw in self.rfile:
+                    text = answer(emulator, raw.decode('utf-8', 'replace'))
+                    self.wfile.write(f'{text}\n'.encode())
+
+        self._path = path
+        try:
+            path.unlink(missing_ok=True)
+            self._server = socketserver.ThreadingUnixStreamServer(str(path), Handler)
+        except OSError as error:
+            raise ConfigurationError(f'cannot listen on {path}: {error}') from error
+        self._server.daemon_threads = True
+        self._thread = Thread(target=self._server.serve_forever, name='control', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._server.shutdown()
+        self._thread.join()
+        self._server.server_close()
+        self._path.unlink(missing_ok=True)

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Gear, encoder and inertial sensor between the drive and the ball."""
+import math
+from statistics import mean, stdev
+
+import pytest
+
+from ballbot_ros.emulator.ball import Ball, ImuNoise, settings_for
+from ballbot_ros.emulator.device import Sensed
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.scene import load_scene, read_scene
+
+
+@pytest.fixture
+def settings(gimball):
+    """Return a drive that fits GimBall."""
+    return settings_for(gimball)
+
+
+def scene(**initial):
+    """Return GimBall on a level floor."""
+    return read_scene({'robot': 'gimball', 'initial': initial, 'duration': 1.0}, 'test', 'test')
+
+
+def test_the_torque_at_the_pendulum_is_that_of_the_motor_through_its_gear(settings, gimball):
+    ball = Ball(load_scene('flat'), settings)
+    motor = gimball.motor
+    assert ball.pendulum_torque(0.01) == pytest.approx(
+        0.01 * motor.gear_ratio * motor.gear_efficiency)
+    assert ball.pendulum_torque(settings.torque_limit) == pytest.approx(motor.maximum_torque)
+
+
+def test_a_torque_at_the_shaft_accelerates_the_pendulum_through_the_gear(settings, gimball):
+    ball = Ball(load_scene('flat'), settings)
+    torque = 0.01
+    ball.advance(torque)
+    # phi'' = tau / (J2 + M2 e^2 M1 / M) from rest; see physics/dynamics.py.
+    own = gimball.pendulum_mass * gimball.pendulum_length**2
+    inertia = gimball.pendulum_inertia + own * gimball.ball_mass / gimball.total_mass
+    assert ball.state.pendulum_rate == pytest.approx(
+        ball.pendulum_torque(torque) / inertia * 1e-3, rel=0.05)
+
+
+def test_the_encoder_reads_the_joint_in_counts_of_the_motor_shaft(settings):
+    ball = Ball(scene(pendulum_angle_deg=30.0), settings)
+    sensed = ball.sensed(Sensed())
+    exact = 50.0 * math.radians(30.0)
+    assert 0.0 <= exact - sensed.position < math.tau / 4096
+    assert sensed.position / (math.tau / 4096) == pytest.approx(
+        round(sensed.position / (math.tau / 4096)))
+    assert ball.sensed(Sensed(), jump=math.pi).position - sensed.position == pytest.approx(
+        math.pi, abs=2e-3)
+
+
+def test_at_rest_the_sensor_reads_gravity_along_y(settings):
+    ball = Ball(load_scene('flat'), settings)
+    for _ in range(10):
+        ball.advance(0.0)
+    imu = ball.imu()
+    assert (imu.angular_rate, imu.force_x) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert imu.force_y == pytest.approx(9.81, abs=1e-3)
+
+
+def test_in_free_fall_the_sensor_reads_nothing_but_the_pendulum(settings, gimball):
+    ball = Ball(scene(x=0.0, y=5.0), settings)
+    for _ in range(10):
+        ball.advance(0.0)
+    imu = ball.imu()
+    assert math.hypot(imu.force_x, imu.force_y) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_axes_of_the_sensor_turn_with_the_shell(settings):
+    ball = Ball(scene(speed=0.5), settings)
+    for _ in range(300):
+        ball.advance(0.0)
+    imu, state = ball.imu(), ball.state
+    assert imu.angular_rate == state.ball_rate
+    # Turned back, gravity points along the y of the world again.
+    up = math.cos(state.ball_angle) * imu.force_y + math.sin(state.ball_angle) * imu.force_x
+    assert state.ball_angle < -0.5 and up == pytest.approx(9.81, abs=0.3)
+
+
+def test_noise_has_the_width_that_was_asked_for(settings):
+    ball = Ball(load_scene('flat'), settings, noise=ImuNoise(
+        rate_sd=0.02, rate_bias=0.1, force_sd=0.5, seed=1))
+    readings = [ball.imu() for _ in range(2000)]
+    assert mean(reading.angular_rate for reading in readings) == pytest.approx(0.1, abs=0.003)
+    assert stdev(reading.angular_rate for reading in readings) == pytest.approx(0.02, rel=0.1)
+    assert stdev(reading.force_y for reading in readings) == pytest.approx(0.5, rel=0.1)
+
+
+def test_a_robot_without_a_motor_is_refused(shellball):
+    with pytest.raises(ConfigurationError, match='no pendulum motor'):
+        settings_for(shellball)

@@ -1,0 +1,304 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A driver on a real serial device, an emulated drive and the ball behind it."""
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from ballbot_ros.emulator.control import answer, Channel, FAULTS, LINE_FAULTS, obey
+from ballbot_ros.emulator.emulator import DEVICES, Emulator
+from ballbot_ros.errors import ConfigurationError, DriveError, LinkError
+from ballbot_ros.hardware.drivers import open_driver, read_options
+from ballbot_ros.hardware.transport import Link
+from ballbot_ros.physics.scene import load_scene
+
+BAUD = 460800
+TORQUE = 0.02
+
+
+@pytest.fixture(scope='module')
+def scene():
+    """Return a ball at rest on a floor."""
+    return load_scene('flat')
+
+
+@pytest.fixture
+def emulator(scene, tmp_path):
+    """Return a running ODrive with a link that stays."""
+    with Emulator('odrive', scene, BAUD, link=tmp_path / 'ttyBall') as running:
+        yield running
+
+
+def connect(emulator, protocol='odrive', baud=BAUD):
+    """Return an open link and a driver that has shaken hands."""
+    link = Link(emulator.path, baud)
+    driver = open_driver(protocol, link, read_options(
+        protocol, {'torque_limit': emulator.settings.torque_limit}, 'test'))
+    driver.identify()
+    return link, driver
+
+
+def drive(driver, seconds, torque=TORQUE):
+    """Run a loop of 100 Hz and return the last telemetry."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        driver.poll()
+        driver.send_torque(torque)
+        time.sleep(0.01)
+    return driver.poll()
+
+
+def until(condition, seconds=5.0):
+    """Wait until a condition holds, and fail if it does not."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, 'it did not happen'
+        time.sleep(0.005)
+
+
+@pytest.mark.parametrize('protocol', sorted(DEVICES))
+def test_a_torque_over_the_line_swings_the_pendulum_and_rolls_the_ball(scene, protocol):
+    with Emulator(protocol, scene, BAUD) as emulator:
+        link, driver = connect(emulator, protocol)
+        with link:
+            assert all(setting.acceptable for setting in driver.read_settings())
+            driver.arm()
+            telemetry = drive(driver, 0.4)
+            assert emulator.torque == pytest.approx(TORQUE, rel=0.1)
+            driver.stop()
+            assert emulator.torque == 0.0
+        assert emulator.state.x > 0.001
+        assert telemetry.position > 0.1 and telemetry.velocity > 0.0
+        assert max(entry.torque for entry in emulator.log) == pytest.approx(TORQUE, rel=0.1)
+        assert emulator.log[-1].torque == 0.0
+
+
+@pytest.mark.parametrize('protocol', sorted(DEVICES))
+def test_a_wrong_baud_rate_is_told_from_silence(scene, protocol):
+    with Emulator(protocol, scene, 115200) as emulator:
+        with Link(emulator.path, 57600) as link:
+            driver = open_driver(protocol, link, read_options(
+                protocol, {'torque_limit': 0.1}, 'test'))
+            with pytest.raises(DriveError) as raised:
+                driver.identify(patience=0.2)
+    assert raised.value.reason in ('silent', 'garbled')
+
+
+@pytest.mark.parametrize('wrong', sorted(DEVICES))
+def test_another_protocol_does_not_pass_the_handshake(scene, wrong):
+    right = 'vesc' if wrong == 'odrive' else 'odrive'
+    with Emulator(right, scene, BAUD) as emulator, Link(emulator.path, BAUD) as link:
+        driver = open_driver(wrong, link, read_options(wrong, {'torque_limit': 0.1}, 'test'))
+        with pytest.raises(DriveError):
+            driver.identify(patience=0.2)
+
+
+def test_the_drive_lets_go_when_the_host_is_killed(emulator):
+    code = ('import sys, time; from test_emulator_emulator import connect, drive\n'
+            'class There: path = sys.argv[1]; settings = type("S", (), {"torque_limit": 0.08})\n'
+            'link, driver = connect(There); driver.arm(); drive(driver, 60.0)')
+    host = subprocess.Popen([sys.executable, '-c', code, emulator.path],
+                            env={**os.environ, 'PYTHONPATH': os.path.dirname(__file__)})
+    try:
+        until(lambda: emulator.torque == TORQUE, 30.0)
+    finally:
+        host.send_signal(signal.SIGKILL)
+        host.wait()
+    killed = time.monotonic()
+    until(lambda: emulator.torque == 0.0, 2.0)
+    assert emulator.log[-1].torque == 0.0 and emulator.log[-1].time < killed + 1.0
+
+
+def test_pulling_the_plug_is_an_error_and_plugging_in_again_works(emulator):
+    link, driver = connect(emulator)
+    driver.arm()
+    drive(driver, 0.05)
+    obey(emulator, 'unplug')
+    with pytest.raises(LinkError) as raised:
+        drive(driver, 1.0)
+    assert raised.value.reason == 'gone'
+    link.close()
+    with pytest.raises(LinkError) as raised:
+        Link(emulator.path, BAUD)
+    assert raised.value.reason == 'missing'
+    until(lambda: emulator.torque == 0.0)
+    obey(emulator, 'plug')
+    until(lambda: emulator.terminal.plugged)
+    link, driver = connect(emulator)
+    with link:
+        driver.arm()
+        drive(driver, 0.05)
+        assert emulator.torque == TORQUE
+
+
+def test_a_plug_that_is_out_for_a_time_comes_back_by_itself(emulator):
+    obey(emulator, 'unplug 0.1')
+    assert not emulator.terminal.plugged
+    until(lambda: emulator.terminal.plugged)
+    connect(emulator)[0].close()
+
+
+def test_a_silent_drive_is_overdue_and_still_obeys(emulator):
+    link, driver = connect(emulator)
+    with link:
+        driver.arm()
+        drive(driver, 0.05)
+        obey(emulator, 'silence 0.3')
+        telemetry = drive(driver, 0.2, torque=-TORQUE)
+        assert driver.counts['lost'] > 5
+        assert emulator.torque == -TORQUE
+        assert telemetry.time < time.monotonic() - 0.1
+        assert drive(driver, 0.3).time > time.monotonic() - 0.1
+
+
+def test_a_hot_drive_trips_and_says_so(emulator):
+    link, driver = connect(emulator)
+    with link:
+        driver.arm()
+        drive(driver, 0.05)
+        obey(emulator, 'temperature 120')
+        until(lambda: emulator.torque == 0.0)
+        assert drive(driver, 0.4).faults
+        with pytest.raises(DriveError, match='MOTOR_FAILED'):
+            driver.arm()
+        obey(emulator, 'clear')
+        driver.arm()
+        drive(driver, 0.05)
+        assert emulator.torque == TORQUE
+
+
+def test_a_rebooted_drive_has_forgotten_that_it_was_armed(emulator):
+    link, driver = connect(emulator)
+    with link:
+        driver.arm()
+        drive(driver, 0.05)
+        obey(emulator, 'reboot')
+        telemetry = drive(driver, 0.8)
+        assert emulator.torque == 0.0 and telemetry.armed is False
+
+
+def test_an_encoder_jump_shows_in_the_position(emulator):
+    link, driver = connect(emulator)
+    with link:
+        driver.ask()
+        time.sleep(0.05)
+        before = driver.poll().position
+        obey(emulator, 'encoder_jump 2')
+        time.sleep(0.01)
+        driver.ask()
+        time.sleep(0.05)
+        assert driver.poll().position - before == pytest.approx(4 * 3.14159265, abs=0.05)
+
+
+def test_a_drive_that_does_not_read_makes_the_line_stuck(emulator):
+    obey(emulator, 'slow_reader 0')
+    with Link(emulator.path, BAUD) as link:
+        with pytest.raises(LinkError) as raised:
+            for _ in range(200):
+                link.write(b'u 0\n' * 50)
+    assert raised.value.reason == 'stuck'
+
+
+@pytest.mark.parametrize('protocol', sorted(DEVICES))
+@pytest.mark.parametrize('fault', ['corrupt 0.02', 'drop 0.02', 'duplicate 0.02', 'delay 0.02',
+                                   'garbage 2000 from'])
+def test_telemetry_stays_true_on_a_bad_line(scene, protocol, fault):
+    with Emulator(protocol, scene, BAUD, seed=5) as emulator:
+        link, driver = connect(emulator, protocol)
+        with link:
+            obey(emulator, fault)
+            voltages, positions = set(), []
+            end = time.monotonic() + 0.3
+            while time.monotonic() < end:
+                driver.ask()
+                time.sleep(0.004)
+                telemetry = driver.poll()
+                positions.append(telemetry.position or 0.0)
+                voltages.add(telemetry.bus_voltage)
+        assert voltages <= {None, 12.0}
+        # The ball is at rest: the pendulum hangs, and so it must read.
+        assert max(map(abs, positions)) < 0.01
+
+
+def test_every_fault_of_the_table_is_understood(emulator):
+    for name, fault in FAULTS.items():
+        assert obey(emulator, f'{name} 0.5' if fault.argument else name) == 'ok'
+    for name in LINE_FAULTS:
+        assert obey(emulator, f'{name} 0.5') == obey(emulator, f'{name} 0 to') == 'ok'
+    assert emulator.from_drive.trouble.drop == 0.5 and emulator.to_drive.trouble.drop == 0.0
+    obey(emulator, 'clear')
+    assert emulator.from_drive.trouble.drop == 0.0
+    until(lambda: emulator.terminal.plugged)
+
+
+@pytest.mark.parametrize('line, complaint', [
+    ('', 'is no fault'), ('corupt 0.1', "did you mean 'corrupt'"), ('drop', 'one number'),
+    ('drop much', 'one number'), ('drop 2', 'at most 1'), ('drop 0.1 up', '"to" or "from"'),
+    ('silence -1', 'at least 0'), ('reboot 3', 'takes no number'), ('unplug nan', 'at least 0')])
+def test_a_fault_that_is_not_understood_is_refused(emulator, line, complaint):
+    with pytest.raises(ConfigurationError, match=complaint):
+        obey(emulator, line)
+    assert answer(emulator, line).startswith('error: ')
+
+
+def test_faults_come_over_a_socket(emulator, tmp_path):
+    import json
+    import socket
+    channel = Channel(emulator, tmp_path / 'control')
+    try:
+        with socket.socket(socket.AF_UNIX) as peer:
+            peer.connect(str(tmp_path / 'control'))
+            stream = peer.makefile('rw')
+            said = []
+            for line in ('drop 0.25 from', 'nonsense', 'state'):
+                stream.write(f'{line}\n')
+                stream.flush()
+                said.append(stream.readline().strip())
+        assert said[0] == 'ok' and said[1].startswith('error: ')
+        state = json.loads(said[2])
+        assert state['plugged'] and state['imu_force_y'] == pytest.approx(9.81, abs=0.01)
+        assert emulator.from_drive.trouble.drop == 0.25
+    finally:
+        channel.close()
+
+
+def test_a_link_does_not_overwrite_a_file(scene, tmp_path):
+    (tmp_path / 'file').write_text('precious')
+    with pytest.raises(ConfigurationError, match='no symbolic link'):
+        Emulator('odrive', scene, link=tmp_path / 'file')
+    assert (tmp_path / 'file').read_text() == 'precious'
+
+
+def test_the_command_prints_the_device_obeys_lines_and_keeps_the_log(tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'ballbot_ros.cli', 'emulate-motor', '--protocol', 'odrive',
+         '--baud', str(BAUD), '--link', str(tmp_path / 'ttyBall'), '--watchdog', '0.5',
+         '--log', str(tmp_path / 'log.csv')],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout.readline().strip() == str(tmp_path / 'ttyBall')
+
+        class There:
+            path = str(tmp_path / 'ttyBall')
+
+            class settings:
+                torque_limit = 0.1
+        link, driver = connect(There)
+        with link:
+            watchdog, = (item for item in driver.read_settings() if item.name == 'watchdog')
+            assert watchdog.value == '0.5 s'
+            driver.arm()
+            drive(driver, 0.1)
+            driver.stop()
+        process.stdin.write('nonsense\n')
+        process.stdin.flush()
+        assert process.stdout.readline().startswith('error: ')
+    finally:
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=20) == 0
+    log = (tmp_path / 'log.csv').read_text().splitlines()
+    assert log[0] == 'time,torque' and log[1].endswith(f',{TORQUE:g}') and log[-1].endswith(',0')
+    assert not (tmp_path / 'ttyBall').is_symlink()
