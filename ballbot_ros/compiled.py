@@ -64,6 +64,16 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     return _compile(function, inline='never')
 
 
+def unlocked(function: Callable[..., Any]) -> Callable[..., Any]:
+    """
+    Mark a long-running kernel for compilation that lets other threads of Python run meanwhile.
+
+    Threads that call it at once must each pass arrays of their own to work in.  Kernels that
+    call it do so, instead of holding a copy of it: that takes long to compile.
+    """
+    return _compile(function, inline='never', nogil=True, forceinline=False)
+
+
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """
     Mark a kernel that is pasted into the kernels that call it.
@@ -73,7 +83,8 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     return _compile(function, inline='always')
 
 
-def _compile(function: Callable[..., Any], inline: str) -> Callable[..., Any]:
+def _compile(function: Callable[..., Any], inline: str,
+             nogil: bool = False, forceinline: bool = True) -> Callable[..., Any]:
     if not COMPILED:
         return function
     before = numba_config.CACHE_DIR
@@ -81,7 +92,7 @@ def _compile(function: Callable[..., Any], inline: str) -> Callable[..., Any]:
     try:
         # Without numba's counting of references (_nrt): kernels neither make nor keep arrays,
         # whoever calls holds them, and the counting took twice as long as the mechanics.
-        return numba.njit(cache=True, error_model='numpy', forceinline=True, _nrt=False,
-                          inline=inline)(function)
+        return numba.njit(cache=True, error_model='numpy', forceinline=forceinline, _nrt=False,
+                          inline=inline, nogil=nogil)(function)
     finally:
         numba_config.CACHE_DIR = before

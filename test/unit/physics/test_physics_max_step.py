@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The fast search gives the answers of the reference, and its error is an upper bound."""
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from ballbot_ros.errors import ConfigurationError, SimulationError
+from ballbot_ros.physics import (
+    Actuation, ContactOptions, crosses, cruising, held_at, highest_step, load_robot, max_step,
+    max_steps, Model, rolling, Rules, simulate, Site, Solver, State)
+from ballbot_ros.physics.attempt import (
+    attempt, BACK, Course, OVER, peak, place, Room, UNDECIDED)
+from ballbot_ros.physics.dynamics import Numbers, SIZE
+
+GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
+DRIVES = {
+    'shellball free': (SHELLBALL, lambda _: Actuation()),
+    'free': (GIMBALL, lambda _: Actuation()),
+    'down': (GIMBALL, lambda _: held_at(0.0)),
+    'level': (GIMBALL, lambda _: held_at(math.pi / 2)),
+    'up': (GIMBALL, lambda _: held_at(math.pi)),
+    'velocity': (GIMBALL, rolling(GIMBALL)),
+    'voltage': (GIMBALL, cruising(GIMBALL))}
+SITES = {
+    'level': Site(), 'downhill': Site(slope_before=-0.1), 'uphill behind': Site(slope_behind=0.1),
+    'roof': Site(slope_before=0.05, slope_behind=-0.2),
+    'rough': Site(friction_before=0.5, friction_edge=0.4, friction_behind=0.6),
+    'slippery edge': Site(friction_edge=0.02)}
+
+
+def reference(robot, speed, actuation, tolerance=2e-5, **rest):
+    angle = actuation.set_angle if actuation.law == 'position' else 0.0
+    return highest_step(robot, speed, actuation, angle, tolerance, **rest)
+
+
+@pytest.mark.parametrize('drive', DRIVES)
+def test_the_answers_are_those_of_the_reference(drive):
+    robot, law = DRIVES[drive]
+    for speed in (0.25, 0.65, 1.1):
+        found = max_step(robot, speed, law(speed), accuracy=1e-5)
+        known = reference(robot, speed, law(speed))
+        # The reference is the lower end of its bracket; its steps of 0.1 ms cost 10 um.
+        assert known - 1e-5 <= found.height + found.error
+        assert found.height - found.error <= known + 2e-5 + 1e-5
+
+
+@pytest.mark.parametrize('site', SITES)
+def test_the_answers_are_those_of_the_reference_on_any_ground(site):
+    for drive in ('free', 'velocity'):
+        robot, law = DRIVES[drive]
+        found = max_step(robot, 0.7, law(0.7), accuracy=1e-5, site=SITES[site])
+        known = reference(robot, 0.7, law(0.7), site=SITES[site])
+        assert found.height == pytest.approx(known + 1e-5, abs=3e-5)
+
+
+@pytest.mark.parametrize('drive', DRIVES)
+def test_a_stricter_search_stays_within_the_error(drive):
+    robot, law = DRIVES[drive]
+    speeds = np.linspace(0.2, 1.2, 6)
+    exact = max_steps(robot, speeds, law, accuracy=1e-7)
+    assert max(item.error for item in exact) <= 1e-7
+    for accuracy in (1e-3, 5e-5, 2e-6):
+        for found, best in zip(max_steps(robot, speeds, law, accuracy=accuracy), exact):
+            assert found.error <= accuracy
+            assert abs(found.height - best.height) <= found.error + best.error
+
+
+def test_slopes_and_frictions_act_as_they_must():
+    def height(**site):
+        return max_step(GIMBALL, 0.7, site=Site(**site)).height
+    plain = height()
+    assert height(slope_before=-0.1) > plain > height(slope_before=0.1)
+    # Over is who has passed the edge: on a slope up that is a part of the slope, too.
+    assert plain > height(slope_behind=0.3) + 5e-3
+    assert height(slope_behind=-0.3) == pytest.approx(plain, abs=1e-4)
+    assert height(friction_edge=0.5) > plain > height(friction_edge=0.02)
+    # The robot's own frictions, said aloud.
+    assert height(friction_before=0.22, friction_behind=0.22, friction_edge=0.144) == plain
+
+
+def test_a_ball_without_motor_is_given_up_early_but_never_wrongly():
+    # A motor that gives no torque moves nothing else, but nothing can be concluded from energy.
+    for speed in (0.4, 0.9):
+        threshold = max_step(GIMBALL, speed).height
+        room = Room.of(Site().profile(GIMBALL))
+        numbers = Numbers.of(GIMBALL, ContactOptions())
+        times = []
+        for law in (Actuation(), Actuation('torque', torque=0.0)):
+            drive = law.drive(GIMBALL)
+            ends = []
+            for share in np.linspace(0.05, 2.5, 80):
+                verdict, score, _ = attempt(
+                    share * threshold, 1e-8, Rules().course(speed, 0.0), numbers, drive, room,
+                    10**8)
+                assert (score > 0.0) == (verdict == OVER)
+                ends.append((verdict, room.last[1]))
+            times.append(ends)
+        free, driven = times
+        assert [verdict for verdict, _ in free] == [verdict for verdict, _ in driven]
+        assert sum(end for _, end in free) < 0.8 * sum(end for _, end in driven)
+
+
+def test_the_ball_starts_at_its_first_touch_with_the_collision_speed():
+    for before in (-0.3, 0.0, 0.4):
+        for height in (0.003, 0.05, 0.2, 0.5):
+            room = Room.of(Site(slope_before=before).profile(GIMBALL, height))
+            state = np.zeros(SIZE)
+            touch_x = place(state, Course(0.8, 0.3, 0.0, 1.0, 5.0),
+                            Numbers.of(GIMBALL, ContactOptions()), room.ground)
+            start = State(0.0, *state)
+            assert start.x == pytest.approx(touch_x, abs=1e-15)
+            nearest = min(max(start.y, 0.0), height)
+            assert math.hypot(start.x, start.y - nearest) == pytest.approx(0.226, rel=1e-12)
+            assert math.hypot(start.velocity_x, start.velocity_y) == pytest.approx(0.8)
+            assert math.atan2(start.velocity_y, start.velocity_x) == pytest.approx(before)
+            model = Model(GIMBALL, Site(slope_before=before).terrain(height))
+            # All contacts but that of the floor have just begun, or not quite.
+            floor = max(model.touches(start), key=lambda touch: touch.penetration)
+            assert floor.normal_force == pytest.approx(
+                GIMBALL.weight * math.cos(before), rel=1e-9)
+            assert floor.slip_velocity == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_verdict_is_what_a_whole_run_shows():
+    for height, verdict in ((0.015, OVER), (0.025, BACK)):
+        room = Room.of(Site().profile(GIMBALL))
+        found, _, _ = attempt(height, 1e-8, Rules().course(0.6, 0.0),
+                              Numbers.of(GIMBALL, ContactOptions()), Actuation().drive(GIMBALL),
+                              room, 10**8)
+        assert found == verdict
+        model = Model(GIMBALL, Site().terrain(height), solver=Solver('adaptive', tolerance=1e-8))
+        start = np.zeros(SIZE)
+        place(start, Rules().course(0.6, 0.0), model.numbers, model.profile)
+        run = simulate(model, State(0.0, *start), Actuation(), 1.0)
+        assert bool((run['x'] > 0.0).any()) == (verdict == OVER)
+
+
+def test_a_wound_up_pendulum_may_win_at_a_later_attempt():
+    law = rolling(GIMBALL)(0.2)
+    first = max_step(GIMBALL, 0.2, law, scan=10)
+    later = max_step(GIMBALL, 0.2, law, rules=Rules(attempts='any'))
+    assert first.monotone and later.height > first.height + 4e-3
+    between = 0.5 * (first.height + later.height)
+    assert not crosses(GIMBALL, 0.2, between, law)
+    assert crosses(GIMBALL, 0.2, between, law, rules=Rules(attempts='any'))
+
+
+def test_a_bouncing_ball_whose_later_attempts_count_is_not_monotone_and_told_so():
+    rules = Rules(attempts='any', time_limit=3.0)
+    assert max_step(SHELLBALL, 3.0, rules=rules, scan=40).monotone is False
+    assert max_step(SHELLBALL, 1.2, scan=40).monotone is True
+    assert max_step(SHELLBALL, 1.2).monotone is None
+
+
+def test_a_ball_that_presses_against_the_step_for_ever_has_failed():
+    room = Room.of(Site().profile(GIMBALL))
+    verdict, score, _ = attempt(
+        0.005, 1e-8, Rules(time_limit=1.0).course(0.05, math.pi / 2),
+        Numbers.of(GIMBALL, ContactOptions()), held_at(math.pi / 2).drive(GIMBALL), room, 10**8)
+    assert verdict == UNDECIDED and score < 0.0
+    assert room.last[1] == pytest.approx(1.0)
+
+
+def test_the_peak_of_a_throw_is_exact():
+    # x = v t - a t^2 / 2
+    speed, deceleration, duration = 1.3, 9.0, 0.2
+    end = speed * duration - 0.5 * deceleration * duration**2
+    assert peak(0.0, speed, end, speed - deceleration * duration, duration) == pytest.approx(
+        speed**2 / (2.0 * deceleration), rel=1e-12)
+    assert peak(0.0, 1.0, 1.0, 1.0, 1.0) == 1.0
+    assert peak(2.0, -1.0, 1.0, -1.0, 1.0) == 2.0
+
+
+def test_threads_change_nothing():
+    speeds = np.linspace(0.2, 1.2, 9)
+    alone = max_steps(GIMBALL, speeds, rolling(GIMBALL), threads=1)
+    assert max_steps(GIMBALL, speeds, rolling(GIMBALL), threads=4) == alone
+    assert [item.speed for item in alone] == pytest.approx(list(speeds))
+
+
+def test_the_cruising_voltage_rolls_the_ball_at_its_speed():
+    model = Model(GIMBALL, Site().terrain(0.05))
+    law = cruising(GIMBALL)(0.6)
+    run = simulate(model, model.at_rest(-3.0, 0.6), law, 3.0)
+    # It rolls on its radius less the penetration.
+    rolled = 0.6 * (1.0 - GIMBALL.static_penetration / GIMBALL.ball_radius)
+    assert np.mean(run['velocity_x'][-1000:]) == pytest.approx(rolled, rel=1e-3)
+
+
+@pytest.mark.parametrize('change, complaint', [
+    ({'speed': 0.0}, 'speed must be more than 0 m/s'),
+    ({'speed': math.nan}, 'speed must be more than 0 m/s'),
+    ({'accuracy': 1e-9}, 'accuracy must be at least 1e-08 and at most 0.01 m'),
+    ({'pendulum_angle': math.inf}, 'pendulum_angle must be any finite number'),
+    ({'scan': -1}, 'scan must be at least 0'),
+    ({'robot': replace(SHELLBALL, gravity=0.0)}, 'no gravity'),
+    ({'speed': 70.0, 'site': Site(slope_before=1.39)}, 'outside what the search is made for')])
+def test_impossible_searches_are_refused(change, complaint):
+    with pytest.raises(ConfigurationError, match=complaint):
+        max_step(**{'robot': GIMBALL, 'speed': 0.6, **change})
+
+
+def test_an_attempt_that_cannot_go_on_tells_when_and_why():
+    soft = replace(GIMBALL, contact_stiffness=300.0)
+    with pytest.raises(SimulationError, match='under the ground'):
+        max_step(soft, 3.0)
+
+
+@pytest.mark.parametrize('field, value', [
+    ('slope_before', 1.5), ('slope_behind', math.nan), ('friction_edge', -0.1)])
+def test_impossible_sites_are_refused_by_name(field, value):
+    with pytest.raises(ConfigurationError, match=f'Site: {field} must be'):
+        Site(**{field: value})
