@@ -18,12 +18,11 @@ import kernels
 import numpy as np
 import peers
 from precision_scenes import cases, MUJOCO_HEIGHT, MUJOCO_SCENE, MUJOCO_SPEED, with_solver
-from search_race import race
 
 from ballbot_ros.errors import SimulationError
 from ballbot_ros.laboratory import twin
 from ballbot_ros.laboratory.cases import Case
-from ballbot_ros.physics import Actuation, contact, dynamics, integrators, load_robot
+from ballbot_ros.physics import Actuation, contact, dynamics, integrators
 from ballbot_ros.physics.accuracy import simulate_accurately
 from ballbot_ros.physics.adaptive import Scratch
 from ballbot_ros.physics.simulation import simulate
@@ -169,7 +168,6 @@ def measure():
         yield f'{case.name}: energy residual at 1e-6 m', '1e-9', [
             1e9 * residual(case, curves['adaptive'], 1e-6)], None
     yield from ratio_rows(ratios)
-    yield from race(load_robot('gimball'))
     RESULTS.write_text(json.dumps({'scenes': stored, 'ratios': [
         {'solver': name, 'error': level, 'scenes': table}
         for (name, level), table in ratios.items()]}, indent=1) + '\n')

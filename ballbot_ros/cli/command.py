@@ -20,6 +20,7 @@ VERBS = {
     'demo': ('ballbot_ros.cli.demo', 'show the robot meet a step that it can cross and one '
              'that it cannot, with all ROS nodes'),
     'simulate': ('ballbot_ros.cli.simulate', 'run a scene and keep numbers and figures'),
+    'max-step': ('ballbot_ros.cli.max_step', 'find the highest step that a robot gets over'),
     'compare-models': ('ballbot_ros.cli.compare_models', 'say where simpler models of the '
                        'highest step do'),
     'emulate-motor': ('ballbot_ros.cli.emulate_motor', 'a motor controller in software, with '

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Time the search for the highest step: one height, all curves of Figs 5, 6 and 8, many threads.
+
+MuJoCo, where it is installed, searches the same at equal error; see search_race.py.
+"""
+import math
+import os
+from statistics import median
+import time
+
+import numpy as np
+from search_race import race
+
+from ballbot_ros.physics import (
+    Actuation, held_at, highest_step, load_robot, max_step, max_steps, rolling)
+
+SPEEDS = np.linspace(0.2, 1.2, 21)
+REPEATS = 15
+
+
+def spent(function):
+    """Return the time of one call [s]."""
+    begin = time.perf_counter()
+    function()
+    return time.perf_counter() - begin
+
+
+def curves():
+    """Yield robot and actuation of each curve of Figs 5, 6 and 8."""
+    gimball = load_robot('gimball')
+    yield load_robot('shellball'), Actuation()
+    yield gimball, Actuation()
+    for angle in (0.0, math.pi / 2, math.pi):
+        yield gimball, held_at(angle)
+    yield gimball, rolling(gimball)
+
+
+def measure():
+    """Yield name, unit, values and target of each measurement; negative: at least."""
+    gimball = load_robot('gimball')
+
+    def one():
+        return max_step(gimball, 0.6)
+
+    def all_curves(threads=None):
+        return [item for robot, actuation in curves()
+                for item in max_steps(robot, SPEEDS, actuation, threads=threads)]
+    one()
+    all_curves()
+    yield 'one height to 0.05 mm, GimBall free, 0.6 m/s', 'ms', [
+        1e3 * spent(one) for _ in range(REPEATS)], 1.0
+    yield 'the same, reference method', 'ms', [
+        1e3 * spent(lambda: highest_step(gimball, 0.6)) for _ in range(REPEATS)], None
+    # Interleaved, so that both see the same machine.
+    cores = os.cpu_count() or 1
+    times = [(spent(lambda: all_curves(1)), spent(all_curves)) for _ in range(REPEATS)]
+    yield 'Figs 5, 6, 8: 6 curves of 21 speeds', 's', [many for _, many in times], 1.0
+    yield 'the same, one thread', 's', [alone for alone, _ in times], None
+    yield f'times quicker with {cores} threads', 'x', [alone / many for alone, many in times], None
+    found = all_curves()
+    yield 'largest error that is told', 'mm', [1e3 * max(item.error for item in found)], 0.05
+    yield 'attempts per height', '', [median(item.attempts for item in found)], None
+    yield from race(gimball)
