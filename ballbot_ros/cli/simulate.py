@@ -21,10 +21,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='simulated time, instead of that of the scene')
     parser.add_argument('--step', type=float, metavar='SECONDS',
                         help='integration step, instead of that of the scene')
-    parser.add_argument('--method', help='integrator, instead of that of the scene: rk4, '
-                        'semi_implicit or adaptive')
+    parser.add_argument('--method', help='integrator, instead of that of the scene: adaptive, '
+                        'explicit, implicit, trapezoidal, rk4 or semi_implicit; or paper, that '
+                        'with the steps of the paper')
     parser.add_argument('--tolerance', type=float, metavar='METRES',
-                        help='local error of the adaptive method, instead of that of the scene')
+                        help='local error of a method that chooses its steps, instead of that of '
+                        'the scene')
     parser.add_argument('--accuracy', type=float, metavar='METRES',
                         help='largest error of position; chooses the solver by itself')
     parser.add_argument('--no-figures', action='store_true', help='write numbers only')
@@ -102,6 +104,7 @@ def read_scene(arguments: argparse.Namespace) -> Any:
     from ballbot_ros.cli.listing import check_name
     check_name('scenes', arguments.scene)
     from ballbot_ros.fields import check_value
+    from ballbot_ros.physics.model import PRESETS
     from ballbot_ros.physics.scene import load_scene
     scene = load_scene(arguments.scene)
 
@@ -111,8 +114,10 @@ def read_scene(arguments: argparse.Namespace) -> Any:
                  for name in names if getattr(arguments, name) is not None}
         return replace(part, **given)
 
-    model = replace(scene.model, solver=change(
-        scene.model.solver, 'step', 'method', 'tolerance'))
+    solver = scene.model.solver
+    if arguments.method in PRESETS:
+        solver, arguments.method = PRESETS[arguments.method], None
+    model = replace(scene.model, solver=change(solver, 'step', 'method', 'tolerance'))
     return replace(scene, model=model, run=change(scene.run, 'duration', 'accuracy'))
 
 

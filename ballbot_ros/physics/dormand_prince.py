@@ -3,6 +3,9 @@
 One step of the embedded Runge-Kutta pair of Dormand and Prince, 5(4), in a frozen mode.
 
 With its estimate of the local error and its continuous extension; see `adaptive` for the use.
+
+Reference: E. Hairer, S. P. Noersett, G. Wanner, Solving Ordinary Differential Equations I,
+sections II.4 to II.6 (DOPRI5).
 """
 import math
 from typing import Any
@@ -10,15 +13,11 @@ from typing import Any
 import numpy as np
 
 from ballbot_ros.compiled import compiled
-from ballbot_ros.physics.dynamics import (
-    BALL_ANGLE, BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, SIZE, VELOCITY_Y)
+from ballbot_ros.physics.dynamics import SIZE, VELOCITY_Y
+from ballbot_ros.physics.embedded import add_rows, BEGIN, DENSE, PROBE, RATES, STABLE
 from ballbot_ros.physics.modes import mode_derivative
 
-# Rows of the work array: seven stages, then the coefficients of the dense output.
-STAGES = 7
-DENSE = 7
-PROBE = 12
-ROWS = 13
+STAGES = 7  # of which the first is the row BEGIN of the work array, and the others follow it
 
 # Coefficients of the pair; the last row of A is the solution of order 5 (first same as last).
 A = np.array([
@@ -37,49 +36,39 @@ CONTINUE = np.array([
 
 
 @compiled
-def run_stages(time: float, state: Any, step: float, mode: Any, count: int, robot: Any,
-               ground: Any, drive: Any, table: Any, work: Any) -> None:
-    """Compute stages 2 to 7 from stage 1, and the new state into the probe row."""
+def run_explicit_stages(time: float, state: Any, step: float, mode: Any, count: int, robot: Any,
+                        ground: Any, drive: Any, table: Any, work: Any) -> float:
+    """
+    Compute all stages, the new state and its estimated error.
+
+    Returns the step over the longest that is stable, about: the step times the rate of the
+    fastest decay, seen from the last two stages, which are at the same time; over `STABLE`.
+    """
     for stage in range(1, STAGES):
+        if stage == STAGES - 1:
+            for i in range(VELOCITY_Y + 1):
+                work[RATES, i] = work[PROBE, i]
         for i in range(SIZE):
-            total = 0.0
-            for earlier in range(stage):
-                total += A[stage, earlier] * work[earlier, i]
-            work[PROBE, i] = state[i] + step * total
+            work[PROBE, i] = state[i]
+        add_rows(stage, A[stage], step, work, work[PROBE])
         mode_derivative(time + C[stage] * step, work[PROBE], mode, count, robot, ground, drive,
                         table, work[stage])
-
-
-@compiled
-def local_error(state: Any, step: float, robot: Any, work: Any) -> float:
-    """
-    Return the estimated local error as a length at the rim of the ball [m].
-
-    Angles count with the radius; velocities with the time that a contact lasts, in which an
-    error of velocity becomes one of position.
-    """
-    duration = math.sqrt(robot.mass / robot.stiffness)
-    worst = 0.0
+    apart = faster = 0.0
     for i in range(VELOCITY_Y + 1):
-        total = 0.0
-        for stage in range(STAGES):
-            total += ERROR[stage] * work[stage, i]
-        weight = duration if i >= BALL_RATE else 1.0
-        if i in (BALL_ANGLE, PENDULUM_ANGLE, BALL_RATE, PENDULUM_RATE):
-            weight *= robot.radius
-        part = weight * abs(step * total)
-        if not part < math.inf:
-            return math.inf  # max() would lose a NaN
-        worst = max(worst, part)
-    return worst
+        apart += (work[PROBE, i] - work[RATES, i])**2
+        faster += (work[STAGES - 1, i] - work[STAGES - 2, i])**2
+    for i in range(SIZE):
+        work[RATES, i] = 0.0
+    add_rows(STAGES, ERROR, step, work, work[RATES])
+    return step * math.sqrt(faster / apart) / STABLE if apart > 0.0 else 0.0
 
 
 @compiled
-def prepare_dense(state: Any, step: float, work: Any) -> None:
+def prepare_explicit_dense(state: Any, step: float, work: Any) -> None:
     """Compute the coefficients of the continuous extension, of order 4."""
     for i in range(SIZE):
         change = work[PROBE, i] - state[i]
-        bend = step * work[0, i] - change
+        bend = step * work[BEGIN, i] - change
         last = 0.0
         for stage in range(STAGES):
             last += CONTINUE[stage] * work[stage, i]
@@ -88,12 +77,3 @@ def prepare_dense(state: Any, step: float, work: Any) -> None:
         work[DENSE + 2, i] = bend
         work[DENSE + 3, i] = change - step * work[STAGES - 1, i] - bend
         work[DENSE + 4, i] = step * last
-
-
-@compiled
-def interpolate(part: float, work: Any, out: Any) -> None:
-    """Write the state at `part` (0 to 1) of the last step into `out`."""
-    rest = 1.0 - part
-    for i in range(SIZE):
-        out[i] = work[DENSE, i] + part * (work[DENSE + 1, i] + rest * (
-            work[DENSE + 2, i] + part * (work[DENSE + 3, i] + rest * work[DENSE + 4, i])))

@@ -109,6 +109,26 @@ def wanted_torque(time: float, state: Any, drive: Any) -> float:
 
 
 @compiled
+def drive_slopes(state: Any, drive: Any) -> tuple:
+    """
+    Return the derivatives of `wanted_torque`.
+
+    By ball angle, pendulum angle, ball rate, pendulum rate and time.
+    """
+    level = drive.gravity_torque * math.cos(state[PENDULUM_ANGLE])
+    if drive.law == POSITION:
+        return 0.0, level - drive.kp, 0.0, -drive.kd_or_ki, 0.0
+    if drive.law == VELOCITY:
+        # The lag grows with the ball angle and shrinks with the pendulum angle.
+        return (drive.kd_or_ki, level - drive.kd_or_ki, drive.kp, -drive.kp,
+                drive.kd_or_ki * drive.set_value)
+    if drive.law == VOLTAGE:
+        back = drive.kp * drive.kd_or_ki
+        return 0.0, 0.0, back, -back, 0.0
+    return 0.0, 0.0, 0.0, 0.0, 0.0
+
+
+@compiled
 def drive_torque(time: float, state: Any, drive: Any) -> float:
     """Return the torque tau2 of the pendulum motor, within its limit [N m]."""
     return limited(wanted_torque(time, state, drive), drive.limit)

@@ -5,10 +5,11 @@ from typing import Any
 
 from ballbot_ros.compiled import compiled
 from ballbot_ros.errors import ConfigurationError, SimulationError
-from ballbot_ros.physics.adaptive import SPENT, STALLED
+from ballbot_ros.physics.adaptive import METHODS as ADAPTIVE
 from ballbot_ros.physics.contact import spring_energy
 from ballbot_ros.physics.dynamics import (
     CONTACT_LOSS, JOINT_LOSS, kinetic_energy, MOTOR_WORK, potential_energy, X, Y)
+from ballbot_ros.physics.embedded import SPENT, STALLED
 from ballbot_ros.physics.integrators import SUNK
 from ballbot_ros.physics.terrain import Array
 
@@ -110,7 +111,7 @@ def out_of_balance(time: float, missing: float, model: Any) -> OutOfBalance:
     """Return the error of a run whose energy ledger does not close."""
     solver = model.solver
     way = (f'use a smaller tolerance than {solver.tolerance:g} m'
-           if solver.method == 'adaptive' else
+           if solver.method in ADAPTIVE else
            f'use a smaller step than {solver.step:g} s (solver), the adaptive method,')
     return OutOfBalance(
         time, f'the energy ledger misses {100.0 * missing:.3g} % of the energy in play', f'{way} '

@@ -16,7 +16,7 @@ from ballbot_ros.physics.robot import Robot
 from ballbot_ros.physics.terrain import Array, Terrain, VERTEX_X
 
 
-METHODS = (*integrators.METHODS, 'adaptive')
+METHODS = (*integrators.METHODS, *adaptive.METHODS)
 
 
 class State(NamedTuple):
@@ -89,20 +89,29 @@ class Solver(Checked):
     """
     Which integrator, and how finely.
 
-    ``rk4`` and ``semi_implicit`` take steps of one length; see `integrators`.  ``adaptive``
-    chooses its steps by their estimated local error, and meets every kink of the contact law;
-    see `adaptive`.
+    ``semi_implicit`` and ``rk4`` take steps of one length; see `integrators`.
+
+    ``adaptive`` chooses its steps by their estimated local error and meets every kink of the
+    contact law; it takes explicit and L-stable implicit steps, whichever are cheaper, and
+    ``explicit`` and ``implicit`` are the same with one of the two alone; see `adaptive`.
+
+    ``trapezoidal`` is the rule of the paper, with a largest step; see `trapezoidal`.
     """
 
     method: str = text('integrator', default='rk4', choices=METHODS)
     step: float = quantity(
-        's', 'integration step of a method that has one', default=1e-4, above=0.0, maximum=0.1)
+        's', 'integration step of a method with steps of one length; the largest of trapezoidal',
+        default=1e-4, above=0.0, maximum=0.1)
     tolerance: float = quantity(
-        'm', 'local error per step of the adaptive method', default=1e-9, minimum=1e-14,
-        maximum=1e-3)
+        'm', 'local error per step of a method that chooses its steps', default=1e-9,
+        minimum=1e-14, maximum=1e-3)
     work_budget: int = count(
         'right-hand sides that one run may take before it is given up; the default is some '
         'minutes of work', default=10_000_000_000, minimum=1, maximum=10**15)
+
+
+# Solvers with a name; `paper` is table 1 of the paper.
+PRESETS = {'paper': Solver('trapezoidal', step=1e-3, tolerance=1e-9)}
 
 
 @dataclass(frozen=True)
@@ -210,7 +219,7 @@ class Model:
 
         """
         vector = np.array(state[1:])
-        if self.solver.method == 'adaptive':
+        if self.solver.method in adaptive.METHODS:
             time, _, _, ending = self._scratch.advance(
                 self, drive, vector, state.time, state.time + steps * self.solver.step)
         else:

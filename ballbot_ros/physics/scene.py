@@ -12,7 +12,7 @@ from ballbot_ros.paths import find_config
 from ballbot_ros.physics.accuracy import LARGEST, simulate_accurately, SMALLEST
 from ballbot_ros.physics.actuation import Actuation, set_rate_for_speed
 from ballbot_ros.physics.features import read_terrain
-from ballbot_ros.physics.model import Model, Solver, State
+from ballbot_ros.physics.model import Model, PRESETS, Solver, State
 from ballbot_ros.physics.options import ContactOptions
 from ballbot_ros.physics.robot import load_robot, Robot
 from ballbot_ros.physics.simulation import simulate
@@ -159,12 +159,23 @@ def read_scene(content: Mapping[str, Any], where: str, name: str) -> Scene:
     terrain = (read_terrain(content['terrain'], f'{where}: terrain')
                if 'terrain' in content else Terrain.flat())
     model = Model(robot, terrain, _section(ContactOptions, content, 'contact', where),
-                  _section(Solver, content, 'solver', where))
+                  _read_solver(content, f'{where}: solver'))
     initial = _section(Initial, content, 'initial', where)
     actuation = _read_actuation(content.get('actuation', {}), robot, f'{where}: actuation')
     timing = {key: content[key] for key in ('duration', 'output_step', 'accuracy')
               if key in content}
     return Scene(name, model, initial, actuation, Run.from_mapping(timing, where))
+
+
+def _read_solver(content: Mapping[str, Any], where: str) -> Solver:
+    """Return the solver of a scene: one with a name, or described."""
+    section = content.get('solver', {})
+    if not isinstance(section, str):
+        return Solver.from_mapping(section, where)
+    if section not in PRESETS:
+        raise ConfigurationError(
+            f'{where}: must be one of {", ".join(PRESETS)}, or a mapping, got {section!r}')
+    return PRESETS[section]
 
 
 def _section(cls: Type[T], content: Mapping[str, Any], key: str, where: str) -> T:

@@ -73,10 +73,10 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
     """
     if not duration > 0.0 or not np.isfinite(duration):
         raise ConfigurationError(f'duration must be above 0 s and finite, got {duration!r}')
-    run = (_adaptive_run if model.solver.method == 'adaptive' else _fixed_run)(
+    run = (_adaptive_run if model.solver.method in adaptive.METHODS else _fixed_run)(
         model, start.time, output_step)
     count = int(np.ceil(duration / output_step - 1e-9))
-    if model.solver.method != 'adaptive':
+    if model.solver.method not in adaptive.METHODS:
         check_work(model, count * steps_in(output_step, model.solver.step, 'output_step'))
     drive = actuation.drive(model.robot, start.time, start.joint_angle)
     vector = np.array(start[1:])

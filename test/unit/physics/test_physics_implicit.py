@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Implicit methods: their order, their damping, and that they agree with the explicit one."""
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from ballbot_ros.errors import ConfigurationError, SimulationError
+from ballbot_ros.physics import (
+    Actuation, held_at, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
+from ballbot_ros.physics import contact, embedded, modes, rosenbrock
+from ballbot_ros.physics.model import PRESETS
+from ballbot_ros.physics.scene import read_scene
+
+GIMBALL = load_robot('gimball')
+MOVING = ('fig7_top', 'fig7_middle', 'fig7_bottom', 'household', 'shellball_drop')
+
+
+def with_solver(scene, **solver):
+    return replace(scene, model=replace(scene.model, solver=Solver(**solver)))
+
+
+@pytest.mark.parametrize('name', MOVING)
+def test_all_methods_with_chosen_steps_tell_the_same_story(name):
+    scene = load_scene(name)
+    end = with_solver(scene, method='explicit', tolerance=1e-11).simulate()['x'][-1]
+    for method in ('implicit', 'adaptive'):
+        found = with_solver(scene, method=method, tolerance=1e-11).simulate()
+        assert found['x'][-1] == pytest.approx(end, abs=1e-8), method
+        assert np.max(np.abs(found.energy_residual)) < 1e-6 * found.energy_in_play, method
+
+
+def implicit_step(model, state, step, actuation=Actuation()):
+    """Return the state after one step, and at three times within it."""
+    drive, size = actuation.drive(model.robot), len(model.profile)
+    table, mode = contact.contact_table(size), modes.mode_table(size)
+    work, vector, middle = np.zeros((embedded.ROWS, 13)), np.array(state[1:]), np.zeros((3, 13))
+    fixed = model.numbers, model.profile, drive, table
+    count = modes.find_mode(0.0, vector, *fixed, mode)
+    modes.mode_derivative(0.0, vector, mode, count, *fixed, work[embedded.BEGIN])
+    rosenbrock.run_implicit_stages(0.0, vector, step, mode, count, *fixed, work, False)
+    rosenbrock.prepare_implicit_dense(vector, work)
+    for row, part in enumerate((0.25, 0.5, 0.75)):
+        embedded.interpolate(part, work, middle[row])
+    return work[embedded.PROBE].copy(), middle, work[embedded.RATES].copy()
+
+
+def test_a_step_has_local_order_six_its_estimate_and_interpolation_five():
+    # A swinging pendulum on a rolling ball that presses on its floor, driven by law (12); with
+    # friction soft enough for the order to show at steps whose error is above rounding.
+    model = Model(replace(GIMBALL, slip_threshold=0.5), Terrain.flat())
+    state = model.at_rest(0.0, 0.5, 1.0)._replace(pendulum_rate=2.0)
+    actuation = Actuation('velocity', set_rate=3.0, velocity_kp=0.1, velocity_ki=0.5)
+    exact = replace(model, solver=Solver('explicit', tolerance=1e-14))
+    errors, estimates, gaps = [], [], []
+    for step in (4e-3, 2e-3):
+        end, middle, estimate = implicit_step(model, state, step, actuation)
+        rows = simulate(exact, state, actuation, step, step / 4.0)
+        found = np.array([[rows[name][row] for name in ('x', 'y', 'pendulum_angle')]
+                          for row in range(1, 5)])
+        picked = [2, 3, 1]
+        errors.append(np.max(np.abs(end[picked] - found[3])))
+        gaps.append(np.max(np.abs(middle[:, picked] - found[:3])))
+        estimates.append(np.max(np.abs(estimate[picked])))
+    assert math.log2(estimates[0] / estimates[1]) > 4.5
+    assert math.log2(gaps[0] / gaps[1]) > 4.0
+    assert math.log2(errors[0] / errors[1]) > 5.0
+    assert errors[0] < estimates[0]
+
+
+def growth(z):
+    """Return by what a step of the implicit method multiplies y, for y' = z y / h."""
+    stages, start = [], 1.0
+    for stage in range(rosenbrock.STAGES):
+        if stage <= rosenbrock.OWN_START:
+            start = 1.0 + sum(a * u for a, u in zip(rosenbrock.A[stage], stages))
+        else:
+            start += stages[-1]
+        coupled = sum(c * u for c, u in zip(rosenbrock.COUPLING[stage], stages))
+        stages.append((z * start + coupled) / (1.0 / rosenbrock.GAMMA - z))
+    return start + stages[-1]
+
+
+def test_the_implicit_method_is_of_order_five_and_l_stable():
+    errors = [abs(growth(z) - math.exp(z)) for z in (-0.4, -0.2)]
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(6.0, abs=0.3)
+    assert abs(growth(-1e8)) < 1e-6
+    # Nowhere on the imaginary axis, nor left of it, does anything grow.
+    assert max(abs(growth(complex(0.0, y))) for y in np.geomspace(1e-2, 1e5, 2000)) < 1 + 1e-9
+
+
+def test_one_long_step_damps_a_slip_that_would_make_an_explicit_step_diverge():
+    model = Model(GIMBALL, Terrain.flat(), solver=Solver('explicit', tolerance=1e-11))
+    state = model.at_rest(0.0, 0.5)._replace(ball_rate=-0.5 / 0.2244 + 0.01)
+    slip = model.touches(state)[0].slip_velocity
+    # A step some twenty times as long as the slip takes to die out.
+    end, _, _ = implicit_step(model, state, 0.02)
+    later = model.touches(State(0.02, *end))[0].slip_velocity
+    exact = model.touches(model.advance(state, Actuation().drive(GIMBALL), 200))
+    assert abs(slip) > 2e-3
+    assert abs(later - exact[0].slip_velocity) < 0.1 * abs(slip)
+
+
+def test_rolling_for_a_minute_takes_a_thousandth_of_the_steps_of_a_fixed_one():
+    model = Model(GIMBALL, Terrain.flat(), solver=Solver('adaptive', tolerance=1e-6))
+    run = simulate(model, model.at_rest(0.0, 1.0), Actuation(), 60.0, 1.0)
+    exact = simulate(replace(model, solver=Solver('explicit', tolerance=1e-11)),
+                     model.at_rest(0.0, 1.0), Actuation(), 60.0, 1.0)
+    assert run['x'] == pytest.approx(exact['x'], abs=1e-5)
+    assert run.effort.steps < 600 and exact.effort.steps > 10_000
+
+
+def test_a_tiny_slip_threshold_costs_the_implicit_method_little_and_the_explicit_one_much():
+    def effort(method, threshold):
+        robot = replace(GIMBALL, slip_threshold=threshold)
+        model = Model(robot, Terrain.flat(), solver=Solver(method, tolerance=1e-8))
+        return simulate(model, model.at_rest(0.0, 0.5, 0.5), Actuation(), 1.0).effort.evaluations
+    assert effort('explicit', 1e-4) > 30 * effort('explicit', 1e-2)
+    assert effort('implicit', 1e-4) < 3 * effort('implicit', 1e-2)
+    assert effort('adaptive', 1e-4) < 3 * effort('adaptive', 1e-2)
+
+
+def test_the_adaptive_method_is_explicit_where_accuracy_limits_the_step_and_else_implicit():
+    def effort(method, tolerance):
+        scene = with_solver(load_scene('fig7_top'), method=method, tolerance=tolerance)
+        return scene.simulate().effort.evaluations
+    assert effort('adaptive', 1e-13) < 1.1 * effort('explicit', 1e-13) < effort('implicit', 1e-13)
+    assert effort('adaptive', 1e-6) < 0.8 * effort('explicit', 1e-6)
+
+
+def test_stiff_gains_are_no_reason_for_short_steps():
+    actuation = replace(held_at(0.5), position_kp=4e4, position_kd=1e4)
+    model = Model(GIMBALL, Terrain.flat(), solver=Solver('adaptive', tolerance=1e-8))
+    run = simulate(model, model.at_rest(0.0), actuation, 1.0)
+    assert run['pendulum_angle'][-1] == pytest.approx(0.5, abs=0.03)
+    assert run.effort.steps < 1000
+
+
+def test_the_trapezoidal_rule_is_of_order_two():
+    model = Model(GIMBALL, Terrain.flat())
+    start = model.at_rest(0.0, 0.5, 1.0)
+
+    def end(**solver):
+        return simulate(replace(model, solver=Solver(**solver)), start, Actuation(), 0.5)['x'][-1]
+    exact = end(method='explicit', tolerance=1e-13)
+    errors = [abs(end(method='trapezoidal', step=step, tolerance=1e-7) - exact)
+              for step in (4e-4, 2e-4, 1e-4)]
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.3)
+    assert math.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.3)
+
+
+def test_the_trapezoidal_rule_keeps_the_energy_of_an_undamped_spring():
+    robot = replace(load_robot('shellball'), contact_damping=0.0, rolling_friction=0.0)
+    model = Model(robot, Terrain.flat(), solver=Solver('trapezoidal', step=1e-3, tolerance=1e-9))
+    rest = model.at_rest(0.0)
+    pressed = rest._replace(y=rest.y - 0.5 * robot.static_penetration)
+    run = simulate(model, pressed, Actuation(), 5.0)
+    total = run['kinetic_energy'] + run['potential_energy'] + run['contact_energy']
+    swing = np.max(run['kinetic_energy'])
+    assert np.max(np.abs(total - total[0])) < 1e-4 * swing
+
+
+def test_the_recipe_of_the_paper_gives_its_figure_and_is_a_name():
+    assert PRESETS['paper'] == Solver('trapezoidal', step=1e-3, tolerance=1e-9)
+    scene = read_scene({'robot': 'gimball', 'solver': 'paper', 'duration': 0.1}, 'here', 'rest')
+    assert scene.model.solver == PRESETS['paper']
+    with pytest.raises(ConfigurationError, match="solver: must be one of paper.*got 'adams'"):
+        read_scene({'robot': 'gimball', 'solver': 'adams', 'duration': 0.1}, 'here', 'rest')
+    figure = load_scene('fig7_top')
+    exact = with_solver(figure, method='adaptive', tolerance=1e-11).simulate()
+    found = replace(figure, model=replace(figure.model, solver=PRESETS['paper'])).simulate()
+    assert found['x'] == pytest.approx(exact['x'], abs=1e-4)
+    assert np.max(np.diff(found['time'])) < 1.1e-3
+
+
+@pytest.mark.parametrize('method', ['implicit', 'trapezoidal'])
+def test_a_run_beyond_its_work_budget_ends_with_what_to_do(method):
+    model = Model(GIMBALL, Terrain.flat(), solver=Solver(method, work_budget=50))
+    with pytest.raises(SimulationError, match='work budget of 50 right-hand sides'):
+        simulate(model, model.at_rest(0.0, 0.5), Actuation(), 5.0)

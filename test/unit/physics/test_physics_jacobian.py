@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The derivative of the equations of motion, written by hand, is the derivative."""
+from dataclasses import replace
+
+from hypothesis import assume, given
+from hypothesis import strategies as some
+import numpy as np
+import pytest
+
+from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model, Terrain
+from ballbot_ros.physics import contact, jacobian, modes
+
+ROBOTS = {name: load_robot(name) for name in ('gimball', 'shellball')}
+# Two segments at an angle that leave no concave corner, and an edge between them.
+RIDGE = Terrain([[-1.0, 0.0], [0.0, 0.05], [1.0, -0.1]])
+DELTA = 1e-6
+
+
+def rates_and_slopes(model, actuation, vector, time=0.5):
+    """Return the rates as a function of time and state in the mode of a state, and slopes."""
+    drive, size = actuation.drive(model.robot, 0.0, 0.1), len(model.profile)
+    table, mode, out = (contact.contact_table(size), modes.mode_table(size),
+                        jacobian.jacobian_table())
+    fixed = model.numbers, model.profile, drive, table
+    count = modes.find_mode(time, vector, *fixed, mode)
+    jacobian.write_jacobian(time, vector, mode, count, *fixed, out)
+    complete = jacobian.smooth_contacts(table, count)
+
+    def rates(moment, state):
+        found = np.zeros(13)
+        modes.mode_derivative(moment, state, mode, count, *fixed, found)
+        return found[4:]
+    return rates, out[:9], complete, count
+
+
+def differences(rates, vector, time=0.5):
+    """Return the slopes by central differences."""
+    found = np.zeros((9, 9))
+    for column in range(8):
+        shift = np.zeros(13)
+        shift[column] = DELTA
+        found[:, column] = (rates(time, vector + shift) - rates(time, vector - shift)) / (
+            2.0 * DELTA)
+    found[:, 8] = (rates(time + DELTA, vector) - rates(time - DELTA, vector)) / (2.0 * DELTA)
+    return found
+
+
+vectors = some.builds(
+    lambda x, depth, slip, rest: np.array(
+        [rest[0], rest[1], x, 0.0, slip - rest[2] / 0.226, rest[3], rest[2], rest[4],
+         0.0, 0.0, 0.0, 0.0, 0.0, depth]),
+    some.floats(-0.05, 0.05), some.floats(1e-5, 3e-3), some.floats(-0.1, 0.1),
+    some.tuples(some.floats(-3, 3), some.floats(-3, 3), some.floats(-1, 1), some.floats(-3, 3),
+                some.floats(-0.05, 0.05)))
+options = some.builds(
+    ContactOptions, pulling=some.booleans(), friction_ramp=some.sampled_from(['linear', 'smooth']),
+    slip_lever=some.sampled_from(['contact', 'radius']))
+actuations = some.builds(
+    Actuation, law=some.sampled_from(['free', 'position', 'velocity', 'voltage', 'torque']),
+    set_angle=some.just(0.3), set_rate=some.just(2.0), voltage=some.just(3.0),
+    torque=some.just(0.5), velocity_ki=some.just(3.0), torque_limit=some.sampled_from([1e9, 0.3]))
+
+
+@given(some.sampled_from(sorted(ROBOTS)), vectors, options, actuations)
+def test_the_slopes_are_those_of_central_differences(name, vector, choice, actuation):
+    robot = ROBOTS[name]
+    actuation = actuation if robot.has_pendulum else Actuation()
+    model, depth, vector = Model(robot, RIDGE, choice), vector[13], vector[:13].copy()
+    near = model.at_rest(vector[2])
+    vector[3] = near.y + robot.static_penetration - depth
+    rates, slopes, complete, count = rates_and_slopes(model, actuation, vector)
+    assert complete
+    # A ramp that ends within the differences bends them.
+    assume(not any(abs(abs(touch_slip) / robot.slip_threshold - 1.0) < 1e-3
+                   for touch_slip in slips(model, vector)))
+    expected = differences(rates, vector)
+    size = 1.0 + np.max(np.abs(expected), axis=1, keepdims=True)
+    assert np.max(np.abs(slopes - expected) / size) < 1e-5, (count, slopes - expected)
+
+
+def slips(model, vector):
+    """Return the slip of each contact."""
+    from ballbot_ros.physics import State
+    return [touch.slip_velocity for touch in model.touches(State(0.5, *vector))]
+
+
+def test_a_corner_makes_the_derivative_incomplete_and_says_so():
+    floor = Terrain([[-1.0, 0.0], [0.0, 0.0], [1.0, 0.01]])
+    model = Model(ROBOTS['gimball'], floor)
+    vector = np.array(model.at_rest(-0.001)[1:])
+    _, _, complete, count = rates_and_slopes(model, Actuation(), vector)
+    assert count == 3 and not complete
+
+
+def test_a_ball_without_a_pendulum_has_no_slopes_of_one():
+    robot = replace(ROBOTS['shellball'])
+    model = Model(robot, Terrain.flat())
+    _, slopes, _, _ = rates_and_slopes(model, Actuation(), np.array(model.at_rest(0.0, 0.5)[1:]))
+    assert not slopes[jacobian.PENDULUM].any() and not slopes[:, [0, 1, 5]].any()
+
+
+def test_a_hanging_pendulum_on_a_floor_has_the_slopes_that_one_writes_on_paper():
+    robot = ROBOTS['gimball']
+    model = Model(robot, Terrain.flat())
+    vector = np.array(model.at_rest(0.0)[1:])
+    _, slopes, _, _ = rates_and_slopes(model, Actuation(), vector)
+    # The floor carries the weight, so that gravity pulls the pendulum back.
+    moment = robot.pendulum_mass * robot.pendulum_length
+    inertia = robot.pendulum_inertia + moment * robot.pendulum_length * (
+        robot.ball_mass / robot.total_mass)
+    assert slopes[jacobian.PENDULUM, 1] == pytest.approx(-moment * robot.gravity / inertia)
+    assert slopes[jacobian.ALONG_Y, 3] == pytest.approx(
+        -robot.contact_stiffness / robot.total_mass)
+    assert slopes[jacobian.ALONG_Y, 7] == pytest.approx(-robot.contact_damping / robot.total_mass)
