@@ -31,7 +31,7 @@ from ballbot_ros.physics.jacobian import smooth_contacts
 from ballbot_ros.physics.modes import features_within, find_mode, mode_derivative, mode_table
 from ballbot_ros.physics.rosenbrock import (
     longest_stable, prepare_implicit_dense, run_implicit_stages, STAGES as IMPLICIT_STAGES)
-from ballbot_ros.physics.terrain import VERTEX_X
+from ballbot_ros.physics.terrain import TANGENT_X, TANGENT_Y, VERTEX_X
 from ballbot_ros.physics.trapezoidal import advance_trapezoidal
 
 # Which of the two methods: whichever is quicker, or always the same. Named, with the rule of
@@ -53,7 +53,7 @@ FIRST_TRIAL, LAST_TRIAL = 2, 32  # explicit steps at their limit before an impli
 
 @compiled
 def clear_way(x: float, robot: Any, ground: Any) -> float:
-    """Return how far the ball may move in one step without overlooking a feature [m]."""
+    """Return how far along its ground the ball may move in a step, overlooking nothing [m]."""
     nearest = math.inf
     segment = first_segment(ground, x)
     if segment > 0:
@@ -64,12 +64,26 @@ def clear_way(x: float, robot: Any, ground: Any) -> float:
 
 
 @compiled
-def step_limit(state: Any, way: float, robot: Any) -> float:
-    """Return the longest step that goes no further than a way [s]."""
-    speed = math.hypot(state[VELOCITY_X], state[VELOCITY_Y]) + 1e-3
-    # A ball falls on the way: one of a millimetre falls more than its radius in 20 ms.
-    return min(LONGEST_STEP,
-               2.0 * way / (speed + math.sqrt(speed * speed + 2.0 * robot.gravity * way)))
+def time_for(way: float, speed: float, gravity: float) -> float:
+    """Return the time that a way takes at least, for a ball that may fall meanwhile [s]."""
+    speed = abs(speed) + 1e-3
+    return 2.0 * way / (speed + math.sqrt(speed * speed + 2.0 * gravity * way))
+
+
+@compiled
+def step_limit(state: Any, way: float, count: int, robot: Any, ground: Any) -> float:
+    """
+    Return the longest step that overlooks nothing [s].
+
+    Along its ground the ball may go as far as `way`; towards it a part of its radius only, and
+    what does not touch the ground falls: a ball of a millimetre more than its radius in 20 ms.
+    """
+    segment = first_segment(ground, state[X])
+    tangent_x, tangent_y = ground[segment, TANGENT_X], ground[segment, TANGENT_Y]
+    along = state[VELOCITY_X] * tangent_x + state[VELOCITY_Y] * tangent_y
+    across = state[VELOCITY_Y] * tangent_x - state[VELOCITY_X] * tangent_y
+    near, falling = LARGEST_WAY * robot.radius, robot.gravity if count == 0 else 0.0
+    return min(LONGEST_STEP, time_for(way, along, robot.gravity), time_for(near, across, falling))
 
 
 @compiled
@@ -124,7 +138,7 @@ def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step
             return time, step, filled, SPENT
         smallest = SMALLEST_STEP * max(1.0, abs(time))
         way = clear_way(state[X], robot, ground)
-        used = min(step, step_limit(state, way, robot), end - time)
+        used = min(step, step_limit(state, way, count, robot, ground), end - time)
         smooth = method != EXPLICIT and (implicit or trying) and smooth_contacts(table, count)
         if smooth:
             run_implicit_stages(time, state, used, mode, count, robot, ground, drive, table, work,

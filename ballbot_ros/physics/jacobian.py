@@ -115,11 +115,13 @@ def add_contact(state: Any, mode: Any, row: int, robot: Any, table: Any, out: An
     rub_spin = steep * lever
     # force = normal n + friction t, and both directions turn.
     turn = bend * (sign * normal * tangent_x - friction * normal_x)
-    add_outer(out, 0, sign * normal_x, slope_x, slope_y, damping * normal_x, damping * normal_y, 0.0)
+    add_outer(out, 0, sign * normal_x, slope_x, slope_y, damping * normal_x,
+              damping * normal_y, 0.0)
     add_outer(out, 0, tangent_x, rub_x, rub_y, rub_vx, rub_vy, rub_spin)
     add_outer(out, 0, turn, tangent_x, tangent_y, 0.0, 0.0, 0.0)
     turn = bend * (sign * normal * tangent_y - friction * normal_y)
-    add_outer(out, 1, sign * normal_y, slope_x, slope_y, damping * normal_x, damping * normal_y, 0.0)
+    add_outer(out, 1, sign * normal_y, slope_x, slope_y, damping * normal_x,
+              damping * normal_y, 0.0)
     add_outer(out, 1, tangent_y, rub_x, rub_y, rub_vx, rub_vy, rub_spin)
     add_outer(out, 1, turn, tangent_x, tangent_y, 0.0, 0.0, 0.0)
     # torque = friction distance
@@ -127,8 +129,8 @@ def add_contact(state: Any, mode: Any, row: int, robot: Any, table: Any, out: An
     add_outer(out, 2, friction, normal_x, normal_y, 0.0, 0.0, 0.0)
     # contact loss = (k penetration - normal) closing
     held = sign * (stiffness * table[row, PENETRATION] - normal)
-    add_outer(out, 3, sign * closing, -stiffness * normal_x - slope_x, -stiffness * normal_y - slope_y,
-              -damping * normal_x, -damping * normal_y, 0.0)
+    add_outer(out, 3, sign * closing, -stiffness * normal_x - slope_x,
+              -stiffness * normal_y - slope_y, -damping * normal_x, -damping * normal_y, 0.0)
     add_outer(out, 3, held, closing_x, closing_y, normal_x, normal_y, 0.0)
     # friction loss = -friction (along + distance spin)
     add_outer(out, 4, -(along + distance * spin), rub_x, rub_y, rub_vx, rub_vy, rub_spin)

@@ -33,7 +33,7 @@ def test_all_methods_with_chosen_steps_tell_the_same_story(name):
 
 def implicit_step(model, state, step, actuation=Actuation()):
     """Return the state after one step, and at three times within it."""
-    drive, size = actuation.drive(model.robot), len(model.profile)
+    drive, size = actuation.drive(model.robot, 0.0, state.joint_angle), len(model.profile)
     table, mode = contact.contact_table(size), modes.mode_table(size)
     work, vector, middle = np.zeros((embedded.ROWS, 13)), np.array(state[1:]), np.zeros((3, 13))
     fixed = model.numbers, model.profile, drive, table
@@ -84,7 +84,7 @@ def growth(z):
 
 def test_the_implicit_method_is_of_order_five_and_l_stable():
     errors = [abs(growth(z) - math.exp(z)) for z in (-0.4, -0.2)]
-    assert math.log2(errors[0] / errors[1]) == pytest.approx(6.0, abs=0.3)
+    assert math.log2(errors[0] / errors[1]) > 5.9
     assert abs(growth(-1e8)) < 1e-6
     # Nowhere on the imaginary axis, nor left of it, does anything grow.
     assert max(abs(growth(complex(0.0, y))) for y in np.geomspace(1e-2, 1e5, 2000)) < 1 + 1e-9
