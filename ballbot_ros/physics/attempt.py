@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from ballbot_ros.compiled import compiled, unlocked
 from ballbot_ros.physics.adaptive import advance_adaptive, NO_ROWS
 from ballbot_ros.physics.contact import contact_table, spring_energy
-from ballbot_ros.physics.dormand_prince import ROWS
 from ballbot_ros.physics.dynamics import (
     BALL_RATE, FREE, kinetic_energy, PENDULUM_ANGLE, potential_energy, SIZE, VELOCITY_X,
     VELOCITY_Y, X, Y)
+from ballbot_ros.physics.embedded import ROWS
 from ballbot_ros.physics.integrators import FINISHED
 from ballbot_ros.physics.modes import mode_table
 from ballbot_ros.physics.terrain import TANGENT_X, TANGENT_Y, VERTEX_X, VERTEX_Y
