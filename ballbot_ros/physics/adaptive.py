@@ -28,7 +28,8 @@ from ballbot_ros.physics.embedded import (
 from ballbot_ros.physics.events import LOOKS, mode_end, time_width
 from ballbot_ros.physics.integrators import FINISHED, ground_height, NOT_FINITE, SUNK
 from ballbot_ros.physics.jacobian import smooth_contacts
-from ballbot_ros.physics.modes import features_within, find_mode, mode_derivative, mode_table
+from ballbot_ros.physics.modes import (
+    features_within, find_mode, GEAR, mode_derivative, mode_table)
 from ballbot_ros.physics.rosenbrock import (
     longest_stable, prepare_implicit_dense, run_implicit_stages, STAGES as IMPLICIT_STAGES)
 from ballbot_ros.physics.terrain import TANGENT_X, TANGENT_Y, VERTEX_X
@@ -127,12 +128,14 @@ def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step
     count = find_mode(time, state, robot, ground, drive, table, mode)
     mode_derivative(time, state, mode, count, robot, ground, drive, table, work[BEGIN])
     tally[3] += 1
-    if step <= 0.0:
-        step = 1e-4
     # Whether steps are implicit now; explicit ones at their limit, how many before a trial of
     # the other, whether that is one; the last explicit step; whether the Jacobian is known.
-    implicit = method == IMPLICIT
+    # A run that goes on keeps the method that it had.
+    gear = mode[len(mode) - 1]
+    implicit = method == IMPLICIT or (method == AUTOMATIC and step > 0.0 and gear[GEAR] == 1)
     strained, trial, trying, explicit_step, known = 0, FIRST_TRIAL, False, 0.0, False
+    if step <= 0.0:
+        step = 1e-4
     while time < end:
         if tally[3] + tally[4] >= budget:
             return time, step, filled, SPENT
@@ -170,6 +173,7 @@ def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step
             prepare_implicit_dense(state, work)
             if method == AUTOMATIC:
                 implicit, trying = step > WORTH * longest_stable(work), False
+                gear[GEAR] = 1 if implicit else 0
                 trial = FIRST_TRIAL if implicit else min(2 * trial, LAST_TRIAL)
                 step = step if implicit else min(step, explicit_step)
         else:

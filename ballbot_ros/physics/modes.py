@@ -31,6 +31,7 @@ FEATURE = 0   # of the contact
 PRESSED = 1   # sign of the normal force, 0 where the damper would pull and is not let
 SLIDING = 2   # sign of the slip where it is beyond the threshold, 0 within
 MOTOR = 0     # in the last row: sign of the torque where it is at its limit, 0 within
+GEAR = 1      # and there, kept for the integrator: 1 where its steps were implicit
 MODE_COLUMNS = 3
 
 
