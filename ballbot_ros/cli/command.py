@@ -25,6 +25,8 @@ VERBS = {
                        'highest step do'),
     'emulate-motor': ('ballbot_ros.cli.emulate_motor', 'a motor controller in software, with '
                       'the ball behind it, on a serial device'),
+    'figures': ('ballbot_ros.cli.figures', "draw the paper's figures, re-simulated, and some "
+                'more'),
     'scenes': ('ballbot_ros.cli.scenes', 'list the scenes that come with the package'),
     'test-bench': ('ballbot_ros.cli.test_bench', 'roll a virtual robot into steps as the '
                    "paper's tests did"),

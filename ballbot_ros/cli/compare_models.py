@@ -14,8 +14,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='name or YAML file (default: %(default)s)')
     parser.add_argument('--actuation', choices=('free', 'held'), default='free',
                         help='of the pendulum (default: %(default)s)')
-    parser.add_argument('--angle', type=float, default=90.0, metavar='DEGREES',
-                        help='at which it is held, 0 hanging down (default: %(default)g)')
+    parser.add_argument('--angle', type=float, default=0.0, metavar='DEGREES',
+                        help='of the held pendulum, 0 down, 90 level ahead (default: 0)')
     parser.add_argument('--json', action='store_true', help='print all heights as JSON')
 
 

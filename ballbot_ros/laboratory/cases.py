@@ -5,10 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ballbot_ros.physics import highest_step
+from ballbot_ros.physics import max_step, max_steps
 from ballbot_ros.physics.actuation import Actuation
-from ballbot_ros.physics.crossing import held_at
-from ballbot_ros.physics.model import Solver
+from ballbot_ros.physics.crossing import held_at, Site
 from ballbot_ros.physics.robot import Robot
 from ballbot_ros.physics.terrain import Array
 
@@ -17,13 +16,16 @@ SPEEDS: Array = np.linspace(0.2, 1.2, 21)
 
 LEVEL = 0.5 * math.pi
 
+ACCURACY = 2e-5  # of heights [m]
+
 
 class Case(NamedTuple):
-    """A robot at a step, with its pendulum free or held."""
+    """A robot at a step."""
 
     robot: Robot
     actuation: Actuation = Actuation()
     pendulum_angle: float = 0.0  # absolute, at the first touch [rad]
+    site: Site = Site()
 
     @property
     def held(self) -> bool:
@@ -41,7 +43,7 @@ def holding(robot: Robot, angle: float) -> Case:
     return Case(robot, held_at(angle), angle)
 
 
-def step_height(case: Case, speed: float, step: float = 1e-4) -> float:
+def step_height(case: Case, speed: float, accuracy: float = ACCURACY) -> float:
     """
     Return the highest step by the full model [m].
 
@@ -50,14 +52,15 @@ def step_height(case: Case, speed: float, step: float = 1e-4) -> float:
     case : Case
     speed : float
         Collision speed [m/s].
-    step : float
-        Of the integration [s].
+    accuracy : float
+        Of the height [m].
 
     """
-    return highest_step(case.robot, speed, case.actuation, case.pendulum_angle,
-                        solver=Solver(step=step))
+    return max_step(case.robot, speed, case.actuation, case.pendulum_angle, accuracy,
+                    case.site).height
 
 
-def step_heights(case: Case, speeds: Array, step: float = 1e-4) -> Array:
-    """Return `step_height` at each speed [m]."""
-    return np.array([step_height(case, speed, step) for speed in speeds.tolist()])
+def step_heights(case: Case, speeds: Array) -> Array:
+    """Return `step_height` at each speed, several at once [m]."""
+    return np.array([item.height for item in max_steps(
+        case.robot, speeds.tolist(), case.actuation, case.pendulum_angle, ACCURACY, case.site)])

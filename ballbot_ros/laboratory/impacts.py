@@ -24,7 +24,8 @@ from typing import Optional
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.laboratory.comparators import bisect, check, inertia_ratio
-from ballbot_ros.physics.crossing import LEAD, touch_distance
+from ballbot_ros.physics.attempt import RETREAT
+from ballbot_ros.physics.crossing import touch_distance
 from ballbot_ros.physics.robot import Robot
 
 QUIET = 0.005  # [m/s]; a flight that begins with it lasts 1 ms
@@ -109,7 +110,7 @@ class RigidBall:
                 self.ride()
             if self.x > 0.0:
                 return True
-            if self.x < -self.reach - LEAD and self.velocity_x < 0.0:
+            if self.x < -self.reach - RETREAT and self.velocity_x < 0.0:
                 return False
         return False
 

@@ -16,7 +16,8 @@ import numpy as np
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.fields import Checked, quantity
 from ballbot_ros.physics.actuation import Actuation
-from ballbot_ros.physics.crossing import LEAD, touch_distance
+from ballbot_ros.physics.attempt import RETREAT
+from ballbot_ros.physics.crossing import touch_distance
 from ballbot_ros.physics.model import Model, Solver, State
 from ballbot_ros.physics.robot import Robot
 from ballbot_ros.physics.simulation import simulate
@@ -239,7 +240,7 @@ def run_to_the_end(model: Model, start: State, actuation: Actuation, touch: floa
         pieces.append(rows if not pieces else rows[1:])
         over = (rows[:, x] > 0.0) & (rows[:, y] > height + 0.5 * model.robot.ball_radius)
         # On the ramp a ball may at first roll a little way up: only by the step it is back.
-        back = (rows[:, velocity] < 0.0) & (rows[:, x] < -touch - LEAD) & (
+        back = (rows[:, velocity] < 0.0) & (rows[:, x] < -touch - RETREAT) & (
             rows[:, x].max() > -touch - 0.3)
         if over.any():
             return np.vstack(pieces), bool(not back.any() or over.argmax() < back.argmax())

@@ -22,7 +22,8 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.laboratory.cases import Case
 from ballbot_ros.laboratory.comparators import bisect
 from ballbot_ros.physics import contact, dynamics
-from ballbot_ros.physics.crossing import LEAD, touch_distance
+from ballbot_ros.physics.attempt import RETREAT
+from ballbot_ros.physics.crossing import touch_distance
 from ballbot_ros.physics.model import Model, Solver
 from ballbot_ros.physics.robot import Robot
 from ballbot_ros.physics.simulation import simulate
@@ -133,7 +134,7 @@ def _match(model: Any, robot: Robot) -> None:
 
 class Twin:
     """
-    A robot just before a step, in MuJoCo.
+    A robot that touches a step, in MuJoCo.
 
     Parameters
     ----------
@@ -165,7 +166,7 @@ class Twin:
         robot = case.robot
         self.forces, self.height, self.step = law == 'forces', height, step
         self.own = Model(robot, Terrain.step(height))
-        self.begin = -LEAD - touch_distance(robot.ball_radius, height, robot.static_penetration)
+        self.begin = -touch_distance(robot.ball_radius, height, robot.static_penetration)
         self.start = self.own.at_rest(self.begin, speed, case.pendulum_angle)
         self.drive = case.actuation.drive(robot, 0.0, self.start.joint_angle)
         self.driven = self.drive.law != dynamics.FREE
@@ -241,7 +242,7 @@ class Twin:
             x, y = self.data.qpos[:2].tolist()
             if x > 0.0 and y > self.height + 0.5 * self.own.robot.ball_radius:
                 return True
-            if x < self.begin - LEAD and self.data.qvel[0] < 0.0:
+            if x < self.begin - RETREAT and self.data.qvel[0] < 0.0:
                 return False
         return False
 

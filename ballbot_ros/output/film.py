@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ball on the terrain, true to scale: a film strip like Fig. 7 of the paper."""
 import math
-from typing import Any
+from typing import Any, Sequence
 
 import matplotlib
 from matplotlib.figure import Figure
@@ -18,6 +18,7 @@ from ballbot_ros.physics.trajectory import Trajectory
 _WIDTH, _HIGHEST_ROW = 9.6, 3.6  # of the drawing, and of a row in it [in]
 _LEFT, _RIGHT, _TOP, _BOTTOM = 0.8, 0.2, 0.72, 0.48  # [in]
 _ROW_GAP, _COLUMN_GAP, _NARROWEST = 0.55, 0.65, 6.4  # [in]
+_COLOURS = 'grey: turns with the ball; red: pendulum; green: way of the centre'
 _LETTER, _LINE = 0.072, 0.15  # size of a letter of a label [in]
 _MARGIN, _DEPTH = 1.25, 0.42  # beside the outermost centres, of the ground [ball radii]
 
@@ -72,6 +73,42 @@ def strip(trajectory: Trajectory, title: str = '') -> Figure:
                 axes.yaxis.set_label_coords(-0.55 / cell, 0.5)
             above -= _ROW_GAP
         _heading(figure, run, chosen, title)
+    return figure
+
+
+def stacked(runs: Sequence[tuple[Trajectory, str]], title: str) -> Figure:
+    """
+    Return short runs below one another, at the same scale.
+
+    Parameters
+    ----------
+    runs : sequence of (Trajectory, str)
+        Of each run the first row of its strip, and what is written above it.
+    title : str
+
+    """
+    chosen = [(run, plan(run).rows[0], label) for run, label in runs]
+    views = [_view(run, row) for run, row, _ in chosen]
+    scale = _NARROWEST / max(right - left for left, right, _, _ in views)  # [in/m]
+    tall = [scale * (top - bottom) + 3.0 * _LINE for _, _, bottom, top in views]
+    width = _LEFT + _RIGHT + _NARROWEST
+    height = _BOTTOM + sum(tall) + _ROW_GAP * len(tall) + 0.4
+    with matplotlib.rc_context(dict(canvas.STYLE)):
+        figure = canvas.new_figure(width, height)
+        figure.text(0.1 / width, 1.0 - 0.24 / height, title, fontsize=11, weight='bold')
+        figure.text(0.1 / width, 1.0 - 0.43 / height, _COLOURS, fontsize=7.5, color=canvas.GREY)
+        above = height - 0.4
+        for (run, row, label), (left, right, bottom, _), inches in zip(chosen, views, tall):
+            above -= inches + _ROW_GAP
+            axes = figure.add_axes((_LEFT / width, above / height, _NARROWEST / width,
+                                    inches / height))
+            centre, half = 0.5 * (left + right), 0.5 * _NARROWEST / scale
+            axes.set_xlim(centre - half, centre + half)
+            axes.set_ylim(bottom, bottom + inches / scale)
+            axes.set_title(label, loc='left', fontsize=9.5)
+            _draw_row(axes, run, row, scale)
+            axes.set_ylabel('y [m]')
+        axes.set_xlabel('x [m]', labelpad=1.0)
     return figure
 
 

@@ -83,6 +83,14 @@ def draw_rolls(axes: Any, rolls: Sequence[Roll], measured: bool = True) -> None:
                   mfc='none', color=colour, label=f'{label}, virtual bench', zorder=4)
 
 
+def draw_heading(figure: Figure, title: str, origin: str = RESIMULATED) -> None:
+    """Write title and origin above everything."""
+    width, height = figure.get_size_inches()
+    figure.text(0.012, 1.0 - 0.24 / height, title, fontsize=11, weight='bold')
+    figure.text(1.0 - 0.1 / width, 1.0 - 0.24 / height, origin, fontsize=7.5,
+                color=canvas.GREY, ha='right')
+
+
 def place_legend(axes: Any, where: str = 'upper left', **options: Any) -> None:
     """Add a legend without a frame that hides what is below it."""
     axes.legend(loc=where, fontsize=7.5, framealpha=0.9, edgecolor='none',

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verb ``figures``: the figures of the paper, re-simulated, and some more."""
+import argparse
+from pathlib import Path
+from typing import Any, Callable, Optional
+
+from ballbot_ros.cli.command import complain, DONE, INTERRUPTED
+
+DEFAULT_FOLDER = Path('ballbot_output/figures')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add names and output."""
+    parser.add_argument('names', nargs='*', metavar='NAME',
+                        help='which to draw; all by default')
+    parser.add_argument('--list', action='store_true', help='print the names, and draw nothing')
+    parser.add_argument('--out', type=Path, metavar='DIR', default=DEFAULT_FOLDER,
+                        help='folder for the files (default: %(default)s)')
+    parser.add_argument('--format', choices=('svg', 'png', 'both'), default='both',
+                        help='(default: %(default)s)')
+    parser.add_argument('--quiet', action='store_true', help='print errors only')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Draw one figure after the other; each is written as soon as it is there."""
+    from ballbot_ros.cli.progress import watched
+    from ballbot_ros.output.gallery import FIGURES
+    if arguments.list:
+        for name, draw in FIGURES.items():
+            print(f'{name:<12} {(draw.__doc__ or "").splitlines()[0]}')
+        return DONE
+    names = chosen(arguments.names, FIGURES)
+    files: list[str] = []
+    try:
+        with watched(len(names), arguments.quiet, 'drawing', 'figures') as progress:
+            for number, name in enumerate(names):
+                files += draw_one(FIGURES[name], name, arguments, shifted(progress, number))
+    except KeyboardInterrupt:
+        done = f'; {", ".join(files)} are in {arguments.out}' if files else ''
+        complain(f'interrupted{done}')
+        return INTERRUPTED
+    if not arguments.quiet:
+        print(f'Written to {arguments.out}: {", ".join(files)}')
+    return DONE
+
+
+def chosen(names: list[str], known: Any) -> list[str]:
+    """Return the names that were asked for, each once, or all."""
+    from ballbot_ros.errors import ConfigurationError
+    from ballbot_ros.fields import suggestion
+    for name in names:
+        if name not in known:
+            raise ConfigurationError(
+                f'there is no figure {name!r}{suggestion(name, known)}; "ballbot figures --list" '
+                'lists them')
+    return list(dict.fromkeys(names)) or list(known)
+
+
+def shifted(progress: Optional[Callable[[float], None]],
+            begin: int) -> Optional[Callable[[float], None]]:
+    """Return the progress of one figure as that of all, of which some are done."""
+    if progress is None:
+        return None
+    tell = progress
+    return lambda part: tell(begin + part)
+
+
+def draw_one(draw: Callable[..., Any], name: str, arguments: argparse.Namespace,
+             progress: Optional[Callable[[float], None]]) -> list[str]:
+    """Draw one figure, write it and return the names of its files."""
+    from ballbot_ros.output.figures import FORMATS, save
+    figure = draw(progress)
+    kinds = FORMATS if arguments.format == 'both' else (arguments.format,)
+    for kind in kinds:
+        save(figure, arguments.out / f'{name}.{kind}')
+    return [f'{name}.{kind}' for kind in kinds]
