@@ -6,18 +6,23 @@ import sys
 
 import matplotlib
 from matplotlib.patches import Arc, Circle, FancyArrowPatch, Polygon
+from PIL import Image
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from ballbot_ros.output import canvas  # noqa: E402
 from ballbot_ros.output.figures import save, strip  # noqa: E402
+from ballbot_ros.output.gallery import FIGURES  # noqa: E402
 from ballbot_ros.physics import load_scene  # noqa: E402
 
 # Proportions of the drawing, in ball radii; the penetration is exaggerated to be seen.
 RADIUS, STEP, DEEP, PENDULUM = 1.0, 0.42, 0.07, 0.60
 BALL_ANGLE, PENDULUM_ANGLE = math.radians(-58.0), math.radians(42.0)
 SMALL = 8.5
+
+# Figures of `ballbot figures` that docs/step_height.md shows.
+IN_DOCS = ('fig5', 'fig6', 'fig8', 'tornado', 'design', 'slope')
 
 
 def place(angle, length, centre=(0.0, RADIUS - DEEP)):
@@ -160,6 +165,12 @@ def main():
     for kind in canvas.FORMATS:
         save(figure, folder / f'conventions.{kind}')
     save(strip(load_scene('fig7_bottom').simulate(), 'fig7_bottom'), folder / 'crossing.png')
+    for name in IN_DOCS:
+        path = folder / f'step_{name}.png'
+        save(FIGURES[name](), path)
+        # A third of the size, and no difference to be seen.
+        Image.open(path).convert('RGB').quantize(96, dither=Image.Dither.NONE).save(
+            path, optimize=True)
 
 
 if __name__ == '__main__':

@@ -13,7 +13,7 @@ SPDX = '# SPDX-License-Identifier: Apache-2.0'
 
 # The layers that work without ROS carry type hints. In this order: lowest first.
 TYPED = ('errors.py', 'fields.py', 'compiled.py', 'paths.py', 'physics', 'control', 'hardware',
-         'decision', 'output', 'emulator')
+         'decision', 'output', 'emulator', 'laboratory')
 
 
 def project_files(*suffixes):

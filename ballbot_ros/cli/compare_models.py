@@ -48,9 +48,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def table(found: Any, title: str) -> Iterator[str]:
     """Yield the lines of the table; it is Markdown, too."""
+    from ballbot_ros.laboratory.cases import ACCURACY
     from ballbot_ros.laboratory.comparison import LEVELS, spans
     yield (f'{title}: {len(found.speeds)} speeds from {found.speeds[0]:g} to '
-           f'{found.speeds[-1]:g} m/s')
+           f'{found.speeds[-1]:g} m/s, full model to {1e3 * ACCURACY:g} mm')
     yield ''
     rows = [('model', 'source', *(f'within {1e3 * level:g} mm at m/s' for level in LEVELS),
              'largest deviation', 'cost of a height')]
@@ -59,7 +60,7 @@ def table(found: Any, title: str) -> Iterator[str]:
         worst = away[abs(away).argmax()]
         rows.append((curve.name, curve.source, *(
             write_spans(spans(found.speeds, abs(away) <= level)) for level in LEVELS),
-            f'{1e3 * worst:+.1f} mm', f'{1e6 * curve.cost:.2g} us' if curve.cost < 1e-3
+            f'{1e3 * worst:+.1f} mm', f'{1e6 * curve.cost:.3g} us' if curve.cost < 1e-3
             else f'{1e3 * curve.cost:.2g} ms'))
     widths = [max(map(len, column)) for column in zip(*rows)]
     for index, row in enumerate(rows):

@@ -12,7 +12,7 @@ from ballbot_ros.physics.robot import Robot
 from ballbot_ros.physics.terrain import Array
 
 # Speeds of the curves of Figs. 5, 6 and 8 [m/s].
-SPEEDS: Array = np.linspace(0.2, 1.2, 21)
+SPEEDS: Array = np.linspace(0.2, 1.2, 21, dtype=np.float64)
 
 LEVEL = 0.5 * math.pi
 

@@ -232,7 +232,7 @@ def run_to_the_end(model: Model, start: State, actuation: Actuation, touch: floa
 
     """
     x, y, velocity = (1 + State._fields[1:].index(name) for name in ('x', 'y', 'velocity_x'))
-    pieces = []
+    pieces: list[Array] = []
     state = start
     while state.time < LIMIT:
         run = simulate(model, state, actuation, PIECE, OUTPUT)

@@ -5,13 +5,13 @@ What the highest step depends on: uncertain numbers, the design, the ground behi
 Every study tells its progress as the part that is done, 0 to 1.
 """
 from dataclasses import fields, replace
-from typing import Callable, NamedTuple, Optional
+from typing import Any, Callable, NamedTuple, Optional
 
 import numpy as np
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.laboratory.cases import Case, step_height, step_heights
-from ballbot_ros.physics.robot import Robot
+from ballbot_ros.physics.robot import Motor, Robot
 from ballbot_ros.physics.terrain import Array
 
 COARSE = 1e-4  # accuracy of heights that only shade a map [m]
@@ -70,7 +70,8 @@ def vary(robot: Robot, name: str, value: float) -> Robot:
                for key in ('ball_mass', 'pendulum_mass'))
     if name == 'pendulum_mass' and both:
         return replace(robot, pendulum_mass=value, ball_mass=robot.total_mass - value)
-    return replace(robot, **{name: value})
+    change: Any = {name: value}
+    return replace(robot, **change)
 
 
 def sensitivity(case: Case, speed: float, progress: Progress = None) -> list[Bar]:
@@ -93,15 +94,15 @@ def sensitivity(case: Case, speed: float, progress: Progress = None) -> list[Bar
     for number, (name, low, high, uncertain) in enumerate(spans):
         heights = [step_height(case._replace(robot=vary(robot, name, value)), speed)
                    for value in (low, high)]
-        bars.append(Bar(name, _unit(robot, name), low, high, heights[0], heights[1], uncertain))
+        bars.append(Bar(name, _unit(name), low, high, heights[0], heights[1], uncertain))
         _tell(progress, (number + 1) / len(spans))
     return sorted(bars, key=lambda bar: -abs(bar.height_high - bar.height_low))
 
 
-def _unit(robot: Robot, name: str) -> str:
+def _unit(name: str) -> str:
     """Return the unit of a number, nothing for a pure one."""
-    owner = robot.motor if name.startswith('motor.') else robot
-    unit = type(owner).__dataclass_fields__[name.split('.')[-1]].metadata['unit']
+    owner = Motor if name.startswith('motor.') else Robot
+    unit = owner.__dataclass_fields__[name.split('.')[-1]].metadata['unit']
     return '' if unit == '1' else str(unit)
 
 

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from ballbot_ros.laboratory.cases import Case, holding, LEVEL, SPEEDS, step_height
 from ballbot_ros.laboratory.studies import (
-    Bar, design_map, sampled_heights, sensitivity, WHAT_IF)
+    Bar, design_map, heights_on_slopes, sampled_heights, sensitivity, WHAT_IF)
 from ballbot_ros.output import canvas
 from ballbot_ros.output.heights import draw_heading, height_axes, place_legend
 from ballbot_ros.physics import Actuation, load_robot
@@ -22,11 +22,15 @@ FULL = 'simulated with the full model'
 SPEED = 0.8  # of the studies at one speed [m/s]
 MOST_BARS, LEAST = 10, 6e-5  # bars shown, and the least effect; heights are to 5e-5 [m]
 SAMPLES = 200
+LENGTHS: Array = np.linspace(0.005, 0.175, 18, dtype=np.float64)  # of the pendulum [m]
+MASSES: Array = np.linspace(0.3, 4.2, 14, dtype=np.float64)  # [kg]
+SLOPE_SPEEDS: Array = np.array([0.3, 0.5, 0.7, 0.9, 1.1])  # [m/s]
+SLOPE_COLOURS = (canvas.PURPLE, canvas.BLUE, canvas.GREEN, canvas.ORANGE, canvas.VERMILION)
 LEVELS = {0.05: '--', 0.5: '-', 0.95: ':'}  # of the probability, as lines
 
 
 def tornado(progress: Progress = None) -> Figure:
-    """Sensitivity of the height to every uncertain number, and to the others by a tenth."""
+    """Show the effect of every uncertain number, and of the others by a tenth."""
     robot = load_robot('gimball')
     cases = [('pendulum free', Case(robot)), ('held level', holding(robot, LEVEL)),
              ('motor under 5.7 V', Case(robot, Actuation(law='voltage', voltage=5.7)))]
@@ -81,7 +85,7 @@ def _draw_bars(axes: Any, bars: Sequence[Bar], middle: float) -> None:
 
 
 def probability(progress: Progress = None) -> Figure:
-    """Probability of passing over speed and height, for a robot known as well as GimBall is."""
+    """Show the probability of passing over speed and height, as far as GimBall is known."""
     robot = load_robot('gimball')
     heights, fine = np.linspace(0.0, 0.07, 701), np.linspace(SPEEDS[0], SPEEDS[-1], 151)
     with matplotlib.rc_context(dict(canvas.STYLE)):
@@ -108,19 +112,18 @@ def probability(progress: Progress = None) -> Figure:
 
 
 def design(progress: Progress = None) -> Figure:
-    """Highest step over length and mass of the pendulum, in the same ball."""
+    """Show the highest step over length and mass of the pendulum, in the same ball."""
     robot = load_robot('gimball')
-    lengths, masses = np.linspace(0.005, 0.175, 18), np.linspace(0.3, 4.2, 14)
     with matplotlib.rc_context(dict(canvas.STYLE)):
         figure = canvas.new_figure(10.0, 4.6)
         for number, (label, case) in enumerate((('pendulum held level', holding(robot, LEVEL)),
                                                 ('pendulum free', Case(robot)))):
-            found = design_map(case, SPEED, lengths, masses, _part(progress, number, 2))
+            found = design_map(case, SPEED, LENGTHS, MASSES, _part(progress, number, 2))
             axes = figure.add_axes((0.065 + 0.485 * number, 0.115, 0.43, 0.76))
-            _draw_map(figure, axes, lengths, masses, found)
+            _draw_map(figure, axes, LENGTHS, MASSES, found)
             axes.plot(robot.pendulum_length, robot.pendulum_mass, '*', ms=12, color=canvas.INK,
                       mec='white', label='GimBall')
-            _draw_slope_limits(axes, lengths, robot.ball_mass, robot.ball_radius)
+            _draw_slope_limits(axes, LENGTHS, robot.ball_mass, robot.ball_radius)
             axes.set_title(f'{label}, {SPEED:g} m/s', loc='left', fontsize=9.5, weight='bold')
             axes.set_xlabel('pendulum length [m]')
             axes.set_ylabel('pendulum mass [kg]' if number == 0 else '')
@@ -151,6 +154,31 @@ def _draw_slope_limits(axes: Any, lengths: Array, ball_mass: float, radius: floa
         axes.plot(lengths, mass, style, color=canvas.VERMILION, lw=1.3,
                   label=f'climbs {degrees:g} degrees')
     axes.set_ylim(low, high)
+
+
+def slope(progress: Progress = None) -> Figure:
+    """Show the highest step where the ground behind it rises or falls."""
+    robot = load_robot('gimball')
+    slopes = np.radians(np.linspace(-8.0, 8.0, 17))
+    with matplotlib.rc_context(dict(canvas.STYLE)):
+        figure = canvas.new_figure(10.0, 4.4)
+        for number, (label, case) in enumerate((('pendulum free', Case(robot)),
+                                                ('held level', holding(robot, LEVEL)))):
+            found = heights_on_slopes(case, SLOPE_SPEEDS, slopes, _part(progress, number, 2))
+            axes = figure.add_axes((0.065 + 0.49 * number, 0.12, 0.44, 0.755))
+            axes.set_title(label, loc='left', fontsize=9.5, weight='bold')
+            for speed, heights, colour in zip(SLOPE_SPEEDS.tolist(), found.T, SLOPE_COLOURS):
+                axes.plot(np.degrees(slopes), 1e3 * heights, color=colour)
+                axes.text(8.2, 1e3 * heights[-1], f'{speed:g} m/s', color=colour, fontsize=8,
+                          va='center')
+            axes.set_xlim(-8.0, 10.2)
+            axes.set_ylim(0.0, 65.0)
+            axes.set_xlabel('slope behind the step, uphill positive [degrees]')
+            axes.set_ylabel('highest step [mm]' if number == 0 else '')
+            axes.grid(color=canvas.SOIL, lw=0.5)
+            axes.set_axisbelow(True)
+        draw_heading(figure, 'Slope behind the step, GimBall', FULL)
+    return figure
 
 
 def _part(progress: Progress, number: int, parts: int) -> Progress:

@@ -10,4 +10,5 @@ from ballbot_ros.output import design, paper
 FIGURES: Mapping[str, Callable[..., Figure]] = {
     'fig5': paper.figure_5, 'fig6': paper.figure_6, 'fig7': paper.figure_7,
     'fig8': paper.figure_8, 'tornado': design.tornado, 'probability': design.probability,
-    'design': design.design}
+    'design': design.design,
+    'slope': design.slope}

@@ -12,29 +12,30 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from ballbot_ros.laboratory import comparators, twin
-from ballbot_ros.laboratory.cases import Case, holding, LEVEL, SPEEDS, step_height, step_heights
+from ballbot_ros.laboratory.cases import (
+    ACCURACY, Case, holding, LEVEL, SPEEDS, step_heights)
 from ballbot_ros.laboratory.procedure import find_thresholds, run_tests
 from ballbot_ros.laboratory.rig import Bench, Ramp, Roll, RunUp
 from ballbot_ros.output import canvas
 from ballbot_ros.output.film import stacked
 from ballbot_ros.output.heights import (
-    draw_curves, draw_heading, draw_rolls, height_axes, HeightCurve, place_legend, quasi_static_curve,
-    RESIMULATED)
-from ballbot_ros.physics import Actuation, load_robot, load_scene
-from ballbot_ros.physics.actuation import set_rate_for_speed
+    draw_curves, draw_heading, draw_rolls, height_axes, HeightCurve, place_legend,
+    quasi_static_curve, RESIMULATED)
+from ballbot_ros.physics import load_robot, load_scene, max_steps, rolling
 from ballbot_ros.physics.robot import Robot
 
 Progress = Optional[Callable[[float], None]]
 
 # The three crossings of Fig. 7: speed [m/s], step [m] and scene, from top to bottom.
-PRINTED = ((0.76, 0.021, 'fig7_top'), (0.78, 0.031, 'fig7_middle'), (1.09, 0.056, 'fig7_bottom'))
+PRINTED = ((0.76, 0.021, 'fig7_top'), (0.78, 0.031, 'fig7_middle'),
+           (1.09, 0.056, 'fig7_bottom'))
 
 # Steps and time step of the twin: its own contact costs a hundred times ours.
 TWIN_SPEEDS, TWIN_STEP = SPEEDS[::4], 2e-4
 
 
 def figure_5(progress: Progress = None) -> Figure:
-    """Free rolling: curves of both balls, and what the virtual bench measures."""
+    """Show free rolling: curves of both balls, and what the virtual bench measures."""
     shell, gimball = load_robot('shellball'), load_robot('gimball')
     tell = _parts(progress, 4)
     with matplotlib.rc_context(dict(canvas.STYLE)):
@@ -57,7 +58,7 @@ def figure_5(progress: Progress = None) -> Figure:
 
 
 def figure_6(progress: Progress = None) -> Figure:
-    """Driven GimBall: orientations of the pendulum, simpler models, the three printed points."""
+    """Show the driven ball: orientations of the pendulum, the three printed points."""
     robot = load_robot('gimball')
     tell = _parts(progress, 4)
     with matplotlib.rc_context(dict(canvas.STYLE)):
@@ -66,17 +67,16 @@ def figure_6(progress: Progress = None) -> Figure:
         down, level, up = (step_heights(holding(robot, angle), SPEEDS)
                            for angle in (0.0, LEVEL, 2.0 * LEVEL))
         tell()
-        rolling = np.array([step_height(Case(robot, Actuation(
-            law='velocity', set_rate=set_rate_for_speed(robot, speed))), speed)
-            for speed in SPEEDS.tolist()])
+        driven = np.array([item.height for item in max_steps(
+            robot, SPEEDS.tolist(), rolling(robot), accuracy=ACCURACY)])
         tell()
         energy = np.array([comparators.energy(robot, speed) for speed in SPEEDS.tolist()])
-        cubic = np.polynomial.Polynomial.fit(SPEEDS, level, 3)(SPEEDS)
+        cubic = np.array(np.polyval(np.polyfit(SPEEDS, level, 3), SPEEDS), dtype=np.float64)
         draw_curves(axes, [
             HeightCurve('energy is kept', SPEEDS, energy, canvas.GREY, '-.', 1.2),
             HeightCurve('pendulum held level, (11)', SPEEDS, level, canvas.VERMILION),
-            HeightCurve('its cubic', SPEEDS, cubic, canvas.INK, (0, (1, 2)), 1.8),
-            HeightCurve('ball driven at its speed, (12)', SPEEDS, rolling, canvas.ORANGE),
+            HeightCurve('cubic through these', SPEEDS, cubic, canvas.INK, (0, (1, 2)), 1.8),
+            HeightCurve('ball driven at its speed, (12)', SPEEDS, driven, canvas.ORANGE),
             HeightCurve('pendulum held up, (11)', SPEEDS, up, canvas.PURPLE),
             HeightCurve('pendulum held down, (11)', SPEEDS, down, canvas.BLUE),
             quasi_static_curve(robot)])
@@ -92,7 +92,7 @@ def figure_6(progress: Progress = None) -> Figure:
 
 
 def figure_7(progress: Progress = None) -> Figure:
-    """Return the three crossings as film strips."""
+    """Show the three crossings whose numbers are printed, as film strips."""
     tell = _parts(progress, len(PRINTED))
     runs = []
     for speed, height, name in PRINTED:
@@ -103,7 +103,7 @@ def figure_7(progress: Progress = None) -> Figure:
 
 
 def figure_8(progress: Progress = None) -> Figure:
-    """Both balls in two simulators; without MuJoCo in one, and it says so."""
+    """Show both balls in two simulators; without MuJoCo in one, and say so."""
     robots = [load_robot(name) for name in ('gimball', 'shellball')]
     laws = ('matched', 'default') if twin.installed() else ()
     tell = _parts(progress, len(robots) * (1 + len(laws) * len(TWIN_SPEEDS)))

@@ -75,6 +75,16 @@ def test_with_friction_its_own_contact_is_within_a_third_of_a_millimetre(robot):
 
 
 @with_mujoco
+def test_steeper_friction_raises_its_heights_and_not_ours():
+    ours = [step_height(Case(replace(SHELLBALL, slip_threshold=slip)), 1.2)
+            for slip in (0.01, 0.001)]
+    assert ours[1] == pytest.approx(ours[0], abs=3e-4)
+    theirs = [twin.twin_height(Case(replace(SHELLBALL, slip_threshold=slip)), 1.2, 2e-4)
+              for slip in (0.01, 0.001)]
+    assert theirs[1] > theirs[0] + 2e-3
+
+
+@with_mujoco
 def test_its_default_contact_is_a_plastic_impact():
     # Critically damped: nothing bounces, whatever the shell is made of.
     for speed in (0.6, 0.9, 1.2):
