@@ -128,14 +128,14 @@ def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step
     count = find_mode(time, state, robot, ground, drive, table, mode)
     mode_derivative(time, state, mode, count, robot, ground, drive, table, work[BEGIN])
     tally[3] += 1
-    # Whether steps are implicit now; explicit ones at their limit, how many before a trial of
-    # the other, whether that is one; the last explicit step; whether the Jacobian is known.
-    # A run that goes on keeps the method that it had.
+    # Whether steps are implicit: a run that goes on keeps the method that it had.  Explicit steps
+    # at their limit, how many before a trial of the other, whether that is one; the last explicit
+    # step; whether the Jacobian is known.
     gear = mode[len(mode) - 1]
     implicit = method == IMPLICIT or (method == AUTOMATIC and step > 0.0 and gear[GEAR] == 1)
-    strained, trial, trying, explicit_step, known = 0, FIRST_TRIAL, False, 0.0, False
     if step <= 0.0:
         step = 1e-4
+    strained, trial, trying, explicit_step, known = 0, FIRST_TRIAL, False, step, False
     while time < end:
         if tally[3] + tally[4] >= budget:
             return time, step, filled, SPENT
