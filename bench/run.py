@@ -17,7 +17,7 @@ import platform
 from statistics import median
 import sys
 
-PARTS = ('kernels', 'search', 'loop', 'accuracy', 'precision', 'estimate')
+PARTS = ('kernels', 'search', 'loop', 'wire', 'accuracy', 'precision', 'estimate')
 
 
 def main():

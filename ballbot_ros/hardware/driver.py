@@ -133,7 +133,8 @@ class Driver(ABC):
         The newest.
     counts : Counter
         ``sent`` (writes), ``bytes`` (received), ``replies``, ``lost`` (asked and not answered
-        in time), ``unexpected`` (not asked for), ``refused`` (checksum or form is wrong).
+        in time), ``unexpected`` (not asked for), ``refused`` (checksum or form is wrong),
+        ``skipped`` (bytes that belong to no message), as far as a protocol can tell them.
 
     """
 

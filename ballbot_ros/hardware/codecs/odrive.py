@@ -6,10 +6,10 @@ A line is ``text *NN`` and a line end; ``NN`` is the exclusive or of all charact
 asterisk, in decimal.  A drive adds it to a reply if and only if the command had one, so every
 command here has one, and a line from the drive without is not taken for a reply.
 
-The checksum is weak, and the drive takes a line that lost it: a ``3`` with one bit turned is
-``;``, which starts a comment and hides the rest.  Hence numbers are written with a fixed number
-of decimals (cut short they only come nearer to zero) and with a space before the asterisk (an
-asterisk that turned into a digit must not lengthen the number).
+The checksum is weak, and the drive obeys a line that lost it: a ``3`` with one bit turned is
+``;``, which starts a comment and hides the rest.  Hence a torque is written as a small number
+and an exponent, ``0.000005000e4``: cut short anywhere it is next to nothing.  And a space stands
+before the asterisk: one that turned into a digit must not lengthen the number.
 
 Source: odriverobotics/ODrive, docs/ascii-protocol.rst and
 Firmware/communication/ascii_protocol.cpp at fw-v0.5.
@@ -24,6 +24,10 @@ LONGEST_LINE = 64
 LINE_END = b'\r\n'
 
 INVALID_PROPERTY = 'invalid property'
+
+# A torque that was cut short is smaller by this, at least.
+TORQUE_EXPONENT = 4
+TORQUE_SCALE = 10.0**TORQUE_EXPONENT
 
 IDLE, CLOSED_LOOP_CONTROL = 1, 8  # axis states
 TORQUE_CONTROL = 1  # control mode
@@ -59,8 +63,8 @@ def line(text: str) -> bytes:
 
 
 def torque(axis: int, value: float) -> bytes:
-    """Return the command for a motor torque [N m]; feeds the watchdog."""
-    return line(f'c {axis} {value:.5f}')
+    """Return the command for a motor torque [N m], to 1e-5; feeds the watchdog."""
+    return line(f'c {axis} {value / TORQUE_SCALE:.9f}e{TORQUE_EXPONENT}')
 
 
 def feedback(axis: int) -> bytes:

@@ -215,7 +215,7 @@ class RoboClaw(Driver):
                 self.counts['replies'] += 1
                 self._answers[reply.command] = reply
                 self._note(reply, asked, now)
-        self.counts['refused'] = self._parser.skipped
+        self.counts['skipped'] = self._parser.skipped
 
     def _asked_at(self, numbers: tuple[int, ...]) -> float:
         """Return when a group was asked for; what was asked before it will not come any more."""

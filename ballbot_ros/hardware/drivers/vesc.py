@@ -161,6 +161,7 @@ class Vesc(Driver):
             else:
                 self.counts['unexpected'] += 1
         self.counts['refused'] = self._parser.refused
+        self.counts['skipped'] = self._parser.skipped
         overdue = now - self.options.reply_timeout
         late = sum(asked < overdue for asked in self._asked[1:])
         self.counts['lost'] += late

@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Measure the way to the motor: latency, bytes, codecs, a bad line, and plugs pulled."""
+import os
+from pathlib import Path
+import random
+import threading
+import time
+
+from ballbot_ros.emulator.ball import settings_for
+from ballbot_ros.emulator.emulator import DEVICES, Emulator
+from ballbot_ros.errors import LinkError
+from ballbot_ros.hardware.codecs import odrive, roboclaw, vesc
+from ballbot_ros.hardware.drivers import driver_class, open_driver
+from ballbot_ros.hardware.transport import Link
+from ballbot_ros.physics.scene import load_scene
+
+PROTOCOLS = tuple(sorted(DEVICES))
+# The fastest that each maker's manual names.
+FASTEST = {'odrive': 921600, 'roboclaw': 460800, 'vesc': 921600}
+RATE = 500.0
+FRAMES = 1_000_000
+CYCLES = 1_000
+STEP = 0.08 / 64  # commanded torques are multiples of it [N m]
+
+
+def measure():
+    """Yield name, unit, values and target of each measurement."""
+    yield from budgets()
+    yield from codecs()
+    for protocol in PROTOCOLS:
+        yield from latency(protocol)
+    for protocol in PROTOCOLS:
+        yield from bad_line(protocol)
+    yield from plugs()
+
+
+def options_for(protocol, settings):
+    """Return the options of a driver that fits an emulated drive."""
+    return driver_class(protocol).Options(torque_limit=settings.torque_limit)
+
+
+def budgets():
+    """Yield bytes per period and the highest loop rate, from the drivers' own budgets."""
+    for protocol in PROTOCOLS:
+        driver = open_driver(protocol, None, driver_class(protocol).Options(torque_limit=0.08))
+        budget = driver.budget()
+        yield f'{protocol}: bytes out of a period', 'B', [budget.bytes_out], None
+        yield f'{protocol}: bytes in of a period', 'B', [budget.bytes_in], None
+        for baud in sorted({115200, FASTEST[protocol]}):
+            yield f'{protocol}: highest loop rate at {baud} baud', 'Hz', [
+                budget.highest_rate(baud)], None
+
+
+def codecs():
+    """Yield how many replies per second each parser takes."""
+    values = vesc.Values(35.0, 30.0, 1.0, 2000.0, 24.0, 1234, 0, 271.0, 0)
+    text = b'-12.345678 9.876543'
+    replies = {
+        'odrive': b'%s*%d\r\n' % (text, odrive.checksum(text)),
+        'vesc': vesc.frame(vesc.pack_values(values)),
+        'roboclaw': roboclaw.answer(0x80, 16, -5, 1) + roboclaw.answer(0x80, 30, -5, 1)}
+    for protocol in PROTOCOLS:
+        rates = []
+        for _ in range(5):
+            parser = {'odrive': odrive.LineParser, 'vesc': vesc.FrameParser,
+                      'roboclaw': lambda: roboclaw.ReplyParser(0x80)}[protocol]()
+            if protocol == 'roboclaw':
+                parser.groups = ((16, 30),)
+            begin = time.perf_counter()
+            found = sum(len(parser.feed(replies[protocol])) for _ in range(20_000))
+            rates.append(1e-3 * found / (time.perf_counter() - begin))
+        yield f'{protocol}: thousand replies parsed per second', 'k/s', rates, None
+
+
+def latency(protocol):
+    """Yield the time from a command to its bytes at the drive, and the period of the loop."""
+    emulator = Emulator(protocol, load_scene('flat'), FASTEST[protocol])
+    arrivals, waits, periods = [], [], []
+    read = emulator.terminal.read
+
+    def noting(*arguments):
+        data = read(*arguments)
+        if data:
+            arrivals.append(time.perf_counter())
+        return data
+    emulator.terminal.read = noting
+    with emulator, Link(emulator.path, emulator.baud) as link:
+        driver = open_driver(protocol, link, options_for(protocol, emulator.settings))
+        driver.identify()
+        driver.arm()
+        used, due = time.thread_time(), time.perf_counter()
+        begin = before = due
+        while due - begin < 6.0:
+            due += 1.0 / RATE
+            time.sleep(max(0.0, due - time.perf_counter()))
+            periods.append(1e3 * (time.perf_counter() - before))
+            before = time.perf_counter()
+            driver.poll()
+            count, sent = len(arrivals), time.perf_counter()
+            driver.send_torque(STEP)
+            waits.append((sent, count))
+        used = 100.0 * (time.thread_time() - used) / (time.perf_counter() - begin)
+        driver.stop()
+    delays = [1e3 * (arrivals[count] - sent) for sent, count in waits if count < len(arrivals)]
+    yield f'{protocol}: command to wire, median', 'ms', [quantile(delays, 0.5)], 1.0
+    yield f'{protocol}: command to wire, p99', 'ms', [quantile(delays, 0.99)], None
+    yield f'{protocol}: loop at {RATE:g} Hz, p99 period', 'ms', [quantile(periods, 0.99)], 4.0
+    yield f'{protocol}: driver in that loop, part of a core', '%', [used], 25.0
+    lost = 100.0 * driver.counts['lost'] / max(1, driver.counts['sent'])
+    yield f'{protocol}: replies lost in that loop', '%', [lost], None
+
+
+def quantile(values, part):
+    """Return the value below which `part` of the values lie."""
+    ordered = sorted(values)
+    return ordered[min(len(ordered) - 1, int(part * len(ordered)))]
+
+
+class BadLine:
+    """A line without time to an emulated drive; it changes one byte in some of the frames."""
+
+    port = 'bench'
+
+    def __init__(self, device):
+        self.device, self.now, self.part = device, 0.0, 0.0
+        self._dice = random.Random(7)
+        self._waiting = b''
+
+    def write(self, data):
+        """Give the bytes to the drive and keep its reply."""
+        self._waiting += self._damaged(self.device.receive(self._damaged(data), self.now))
+
+    def read(self):
+        """Return what waits."""
+        data, self._waiting = self._waiting, b''
+        return data
+
+    def wait(self, seconds):
+        """Let time pass."""
+        self.now += 0.001
+        self.device.tick(self.now)
+        return bool(self._waiting)
+
+    def _damaged(self, data):
+        if not data or self._dice.random() >= self.part:
+            return data
+        changed = bytearray(data)
+        changed[self._dice.randrange(len(data))] ^= self._dice.randrange(1, 256)
+        return bytes(changed)
+
+
+def run_bad_line(protocol, frames, part):
+    """Send torques over a bad line and return what the motor did after each."""
+    settings = settings_for(load_scene('flat').model.robot)
+    line = BadLine(DEVICES[protocol](settings))
+    driver = open_driver(protocol, line, options_for(protocol, settings), lambda: line.now)
+    driver.identify()
+    driver.arm()
+    line.part = part
+    torques = []
+    for number in range(frames):
+        line.now += 0.002
+        line.device.tick(line.now)
+        driver.poll()
+        driver.send_torque(STEP * ((number * 37) % 129 - 64))
+        torques.append(line.device.torque())
+    return torques
+
+
+def bad_line(protocol):
+    """
+    Yield how many wrong torques a million frames make of which 1 % arrive with a changed byte.
+
+    Right is what a clean line makes of the command, what the motor had before (the command was
+    refused), and nothing at all (less than a thousandth of the limit).
+    """
+    clean = run_bad_line(protocol, 129, 0.0)
+    torques = run_bad_line(protocol, FRAMES, 0.01)
+    wrong = kept = nothing = 0
+    before = 0.0
+    for number, torque in enumerate(torques):
+        if abs(torque - clean[number % 129]) > 1e-9:
+            if torque == before:
+                kept += 1
+            elif abs(torque) < 8e-5:
+                nothing += 1
+            else:
+                wrong += 1
+        before = torque
+    yield f'{protocol}: wrong torques in a million frames', '', [wrong], 0.5
+    yield f'{protocol}: commands refused by the drive', '', [kept], None
+    yield f'{protocol}: commands cut to nothing', '', [nothing], None
+
+
+def plugs():
+    """Yield what is left behind when a plug is pulled and put in again often."""
+    emulator = Emulator('odrive', load_scene('flat'), FASTEST['odrive'])
+    back = []
+    with emulator:
+        for cycle in range(CYCLES):
+            if cycle == CYCLES // 10:  # whatever is made once has been made
+                before = used()
+            back.append(1e3 * session(emulator))
+        after = used()
+    for name, unit, first, last in zip(
+            ('resident memory', 'threads', 'open files'), ('kB', '', ''), before, after):
+        yield f'more {name} after {CYCLES} replugs', unit, [last - first], None
+    yield 'from plug to torque', 'ms', [quantile(back, 0.5)], 1000.0
+    yield 'from plug to torque, longest', 'ms', [max(back)], None
+
+
+def session(emulator):
+    """Open the port, arm, drive, and pull the plug; return the time until there was torque [s]."""
+    begin = time.perf_counter()
+    with Link(emulator.path, emulator.baud) as link:
+        driver = open_driver('odrive', link, options_for('odrive', emulator.settings))
+        driver.identify()
+        driver.arm()
+        driver.send_torque(STEP)
+        while emulator.torque == 0.0 and time.perf_counter() < begin + 5.0:
+            driver.poll()
+            time.sleep(0.0005)
+        spent = time.perf_counter() - begin
+        emulator.call(emulator.terminal.unplug)
+        try:
+            driver.send_torque(STEP)
+            raise RuntimeError('a pulled plug went unnoticed')
+        except LinkError:
+            emulator.call(emulator.terminal.plug)
+    return spent
+
+
+def used():
+    """Return resident memory [kB], threads and open files of this process."""
+    status = dict(line.split(':', 1) for line in Path('/proc/self/status').read_text().splitlines())
+    return (int(status['VmRSS'].split()[0]), threading.active_count(),
+            len(os.listdir('/proc/self/fd')))
