@@ -232,6 +232,7 @@ def session(emulator):
 
 def used():
     """Return resident memory [kB], threads and open files of this process."""
-    status = dict(line.split(':', 1) for line in Path('/proc/self/status').read_text().splitlines())
+    lines = Path('/proc/self/status').read_text().splitlines()
+    status = dict(line.split(':', 1) for line in lines)
     return (int(status['VmRSS'].split()[0]), threading.active_count(),
             len(os.listdir('/proc/self/fd')))

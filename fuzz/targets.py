@@ -4,8 +4,8 @@ What is fuzzed: each parser with its driver, and each drive in software.
 
 The first byte of an input cuts it up.  Most of an input is fed as it is; a quarter of the pieces,
 chosen by their first byte, are given a valid checksum first, so that what lies behind the checksum
-is reached, too.  A message that a parser gives must stand in the stream exactly as the other side would have
-sent it: everything else is invented.
+is reached, too.  A message that a parser gives must stand in the stream exactly as the other side
+would have sent it: everything else is invented.
 """
 import math
 

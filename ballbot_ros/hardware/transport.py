@@ -23,9 +23,12 @@ from serial.tools import list_ports
 from ballbot_ros.errors import LinkError
 from ballbot_ros.hardware.capture import Recorder
 
-# Some hundred bytes in flight at most, and the kernel takes 4096: a write that waits this long
-# means that nobody drains the line [s].
-WRITE_TIMEOUT = 0.02
+# Some hundred bytes are under way at most, and the kernel takes 4096: a port that has no room for
+# so long is one that nobody drains [s].
+PATIENCE = 0.02
+# pyserial looks at its clock after the bytes have gone, so that a process that was held up would
+# be told of a stuck line: this is for ports whose room cannot be asked for, and for the worst [s].
+WRITE_TIMEOUT = 0.5
 LARGEST_READ = 4096
 # How often a port without a file descriptor (loop://) is looked at while waiting [s].
 POLL_PERIOD = 0.0005
@@ -84,11 +87,15 @@ class Link:
         Raises
         ------
         LinkError
-            If the port is gone, or does not take the bytes within 20 ms.
+            If the port is gone, or has no room for 20 ms.
 
         """
         with _converted(self.port):
-            self._open().write(data)
+            port = self._open()
+            if self._descriptor is not None \
+                    and not select.select([], [self._descriptor], [], PATIENCE)[1]:
+                raise serial.SerialTimeoutException('no room')
+            port.write(data)
         self.bytes_out += len(data)
         if self._recorder is not None:
             self._recorder.note('>', data)

@@ -37,7 +37,7 @@ class Port:
         data, self.waiting = self.waiting[:size], self.waiting[size:]
         return data
 
-    def flushInput(self):  # noqa: N802, the name that basicmicro calls
+    def flushInput(self):
         """Forget what waits."""
         self.waiting = b''
 

@@ -5,6 +5,7 @@ import os
 import pty
 import socket
 import threading
+import time
 
 import pytest
 import serial
@@ -120,6 +121,15 @@ def test_a_peer_that_does_not_read_cannot_hold_the_loop(terminal):
             for _ in range(100):
                 link.write(b'x' * 1000)
         assert raised.value.reason == 'stuck'
+
+
+def test_a_host_that_is_held_up_while_it_writes_does_not_blame_the_line(terminal, monkeypatch):
+    write = os.write
+    with Link(terminal[1], 115200) as link:
+        monkeypatch.setattr(os, 'write', lambda *given: time.sleep(0.1) or write(*given))
+        link.write(b'abc')
+        monkeypatch.undo()
+    assert os.read(terminal[0], 10) == b'abc'
 
 
 def test_a_closed_link_says_so(terminal):
