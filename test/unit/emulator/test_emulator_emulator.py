@@ -8,6 +8,7 @@ import time
 
 import pytest
 
+from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.control import answer, Channel, FAULTS, LINE_FAULTS, obey
 from ballbot_ros.emulator.emulator import DEVICES, Emulator
 from ballbot_ros.errors import ConfigurationError, DriveError, LinkError
@@ -17,6 +18,7 @@ from ballbot_ros.physics.scene import load_scene
 
 BAUD = 460800
 TORQUE = 0.02
+WATCHDOG = 0.5  # of the drive: a busy machine may hold a test up for as long [s]
 
 
 @pytest.fixture(scope='module')
@@ -25,10 +27,16 @@ def scene():
     return load_scene('flat')
 
 
+def made(protocol, scene, **options):
+    """Return an emulator that is not started yet."""
+    settings = settings_for(scene.model.robot, watchdog=WATCHDOG)
+    return Emulator(protocol, scene, BAUD, settings, **options)
+
+
 @pytest.fixture
 def emulator(scene, tmp_path):
     """Return a running ODrive with a link that stays."""
-    with Emulator('odrive', scene, BAUD, link=tmp_path / 'ttyBall') as running:
+    with made('odrive', scene, link=tmp_path / 'ttyBall') as running:
         yield running
 
 
@@ -36,7 +44,8 @@ def connect(emulator, protocol='odrive', baud=BAUD):
     """Return an open link and a driver that has shaken hands."""
     link = Link(emulator.path, baud)
     driver = open_driver(protocol, link, read_options(
-        protocol, {'torque_limit': emulator.settings.torque_limit}, 'test'))
+        protocol, {'torque_limit': emulator.settings.torque_limit, 'watchdog': WATCHDOG},
+        'test'))
     driver.identify()
     return link, driver
 
@@ -61,18 +70,20 @@ def until(condition, seconds=5.0):
 
 @pytest.mark.parametrize('protocol', sorted(DEVICES))
 def test_a_torque_over_the_line_swings_the_pendulum_and_rolls_the_ball(scene, protocol):
-    with Emulator(protocol, scene, BAUD) as emulator:
+    with made(protocol, scene) as emulator:
         link, driver = connect(emulator, protocol)
         with link:
             assert all(setting.acceptable for setting in driver.read_settings())
             driver.arm()
             telemetry = drive(driver, 0.4)
-            assert emulator.torque == pytest.approx(TORQUE, rel=0.1)
+            # A voltage is right for the speed that was measured, not for the one of now.
+            near = 1e-3 if driver.closes_torque_loop else 0.4
+            assert emulator.torque == pytest.approx(TORQUE, rel=near)
             driver.stop()
             assert emulator.torque == 0.0
         assert emulator.state.x > 0.001
         assert telemetry.position > 0.1 and telemetry.velocity > 0.0
-        assert max(entry.torque for entry in emulator.log) == pytest.approx(TORQUE, rel=0.1)
+        assert max(entry.torque for entry in emulator.log) == pytest.approx(TORQUE, rel=near)
         assert emulator.log[-1].torque == 0.0
 
 
@@ -108,8 +119,8 @@ def test_the_drive_lets_go_when_the_host_is_killed(emulator):
         host.send_signal(signal.SIGKILL)
         host.wait()
     killed = time.monotonic()
-    until(lambda: emulator.torque == 0.0, 2.0)
-    assert emulator.log[-1].torque == 0.0 and emulator.log[-1].time < killed + 1.0
+    until(lambda: emulator.torque == 0.0)
+    assert emulator.log[-1].torque == 0.0 and emulator.log[-1].time < killed + 3.0 * WATCHDOG
 
 
 def test_pulling_the_plug_is_an_error_and_plugging_in_again_works(emulator):
@@ -206,7 +217,7 @@ def test_a_drive_that_does_not_read_makes_the_line_stuck(emulator):
 @pytest.mark.parametrize('fault', ['corrupt 0.02', 'drop 0.02', 'duplicate 0.02', 'delay 0.02',
                                    'garbage 2000 from'])
 def test_telemetry_stays_true_on_a_bad_line(scene, protocol, fault):
-    with Emulator(protocol, scene, BAUD, seed=5) as emulator:
+    with made(protocol, scene, seed=5) as emulator:
         link, driver = connect(emulator, protocol)
         with link:
             obey(emulator, fault)
