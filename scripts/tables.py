@@ -1,20 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Keep the parameter tables of README.md equal to the code.
+Keep the tables of README.md and docs/hardware.md equal to the code.
 
     .venv/bin/python scripts/tables.py            # rewrite them
     .venv/bin/python scripts/tables.py --check    # fail if they differ
 """
-from dataclasses import fields
+from dataclasses import fields, MISSING
 from pathlib import Path
 import sys
 
 from ballbot_ros.decision import DecisionTuning
+from ballbot_ros.emulator.control import FAULTS, LINE_FAULTS
 from ballbot_ros.fields import allowed
+from ballbot_ros.hardware.drivers import driver_class, DRIVERS
 from ballbot_ros.ros.settings import (
     BridgeSettings, ControllerSettings, DecisionSettings, SimulatorSettings)
 
-README = Path(__file__).resolve().parent.parent / 'README.md'
+ROOT = Path(__file__).resolve().parent.parent
+README = ROOT / 'README.md'
 TABLES = {'simulator': SimulatorSettings, 'controller': ControllerSettings,
           'obstacle_decision': DecisionSettings, 'decision tuning': DecisionTuning,
           'bridge': BridgeSettings}
@@ -31,27 +34,62 @@ def table(cls):
             span = allowed(metadata)
         else:
             span = ', '.join(metadata.get('choices', ())) or KINDS[metadata['kind']]
-        default = f'`{item.default}`' if item.default != '' else ''
+        default = f'`{item.default}`' if item.default not in ('', MISSING) else ''
         lines.append(f'| `{item.name}` | {default} | {span} | {metadata["doc"]} |')
     return '\n'.join(lines)
 
 
-def rewritten(text):
-    """Return the README with every table as the code has it."""
-    for name, cls in TABLES.items():
+def drivers():
+    """Return the Markdown table of the drivers."""
+    lines = ['| protocol | makes the torque by | bytes out, in | rate at 115200 | '
+             'rate at 460800 | rate at 921600 |', '|---|---|---|---|---|---|']
+    for name in sorted(DRIVERS):
+        found = driver_class(name)
+        budget = found(None, found.Options(torque_limit=0.08)).budget()
+        rates = (f'{budget.highest_rate(baud):.0f} Hz' if baud in found.baud_rates else ''
+                 for baud in (115200, 460800, 921600))
+        way = 'measured current' if found.closes_torque_loop else 'a computed voltage'
+        lines.append(f'| `{name}` | {way} | {budget.bytes_out}, {budget.bytes_in} | '
+                     f'{" | ".join(rates)} |')
+    return '\n'.join(lines)
+
+
+def faults():
+    """Return the Markdown table of what the emulator does on demand."""
+    lines = ['| line | what it does |', '|---|---|']
+    for name, metadata in LINE_FAULTS.items():
+        number = {'1': 'PART', 's': 'SECONDS', '1/s': 'BYTES_PER_S'}[metadata['unit']]
+        lines.append(f'| `{name} {number} [to\\|from]` | {metadata["doc"]} |')
+    for name, fault in FAULTS.items():
+        number = f' ({fault.argument})' if fault.argument else ''
+        lines.append(f'| `{name}`{number} | {fault.effect} |')
+    return '\n'.join(lines)
+
+
+HARDWARE = {'drivers': drivers, 'faults': faults, **{
+    f'{name} options': driver_class(name).Options for name in sorted(DRIVERS)}}
+DOCUMENTS = {README: TABLES, ROOT / 'docs' / 'hardware.md': HARDWARE}
+
+
+def rewritten(text, tables):
+    """Return a document with every table as the code has it."""
+    for name, source in tables.items():
         begin, end = f'<!-- table: {name} -->\n', '<!-- end -->'
         head, rest = text.split(begin, 1)
-        text = head + begin + table(cls) + '\n' + end + rest.split(end, 1)[1]
+        content = table(source) if isinstance(source, type) else source()
+        text = head + begin + content + '\n' + end + rest.split(end, 1)[1]
     return text
 
 
 def main():
-    """Rewrite or check the README."""
-    text = README.read_text(encoding='utf-8')
-    new = rewritten(text)
-    if '--check' in sys.argv:
-        sys.exit(0 if new == text else 'README.md: run scripts/tables.py')
-    README.write_text(new, encoding='utf-8')
+    """Rewrite or check the documents."""
+    for path, tables in DOCUMENTS.items():
+        text = path.read_text(encoding='utf-8')
+        new = rewritten(text, tables)
+        if '--check' not in sys.argv:
+            path.write_text(new, encoding='utf-8')
+        elif new != text:
+            sys.exit(f'{path.name}: run scripts/tables.py')
 
 
 if __name__ == '__main__':

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A driver on a real serial device, an emulated drive and the ball behind it."""
 import os
+from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
@@ -281,6 +283,15 @@ def test_a_link_does_not_overwrite_a_file(scene, tmp_path):
     with pytest.raises(ConfigurationError, match='no symbolic link'):
         Emulator('odrive', scene, link=tmp_path / 'file')
     assert (tmp_path / 'file').read_text() == 'precious'
+
+
+def test_the_example_of_the_document_runs():
+    document = (Path(__file__).resolve().parents[3] / 'docs' / 'hardware.md').read_text()
+    example = [block for block in re.findall(r'```python\n(.*?)```', document, re.DOTALL)
+               if 'Emulator' in block][0]
+    done = subprocess.run([sys.executable, '-c', example], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert '/dev/pts/' in done.stdout
 
 
 def test_the_command_prints_the_device_obeys_lines_and_keeps_the_log(tmp_path):
