@@ -5,6 +5,8 @@ ARGS ?=
 
 help:
 	@echo 'make demo    a ball robot meets a step; ARGS are passed to "ballbot demo"'
+	@echo 'make demo-hardware  the same through an emulated motor controller and a serial line;'
+	@echo '                    ARGS="--protocol vesc"'
 	@echo 'make test    all tests; ARGS are passed to pytest'
 	@echo 'make bench   measure speed and accuracy'
 	@echo 'make extremes  20,000 cases at the extremes, each judged; some minutes'
@@ -21,6 +23,9 @@ setup:
 
 demo: setup
 	@.venv/bin/ballbot demo $(ARGS)
+
+demo-hardware: setup
+	@.venv/bin/ballbot demo --hardware $(ARGS)
 
 test: setup
 	@.venv/bin/python -m pytest test $(ARGS)
@@ -40,4 +45,4 @@ lint: setup
 clean:
 	rm -rf .venv .venv-old build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
-.PHONY: help setup demo test bench extremes fuzz lint clean
+.PHONY: help setup demo demo-hardware test bench extremes fuzz lint clean

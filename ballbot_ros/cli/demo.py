@@ -6,10 +6,16 @@ from pathlib import Path
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the demo can be told."""
-    parser.add_argument('--out', type=Path, default=Path('ballbot_output/demo'), metavar='DIR',
-                        help='folder for what it records (default: %(default)s)')
+    parser.add_argument('--out', type=Path, metavar='DIR',
+                        help='folder for what it records (default: ballbot_output/demo, or '
+                        'ballbot_output/demo_hardware)')
     parser.add_argument('--real-time', action='store_true',
                         help='at the pace of a clock instead of as fast as it goes')
+    parser.add_argument('--hardware', action='store_true',
+                        help='with an emulated motor controller behind a serial line and the '
+                        'bridge, in real time')
+    parser.add_argument('--protocol', default='odrive', choices=('odrive', 'vesc', 'roboclaw'),
+                        help='of that motor controller (default: %(default)s)')
     parser.add_argument('--timeout', type=float, default=60.0, metavar='SECONDS',
                         help='give up after this long (default: %(default)g)')
     parser.add_argument('--quiet', action='store_true', help='print errors only')
@@ -30,12 +36,17 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(
             f'--timeout must be more than 0 s and finite, got {arguments.timeout!r}')
     try:
-        from ballbot_ros.demo import run_demo
+        from ballbot_ros.demo import run_demo, run_hardware_demo
     except ImportError as error:
         raise ConfigurationError(
             f'the demo needs ROS 2, and {error.name or error} cannot be imported; source '
             '/opt/ros/jazzy/setup.bash, or run "make demo" in a checkout.  "ballbot simulate" '
             'works without ROS') from error
-    code: int = run_demo(out=arguments.out, real_time=arguments.real_time,
+    folder = 'demo_hardware' if arguments.hardware else 'demo'
+    out = arguments.out or Path('ballbot_output') / folder
+    if arguments.hardware:
+        return run_hardware_demo(
+            out, arguments.protocol, quiet=arguments.quiet, timeout=arguments.timeout)
+    code: int = run_demo(out=out, real_time=arguments.real_time,
                          quiet=arguments.quiet, timeout=arguments.timeout)
     return code

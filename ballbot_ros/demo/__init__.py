@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The demo: three processes, two door-steps, and the story of what happened."""
 from ballbot_ros.demo.demo import run_demo
+from ballbot_ros.demo.hardware import run_hardware_demo
 
-__all__ = ['run_demo']
+__all__ = ['run_demo', 'run_hardware_demo']

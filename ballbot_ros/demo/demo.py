@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run the demo: processes, recorder, timeline, picture, verdict."""
+from contextlib import contextmanager
 import os
 from pathlib import Path
 import signal
 import sys
 import time
-from typing import Any, List
+from typing import Any, Iterator, List
 
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -66,19 +67,34 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False,
     scene, domain = load_scene(scene_name), own_domain()
     out.mkdir(parents=True, exist_ok=True)
     story = Story(faces(scene.model.terrain), scene.model.robot, load_curve(CURVE),
-                  (lambda *_: None) if quiet else _tell)
+                  (lambda *_: None) if quiet else tell)
     begun = time.monotonic()
     if not quiet:
         how = 'in real time' if real_time else 'in lockstep, as fast as it goes'
         print(f'Three nodes on ROS domain {domain}, {how}.  {scene.model.robot.name} stands '
               'before a door-step.\n', flush=True)
-    # What ends the demo must end its nodes: leave by the way that does, not at once.
-    before = signal.signal(signal.SIGTERM, _leave)
-    try:
+    with ending_by_signal():
         wrong = _play(out, scene_name, story, domain, real_time, timeout)
-    finally:
-        signal.signal(signal.SIGTERM, before)
-    wrong += story.verdict()
+    return conclude(out, scene, story, wrong, begun)
+
+
+def conclude(out: Path, scene: Scene, story: Story, wrong: List[str], begun: float) -> int:
+    """
+    Draw the picture, tell the verdict, and return the exit code.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for the picture.
+    scene : Scene
+    story : Story
+    wrong : list of str
+        What went wrong on the way.
+    begun : float
+        When the run began, of ``time.monotonic`` [s].
+
+    """
+    wrong = wrong + story.verdict()
     picture = out / 'crossing.png'
     if story.states:
         save(strip(_trajectory(scene, story.states), 'what the topics told'), picture)
@@ -90,11 +106,28 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False,
     return 1 if wrong else 0
 
 
+@contextmanager
+def ending_by_signal() -> Iterator[None]:
+    """Let SIGTERM leave by the way that ends all nodes, not at once."""
+    before = signal.signal(signal.SIGTERM, _leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def _leave(number: int, _frame: Any) -> None:
     sys.exit(128 + number)
 
 
-def _tell(when: float, mark: str, sentence: str) -> None:
+def ended_badly(nodes: NodeProcesses) -> List[str]:
+    """Return a sentence about a node that has ended by itself, if one has."""
+    ended = nodes.ended()
+    return [] if ended is None else [
+        f'node {ended[0]} ended with code {ended[1]}, see {nodes.log(ended[0])}']
+
+
+def tell(when: float, mark: str, sentence: str) -> None:
     """Print one line of the timeline."""
     print(f'{when:7.2f} s  {mark:>9}  {sentence}', flush=True)
 
@@ -125,10 +158,9 @@ def _play(out: Path, scene_name: str, story: Story, domain: int, real_time: bool
                 executor.spin_once(timeout_sec=0.1)
                 bag.take_all()
                 beginning.work()
-                ended = nodes.ended()
-                if ended is not None:
-                    return [f'node {ended[0]} ended with code {ended[1]}, see '
-                            f'{nodes.log(ended[0])}']
+                wrong = ended_badly(nodes)
+                if wrong:
+                    return wrong
                 if story.states and to_seconds(story.states[-1].header.stamp) > LONGEST:
                     break
             else:

@@ -13,6 +13,7 @@ from ballbot_ros.errors import MessageError
 from ballbot_ros.msg import BallState, Contact, StepDecision
 from ballbot_ros.msg import StepObservation as StepObservationMsg
 from ballbot_ros.physics.model import Model, State
+from ballbot_ros.plant import Sensor, Sight
 
 SHELL, PENDULUM = 'shell', 'pendulum'
 JOINTS = [SHELL, PENDULUM]
@@ -175,6 +176,16 @@ def ball_state_message(state: State, torque: float, model: Model) -> BallState:
         contacts=[Contact(**touch._asdict()) for touch in model.touches(state)])
     message.header.frame_id = 'odom'
     message.header.stamp = to_time(state.time)
+    return message
+
+
+def observation_message(stamp: Time, sight: Sight, sensor: Sensor) -> StepObservationMsg:
+    """Return what a step sensor has seen."""
+    message = StepObservationMsg(
+        detected=sight.detected, distance=sight.distance, height=sight.height,
+        distance_sd=sensor.distance_sd, height_sd=sensor.height_sd)
+    message.header.frame_id = 'base_link'
+    message.header.stamp = stamp
     return message
 
 

@@ -12,7 +12,7 @@ from ballbot_ros.msg import BallState, StepObservation
 from ballbot_ros.plant import periods_per, Plant, Sensor
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import (
-    ball_state_message, joint_state_message, odometry_message, to_time)
+    ball_state_message, joint_state_message, observation_message, odometry_message, to_time)
 from ballbot_ros.ros.endpoints import advertise
 from ballbot_ros.ros.settings import SimulatorSettings
 
@@ -104,11 +104,7 @@ class Outputs:
     def _tell_observation(self) -> None:
         sight = self._sensor.look(
             self._plant.state.x, self._plant.periods // self._observation_periods)
-        message = StepObservation(
-            detected=sight.detected, distance=sight.distance, height=sight.height,
-            distance_sd=self._sensor.distance_sd, height_sd=self._sensor.height_sd)
-        message.header.frame_id = 'base_link'
-        message.header.stamp = to_time(self._plant.time)
+        message = observation_message(to_time(self._plant.time), sight, self._sensor)
         self._tell(self._observation, message)
 
     def _tell_ball(self) -> None:
