@@ -19,6 +19,7 @@ EXECUTABLES = {
     'ballbot': 'ballbot_ros.cli:main',
     'bridge': 'ballbot_ros.nodes.bridge:main',
     'controller': 'ballbot_ros.nodes.controller:main',
+    'emulated_robot': 'ballbot_ros.nodes.emulated_robot:main',
     'obstacle_decision': 'ballbot_ros.nodes.obstacle_decision:main',
     'simulator': 'ballbot_ros.nodes.simulator:main',
 }

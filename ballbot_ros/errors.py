@@ -11,6 +11,7 @@ Everything that this package raises on purpose.
     ├── MessageError          a command, set-point or observation is refused
     ├── LinkError             the serial line cannot be opened, or is gone
     ├── DriveError            the motor controller does not answer, or not as it must
+    ├── EstimateLostError     the readings of the sensors contradict each other
     └── RefusedError          a request that would not be safe now
 
 Each message says what was wrong, the value, what is allowed and what to do.
@@ -114,6 +115,10 @@ class DriveError(BallbotError):
         """Keep the one-word reason beside the sentence."""
         super().__init__(explanation)
         self.reason = reason
+
+
+class EstimateLostError(BallbotError, ArithmeticError):
+    """The state of the robot cannot be told from its sensors any more."""
 
 
 class RefusedError(BallbotError):

@@ -14,13 +14,14 @@ from ballbot_ros.emulator.control import FAULTS, LINE_FAULTS
 from ballbot_ros.fields import allowed
 from ballbot_ros.hardware.drivers import driver_class, DRIVERS
 from ballbot_ros.ros.settings import (
-    BridgeSettings, ControllerSettings, DecisionSettings, SimulatorSettings)
+    BridgeSettings, ControllerSettings, DecisionSettings, EmulatedRobotSettings,
+    SimulatorSettings)
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / 'README.md'
 TABLES = {'simulator': SimulatorSettings, 'controller': ControllerSettings,
           'obstacle_decision': DecisionSettings, 'decision tuning': DecisionTuning,
-          'bridge': BridgeSettings}
+          'bridge': BridgeSettings, 'emulated_robot': EmulatedRobotSettings}
 
 KINDS = {str: 'text', bool: 'true or false'}
 

@@ -8,6 +8,7 @@ or looks for a drive that was lost.
 """
 from collections import Counter
 from enum import Enum
+import math
 import threading
 import time
 from typing import Callable, List, NamedTuple, Optional, Tuple
@@ -15,7 +16,7 @@ from typing import Callable, List, NamedTuple, Optional, Tuple
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.supervisor import Motion, Supervisor
 from ballbot_ros.errors import (
-    BallbotError, ConfigurationError, DriveError, LinkError, RefusedError)
+    BallbotError, ConfigurationError, DriveError, EstimateLostError, LinkError, RefusedError)
 from ballbot_ros.estimation import Estimate, Fusion, ImuReading
 from ballbot_ros.hardware.driver import Driver, Identity, Setting, Telemetry
 from ballbot_ros.physics.robot import Robot
@@ -92,6 +93,7 @@ class Session:
         self._wanted = False  # a drive, that is between configure and close
         self._active = False
         self._sent = False
+        self._stamp = -math.inf  # of the last estimate
         self._asked = self._answered = self._stop_sent = self._stop_since = self._armed_at = 0.0
         self._next_try = 0.0
         self.identity: Optional[Identity] = None
@@ -261,8 +263,16 @@ class Session:
         # The drive looked at its encoder when it was asked, not when the answer was read.
         stamp = self._asked if 0.0 <= telemetry.time - self._asked <= 2.0 * self._period \
             else telemetry.time
-        return self.fusion.encoder(
-            stamp, self._hardware.joint.joint_angle(telemetry.position), self.supervisor.torque)
+        self._stamp = max(stamp, self._stamp)  # of one that was late and one that was not
+        try:
+            return self.fusion.encoder(
+                self._stamp, self._hardware.joint.joint_angle(telemetry.position),
+                self.supervisor.torque)
+        except EstimateLostError as error:
+            # No policy goes on by itself from here: the next estimate takes rest for granted.
+            self.supervisor.trigger(str(error))
+            self._notice(str(error))
+            return None
 
     def _motion(self, now: float) -> Optional[Motion]:
         """Return how the robot moves, None where that is not known well enough for torque."""

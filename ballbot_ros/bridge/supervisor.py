@@ -30,8 +30,8 @@ from ballbot_ros.plant.commands import CommandGate
 QUIET = 0.5
 # Torque below this is none [N m].
 NOTHING = 1e-6
-# Beyond this part of the speed limit something is wrong that limiting does not help.
-RUNAWAY = 1.5
+# Faster than this part of the speed limit for so long [s], and limiting does not help any more.
+RUNAWAY, RUNAWAY_TIME = 1.5, 0.02
 
 
 class Motion(NamedTuple):
@@ -72,6 +72,7 @@ class Supervisor:
         self._pushed = -math.inf  # when a command other than zero last came
         self._torque = 0.0
         self._decided: Optional[float] = None
+        self._fast_since = math.inf
         self._since: Optional[float] = None  # when commands began to stay away
         self.e_stop = 'engaged at start'
         self.counts: Counter = Counter()
@@ -205,7 +206,9 @@ class Supervisor:
     def _within(self, wanted: float, now: float, motion: Motion) -> float:
         """Return the torque cut to all limits."""
         limits = self._limits
-        if abs(motion.joint_rate) > RUNAWAY * limits.speed_limit:
+        fast = abs(motion.joint_rate) > RUNAWAY * limits.speed_limit
+        self._fast_since = min(self._fast_since, now) if fast else math.inf
+        if fast and now - self._fast_since >= RUNAWAY_TIME:
             self.trigger(
                 f'runaway: the joint turns at {motion.joint_rate:.1f} rad/s and speed_limit is '
                 f'{limits.speed_limit:g} rad/s')

@@ -19,14 +19,12 @@ from ballbot_ros.demo.demo import (
     conclude, CURVE, ended_badly, ending_by_signal, SCENE, tell, TOPICS)
 from ballbot_ros.demo.processes import NodeProcesses, own_domain, stay_here
 from ballbot_ros.demo.story import Story
-from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.msg import BallState, MotorStatus, StepDecision
 from ballbot_ros.physics import load_scene
 from ballbot_ros.plant.sensor import faces
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.bag import BagRecorder
 from ballbot_ros.ros.conversions import to_seconds, to_time
-from ballbot_ros.ros.emulated_robot import EmulatedRobot
 
 TUNING = 'gentle'  # gains that a sample of delay and an estimated angle leave stable
 MORE_TOPICS = (('imu', Imu, qos.RECORD), ('motor_status', MotorStatus, qos.RECORD))
@@ -62,68 +60,68 @@ def run_hardware_demo(out: Path, protocol: str, quiet: bool = False,
     story = Story(faces(scene.model.terrain), scene.model.robot, load_curve(CURVE),
                   (lambda *_: None) if quiet else tell)
     begun = time.monotonic()
-    with ending_by_signal(), Emulator(
-            protocol, scene, hardware.connection.baud) as emulator:
-        if not quiet:
-            print(f'An emulated {protocol} drive on {emulator.path}, '
-                  f'{hardware.connection.baud} baud; bridge, controller and decision on ROS '
-                  f'domain {domain}, in real time.\n', flush=True)
-        wrong = _Performance(out, story, domain, emulator, protocol, timeout).play(scene)
+    if not quiet:
+        print(f'An emulated {protocol} drive, {hardware.connection.baud} baud; bridge, controller '
+              f'and decision on ROS domain {domain}, in real time.\n', flush=True)
+    with ending_by_signal():
+        wrong = _Performance(out, story, domain, hardware.name, timeout).play()
     return conclude(out, scene, story, wrong, begun)
 
 
 class _Performance:
     """One run of all nodes."""
 
-    def __init__(self, out: Path, story: Story, domain: int, emulator: Emulator, protocol: str,
-                 timeout: float):
+    def __init__(self, out: Path, story: Story, domain: int, hardware: str, timeout: float):
         self._out, self._story, self._domain = out, story, domain
-        self._emulator, self._protocol = emulator, protocol
-        self._deadline = time.monotonic() + timeout
-        self._timeout = timeout
+        self._hardware, self._timeout = hardware, timeout
         self._begin = 0.0  # stamp of the first state, from which the story counts [s]
 
-    def play(self, scene: Any) -> List[str]:
+    def play(self) -> List[str]:
         """Return what went wrong on the way."""
         os.environ.update(stay_here(self._out / 'logs'))
         rclpy.init(domain_id=self._domain, signal_handler_options=SignalHandlerOptions.NO)
-        robot, executor = EmulatedRobot(self._emulator, scene), SingleThreadedExecutor()
-        executor.add_node(robot)
+        node, executor = Node('ballbot_demo'), SingleThreadedExecutor()
+        executor.add_node(node)
+        # Absolute: whoever opens it may be in another folder.
+        link = str((self._out / 'motor').resolve())
         try:
             with BagRecorder(self._out / 'bag') as bag, \
                     NodeProcesses(self._out / 'logs', self._domain) as nodes:
-                bag.subscribe(robot, (*TOPICS, *MORE_TOPICS), {
+                bag.subscribe(node, (*TOPICS, *MORE_TOPICS), {
                     'ball_state': self._on_ball, 'step_decision': self._on_decision})
-                nodes.start('bridge', {'hardware': f'gimball_{self._protocol}',
-                                       'port': self._emulator.path, 'tuning': TUNING})
+                nodes.start('emulated_robot', {
+                    'hardware': self._hardware, 'scene': SCENE, 'link': link})
+                nodes.start('bridge', {
+                    'hardware': self._hardware, 'port': link, 'tuning': TUNING})
                 nodes.start('controller', {'tuning': TUNING, 'delay': 1})
                 nodes.start('obstacle_decision', {'curve': CURVE})
-                wrong = self._watch(robot, executor, bag, nodes)
+                wrong = self._watch(node, executor, bag, nodes)
                 codes = nodes.stop()
                 bag.take_all()
                 return wrong + [f'node {name} ended with code {code}, see {nodes.log(name)}'
                                 for name, code in codes.items() if code]
         finally:
-            executor.remove_node(robot)
-            robot.destroy_node()
+            executor.remove_node(node)
+            node.destroy_node()
             rclpy.try_shutdown()
 
-    def _watch(self, robot: Node, executor: SingleThreadedExecutor, bag: BagRecorder,
+    def _watch(self, node: Node, executor: SingleThreadedExecutor, bag: BagRecorder,
                nodes: NodeProcesses) -> List[str]:
-        release = robot.create_client(Trigger, 'bridge/release_e_stop')
+        release = node.create_client(Trigger, 'bridge/release_e_stop')
         answer, asked = None, 0.0
-        while self._story.rested is None and time.monotonic() < self._deadline:
+        deadline = time.monotonic() + self._timeout
+        while self._story.rested is None:
             executor.spin_once(timeout_sec=0.1)
             bag.take_all()
             released = answer is not None and answer.done() and answer.result().success
             if not released and release.service_is_ready() and time.monotonic() > asked + AGAIN:
                 answer, asked = release.call_async(Trigger.Request()), time.monotonic()
             wrong = ended_badly(nodes)
-            if wrong or self._emulator.failure:
-                return wrong + [str(self._emulator.failure)] * bool(self._emulator.failure)
-        if self._story.rested is None:
-            return [f'given up after {self._timeout:g} s; where the machine was just too slow, '
-                    'allow more (--timeout)']
+            if wrong:
+                return wrong
+            if time.monotonic() > deadline:
+                return [f'given up after {self._timeout:g} s; where the machine was just too '
+                        'slow, allow more (--timeout)']
         return []
 
     def _on_ball(self, data: bytes) -> None:

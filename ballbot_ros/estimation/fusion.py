@@ -5,7 +5,7 @@ from dataclasses import replace
 import math
 from typing import Deque, Optional
 
-from ballbot_ros.errors import MessageError
+from ballbot_ros.errors import EstimateLostError, MessageError
 from ballbot_ros.estimation.imu import ImuMounting, ImuReading
 from ballbot_ros.estimation.kalman import Estimate, FilterTuning, PendulumFilter
 from ballbot_ros.physics.robot import Robot
@@ -15,6 +15,8 @@ from ballbot_ros.physics.robot import Robot
 JUMP = 0.5
 # So many in a row, and the encoder counts from another zero.
 INSISTS = 5
+# No ball or pendulum turns faster [rad/s].
+FASTEST = 300.0
 # An IMU is not asked any more after this silence [s].
 IMU_TIMEOUT = 0.05
 # So many IMU readings wait while there is no encoder reading: some seconds.
@@ -61,6 +63,7 @@ class Fusion:
         self._waiting: Deque[ImuReading] = deque(maxlen=MOST_WAITING)
         self._newest = -math.inf
         self._imu: Optional[ImuReading] = None
+        self._upright = False  # ball angle 0 is where the IMU is upright
         self._in_a_row = 0
         self._torque = 0.0
 
@@ -96,7 +99,7 @@ class Fusion:
         self._imu = self._mounting.at_centre(replace(reading, turn_acceleration=turning))
         if self.estimate is None:
             return
-        if period > IMU_TIMEOUT:
+        if not self._upright:
             self._learn_upright(self._imu)
         estimate = self._filter.predict(
             self.estimate, reading.stamp, self._torque, self._imu)
@@ -104,13 +107,14 @@ class Fusion:
 
     def _learn_upright(self, imu: ImuReading) -> None:
         """
-        Let ball angle 0 be where the IMU is upright, when it comes late.
+        Let ball angle 0 be where the IMU is upright, when it comes after the start.
 
         Without one the ball angle was counted from wherever it was.  The pendulum stays where it
         is, so ball and joint angle move by opposite amounts.
         """
         estimate = self.estimate
         assert estimate is not None
+        self._upright = True
         shift = math.atan2(imu.forward, imu.upward) - estimate.readings.ball_angle
         shift = math.remainder(shift, 2.0 * math.pi)
         mean = estimate.mean.copy()
@@ -135,6 +139,8 @@ class Fusion:
         ------
         MessageError
             With reason ``not_finite``.
+        EstimateLostError
+            If the estimate has run away; the next reading is again of a robot at rest.
 
         """
         if not (math.isfinite(angle) and math.isfinite(stamp) and math.isfinite(torque)):
@@ -148,6 +154,7 @@ class Fusion:
         if imu is not None and stamp - imu.stamp > IMU_TIMEOUT:
             imu = None
         if self.estimate is None:
+            self._upright = imu is not None
             self.estimate = self._filter.start(stamp, angle, imu, self._encoder_zero)
             return self.estimate
         estimate = self._filter.predict(self.estimate, stamp, torque, imu)
@@ -162,5 +169,17 @@ class Fusion:
                 self._in_a_row = 0
                 self.rezeroed += 1
                 estimate = estimate._replace(encoder_zero=estimate.encoder_zero + surprise)
+        if not _sane(estimate):
+            self.reset()
+            raise EstimateLostError(
+                'the estimate of the pendulum angle has run away: readings contradict each other '
+                'or the model for too long; let the robot come to rest')
         self.estimate = estimate
         return estimate
+
+
+def _sane(estimate: Estimate) -> bool:
+    """Tell whether an estimate is one of a robot; infinity and NaN are not."""
+    rates = estimate.mean[2:4]
+    return bool(abs(rates[0]) < FASTEST and abs(rates[1]) < FASTEST
+                and estimate.angle_sd < math.pi)

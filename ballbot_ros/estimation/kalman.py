@@ -41,6 +41,9 @@ class FilterTuning(Checked):
 
     encoder_sd: float = quantity(
         'rad', 'standard deviation of an encoder reading, at the joint', default=5e-4, above=0.0)
+    timing_sd: float = quantity(
+        's', 'standard deviation of the time at which an encoder reading was taken',
+        default=3e-4, minimum=0.0)
     gyro_sd: float = quantity(
         'rad/s', 'standard deviation of a gyro reading', default=0.01, above=0.0)
     gyro_drift: float = quantity(
@@ -228,8 +231,11 @@ class PendulumFilter:
 
     def with_encoder(self, estimate: Estimate, encoder: float) -> Estimate:
         """Return the estimate improved by an encoder angle [rad]."""
+        turned_meanwhile = self._tuning.timing_sd * float(
+            estimate.mean[PENDULUM_RATE] - estimate.mean[BALL_RATE])
         return _improved(estimate, np.array([0.0, 1.0, 0.0, 0.0, 0.0]),
-                         self.surprise(estimate, encoder), self._tuning.encoder_sd**2)
+                         self.surprise(estimate, encoder),
+                         self._tuning.encoder_sd**2 + turned_meanwhile**2)
 
     def surprise(self, estimate: Estimate, encoder: float) -> float:
         """Return how far an encoder angle is from the one expected [rad]."""

@@ -28,6 +28,8 @@ from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import BridgeSettings
 
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
+# Longest time that a thread keeps others from running [s].
+SWITCH = 5e-4
 # How often the loop is looked after [s], and a drive that was not there looked for.
 LOOK_AFTER, START_AGAIN = 0.1, 1.0
 
@@ -181,6 +183,8 @@ class Bridge(LifecycleNode):
 
 def main(args: Optional[List[str]] = None) -> int:
     """Run the node."""
+    # The loop must not wait long for a thread that computes: 5 ms is what Python would let it.
+    sys.setswitchinterval(SWITCH)
     return run(Bridge, args)
 
 

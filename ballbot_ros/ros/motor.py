@@ -18,11 +18,16 @@ from ballbot_ros.ros.endpoints import advertise
 
 # REP 145: an IMU says with this that it has no such sensor.
 NOT_REPORTED = -1.0
+# Two clocks are read one after the other, and in between others may run for so long [s].
+LOOKING = 0.005
 
 
 class Clocks:
     """
     Between stamps (ROS time) and the steady clock that all timeouts are counted on.
+
+    How far they are apart is looked up anew each time, and kept unless it has changed by more
+    than looking takes on a busy machine: so order is kept, and a clock that is set is followed.
 
     Parameters
     ----------
@@ -33,10 +38,14 @@ class Clocks:
     def __init__(self, node: Node):
         """Use the clock of the node."""
         self._clock = node.get_clock()
+        self._apart = math.inf
 
     @property
     def _ahead(self) -> float:
-        return 1e-9 * float(self._clock.now().nanoseconds) - time.monotonic()
+        apart = 1e-9 * float(self._clock.now().nanoseconds) - time.monotonic()
+        if abs(apart - self._apart) > LOOKING:
+            self._apart = apart
+        return self._apart
 
     def steady(self, stamp: float) -> float:
         """Return the time of a stamp on the steady clock [s]."""

@@ -118,3 +118,21 @@ class BridgeSettings(Checked):
     capture: str = text('file for the raw traffic of the serial line; empty for none', default='')
     status_rate: float = quantity(
         'Hz', 'rate of motor_status', default=10.0, minimum=0.1, maximum=100.0)
+
+
+@dataclass(frozen=True)
+class EmulatedRobotSettings(Checked):
+    """Parameters of the node ``emulated_robot``."""
+
+    hardware: str = text('name of a hardware file in config/hardware, or a YAML file, whose '
+                         'protocol and baud rate the drive has', default='gimball_odrive')
+    scene: str = text('name of a scene in config/scenes, or a YAML file', default='doorstep')
+    link: str = text('symbolic link to keep pointing to the serial device',
+                     default='/tmp/ballbot_motor')
+    imu_rate: float = quantity('Hz', 'rate of imu', default=250.0, minimum=10.0, maximum=1000.0)
+    gyro_sd: float = quantity('rad/s', 'noise of the gyro per reading', default=0.005,
+                              minimum=0.0, maximum=10.0)
+    gyro_bias: float = quantity('rad/s', 'constant error of the gyro', default=0.005,
+                                minimum=-1.0, maximum=1.0)
+    force_sd: float = quantity('m/s2', 'noise of the accelerometer per reading', default=0.1,
+                               minimum=0.0, maximum=10.0)

@@ -144,7 +144,9 @@ def test_beyond_angle_and_speed_only_torque_back_is_let_through(motion, counter,
 
 def test_a_runaway_engages_the_e_stop():
     supervisor = released()
-    assert follow(supervisor, 1.0, 0.0, 0.01, Motion(0.0, 19.0, 19.0)) == 0.0
+    follow(supervisor, 1.0, 0.0, 0.01, Motion(0.0, 19.0, 19.0))
+    assert not supervisor.e_stop  # one wrong reading is none
+    assert follow(supervisor, 1.0, 0.01, 0.02, Motion(0.0, 19.0, 19.0)) == 0.0
     assert 'runaway' in supervisor.e_stop
 
 

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node ``emulated_robot``: a drive on a serial device, a ball behind it, its other sensors."""
+from pathlib import Path
+import sys
+from typing import Any, List, Optional
+
+from nav_msgs.msg import Odometry
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import Imu as ImuMessage
+
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.emulator.emulator import Emulator
+from ballbot_ros.msg import BallState, StepObservation
+from ballbot_ros.physics import load_scene
+from ballbot_ros.plant import Imu, Sensor
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.conversions import (
+    ball_state_message, observation_message, odometry_message, to_time)
+from ballbot_ros.ros.endpoints import advertise
+from ballbot_ros.ros.motor import imu_message
+from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.run import run
+from ballbot_ros.ros.settings import EmulatedRobotSettings
+
+# IMU readings per message of the others.
+ODOM_EVERY, OBSERVATION_EVERY, TRUTH_EVERY = 3, 5, 3
+REACH = 3.0  # how far the step sensor sees [m]
+SWITCH = 5e-4  # longest time that a thread keeps the other from running [s]
+
+
+class EmulatedRobot(Node):
+    """
+    Stands for a whole robot, but for its bridge; see `EmulatedRobotSettings`.
+
+    It publishes imu, odom, step_observation and the true ball_state, stamped with the time of
+    the wall as those of a real robot are.  Joint states are not among them: these the bridge
+    tells.
+    """
+
+    def __init__(self, **kwargs: Any):
+        """Plug the drive in."""
+        super().__init__('emulated_robot', **kwargs)
+        settings = declare(self, EmulatedRobotSettings)
+        connection = load_hardware(settings.hardware).connection
+        scene = load_scene(settings.scene)
+        self._model = scene.model
+        self._imu = Imu(scene.model.robot.gravity, gyro_sd=settings.gyro_sd,
+                        force_sd=settings.force_sd, bias=settings.gyro_bias)
+        self._sensor = Sensor(scene.model.terrain, REACH)
+        self._readings = advertise(self, ImuMessage, 'imu', qos.STATE)
+        self._odometry = advertise(self, Odometry, 'odom', qos.STATE)
+        self._observation = advertise(self, StepObservation, 'step_observation', qos.STATE)
+        self._truth = advertise(self, BallState, 'ball_state', qos.STATE)
+        self._emulator = Emulator(
+            connection.protocol, scene, connection.baud, link=Path(settings.link))
+        self._before = self._emulator.state
+        self._number = 0
+        self._emulator.start()
+        self.create_timer(1.0 / settings.imu_rate, self._tell,
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.get_logger().info(
+            f'{connection.protocol} at {connection.baud} baud on {self._emulator.path}')
+
+    def _tell(self) -> None:
+        """Tell what the sensors see."""
+        if self._emulator.failure is not None:
+            raise self._emulator.failure
+        before, state = self._before, self._emulator.state
+        if state.time <= before.time:
+            return
+        now = 1e-9 * self.get_clock().now().nanoseconds
+        self._before, self._number = state, self._number + 1
+        sample = self._imu.sample(before, state, self._number)
+        self._readings.publish(imu_message(now, *sample[1:]))
+        here = state._replace(time=now)
+        if self._number % TRUTH_EVERY == 0:
+            self._truth.publish(ball_state_message(
+                here, self._emulator.pendulum_torque, self._model))
+        if self._number % ODOM_EVERY == 0:
+            self._odometry.publish(odometry_message(here))
+        if self._number % OBSERVATION_EVERY == 0:
+            sight = self._sensor.look(state.x, self._number // OBSERVATION_EVERY)
+            self._observation.publish(observation_message(to_time(now), sight, self._sensor))
+
+    def make_safe(self) -> None:
+        """Unplug."""
+        self._emulator.stop()
+        if self._emulator.dropped:
+            self.get_logger().warning(
+                f'{self._emulator.dropped} ms were given up because the machine was too slow')
+
+
+def main(args: Optional[List[str]] = None) -> int:
+    """Run the node."""
+    sys.setswitchinterval(SWITCH)
+    return run(EmulatedRobot, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
