@@ -45,8 +45,9 @@ def run(arguments: argparse.Namespace) -> int:
     folder = 'demo_hardware' if arguments.hardware else 'demo'
     out = arguments.out or Path('ballbot_output') / folder
     if arguments.hardware:
-        return run_hardware_demo(
-            out, arguments.protocol, quiet=arguments.quiet, timeout=arguments.timeout)
-    code: int = run_demo(out=out, real_time=arguments.real_time,
-                         quiet=arguments.quiet, timeout=arguments.timeout)
+        code: int = run_hardware_demo(out=out, protocol=arguments.protocol,
+                                      quiet=arguments.quiet, timeout=arguments.timeout)
+    else:
+        code = run_demo(out=out, real_time=arguments.real_time,
+                        quiet=arguments.quiet, timeout=arguments.timeout)
     return code

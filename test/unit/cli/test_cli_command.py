@@ -119,10 +119,17 @@ def test_demo_passes_its_options_on(monkeypatch, tmp_path):
         told.update(options)
         return 7
 
+    def run_hardware_demo(**options):
+        told.update(options)
+        return 8
+
     monkeypatch.setitem(sys.modules, 'ballbot_ros.demo', types.SimpleNamespace(
-        run_demo=run_demo))
+        run_demo=run_demo, run_hardware_demo=run_hardware_demo))
     assert main(['demo', '--out', str(tmp_path), '--real-time', '--timeout', '9']) == 7
     assert told == {'out': tmp_path, 'real_time': True, 'quiet': False, 'timeout': 9.0}
+    told.clear()
+    assert main(['demo', '--hardware', '--protocol', 'vesc', '--out', str(tmp_path)]) == 8
+    assert told == {'out': tmp_path, 'protocol': 'vesc', 'quiet': False, 'timeout': 60.0}
 
 
 def test_demo_without_ros_says_what_to_do(capsys, monkeypatch):
