@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verb ``calibrate-motor``: find what joins drive and pendulum, and write it down."""
+import argparse
+from pathlib import Path
+from typing import Any, Mapping
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what is calibrated and where the result goes."""
+    parser.add_argument('--hardware', default='gimball_odrive', metavar='NAME',
+                        help='hardware file to start from (default: %(default)s)')
+    parser.add_argument('--port', help='serial device or URL instead of that of the file')
+    parser.add_argument('--out', type=Path, default=Path('my_motor.yaml'), metavar='FILE',
+                        help='hardware file to write (default: %(default)s)')
+
+
+class Terminal:
+    """Talks with a person at a terminal."""
+
+    def say(self, text: str) -> None:
+        """Print."""
+        print(text, flush=True)
+
+    def ask(self, question: str) -> str:
+        """Return a line; ``q`` and the end of input end the calibration."""
+        from ballbot_ros.errors import RefusedError
+        try:
+            answer = input(f'{question}: ')
+        except EOFError:
+            answer = 'q'
+        if answer.strip().lower() == 'q':
+            raise RefusedError('calibration ended; nothing was written')
+        return answer
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Guide, measure, write."""
+    from dataclasses import replace
+
+    from ballbot_ros.bridge.calibration import Calibrator
+    from ballbot_ros.bridge.connect import connector
+    from ballbot_ros.bridge.hardware_file import load_hardware
+    from ballbot_ros.errors import ConfigurationError
+    from ballbot_ros.fields import read_yaml
+    from ballbot_ros.paths import find_config
+    from ballbot_ros.physics.robot import load_robot
+    if arguments.out.exists():
+        raise ConfigurationError(f'{arguments.out} exists; move it away or give another --out')
+    hardware = load_hardware(arguments.hardware)
+    if arguments.port:
+        hardware = replace(
+            hardware, connection=replace(hardware.connection, port=arguments.port))
+    driver = connector(hardware)()
+    try:
+        print(f'{driver.identify()} on {hardware.connection.port}')
+        driver.stop()
+        for item in driver.read_settings():
+            if not item.acceptable:
+                raise ConfigurationError(
+                    f'{item.name} is {item.value}, must be {item.wanted}: {item.remedy}')
+        found = Calibrator(
+            hardware, load_robot(hardware.robot), driver, Terminal()).run()
+    finally:
+        driver.line.close()
+    content = dict(read_yaml(find_config('hardware', arguments.hardware)))
+    content['name'] = arguments.out.stem
+    content['connection'] = {**content['connection'], 'port': hardware.connection.port}
+    write(arguments.out, content, found, arguments.hardware)
+    print(f'Written: {arguments.out}.  Next: ros2 run ballbot_ros bridge --ros-args -p '
+          f'hardware:={arguments.out.resolve()}')
+    return 0
+
+
+def write(path: Path, content: Mapping[str, Any], found: Any, base: str) -> None:
+    """
+    Write a hardware file with what was found.
+
+    Parameters
+    ----------
+    path : Path
+    content : mapping
+        Of the hardware file that it begins from.
+    found : Calibration
+    base : str
+        Name of that file.
+
+    """
+    import yaml
+
+    from ballbot_ros.bridge.hardware_file import read_hardware
+    spread = 3.0 * found.torque_factor_sd
+    joint = {
+        **content['joint'], 'direction': found.direction,
+        'encoder_scale': {'value': round(found.encoder_scale, 7), 'unit': '1',
+                          'source': 'measured'},
+        'torque_factor': {
+            'value': round(found.torque_factor, 4), 'unit': '1', 'source': 'measured',
+            'range': [round(max(1e-3, found.torque_factor - spread), 4),
+                      round(found.torque_factor + spread, 4)],
+            'note': f'as good as M2 and e of the robot; friction was {found.friction:.3f} N m'}}
+    whole = {**content, 'joint': joint}
+    read_hardware(whole, str(path))  # what is written can be read
+    path.write_text(f'# Measured by ballbot calibrate-motor; the rest is that of {base}.\n'
+                    + yaml.safe_dump(whole, sort_keys=False), encoding='utf-8')
