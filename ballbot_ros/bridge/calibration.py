@@ -24,11 +24,12 @@ from ballbot_ros.hardware.driver import Driver
 from ballbot_ros.physics.robot import Robot
 
 # The pendulum is lifted in so many steps to each side, up to this angle [rad].
-STEPS, HIGHEST = 5, 0.5
+STEPS, HIGHEST = 3, 0.5
 # Faster [rad/s] or further [rad] than this, and the motor is stopped.
 FASTEST, FURTHEST = 4.0, 1.0
-# Period of the commands, how fast the torque is raised, and how long a pendulum swings out [s].
-PERIOD, RAISE, SETTLE = 0.005, 1.0, 2.0
+# Period of the commands, how long a torque takes to be raised, a pendulum to swing out, and its
+# angle to be taken [s].
+PERIOD, RAISE, SETTLE, LOOK = 0.01, 1.0, 1.5, 0.5
 # A person who turns something by hand turns it by at least so much of what was asked for.
 LEAST_TURN = 0.3
 # Deviations from the file that deserve a word.
@@ -174,7 +175,7 @@ class Calibrator:
         driver = self._driver
         start = driver.clock()
         seen: List[float] = []
-        while (now := driver.clock()) - start < RAISE + 2.0 * SETTLE:
+        while (now := driver.clock()) - start < RAISE + SETTLE + LOOK:
             part = min((now - start) / RAISE, 1.0)
             asked = begin + part * (torque - begin)
             motor = asked / (self._joint.gear_ratio * self._joint.gear_efficiency)

@@ -23,6 +23,9 @@ VERBS = {
     'max-step': ('ballbot_ros.cli.max_step', 'find the highest step that a robot gets over'),
     'compare-models': ('ballbot_ros.cli.compare_models', 'say where simpler models of the '
                        'highest step do'),
+    'calibrate-motor': ('ballbot_ros.cli.calibrate_motor', 'find direction, encoder scale and '
+                        'torque of a real motor, gently, and write a hardware file'),
+    'doctor': ('ballbot_ros.cli.doctor', 'find out why a motor controller does not answer'),
     'emulate-motor': ('ballbot_ros.cli.emulate_motor', 'a motor controller in software, with '
                       'the ball behind it, on a serial device'),
     'figures': ('ballbot_ros.cli.figures', "draw the paper's figures, re-simulated, and some "

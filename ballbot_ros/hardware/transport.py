@@ -160,6 +160,11 @@ class Link:
         self.close()
 
 
+def ports() -> list[tuple[str, str]]:
+    """Return device and description of each serial port of this machine."""
+    return sorted((found.device, found.description) for found in list_ports.comports())
+
+
 @contextmanager
 def _converted(port: str, opening: bool = False) -> Iterator[None]:
     """Turn what pyserial may raise into a `LinkError`."""

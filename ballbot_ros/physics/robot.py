@@ -11,7 +11,7 @@ from ballbot_ros.fields import (
     refuse_unknown, text)
 from ballbot_ros.paths import find_config
 
-SOURCES = ('published', 'repaired', 'derived', 'assumed')
+SOURCES = ('published', 'repaired', 'derived', 'assumed', 'measured')
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Provenance:
     source : str
         ``published``: printed in the paper.  ``repaired``: printed there, damaged in the
         copy at hand and restored.  ``derived``: computed from other statements of the
-        paper.  ``assumed``: chosen here, nothing is published.
+        paper.  ``assumed``: chosen here, nothing is published.  ``measured``: on one's own robot.
     low, high : float or None
         Range that the true value is believed to lie in, SI units.
     note : str

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A robot of bits: ball, drive and cable in memory, with a clock that only the test moves."""
 from dataclasses import replace
+import math
 
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.session import Session
@@ -12,11 +13,31 @@ from ballbot_ros.errors import LinkError
 from ballbot_ros.estimation import ImuReading
 from ballbot_ros.hardware.drivers import open_driver
 from ballbot_ros.physics import load_robot
+from ballbot_ros.physics.model import State
 from ballbot_ros.physics.scene import read_scene
 from ballbot_ros.plant import Imu, Plant
 
 STEP = 0.002
 DEVICES = {'odrive': ODriveDevice, 'vesc': VescDevice, 'roboclaw': RoboClawDevice}
+
+
+class HeldShell:
+    """A pendulum in a shell that is held: the textbook's, with viscous friction."""
+
+    def __init__(self):
+        self.state = State()
+        self._robot = load_robot('gimball')
+
+    def advance(self, torque):
+        """Advance by a step under a constant torque."""
+        robot, state = self._robot, self.state
+        inertia = robot.pendulum_inertia + robot.pendulum_mass * robot.pendulum_length**2
+        rate = state.pendulum_rate + STEP / inertia * (
+            torque - robot.joint_friction * state.pendulum_rate
+            - robot.largest_gravity_torque * math.sin(state.pendulum_angle))
+        self.state = state._replace(time=state.time + STEP, pendulum_rate=rate,
+                                    pendulum_angle=state.pendulum_angle + STEP * rate)
+        return self.state
 
 
 class VirtualRobot:
@@ -32,7 +53,7 @@ class VirtualRobot:
 
     """
 
-    def __init__(self, protocol='odrive', imu=True, settings=None, **limits):
+    def __init__(self, protocol='odrive', imu=True, settings=None, held=False, **limits):
         self.now = 100.0
         self.hardware = load_hardware(f'gimball_{protocol}')
         self.hardware = replace(
@@ -42,19 +63,20 @@ class VirtualRobot:
         torque = self.hardware.options().torque_limit
         self.device = DEVICES[protocol](settings or DriveSettings(
             torque_limit=torque, current_limit=torque / DriveSettings.torque_constant))
-        self.plant = Plant(read_scene(
+        self.plant = HeldShell() if held else Plant(read_scene(
             {'robot': 'gimball', 'initial': {'x': 0.0}, 'duration': 1.0}, 'test', 'test'), 500.0)
         self._imu = Imu(9.81) if imu else None
         self.plugged = True
         self.lines = 0  # opened and not closed
-        self.session = Session(self.hardware, load_robot('gimball'), self._connect, self.clock)
+        self.session = Session(self.hardware, load_robot('gimball'), self.connect, self.clock)
         self.torques = []  # at the motor, at each step
 
     def clock(self):
         """Return the time."""
         return self.now
 
-    def _connect(self):
+    def connect(self):
+        """Return a driver on a new line."""
         return open_driver(self.hardware.connection.protocol, _Cable(self),
                            self.hardware.options(), self.clock)
 

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verb ``doctor``: ports, drive and ROS, each finding with the command that mends it."""
+import argparse
+import os
+import sys
+
+from ballbot_ros.cli.command import DONE, FAILED
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what is looked at."""
+    parser.add_argument('--hardware', default='gimball_odrive', metavar='NAME',
+                        help='hardware file whose drive is looked for (default: %(default)s)')
+    parser.add_argument('--port', default='',
+                        help='serial device or URL instead of that of the file')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print each finding; 1 if something is wrong."""
+    from ballbot_ros.bridge.doctor import examine, WRONG
+    code = DONE
+    for finding in examine(arguments.hardware, arguments.port, os.environ, _tell):
+        print(f'{finding.verdict:>5}  {finding.what}')
+        if finding.remedy:
+            print(f'       -> {finding.remedy}')
+        if finding.verdict == WRONG:
+            code = FAILED
+    return code
+
+
+def _tell(text: str) -> None:
+    """Say what takes time."""
+    print(f'    .  {text}', file=sys.stderr, flush=True)

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the doctor finds on ports that are real devices, and what it says to do."""
+from dataclasses import replace
+import fcntl
+import os
+import termios
+
+import pytest
+
+from ballbot_ros.bridge import doctor
+from ballbot_ros.bridge.doctor import (
+    look_at_drive, look_at_latency, look_at_ports, look_at_ros, NOTE, OK, WRONG)
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.cli.command import main
+from ballbot_ros.emulator.emulator import Emulator
+from ballbot_ros.physics import load_scene
+
+
+def hardware(**connection):
+    """Return the shipped ODrive with another connection."""
+    shipped = load_hardware('gimball_odrive')
+    return replace(shipped, connection=replace(shipped.connection, **connection))
+
+
+@pytest.fixture
+def vesc():
+    """Return an emulated VESC at 460800 baud."""
+    with Emulator('vesc', load_scene('flat'), baud=460800) as emulator:
+        yield emulator
+
+
+def only_wrong(findings):
+    """Return the one finding that is wrong."""
+    wrong, = (finding for finding in findings if finding.verdict == WRONG)
+    return wrong
+
+
+def test_a_drive_that_is_well_set_is_all_right(vesc):
+    right = hardware(port=vesc.path, baud=460800, protocol='vesc')
+    right = replace(right, drive={})
+    findings = list(look_at_drive(right))
+    assert all(finding.verdict == OK for finding in findings) and len(findings) > 2
+    assert 'firmware' in findings[0].what
+
+
+def test_bad_port_busy_port_wrong_protocol_and_wrong_baud_are_told_apart(vesc, monkeypatch):
+    monkeypatch.setattr(doctor, 'PATIENCE', 0.1)
+    told = [only_wrong(look_at_drive(hardware(port='/dev/ttyNOWHERE')))]
+    told.append(only_wrong(look_at_drive(hardware(port=vesc.path, baud=460800))))
+    told.append(only_wrong(look_at_drive(
+        replace(hardware(port=vesc.path, baud=115200, protocol='vesc'), drive={}))))
+    holder = os.open(vesc.path, os.O_RDWR | os.O_NOCTTY)
+    fcntl.ioctl(holder, termios.TIOCEXCL)
+    fcntl.flock(holder, fcntl.LOCK_EX)
+    try:
+        told.append(only_wrong(look_at_drive(hardware(port=vesc.path))))
+    finally:
+        os.close(holder)
+    for finding, word in zip(told, ('there is no port', 'wrong protocol', 'wrong baud rate',
+                                    'in use by another program')):
+        assert word in finding.what
+    assert told[1].remedy == 'set protocol: vesc in the file'
+    assert told[2].remedy.startswith('set baud: 460800')
+    assert 'fuser' in told[3].what
+
+
+def test_settings_that_are_not_safe_are_wrong_and_say_what_to_type():
+    from ballbot_ros.emulator.ball import settings_for
+    scene = load_scene('flat')
+    settings = settings_for(scene.model.robot, watchdog=0.0)
+    with Emulator('odrive', scene, baud=921600, settings=settings) as drive:
+        wrong = only_wrong(look_at_drive(hardware(port=drive.path)))
+    assert 'watchdog' in wrong.what and 'w axis0.config' in wrong.remedy
+
+
+def test_an_ftdi_adapter_that_waits_is_found(tmp_path):
+    folder = tmp_path / 'bus/usb-serial/devices/ttyUSB0'
+    folder.mkdir(parents=True)
+    (folder / 'latency_timer').write_text('16\n')
+    finding = only_wrong(look_at_latency('/dev/ttyUSB0', tmp_path))
+    assert '16 ms' in finding.what and f'tee {folder}' in finding.remedy
+    (folder / 'latency_timer').write_text('1\n')
+    assert not list(look_at_latency('/dev/ttyUSB0', tmp_path))
+
+
+def test_no_port_at_all_and_a_port_that_may_not_be_opened():
+    assert next(look_at_ports([])).what == 'no serial port at all'
+    if os.getuid():  # root may open all
+        assert WRONG in [finding.verdict for finding in look_at_ports([('/dev/mem', 'memory')])]
+
+
+@pytest.mark.parametrize('environment, verdicts', [
+    ({}, [OK, NOTE]), ({'ROS_DOMAIN_ID': '7', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'},
+                       [OK, OK]),
+    ({'ROS_DOMAIN_ID': '230'}, [WRONG, NOTE]), ({'ROS_DOMAIN_ID': 'x'}, [WRONG, NOTE]),
+    ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCAL'}, [OK, WRONG])])
+def test_who_hears_whom_is_told(environment, verdicts):
+    assert [finding.verdict for finding in look_at_ros(environment)] == verdicts
+
+
+def test_the_command_prints_findings_with_remedies_and_fails(capsys):
+    assert main(['doctor', '--port', '/dev/ttyNOWHERE']) == 1
+    said = capsys.readouterr().out
+    assert 'there is no port /dev/ttyNOWHERE' in said and '-> ' in said and 'ROS domain' in said
