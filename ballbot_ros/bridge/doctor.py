@@ -10,7 +10,7 @@ from typing import Callable, Iterator, List, Mapping, NamedTuple, Optional, Tupl
 from ballbot_ros.bridge.connect import connector
 from ballbot_ros.bridge.hardware_file import Hardware, load_hardware
 from ballbot_ros.errors import BallbotError, DriveError, LinkError
-from ballbot_ros.hardware.driver import Driver, DriveOptions
+from ballbot_ros.hardware.driver import DriveOptions, Driver
 from ballbot_ros.hardware.drivers import driver_class, DRIVERS, open_driver, read_options
 from ballbot_ros.hardware.transport import Link, ports
 
