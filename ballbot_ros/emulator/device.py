@@ -36,6 +36,11 @@ class DriveSettings(Checked):
                                           default=100.0)
     boot_time: float = quantity('s', 'after which a reboot is over', default=0.3, minimum=0.0)
 
+    @property
+    def largest_current(self) -> float:
+        """Return the motor current that neither limit is passed by [A]."""
+        return min(self.current_limit, self.torque_limit / self.torque_constant)
+
 
 class Device(ABC):
     """

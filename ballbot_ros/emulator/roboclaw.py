@@ -54,7 +54,7 @@ class RoboClawDevice(Device):
             codec.GET_CURRENTS: lambda: (round(
                 100.0 * self.torque() / self.settings.torque_constant), 0),
             codec.GET_STATUS: lambda: (self._fault,),
-            codec.GET_MAX_CURRENT[0]: lambda: (round(100.0 * self._current_limit()), 0),
+            codec.GET_MAX_CURRENT[0]: lambda: (round(100.0 * self.settings.largest_current), 0),
             codec.GET_MAX_CURRENT[1]: lambda: (0, 0),
         }
 
@@ -65,7 +65,7 @@ class RoboClawDevice(Device):
             return 0.0
         current = (duty * self.sensed.bus_voltage
                    - settings.speed_constant * self.sensed.velocity) / settings.resistance
-        limit = self._current_limit()
+        limit = self.settings.largest_current
         return settings.torque_constant * min(max(current, -limit), limit)
 
     def tick(self, now: float) -> None:
@@ -83,10 +83,6 @@ class RoboClawDevice(Device):
 
     def _effective_duty(self) -> float:
         return 0.0 if self._fault & codec.ERRORS else self._duty
-
-    def _current_limit(self) -> float:
-        settings = self.settings
-        return min(settings.current_limit, settings.torque_limit / settings.torque_constant)
 
     def _counts(self, angle: float) -> int:
         """Return encoder counts as the 32 bits that they are sent in."""

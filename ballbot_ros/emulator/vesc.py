@@ -43,9 +43,8 @@ class VescDevice(Device):
         """Return the torque at the shaft; see `Device`."""
         if self._fault or self._timed_out:
             return 0.0
-        settings = self.settings
-        limit = min(settings.current_limit, settings.torque_limit / settings.torque_constant)
-        return settings.torque_constant * min(max(self._current, -limit), limit)
+        limit = self.settings.largest_current
+        return self.settings.torque_constant * min(max(self._current, -limit), limit)
 
     def tick(self, now: float) -> None:
         """Look after timeout and temperature; see `Device`."""
@@ -91,8 +90,7 @@ class VescDevice(Device):
                 '>BIBII', message, 0x12345678, 1, round(1000.0 * self.settings.watchdog),
                 codec.pack_float(0.0)) + MORE_SETTINGS)
         elif message == codec.GET_MCCONF:
-            limit = min(self.settings.current_limit,
-                        self.settings.torque_limit / self.settings.torque_constant)
+            limit = self.settings.largest_current
             return codec.frame(struct.pack(
                 '>BIBBBBII', message, 0x87654321, 1, 0, 2, 2, codec.pack_float(limit),
                 codec.pack_float(-limit)) + MORE_SETTINGS)
