@@ -18,12 +18,14 @@ from statistics import median
 import sys
 
 PARTS = ('kernels', 'search', 'loop', 'wire', 'accuracy', 'precision', 'estimate')
+# Measured only when asked for: it takes ten minutes.
+EXTRA = ('soak',)
 
 
 def main():
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
-    parser.add_argument('--only', choices=PARTS, help='measure one part only')
+    parser.add_argument('--only', choices=PARTS + EXTRA, help='measure one part only')
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the numbers here, too')
     arguments = parser.parse_args()
     sys.path.insert(0, str(Path(__file__).resolve().parent))

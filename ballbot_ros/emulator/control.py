@@ -177,8 +177,8 @@ def state_of(emulator: Emulator) -> dict[str, object]:
         'ball_angle': state.ball_angle, 'ball_rate': state.ball_rate,
         'pendulum_angle': state.pendulum_angle, 'pendulum_rate': state.pendulum_rate,
         'joint_angle': state.joint_angle, 'joint_rate': state.joint_rate,
-        'imu_angular_rate': imu.angular_rate, 'imu_force_x': imu.force_x,
-        'imu_force_y': imu.force_y, 'dropped_periods': emulator.dropped}
+        'imu_turn_rate': imu.turn_rate, 'imu_forward': imu.forward, 'imu_upward': imu.upward,
+        'dropped_periods': emulator.dropped}
 
 
 def answer(emulator: Emulator, line: str) -> str:

@@ -9,7 +9,7 @@ from threading import Event, Thread
 import time
 from typing import Callable, Deque, NamedTuple, Optional
 
-from ballbot_ros.emulator.ball import Ball, Imu, ImuNoise, settings_for
+from ballbot_ros.emulator.ball import Ball, settings_for
 from ballbot_ros.emulator.device import Device, DriveSettings
 from ballbot_ros.emulator.line import Direction
 from ballbot_ros.emulator.odrive import ODriveDevice
@@ -20,7 +20,7 @@ from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.fields import suggestion
 from ballbot_ros.physics.model import State
 from ballbot_ros.physics.scene import Scene
-from ballbot_ros.plant import Pace
+from ballbot_ros.plant import Imu, ImuSample, Pace
 
 DEVICES: dict[str, type[Device]] = {
     'odrive': ODriveDevice, 'roboclaw': RoboClawDevice, 'vesc': VescDevice}
@@ -62,7 +62,8 @@ class Emulator:
         Symbolic link to keep pointing to the device.
     seed : int
         Of the faults.
-    noise : ImuNoise
+    imu : Imu, optional
+        In the shell; a perfect one if not given.
 
     Attributes
     ----------
@@ -80,13 +81,13 @@ class Emulator:
 
     def __init__(self, protocol: str, scene: Scene, baud: int = 115200,
                  settings: Optional[DriveSettings] = None, link: Optional[Path] = None,
-                 seed: int = 0, noise: ImuNoise = ImuNoise()):
+                 seed: int = 0, imu: Optional[Imu] = None):
         """Plug the device in; time does not run before `start`."""
         if protocol not in DEVICES:
             raise ConfigurationError(
                 f'{protocol!r} is no protocol{suggestion(protocol, DEVICES)}')
         self.settings = settings or settings_for(scene.model.robot)
-        self.ball = Ball(scene, self.settings, PERIOD, noise)
+        self.ball = Ball(scene, self.settings, PERIOD, imu)
         self.device = DEVICES[protocol](self.settings)
         self.device.sensed = self.device.sensed._replace(
             bus_voltage=self.ball.motor.maximum_voltage)
@@ -135,7 +136,7 @@ class Emulator:
         """Return how many periods of the model were given up."""
         return self._pace.dropped
 
-    def imu(self) -> Imu:
+    def imu(self) -> ImuSample:
         """Return a reading of an inertial sensor in the shell."""
         return self.ball.imu()
 

@@ -272,7 +272,7 @@ def test_faults_come_over_a_socket(emulator, tmp_path):
                 said.append(stream.readline().strip())
         assert said[0] == 'ok' and said[1].startswith('error: ')
         state = json.loads(said[2])
-        assert state['plugged'] and state['imu_force_y'] == pytest.approx(9.81, abs=0.01)
+        assert state['plugged'] and state['imu_upward'] == pytest.approx(9.81, abs=0.01)
         assert emulator.from_drive.trouble.drop == 0.25
     finally:
         channel.close()

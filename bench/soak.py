@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Ten minutes of the bridge's loop against an emulated drive to which something happens all the time.
+
+    make bench ARGS='--only soak'      # not part of a plain `make bench`
+"""
+from array import array
+from dataclasses import replace
+import math
+from pathlib import Path
+import random
+import tempfile
+import time
+
+from wire import quantile, used
+
+from ballbot_ros.bridge.connect import connector
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.bridge.loop import Loop
+from ballbot_ros.bridge.session import Session
+from ballbot_ros.emulator.ball import settings_for
+from ballbot_ros.emulator.control import obey
+from ballbot_ros.emulator.emulator import Emulator
+from ballbot_ros.errors import MessageError, RefusedError
+from ballbot_ros.physics.scene import load_scene
+
+DURATION = 600.0  # [s]
+PAUSE = (1.0, 6.0)  # between two events [s]
+EVENTS = ('unplug 0.3', 'reboot', 'silence 0.4', 'corrupt 0.002', 'drop 0.002', 'duplicate 0.002',
+          'garbage 3000 from', 'delay 0.005', 'encoder_jump 0.1', 'clear', 'clear', 'clear')
+
+
+class Watcher:
+    """Commands a slow swing and keeps what there is to judge by."""
+
+    def __init__(self):
+        # Compact, and made at once: what grows must be what is measured.
+        self.periods, self.gaps = array('f', bytes(4 * 600_000)), []
+        self.count = 0
+        self.before = self.on_until = None
+        self.session = None
+
+    def take(self, report):
+        """Answer a report with a command."""
+        if self.before is not None:
+            self.periods[self.count] = 1e3 * (report.time - self.before)
+            self.count += 1
+        self.before = report.time
+        if report.power.value == 'on':
+            if self.on_until is not None and report.time - self.on_until > 0.1:
+                self.gaps.append(report.time - self.on_until)
+            self.on_until = report.time
+        if report.estimate is not None:
+            # Zero while the e-stop is engaged: it is not released under other commands.
+            torque = 0.0 if report.e_stop else 0.3 * math.sin(report.time)
+            try:
+                self.session.command(torque, report.time)
+            except MessageError:
+                pass  # counted by the supervisor
+
+
+def measure():
+    """Yield name, unit, values and target of each measurement."""
+    hardware = load_hardware('gimball_odrive')
+    scene = load_scene('flat')
+    limit = hardware.options().torque_limit
+    settings = settings_for(scene.model.robot, torque_limit=limit)
+    link = Path(tempfile.mkdtemp()) / 'ttyBall'
+    hardware = replace(
+        hardware, limits=replace(hardware.limits, rearm=True),
+        connection=replace(hardware.connection, imu_required=False, port=str(link)))
+    emulator = Emulator('odrive', scene, hardware.connection.baud, settings, link=link)
+    dice, watcher = random.Random(3), Watcher()
+    events = refused = above = 0
+    with emulator:
+        session = Session(hardware, scene.model.robot, connector(hardware))
+        watcher.session = session
+        session.configure()
+        session.activate()
+        loop = Loop(session, hardware.connection.loop_rate, watcher.take)
+        begin, processor = time.monotonic(), time.process_time()
+        first = None
+        while time.monotonic() - begin < DURATION and loop.running:
+            time.sleep(dice.uniform(*PAUSE))
+            session.notices.clear()
+            refused += bool(session.supervisor.e_stop)
+            try:
+                session.release()
+            except RefusedError:
+                pass
+            obey(emulator, dice.choice(EVENTS))
+            events += 1
+            while emulator.log:
+                above += abs(emulator.log.popleft().torque) > 1.001 * limit
+            if first is None and time.monotonic() - begin > 0.1 * DURATION:
+                first = used()
+        wall = time.monotonic() - begin
+        processor = 100.0 * (time.process_time() - processor) / wall
+        last = used()
+        obey(emulator, 'clear')
+        loop.end()
+        time.sleep(0.2)
+    yield 'length of the soak', 's', [wall], -DURATION
+    yield 'things that happened', '', [events], None
+    yield 'of these, met with the e-stop engaged', '', [refused], None
+    yield 'torques above the limit', '', [above], 0.5
+    yield 'torque after the end', 'N m', [abs(emulator.torque)], 1e-9
+    yield 'times that power came back', '', [len(watcher.gaps)], None
+    yield 'until power came back, median', 'ms', [1e3 * quantile(watcher.gaps, 0.5)], 1000.0
+    yield 'until power came back, longest', 'ms', [1e3 * max(watcher.gaps)], None
+    yield 'period of the loop, p99', 'ms', [quantile(watcher.periods[:watcher.count], 0.99)], 4.0
+    yield 'loop, ball and emulated drive, part of a core', '%', [processor], None
+    for name, unit, before, after in zip(
+            ('resident memory', 'threads', 'open files'), ('kB', '', ''), first, last):
+        yield f'more {name} after the first minute', unit, [after - before], None
+
