@@ -70,6 +70,9 @@ def listed(cases, only_class, seed):
 
 def run_all(jobs, processes):
     """Return the verdicts; Ctrl-C ends it with those there are."""
+    # Compile once, before several processes do it at the same time and cases wait for it.
+    for name in ('slope', 'fixed', 'control_period'):
+        work((name, 0))
     verdicts, begin = [], time.monotonic()
     # Ctrl-C is for this process; the others are ended by it.
     pool = multiprocessing.get_context('spawn').Pool(

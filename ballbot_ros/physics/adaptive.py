@@ -10,8 +10,9 @@ slip, where a fixed step loses it.
 Two methods of order 5 take turns.  The explicit one is the cheaper by far while accuracy limits
 the step; where it is stability that does, because friction or a contact is stiff, an implicit,
 L-stable one takes longer steps.  Which of the two is the case shows in the steps themselves:
-the last stages of the explicit method tell when it is at its limit, and then a step of the other
-is tried now and then.
+a piece with a contact begins with implicit steps, which know from their Jacobian whether they are
+worth it; and the last stages of the explicit method tell when it is at its limit, and then a step
+of the other is tried now and then.
 """
 import math
 from typing import Any, Optional
@@ -42,6 +43,7 @@ METHODS = ('adaptive', 'explicit', 'implicit', 'trapezoidal')
 
 LONGEST_STEP = 0.25   # [s]: a motion that begins from nothing is not overlooked
 LARGEST_WAY = 0.25    # of the radius per step, more on an empty floor: no feature is overlooked
+FASTEST = 5.0         # growth of a step
 SMALLEST_STEP = 1e-14  # [s], relative to times above 1 s
 HASTY = 1e-9          # [s] between events that rounding makes
 PATIENCE = 20         # such events in a row, then ever longer steps over them
@@ -132,7 +134,8 @@ def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step
     # at their limit, how many before a trial of the other, whether that is one; the last explicit
     # step; whether the Jacobian is known.
     gear = mode[len(mode) - 1]
-    implicit = method == IMPLICIT or (method == AUTOMATIC and step > 0.0 and gear[GEAR] == 1)
+    implicit = method == IMPLICIT or (
+        method == AUTOMATIC and (gear[GEAR] == 1 if step > 0.0 else count > 0))
     if step <= 0.0:
         step = 1e-4
     strained, trial, trying, explicit_step, known = 0, FIRST_TRIAL, False, step, False
@@ -166,13 +169,14 @@ def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step
             continue
         tally[0] += 1
         known = False
-        grow = 5.0 if error == 0.0 else min(5.0, 0.9 * (tolerance / error)**0.2)
+        grow = FASTEST if error == 0.0 else min(FASTEST, 0.9 * (tolerance / error)**0.2)
         # A step cut short by the end, or by the limit, says little about the one to try.
         step = max(step, used * grow) if used < step else used * grow
         if smooth:
             prepare_implicit_dense(state, work)
             if method == AUTOMATIC:
-                implicit, trying = step > WORTH * longest_stable(work), False
+                # While the step still grows as it may, nothing is known yet.
+                implicit, trying = grow == FASTEST or step > WORTH * longest_stable(work), False
                 gear[GEAR] = 1 if implicit else 0
                 trial = FIRST_TRIAL if implicit else min(2 * trial, LAST_TRIAL)
                 step = step if implicit else min(step, explicit_step)
@@ -216,6 +220,9 @@ def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step
             count = find_mode(time, state, robot, ground, drive, table, mode)
             mode_derivative(time, state, mode, count, robot, ground, drive, table, work[BEGIN])
             tally[3] += 1
+            if method == AUTOMATIC and count > 0:
+                # Explicit steps would shake a hard contact before they find it hard.
+                implicit, explicit_step = True, step
     return time, step, filled, FINISHED
 
 
