@@ -172,6 +172,7 @@ def slope(progress: Progress = None) -> Figure:
                 axes.text(8.2, 1e3 * heights[-1], f'{speed:g} m/s', color=colour, fontsize=8,
                           va='center')
             axes.set_xlim(-8.0, 10.2)
+            axes.set_xticks(range(-8, 9, 2))
             axes.set_ylim(0.0, 65.0)
             axes.set_xlabel('slope behind the step, uphill positive [degrees]')
             axes.set_ylabel('highest step [mm]' if number == 0 else '')

@@ -5,6 +5,7 @@ import pytest
 
 from ballbot_ros.cli import main
 from ballbot_ros.laboratory.procedure import run_tests
+from ballbot_ros.laboratory.rig import Roll
 from ballbot_ros.output import design, gallery, heights, paper
 
 FEW = np.array([0.4, 0.6, 0.8, 1.0, 1.1])
@@ -56,7 +57,6 @@ def test_figure_8_says_when_there_is_no_second_simulator(coarse, monkeypatch):
 
 
 def test_rolls_are_drawn_by_what_came_of_them():
-    from ballbot_ros.laboratory.rig import Roll
     nan = float('nan')
     figure = heights.bench_figure([
         Roll(0.01, 1.0, 0.5, True, 0.4, 0.0), Roll(0.01, 1.0, 0.3, False, 0.2, 0.0),
