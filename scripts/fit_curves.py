@@ -5,8 +5,8 @@ Re-simulate the height curves in config/curves and fit the cubic of the paper's 
     .venv/bin/python scripts/fit_curves.py            # write the files
     .venv/bin/python scripts/fit_curves.py --check    # fail if they are not what comes out
 
-Each curve is the highest step crossed at the first attempt, bracketed to 0.02 mm at 21 speeds
-from 0.2 to 1.2 m/s, and the least-squares cubic through those points.
+Each curve is the highest step crossed at the first attempt, to 0.02 mm, at 21 speeds from 0.2 to
+1.2 m/s; `ballbot fit-curve` makes one for any robot.
 """
 import argparse
 import math
@@ -16,60 +16,51 @@ import sys
 import numpy as np
 import yaml
 
-from ballbot_ros.physics import Actuation, held_at, highest_step, load_robot
+from ballbot_ros.decision.curve_file import curve_text
+from ballbot_ros.decision.fitting import fit_curve, heights_for, Request
+from ballbot_ros.physics import Actuation, held_at, load_robot
 
 FOLDER = Path(__file__).resolve().parent.parent / 'config' / 'curves'
 SPEEDS = np.linspace(0.2, 1.2, 21)
-TOLERANCE = 2e-5
 DRIFT = 2e-5  # heights may differ by this between machines [m]
-
-HEADER = """\
-# How high a step {what}, as a cubic of the speed at
-# touch: height = a0 + a1 v + a2 v^2 + a3 v^3, in m and m/s.  Valid between the two speeds
-# only: outside, the cubic means nothing and may even come down again.
-#
-# Written by scripts/fit_curves.py: re-simulated, the paper prints its cubic in a figure only.
-"""
 
 CURVES = {
     'gimball_down': ('GimBall crosses with its pendulum held down', 'gimball',
-                     'pendulum held down by law (11), set angle 0', held_at(0.0), 0.0),
+                     'pendulum held down by law (11), set angle 0', held_at(0.0)),
     'gimball_free': ('GimBall crosses with a free pendulum', 'gimball',
-                     'pendulum free, motor detached', Actuation(), 0.0),
+                     'pendulum free, motor detached', Actuation()),
     'gimball_horizontal': (
         'GimBall crosses with its pendulum held level', 'gimball',
-        'pendulum held level ahead by law (11), set angle 90 degrees', held_at(math.pi / 2),
-        math.pi / 2),
+        'pendulum held level ahead by law (11), set angle 90 degrees', held_at(math.pi / 2)),
     'shellball_free': ('ShellBall, which has no pendulum, crosses', 'shellball',
-                       'none, there is no pendulum', Actuation(), 0.0),
+                       'none, there is no pendulum', Actuation()),
 }
 
 
 def fit(name):
     """Return the content of a curve file."""
-    what, robot, text, actuation, angle = CURVES[name]
-    heights = []
-    for speed in SPEEDS:
-        heights.append(highest_step(load_robot(robot), speed, actuation, angle, TOLERANCE))
+    what, robot_name, wording, actuation = CURVES[name]
+    robot = load_robot(robot_name)
+    total = heights_for(robot, Request())
+
+    def tell(done):
         if sys.stderr.isatty():
-            print(f'\r{name}: {len(heights)} of {len(SPEEDS)} speeds', end='', file=sys.stderr)
-    cubic = np.polynomial.Polynomial.fit(SPEEDS, heights, 3).convert()
-    residual = float(np.max(np.abs(cubic(SPEEDS) - heights)))
-    print(f'\r{name}: {len(heights)} speeds, largest residual {1e3 * residual:.2f} mm',
+            print(f'\r{name}: {done} of {total} heights', end='', file=sys.stderr)
+    curve = fit_curve(name, robot, actuation, wording, progress=tell)
+    print(f'\r{name}: {total} heights, largest residual {1e3 * curve.residual:.2f} mm',
           file=sys.stderr)
-    return HEADER.format(what=what) + yaml.safe_dump({
-        'name': name, 'robot': robot, 'actuation': text,
-        'source': f're-simulated, eqs. (4) to (13); {len(SPEEDS)} points',
-        'lowest_speed': float(SPEEDS[0]), 'highest_speed': float(SPEEDS[-1]),
-        'coefficients': [round(float(number), 6) for number in cubic.coef],
-        'residual': round(residual + 5e-6, 5)}, sort_keys=False, default_flow_style=None)
+    return curve_text(curve, what, 'scripts/fit_curves.py')
 
 
 def differs(old, new):
     """Tell whether two files give heights that differ by more than rounding."""
-    curves = [np.polynomial.Polynomial(yaml.safe_load(text)['coefficients'])(SPEEDS)
-              for text in (old, new)]
-    return bool(np.max(np.abs(curves[0] - curves[1])) > DRIFT)
+    contents = [yaml.safe_load(text) for text in (old, new)]
+    if contents[0].get('made') != contents[1].get('made'):
+        return True
+    return any(
+        np.max(np.abs(np.subtract(*(np.polynomial.Polynomial(content[key])(SPEEDS)
+                                    for content in contents)))) > DRIFT
+        for key in ('coefficients', 'conservative'))
 
 
 def main():

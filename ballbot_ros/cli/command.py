@@ -21,6 +21,8 @@ VERBS = {
              'that it cannot, with all ROS nodes'),
     'simulate': ('ballbot_ros.cli.simulate', 'run a scene and keep numbers and figures'),
     'max-step': ('ballbot_ros.cli.max_step', 'find the highest step that a robot gets over'),
+    'fit-curve': ('ballbot_ros.cli.fit_curve', 'make the height curve of a robot, for '
+                  'obstacle_decision'),
     'compare-models': ('ballbot_ros.cli.compare_models', 'say where simpler models of the '
                        'highest step do'),
     'calibrate-motor': ('ballbot_ros.cli.calibrate_motor', 'find direction, encoder scale and '

@@ -43,7 +43,7 @@ def add_drive(parser: argparse.ArgumentParser) -> None:
 
 
 def add_site(parser: argparse.ArgumentParser) -> None:
-    """Add ground and rules."""
+    """Add the ground, and which attempts count."""
     for where in ('before', 'behind'):
         parser.add_argument(f'--slope-{where}', type=float, default=0.0, metavar='DEGREES',
                             help=f'of the ground {where} the step, positive uphill')
@@ -51,6 +51,11 @@ def add_site(parser: argparse.ArgumentParser) -> None:
                         ('behind', 'of the ground behind the step')):
         parser.add_argument(f'--friction-{where}', type=float, metavar='MU',
                             help=f"coefficient {what} (default: the robot's)")
+    add_attempts(parser)
+
+
+def add_attempts(parser: argparse.ArgumentParser) -> None:
+    """Add which attempts count."""
     parser.add_argument('--attempts', choices=('first', 'any'), default='first',
                         help='which count: the first, or any within 5 s (default: %(default)s)')
 
@@ -118,7 +123,7 @@ def read_speeds(words: List[str]) -> List[float]:
 
 def read_drive(arguments: argparse.Namespace, robot: Any) -> Any:
     """
-    Return the actuation, or a function that returns it for a speed.
+    Return a function from speed to actuation.
 
     Raises
     ------
@@ -126,19 +131,30 @@ def read_drive(arguments: argparse.Namespace, robot: Any) -> Any:
         For an angle or a voltage that does not belong to the law.
 
     """
-    from ballbot_ros.physics import Actuation, cruising, held_at, rolling
+    from ballbot_ros.physics import drive_for
+    return drive_for(robot, read_law(arguments))
+
+
+def read_law(arguments: argparse.Namespace) -> Any:
+    """
+    Return the actuation, without what follows the speed.
+
+    Raises
+    ------
+    ConfigurationError
+        For an angle or a voltage that does not belong to the law.
+
+    """
+    from ballbot_ros.physics import Actuation, held_at
     law = arguments.actuation
     for option, owner in (('angle', 'held'), ('voltage', 'voltage')):
         if getattr(arguments, option) is not None and law != owner:
             raise ConfigurationError(f'--{option} goes with --actuation {owner}, not {law}')
     if law == 'held':
         return held_at(math.radians(arguments.angle or 0.0))
-    if law == 'velocity':
-        return rolling(robot)
     if law == 'voltage':
-        return cruising(robot) if arguments.voltage is None \
-            else Actuation('voltage', voltage=arguments.voltage)
-    return Actuation()
+        return Actuation(law, voltage=arguments.voltage or 0.0)
+    return Actuation(law)
 
 
 def read_site(arguments: argparse.Namespace) -> Any:

@@ -1,13 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
 """The cubic of section 8: which step height is crossed at which speed."""
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from pathlib import Path
 from typing import Any, Optional, Tuple
 
+from ballbot_ros.decision.band import Band
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.fields import Checked, checked_values, quantity, read_yaml, text
+from ballbot_ros.fields import (
+    check_value, Checked, checked_values, count, quantity, read_yaml, text)
 from ballbot_ros.paths import find_config
+
+_VARIANT = text('of a curve', choices=('fit', 'conservative')).metadata
+
+
+@dataclass(frozen=True)
+class Making(Checked):
+    """How a curve was made; SI."""
+
+    robot_digest: str = text('fingerprint of the numbers of the robot')
+    law: str = text('law of actuation')
+    surface_friction: float = quantity('1', 'coefficient of friction of the ground', minimum=0.0)
+    edge_friction: float = quantity('1', 'coefficient of friction of the edge', minimum=0.0)
+    attempts: str = text('attempts that counted', choices=('first', 'any'))
+    accuracy: float = quantity('m', 'largest error of a simulated height', above=0.0)
+    points: int = count('speeds that were fitted', minimum=4)
+    version: str = text('version of the package that made it')
+    set_angle: float = quantity('rad', 'angle that law (11) held', default=0.0)
+    voltage: float = quantity(
+        'V', 'voltage on the motor; 0 for that which rolls the ball at each speed', default=0.0)
 
 
 @dataclass(frozen=True)
@@ -22,6 +43,14 @@ class HeightCurve(Checked):
     ----------
     coefficients : tuple of float
         a0 to a3 of height = a0 + a1 v + a2 v^2 + a3 v^3 [m, m/s].
+    conservative : tuple of float
+        The same of a curve that is nowhere above the simulation; empty if there is none.
+    covariance : tuple of tuple of float
+        Of the coefficients, 4 x 4; from the residuals, empty if there is none.
+    made : Making or None
+        Provenance, None for numbers from elsewhere.
+    band : Band or None
+        What the uncertain numbers of the robot make of it.
 
     Raises
     ------
@@ -38,12 +67,23 @@ class HeightCurve(Checked):
     lowest_speed: float = quantity('m/s', 'slowest speed of the range', minimum=0.0)
     highest_speed: float = quantity('m/s', 'fastest speed of the range', above=0.0)
     residual: float = quantity('m', 'largest error of the fit', minimum=0.0)
+    rms: float = quantity('m', 'root mean square of the errors of the fit', default=0.0,
+                          minimum=0.0)
     coefficients: Tuple[float, ...] = ()
+    conservative: Tuple[float, ...] = ()
+    covariance: Tuple[Tuple[float, ...], ...] = ()
+    made: Optional[Making] = None
+    band: Optional[Band] = None
 
     def __post_init__(self) -> None:
         """Check each value, then that together they make a usable curve."""
         super().__post_init__()
-        object.__setattr__(self, 'coefficients', _four_numbers(self.coefficients))
+        for name in ('coefficients', 'conservative'):
+            if name == 'coefficients' or self.conservative:
+                object.__setattr__(self, name, _four_numbers(name, getattr(self, name)))
+        if self.covariance:
+            rows = tuple(_four_numbers('covariance', row) for row in self.covariance)
+            object.__setattr__(self, 'covariance', rows)
         if not self.lowest_speed < self.highest_speed:
             raise ConfigurationError(
                 f'HeightCurve: highest_speed must be more than lowest_speed '
@@ -108,14 +148,14 @@ class HeightCurve(Checked):
         return high
 
 
-def _four_numbers(values: Any) -> Tuple[float, ...]:
-    """Return the coefficients as floats; refuse anything but four finite numbers."""
+def _four_numbers(name: str, values: Any) -> Tuple[float, ...]:
+    """Return four coefficients as floats; refuse anything but four finite numbers."""
     good = isinstance(values, (list, tuple)) and len(values) == 4 and all(
         isinstance(value, (int, float)) and not isinstance(value, bool)
         and math.isfinite(value) for value in values)
     if not good:
         raise ConfigurationError(
-            'HeightCurve: coefficients must be four finite numbers [a0, a1, a2, a3] '
+            f'HeightCurve: {name} must be four finite numbers [a0, a1, a2, a3] '
             f'(m, m/s), got {values!r}')
     return tuple(float(value) for value in values)
 
@@ -135,9 +175,14 @@ def _flattest(curve: HeightCurve) -> float:
     return min(candidates, key=lambda speed: _slope(curve, speed))
 
 
-def load_curve(name_or_path: str) -> HeightCurve:
+def load_curve(name_or_path: str, variant: str = 'fit') -> HeightCurve:
     """
     Read a curve that comes with the package, by name, or a file of one's own.
+
+    Parameters
+    ----------
+    variant : str
+        ``fit``, or ``conservative`` for the cubic that is nowhere above the simulation.
 
     Raises
     ------
@@ -147,9 +192,18 @@ def load_curve(name_or_path: str) -> HeightCurve:
     """
     path: Path = find_config('curves', name_or_path)
     content = dict(read_yaml(path))
-    coefficients = content.pop('coefficients', None)
+    lists = {name: content.pop(name) for name in ('coefficients', 'conservative', 'covariance')
+             if name in content}
+    parts = {name: cls.from_mapping(content.pop(name), f'{path}: {name}')
+             for name, cls in (('made', Making), ('band', Band)) if name in content}
     values = checked_values(HeightCurve, content, str(path))
     try:
-        return HeightCurve(**values, coefficients=coefficients)
+        curve = HeightCurve(**values, **lists, **parts)
     except ConfigurationError as error:
         raise ConfigurationError(f'{path}: {error}') from error
+    if check_value('variant', variant, _VARIANT, 'load_curve') == 'fit':
+        return curve
+    if not curve.conservative:
+        raise ConfigurationError(
+            f'{path}: has no conservative coefficients; make it again with ballbot fit-curve')
+    return replace(curve, coefficients=curve.conservative, residual=0.0)

@@ -101,6 +101,11 @@ def check_decision(robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> 
         raise ConfigurationError(
             f'curve {curve.name} was made for {curve.robot}, not for {robot.name}: make one '
             'for this robot')
+    if curve.made is not None and curve.made.robot_digest != robot.digest:
+        raise ConfigurationError(
+            f'curve {curve.name} was made for a {robot.name} of other numbers (digest '
+            f'{curve.made.robot_digest}, this one has {robot.digest}): make it again with '
+            'ballbot fit-curve')
     if tuning.highest_speed < curve.lowest_speed:
         raise ConfigurationError(
             f'highest_speed must be at least the lowest speed of curve {curve.name} '

@@ -39,7 +39,7 @@ class ObstacleDecision(Node):
         super().__init__('obstacle_decision', **kwargs)
         settings = declare(self, DecisionSettings)
         self._robot = load_robot(settings.robot)
-        self._curve = load_curve(settings.curve)
+        self._curve = load_curve(settings.curve, settings.variant)
         self._tuning = load_decision_tuning(settings.tuning)
         check_decision(self._robot, self._curve, self._tuning)
         self._tracker = StepTracker(self._robot, self._tuning)

@@ -9,7 +9,8 @@ The ball robot as a mechanical system, importable without ROS.
 """
 from ballbot_ros.physics.actuation import Actuation
 from ballbot_ros.physics.crossing import crosses, held_at, highest_step, Rules, Site
-from ballbot_ros.physics.max_step import cruising, max_step, max_steps, MaxStep, rolling
+from ballbot_ros.physics.max_step import (
+    cruising, drive_for, max_step, max_steps, MaxStep, rolling)
 from ballbot_ros.physics.model import Model, Solver, State
 from ballbot_ros.physics.options import ContactOptions
 from ballbot_ros.physics.robot import load_robot, Robot
@@ -19,6 +20,7 @@ from ballbot_ros.physics.terrain import Terrain
 from ballbot_ros.physics.trajectory import Trajectory
 
 __all__ = [
-    'Actuation', 'ContactOptions', 'crosses', 'cruising', 'held_at', 'highest_step',
-    'load_robot', 'load_scene', 'max_step', 'max_steps', 'MaxStep', 'Model', 'Robot', 'rolling',
-    'Rules', 'Scene', 'simulate', 'Site', 'Solver', 'State', 'Terrain', 'Trajectory']
+    'Actuation', 'ContactOptions', 'crosses', 'cruising', 'drive_for', 'held_at',
+    'highest_step', 'load_robot', 'load_scene', 'max_step', 'max_steps', 'MaxStep', 'Model',
+    'Robot', 'rolling', 'Rules', 'Scene', 'simulate', 'Site', 'Solver', 'State', 'Terrain',
+    'Trajectory']

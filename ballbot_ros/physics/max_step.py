@@ -200,3 +200,12 @@ def cruising(robot: Robot, actuation: Actuation = Actuation()) -> Callable[[floa
                 + motor.gear_ratio * motor.speed_constant)
     return lambda speed: replace(
         actuation, law='voltage', voltage=per_rate * speed / robot.ball_radius)
+
+
+def drive_for(robot: Robot, actuation: Actuation) -> Callable[[float], Actuation]:
+    """Return the actuation at each speed: a law (12), and a voltage of 0, follow it."""
+    if actuation.law == 'velocity':
+        return rolling(robot, actuation)
+    if actuation.law == 'voltage' and actuation.voltage == 0.0:
+        return cruising(robot, actuation)
+    return lambda _: actuation

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ball robot as a set of numbers, and where each number comes from."""
 from dataclasses import dataclass, field, fields
+import hashlib
 import math
 from types import MappingProxyType
 from typing import Any, Mapping, Optional, Type
@@ -126,6 +127,14 @@ class Robot(Checked):
     def has_pendulum(self) -> bool:
         """Tell whether there is a pendulum inside the ball."""
         return self.pendulum_mass > 0.0
+
+    @property
+    def digest(self) -> str:
+        """Return a fingerprint of all numbers, also of the motor; the name does not count."""
+        numbers = [(type(part).__name__, item.name, getattr(part, item.name))
+                   for part in (self, self.motor) if part is not None
+                   for item in fields(part) if item.metadata.get('kind') is float]
+        return hashlib.sha256(repr(numbers).encode()).hexdigest()[:16]
 
     @property
     def total_mass(self) -> float:

@@ -95,6 +95,9 @@ class DecisionSettings(Checked):
     robot: str = text('name of a robot in config/robots, or a YAML file', default='gimball')
     curve: str = text('name of a height curve in config/curves, or a YAML file',
                       default='gimball_down')
+    variant: str = text(
+        'of the curve: the best fit, or the one that is nowhere above the simulation',
+        default='fit', choices=('fit', 'conservative'))
     tuning: str = text('name of a decision tuning in config/tunings, or a YAML file',
                        default='decision_default')
 

@@ -4,6 +4,8 @@ import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
 
+from ballbot_ros.paths import find_config
+
 FILES = {
     'scene.yaml': 'robot: gimball\nterrain:\n  - step: {hight: 0.03}\nduration: 1.0\n',
     'robot.yaml': 'name: broken\nball_mass: {value: -3.8, unit: kg, source: assumed}\n',
@@ -62,8 +64,11 @@ REFUSED = {
         'controller': ({'robot': 'robot.yaml'}, ('robot.yaml', 'ball_mass', '-3.8')),
         'obstacle_decision': ({'tuning': 'boldness.yaml'}, (
             'boldness.yaml: highest_speed must be more than 0 m/s, got -1.1',))},
-    'simulated time for the one who makes it': {
-        'simulator': ({'use_sim_time': True}, ('use_sim_time must be false',))},
+    'simulated time for the one who makes it, a curve of other numbers': {
+        'simulator': ({'use_sim_time': True}, ('use_sim_time must be false',)),
+        'obstacle_decision': ({'robot': 'heavier.yaml'}, (
+            'curve gimball_down was made for a gimball of other numbers',
+            'make it again with ballbot fit-curve'))},
 }
 
 
@@ -72,6 +77,8 @@ def files(tmp_path, monkeypatch):
     """Write the malformed files, and go where they are."""
     for name, content in FILES.items():
         (tmp_path / name).write_text(content)
+    gimball = find_config('robots', 'gimball').read_text()
+    (tmp_path / 'heavier.yaml').write_text(gimball.replace('value: 3.8,', 'value: 3.9,'))
     monkeypatch.chdir(tmp_path)
 
 

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How sure a height curve is, where numbers of the robot are only known to a range."""
+from dataclasses import dataclass, field
+from typing import Any, Mapping, Tuple
+
+import numpy as np
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.fields import Checked, count, expect_mapping, refuse_unknown
+
+
+@dataclass(frozen=True)
+class Band(Checked):
+    """
+    Highest steps of many robots that may all be the one at hand.
+
+    Attributes
+    ----------
+    varied : mapping of str to [low, high]
+        Fields of the robot, SI; drawn evenly from their ranges.
+    speeds : tuple of float
+        Rising [m/s].
+    probabilities : tuple of float
+        Rising from 0 to 1.
+    heights : tuple of tuple of float
+        Row i, column j: the height [m] that a part probabilities[j] of the robots does not
+        exceed at speeds[i].
+
+    Raises
+    ------
+    ConfigurationError
+        If the table is no table of rising numbers.
+
+    """
+
+    samples: int = count('robots that were drawn', minimum=2)
+    seed: int = count('of the draw')
+    varied: Mapping[str, Any] = field(default_factory=dict)
+    speeds: Tuple[float, ...] = ()
+    probabilities: Tuple[float, ...] = ()
+    heights: Tuple[Tuple[float, ...], ...] = ()
+
+    @classmethod
+    def from_mapping(cls, mapping: Any, where: str) -> 'Band':
+        """Build from the mapping of a YAML file; see `Checked.from_mapping`."""
+        names = ('samples', 'seed', 'varied', 'speeds', 'probabilities', 'heights')
+        entries = expect_mapping(mapping, where)
+        refuse_unknown(entries, names, where)
+        for name in names:
+            if name not in entries:
+                raise ConfigurationError(f'{where}: {name} is missing')
+        try:
+            return cls(**entries)
+        except ConfigurationError as error:
+            raise ConfigurationError(f'{where}: {error}') from error
+
+    def __post_init__(self) -> None:
+        """Check each value, then the table."""
+        super().__post_init__()
+        try:
+            speeds, parts, table = (np.array(values, dtype=float) for values in (
+                self.speeds, self.probabilities, self.heights))
+        except (TypeError, ValueError) as error:
+            raise ConfigurationError(f'Band: speeds, probabilities and heights must be numbers, '
+                                     f'a row of heights per speed: {error}') from error
+        good = (speeds.ndim == parts.ndim == 1 and table.shape == (len(speeds), len(parts))
+                and len(speeds) > 1 and len(parts) > 1
+                and all(np.isfinite(values).all() for values in (speeds, parts, table))
+                and (np.diff(speeds) > 0.0).all() and (np.diff(parts) > 0.0).all()
+                and (np.diff(table) >= 0.0).all() and parts[0] == 0.0 and parts[-1] == 1.0)
+        if not good:
+            raise ConfigurationError(
+                'Band: speeds and probabilities must rise, the latter from 0 to 1, and heights '
+                'must have a rising row per speed, a column per probability, all finite')
+        object.__setattr__(self, 'speeds', tuple(speeds.tolist()))
+        object.__setattr__(self, 'probabilities', tuple(parts.tolist()))
+        object.__setattr__(self, 'heights', tuple(map(tuple, table.tolist())))
+
+    def quantile(self, speed: float, probability: float) -> float:
+        """
+        Return the height that a part of the robots does not exceed at a speed [m].
+
+        Raises
+        ------
+        ConfigurationError
+            Outside the speeds, or for a probability that is none.
+
+        """
+        if not 0.0 <= probability <= 1.0:
+            raise ConfigurationError(
+                f'probability must be at least 0 and at most 1, got {probability!r}')
+        return float(np.interp(probability, self.probabilities, self._row(speed)))
+
+    def probability_of_passing(self, speed: float, height: float) -> float:
+        """
+        Return the part of the robots that get over a step of some height [m] at a speed.
+
+        Raises
+        ------
+        ConfigurationError
+            Outside the speeds [m/s], or for a height that is not a number.
+
+        """
+        if not np.isfinite(height):
+            raise ConfigurationError(f'height must be any finite number m, got {height!r}')
+        row = self._row(speed)
+        if height <= row[0]:
+            return 1.0
+        # Where heights are the same, interp takes the last of them: fewest robots fail.
+        return float(1.0 - np.interp(height, row, self.probabilities, right=1.0))
+
+    def _row(self, speed: float) -> Any:
+        """Return the heights at a speed [m]."""
+        if not self.speeds[0] <= speed <= self.speeds[-1]:
+            raise ConfigurationError(
+                f'the band holds from {self.speeds[0]:g} to {self.speeds[-1]:g} m/s, not at '
+                f'{speed!r} m/s, and is not extrapolated')
+        table = np.array(self.heights)
+        return np.array([np.interp(speed, self.speeds, column) for column in table.T])

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Curves from the simulation: rising, never above it where that is said, and its robot's own."""
+from dataclasses import replace
+import math
+
+from hypothesis import given, settings, strategies
+import numpy as np
+import pytest
+import yaml
+
+from ballbot_ros.cli import main
+from ballbot_ros.decision import check_decision, load_curve, load_decision_tuning
+from ballbot_ros.decision.band import Band
+from ballbot_ros.decision.curve_file import curve_text
+from ballbot_ros.decision.fitting import (
+    conservative_cubic, fit_curve, LEAST_SLOPE, monotone_cubic, Request)
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import Actuation, held_at, load_robot, max_step, rolling
+from ballbot_ros.physics.uncertainty import draw, uncertain
+
+GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
+SPEEDS = np.linspace(0.2, 1.2, 21)
+DENSE = np.linspace(0.2, 1.2, 161)
+SHIPPED = {
+    'gimball_down': held_at(0.0), 'gimball_free': Actuation(),
+    'gimball_horizontal': held_at(math.pi / 2), 'shellball_free': Actuation()}
+numbers = strategies.floats(-1.0, 1.0)
+
+
+def least_slope(coefficients):
+    """Return the least slope of a cubic from 0.2 to 1.2."""
+    slope = np.polynomial.Polynomial(coefficients).deriv()
+    bends = [speed.real for speed in slope.deriv().roots() if 0.2 < speed.real < 1.2]
+    return min(slope(speed) for speed in (0.2, 1.2, *bends))
+
+
+@given(strategies.tuples(numbers, numbers, numbers, numbers))
+@settings(max_examples=40, deadline=None)
+def test_a_cubic_that_rises_is_found_again(coefficients):
+    heights = np.polynomial.Polynomial(coefficients)(SPEEDS)
+    if least_slope(coefficients) > 2.0 * LEAST_SLOPE:
+        np.testing.assert_allclose(monotone_cubic(SPEEDS, heights), coefficients, atol=1e-9)
+
+
+@given(strategies.lists(strategies.floats(-0.004, 0.004), min_size=21, max_size=21))
+@settings(max_examples=25, deadline=None)
+def test_the_fit_rises_and_no_rising_cubic_is_better_even_where_the_heights_do_not(bumps):
+    heights = 0.02 + 0.01 * np.tanh(3.0 * (SPEEDS - 0.5)) + np.array(bumps)
+    found = monotone_cubic(SPEEDS, heights)
+    assert least_slope(found) > 0.0
+    misfit = np.sum((np.polynomial.Polynomial(found)(SPEEDS) - heights)**2)
+    generator = np.random.default_rng(0)
+    for _ in range(50):
+        other = found + generator.normal(size=4) * 1e-3
+        if least_slope(other) >= LEAST_SLOPE:
+            rest = np.polynomial.Polynomial(other)(SPEEDS) - heights
+            assert np.sum(rest**2) >= misfit * (1.0 - 1e-6)
+
+
+@given(strategies.lists(strategies.floats(-0.002, 0.002), min_size=161, max_size=161))
+@settings(max_examples=25, deadline=None)
+def test_the_conservative_cubic_rises_below_everything(bumps):
+    heights = 0.03 * DENSE + np.array(bumps)
+    found = conservative_cubic(DENSE, heights)
+    assert least_slope(found) > 0.0
+    assert (np.polynomial.Polynomial(found)(DENSE) < heights).all()
+
+
+def test_the_conservative_cubic_loses_no_more_than_it_must():
+    coefficients = np.array([-0.001, 0.002, 0.07, -0.03])
+    heights = np.polynomial.Polynomial(coefficients)(DENSE)
+    lost = heights - np.polynomial.Polynomial(conservative_cubic(DENSE, heights))(DENSE)
+    assert 0.0 < lost.max() < 2e-6
+
+
+@pytest.mark.parametrize('name', SHIPPED)
+def test_no_shipped_conservative_curve_promises_more_than_the_simulation(name):
+    curve, fit = load_curve(name, 'conservative'), load_curve(name)
+    robot = load_robot(curve.robot)
+    for speed in np.random.default_rng(7).uniform(0.2, 1.2, 40):
+        found = max_step(robot, speed, SHIPPED[name], accuracy=1e-6)
+        assert curve.height(speed) <= found.height
+        assert curve.height(speed) > found.height - 1.5e-3
+        assert abs(fit.height(speed) - found.height) < fit.residual + 1e-4
+    assert curve.residual == 0.0
+
+
+@pytest.mark.parametrize('name', SHIPPED)
+def test_a_shipped_curve_says_how_it_was_made(name):
+    curve = load_curve(name)
+    robot = load_robot(curve.robot)
+    assert curve.made.robot_digest == robot.digest
+    assert curve.made.law == SHIPPED[name].law
+    assert curve.made.set_angle == SHIPPED[name].set_angle
+    assert (curve.made.surface_friction, curve.made.edge_friction) == (
+        robot.surface_friction, robot.edge_friction)
+    assert 0.0 < curve.rms <= curve.residual
+    covariance = np.array(curve.covariance)
+    assert (np.linalg.eigvalsh(covariance + covariance.T) > -1e-9).all()
+    assert (curve.band is None) == (not uncertain(robot))
+
+
+def test_covariance_is_that_of_least_squares():
+    curve = fit_curve('mine', SHELLBALL, Actuation(), 'none', Request())
+    heights = [max_step(SHELLBALL, speed, accuracy=2e-5).height for speed in SPEEDS]
+    _, known = np.polyfit(SPEEDS, heights, 3, cov=True)
+    np.testing.assert_allclose(curve.covariance, known[::-1, ::-1], rtol=1e-6)
+
+
+def test_a_curve_is_refused_by_a_robot_of_other_numbers():
+    tuning = load_decision_tuning('decision_default')
+    check_decision(GIMBALL, load_curve('gimball_down'), tuning)
+    heavier = replace(GIMBALL, ball_mass=3.9)
+    with pytest.raises(ConfigurationError, match='gimball of other numbers.*fit-curve'):
+        check_decision(heavier, load_curve('gimball_down'), tuning)
+    motor = replace(GIMBALL, motor=replace(GIMBALL.motor, resistance=3.0))
+    assert len({GIMBALL.digest, heavier.digest, motor.digest, SHELLBALL.digest}) == 4
+    assert replace(GIMBALL, name='other').digest == GIMBALL.digest
+
+
+def test_a_curve_without_conservative_coefficients_has_no_such_variant(tmp_path):
+    path = tmp_path / 'mine.yaml'
+    path.write_text('name: mine\nrobot: gimball\nactuation: a\nsource: b\nlowest_speed: 0.2\n'
+                    'highest_speed: 1.0\nresidual: 0\ncoefficients: [0, 0.1, 0, 0]\n')
+    assert load_curve(str(path)).made is None
+    with pytest.raises(ConfigurationError, match='no conservative coefficients'):
+        load_curve(str(path), 'conservative')
+    with pytest.raises(ConfigurationError, match='variant must be one of fit, conservative'):
+        load_curve(str(path), 'bold')
+
+
+def test_drawn_robots_keep_their_ranges_and_the_mass_that_a_balance_tells():
+    robots = draw(GIMBALL, 100, seed=3)
+    assert len(robots) == 100 and len({robot.digest for robot in robots}) == 100
+    for name, (low, high) in uncertain(GIMBALL).items():
+        values = [getattr(robot, name) for robot in robots]
+        assert low <= min(values) < low + 0.05 * (high - low)
+        assert high >= max(values) > high - 0.05 * (high - low)
+    assert max(abs(robot.total_mass - GIMBALL.total_mass) for robot in robots) < 1e-12
+    assert draw(GIMBALL, 100, seed=3) == robots
+    assert draw(SHELLBALL, 3) == [SHELLBALL] * 3
+
+
+def test_the_probability_of_passing_is_the_part_of_the_robots_that_pass():
+    band = load_curve('gimball_free').band
+    robots = draw(GIMBALL, 64, seed=11)
+    for speed in (0.5, 0.9):
+        heights = np.array([max_step(robot, speed, accuracy=2e-5).height for robot in robots])
+        for height in np.linspace(heights.min() - 1e-3, heights.max() + 1e-3, 9):
+            counted = np.mean(heights >= height)
+            assert band.probability_of_passing(speed, height) == pytest.approx(counted, abs=0.08)
+
+
+@given(strategies.floats(0.2, 1.2), strategies.floats(0.0, 0.1), strategies.floats(0.0, 0.01))
+def test_probability_falls_with_height_and_quantiles_invert_it(speed, height, more):
+    band = load_curve('gimball_down').band
+    chance = band.probability_of_passing(speed, height)
+    assert 0.0 <= band.probability_of_passing(speed, height + more) <= chance <= 1.0
+    if 0.0 < chance < 1.0:
+        assert band.quantile(speed, 1.0 - chance) == pytest.approx(height, abs=1e-9)
+
+
+FINE = {'samples': 2, 'seed': 0, 'varied': {}, 'speeds': [0.2, 0.4],
+        'probabilities': [0.0, 1.0], 'heights': [[0.01, 0.02], [0.03, 0.04]]}
+
+
+@pytest.mark.parametrize('change', [
+    {'speeds': [0.4, 0.2]}, {'probabilities': [0.0, 0.5]}, {'heights': [[0.01, 0.02]]},
+    {'heights': [[0.02, 0.01], [0.03, 0.04]]}, {'heights': 3.0}, {'samples': 1},
+    {'heights': [[0.01, math.nan], [0.03, 0.04]]}, {'speeds': ['a', 'b']}, {'colour': 'red'}])
+def test_a_band_that_is_no_table_is_refused(change):
+    Band.from_mapping(FINE, 'here')
+    with pytest.raises(ConfigurationError, match='here: '):
+        Band.from_mapping({**FINE, **change}, 'here')
+
+
+def test_bands_are_not_extrapolated():
+    band = Band.from_mapping(FINE, 'here')
+    for speed in (0.1, 0.5, math.nan):
+        with pytest.raises(ConfigurationError, match='not extrapolated'):
+            band.probability_of_passing(speed, 0.02)
+    with pytest.raises(ConfigurationError, match='height must be'):
+        band.probability_of_passing(0.3, math.nan)
+
+
+def test_what_is_written_is_read_again(tmp_path, capsys):
+    path = tmp_path / 'mine.yaml'
+    assert main(['fit-curve', '--robot', 'gimball', '--actuation', 'velocity', '--out', str(path),
+                 '--samples', '2', '--points', '6', '--highest-speed', '0.6', '--quiet']) == 0
+    curve = load_curve(str(path))
+    assert curve.name == 'mine' and curve.made.law == 'velocity' and curve.band.samples == 2
+    again = tmp_path / 'again.yaml'
+    again.write_text(curve_text(curve, 'GimBall crosses', 'a test'))
+    assert load_curve(str(again)) == curve
+    assert yaml.safe_load(again.read_text()) == yaml.safe_load(path.read_text())
+    law = rolling(GIMBALL)
+    for speed in (0.25, 0.5):
+        assert curve.height(speed) == pytest.approx(
+            max_step(GIMBALL, speed, law(speed)).height, abs=curve.residual + 2e-4)
+
+
+@pytest.mark.parametrize('words, told', [
+    (['--out', 'x.txt'], '--out must end in .yaml'),
+    (['--out', 'x.yaml', '--points', '3'], 'points must be at least 6'),
+    (['--out', 'x.yaml', '--highest-speed', '0.1'], 'highest_speed must be more than'),
+    (['--out', 'x.yaml', '--samples', '1'], 'samples must be 0, or at least 2'),
+    (['--out', 'x.yaml', '--angle', '3'], '--angle goes with')])
+def test_a_curve_that_cannot_be_made_is_refused(capsys, tmp_path, monkeypatch, words, told):
+    monkeypatch.chdir(tmp_path)
+    assert main(['fit-curve', *words]) == 2
+    assert told in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
