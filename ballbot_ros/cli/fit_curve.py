@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                             help=f'{text} speed of the curve (default: %(default)s)')
     parser.add_argument('--points', type=int, default=21, metavar='N',
                         help='speeds that are fitted (default: %(default)s)')
-    parser.add_argument('--accuracy', type=float, default=2e-5, metavar='METRES',
+    parser.add_argument('--accuracy', type=float, default=2e-6, metavar='METRES',
                         help='largest error of a simulated height (default: %(default)s)')
     parser.add_argument('--samples', type=int, default=256, metavar='N',
                         help='robots drawn from the ranges of derived numbers; 0 for no band '

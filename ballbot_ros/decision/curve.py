@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 import math
 from pathlib import Path
-from typing import Any, Optional, Tuple
+from typing import Any, Dict, Optional, Tuple, Type
 
 from ballbot_ros.decision.band import Band
 from ballbot_ros.errors import ConfigurationError
@@ -175,6 +175,9 @@ def _flattest(curve: HeightCurve) -> float:
     return min(candidates, key=lambda speed: _slope(curve, speed))
 
 
+PARTS: Dict[str, Type[Checked]] = {'made': Making, 'band': Band}
+
+
 def load_curve(name_or_path: str, variant: str = 'fit') -> HeightCurve:
     """
     Read a curve that comes with the package, by name, or a file of one's own.
@@ -194,8 +197,8 @@ def load_curve(name_or_path: str, variant: str = 'fit') -> HeightCurve:
     content = dict(read_yaml(path))
     lists = {name: content.pop(name) for name in ('coefficients', 'conservative', 'covariance')
              if name in content}
-    parts = {name: cls.from_mapping(content.pop(name), f'{path}: {name}')
-             for name, cls in (('made', Making), ('band', Band)) if name in content}
+    parts: Dict[str, Any] = {name: cls.from_mapping(content.pop(name), f'{path}: {name}')
+                             for name, cls in PARTS.items() if name in content}
     values = checked_values(HeightCurve, content, str(path))
     try:
         curve = HeightCurve(**values, **lists, **parts)

@@ -2,7 +2,7 @@
 """Write a height curve as the YAML that `load_curve` reads."""
 from dataclasses import asdict
 import textwrap
-from typing import Any, Optional
+from typing import Any, Dict, Optional
 
 import yaml
 
@@ -36,8 +36,9 @@ def curve_text(curve: HeightCurve, what: str, writer: str) -> str:
     comment = '\n#\n'.join('# ' + '\n# '.join(textwrap.wrap(part, 95))
                            for part in text.split('\n\n'))
     content = {name: value for name, value in asdict(curve).items() if value not in (None, ())}
-    coefficients = {name: [round(number, 9) for number in content.pop(name)]
-                    for name in ('coefficients', 'conservative') if name in content}
+    coefficients: Dict[str, list] = {name: [round(number, 9) for number in content.pop(name)]
+                                     for name in ('coefficients', 'conservative')
+                                     if name in content}
     if 'covariance' in content:
         coefficients['covariance'] = [[float(f'{number:.4g}') for number in row]
                                       for row in content.pop('covariance')]

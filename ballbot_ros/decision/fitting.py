@@ -41,7 +41,7 @@ class Request(Checked):
     highest_speed: float = quantity('m/s', 'fastest speed', default=1.2, above=0.0)
     points: int = count('speeds that are fitted', default=21, minimum=6, maximum=1000)
     accuracy: float = quantity(
-        'm', 'largest error of a simulated height', default=2e-5, minimum=1e-8, maximum=1e-3)
+        'm', 'largest error of a simulated height', default=2e-6, minimum=1e-8, maximum=1e-3)
     samples: int = count('robots drawn for the band; 0 for no band', default=256, maximum=100_000)
     seed: int = count('of the draw', default=0)
 
@@ -96,7 +96,7 @@ def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
         raise ConfigurationError(
             f'fit_curve: law must be one of {", ".join(LAWS)}, got {actuation.law!r}')
     low, high = request.lowest_speed, request.highest_speed
-    dense = np.linspace(low, high, dense_points(request)).round(12)
+    dense: Array = np.array(np.linspace(low, high, dense_points(request)).round(12), float)
     told = 0
 
     def find(item: Tuple[Robot, float]) -> Tuple[float, float]:
@@ -123,7 +123,7 @@ def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
     covariance = (residuals @ residuals / (len(speeds) - 4) * np.linalg.inv(powers.T @ powers))
     band = None
     if uncertain(robot) and request.samples:
-        sparse = np.linspace(low, high, SPARSE).round(12)
+        sparse: Array = np.array(np.linspace(low, high, SPARSE).round(12), float)
         drawn = all_of(draw(robot, request.samples, request.seed), sparse)[:, :, 0]
         quantiles = np.maximum.accumulate(
             np.quantile(drawn, PROBABILITIES, axis=0).T.round(6), axis=1)

@@ -33,7 +33,7 @@ OVER, BACK, UNDECIDED = range(3)
 # A ball that is this much farther from the step than where it touched has rolled back [m].
 RETREAT = 0.004
 # Simulated between two looks at the ball [s]; a doubtful block is run again in halves.
-BLOCK = 0.02
+BLOCK = 0.04
 SHORTEST_BLOCK = 1e-6
 LEAST = 1e-12  # size of a score: none is 0 [m2/s2]
 # Vertices of the ground of a step: its foot and its edge, and an end each way.

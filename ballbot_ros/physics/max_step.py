@@ -37,7 +37,7 @@ from ballbot_ros.physics.search import judge, search, TOO_FAST
 
 # The error is twice the width of the bracket; local errors of a step over that width.
 WIDTH = 0.5
-COARSE, FINE = 4e-2, 1e-3
+COARSE, FINE = 1e-1, 4e-3
 REFINEMENT = 0.03  # of the tolerances, where both do not agree
 FINEST = 1e-13  # tolerance that still means something [m]
 BUDGET = 50_000_000  # right-hand sides of one attempt; they take seconds
@@ -118,7 +118,7 @@ def max_step(robot: Robot, speed: float, actuation: Actuation = Actuation(),
         low, high, lowest, highest, ending = search(
             width, coarse, fine, guess, *fixed)
         if ending == TOO_FAST:
-            raise too_fast(robot, speed, low)
+            raise too_fast(robot, speed, high)
         _check(ending, room, fine, robot, site, options)
         error = (high - low) + (highest - lowest)
         if error <= accuracy or fine <= FINEST:
