@@ -17,6 +17,7 @@ from ballbot_ros.hardware.codecs.odrive import (
 
 TURN = 2.0 * math.pi
 AXES = 2
+FIRMWARE = '0.5.6'
 LONGEST_COMMAND = 256
 LINE_ENDS = re.compile(rb'[\r\n!]')
 INVALID_STATE, MOTOR_FAILED, WATCHDOG_TIMER_EXPIRED = 0x1, 0x40, 0x800
@@ -137,7 +138,7 @@ class ODriveDevice(Device):
         if letter == 'u':
             return self._with_axis(text, now, '', lambda _: [])
         if letter == 'i':
-            return ['Hardware version: 3.6-56V', 'Firmware version: 0.5.6',
+            return ['Hardware version: 3.6-56V', f'Firmware version: {FIRMWARE}',
                     'Serial number: 208F3387304B']
         if letter == 's':
             if text[1:2] == 'r':

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every driver does, whatever its protocol."""
+import itertools
 import math
 
 from drive_bench import Bench
@@ -15,6 +16,15 @@ def test_a_drive_tells_who_it_is(bench, protocol):
     identity = bench.driver.identify()
     assert identity.protocol == protocol
     assert identity.firmware
+
+
+@pytest.mark.parametrize('protocol, firmware, told', [
+    ('odrive', '0.4.12', '0.4.12'), ('odrive', '0.6.11', '0.6.11'), ('vesc', (3, 40), '3.40')])
+def test_a_firmware_that_would_misunderstand_is_refused(monkeypatch, protocol, firmware, told):
+    monkeypatch.setattr(f'ballbot_ros.emulator.{protocol}.FIRMWARE', firmware)
+    with pytest.raises(DriveError, match=told) as raised:
+        Bench(protocol).driver.identify()
+    assert raised.value.reason == 'firmware'
 
 
 def test_settings_that_will_do_are_accepted(bench):
@@ -192,6 +202,31 @@ def test_the_budget_covers_what_really_goes_over_the_line(bench):
     budget = bench.driver.budget()
     assert 0.5 * budget.bytes_out < max(written) <= budget.bytes_out
     assert 0.5 * budget.bytes_in < max(received) <= budget.bytes_in
+
+
+def test_a_late_value_is_not_taken_for_another_property():
+    # A line that stalls now and then: values come when the next question has long been asked.
+    bench = Bench('odrive', status_period=0.0, reply_timeout=0.01)
+    bench.driver.arm()
+    held, count = [], itertools.count()
+
+    def stalling(reply):
+        """Hold replies back for eight periods of twenty, and keep their order."""
+        held.append(reply)
+        if next(count) % 20 < 8:
+            return b''
+        released = b''.join(held)
+        held.clear()
+        return released
+    bench.from_drive = stalling
+    seen = set()
+    for _ in range(2000):
+        telemetry = bench.cycles(1, torque=0.01)
+        seen.add((telemetry.bus_voltage, telemetry.temperature, telemetry.faults))
+    assert (24.0, 35.0, ()) in seen
+    assert {value for told in seen for value in told} == {None, 24.0, 35.0, ()}
+    assert {told[0] for told in seen} == {None, 24.0}
+    assert bench.driver.counts['lost'] > 50
 
 
 def test_an_unknown_protocol_gets_a_suggestion():
