@@ -13,6 +13,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.laboratory.cases import Case, step_height, step_heights
 from ballbot_ros.physics.robot import Motor, Robot
 from ballbot_ros.physics.terrain import Array
+from ballbot_ros.physics.uncertainty import draw
 
 COARSE = 1e-4  # accuracy of heights that only shade a map [m]
 WHAT_IF = 0.1  # part by which numbers without a range are changed
@@ -111,35 +112,15 @@ def _derived(robot: Robot) -> tuple[str, ...]:
     return ('ball_mass',) if 'pendulum_mass' in ranges(robot) else ()
 
 
-def sample_robots(robot: Robot, samples: int, seed: int = 0) -> list[Robot]:
-    """
-    Return robots whose uncertain numbers are drawn evenly from their ranges.
-
-    Raises
-    ------
-    ConfigurationError
-        If no number of the robot has a range.
-
-    """
-    known = {name: span for name, span in ranges(robot).items()
-             if not name.startswith('motor.')}
-    if not known:
-        raise ConfigurationError(f'no number of robot {robot.name!r} has a range')
-    chance = np.random.default_rng(seed)
-    found = []
-    for _ in range(samples):
-        drawn = robot
-        for name, (low, high) in known.items():
-            drawn = vary(drawn, name, chance.uniform(low, high))
-        found.append(drawn)
-    return found
-
-
 def sampled_heights(case: Case, speeds: Array, samples: int, seed: int = 0,
                     progress: Progress = None) -> Array:
-    """Return the highest step of each drawn robot, a row each, at each speed [m]."""
+    """
+    Return the highest step at each speed of robots drawn from the ranges, a row each [m].
+
+    See `uncertainty.draw`.
+    """
     rows = []
-    for number, robot in enumerate(sample_robots(case.robot, samples, seed)):
+    for number, robot in enumerate(draw(case.robot, samples, seed)):
         rows.append(step_heights(case._replace(robot=robot), speeds))
         _tell(progress, (number + 1) / samples)
     return np.array(rows)

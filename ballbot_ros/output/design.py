@@ -21,7 +21,7 @@ Progress = Optional[Callable[[float], None]]
 FULL = 'simulated with the full model'
 SPEED = 0.8  # of the studies at one speed [m/s]
 MOST_BARS, LEAST = 10, 6e-5  # bars shown, and the least effect; heights are to 5e-5 [m]
-SAMPLES = 200
+SAMPLES = 256
 LENGTHS: Array = np.linspace(0.005, 0.175, 18, dtype=np.float64)  # of the pendulum [m]
 MASSES: Array = np.linspace(0.3, 4.2, 14, dtype=np.float64)  # [kg]
 SLOPE_SPEEDS: Array = np.array([0.3, 0.5, 0.7, 0.9, 1.1])  # [m/s]

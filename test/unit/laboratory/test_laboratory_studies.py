@@ -9,8 +9,9 @@ import pytest
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.laboratory.cases import Case, holding, LEVEL, step_height, step_heights
 from ballbot_ros.laboratory.studies import (
-    design_map, heights_on_slopes, ranges, sample_robots, sampled_heights, sensitivity, vary)
+    design_map, heights_on_slopes, ranges, sampled_heights, sensitivity, vary)
 from ballbot_ros.physics import Actuation, load_robot
+from ballbot_ros.physics.uncertainty import draw
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 
@@ -53,24 +54,10 @@ def test_the_motor_matters_under_a_voltage():
     assert 'motor.speed_constant' in [bar.name for bar in bars[:3]]
 
 
-def test_drawn_robots_lie_in_the_ranges_and_repeat_with_their_seed():
-    drawn = sample_robots(GIMBALL, 50, seed=2)
-    assert drawn == sample_robots(GIMBALL, 50, seed=2) != sample_robots(GIMBALL, 50, seed=3)
-    for robot in drawn:
-        assert 1.25 <= robot.pendulum_mass <= 2.1 and 0.05 <= robot.ball_inertia <= 0.116
-        assert 3.3 <= robot.ball_mass <= 4.15
-    assert len({robot.ball_inertia for robot in drawn}) == 50
-
-
-def test_a_robot_without_ranges_is_refused():
-    with pytest.raises(ConfigurationError, match="'shellball' has a range"):
-        sample_robots(SHELLBALL, 3)
-
-
 def test_sampled_heights_are_those_of_the_drawn_robots():
     speeds = np.array([0.4, 0.8])
     found = sampled_heights(Case(GIMBALL), speeds, 3)
-    last = sample_robots(GIMBALL, 3)[-1]
+    last = draw(GIMBALL, 3)[-1]
     np.testing.assert_array_equal(found[-1], step_heights(Case(last), speeds))
 
 
