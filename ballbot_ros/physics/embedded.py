@@ -27,6 +27,7 @@ ROWS = 34
 # A run can end like this, too: the step has become too small, or the work budget is used up.
 STALLED, SPENT = 3, 4
 
+MEMORY = 0.01  # [s]: an error of velocity counts at least with this
 STABLE = 3.3  # step times rate of the fastest decay where explicit steps begin to diverge
 
 
@@ -36,9 +37,9 @@ def error_length(errors: Any, robot: Any) -> float:
     Return estimated errors of a state as one length, at the rim of the ball [m].
 
     Angles count with the radius; velocities with the time that a contact lasts, in which an
-    error of velocity becomes one of position.
+    error of velocity becomes one of position, and not less after a hard contact.
     """
-    duration = math.sqrt(robot.mass / robot.stiffness)
+    duration = max(MEMORY, math.sqrt(robot.mass / robot.stiffness))
     worst = 0.0
     for i in range(VELOCITY_Y + 1):
         part = abs(errors[i]) * (duration if i >= BALL_RATE else 1.0)
