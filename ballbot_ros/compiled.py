@@ -35,7 +35,7 @@ def _cache_folder() -> str:
     """Return the folder for the machine code of this very source, made if need be."""
     here = Path(__file__).resolve().parent
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in [Path(__file__), *sorted((here / 'physics').glob('*.py'))]:
+    for source in [Path(__file__), *sorted((here / 'physics').rglob('*.py'))]:
         digest.update(source.read_bytes())
     base = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache') / 'ballbot_ros'
     folder = base / digest.hexdigest()[:16]
@@ -72,6 +72,15 @@ def unlocked(function: Callable[..., Any]) -> Callable[..., Any]:
     call it do so, instead of holding a copy of it: that takes long to compile.
     """
     return _compile(function, inline='never', nogil=True, forceinline=False)
+
+
+def outlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """
+    Mark a kernel that is compiled once and called, not copied into those that call it.
+
+    For what is large and called from several places.
+    """
+    return _compile(function, inline='never', forceinline=False)
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:

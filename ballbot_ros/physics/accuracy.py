@@ -62,7 +62,8 @@ def simulate_accurately(model: Model, start: State, actuation: Actuation, durati
     accuracy : float
         Largest error of the position of the centre at any sample [m].
     model, start, actuation, duration, output_step, progress
-        See `simulate`; of the solver of the model only its work budget is used, for each run.
+        See `simulate`; of the solver of the model only `models` and its work budget, for each
+        run, are used.
 
     Returns
     -------
@@ -87,7 +88,8 @@ def simulate_accurately(model: Model, start: State, actuation: Actuation, durati
                 raise
             return None
 
-    first, solver = (replace(item, work_budget=model.solver.work_budget)
+    first, solver = (replace(item, work_budget=model.solver.work_budget,
+                             models=model.solver.models)
                      for item in solvers_for(accuracy))
     coarse = run(first)
     effort, runs = coarse.effort if coarse else Effort(), 1

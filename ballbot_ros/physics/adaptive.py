@@ -15,7 +15,7 @@ worth it; and the last stages of the explicit method tell when it is at its limi
 of the other is tried now and then.
 """
 import math
-from typing import Any, Optional
+from typing import Any, NamedTuple, Optional
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from ballbot_ros.physics.integrators import FINISHED, ground_height, NOT_FINITE,
 from ballbot_ros.physics.jacobian import smooth_contacts
 from ballbot_ros.physics.modes import (
     features_within, find_mode, GEAR, mode_derivative, mode_table)
+from ballbot_ros.physics.reduced.stepping import fits
 from ballbot_ros.physics.rosenbrock import (
     longest_stable, prepare_implicit_dense, run_implicit_stages, STAGES as IMPLICIT_STAGES)
 from ballbot_ros.physics.terrain import TANGENT_X, TANGENT_Y, VERTEX_X
@@ -40,6 +41,8 @@ from ballbot_ros.physics.trapezoidal import advance_trapezoidal
 # `trapezoidal`, that only shares the room to work in.
 AUTOMATIC, EXPLICIT, IMPLICIT = range(3)
 METHODS = ('adaptive', 'explicit', 'implicit', 'trapezoidal')
+
+REDUCIBLE = 5  # ending of a run that is watched: a simpler model will do
 
 LONGEST_STEP = 0.25   # [s]: a motion that begins from nothing is not overlooked
 LARGEST_WAY = 0.25    # of the radius per step, more on an empty floor: no feature is overlooked
@@ -51,7 +54,18 @@ STUCK = 1000          # events in a row without any time between them
 FREE_FEATURES = 32    # of the ground that a right-hand side pays for; more cost work, too
 AT_LIMIT = 0.6        # of the longest stable explicit step: it is stability that limits it
 WORTH = 1.8           # explicit steps that an implicit one costs
+MOST_WAIT = 16        # steps between two looks whether a simpler model will do
 FIRST_TRIAL, LAST_TRIAL = 2, 32  # explicit steps at their limit before an implicit one is tried
+
+
+class Watch(NamedTuple):
+    """What ends a run where a simpler model will do; see `reduced.switching`."""
+
+    begin: float  # of the rows [s]
+    filled: int  # of the rows, before
+    flying: bool  # whether to end where the ball leaves the ground
+    threshold: float  # for rolling, see `reduced.stepping.fits` [m]
+    wait: int  # steps before the first look
 
 
 @compiled
@@ -93,7 +107,8 @@ def step_limit(state: Any, way: float, count: int, robot: Any, ground: Any) -> f
 def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step: float,
                      robot: Any, ground: Any, drive: Any, table: Any, work: Any, probe: Any,
                      mode: Any, kinds: Any, items: Any, rows: Any, interval: float,
-                     tally: Any, budget: int, method: int = AUTOMATIC) -> tuple:
+                     tally: Any, budget: int, method: int = AUTOMATIC,
+                     watch: Any = None, room: Any = None) -> tuple:
     """
     Advance `state` in place from `time` to `end`, filling `rows` at equal intervals.
 
@@ -113,6 +128,10 @@ def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step
     method : int
         AUTOMATIC, EXPLICIT or IMPLICIT; where the implicit one cannot (a CORNER), the explicit
         one takes its place.
+    watch : Watch, optional
+        Whether to end where a simpler model will do.
+    room : array, optional
+        For the look whether rolling will do; without it there is none.
 
     Returns
     -------
@@ -123,10 +142,13 @@ def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step
     filled : int
         Rows filled.
     ending : int
-        FINISHED, NOT_FINITE, SUNK, STALLED or SPENT.
+        FINISHED, NOT_FINITE, SUNK, STALLED or SPENT; REDUCIBLE if watched.
 
     """
     begin, filled, stuck, hasty = time, 0, 0, 0
+    taken = wait = 0
+    if watch is not None:
+        begin, filled, wait = watch.begin, watch.filled, watch.wait
     count = find_mode(time, state, robot, ground, drive, table, mode)
     mode_derivative(time, state, mode, count, robot, ground, drive, table, work[BEGIN])
     tally[3] += 1
@@ -223,6 +245,15 @@ def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step
             if method == AUTOMATIC and count > 0:
                 # Explicit steps would shake a hard contact before they find it hard.
                 implicit, explicit_step = True, step
+        if watch is not None:
+            if count == 0 and watch.flying and time < end:
+                return time, step, filled, REDUCIBLE
+            if room is not None:
+                taken += 1
+                if taken >= wait and time < end:
+                    if fits(time, state, mode, count, watch.threshold, robot, ground, drive, room):
+                        return time, step, filled, REDUCIBLE
+                    wait += min(taken, MOST_WAIT)
     return time, step, filled, FINISHED
 
 

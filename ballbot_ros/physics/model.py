@@ -17,6 +17,7 @@ from ballbot_ros.physics.terrain import Array, Terrain, VERTEX_X
 
 
 METHODS = (*integrators.METHODS, *adaptive.METHODS)
+MODELS = ('auto', 'full', 'reduced')
 
 
 class State(NamedTuple):
@@ -105,6 +106,10 @@ class Solver(Checked):
     tolerance: float = quantity(
         'm', 'local error per step of a method that chooses its steps', default=1e-9,
         minimum=1e-14, maximum=1e-3)
+    models: str = text(
+        'what a method that chooses its steps may simulate: full, always the full model; auto, '
+        'flight in closed form where that is exact; reduced, rolling without slip as well, '
+        'where it is within the tolerance', default='auto', choices=MODELS)
     work_budget: int = count(
         'right-hand sides that one run may take before it is given up; the default is some '
         'minutes of work', default=10_000_000_000, minimum=1, maximum=10**15)

@@ -11,6 +11,8 @@ from ballbot_ros.physics.dynamics import Drive
 from ballbot_ros.physics.failures import (
     check_work, failure, Ledger, LEDGER_BOUND, out_of_balance)
 from ballbot_ros.physics.model import Model, State
+from ballbot_ros.physics.reduced.spans import read_log, Span
+from ballbot_ros.physics.reduced.switching import Switcher
 from ballbot_ros.physics.terrain import Array
 from ballbot_ros.physics.trajectory import Effort, Trajectory
 
@@ -73,7 +75,7 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
     """
     if not duration > 0.0 or not np.isfinite(duration):
         raise ConfigurationError(f'duration must be above 0 s and finite, got {duration!r}')
-    run = (_adaptive_run if model.solver.method in adaptive.METHODS else _fixed_run)(
+    run, spans = (_adaptive_run if model.solver.method in adaptive.METHODS else _fixed_run)(
         model, start.time, output_step)
     count = int(np.ceil(duration / output_step - 1e-9))
     if model.solver.method not in adaptive.METHODS:
@@ -91,28 +93,32 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
             done += filled
             if ending != integrators.FINISHED:
                 error = failure(ending, start.time + (done + 1) * output_step, vector, model)
-                error.trajectory = Trajectory(model, rows[:1 + done], effort)
+                error.trajectory = Trajectory(
+                    model, rows[:1 + done], effort, spans=spans(rows[done, 0]))
                 raise error
             missing, where = ledger.missing(rows[1 + done - filled:1 + done, 1:-1])
             if missing > LEDGER_BOUND:
                 bad = 1 + done - filled + where
                 balance = out_of_balance(float(rows[bad, 0]), missing, model)
-                balance.trajectory = Trajectory(model, rows[:bad], effort)
+                balance.trajectory = Trajectory(
+                    model, rows[:bad], effort, spans=spans(rows[bad - 1, 0]))
                 raise balance
             if progress is not None:
                 progress(done * output_step)
     except KeyboardInterrupt:
         if done == 0:
             raise
-    return Trajectory(model, rows[:1 + done], effort)
+    return Trajectory(model, rows[:1 + done], effort, spans=spans(rows[done, 0]))
 
 
 # A run of rows: from row number, state (advanced in place), drive and rows to fill, to the
 # number filled, how it ended, and the effort so far.
 Run = Callable[[int, Array, Drive, Array], Tuple[int, int, Effort]]
+# Which models a run has gone through up to a time [s].
+Spans = Callable[[float], Tuple[Span, ...]]
 
 
-def _fixed_run(model: Model, begin: float, output_step: float) -> Run:
+def _fixed_run(model: Model, begin: float, output_step: float) -> Tuple[Run, Spans]:
     """Return a run with steps of one length."""
     step = model.solver.step
     every = steps_in(output_step, step, 'output_step')
@@ -127,12 +133,18 @@ def _fixed_run(model: Model, begin: float, output_step: float) -> Run:
             model.profile, drive, table, work, rows)
         steps = (done + filled) * every
         return filled, ending, Effort(steps, 0, 0, per_step * steps)
-    return run
+    return run, _only_full(begin)
 
 
-def _adaptive_run(model: Model, begin: float, output_step: float) -> Run:
+def _only_full(begin: float) -> Spans:
+    """Return what a run says of its models that has the full one only."""
+    return lambda end: (Span(begin, end, 'full', 'the run begins'),)
+
+
+def _adaptive_run(model: Model, begin: float, output_step: float) -> Tuple[Run, Spans]:
     """Return a run with steps chosen by their error."""
-    scratch = adaptive.Scratch(len(model.profile))
+    switching = model.solver.models != 'full' and model.solver.method != 'trapezoidal'
+    scratch = (Switcher if switching else adaptive.Scratch)(len(model.profile))
     step, limit = 0.0, model.solver.work_budget
 
     def run(done: int, state: Array, drive: Drive, rows: Array) -> Tuple[int, int, Effort]:
@@ -141,7 +153,10 @@ def _adaptive_run(model: Model, begin: float, output_step: float) -> Run:
             model, drive, state, begin + done * output_step,
             begin + (done + len(rows)) * output_step, step, rows, output_step, limit)
         return filled, ending, Effort(*scratch.tally[:4].tolist())
-    return run
+    if isinstance(scratch, Switcher):
+        log = scratch.log
+        return run, lambda end: read_log(log, end)
+    return run, _only_full(begin)
 
 
 __all__ = ['CHUNK', 'simulate', 'SimulationError', 'steps_in']

@@ -14,6 +14,7 @@ from ballbot_ros.physics.contact import (
 from ballbot_ros.physics.dynamics import (
     BALL_RATE, kinetic_energy, potential_energy, VELOCITY_X, VELOCITY_Y, X, Y)
 from ballbot_ros.physics.model import Model, State
+from ballbot_ros.physics.reduced.spans import Span
 from ballbot_ros.physics.terrain import Array
 
 # Every column of a trajectory and its unit, in the order of the files.
@@ -96,6 +97,8 @@ class Trajectory:
     effort : Effort
     assurance : Assurance or None
         Where an accuracy was asked for.
+    spans : tuple of Span
+        Which model simulated which part; empty where nobody says.
 
     """
 
@@ -103,6 +106,7 @@ class Trajectory:
     rows: Array
     effort: Effort = Effort()
     assurance: Optional[Assurance] = None
+    spans: tuple[Span, ...] = ()
 
     def __len__(self) -> int:
         """Return the number of samples."""

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Flight in closed form: the full model without its steps, and a touch-down never passed."""
+from dataclasses import replace
+import math
+
+from hypothesis import given, settings
+from hypothesis import strategies as some
+import numpy as np
+import pytest
+
+from ballbot_ros.physics import Actuation, load_robot, Model, simulate, Solver, State, Terrain
+from ballbot_ros.physics import contact, dynamics
+from ballbot_ros.physics.reduced import flight
+
+GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
+ROUGH = Terrain([[-1.0, 0.0], [0.0, 0.0], [0.5, 0.03], [0.9, 0.03], [0.9, 0.06], [1.3, 0.06],
+                 [1.31, 0.09], [1.32, 0.06], [1.6, 0.06], [1.7, -0.3], [1.8, 0.06], [2.5, 0.06]])
+LAWS = [Actuation(), Actuation('torque', torque=0.5), Actuation('voltage', voltage=4.0)]
+START = State(x=0.0, y=1.0, pendulum_angle=0.5, velocity_x=1.0, velocity_y=0.5, ball_rate=-7.0,
+              pendulum_rate=3.0)
+
+
+def fly(model, start, actuation, time):
+    """Return the state after a time of flight."""
+    drive, vector = actuation.drive(model.robot), np.array(start[1:])
+    out = np.zeros(dynamics.SIZE)
+    flight.fly(vector, time, flight.spin_start(vector, model.numbers, drive), model.numbers,
+               drive, out)
+    return out
+
+
+def touch(model, start, actuation, most=3.0, width=1e-12):
+    vector = np.array(start[1:])
+    spin = flight.spin_start(vector, model.numbers, actuation.drive(model.robot))
+    return flight.time_of_touch(vector, most, width, spin, model.numbers, model.profile)
+
+
+@pytest.mark.parametrize('changes', [
+    {}, {'rolling_friction': 0.0}, {'joint_friction': 0.0}, {'joint_friction': 8.0},
+    {'rolling_friction': 0.0, 'joint_friction': 0.0}, {'pendulum_length': 0.0}], ids=str)
+@pytest.mark.parametrize('actuation', LAWS, ids=lambda law: law.law)
+def test_it_is_the_full_model_without_contact(changes, actuation):
+    solver = Solver('adaptive', tolerance=1e-13, models='full')
+    model = Model(replace(GIMBALL, **changes), Terrain([[0.0, -9.0], [1.0, -9.0]]), solver=solver)
+    full = simulate(model, START, actuation, 0.4, 0.1)
+    for row in full.rows:
+        found = fly(model, START, actuation, row[0])
+        assert found == pytest.approx(row[1:-1], abs=2e-9)
+
+
+def test_a_ball_without_pendulum_flies_a_parabola_and_spins_down():
+    start = State(y=2.0, velocity_x=1.0, ball_rate=-10.0)
+    found = fly(Model(SHELLBALL, Terrain.flat()), start, Actuation(), 0.5)
+    decay = math.exp(-SHELLBALL.rolling_friction / SHELLBALL.ball_inertia * 0.5)
+    assert found[dynamics.X] == pytest.approx(0.5, abs=1e-15)
+    assert found[dynamics.Y] == pytest.approx(2.0 - 0.125 * SHELLBALL.gravity, abs=1e-14)
+    assert found[dynamics.BALL_RATE] == pytest.approx(-10.0 * decay, rel=1e-13)
+    lost = 0.5 * SHELLBALL.ball_inertia * 100.0 * (1.0 - decay * decay)
+    assert found[dynamics.ROLLING_LOSS] == pytest.approx(lost, rel=1e-9)
+
+
+@given(some.floats(0.01, 0.6), some.sampled_from(LAWS), some.floats(-9, 9), some.floats(-9, 9))
+def test_the_energy_balances(time, actuation, ball_rate, pendulum_rate):
+    model = Model(GIMBALL, Terrain.flat())
+    start = START._replace(ball_rate=ball_rate, pendulum_rate=pendulum_rate)
+
+    def ledger(vector):
+        return (dynamics.kinetic_energy(vector, model.numbers)
+                + dynamics.potential_energy(vector, model.numbers)
+                + vector[8:12].sum() - vector[12])
+    found = fly(model, start, actuation, time)
+    assert ledger(found) == pytest.approx(ledger(np.array(start[1:])), abs=1e-10)
+    assert found[dynamics.JOINT_LOSS] >= 0.0 and found[dynamics.ROLLING_LOSS] >= 0.0
+
+
+def test_a_drop_touches_when_galileo_says():
+    start = State(y=SHELLBALL.ball_radius + 0.7)
+    found = touch(Model(SHELLBALL, Terrain.flat()), start, Actuation())
+    assert found == pytest.approx(math.sqrt(2.0 * 0.7 / SHELLBALL.gravity), abs=2e-12)
+
+
+@settings(max_examples=60)
+@given(some.floats(-0.5, 2.2), some.floats(0.45, 1.5), some.floats(-3, 3), some.floats(-2, 3),
+       some.floats(-9, 9), some.booleans())
+def test_the_first_touch_is_not_passed_and_is_a_touch(x, y, velocity_x, velocity_y, swing, ball):
+    robot = SHELLBALL if ball else GIMBALL
+    start = State(x=x, y=y, velocity_x=velocity_x, velocity_y=velocity_y,
+                  pendulum_rate=0.0 if ball else swing)
+    model = Model(robot, ROUGH)
+    table = contact.contact_table(len(model.profile))
+
+    def contacts(time):
+        found = fly(model, start, Actuation(), time)
+        return contact.find_contacts(found[dynamics.X], found[dynamics.Y], robot.ball_radius,
+                                     model.profile, table)
+    found = touch(model, start, Actuation())
+    assert found != flight.NO_TOUCH
+    assert not any(contacts(time) for time in np.linspace(0.0, found - 1e-11, 300))
+    assert contacts(found + 1e-9)
+
+
+def test_a_motor_that_might_meet_its_limit_is_not_flown():
+    weak, strong = (Actuation('voltage', voltage=9.0, torque_limit=limit).drive(GIMBALL)
+                    for limit in (1.0, 9.0))
+    numbers, vector = Model(GIMBALL, Terrain.flat()).numbers, np.array(START[1:])
+    for drive, fine in ((weak, False), (strong, True), (Actuation().drive(GIMBALL), True)):
+        spin = flight.spin_start(vector, numbers, drive)
+        assert flight.within_limit(vector, 0.3, spin, numbers, drive) == fine
+    assert not flight.has_closed_form(numbers, Actuation('velocity').drive(GIMBALL))
