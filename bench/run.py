@@ -17,7 +17,7 @@ import platform
 from statistics import median
 import sys
 
-PARTS = ('kernels', 'search', 'loop', 'wire', 'accuracy', 'precision', 'estimate')
+PARTS = ('kernels', 'search', 'loop', 'wire', 'accuracy', 'precision', 'estimate', 'bridge')
 # Measured only when asked for: it takes ten minutes.
 EXTRA = ('soak',)
 

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Let the bridge run long, or unplug it often, and watch its memory, threads and open files.
+
+    .venv/bin/python bench/soak.py --seconds 600
+    .venv/bin/python bench/soak.py --unplugs 1000
+
+Ctrl-C ends it and prints what there is.
+"""
+import argparse
+from pathlib import Path
+import sys
+import time
+
+from bridge import running
+
+from ballbot_ros.emulator.control import obey
+
+HEAD = f'{"":>10}{"MiB":>8}{"threads":>9}{"files":>7}{"most ms between torques":>25}'
+
+
+def resources(process):
+    """Return resident memory [MiB], threads and open files of a process."""
+    status = dict(line.split(':', 1) for line in
+                  Path(f'/proc/{process}/status').read_text().splitlines())
+    files = len(list(Path(f'/proc/{process}/fd').iterdir()))
+    return int(status['VmRSS'].split()[0]) / 1024.0, int(status['Threads']), files
+
+
+def row(what, bench, mark):
+    """Print one line; `mark` is where the log of torques was looked at last."""
+    memory, threads, files = resources(bench.process)
+    times = [applied.time for applied in list(bench.emulator.log)[mark:]]
+    most = max((after - before for before, after in zip(times, times[1:])), default=float('nan'))
+    print(f'{what:>10}{memory:8.1f}{threads:9}{files:7}{1e3 * most:25.1f}', flush=True)
+    bench.emulator.call(bench.emulator.log.clear)
+
+
+def soak(bench, seconds):
+    """Run, a line each tenth."""
+    begin = time.monotonic()
+    for part in range(1, 11):
+        bench.spin(max(0.0, begin + seconds * part / 10.0 - time.monotonic()))
+        row(f'{seconds * part / 10.0:.0f} s', bench, 0)
+
+
+def unplug(bench, times):
+    """Unplug and plug in again, a line each tenth; the file says `rearm`."""
+    longest = 0.0
+    for number in range(1, times + 1):
+        obey(bench.emulator, 'unplug')
+        bench.spin(0.05)
+        obey(bench.emulator, 'plug')
+        begin = time.monotonic()
+        bench.emulator.call(bench.emulator.log.clear)
+        while not bench.emulator.torque:
+            bench.spin(0.01)
+            if time.monotonic() > begin + 10.0:
+                sys.exit(f'after unplug {number} the motor was not driven again within 10 s')
+        longest = max(longest, time.monotonic() - begin)
+        if number % max(1, times // 10) == 0:
+            row(f'{number} times', bench, 0)
+    print(f'back in service after {longest:.2f} s at the longest')
+
+
+def main():
+    """Run one of them."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument('--seconds', type=float, help='drive for so long')
+    what.add_argument('--unplugs', type=int, help='unplug so many times')
+    arguments = parser.parse_args()
+    print(HEAD)
+    try:
+        with running() as bench:
+            bench.spin(1.0)
+            row('start', bench, 0)
+            if arguments.seconds:
+                soak(bench, arguments.seconds)
+            else:
+                unplug(bench, arguments.unplugs)
+    except KeyboardInterrupt:
+        print('interrupted')
+
+
+if __name__ == '__main__':
+    main()
