@@ -5,10 +5,12 @@ Time the bridge: a loop of 500 Hz over an emulated ODrive at 921600 baud.
 The torque that the emulated drive makes is the witness: each command asks for another one, so
 each is found again in the log of the drive, with the time at which it came into force there.
 """
+from bisect import bisect
 from contextlib import contextmanager
-import math
 from pathlib import Path
+import signal
 from statistics import median
+import subprocess
 import sys
 import tempfile
 import time
@@ -24,6 +26,7 @@ import yaml
 
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.emulator.emulator import Emulator
+from ballbot_ros.msg import MotorStatus
 from ballbot_ros.paths import config_folder
 from ballbot_ros.physics import load_scene
 from ballbot_ros.ros import qos
@@ -53,13 +56,18 @@ class Bench:
     def __init__(self, emulator, nodes, node, executor):
         """Answer joint states."""
         self.emulator, self.nodes, self.node, self.executor = emulator, nodes, node, executor
-        self.sent = {}  # number of the torque -> when it was published last [s]
+        self.sent = {}  # number of the torque -> when it was published [s]
         self.arrivals = []
         self._number = 0
         self._commands = advertise(node, JointState, 'joint_commands', qos.NEWEST)
         listen(node, JointState, 'joint_states', self._answer, qos.NEWEST)
+        self.status = None
+        listen(node, MotorStatus, 'motor_status', self._note, qos.NEWEST)
         self._release = node.create_client(Trigger, 'bridge/release_e_stop')
         self.pushing = False
+
+    def _note(self, message):
+        self.status = message
 
     def _answer(self, message):
         """Answer a joint state with a torque unlike the ones before."""
@@ -68,7 +76,7 @@ class Bench:
         # Both directions in turn, so that the ball stays; no two alike.
         size = 0.05 + 0.0005 * self._number
         torque = size if self._number % 2 else -size
-        self.sent[self._number] = time.monotonic()
+        self.sent.setdefault(self._number, []).append(time.monotonic())
         self._commands.publish(command_message(
             message.header.stamp, torque if self.pushing else 0.0))
 
@@ -100,25 +108,43 @@ class Bench:
 
 
 @contextmanager
-def running():
-    """Give a `Bench` with a bridge under way."""
+def emulated_here(folder):
+    """Give an emulated drive in this process."""
+    with Emulator('odrive', load_scene('flat'), 921600, link=folder / 'motor') as emulator:
+        yield emulator
+
+
+@contextmanager
+def emulated_apart(folder):
+    """Let an emulated drive run in a process of its own, which writes its log at the end."""
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'ballbot_ros.cli', 'emulate-motor', '--protocol', 'odrive',
+         '--baud', '921600', '--link', str(folder / 'motor'), '--log', str(folder / 'log.csv')],
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)
+    try:
+        process.stdout.readline()  # the name of the device: it is there
+        yield None
+    finally:
+        process.send_signal(signal.SIGTERM)
+        process.wait()
+
+
+@contextmanager
+def running(folder, emulated=emulated_here):
+    """Give a `Bench` with a bridge under way; files are in a folder."""
     domain = own_domain()
     content = yaml.safe_load((config_folder() / 'hardware/gimball_odrive.yaml').read_text())
-    content['connection']['imu_required'] = False
+    content['connection'].update(imu_required=False, port=str(folder / 'motor'))
     content['limits'].update(rearm=True, torque_rate_limit=1e6)
+    (folder / 'hardware.yaml').write_text(yaml.safe_dump(content))
     sys.setswitchinterval(5e-4)
     rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
     node, executor = Node('bench'), SingleThreadedExecutor()
     executor.add_node(node)
     try:
-        with tempfile.TemporaryDirectory() as folder, \
-                Emulator('odrive', load_scene('flat'), 921600,
-                         link=Path(folder) / 'motor') as emulator, \
-                NodeProcesses(Path(folder), domain) as nodes:
-            path = Path(folder) / 'hardware.yaml'
-            path.write_text(yaml.safe_dump(content))
+        with emulated(folder) as emulator, NodeProcesses(folder, domain) as nodes:
             bench = Bench(emulator, nodes, node, executor)
-            nodes.start('bridge', {'hardware': path, 'port': emulator.path})
+            nodes.start('bridge', {'hardware': folder / 'hardware.yaml'})
             bench.release()
             yield bench
     finally:
@@ -127,39 +153,42 @@ def running():
         rclpy.try_shutdown()
 
 
-def latencies(bench, log):
+def applied(path, begin, end):
+    """Return times [s] and torques at the pendulum [N m] of a log between two times."""
+    rows = [tuple(map(float, line.split(','))) for line in path.read_text().splitlines()[1:]]
+    return [(when, torque * GEAR) for when, torque in rows if begin <= when <= end]
+
+
+def latencies(sent, log):
     """Return the time from publishing each torque to the drive making it [s]."""
     found = []
-    for applied in log:
-        number = round((abs(applied.torque) * GEAR - 0.05) / 0.0005)
-        sent = bench.sent.get(number, math.nan)
-        if 0.0 <= applied.time - sent < 0.1:
-            found.append(applied.time - sent)
+    for when, torque in log:
+        times = sent.get(round((abs(torque) - 0.05) / 0.0005), [])
+        before = bisect(times, when)
+        if before and when - times[before - 1] < 0.1:
+            found.append(when - times[before - 1])
     return found
 
 
 def measure():
     """Yield name, unit, values and target of each measurement."""
-    middle, late, used, wire = [], [], [], []
+    middle, late, used, way = [], [], [], []
     for _ in range(REPEATS):
-        with running() as bench:
-            bench.spin(SETTLE)
-            bench.emulator.call(bench.emulator.log.clear)
-            before, begin = processor_time(bench.process), time.monotonic()
-            ways = []
-            # Before a torque is used again: see DIFFERENT.
-            while time.monotonic() < begin + WINDOW:
-                seen = len(bench.emulator.log)
-                bench.spin(0.2)
-                ways += latencies(bench, list(bench.emulator.log)[seen:])
-            used.append(100.0 * (processor_time(bench.process) - before)
-                        / (time.monotonic() - begin))
-            times = [applied.time for applied in bench.emulator.log]
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            with running(folder, emulated_apart) as bench:
+                bench.spin(SETTLE)
+                before, begin = processor_time(bench.process), time.monotonic()
+                bench.spin(WINDOW)
+                end = time.monotonic()
+                used.append(100.0 * (processor_time(bench.process) - before) / (end - begin))
+            log = applied(folder / 'log.csv', begin, end)
+        times = [when for when, _ in log]
         periods = [1e3 * (after - before) for before, after in zip(times, times[1:])]
         middle.append(quantile(periods, 0.5))
         late.append(quantile(periods, 0.99))
-        wire.append(1e3 * median(ways))
+        way.append(1e3 * median(latencies(bench.sent, log)))
     yield 'bridge: period of torques in the drive at 500 Hz, median', 'ms', middle, None
     yield 'bridge: period of torques in the drive at 500 Hz, p99', 'ms', late, 4.0
     yield 'bridge: part of a core', '%', used, 25.0
-    yield 'bridge: command published to torque in the drive', 'ms', wire, 1.0
+    yield 'bridge: command published to torque in the drive', 'ms', way, 1.0

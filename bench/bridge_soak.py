@@ -2,14 +2,15 @@
 """
 Let the bridge run long, or unplug it often, and watch its memory, threads and open files.
 
-    .venv/bin/python bench/soak.py --seconds 600
-    .venv/bin/python bench/soak.py --unplugs 1000
+    .venv/bin/python bench/bridge_soak.py --seconds 600
+    .venv/bin/python bench/bridge_soak.py --unplugs 1000
 
 Ctrl-C ends it and prints what there is.
 """
 import argparse
 from pathlib import Path
 import sys
+from tempfile import TemporaryDirectory
 import time
 
 from bridge import running
@@ -56,7 +57,9 @@ def unplug(bench, times):
         while not bench.emulator.torque:
             bench.spin(0.01)
             if time.monotonic() > begin + 10.0:
-                sys.exit(f'after unplug {number} the motor was not driven again within 10 s')
+                sys.exit(f'after unplug {number} the motor was not driven again within 10 s: '
+                         f'{bench.status.state} {bench.status.e_stop}\n'
+                         + bench.nodes.log('bridge').read_text()[-600:])
         longest = max(longest, time.monotonic() - begin)
         if number % max(1, times // 10) == 0:
             row(f'{number} times', bench, 0)
@@ -72,7 +75,7 @@ def main():
     arguments = parser.parse_args()
     print(HEAD)
     try:
-        with running() as bench:
+        with TemporaryDirectory() as folder, running(Path(folder)) as bench:
             bench.spin(1.0)
             row('start', bench, 0)
             if arguments.seconds:

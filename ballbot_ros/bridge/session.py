@@ -26,6 +26,8 @@ from ballbot_ros.physics.robot import Robot
 SILENCE, LOST = 0.1, 0.3
 # Between two attempts to find a drive that was lost [s].
 RETRY = 0.1
+# Between two attempts to arm a drive that could not, where the file says `rearm` [s].
+ARM_AGAIN = 0.3
 # Patience with a drive that answers, when one was lost: together well below a second [s].
 HANDSHAKE = 0.25
 # Between two repetitions of a stop that is not confirmed yet [s].
@@ -95,11 +97,11 @@ class Session:
         self._sent = False
         self._stamp = -math.inf  # of the last estimate
         self._asked = self._answered = self._stop_sent = self._stop_since = self._armed_at = 0.0
-        self._next_try = 0.0
+        self._next_try = self._next_arm = 0.0
         self.identity: Optional[Identity] = None
         self.counts: Counter = Counter()
         self.notices: List[str] = []
-        self.trouble = ''
+        self.trouble = self._said = ''
 
     # What the owner wants
 
@@ -305,7 +307,7 @@ class Session:
                 self._send_torque()
             self._sent = False
             return
-        elif self._power is Power.OFF and self._allowed:
+        elif self._power is Power.OFF and self._allowed and now >= self._next_arm:
             self._arm(driver)
         if self._power is Power.STOPPING and driver.stopped_since(self._stop_since):
             self._power = Power.OFF
@@ -327,8 +329,8 @@ class Session:
         try:
             driver.arm(HANDSHAKE)
         except DriveError as error:
-            self.supervisor.trigger(str(error))
-            self._notice(f'cannot arm: {error}')
+            self._next_arm = self.clock() + ARM_AGAIN
+            self._went_wrong(f'cannot arm: {error}')
             self._begin_stop()
             return
         self.supervisor.quiet()
@@ -416,6 +418,7 @@ class Session:
             driver.line.close()
 
     def _notice(self, sentence: str) -> None:
-        # Something that comes and goes must not fill the memory of an owner that does not look.
-        if len(self.notices) < 20:
+        # What goes wrong again and again is said once, and an owner that does not look is spared.
+        if sentence != self._said and len(self.notices) < 20:
             self.notices.append(sentence)
+        self._said = sentence

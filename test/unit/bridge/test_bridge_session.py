@@ -205,6 +205,29 @@ def test_a_drive_that_lets_go_by_itself_is_noticed(protocol):
     assert robot.session.counts['let_go'] == 1
 
 
+@pytest.mark.parametrize('rearm', [False, True])
+def test_a_motor_that_cannot_be_armed_is_tried_again_only_by_policy(rearm):
+    robot = VirtualRobot(rearm=rearm)
+    robot.session.configure()
+    robot.run(0.1)
+    robot.session.activate()
+    robot.device.sensed = robot.device.sensed._replace(temperature=200.0)
+    passing = robot.pass_time
+
+    def hot(seconds):
+        passing(seconds)
+        robot.device.sensed = robot.device.sensed._replace(temperature=200.0)
+        robot.device.tick(robot.now)
+    robot.pass_time = hot
+    robot.session.release()
+    robot.run(1.0, torque=0.5)
+    assert not any(robot.torques)
+    assert len([text for text in robot.session.notices if 'cannot arm' in text]) == 1
+    robot.pass_time = passing
+    robot.run(1.0, torque=0.5)
+    assert (robot.motor != 0.0) is rearm
+
+
 def test_fifty_unplugs_leave_no_line_open_and_no_flood_of_notices():
     robot = VirtualRobot()
     robot.session.configure()
