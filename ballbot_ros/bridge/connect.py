@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Open the line to the drive of a hardware file."""
+"""Open the line to the drive of a hardware file, and see whether it is fit to be driven."""
 from pathlib import Path
-from typing import Callable, Optional
+from typing import Callable, Optional, Tuple
 
 from ballbot_ros.bridge.hardware_file import Hardware
+from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.hardware.capture import Recorder
-from ballbot_ros.hardware.driver import Driver
+from ballbot_ros.hardware.driver import Driver, Identity, Setting
 from ballbot_ros.hardware.drivers import open_driver
 from ballbot_ros.hardware.transport import Link
 
@@ -34,3 +35,40 @@ def connector(hardware: Hardware, capture: Optional[Path] = None) -> Callable[[]
         return open_driver(connection.protocol, line, options)
 
     return connect
+
+
+def handshake(connect: Callable[[], Driver], patience: float
+              ) -> Tuple[Driver, Identity, Tuple[Setting, ...]]:
+    """
+    Find the drive, stop its motor, and check its settings.
+
+    Parameters
+    ----------
+    connect : callable
+        See `connector`.
+    patience : float
+        With each of the three [s].
+
+    Raises
+    ------
+    LinkError, DriveError
+        If there is no such port, or not such a drive.
+    ConfigurationError
+        If a setting that safety rests on is not as it must be.  The line is closed again.
+
+    """
+    driver = connect()
+    try:
+        identity = driver.identify(patience)
+        driver.stop(patience)  # whoever left it may have left it turning
+        settings = driver.read_settings(patience)
+        wrong = [item for item in settings if not item.acceptable]
+        if wrong:
+            raise ConfigurationError(
+                'the drive is not set as it must be: ' + '; '.join(
+                    f'{item.name} is {item.value}, must be {item.wanted}'
+                    + (f': {item.remedy}' if item.remedy else '') for item in wrong))
+    except BaseException:
+        driver.line.close()
+        raise
+    return driver, identity, settings

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """What stands between a computer and its motor controller, each with the command that mends it."""
-from dataclasses import replace
 import grp
 import os
 from pathlib import Path
@@ -234,10 +233,7 @@ def examine(hardware_name: str, port: str, environment: Mapping[str, str],
     """
     yield from look_at_ports()
     try:
-        hardware = load_hardware(hardware_name)
-        if port:
-            hardware = replace(hardware, connection=replace(hardware.connection, port=port))
-        yield from look_at_drive(hardware, tell)
+        yield from look_at_drive(load_hardware(hardware_name).at(port), tell)
     except BallbotError as error:
         yield Finding(WRONG, str(error))
     yield from look_at_ros(environment)

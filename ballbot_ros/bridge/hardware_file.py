@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motor of one real robot: which drive, on which port, and what joins it to the pendulum."""
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Mapping, Optional
@@ -140,6 +140,12 @@ class Hardware:
     drive: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     provenance: Mapping[str, Provenance] = field(
         default_factory=lambda: MappingProxyType({}), compare=False, repr=False)
+
+    def at(self, port: str = '', baud: int = 0) -> 'Hardware':
+        """Return the same on another port or at another baud rate, where one is given."""
+        return replace(self, connection=replace(
+            self.connection, port=port or self.connection.port,
+            baud=baud or self.connection.baud))
 
     def options(self) -> DriveOptions:
         """

@@ -3,7 +3,8 @@
 import threading
 from typing import Callable, Optional
 
-from ballbot_ros.bridge.session import Report, Session
+from ballbot_ros.bridge.report import Report
+from ballbot_ros.bridge.session import Session
 
 # How long the end of the thread is waited for; a handshake may be under way [s].
 JOIN = 3.0

@@ -7,16 +7,17 @@ driver waits for an answer: in `configure`, `deactivate`, and in a `tick` that a
 or looks for a drive that was lost.
 """
 from collections import Counter
-from enum import Enum
 import math
 import threading
 import time
-from typing import Callable, List, NamedTuple, Optional, Tuple
+from typing import Callable, List, Optional, Tuple
 
+from ballbot_ros.bridge.connect import handshake
 from ballbot_ros.bridge.hardware_file import Hardware
+from ballbot_ros.bridge.report import Power, Report
 from ballbot_ros.bridge.supervisor import Motion, Supervisor
 from ballbot_ros.errors import (
-    BallbotError, ConfigurationError, DriveError, EstimateLostError, LinkError, RefusedError)
+    BallbotError, DriveError, EstimateLostError, LinkError, RefusedError)
 from ballbot_ros.estimation import Estimate, Fusion, ImuReading
 from ballbot_ros.hardware.driver import Driver, Identity, Setting, Telemetry
 from ballbot_ros.physics.robot import Robot
@@ -28,34 +29,13 @@ SILENCE, LOST = 0.1, 0.3
 RETRY = 0.1
 # Between two attempts to arm a drive that could not, where the file says `rearm` [s].
 ARM_AGAIN = 0.3
-# Patience with a drive that answers, when one was lost: together well below a second [s].
-HANDSHAKE = 0.25
+# Patience with a drive that answers, when one was lost: together well below a second at first,
+# more for one that is slow [s].
+HANDSHAKE, MOST_PATIENCE = 0.25, 1.0
 # Between two repetitions of a stop that is not confirmed yet [s].
 STOP_AGAIN = 0.01
 # Patience with the stop at the end; the drive's watchdog does the rest [s].
 LAST_STOP = 0.5
-
-
-class Power(Enum):
-    """What is known about the power of the motor."""
-
-    OFF = 'off'  # confirmed by the drive
-    STOPPING = 'stopping'  # the stop is repeated until it is confirmed
-    ON = 'on'
-
-
-class Report(NamedTuple):
-    """What a tick found; times are of the clock of the session [s]."""
-
-    time: float
-    estimate: Optional[Estimate]  # None when there was no new measurement
-    torque: float  # at the pendulum, in force [N m]
-    telemetry: Telemetry
-    power: Power
-    e_stop: str
-    timed_out: bool
-    commanded: bool  # a fresh command is in force
-    link_up: bool
 
 
 class Session:
@@ -98,6 +78,7 @@ class Session:
         self._stamp = -math.inf  # of the last estimate
         self._asked = self._answered = self._stop_sent = self._stop_since = self._armed_at = 0.0
         self._next_try = self._next_arm = 0.0
+        self._failures = 0  # of looking for the drive, in a row
         self.identity: Optional[Identity] = None
         self.counts: Counter = Counter()
         self.notices: List[str] = []
@@ -362,22 +343,8 @@ class Session:
 
     def _handshake(self, patience: float) -> Tuple[Identity, Tuple[Setting, ...]]:
         self._hang_up()
-        driver = self._connect()
-        try:
-            identity = driver.identify(patience)
-            driver.stop(patience)  # whoever left it may have left it turning
-            settings = driver.read_settings(patience)
-            wrong = [item for item in settings if not item.acceptable]
-            if wrong:
-                raise ConfigurationError(
-                    'the drive is not set as it must be: ' + '; '.join(
-                        f'{item.name} is {item.value}, must be {item.wanted}'
-                        + (f': {item.remedy}' if item.remedy else '') for item in wrong))
-        except BaseException:
-            driver.line.close()
-            raise
-        self._driver, self.identity, self.trouble = driver, identity, ''
-        self._power = Power.OFF
+        self._driver, identity, settings = handshake(self._connect, patience)
+        self.identity, self.trouble, self._power = identity, '', Power.OFF
         self._answered = self._armed_at = self.clock()
         return identity, settings
 
@@ -386,13 +353,15 @@ class Session:
         if now < self._next_try:
             return
         try:
-            self._handshake(HANDSHAKE)
+            self._handshake(min(HANDSHAKE * (1 + self._failures), MOST_PATIENCE))
         except BallbotError as error:
+            self._failures += 1
             self._next_try = self.clock() + RETRY
             if str(error) != self.trouble:
                 self.trouble = str(error)
                 self._notice(f'looking for the drive: {error}')
             return
+        self._failures = 0
         self.counts['reconnects'] += 1
         self._notice('the drive is back')
 

@@ -9,7 +9,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what is calibrated and where the result goes."""
     parser.add_argument('--hardware', default='gimball_odrive', metavar='NAME',
                         help='hardware file to start from (default: %(default)s)')
-    parser.add_argument('--port', help='serial device or URL instead of that of the file')
+    parser.add_argument('--port', default='',
+                        help='serial device or URL instead of that of the file')
     parser.add_argument('--out', type=Path, default=Path('my_motor.yaml'), metavar='FILE',
                         help='hardware file to write (default: %(default)s)')
 
@@ -35,8 +36,6 @@ class Terminal:
 
 def run(arguments: argparse.Namespace) -> int:
     """Guide, measure, write."""
-    from dataclasses import replace
-
     from ballbot_ros.bridge.calibration import Calibrator
     from ballbot_ros.bridge.connect import connector
     from ballbot_ros.bridge.hardware_file import load_hardware
@@ -46,10 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.physics.robot import load_robot
     if arguments.out.exists():
         raise ConfigurationError(f'{arguments.out} exists; move it away or give another --out')
-    hardware = load_hardware(arguments.hardware)
-    if arguments.port:
-        hardware = replace(
-            hardware, connection=replace(hardware.connection, port=arguments.port))
+    hardware = load_hardware(arguments.hardware).at(arguments.port)
     driver = connector(hardware)()
     try:
         print(f'{driver.identify()} on {hardware.connection.port}')

@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node ``bridge``: joint commands to a real motor on a serial line, joint states back."""
-from dataclasses import replace
 from pathlib import Path
 import sys
 from typing import Any, Callable, List, Optional
 
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from sensor_msgs.msg import Imu, JointState
-from std_srvs.srv import Trigger
 
 from ballbot_ros.bridge.connect import connector
 from ballbot_ros.bridge.feasibility import check_feasible
@@ -16,13 +13,12 @@ from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import load_tuning
-from ballbot_ros.errors import BallbotError, DriveError, MessageError
+from ballbot_ros.errors import BallbotError, DriveError
 from ballbot_ros.physics.robot import load_robot
-from ballbot_ros.ros import diagnostics, qos
-from ballbot_ros.ros.conversions import command_torque, to_seconds
-from ballbot_ros.ros.endpoints import listen
-from ballbot_ros.ros.motor import Clocks, imu_reading, MotorOutputs
+from ballbot_ros.ros import diagnostics
+from ballbot_ros.ros.motor import Clocks, MotorOutputs
 from ballbot_ros.ros.motor_health import health
+from ballbot_ros.ros.motor_inputs import MotorInputs
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import BridgeSettings
@@ -47,28 +43,19 @@ class Bridge(LifecycleNode):
         """Refuse a loop that cannot work, then wait for a transition or make it."""
         super().__init__('bridge', **kwargs)
         settings = declare(self, BridgeSettings)
-        hardware, connection = load_hardware(settings.hardware), {}
-        if settings.port:
-            connection['port'] = settings.port
-        if settings.baud:
-            connection['baud'] = settings.baud
-        hardware = replace(hardware, connection=replace(hardware.connection, **connection))
+        hardware = load_hardware(settings.hardware).at(settings.port, settings.baud)
         robot = load_robot(hardware.robot)
         check_feasible(hardware, robot, load_tuning(settings.tuning), settings.delay)
-        self._hardware, self._settings = hardware, settings
-        self._clocks = Clocks(self)
-        self._outputs = MotorOutputs(self, self._clocks, settings.status_rate)
+        self._hardware = hardware
+        clocks = Clocks(self)
+        self._outputs = MotorOutputs(self, clocks, settings.status_rate)
         self._session = Session(hardware, robot, connector(
             hardware, Path(settings.capture) if settings.capture else None))
         self._loop: Optional[Loop] = None
-        self._imu_refused = 0
         self._complaint = ''
-        listen(self, JointState, 'joint_commands', self._on_command, qos.NEWEST)
-        listen(self, Imu, 'imu', self._on_imu, qos.SENSOR)
-        self.create_service(Trigger, '~/engage_e_stop', self._on_engage)
-        self.create_service(Trigger, '~/release_e_stop', self._on_release)
+        self._inputs = MotorInputs(self, self._session, clocks)
         self._diagnostics = diagnostics.Diagnostics(self, 'motor', lambda: health(
-            self._session, self._loop, self._hardware, self._imu_refused))
+            self._session, self._loop, hardware, self._inputs.imu_refused))
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(LOOK_AFTER, self._look_after, clock=steady)
         if settings.autostart:
@@ -134,42 +121,6 @@ class Bridge(LifecycleNode):
         self._outputs.tell_e_stop(bool(self._session.supervisor.e_stop))
         if self._loop is not None and self._loop.failure is not None:
             raise DriveError('loop_failed', f'the loop ended: {self._loop.failure!r}')
-
-    # Topics and services
-
-    def _on_command(self, message: JointState) -> None:
-        try:
-            torque = command_torque(message)
-        except MessageError as error:
-            self._session.supervisor.refuse(error.reason)
-            return self._refused(f'command refused: {error}')
-        try:
-            self._session.command(torque, self._clocks.steady(to_seconds(message.header.stamp)))
-        except MessageError as error:
-            self._refused(f'command refused: {error}')
-
-    def _on_imu(self, message: Imu) -> None:
-        try:
-            self._session.imu(imu_reading(message, self._clocks))
-        except MessageError as error:
-            self._imu_refused += 1
-            self._refused(f'IMU reading refused: {error}')
-
-    def _refused(self, sentence: str) -> None:
-        self.get_logger().warning(sentence, throttle_duration_sec=1.0)
-
-    def _on_engage(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._session.engage('asked for by service')
-        response.success, response.message = True, 'the e-stop is engaged'
-        return response
-
-    def _on_release(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        try:
-            self._session.release()
-            response.success, response.message = True, 'the e-stop is released'
-        except BallbotError as error:
-            response.message = str(error)
-        return response
 
     def _done(self, act: Callable[[], None]) -> bool:
         """Do something; log why it cannot be done, and return False then."""

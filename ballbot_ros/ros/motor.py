@@ -8,7 +8,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Bool
 
-from ballbot_ros.bridge.session import Power, Report
+from ballbot_ros.bridge.report import Power, Report
 from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import Estimate, ImuReading
 from ballbot_ros.msg import MotorStatus

@@ -66,7 +66,7 @@ class Driving:
         self.graph.wait(lambda: self.states, 'joint states flow')
         while not (answer := self.graph.call('bridge/release_e_stop', Trigger)).success:
             assert 'stays engaged' in answer.message
-        self.graph.wait(lambda: self.status[-1].state in ('waiting', 'following'),
+        self.graph.wait(lambda: self.status and self.status[-1].state in ('waiting', 'following'),
                         'the motor has power')
 
     def pull(self):
@@ -197,9 +197,9 @@ def pull_here(node, executor, motor):
         executor.spin_once(timeout_sec=0.005)
         if node._session.supervisor.e_stop:
             response = Trigger.Response()
-            node._on_release(Trigger.Request(), response)
+            node._inputs.release(Trigger.Request(), response)
         elif node._session.fusion.estimate is not None:
-            node._on_command(command_message(
+            node._inputs.command(command_message(
                 to_time(1e-9 * node.get_clock().now().nanoseconds), TORQUE))
 
 

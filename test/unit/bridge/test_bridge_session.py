@@ -6,7 +6,7 @@ import math
 import pytest
 from virtual_robot import STEP, VirtualRobot
 
-from ballbot_ros.bridge.session import Power
+from ballbot_ros.bridge.report import Power
 from ballbot_ros.emulator.device import DriveSettings
 from ballbot_ros.errors import ConfigurationError, LinkError, RefusedError
 
