@@ -19,15 +19,16 @@ from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.emulator.ball import settings_for
-from ballbot_ros.emulator.control import obey
+from ballbot_ros.emulator.control import LINE_FAULTS, obey
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.errors import MessageError, RefusedError
 from ballbot_ros.physics.scene import load_scene
 
 DURATION = 600.0  # [s]
 PAUSE = (1.0, 6.0)  # between two events [s]
+BAD_LINE = 0.5  # that a bad line stays so [s]
 EVENTS = ('unplug 0.3', 'reboot', 'silence 0.4', 'corrupt 0.002', 'drop 0.002', 'duplicate 0.002',
-          'garbage 3000 from', 'delay 0.005', 'encoder_jump 0.1', 'clear', 'clear', 'clear')
+          'garbage 3000 from', 'delay 0.005', 'encoder_jump 0.1', 'corrupt 0.05', 'drop 0.05')
 
 
 class Watcher:
@@ -88,7 +89,11 @@ def measure():
                 session.release()
             except RefusedError:
                 pass
-            obey(emulator, dice.choice(EVENTS))
+            event = dice.choice(EVENTS)
+            obey(emulator, event)
+            if event.split()[0] in LINE_FAULTS:
+                time.sleep(BAD_LINE)
+                obey(emulator, 'clear')
             events += 1
             while emulator.log:
                 above += abs(emulator.log.popleft().torque) > 1.001 * limit
