@@ -110,6 +110,7 @@ setup(
     python_requires='>=3.10',
     install_requires=[
         'matplotlib', 'numba', 'numpy', 'pyserial', 'PyYAML', 'rich', 'rosbags', 'scipy'],
+    extras_require={'sweep': ['pyarrow'], 'cluster': ['dask[distributed]', 'pyarrow']},
     zip_safe=False,
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     data_files=[

@@ -17,7 +17,8 @@ import platform
 from statistics import median
 import sys
 
-PARTS = ('kernels', 'search', 'loop', 'wire', 'accuracy', 'precision', 'estimate', 'bridge')
+PARTS = ('kernels', 'search', 'sweep', 'loop', 'wire', 'accuracy', 'precision', 'estimate',
+         'bridge')
 # Measured only when asked for: it takes ten minutes.
 EXTRA = ('soak',)
 

@@ -23,6 +23,8 @@ VERBS = {
     'max-step': ('ballbot_ros.cli.max_step', 'find the highest step that a robot gets over'),
     'fit-curve': ('ballbot_ros.cli.fit_curve', 'make the height curve of a robot, for '
                   'obstacle_decision'),
+    'sweep': ('ballbot_ros.cli.sweep', 'try crossings over any numbers, on all cores or a '
+              'cluster'),
     'compare-models': ('ballbot_ros.cli.compare_models', 'say where simpler models of the '
                        'highest step do'),
     'calibrate-motor': ('ballbot_ros.cli.calibrate_motor', 'find direction, encoder scale and '

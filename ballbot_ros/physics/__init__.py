@@ -10,7 +10,7 @@ The ball robot as a mechanical system, importable without ROS.
 from ballbot_ros.physics.actuation import Actuation
 from ballbot_ros.physics.crossing import crosses, held_at, highest_step, Rules, Site
 from ballbot_ros.physics.max_step import (
-    cruising, drive_for, max_step, max_steps, MaxStep, rolling)
+    cruising, drive_for, max_step, max_steps, MaxStep, rolling, try_step)
 from ballbot_ros.physics.model import Model, Solver, State
 from ballbot_ros.physics.options import ContactOptions
 from ballbot_ros.physics.robot import load_robot, Robot
@@ -23,4 +23,4 @@ __all__ = [
     'Actuation', 'ContactOptions', 'crosses', 'cruising', 'drive_for', 'held_at',
     'highest_step', 'load_robot', 'load_scene', 'max_step', 'max_steps', 'MaxStep', 'Model',
     'Robot', 'rolling', 'Rules', 'Scene', 'simulate', 'Site', 'Solver', 'State', 'Terrain',
-    'Trajectory']
+    'Trajectory', 'try_step']

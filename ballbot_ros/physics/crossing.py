@@ -16,6 +16,7 @@ over nor back when the time is up, such as one whose motor presses it against th
 ever, has failed.
 """
 from dataclasses import dataclass, replace
+from functools import lru_cache
 import math
 from typing import Any, Optional
 
@@ -69,8 +70,15 @@ class Site(Checked):
             [floor, math.nan, upper], [math.nan, math.nan, edge, math.nan])
 
     def profile(self, robot: Robot, height: float = 1.0) -> Array:
-        """Return the ground as the kernels read it; they may change the height."""
-        return self.terrain(height).profile(robot.surface_friction, robot.edge_friction)
+        """Return the ground as the kernels read it; read-only, for it is kept for others."""
+        return _profile(self, height, robot.surface_friction, robot.edge_friction)
+
+
+@lru_cache(maxsize=64)
+def _profile(site: Site, height: float, surface_friction: float, edge_friction: float) -> Array:
+    profile = site.terrain(height).profile(surface_friction, edge_friction)
+    profile.setflags(write=False)
+    return profile
 
 
 @dataclass(frozen=True)

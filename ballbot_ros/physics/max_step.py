@@ -18,15 +18,15 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 import math
 import os
-from typing import Callable, List, NamedTuple, Optional, Sequence, Union
+from typing import Callable, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.fields import check_value, count, quantity
 from ballbot_ros.physics.actuation import Actuation
-from ballbot_ros.physics.attempt import OVER, Room
-from ballbot_ros.physics.crossing import check_gravity, Rules, Site, SPEED, too_fast
+from ballbot_ros.physics.attempt import attempt, OVER, Room
+from ballbot_ros.physics.crossing import check_gravity, HEIGHT, Rules, Site, SPEED, too_fast
 from ballbot_ros.physics.dynamics import Numbers
 from ballbot_ros.physics.failures import failure
 from ballbot_ros.physics.integrators import FINISHED
@@ -99,17 +99,9 @@ def max_step(robot: Robot, speed: float, actuation: Actuation = Actuation(),
         If an attempt cannot go on.
 
     """
-    speed = check_value('speed', speed, SPEED, 'max_step')
     accuracy = check_value('accuracy', accuracy, ACCURACY, 'max_step')
     scan = check_value('scan', scan, SCAN, 'max_step')
-    check_gravity(robot)
-    if pendulum_angle is None:
-        pendulum_angle = actuation.set_angle if actuation.law == 'position' else 0.0
-    if not math.isfinite(pendulum_angle):
-        raise ConfigurationError(
-            f'max_step: pendulum_angle must be any finite number rad, got {pendulum_angle!r}')
-    fixed = (rules.course(speed, pendulum_angle), Numbers.of(robot, options),
-             actuation.drive(robot, 0.0, pendulum_angle), Room.of(site.profile(robot)), BUDGET)
+    fixed = _prepare(robot, speed, actuation, pendulum_angle, site, rules, options)
     room, width = fixed[3], WIDTH * accuracy
     coarse, fine = COARSE * width, FINE * width
     # All energy of the way gone into height; what is higher than the centre is a wall.
@@ -142,6 +134,50 @@ def _check(ending: int, room: Room, tolerance: float, robot: Robot, site: Site,
         raise failure(ending, time, room.state, Model(
             robot, site.terrain(height), options,
             Solver('adaptive', tolerance=max(tolerance, FINEST), work_budget=BUDGET)))
+
+
+def try_step(robot: Robot, speed: float, height: float, actuation: Actuation = Actuation(),
+             pendulum_angle: Optional[float] = None, tolerance: float = 1e-7,
+             site: Site = Site(), rules: Rules = Rules(),
+             options: ContactOptions = ContactOptions()) -> Tuple[bool, float]:
+    """
+    Try one step.
+
+    Parameters
+    ----------
+    height : float
+        Of the step [m], above 0.
+    tolerance : float
+        Local error per step of the adaptive method [m].
+    robot, speed, actuation, pendulum_angle, site, rules, options
+        See `max_step`, also for what is raised.
+
+    Returns
+    -------
+    over : bool
+    score : float
+        By how much it succeeded (above 0) or failed [m2/s2]; see `attempt`.
+
+    """
+    height = check_value('height', height, HEIGHT, 'try_step')
+    fixed = _prepare(robot, speed, actuation, pendulum_angle, site, rules, options)
+    verdict, score, ending = attempt(height, tolerance, *fixed)
+    _check(ending, fixed[3], tolerance, robot, site, options)
+    return bool(verdict == OVER), float(score)
+
+
+def _prepare(robot: Robot, speed: float, actuation: Actuation, pendulum_angle: Optional[float],
+             site: Site, rules: Rules, options: ContactOptions) -> tuple:
+    """Return the last arguments of the kernels, with the room at place 3; checked."""
+    speed = check_value('speed', speed, SPEED, 'max_step')
+    check_gravity(robot)
+    if pendulum_angle is None:
+        pendulum_angle = actuation.set_angle if actuation.law == 'position' else 0.0
+    if not math.isfinite(pendulum_angle):
+        raise ConfigurationError(
+            f'max_step: pendulum_angle must be any finite number rad, got {pendulum_angle!r}')
+    return (rules.course(speed, pendulum_angle), Numbers.of(robot, options),
+            actuation.drive(robot, 0.0, pendulum_angle), Room.of(site.profile(robot)), BUDGET)
 
 
 def max_steps(robot: Robot, speeds: Sequence[float], actuation: Drives = Actuation(),

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verb ``sweep``: crossings over any numbers, on all cores or a cluster."""
+import argparse
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+import multiprocessing
+import os
+from pathlib import Path
+import signal
+from threading import Thread
+from time import perf_counter, sleep
+from typing import Iterator, Tuple
+
+from ballbot_ros.cli.command import complain, DONE, INTERRUPTED
+from ballbot_ros.cli.max_step import add_drive, add_site, read_law, read_rules, read_site
+from ballbot_ros.errors import ConfigurationError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what varies, what is fixed, the design and the workers."""
+    parser.add_argument('--robot', default='gimball', metavar='NAME',
+                        help='name of a robot or a YAML file (default: %(default)s)')
+    parser.add_argument('--out', type=Path, required=True, metavar='FILE',
+                        help='Parquet file to write')
+    parser.add_argument('--vary', action='append', required=True, metavar='NAME=VALUES',
+                        help='a number that varies, in SI: name=value,value,... or '
+                        'name=first:last:number, or name=low:high for sobol and random; speed, '
+                        'height, fields of the robot, motor.*, slopes and frictions, '
+                        'set_angle, voltage, ...; without height, the highest is searched for')
+    parser.add_argument('--fix', action='append', default=[], metavar='NAME=VALUE',
+                        help='speed or height, where it does not vary')
+    parser.add_argument('--design', choices=('grid', 'sobol', 'random'), default='grid',
+                        help='all combinations, or --cases spread evenly or at random')
+    parser.add_argument('--cases', type=int, default=0, metavar='N', help='of sobol and random')
+    parser.add_argument('--seed', type=int, default=0, help='of sobol and random')
+    parser.add_argument('--accuracy', type=float, default=5e-5, metavar='METRES',
+                        help='largest error of a height that is searched for '
+                        '(default: %(default)s)')
+    add_drive(parser)
+    add_site(parser)
+    parser.add_argument('--workers', type=int, metavar='N',
+                        help='processes on this machine (default: one per core)')
+    parser.add_argument('--dask', metavar='ADDRESS',
+                        help='of the scheduler of a Dask cluster, such as tcp://host:8786, '
+                        'which then does the work')
+    parser.add_argument('--quiet', action='store_true', help='print errors only')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Plan, run and say what was done."""
+    from ballbot_ros.cli.listing import check_name
+    from ballbot_ros.cli.progress import watched
+    from ballbot_ros.laboratory.plan import Plan
+    from ballbot_ros.laboratory.sweep import load_arrow, run_sweep, spread
+    from ballbot_ros.physics import load_robot
+    check_name('robots', arguments.robot)
+    varied = dict(map(spread, arguments.vary))
+    fixed = {}
+    for name, values in map(spread, arguments.fix):
+        if not isinstance(values, list) or len(values) != 1:
+            raise ConfigurationError(f'--fix {name}: give one value')
+        fixed[name] = values[0]
+    plan = Plan(
+        load_robot(arguments.robot), read_law(arguments), read_site(arguments),
+        read_rules(arguments), arguments.design, arguments.cases, arguments.seed,
+        arguments.accuracy, fixed,
+        {name: values for name, values in varied.items() if isinstance(values, list)},
+        {name: values for name, values in varied.items() if isinstance(values, tuple)})
+    load_arrow()
+    begin = perf_counter()
+    try:
+        with workers(arguments) as (pool, number), \
+                watched(plan.size, arguments.quiet, 'sweeping', 'cases') as progress:
+            found = run_sweep(plan, arguments.out, pool, number, progress)
+    except KeyboardInterrupt:
+        complain(f'interrupted; the same command goes on with what is in {arguments.out}.blocks')
+        return INTERRUPTED
+    if not arguments.quiet:
+        spent = perf_counter() - begin
+        new = plan.size - found
+        print(f'{arguments.out}: {plan.size} cases, {new} of them now, in {spent:.1f} s '
+              f'({1e3 * spent * number / max(new, 1):.3g} ms of a worker each)')
+    return DONE
+
+
+@contextmanager
+def workers(arguments: argparse.Namespace) -> Iterator[Tuple[Executor, int]]:
+    """
+    Give a pool of processes or of a cluster, and how many work in it.
+
+    Raises
+    ------
+    ConfigurationError
+        If dask is missing, the cluster does not answer, or there are to be no workers.
+
+    """
+    if arguments.dask is None:
+        number = (os.cpu_count() or 1) if arguments.workers is None else arguments.workers
+        if number < 1:
+            raise ConfigurationError(f'--workers must be at least 1, got {number}')
+        pool = ProcessPoolExecutor(
+            number, multiprocessing.get_context('fork'), obey, (os.getpid(),))
+        try:
+            yield pool, number
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+        return
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ConfigurationError(
+            '--dask needs dask: pip install "dask[distributed]"') from error
+    try:
+        client = Client(arguments.dask, timeout=10)
+    except (OSError, ValueError) as error:
+        raise ConfigurationError(
+            f'--dask {arguments.dask}: no scheduler answers there: {error}') from error
+    with client:
+        number = sum(client.nthreads().values())
+        if number == 0:
+            raise ConfigurationError(f'--dask {arguments.dask}: the cluster has no workers')
+        yield client.get_executor(), number
+
+
+def obey(parent: int) -> None:
+    """Leave Ctrl-C to the process that shares out the work, and end when it is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            sleep(0.5)
+        os._exit(1)
+    Thread(target=watch, daemon=True).start()

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Time sweeps of growing size on all cores: the cost of a case must not grow with them."""
+from concurrent.futures import ProcessPoolExecutor
+import multiprocessing
+import os
+from pathlib import Path
+from tempfile import TemporaryDirectory
+import time
+
+from ballbot_ros.cli.sweep import obey
+from ballbot_ros.laboratory.plan import Plan
+from ballbot_ros.laboratory.sweep import run_block, run_sweep
+from ballbot_ros.physics import load_robot
+
+SIZES = (5_000, 10_000, 20_000, 40_000)
+REPEATS = 3
+MILLION = 1e6
+
+
+def planned(size):
+    """Return a sweep over four numbers."""
+    return Plan(load_robot('gimball'), design='sobol', cases=size, ranges={
+        'speed': (0.3, 1.2), 'height': (0.003, 0.06), 'ball_inertia': (0.05, 0.116),
+        'edge_friction': (0.1, 0.3)})
+
+
+def alone(size=2000):
+    """Return the time of a processor for one crossing, without a pool [s]."""
+    begin = time.process_time()
+    run_block(planned(size), 0, size)
+    return (time.process_time() - begin) / size
+
+
+def measure():
+    """Yield name, unit, values and target of each measurement."""
+    cores = os.cpu_count() or 1
+    times = {size: [] for size in SIZES}
+    with TemporaryDirectory() as folder, ProcessPoolExecutor(
+            cores, multiprocessing.get_context('fork'), obey, (os.getpid(),)) as pool:
+        def spent(size):
+            plan = planned(size)
+            begin = time.perf_counter()
+            run_sweep(plan, Path(folder) / 'sweep.parquet', pool, cores)
+            return time.perf_counter() - begin
+        spent(SIZES[0])
+        for _ in range(REPEATS):
+            for size in SIZES:
+                times[size].append(spent(size))
+    for size, values in times.items():
+        yield f'sweep of {size} crossings, each', 'us', [
+            1e6 * value / size for value in values], None
+    alone()
+    yield 'one crossing, time of a processor', 'us', [
+        1e6 * alone() for _ in range(REPEATS)], None
+    yield 'cost of a case, largest sweep / smallest', 'x', [
+        many / few * SIZES[0] / SIZES[-1]
+        for few, many in zip(times[SIZES[0]], times[SIZES[-1]])], None
+    yield f'a million crossings on {cores} cores, at that rate', 'min', [
+        value / SIZES[-1] * MILLION / 60.0 for value in times[SIZES[-1]]], 5.0
