@@ -50,6 +50,7 @@ FASTEST = 5.0         # growth of a step
 SMALLEST_STEP = 1e-14  # [s], relative to times above 1 s
 HASTY = 1e-9          # [s] between events that rounding makes
 PATIENCE = 20         # such events in a row, then ever longer steps over them
+SOON, CROWD = 0.1, 3  # of the step; so many events in a row that soon, then shorter steps
 STUCK = 1000          # events in a row without any time between them
 FREE_FEATURES = 32    # of the ground that a right-hand side pays for; more cost work, too
 AT_LIMIT = 0.6        # of the longest stable explicit step: it is stability that limits it
@@ -145,7 +146,7 @@ def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step
         FINISHED, NOT_FINITE, SUNK, STALLED or SPENT; REDUCIBLE if watched.
 
     """
-    begin, filled, stuck, hasty = time, 0, 0, 0
+    begin, filled, stuck, hasty, crowded = time, 0, 0, 0, 0
     taken = wait = 0
     if watch is not None:
         begin, filled, wait = watch.begin, watch.filled, watch.wait
@@ -230,6 +231,10 @@ def advance_adaptive(time: float, state: Any, end: float, tolerance: float, step
         else:
             interpolate(part, work, state)
             tally[2] += 1
+        # Events soon after each other: a long step is not accurate enough to tell them apart.
+        crowded = crowded + 1 if part < SOON else 0
+        if crowded > CROWD:
+            step = 0.5 * used
         stuck = stuck + 1 if part * used < smallest else 0
         if stuck > STUCK:
             return time, step, filled, STALLED

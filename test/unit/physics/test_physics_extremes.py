@@ -11,6 +11,9 @@ import pytest
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import (
     Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
+from ballbot_ros.physics.adaptive import Scratch
+from ballbot_ros.physics.dynamics import X
+from ballbot_ros.physics.integrators import FINISHED
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'extremes'))
 BY_NAME, make_case = (
@@ -102,3 +105,16 @@ def test_a_contact_that_flickers_by_rounding_is_stepped_over(seed):
     # With next to no gravity, depth changes by less than its rounding between two events.
     found = judge('gravity', seed)
     assert found.verdict != WRONG, found.why
+
+
+@pytest.mark.parametrize('method', ['adaptive', 'implicit', 'explicit'])
+def test_a_tolerance_coarser_than_the_dent_in_the_ground_does_not_make_a_run_hang(method):
+    scene = load_scene('shellball_drop')
+    model = replace(scene.model, solver=Solver(method, tolerance=1e-3, work_budget=50_000))
+    assert model.solver.tolerance > 5.0 * model.robot.static_penetration
+    # It may be too coarse for the ledger, but not for an end.
+    scratch, vector = Scratch(len(model.profile)), np.array(scene.start[1:])
+    time, _, _, ending = scratch.advance(
+        model, scene.actuation.drive(model.robot), vector, 0.0, scene.run.duration)
+    assert ending == FINISHED and time == scene.run.duration
+    assert 0.0 < vector[X] < 0.5
