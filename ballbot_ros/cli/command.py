@@ -25,6 +25,7 @@ VERBS = {
                   'obstacle_decision'),
     'sweep': ('ballbot_ros.cli.sweep', 'try crossings over any numbers, on all cores or a '
               'cluster'),
+    'identify': ('ballbot_ros.cli.identify', 'estimate numbers of a robot from a recorded run'),
     'compare-models': ('ballbot_ros.cli.compare_models', 'say where simpler models of the '
                        'highest step do'),
     'calibrate-motor': ('ballbot_ros.cli.calibrate_motor', 'find direction, encoder scale and '

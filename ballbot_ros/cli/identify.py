@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verb ``identify``: estimate numbers of a robot from a recorded run."""
+import argparse
+from pathlib import Path
+import sys
+from typing import Any
+
+from ballbot_ros.cli.command import DONE
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add scene, recording and what to estimate."""
+    parser.add_argument('scene', metavar='SCENE',
+                        help='what was run: name of a scene or a YAML file, with the best guess '
+                        'of all numbers')
+    parser.add_argument('data', type=Path, metavar='DATA',
+                        help='what was measured: a CSV or NPZ file with columns such as "time '
+                        '[s]" and "joint_angle [rad]", or a ROS 2 bag')
+    parser.add_argument('--estimate', nargs='+', required=True, metavar='NUMBER',
+                        help='fields of the robot, or motor. or initial. and a field of those')
+    parser.add_argument('--channels', nargs='+', metavar='NAME',
+                        help='compare only these (default: all that there are)')
+    parser.add_argument('--recorded-torque', action='store_true',
+                        help='apply the torque in the recording, not the law of the scene')
+    parser.add_argument('--out', type=Path, metavar='DIR',
+                        help='folder for the files (default: ballbot_output/identify_SCENE)')
+    parser.add_argument('--json', action='store_true', help='print the result as JSON')
+    parser.add_argument('--quiet', action='store_true', help='print errors only')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Estimate, write the files and print the table."""
+    import json
+    from ballbot_ros.cli.listing import check_name
+    from ballbot_ros.laboratory.identify import identify
+    from ballbot_ros.laboratory.recording import CHANNELS, Recording
+    from ballbot_ros.output import write_text
+    from ballbot_ros.output.canvas import FORMATS, save
+    from ballbot_ros.output.files import read_columns
+    from ballbot_ros.output.residuals import residual_figure
+    from ballbot_ros.physics import load_scene
+    check_name('scenes', arguments.scene)
+    scene = load_scene(arguments.scene)
+    if arguments.data.suffix in ('.csv', '.npz'):
+        recording = Recording.of_columns(read_columns(arguments.data))
+    else:
+        from ballbot_ros.ros.bag_reader import read_bag
+        recording = read_bag(arguments.data)
+    if arguments.channels:
+        recording = recording.only(arguments.channels)
+    tell = not (arguments.quiet or arguments.json)
+    if tell:
+        print('fitting; some hundred simulations, Ctrl-C ends it', file=sys.stderr, flush=True)
+    found = identify(scene, recording, arguments.estimate, arguments.recorded_torque)
+    folder = arguments.out or Path('ballbot_output') / f'identify_{scene.name}'
+    content = {
+        'estimates': [_plain(item._asdict()) for item in found.estimates],
+        'vague': found.vague, 'rivals': found.rivals, 'noise': found.noise,
+        'singular_values': found.singular_values, 'simulations': found.runs}
+    text = json.dumps(content, indent=2, allow_nan=False)
+    write_text(text + '\n', folder / 'identify.json')
+    figure = residual_figure(
+        {name: (recording.channels[name][0], values) for name, values in found.residuals.items()},
+        CHANNELS, found.noise, f'{scene.name}: simulated less measured')
+    for kind in FORMATS:
+        save(figure, folder / f'residuals.{kind}')
+    if arguments.json:
+        print(text)
+    elif tell:
+        print_table(found)
+        print(f'\nWritten to {folder}: identify.json, residuals.png, residuals.svg')
+    return DONE
+
+
+def _plain(values: dict) -> dict:
+    """Return values without NaN, which JSON does not know."""
+    return {name: None if value != value else value for name, value in values.items()}
+
+
+def print_table(found: Any) -> None:
+    """Print numbers with their intervals, and what the data do not determine."""
+    print(f'{"number":<24}{"guess":>12}{"estimate":>12}   95 % interval')
+    for item in found.estimates:
+        interval = f'{item.low:.5g} to {item.high:.5g} {item.unit}' if item.determined \
+            else 'not determined by these data'
+        print(f'{item.name:<24}{item.start:>12.5g}{item.value:>12.5g}   {interval}')
+    for combination in found.vague:
+        parts = ', '.join(f'{name} {part:+.2g}' for name, part in combination.items())
+        print(f'nothing in the data shows a change of: {parts} (relative, together)')
+    for rival in found.rivals:
+        parts = ', '.join(f'{name} {value:.5g}' for name, value in rival.items())
+        print(f'as good an explanation, far away: {parts}')
+    print('scatter: ' + ', '.join(f'{name} {value:.3g}' for name, value in found.noise.items()))
