@@ -2,11 +2,12 @@
 """
 Draw docs/figures/work_precision from docs/bench.json, which precision.py writes.
 
-Also prints how many right-hand sides each solver takes for an error of 1 um.
+Also prints the table of ratios, and how many right-hand sides each solver takes for 1 um.
 
     .venv/bin/python bench/figures.py
 """
 import json
+import math
 from pathlib import Path
 from statistics import median
 
@@ -51,9 +52,39 @@ def draw(axes, curves, what):
                   va='bottom', fontsize=7.5, color='#666666')
 
 
+def spread(values):
+    """Return median, least and most of ratios, short enough for a table."""
+    def short(value):
+        return f'{value:.3g}' if value < 1000.0 else f'{value:.0f}'
+    return f'{short(median(values))} ({short(min(values))}-{short(max(values))})'
+
+
+def ratio_table(ratios):
+    """Return how many times longer than ours each solver takes, as a table for the document."""
+    lines = ['| solver | 0.1 mm, critical | 0.1 mm, scenes | 1 um, critical | 1 um, scenes |',
+             '|---|---|---|---|---|']
+    cells = {(item['solver'], item['error']): item['scenes'] for item in ratios}
+    for solver in dict.fromkeys(item['solver'] for item in ratios):
+        line = f'| {solver} '
+        for level in (1e-4, 1e-6):
+            scenes = {name: values for name, values in cells.get((solver, level), {}).items()
+                      if not math.isnan(values[0])}
+            critical, many = scenes.get('near_critical'), 'near_critical' in cells.get(
+                (solver, level), {})
+            line += f'| {spread(critical) if critical else "not reached" if many else ""} '
+            all_of = len(cells.get((solver, level), {}))
+            note = '' if len(scenes) == all_of else f'{len(scenes)} of {all_of}: '
+            medians = [median(values) for values in scenes.values()]
+            line += f'| {note + spread(medians) if medians else "none"} '
+        if solver != 'adaptive':
+            lines.append(line + '|')
+    return '\n'.join(lines)
+
+
 def main():
-    """Draw."""
-    scenes = json.loads((DOCS / 'bench.json').read_text())['scenes']
+    """Draw, and print."""
+    stored = json.loads((DOCS / 'bench.json').read_text())
+    scenes = stored['scenes']
     plt.rcParams.update({'font.size': 9, 'axes.spines.top': False, 'axes.spines.right': False,
                          'svg.hashsalt': 'ballbot_ros'})
     figure, rows = plt.subplots(2, len(PANELS), figsize=(10.5, 7.2), sharex=True, sharey='row')
@@ -74,6 +105,7 @@ def main():
     for kind in ('png', 'svg'):
         figure.savefig(DOCS / 'figures' / f'work_precision.{kind}', dpi=160,
                        metadata={'Date': None} if kind == 'svg' else None)
+    print(ratio_table(stored['ratios']))
     for scene, entry in scenes.items():
         calls = {name: [point['calls'] for (error, _, _), point in zip(
             honest(curve), reversed(curve)) if error <= 1e-6]
