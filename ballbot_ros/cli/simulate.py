@@ -4,11 +4,12 @@ import argparse
 from pathlib import Path
 import sys
 from time import perf_counter
-from typing import Any, Optional
+from typing import Any, Iterable, Optional
 
 from ballbot_ros.cli.command import complain, DONE, FAILED, INTERRUPTED
 
 DEFAULT_FOLDER = Path('ballbot_output')
+WIDTH = 88  # of a line of words
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,6 +30,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'the scene')
     parser.add_argument('--accuracy', type=float, metavar='METRES',
                         help='largest error of position; chooses the solver by itself')
+    parser.add_argument('--models', choices=('auto', 'full', 'reduced'),
+                        help='what a method that chooses its steps may simulate, instead of '
+                        'what the scene says')
+    parser.add_argument('--explain', action='store_true',
+                        help='say what was modelled when, what was left out, why, and what that '
+                        'costs')
     parser.add_argument('--no-figures', action='store_true', help='write numbers only')
     parser.add_argument('--format', choices=('svg', 'png', 'both'), default='both',
                         help='of the figures (default: %(default)s)')
@@ -58,12 +65,18 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.output import summarise
     summary = summarise(trajectory, scene, wall_time)
     files = write_all(trajectory, summary, folder, arguments)
+    explanation = None
+    if arguments.explain:
+        from ballbot_ros.output import explain
+        explanation = explain(trajectory, scene)
     if arguments.json:
-        print_json(summary, files)
+        print_json(summary, files, explanation)
     elif not arguments.quiet:
         from ballbot_ros.output import report
         print(f'{report(summary)}\n\nWritten to {folder}: '
               f'{", ".join(path.name for path in files)}')
+        if explanation is not None:
+            print_wrapped(explanation.sentences)
     if failure is not None:
         complain(f'{failure}; what there is up to then was written to {folder}')
         return FAILED
@@ -117,7 +130,7 @@ def read_scene(arguments: argparse.Namespace) -> Any:
     solver = scene.model.solver
     if arguments.method in PRESETS:
         solver, arguments.method = PRESETS[arguments.method], None
-    model = replace(scene.model, solver=change(solver, 'step', 'method', 'tolerance'))
+    model = replace(scene.model, solver=change(solver, 'step', 'method', 'tolerance', 'models'))
     return replace(scene, model=model, run=change(scene.run, 'duration', 'accuracy'))
 
 
@@ -142,9 +155,19 @@ def write_all(trajectory: Any, summary: Any, folder: Path,
     return files
 
 
-def print_json(summary: Any, files: list[Path]) -> None:
-    """Print the summary, and where the files are, as one JSON object."""
+def print_wrapped(sentences: Iterable[str]) -> None:
+    """Print sentences as paragraphs."""
+    from textwrap import wrap
+    print()
+    for sentence in sentences:
+        print('\n'.join(wrap(sentence, WIDTH, subsequent_indent='    ')))
+
+
+def print_json(summary: Any, files: list[Path], explanation: Any = None) -> None:
+    """Print the summary, where the files are, and an explanation as one JSON object."""
     import json
     content = {**summary.to_dict(), 'files': [str(path) for path in files]}
+    if explanation is not None:
+        content['explanation'] = explanation.to_dict()
     json.dump(content, sys.stdout, indent=2, allow_nan=False)
     print()

@@ -10,6 +10,7 @@ What remains of a run: files of numbers, figures and a summary.
 
 Figures are imported from `ballbot_ros.output.figures`, because matplotlib takes a while.
 """
+from ballbot_ros.output.explanation import explain, Explanation
 from ballbot_ros.output.faces import Face
 from ballbot_ros.output.files import (
     read_columns, read_units, write_csv, write_npz, write_text)
@@ -17,5 +18,5 @@ from ballbot_ros.output.summary import summarise, Summary
 from ballbot_ros.output.wording import report
 
 __all__ = [
-    'Face', 'read_columns', 'read_units', 'report', 'summarise', 'Summary', 'write_csv',
-    'write_npz', 'write_text']
+    'explain', 'Explanation', 'Face', 'read_columns', 'read_units', 'report', 'summarise',
+    'Summary', 'write_csv', 'write_npz', 'write_text']

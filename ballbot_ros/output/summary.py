@@ -92,21 +92,21 @@ class Summary:
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain values for JSON; a number that is not finite is None."""
-        plain = _plain(asdict(self))
-        assert isinstance(plain, dict)
-        return plain
+        content = plain(asdict(self))
+        assert isinstance(content, dict)
+        return content
 
     def to_json(self) -> str:
         """Return the summary as a JSON object; see `to_dict`."""
         return json.dumps(self.to_dict(), indent=2, allow_nan=False)
 
 
-def _plain(value: Any) -> Any:
-    """Return a value with only what JSON knows."""
+def plain(value: Any) -> Any:
+    """Return a value with only what JSON knows; a number that is not finite is None."""
     if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
