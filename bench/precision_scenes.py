@@ -69,6 +69,6 @@ def cases():
     ]
 
 
-def with_solver(model, method, step=1e-4, tolerance=1e-9):
+def with_solver(model, method, step=1e-4, tolerance=1e-9, models='full'):
     """Return a model with another solver."""
-    return replace(model, solver=Solver(method, step, tolerance))
+    return replace(model, solver=Solver(method, step, tolerance, models))

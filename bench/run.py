@@ -17,8 +17,8 @@ import platform
 from statistics import median
 import sys
 
-PARTS = ('kernels', 'search', 'sweep', 'loop', 'wire', 'accuracy', 'precision', 'estimate',
-         'bridge')
+PARTS = ('kernels', 'search', 'sweep', 'loop', 'wire', 'accuracy', 'precision', 'models',
+         'estimate', 'bridge')
 # Measured only when asked for: it takes ten minutes.
 EXTRA = ('soak',)
 

@@ -5,7 +5,7 @@ import math
 from typing import Any, Optional
 
 from ballbot_ros.output.summary import plain
-from ballbot_ros.physics.reduced.analysis import Analysis, analyse
+from ballbot_ros.physics.reduced.analysis import analyse, Analysis
 from ballbot_ros.physics.reduced.spans import Span
 from ballbot_ros.physics.reduced.switching import SHARE
 from ballbot_ros.physics.scene import Scene

@@ -105,46 +105,46 @@ def without_pendulum(robot: Robot) -> Robot:
 
 
 def _reach(model: Model, start: State, drive: dynamics.Drive, duration: float) -> tuple:
-    """Return bounds of kinetic energy, speed, and the ends of the way."""
+    """
+    Return bounds of kinetic energy, speed, and the ends of the way.
+
+    Above ground of height h the centre has a potential and contact energy of at least
+    M g (h + R) - (M g)^2 / (2 k), that of a ball at rest.
+    """
     robot, numbers = model.robot, model.numbers
     energies = model.energies(start)
-    swing = robot.largest_gravity_torque
-    # All but what lifting or lowering the centre takes or gives; the pendulum may hang down.
-    own = energies.kinetic + energies.contact + swing * (1.0 - math.cos(start.pendulum_angle))
+    # The pendulum may come to hang down.
+    own = (energies.kinetic
+           + robot.largest_gravity_torque * (1.0 - math.cos(start.pendulum_angle)))
+    height = start.y - robot.ball_radius
+    if robot.weight > 0.0:
+        height += energies.contact / robot.weight + 0.5 * robot.static_penetration
+    else:
+        own += energies.contact
     mass = numbers.mass
     if robot.has_pendulum:
         mass -= numbers.pendulum_moment**2 / numbers.pendulum_inertia
-    speed = math.sqrt(2.0 * own / mass)
-    left = right = start.x
+    speed, corners = math.sqrt(2.0 * own / mass), model.profile[:, VERTEX_X]
     for _ in range(ROUNDS):
-        way = speed * duration
-        left, right = start.x - way, start.x + way
-        if not math.isfinite(way):
+        left, right = start.x - speed * duration, start.x + speed * duration
+        if not math.isfinite(right - left):
             break
-        inside = model.profile[:, VERTEX_X]
-        places = np.concatenate([
-            inside[(inside > left) & (inside < right)], [left, right, start.x]])
-        lowest = float(np.min(model.terrain.height(places)))
-        fallen = robot.weight * max(0.0, start.y - lowest)
-        energy = own + fallen
-        energy += _work(model, drive, energy, duration)
-        faster = math.sqrt(2.0 * energy / mass)
+        places = [*corners[(corners > left) & (corners < right)], left, right, start.x]
+        fall = max(0.0, height - float(np.min(model.terrain.height(places))))
+        energy = own + robot.weight * fall
+        work = _work(model, drive, energy, duration)
+        faster = math.sqrt(2.0 * (energy + work) / mass)
         if faster <= speed * (1.0 + 1e-9):
-            break
+            if robot.weight > 0.0:
+                left, right = _walls(
+                    model, start.x, left, right, height + (own + work) / robot.weight)
+            return energy + work, speed, left, right
         speed = faster
-    else:
-        energy, speed, left, right = math.inf, math.inf, -math.inf, math.inf
-    if not math.isfinite(speed):
-        return math.inf, math.inf, -math.inf, math.inf
-    if robot.gravity > 0.0:
-        # What lies higher than all of the energy can lift the ball to is a wall.
-        top = start.y + (energy - robot.weight * max(0.0, start.y - lowest)) / robot.weight
-        left, right = _walls(model, start.x, left, right, top)
-    return energy, speed, left, right
+    return math.inf, math.inf, -math.inf, math.inf
 
 
 def _walls(model: Model, x: float, left: float, right: float, top: float) -> tuple:
-    """Return the ends of the way where ground that is higher than `top` ends it."""
+    """Return the ends of the way where ground that is higher than `top` [m] ends it."""
     for corner in model.profile:
         if corner[VERTEX_Y] > top:
             if x < corner[VERTEX_X] < right:

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Weigh the simpler models against the full one alone: same scenes, same tolerance, no output.
+
+A ratio is the time of the full model over that with the simpler ones, of runs that alternate:
+above 1 they save time. The errors are those of the end position against the full model at 1e-13.
+"""
+import math
+from time import perf_counter
+
+import numpy as np
+from precision_scenes import cases, with_solver
+
+from ballbot_ros.physics import dynamics
+from ballbot_ros.physics.adaptive import Scratch
+from ballbot_ros.physics.reduced.switching import Switcher
+
+REPEATS = 15
+TOLERANCES = (1e-6, 1e-8)
+CHOICES = ('auto', 'reduced')
+
+
+def end_of(case, tolerance, models, scratch):
+    """Return the end position of a run, and how long it took [s]."""
+    model = with_solver(case.model, 'adaptive', tolerance=tolerance, models=models)
+    drive = case.actuation.drive(model.robot, 0.0, case.start.joint_angle)
+    state = np.array(case.start[1:])
+    begin = perf_counter()
+    scratch.advance(model, drive, state, 0.0, case.duration)
+    return state[[dynamics.X, dynamics.Y]], perf_counter() - begin
+
+
+def measure():
+    """Yield name, unit, values and target of each measurement."""
+    for case in cases():
+        size = len(case.model.profile)
+        exact, _ = end_of(case, 1e-13, 'full', Scratch(size))
+        for tolerance in TOLERANCES:
+            rooms = {'full': Scratch(size), **{name: Switcher(size) for name in CHOICES}}
+            times = {name: [] for name in rooms}
+            errors = {}
+            for repeat in range(REPEATS + 1):
+                for name, room in rooms.items():
+                    found, spent = end_of(case, tolerance, name, room)
+                    errors[name] = math.hypot(*(found - exact))
+                    if repeat > 0:  # the first warms up
+                        times[name].append(spent)
+            for name in CHOICES:
+                yield (f'{case.name}, {tolerance:g} m: full over {name}', 'x',
+                       [full / spent for full, spent in zip(times['full'], times[name])], None)
+            for name, error in errors.items():
+                yield f'{case.name}, {tolerance:g} m: error, {name}', 'um', [1e6 * error], None
