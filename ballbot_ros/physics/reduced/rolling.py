@@ -30,8 +30,8 @@ rates, and with these the equations are solved once more, with v_n = -p0', v_n' 
 s1 = s0 - tau s0'.  What a third round would change is estimated; that is NEGLECTED, as a length at
 the rim, and whoever uses the model compares it with the tolerance.
 
-(To let only the slip follow, and the dent ring, was tried.  It takes a third of the steps, but
-each costs three times as much, and the error is larger.)
+To let only the slip follow, and the dent ring, was tried: fewer steps, but each so much dearer
+that nothing was won.
 """
 import math
 from typing import Any
