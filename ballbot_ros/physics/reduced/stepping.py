@@ -20,9 +20,11 @@ from ballbot_ros.physics.dynamics import BALL_ANGLE, PENDULUM_ANGLE, SIZE, X
 from ballbot_ros.physics.embedded import add_rows, BEGIN, interpolate, PROBE, RATES
 from ballbot_ros.physics.modes import (
     broken, FEATURE, features_within, MOTOR, PRESSED, SLIDING)
+from ballbot_ros.physics.reduced.mechanics import (
+    gain_rate, outlook, settling_time, SPIN, SWING, WAY)
 from ballbot_ros.physics.reduced.rolling import (
-    asked, follow, gain_rate, lift, measure, MOST_FRICTION, MOTOR_TORQUE, NEGLECTED, outlook,
-    OWN_DENT, RISE, settle, settling_time, SLIP, slip_lag, SPEED, SPIN, SWING, WAY)
+    asked, follow, lift, measure, MOST_FRICTION, MOTOR_TORQUE, NEGLECTED, OWN_DENT, RISE, settle,
+    SLIP, slip_lag, SPEED)
 from ballbot_ros.physics.reduced.track import (
     lay_track, LEAST_X, MOST_X, PERIOD, ROUGHNESS, TURNING)
 from ballbot_ros.physics.terrain import TURN
@@ -46,8 +48,8 @@ WORTH = 0.1            # rate of the motor's law over that of the slip, beyond w
 DENTED = 0.01          # of the dent at rest: ringing beyond it is not worth a closer look
 
 # Rows of the room to work in: the slow state, the full one, what follows at the end of a step
-# and in between, the track, a slow state in between, three for `follow`, seconds in each model.
-SLOW, FULL, FAST, GLIMPSE, TRACK, BETWEEN, FIRST, TIMES, ROOM = 0, 1, 2, 3, 4, 5, 6, 9, 10
+# and in between, the track, a slow state in between, three for `follow`.
+SLOW, FULL, FAST, GLIMPSE, TRACK, BETWEEN, FIRST, ROOM = 0, 1, 2, 3, 4, 5, 6, 9
 
 
 @compiled
@@ -275,7 +277,6 @@ def advance_slow(time: float, state: Any, end: float, tolerance: float, threshol
             lift(room[BETWEEN], room[GLIMPSE], track, robot, room[FULL])
             write_row(moment, room[FULL], room[GLIMPSE, MOTOR_TORQUE], rows[filled])
             filled += 1
-        room[TIMES, ROLLING] += reached - time
         if part == 1.0:
             for i in range(SIZE):
                 slow[i] = work[PROBE, i]

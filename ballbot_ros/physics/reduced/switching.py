@@ -24,8 +24,8 @@ from ballbot_ros.physics.modes import find_mode
 from ballbot_ros.physics.reduced.flight import (
     fly, has_closed_form, NO_TOUCH, spin_start, time_of_touch, within_limit)
 from ballbot_ros.physics.reduced.stepping import (
-    advance_slow, BEGUN, fits, FLYING, FULL, LANDED, LIFTED, note, ROLLING, ROOM, SETTLED, TIMES,
-    WHOLE, write_row)
+    advance_slow, BEGUN, fits, FLYING, FULL, LANDED, LIFTED, note, ROLLING, ROOM, SETTLED, WHOLE,
+    write_row)
 
 # Thresholds of the models over the tolerance of the solver.
 SHARE = 10.0
@@ -68,7 +68,6 @@ def advance_flying(time: float, state: Any, end: float, robot: Any, ground: Any,
     fly(state, lasting, spin, robot, drive, out)
     for i in range(SIZE):
         state[i] = out[i]
-    room[TIMES, FLYING] += lasting
     return reached, filled
 
 
@@ -83,7 +82,7 @@ def advance_switching(time: float, state: Any, end: float, tolerance: float, ste
     Parameters
     ----------
     room : (ROOM, 13) array
-        To work in; its row TIMES counts the seconds spent in each model.
+        To work in.
     log : (n, 3) array
         Gets time, model and reason of each change, see `stepping.note`.
     rolling : (ROOM, 13) array, optional
@@ -135,7 +134,6 @@ def advance_switching(time: float, state: Any, end: float, tolerance: float, ste
                 time, state, end, tolerance, step, robot, ground, drive, table, work, probe,
                 mode, kinds, items, rows, interval, tally, budget, method,
                 Watch(begin, filled, flying and not hopped, threshold, wait), rolling)
-            room[TIMES, WHOLE] += time - before
             rolled = hopped = False
             if ending != REDUCIBLE:
                 return time, step, filled, ending
@@ -171,8 +169,3 @@ class Switcher(Scratch):
             rows, interval, self.tally, limit, METHODS.index(model.solver.method),
             self._room, self.log, self._room if model.solver.models == 'reduced' else None)
         return found
-
-    @property
-    def seconds(self) -> NDArray[np.float64]:
-        """Return the simulated time spent in each model: whole, rolling, flying [s]."""
-        return self._room[TIMES, :3].copy()
