@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Keep the tables of README.md and docs/hardware.md equal to the code.
+Keep the tables of docs/nodes.md and docs/hardware.md equal to the code.
 
     .venv/bin/python scripts/tables.py            # rewrite them
     .venv/bin/python scripts/tables.py --check    # fail if they differ
@@ -17,11 +17,10 @@ from ballbot_ros.ros.settings import (
     BridgeSettings, ControllerSettings, DecisionSettings, EmulatedRobotSettings,
     SimulatorSettings)
 
-ROOT = Path(__file__).resolve().parent.parent
-README = ROOT / 'README.md'
-TABLES = {'simulator': SimulatorSettings, 'controller': ControllerSettings,
-          'obstacle_decision': DecisionSettings, 'decision tuning': DecisionTuning,
-          'bridge': BridgeSettings, 'emulated_robot': EmulatedRobotSettings}
+DOCS = Path(__file__).resolve().parent.parent / 'docs'
+NODES = {'simulator': SimulatorSettings, 'controller': ControllerSettings,
+         'obstacle_decision': DecisionSettings, 'decision tuning': DecisionTuning,
+         'bridge': BridgeSettings, 'emulated_robot': EmulatedRobotSettings}
 
 KINDS = {str: 'text', bool: 'true or false'}
 
@@ -69,7 +68,7 @@ def faults():
 
 HARDWARE = {'drivers': drivers, 'faults': faults, **{
     f'{name} options': driver_class(name).Options for name in sorted(DRIVERS)}}
-DOCUMENTS = {README: TABLES, ROOT / 'docs' / 'hardware.md': HARDWARE}
+DOCUMENTS = {DOCS / 'nodes.md': NODES, DOCS / 'hardware.md': HARDWARE}
 
 
 def rewritten(text, tables):

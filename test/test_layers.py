@@ -2,6 +2,7 @@
 """Imports point one way only: from the nodes down to the physics, never up."""
 import ast
 from pathlib import Path
+import re
 
 import pytest
 
@@ -139,3 +140,16 @@ def test_a_planted_violation_is_caught(module, text):
 ])
 def test_a_downward_import_is_allowed(module, text):
     assert not violations(module, text)
+
+
+def test_the_table_of_the_document_is_the_one_above():
+    text = (PACKAGE.parent / 'docs' / 'architecture.md').read_text(encoding='utf-8')
+    told = {}
+    for row in re.findall(r'^\| (`.*) \|$', text, re.M):
+        names, _, knows = row.split(' | ')
+        above = tuple(told)
+        for name in re.findall(r'`(\w+)`', names):
+            told[name] = above if knows == 'all above' else tuple(re.findall(r'`(\w+)`', knows))
+    together = {'cli', 'demo'}  # one row of the table
+    assert {name: set(known) for name, known in told.items()} == {
+        name: set(known) - together for name, known in LAYERS.items()}

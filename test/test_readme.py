@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The README says what the code does."""
+"""README and documents say what the code does."""
+import argparse
+from importlib import import_module
 from pathlib import Path
 import re
 import subprocess
@@ -9,6 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / 'README.md').read_text(encoding='utf-8')
+DOCUMENTS = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').glob('*.md'))]
 
 
 def test_the_parameter_tables_are_those_of_the_code():
@@ -21,7 +24,7 @@ def test_the_parameter_tables_are_those_of_the_code():
 
 def test_every_topic_in_the_table_of_nodes_stands_in_the_code():
     rows = [line for line in README.splitlines() if line.startswith((
-        '| `simulator` |', '| `controller` |', '| `obstacle_decision` |'))]
+        '| `simulator` |', '| `controller` |', '| `obstacle_decision` |', '| `bridge` |'))]
     topics = {topic for row in rows for cell in row.split('|')[2:]
               for topic in re.findall(r'`(/?[a-z_]+)`', cell)}
     code = ''.join(path.read_text(encoding='utf-8')
@@ -31,18 +34,58 @@ def test_every_topic_in_the_table_of_nodes_stands_in_the_code():
     assert len(topics) >= 10 and not missing
 
 
-def test_linked_files_exist():
-    links = re.findall(r'\]\(([^)#]+)\)', README)
-    missing = [link for link in links if '://' not in link and not (ROOT / link).exists()]
-    assert links and not missing
+@pytest.mark.parametrize('document', DOCUMENTS, ids=lambda path: path.name)
+def test_linked_files_and_pictures_exist(document):
+    links = re.findall(r'\]\(([^)#]+)\)', document.read_text(encoding='utf-8'))
+    missing = [link for link in links
+               if '://' not in link and not (document.parent / link).exists()]
+    assert not missing
 
 
-def test_the_python_example_runs():
-    example, = re.findall(r'```python\n(.*?)```', README, re.DOTALL)
+def test_every_document_can_be_reached_from_the_readme():
+    found, new = set(), {ROOT / 'README.md'}
+    while new:
+        found |= new
+        links = {(document.parent / link).resolve() for document in new
+                 for link in re.findall(r'\]\(([^)#]+\.md)', document.read_text(encoding='utf-8'))}
+        new = links - found
+    assert set(DOCUMENTS) <= found
+
+
+def test_every_command_that_is_printed_has_its_verb_and_options():
+    from ballbot_ros.cli.command import VERBS
+    printed, unknown = 0, []
+    for document in DOCUMENTS:
+        text = document.read_text(encoding='utf-8').replace('\\\n', ' ')
+        for words in re.findall(r'^(?:\.venv/bin/)?ballbot ([a-z].*)$', text, re.M):
+            printed += 1
+            verb, *rest = words.split('#')[0].split()
+            if verb not in VERBS:
+                unknown.append(words)
+                continue
+            parser = argparse.ArgumentParser()
+            import_module(VERBS[verb][0]).add_arguments(parser)
+            options = {option for action in parser._actions for option in action.option_strings}
+            unknown += [f'{verb} {word}' for word in rest
+                        if word.startswith('--') and word not in options]
+    assert printed > 15 and not unknown
+
+
+def printed_by_the_example_of(document):
+    example, = re.findall(
+        r'```python\n(.*?)```', (ROOT / document).read_text(encoding='utf-8'), re.DOTALL)
     result = subprocess.run([sys.executable, '-c', example], capture_output=True, text=True,
                             cwd=ROOT)
     assert result.returncode == 0, result.stderr
-    assert float(result.stdout.split()[0]) > 1.0
+    return result.stdout
+
+
+def test_the_python_example_runs():
+    assert float(printed_by_the_example_of('README.md').split()[0]) > 1.0
+
+
+def test_the_python_example_for_the_highest_step_runs():
+    printed_by_the_example_of('docs/max_step.md')
 
 
 def test_the_scene_example_is_a_scene_in_which_the_step_is_crossed():
