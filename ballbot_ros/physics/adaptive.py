@@ -47,6 +47,7 @@ REDUCIBLE = 5  # ending of a run that is watched: a simpler model will do
 LONGEST_STEP = 0.25   # [s]: a motion that begins from nothing is not overlooked
 LARGEST_WAY = 0.25    # of the radius per step, more on an empty floor: no feature is overlooked
 FASTEST = 5.0         # growth of a step
+FAR = 1e6             # radii: on an endless floor
 SMALLEST_STEP = 1e-14  # [s], relative to times above 1 s
 HASTY = 1e-9          # [s] between events that rounding makes
 PATIENCE = 20         # such events in a row, then ever longer steps over them
@@ -72,7 +73,7 @@ class Watch(NamedTuple):
 @compiled
 def clear_way(x: float, robot: Any, ground: Any) -> float:
     """Return how far along its ground the ball may move in a step, overlooking nothing [m]."""
-    nearest = math.inf
+    nearest = FAR * robot.radius
     segment = first_segment(ground, x)
     if segment > 0:
         nearest = x - ground[segment, VERTEX_X]
