@@ -112,7 +112,7 @@ def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) 
         if metadata['choices'] and value not in metadata['choices']:
             raise ConfigurationError(
                 f'{place} must be one of {", ".join(metadata["choices"])}, got {value!r}'
-                + suggestion(value, metadata['choices']))
+                + suggestion(value, metadata['choices'], listing=False))
         return value
     if kind is bool:
         if not isinstance(value, bool):
@@ -130,13 +130,13 @@ def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) 
     return number
 
 
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """Return ``'; did you mean ...?'`` for a near miss, the list of names otherwise."""
+def suggestion(name: str, known: Iterable[str], listing: bool = True) -> str:
+    """Return ``'; did you mean ...?'`` for a near miss, otherwise the list of names if wanted."""
     names = sorted(known)
     near = get_close_matches(str(name), names, n=1, cutoff=0.6)
     if near:
         return f'; did you mean {near[0]!r}?'
-    return f'; known are {", ".join(names)}' if names else ''
+    return f'; known are {", ".join(names)}' if names and listing else ''
 
 
 def refuse_unknown(mapping: Mapping[str, Any], known: Iterable[str], where: str) -> None:

@@ -59,7 +59,7 @@ def look_at_ports(found: Optional[List[Tuple[str, str]]] = None,
                       'plug the adapter in and look at: dmesg | tail')
     for device, description in known:
         names = stable_names(device)
-        yield Finding(OK, f'{device}: {description}',
+        yield Finding(OK, f'{device}: {description or "adapter without a description"}',
                       f'use the name that stays: {names[0]}' if names else '')
         yield from look_at_permission(device)
         yield from look_at_latency(device, system)
@@ -138,9 +138,7 @@ def look_at_drive(hardware: Hardware,
         driver.line.close()
         yield _wrong_drive(hardware, error, tell)
         return
-    with_serial = f' {identity.serial_number}' if identity.serial_number else ''
-    yield Finding(OK, f'{where}: {identity.protocol} {identity.hardware}{with_serial}, firmware '
-                  f'{identity.firmware}')
+    yield Finding(OK, f'{where}: {identity.in_words}')
     try:
         for item in driver.read_settings():
             yield Finding(OK if item.acceptable else WRONG,

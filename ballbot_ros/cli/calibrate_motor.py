@@ -41,14 +41,16 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.bridge.hardware_file import load_hardware
     from ballbot_ros.errors import ConfigurationError
     from ballbot_ros.fields import read_yaml
+    from ballbot_ros.output.files import check_writable
     from ballbot_ros.paths import find_config
     from ballbot_ros.physics.robot import load_robot
     if arguments.out.exists():
         raise ConfigurationError(f'{arguments.out} exists; move it away or give another --out')
+    check_writable(arguments.out)
     hardware = load_hardware(arguments.hardware).at(arguments.port)
     driver = connector(hardware)()
     try:
-        print(f'{driver.identify()} on {hardware.connection.port}')
+        print(f'{driver.identify().in_words} on {hardware.connection.port}')
         driver.stop()
         for item in driver.read_settings():
             if not item.acceptable:
@@ -84,6 +86,7 @@ def write(path: Path, content: Mapping[str, Any], found: Any, base: str) -> None
     import yaml
 
     from ballbot_ros.bridge.hardware_file import read_hardware
+    from ballbot_ros.output.files import write_text
     spread = 3.0 * found.torque_factor_sd
     joint = {
         **content['joint'], 'direction': found.direction,
@@ -96,5 +99,5 @@ def write(path: Path, content: Mapping[str, Any], found: Any, base: str) -> None
             'note': f'as good as M2 and e of the robot; friction was {found.friction:.3f} N m'}}
     whole = {**content, 'joint': joint}
     read_hardware(whole, str(path))  # what is written can be read
-    path.write_text(f'# Measured by ballbot calibrate-motor; the rest is that of {base}.\n'
-                    + yaml.safe_dump(whole, sort_keys=False), encoding='utf-8')
+    write_text(f'# Measured by ballbot calibrate-motor; the rest is that of {base}.\n'
+               + yaml.safe_dump(whole, sort_keys=False), path)

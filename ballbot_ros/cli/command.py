@@ -7,10 +7,13 @@ Each verb is a line of `VERBS` and a module with ``add_arguments(parser)`` and
 it imports what is heavy inside ``run``: help and errors come at once.
 """
 import argparse
+from contextlib import contextmanager
 from importlib import import_module
 import os
+import signal
 import sys
-from typing import NoReturn, Optional, Sequence
+from threading import current_thread, Event, main_thread
+from typing import Iterator, NoReturn, Optional, Sequence
 
 from ballbot_ros import __version__
 from ballbot_ros.errors import BallbotError, ConfigurationError
@@ -43,6 +46,7 @@ VERBS = {
 
 # Exit codes: of the shell for what a signal ended (128 + its number), argparse's for misuse.
 DONE, FAILED, MISUSED, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
+CUT_SHORT = 'interrupted; files written before are complete, others were not begun'
 
 
 class Parser(argparse.ArgumentParser):
@@ -69,6 +73,19 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
         a file, 130 after Ctrl-C.
 
     """
+    with _interruption() as pressed:
+        try:
+            return _guarded(argv)
+        except Exception:
+            # An extension that was compiling or calling back has made its own of Ctrl-C.
+            if not pressed.is_set():
+                raise
+            complain(CUT_SHORT)
+            return INTERRUPTED
+
+
+def _guarded(argv: Optional[Sequence[str]]) -> int:
+    """Run, and turn each expected way to end into a line and an exit code."""
     try:
         try:
             code = _run(list(sys.argv[1:] if argv is None else argv))
@@ -80,7 +97,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return PIPE_CLOSED
     except KeyboardInterrupt:
-        complain('interrupted; files written before are complete, others were not begun')
+        complain(CUT_SHORT)
         return INTERRUPTED
     except BallbotError as error:
         complain(str(error))
@@ -88,6 +105,26 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     except MemoryError:
         complain('not enough memory; ask for a shorter duration or a larger output_step')
         return FAILED
+
+
+@contextmanager
+def _interruption() -> Iterator[Event]:
+    """Give what tells whether Ctrl-C was pressed, also where its exception got lost."""
+    pressed = Event()
+
+    def note(*_: object) -> None:
+        pressed.set()
+        raise KeyboardInterrupt
+
+    ours = (current_thread() is main_thread()
+            and signal.getsignal(signal.SIGINT) is signal.default_int_handler)
+    if ours:
+        signal.signal(signal.SIGINT, note)
+    try:
+        yield pressed
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def complain(message: str) -> None:

@@ -14,7 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='name or YAML file (default: %(default)s)')
     parser.add_argument('--actuation', choices=('free', 'held'), default='free',
                         help='of the pendulum (default: %(default)s)')
-    parser.add_argument('--angle', type=float, default=0.0, metavar='DEGREES',
+    parser.add_argument('--angle', type=float, metavar='DEGREES',
                         help='of the held pendulum, 0 down, 90 level ahead (default: 0)')
     parser.add_argument('--json', action='store_true', help='print all heights as JSON')
 
@@ -23,15 +23,18 @@ def run(arguments: argparse.Namespace) -> int:
     """Compute and print the table."""
     from ballbot_ros.cli.listing import check_name
     from ballbot_ros.errors import ConfigurationError
-    if not math.isfinite(arguments.angle):
-        raise ConfigurationError(f'--angle must be finite, got {arguments.angle!r}')
+    if arguments.angle is not None and arguments.actuation != 'held':
+        raise ConfigurationError(f'--angle goes with --actuation held, not {arguments.actuation}')
+    angle = arguments.angle or 0.0
+    if not math.isfinite(angle):
+        raise ConfigurationError(f'--angle must be finite, got {angle!r}')
     check_name('robots', arguments.robot)
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.laboratory.cases import Case, holding, SPEEDS
     from ballbot_ros.laboratory.comparison import compare, count_heights
     from ballbot_ros.physics import load_robot
     robot = load_robot(arguments.robot)
-    case = holding(robot, math.radians(arguments.angle)) if arguments.actuation == 'held' \
+    case = holding(robot, math.radians(angle)) if arguments.actuation == 'held' \
         else Case(robot)
     case.actuation.drive(robot)  # refuses what this robot cannot do
     with watched(count_heights(case, len(SPEEDS)), arguments.json, 'computing',
@@ -40,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json(found)
     else:
-        what = f'held at {arguments.angle:g} degrees' if case.held else 'free'
+        what = f'held at {angle:g} degrees' if case.held else 'free'
         print('\n'.join(table(found, f'{robot.name}, pendulum {what}' if robot.has_pendulum
                               else robot.name)))
     return DONE

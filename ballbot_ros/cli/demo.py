@@ -14,8 +14,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--hardware', action='store_true',
                         help='with an emulated motor controller behind a serial line and the '
                         'bridge, in real time')
-    parser.add_argument('--protocol', default='odrive', choices=('odrive', 'vesc', 'roboclaw'),
-                        help='of that motor controller (default: %(default)s)')
+    parser.add_argument('--protocol', choices=('odrive', 'vesc', 'roboclaw'),
+                        help='of that motor controller (default: odrive)')
     parser.add_argument('--timeout', type=float, default=60.0, metavar='SECONDS',
                         help='give up after this long (default: %(default)g)')
     parser.add_argument('--quiet', action='store_true', help='print errors only')
@@ -28,13 +28,16 @@ def run(arguments: argparse.Namespace) -> int:
     Raises
     ------
     ConfigurationError
-        If the timeout is not above 0, or ROS cannot be found.
+        If the timeout is not above 0, a protocol is given without a motor controller, the
+        folder cannot be written, or ROS cannot be found.
 
     """
     from ballbot_ros.errors import ConfigurationError
     if not 0.0 < arguments.timeout < float('inf'):
         raise ConfigurationError(
             f'--timeout must be more than 0 s and finite, got {arguments.timeout!r}')
+    if arguments.protocol is not None and not arguments.hardware:
+        raise ConfigurationError('--protocol goes with --hardware')
     try:
         from ballbot_ros.demo import run_demo, run_hardware_demo
     except ImportError as error:
@@ -44,8 +47,10 @@ def run(arguments: argparse.Namespace) -> int:
             'works without ROS') from error
     folder = 'demo_hardware' if arguments.hardware else 'demo'
     out = arguments.out or Path('ballbot_output') / folder
+    from ballbot_ros.output.files import check_writable
+    check_writable(out / 'bag')
     if arguments.hardware:
-        code: int = run_hardware_demo(out=out, protocol=arguments.protocol,
+        code: int = run_hardware_demo(out=out, protocol=arguments.protocol or 'odrive',
                                       quiet=arguments.quiet, timeout=arguments.timeout)
     else:
         code = run_demo(out=out, real_time=arguments.real_time,

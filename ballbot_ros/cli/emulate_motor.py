@@ -34,8 +34,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Emulate until interrupted."""
+    from ballbot_ros.cli.listing import check_name
     from ballbot_ros.emulator.control import Channel, obey
     from ballbot_ros.emulator.emulator import Emulator
+    from ballbot_ros.output.files import check_writable
+    check_name('scenes', arguments.scene)
+    if arguments.robot is not None:
+        check_name('robots', arguments.robot)
+    if arguments.log is not None:
+        check_writable(arguments.log)
     emulator = make_emulator(arguments, Emulator)
     channel = None
     signal.signal(signal.SIGTERM, _interrupt)
@@ -68,11 +75,14 @@ def make_emulator(arguments: argparse.Namespace, make: Any) -> Any:
     Raises
     ------
     ConfigurationError
-        Naming what is wrong with scene, robot, protocol or link.
+        Naming what is wrong with scene, robot, protocol, baud rate or link.
 
     """
     from ballbot_ros.emulator.ball import settings_for
+    from ballbot_ros.errors import ConfigurationError
     from ballbot_ros.physics.scene import load_scene
+    if arguments.baud < 1:
+        raise ConfigurationError(f'--baud must be at least 1, got {arguments.baud}')
     scene = load_scene(arguments.scene, robot=arguments.robot)
     given = {} if arguments.watchdog is None else {'watchdog': arguments.watchdog}
     return make(arguments.protocol, scene, arguments.baud,
@@ -81,8 +91,9 @@ def make_emulator(arguments: argparse.Namespace, make: Any) -> Any:
 
 def write_log(emulator: Any, path: Path) -> None:
     """Write the changes of the torque: time of the monotonic clock [s], motor torque [N m]."""
+    from ballbot_ros.output.files import write_text
     lines = (f'{entry.time:.6f},{entry.torque:.9g}\n' for entry in emulator.log)
-    path.write_text('time,torque\n' + ''.join(lines), encoding='ascii')
+    write_text('time,torque\n' + ''.join(lines), path)
 
 
 def _take_lines(emulator: Any) -> None:

@@ -24,12 +24,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Draw one figure after the other; each is written as soon as it is there."""
     from ballbot_ros.cli.progress import watched
+    from ballbot_ros.output.files import check_writable
     from ballbot_ros.output.gallery import FIGURES
     if arguments.list:
         for name, draw in FIGURES.items():
             print(f'{name:<12} {(draw.__doc__ or "").splitlines()[0]}')
         return DONE
     names = chosen(arguments.names, FIGURES)
+    check_writable(arguments.out / f'{names[0]}.png')
     files: list[str] = []
     try:
         with watched(len(names), arguments.quiet, 'drawing', 'figures') as progress:

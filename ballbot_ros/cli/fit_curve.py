@@ -41,11 +41,12 @@ def run(arguments: argparse.Namespace) -> int:
     check_name('robots', arguments.robot)
     from ballbot_ros.decision.curve_file import curve_text
     from ballbot_ros.decision.fitting import fit_curve, heights_for, Request
-    from ballbot_ros.output import write_text
+    from ballbot_ros.output.files import check_writable, write_text
     from ballbot_ros.physics import load_robot
     robot = load_robot(arguments.robot)
     request = Request(**{name: getattr(arguments, name) for name in (
         'lowest_speed', 'highest_speed', 'points', 'accuracy', 'samples', 'seed')})
+    check_writable(arguments.out)
     wording = {'free': 'pendulum free, motor detached',
                'held': f'pendulum held at {arguments.angle or 0.0:g} degrees by law (11)',
                'velocity': 'rolling at its speed by law (12)',

@@ -34,9 +34,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.cli.listing import check_name
     from ballbot_ros.laboratory.identify import identify
     from ballbot_ros.laboratory.recording import CHANNELS, Recording
-    from ballbot_ros.output import write_text
     from ballbot_ros.output.canvas import FORMATS, save
-    from ballbot_ros.output.files import read_columns
+    from ballbot_ros.output.files import check_writable, read_columns, write_text
     from ballbot_ros.output.residuals import residual_figure
     from ballbot_ros.physics import load_scene
     check_name('scenes', arguments.scene)
@@ -48,11 +47,12 @@ def run(arguments: argparse.Namespace) -> int:
         recording = read_bag(arguments.data)
     if arguments.channels:
         recording = recording.only(arguments.channels)
+    folder = arguments.out or Path('ballbot_output') / f'identify_{scene.name}'
+    check_writable(folder / 'identify.json')
     tell = not (arguments.quiet or arguments.json)
     if tell:
         print('fitting; some hundred simulations, Ctrl-C ends it', file=sys.stderr, flush=True)
     found = identify(scene, recording, arguments.estimate, arguments.recorded_torque)
-    folder = arguments.out or Path('ballbot_output') / f'identify_{scene.name}'
     content = {
         'estimates': [_plain(item._asdict()) for item in found.estimates],
         'vague': found.vague, 'rivals': found.rivals, 'noise': found.noise,

@@ -49,7 +49,9 @@ def run(arguments: argparse.Namespace) -> int:
     scene = read_scene(arguments)
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.errors import SimulationError
+    from ballbot_ros.output.files import check_writable
     folder = arguments.out or DEFAULT_FOLDER / scene.name
+    check_writable(folder / 'summary.txt')
     failure: Optional[SimulationError] = None
     begin = perf_counter()
     try:
@@ -127,11 +129,43 @@ def read_scene(arguments: argparse.Namespace) -> Any:
                  for name in names if getattr(arguments, name) is not None}
         return replace(part, **given)
 
-    solver = scene.model.solver
+    names = ('step', 'tolerance', 'models')
     if arguments.method in PRESETS:
-        solver, arguments.method = PRESETS[arguments.method], None
-    model = replace(scene.model, solver=change(solver, 'step', 'method', 'tolerance', 'models'))
-    return replace(scene, model=model, run=change(scene.run, 'duration', 'accuracy'))
+        solver = change(PRESETS[arguments.method], *names)
+    else:
+        solver = change(scene.model.solver, 'method', *names)
+    model = replace(scene.model, solver=solver)
+    scene = replace(scene, model=model, run=change(scene.run, 'duration', 'accuracy'))
+    refuse_idle(arguments, scene)
+    return scene
+
+
+def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
+    """
+    Refuse an option that would change nothing.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the option and what it goes with.
+
+    """
+    from ballbot_ros.errors import ConfigurationError
+    from ballbot_ros.physics import adaptive, integrators
+    if scene.run.accuracy is not None:
+        for name in ('step', 'method', 'tolerance'):
+            if getattr(arguments, name) is not None:
+                raise ConfigurationError(
+                    f'--{name} changes nothing where an accuracy is asked for '
+                    f'({scene.run.accuracy:g} m), which chooses the solver; leave one of them out')
+        return
+    choosing = tuple(name for name in adaptive.METHODS if name != 'trapezoidal')
+    for name, methods in (('step', (*integrators.METHODS, 'trapezoidal')),
+                          ('tolerance', adaptive.METHODS), ('models', choosing)):
+        method = scene.model.solver.method
+        if getattr(arguments, name) is not None and method not in methods:
+            raise ConfigurationError(f'--{name} goes with --method {", ".join(methods)}, '
+                                     f'not {method}')
 
 
 def write_all(trajectory: Any, summary: Any, folder: Path,

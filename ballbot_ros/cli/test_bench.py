@@ -8,6 +8,7 @@ from typing import Any, Iterator
 from ballbot_ros.cli.command import complain, DONE, INTERRUPTED
 
 DEFAULT_FOLDER = Path('ballbot_output')
+STEEPEST = 45.0  # ramp [degrees]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,10 +38,14 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.errors import ConfigurationError
     from ballbot_ros.laboratory.procedure import HEIGHTS, run_tests
+    from ballbot_ros.output.files import check_writable
     from ballbot_ros.physics import load_robot
     robot, bench = load_robot(arguments.robot), make_bench(arguments)
     if arguments.seed < 0:
         raise ConfigurationError(f'--seed must be at least 0, got {arguments.seed}')
+    name = f'bench_{robot.name}{"_driven" if arguments.driven else ""}'
+    folder = arguments.out or DEFAULT_FOLDER / name
+    check_writable(folder / 'tests.csv')
     rolls: list = []
     interrupted = False
     with watched(len(HEIGHTS), arguments.quiet, 'testing', 'steps') as progress:
@@ -51,8 +56,6 @@ def run(arguments: argparse.Namespace) -> int:
                     progress(HEIGHTS.index(roll.step_height))
         except KeyboardInterrupt:
             interrupted = True
-    name = f'bench_{robot.name}{"_driven" if arguments.driven else ""}'
-    folder = arguments.out or DEFAULT_FOLDER / name
     files = write_all(robot, bench, rolls, folder)
     if not arguments.quiet:
         print('\n'.join(report(robot, bench, rolls)))
@@ -73,6 +76,9 @@ def make_bench(arguments: argparse.Namespace) -> Any:
             raise ConfigurationError(
                 f'{option} belongs to the {"free-rolling" if arguments.driven else "driven"} '
                 f'test; leave it out, or {"leave out" if arguments.driven else "add"} --driven')
+    if arguments.slope is not None and not 0.0 < arguments.slope <= STEEPEST:
+        raise ConfigurationError(f'--slope must be more than 0 and at most {STEEPEST:g} degrees, '
+                                 f'got {arguments.slope:g}')
     changes = {name: value for name, value in (
         ('slope', None if arguments.slope is None else math.radians(arguments.slope)),
         ('length', arguments.run_up), ('sensor_distance', arguments.sensor_distance))

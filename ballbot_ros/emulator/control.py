@@ -215,11 +215,15 @@ class Channel:
                     self.wfile.write(f'{text}\n'.encode())
 
         self._path = path
+        if path.exists() and not path.is_socket():
+            raise ConfigurationError(
+                f'{path} exists and is no socket; choose another name for --control')
         try:
             path.unlink(missing_ok=True)
             self._server = socketserver.ThreadingUnixStreamServer(str(path), Handler)
         except OSError as error:
-            raise ConfigurationError(f'cannot listen on {path}: {error}') from error
+            raise ConfigurationError(
+                f'cannot listen on {path}: {error.strerror or error}') from error
         self._server.daemon_threads = True
         self._thread = Thread(target=self._server.serve_forever, name='control', daemon=True)
         self._thread.start()

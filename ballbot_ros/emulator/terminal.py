@@ -28,7 +28,7 @@ class Terminal:
     Raises
     ------
     ConfigurationError
-        If there is something at `link` that is no symbolic link.
+        If there is something at `link` that is no symbolic link, or it cannot be made.
 
     """
 
@@ -40,7 +40,12 @@ class Terminal:
             raise ConfigurationError(
                 f'{link} exists and is no symbolic link; choose another name for --link')
         self.device = ''
-        self.plug()
+        try:
+            self.plug()
+        except OSError as error:
+            raise ConfigurationError(
+                f'{link} cannot be made: {error.strerror or error}; choose another name for '
+                '--link') from error
 
     @property
     def path(self) -> str:

@@ -58,6 +58,12 @@ class Identity(NamedTuple):
     firmware: str
     serial_number: str = ''
 
+    @property
+    def in_words(self) -> str:
+        """Return all of it as people write it."""
+        with_serial = f' {self.serial_number}' if self.serial_number else ''
+        return f'{self.protocol} {self.hardware}{with_serial}, firmware {self.firmware}'
+
 
 class Setting(NamedTuple):
     """

@@ -161,8 +161,9 @@ class Link:
 
 
 def ports() -> list[tuple[str, str]]:
-    """Return device and description of each serial port of this machine."""
-    return sorted((found.device, found.description) for found in list_ports.comports())
+    """Return device and description, if it has any, of each serial port of this machine."""
+    return sorted((found.device, '' if found.description == 'n/a' else found.description)
+                  for found in list_ports.comports())
 
 
 @contextmanager

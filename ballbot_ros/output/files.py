@@ -56,6 +56,28 @@ def replacing(path: PathLike) -> Iterator[BinaryIO]:
             'make room') from error
 
 
+def check_writable(path: PathLike) -> None:
+    """
+    Refuse a file that cannot be written, before the work whose result it is to hold.
+
+    Nothing is made, so that work that is given up leaves nothing behind.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming what is in the way.
+
+    """
+    target = Path(path).absolute()
+    folder = next(place for place in target.parents if place.exists())
+    problem = ('it is a folder' if target.is_dir()
+               else f'{folder} is not a folder' if not folder.is_dir()
+               else '' if os.access(folder, os.W_OK | os.X_OK)
+               else f'no permission for {folder}')
+    if problem:
+        raise ConfigurationError(f'{path}: cannot be written: {problem}; choose another')
+
+
 def write_text(text: str, path: PathLike) -> None:
     """Write a text file, whole or not at all."""
     with replacing(path) as stream:

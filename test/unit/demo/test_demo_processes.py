@@ -44,7 +44,9 @@ def test_nodes_stay_on_this_machine_and_settings_of_the_user_go_first(tmp_path, 
 def sleepers(tmp_path, monkeypatch):
     """Return processes that run small programs in place of the nodes."""
     programs = {
-        'polite': 'import time; print("up", flush=True); time.sleep(60)',
+        # Python leaves SIGINT ignored where it is so at the start, as in a shell's background.
+        'polite': 'import signal, time; signal.signal(signal.SIGINT, signal.default_int_handler); '
+                  'print("up", flush=True); time.sleep(60)',
         'deaf': 'import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); '
                 'print("up", flush=True); time.sleep(60)',
         'broken': 'import sys; sys.exit(3)'}

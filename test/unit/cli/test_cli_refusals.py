@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What cannot be done is refused before any work, in one line and without a trace."""
+import os
+import signal
+import sys
+import types
+
+import pytest
+
+from ballbot_ros.cli import command, main
+
+
+def complaint(capsys, *words):
+    """Return the one line that a call with a mistake prints."""
+    assert main(words) == 2
+    out, err = capsys.readouterr()
+    assert out == '' and err.startswith('ballbot: error: ') and err.count('\n') == 1
+    return err
+
+
+@pytest.mark.parametrize('words', [
+    ['simulate', 'flat', '--out', '{}/x'], ['figures', 'fig7', '--out', '{}'],
+    ['test-bench', '--out', '{}/x'], ['fit-curve', '--out', '{}/x.yaml'],
+    ['demo', '--out', '{}/x'], ['demo', '--hardware', '--out', '{}'],
+    ['emulate-motor', '--protocol', 'vesc', '--log', '{}/x.csv'],
+    ['calibrate-motor', '--out', '{}/x.yaml', '--port', '/dev/there_is_none']])
+def test_a_folder_that_is_a_file_is_refused_before_the_work(words, tmp_path, capsys, monkeypatch):
+    def work(*_, **__):
+        pytest.fail('worked in vain')
+
+    monkeypatch.setitem(sys.modules, 'ballbot_ros.demo', types.SimpleNamespace(
+        run_demo=work, run_hardware_demo=work))
+    monkeypatch.setattr('ballbot_ros.physics.scene.Scene.simulate', work)
+    monkeypatch.setattr('ballbot_ros.laboratory.procedure.run_tests', work)
+    monkeypatch.setattr('ballbot_ros.decision.fitting.fit_curve', work)
+    monkeypatch.setattr('ballbot_ros.cli.figures.draw_one', work)
+    (tmp_path / 'file').write_text('mine')
+    said = complaint(capsys, *(word.format(tmp_path / 'file') for word in words))
+    assert f'cannot be written: {tmp_path}/file is not a folder' in said
+    assert [path.name for path in tmp_path.iterdir()] == ['file']
+
+
+@pytest.mark.parametrize('words, says', [
+    (['compare-models', '--angle', '30'], '--angle goes with --actuation held'),
+    (['demo', '--protocol', 'vesc'], '--protocol goes with --hardware'),
+    (['simulate', 'flat', '--tolerance', '1e-6'], '--tolerance goes with --method adaptive'),
+    (['simulate', 'flat', '--models', 'reduced'], '--models goes with --method adaptive'),
+    (['simulate', 'flat', '--method', 'adaptive', '--step', '1e-3'], '--step goes with --method '
+     'semi_implicit, rk4, trapezoidal, not adaptive'),
+    (['simulate', 'flat', '--accuracy', '1e-4', '--method', 'paper'], '--method changes nothing'),
+    (['test-bench', '--slope', '-3'], '--slope must be more than 0 and at most 45 degrees'),
+    (['test-bench', '--slope', 'nan'], 'degrees, got nan'),
+    (['emulate-motor', '--protocol', 'vesc', '--baud', '0'], '--baud must be at least 1'),
+    (['emulate-motor', '--protocol', 'vesc', '--scene', 'flatt'], "did you mean 'flat'?"),
+    (['emulate-motor', '--protocol', 'vesc', '--robot', 'gimbal'], "did you mean 'gimball'?"),
+    (['emulate-motor', '--protocol', 'vesc', '--link', '/proc/nowhere/x'], 'another name for '
+     '--link')])
+def test_what_makes_no_sense_is_named(words, says, capsys):
+    assert says in complaint(capsys, *words)
+
+
+def test_a_file_of_the_user_is_not_taken_for_a_socket(tmp_path, capsys):
+    (tmp_path / 'mine.txt').write_text('mine')
+    said = complaint(capsys, 'emulate-motor', '--protocol', 'vesc', '--control',
+                     str(tmp_path / 'mine.txt'))
+    assert 'is no socket' in said and (tmp_path / 'mine.txt').read_text() == 'mine'
+
+
+@pytest.mark.parametrize('pressed', [True, False])
+def test_ctrl_c_is_ctrl_c_also_where_an_extension_lost_its_exception(
+        pressed, request, monkeypatch, capsys):
+    # A test run in the background of a shell has SIGINT ignored.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
+
+    def run(_):
+        try:
+            if pressed:
+                os.kill(os.getpid(), signal.SIGINT)
+        except KeyboardInterrupt:
+            pass
+        raise RuntimeError('no compiled object yet')
+
+    monkeypatch.setitem(sys.modules, 'compiling', types.SimpleNamespace(
+        add_arguments=lambda parser: None, run=run))
+    monkeypatch.setitem(command.VERBS, 'compile', ('compiling', 'compile'))
+    if pressed:
+        assert main(['compile']) == command.INTERRUPTED
+        assert capsys.readouterr().err == f'ballbot: error: {command.CUT_SHORT}\n'
+    else:
+        with pytest.raises(RuntimeError):
+            main(['compile'])
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
