@@ -4,6 +4,7 @@ from typing import Iterator, Optional
 
 import numpy as np
 
+from ballbot_ros.physics.integrators import METHODS as FIXED
 from ballbot_ros.physics.scene import Scene
 from ballbot_ros.physics.trajectory import Trajectory
 
@@ -33,7 +34,7 @@ def find_warnings(trajectory: Trajectory, scene: Scene, expected: int,
 
     """
     robot, solver, assured = scene.model.robot, scene.model.solver, trajectory.assurance
-    finer = (f'a smaller step than {solver.step:g} s' if solver.method != 'adaptive'
+    finer = (f'a smaller step than {solver.step:g} s' if solver.method in FIXED
              else f'a smaller tolerance than {solver.tolerance:g} m')
     if assured is not None:
         finer = 'a smaller accuracy'

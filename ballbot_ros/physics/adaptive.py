@@ -23,9 +23,10 @@ from numpy.typing import NDArray
 from ballbot_ros.compiled import compiled
 from ballbot_ros.physics.contact import contact_table, first_segment
 from ballbot_ros.physics.dormand_prince import prepare_explicit_dense, run_explicit_stages, STAGES
-from ballbot_ros.physics.dynamics import SIZE, VELOCITY_X, VELOCITY_Y, X, Y
+from ballbot_ros.physics.dynamics import is_finite, SIZE, VELOCITY_X, VELOCITY_Y, X, Y
 from ballbot_ros.physics.embedded import (
-    BEGIN, error_length, interpolate, is_finite, PROBE, RATES, ROWS, SPENT, STALLED, write_rows)
+    BEGIN, error_length, interpolate, PROBE, RATES, ROWS, SMALLEST_STEP, SPENT, STALLED,
+    write_rows)
 from ballbot_ros.physics.events import LOOKS, mode_end, time_width
 from ballbot_ros.physics.integrators import FINISHED, ground_height, NOT_FINITE, SUNK
 from ballbot_ros.physics.jacobian import smooth_contacts
@@ -48,7 +49,6 @@ LONGEST_STEP = 0.25   # [s]: a motion that begins from nothing is not overlooked
 LARGEST_WAY = 0.25    # of the radius per step, more on an empty floor: no feature is overlooked
 FASTEST = 5.0         # growth of a step
 FAR = 1e6             # radii: on an endless floor
-SMALLEST_STEP = 1e-14  # [s], relative to times above 1 s
 HASTY = 1e-9          # [s] between events that rounding makes
 PATIENCE = 20         # such events in a row, then ever longer steps over them
 SOON, CROWD = 0.1, 3  # of the step; so many events in a row that soon, then shorter steps

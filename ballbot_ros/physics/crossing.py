@@ -174,17 +174,17 @@ def crosses(robot: Robot, speed: float, height: float, actuation: Actuation = Ac
     Raises
     ------
     ConfigurationError
-        If speed or height is not above 0, or the solver is adaptive.
+        If speed or height is not above 0, or the solver chooses its steps.
     SimulationError
         If the run cannot go on.
 
     """
     speed = check_value('speed', speed, SPEED, 'crossing')
     height = check_value('height', height, HEIGHT, 'crossing')
-    if solver.method == 'adaptive':
+    if solver.method not in integrators.METHODS:
         raise ConfigurationError(
             'the reference search takes steps of one length: use rk4, or max_step, which is '
-            'adaptive')
+            f'adaptive; got {solver.method}')
     model = Model(robot, site.terrain(height), options, solver)
     vector = np.zeros(dynamics.SIZE)
     touch_x = place(vector, rules.course(speed, pendulum_angle), model.numbers, model.profile)

@@ -228,3 +228,12 @@ def potential_energy(state: Any, robot: Any) -> float:
     """Return V1 + V2 of eq. (5) [J], zero for a centre at y = 0 and a level pendulum."""
     return robot.gravity * (robot.mass * state[Y]
                             - robot.pendulum_moment * math.cos(state[PENDULUM_ANGLE]))
+
+
+@compiled
+def is_finite(state: Any) -> bool:
+    """Tell whether the motion is finite."""
+    total = 0.0
+    for i in range(VELOCITY_Y + 1):
+        total += state[i]
+    return math.isfinite(total)

@@ -27,6 +27,7 @@ ROWS = 34
 # A run can end like this, too: the step has become too small, or the work budget is used up.
 STALLED, SPENT = 3, 4
 
+SMALLEST_STEP = 1e-14  # [s], relative to times above 1 s
 MEMORY = 0.01  # [s]: an error of velocity counts at least with this
 STABLE = 3.3  # step times rate of the fastest decay where explicit steps begin to diverge
 
@@ -108,12 +109,3 @@ def write_rows(rows: Any, filled: int, begin: float, interval: float, time: floa
         rows[filled, 1 + SIZE] = drive_torque(moment, probe, drive)
         filled += 1
     return filled
-
-
-@compiled
-def is_finite(state: Any) -> bool:
-    """Tell whether the motion is finite."""
-    total = 0.0
-    for i in range(VELOCITY_Y + 1):
-        total += state[i]
-    return math.isfinite(total)

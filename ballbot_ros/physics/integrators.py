@@ -9,7 +9,6 @@ Fixed-step integrators of the equations of motion.
     Semi-implicit Euler, the choice of game engines: order 1, one evaluation per step,
     keeps the energy of an undamped spring within a bound.
 """
-import math
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ import numpy as np
 from ballbot_ros.compiled import compiled
 from ballbot_ros.physics.contact import first_segment
 from ballbot_ros.physics.dynamics import (
-    COORDINATES, derivative, drive_torque, SIZE, VELOCITY_Y, X, Y)
+    COORDINATES, derivative, drive_torque, is_finite, SIZE, X, Y)
 from ballbot_ros.physics.terrain import TANGENT_X, TANGENT_Y, VERTEX_X, VERTEX_Y
 
 METHODS = ('semi_implicit', 'rk4')
@@ -88,10 +87,7 @@ def advance(method: int, time: float, state: Any, step: float, steps: int, robot
             rk4_step(now, state, step, robot, ground, drive, table, work)
         else:
             semi_implicit_step(now, state, step, robot, ground, drive, table, work)
-        total = 0.0
-        for i in range(VELOCITY_Y + 1):
-            total += state[i]
-        if not math.isfinite(total):
+        if not is_finite(state):
             return done + 1, NOT_FINITE
         if state[Y] <= ground_height(ground, state[X]):
             return done + 1, SUNK

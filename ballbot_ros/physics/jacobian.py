@@ -27,7 +27,7 @@ from ballbot_ros.physics.contact import (
     CORNER, FRICTION, KIND, NORMAL_X, NORMAL_Y, PENETRATION, SURFACE)
 from ballbot_ros.physics.dynamics import (
     BALL_RATE, drive_slopes, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y,
-    wanted_torque)
+    wanted_torque, X, Y)
 from ballbot_ros.physics.modes import (
     fill_table, MOTOR, normal_and_slip, PRESSED, SLIDING, unlimited_scale)
 
@@ -38,6 +38,7 @@ TIME = 8  # the last column; the first eight are those of the state vector
 # How the loads of the ground change, kept below the rows above: five loads, five causes.
 LOADS = 9
 ROWS = 14
+CAUSES = np.array([X, Y, VELOCITY_X, VELOCITY_Y, BALL_RATE])  # their columns in the rows above
 
 
 def jacobian_table() -> NDArray[np.float64]:
@@ -164,8 +165,7 @@ def write_jacobian(time: float, state: Any, mode: Any, count: int, robot: Any, g
         force_x += part_x
         force_y += part_y
     for cause in range(5):
-        # x, y, velocity_x, velocity_y, ball_rate as columns of the state vector.
-        column = 2 + cause if cause < 2 else (4 + cause if cause < 4 else 4)
+        column = CAUSES[cause]
         out[BALL, column] = out[LOADS + 2, cause] / robot.ball_inertia
         out[ALONG_X, column] = out[LOADS, cause] / robot.mass
         out[ALONG_Y, column] = out[LOADS + 1, cause] / robot.mass
@@ -197,7 +197,7 @@ def add_pendulum(time: float, state: Any, saturated: int, force_x: float, force_
     swing = (motor - damping * joint_rate - moment * (force_x * cosine + force_y * sine)
              ) / inertia
     for cause in range(5):
-        column = 2 + cause if cause < 2 else (4 + cause if cause < 4 else 4)
+        column = CAUSES[cause]
         out[PENDULUM, column] = -moment * (
             out[LOADS, cause] * cosine + out[LOADS + 1, cause] * sine) / inertia
     out[PENDULUM, 0] = by_ball / inertia

@@ -14,9 +14,9 @@ import math
 from typing import Any
 
 from ballbot_ros.compiled import compiled
-from ballbot_ros.physics.dynamics import derivative, SIZE, X, Y
+from ballbot_ros.physics.dynamics import derivative, is_finite, SIZE, X, Y
 from ballbot_ros.physics.embedded import (
-    BEGIN, DENSE, error_length, INVERSE, is_finite, PROBE, RATES, SLOPES, SPENT, STALLED,
+    BEGIN, DENSE, error_length, INVERSE, PROBE, RATES, SLOPES, SMALLEST_STEP, SPENT, STALLED,
     write_rows)
 from ballbot_ros.physics.integrators import FINISHED, ground_height, NOT_FINITE, SUNK
 from ballbot_ros.physics.jacobian import write_jacobian
@@ -29,7 +29,6 @@ PREVIOUS, RIGHT, CHANGE = 1, 2, 3
 ITERATIONS = 8      # of Newton's method, before the step is shortened
 CONVERGED = 0.01    # of the tolerance: the last change of an iteration
 FIRST_STEP = 1e-6   # [s], as in table 1
-SMALLEST_STEP = 1e-14  # [s], relative to times above 1 s
 
 
 @compiled

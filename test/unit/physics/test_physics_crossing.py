@@ -9,7 +9,7 @@ import pytest
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import (
     Actuation, ContactOptions, crosses, held_at, highest_step, load_robot, load_scene,
-    max_steps, Rules)
+    max_steps, Rules, Solver)
 from ballbot_ros.physics.actuation import set_rate_for_speed
 from ballbot_ros.physics.crossing import LEAD, touch_distance
 
@@ -145,3 +145,9 @@ def test_impossible_searches_are_refused():
         highest_step(GIMBALL, 0.5, tolerance=0.0)
     with pytest.raises(ConfigurationError, match="'shellball' has no gravity"):
         highest_step(replace(SHELLBALL, gravity=0.0), 0.5)
+
+
+@pytest.mark.parametrize('method', ['adaptive', 'explicit', 'implicit', 'trapezoidal'])
+def test_the_reference_search_refuses_every_method_that_chooses_its_steps(method):
+    with pytest.raises(ConfigurationError, match=f'steps of one length.*got {method}'):
+        crosses(GIMBALL, 0.6, 0.02, solver=Solver(method))
