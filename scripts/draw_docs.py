@@ -14,6 +14,7 @@ sys.path.insert(0, str(ROOT))
 from ballbot_ros.output import canvas  # noqa: E402
 from ballbot_ros.output.figures import save, strip  # noqa: E402
 from ballbot_ros.output.gallery import FIGURES  # noqa: E402
+from ballbot_ros.output.timeouts import timeout_figure  # noqa: E402
 from ballbot_ros.physics import load_scene  # noqa: E402
 
 # Proportions of the drawing, in ball radii; the penetration is exaggerated to be seen.
@@ -158,6 +159,13 @@ def conventions():
     return figure
 
 
+def save_small(figure, path):
+    """Write a PNG of a third of the size, with no difference to be seen."""
+    save(figure, path)
+    Image.open(path).convert('RGB').quantize(96, dither=Image.Dither.NONE).save(
+        path, optimize=True)
+
+
 def main():
     """Draw all into the folder on the command line, docs/figures by default."""
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / 'docs' / 'figures'
@@ -165,12 +173,9 @@ def main():
     for kind in canvas.FORMATS:
         save(figure, folder / f'conventions.{kind}')
     save(strip(load_scene('fig7_bottom').simulate(), 'fig7_bottom'), folder / 'crossing.png')
+    save_small(timeout_figure(), folder / 'on_timeout.png')
     for name in IN_DOCS:
-        path = folder / f'step_{name}.png'
-        save(FIGURES[name](), path)
-        # A third of the size, and no difference to be seen.
-        Image.open(path).convert('RGB').quantize(96, dither=Image.Dither.NONE).save(
-            path, optimize=True)
+        save_small(FIGURES[name](), folder / f'step_{name}.png')
 
 
 if __name__ == '__main__':

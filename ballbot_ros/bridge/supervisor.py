@@ -5,18 +5,10 @@ What the motor may do: fresh commands within limits, or nothing.
 All times are of one steady clock and passed in, so that nothing here needs to sleep to be
 tested.
 
-When commands stay away, `on_timeout` says what follows.  All three take energy out, none puts
-any in, and after `damping_time` each is zero torque:
-
-* ``coast``: zero torque.  The pendulum falls and rocks; on a slope the ball rolls away down it.
-* ``brake``: torque against the rate of the joint, as if the pendulum moved in oil against the
-  shell.  On a slope the ball rolls down slowly, dragging the pendulum along; on the level a
-  rolling ball is stopped.
-* ``settle``: torque against the absolute rate of the pendulum, which so comes to hang still
-  quickly; the ball rolls on.  On a slope it rolls away.
-
-None of them holds a ball on a slope: that takes torque for as long as the slope lasts, and
-nobody is there any more to say that it is wanted.
+When commands stay away, `on_timeout` says what takes their place until `damping_time` is over:
+nothing (``coast``), torque against the rate of the joint (``brake``), or torque against the
+absolute rate of the pendulum (``settle``).  What a ball does then, on a slope and on the level, is
+measured by `timeouts` and told in docs/hardware_bridge.md.
 """
 from collections import Counter
 import math

@@ -36,6 +36,8 @@ VERBS = {
     'doctor': ('ballbot_ros.cli.doctor', 'find out why a motor controller does not answer'),
     'emulate-motor': ('ballbot_ros.cli.emulate_motor', 'a motor controller in software, with '
                       'the ball behind it, on a serial device'),
+    'on-timeout': ('ballbot_ros.cli.on_timeout', 'show what the ball does on a slope when its '
+                   'commands stop'),
     'figures': ('ballbot_ros.cli.figures', "draw the paper's figures, re-simulated, and some "
                 'more'),
     'scenes': ('ballbot_ros.cli.scenes', 'list the scenes that come with the package'),

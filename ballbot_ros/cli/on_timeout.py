@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verb ``on-timeout``: what the ball does when its commands stop."""
+import argparse
+import math
+from typing import Any, Iterator, List
+
+from ballbot_ros.cli.command import DONE
+from ballbot_ros.errors import ConfigurationError
+
+AFTER = (1.0, 3.0, 10.0)  # that way and speed are told [s]
+WIDTHS = (7, 6, 6, 18, 18, 19, 13, 16, 10)
+MOST_SLOPE = 45.0  # [degrees]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add hardware, motion and what to change of its limits."""
+    parser.add_argument('--hardware', default='gimball_odrive', metavar='NAME',
+                        help='name of a hardware file or a YAML file (default: %(default)s)')
+    parser.add_argument('--speed', type=float, default=0.6, metavar='M/S',
+                        help='of the ball that rolls when commands stop (default: %(default)s)')
+    parser.add_argument('--slopes', type=float, nargs='+', default=[0.0, 1.0, 2.0, 5.0],
+                        metavar='DEGREES', help='tried downhill and uphill (default: 0 1 2 5)')
+    parser.add_argument('--policy', action='append', choices=('coast', 'brake', 'settle'),
+                        help='one of on_timeout, may be repeated (default: all)')
+    parser.add_argument('--damping', type=float, metavar='N_M_S',
+                        help="torque per rate of brake and settle, instead of the file's")
+    parser.add_argument('--damping-time', type=float, metavar='SECONDS',
+                        help="how long brake and settle last, instead of the file's")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Simulate and print a row as soon as it is known."""
+    from ballbot_ros.bridge.hardware_file import ON_TIMEOUT
+    from ballbot_ros.bridge.timeouts import cases, let_go, scene_of
+    hardware = read_hardware(arguments)
+    slopes = [math.radians(slope) for slope in read_slopes(arguments.slopes)]
+    limits = hardware.limits
+    planned = list(cases(arguments.speed, slopes, arguments.policy or ON_TIMEOUT))
+    for case in planned:
+        scene_of(hardware, case)  # refuses what cannot be before anything is printed
+    print(f'{hardware.name}: damping {limits.damping:g} N m s/rad for {limits.damping_time:g} s, '
+          f'commands too old after {limits.command_timeout:g} s\n')
+    print('\n'.join(heading()), flush=True)
+    for case in planned:
+        print(row(let_go(hardware, case)), flush=True)
+    return DONE
+
+
+def read_hardware(arguments: argparse.Namespace) -> Any:
+    """
+    Return the hardware with what the command line changes.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the option, the value and what is allowed.
+
+    """
+    from dataclasses import replace
+    from ballbot_ros.bridge.hardware_file import load_hardware
+    if not 0.0 <= arguments.speed <= 3.0:
+        raise ConfigurationError(
+            f'--speed must be at least 0 and at most 3 m/s, got {arguments.speed:g}')
+    hardware = load_hardware(arguments.hardware)
+    changes = {name: getattr(arguments, name) for name in ('damping', 'damping_time')
+               if getattr(arguments, name) is not None}
+    return replace(hardware, limits=replace(hardware.limits, **changes))
+
+
+def read_slopes(slopes: List[float]) -> List[float]:
+    """
+    Return the slopes in order, each once [degrees].
+
+    Raises
+    ------
+    ConfigurationError
+        For one out of range.
+
+    """
+    for slope in slopes:
+        if not 0.0 <= slope <= MOST_SLOPE:
+            raise ConfigurationError(
+                f'--slopes must be at least 0 and at most {MOST_SLOPE:g} degrees, each is tried '
+                f'both ways, got {slope:g}')
+    return sorted(set(slopes))
+
+
+def heading() -> Iterator[str]:
+    """Yield the first two lines of the table; it is Markdown, too."""
+    yield _line(('start', 'slope', 'policy', *(f'after {time:g} s' for time in AFTER),
+                 'largest angle', 'within 5 degrees', 'motor gave'))
+    yield f'|{"|".join("-" * (width + 2) for width in WIDTHS)}|'
+
+
+def row(course: Any) -> str:
+    """Return the line of the table for a course."""
+    case = course.case
+    degrees = f'{abs(math.degrees(case.slope)):g}'
+    hangs = course.hangs_after
+    return _line((
+        f'{case.speed:g} m/s' if case.speed else 'rest',
+        'level' if case.slope == 0.0 else f'{degrees} {"up" if case.slope > 0.0 else "down"}',
+        case.policy,
+        *('{:.2f} m, {:.2f} m/s'.format(*(_plain(value) for value in course.after(time)))
+          for time in AFTER),
+        f'{math.degrees(course.largest_angle):.0f} degrees',
+        f'not in {course.time[-1]:.0f} s' if hangs is None else f'after {hangs:.1f} s',
+        f'{course.energy_given:.2f} J'))
+
+
+def _plain(value: float) -> float:
+    """Return a number rounded for the table, without a sign before zero."""
+    return round(value, 2) + 0.0
+
+
+def _line(cells: Any) -> str:
+    return f'| {" | ".join(f"{cell:<{width}}" for cell, width in zip(cells, WIDTHS))} |'
