@@ -13,15 +13,12 @@ from ballbot_ros.decision import DecisionTuning
 from ballbot_ros.emulator.control import FAULTS, LINE_FAULTS
 from ballbot_ros.fields import allowed
 from ballbot_ros.hardware.drivers import driver_class, DRIVERS
+from ballbot_ros.ros.motor_health import TOLD
 from ballbot_ros.ros.settings import (
     BridgeSettings, ControllerSettings, DecisionSettings, EmulatedRobotSettings,
     SimulatorSettings)
 
 DOCS = Path(__file__).resolve().parent.parent / 'docs'
-NODES = {'simulator': SimulatorSettings, 'controller': ControllerSettings,
-         'obstacle_decision': DecisionSettings, 'decision tuning': DecisionTuning,
-         'bridge': BridgeSettings, 'emulated_robot': EmulatedRobotSettings}
-
 KINDS = {str: 'text', bool: 'true or false'}
 
 
@@ -66,6 +63,16 @@ def faults():
     return '\n'.join(lines)
 
 
+def told():
+    """Return the Markdown table of what the bridge tells on /diagnostics."""
+    return '\n'.join(['| key | value |', '|---|---|',
+                      *(f'| `{key}` | {meaning} |' for key, meaning in TOLD.items())])
+
+
+NODES = {'simulator': SimulatorSettings, 'controller': ControllerSettings,
+         'obstacle_decision': DecisionSettings, 'decision tuning': DecisionTuning,
+         'bridge': BridgeSettings, 'bridge health': told,
+         'emulated_robot': EmulatedRobotSettings}
 HARDWARE = {'drivers': drivers, 'faults': faults, **{
     f'{name} options': driver_class(name).Options for name in sorted(DRIVERS)}}
 DOCUMENTS = {DOCS / 'nodes.md': NODES, DOCS / 'hardware.md': HARDWARE}

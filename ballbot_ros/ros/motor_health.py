@@ -1,44 +1,87 @@
 # SPDX-License-Identifier: Apache-2.0
 """The health of the motor bridge, for /diagnostics."""
-from typing import Optional
+from typing import Mapping, Optional
 
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.ros import diagnostics
 
+# What is told, and what it means: the table of docs/nodes.md.  A capital word stands for many.
+TOLD: Mapping[str, str] = {
+    'port': 'serial device or URL',
+    'protocol': 'that the drive speaks',
+    'firmware': 'of the drive; empty before it was found',
+    'serial_number': 'of the drive; empty where it tells none',
+    'e_stop': 'why it is engaged; empty when it is not',
+    'faults': 'that the drive names; empty for none, or while it is away',
+    'torque': 'in force at the pendulum [N m]',
+    'imu': '`heard` or `silent`',
+    'commands_accepted': 'joint_commands that came fresh and in order',
+    'commands_refused': 'and that were not',
+    'refused_REASON': 'of these, for one reason: `stale`, `not_finite`, `out_of_order`, '
+                      '`from_the_future`, `unknown_joint`, `wrong_length`, `unsupported`',
+    'imu_refused': 'IMU readings that were not used',
+    'timeouts': 'times that commands came and then stayed away',
+    'e_stops': 'times that the e-stop engaged after the start',
+    'limited_torque': 'times that torque_limit cut a torque',
+    'limited_rate': 'likewise torque_rate_limit',
+    'limited_angle': 'likewise angle_limit',
+    'limited_speed': 'likewise speed_limit',
+    'armed': 'times that the motor was put under power',
+    'let_go': 'times that the drive took it off by itself',
+    'links_lost': 'times that the drive was lost',
+    'reconnects': 'times that it was found again',
+    'encoder_jumps': 'encoder readings that were not believed',
+    'encoder_rezeroed': 'times that the encoder went on from another zero',
+    'late_periods': 'of the loop, that were missed since configure',
+    'wire_COUNT': 'on the line since it was opened last, as far as the protocol can tell: `sent` '
+                  '(writes), `bytes` (received), `replies`, `lost` (not answered in time), '
+                  '`unexpected`, `refused` (checksum or form), `skipped` (bytes that belong to no '
+                  'message), `unchecked` (lines without a checksum)'}
+SUPERVISED = ('timeouts', 'e_stops', 'limited_torque', 'limited_rate', 'limited_angle',
+              'limited_speed')
+KEPT = ('armed', 'let_go', 'links_lost', 'reconnects')
+
 
 def health(session: Session, loop: Optional[Loop], hardware: Hardware,
            imu_refused: int) -> diagnostics.Health:
-    """Return level, message and numbers."""
+    """
+    Return level, message and the values of `TOLD`.
+
+    May be called while the loop runs in another thread.
+    """
     supervisor, driver, fusion = session.supervisor, session.driver, session.fusion
     identity = session.identity
+    has_imu = fusion.has_imu(session.clock())
+    # Without power most drives tell of their watchdog; arming clears that.
+    faults = ', '.join(driver.telemetry.faults) if driver else ''
+    # Copied in one go: the loop may count something for the first time meanwhile.
+    refused, wire = dict(supervisor.refused), dict(driver.counts) if driver else {}
     values = {
         'port': hardware.connection.port, 'protocol': hardware.connection.protocol,
         'firmware': identity.firmware if identity else '',
         'serial_number': identity.serial_number if identity else '',
-        'e_stop': supervisor.e_stop, 'torque': f'{supervisor.torque:.4f}',
-        'commands_accepted': supervisor.accepted,
-        'commands_refused': sum(supervisor.refused.values()),
-        **{f'refused_{reason}': number for reason, number in supervisor.refused.items()},
-        **supervisor.counts, **session.counts,
-        **{f'wire_{what}': number for what, number in (driver.counts if driver else {}).items()},
+        'e_stop': supervisor.e_stop, 'faults': faults, 'torque': f'{supervisor.torque:.4f}',
+        'imu': 'heard' if has_imu else 'silent',
+        'commands_accepted': supervisor.accepted, 'commands_refused': sum(refused.values()),
+        **{f'refused_{reason}': number for reason, number in refused.items()},
+        'imu_refused': imu_refused,
+        **{name: supervisor.counts[name] for name in SUPERVISED},
+        **{name: session.counts[name] for name in KEPT},
         'encoder_jumps': fusion.jumps, 'encoder_rezeroed': fusion.rezeroed,
-        'imu': 'heard' if fusion.has_imu(session.clock()) else 'silent',
-        'imu_refused': imu_refused, 'late_periods': loop.late if loop else 0}
+        'late_periods': loop.late if loop else 0,
+        **{f'wire_{what}': number for what, number in wire.items()}}
     if loop is None:
         return diagnostics.WARN, 'not configured', values
-    if not session.link_up:
+    if driver is None:
         return diagnostics.ERROR, f'looking for the drive: {session.trouble}', values
-    # Without power most drives tell of their watchdog; arming clears that.
-    faults = ', '.join(driver.telemetry.faults) if driver else ''
-    values['faults'] = faults
     if supervisor.e_stop:
         return diagnostics.WARN, f'e-stop: {supervisor.e_stop}', values
     if faults:
         return diagnostics.ERROR, f'the drive tells of {faults}', values
     if supervisor.timed_out:
         return diagnostics.WARN, 'commands stay away', values
-    if not fusion.has_imu(session.clock()):
+    if not has_imu:
         return diagnostics.WARN, 'no IMU: the pendulum angle is a guess off level floor', values
     return diagnostics.OK, 'running', values

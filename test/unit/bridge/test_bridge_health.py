@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the bridge tells on /diagnostics: each level with its message, and every count."""
+from collections import Counter
+from pathlib import Path
+import re
+from types import SimpleNamespace
+
+import pytest
+from virtual_robot import VirtualRobot
+
+from ballbot_ros.errors import MessageError
+
+pytest.importorskip('rclpy')
+from ballbot_ros.ros import diagnostics
+from ballbot_ros.ros.motor_health import health, TOLD
+
+LOOP = SimpleNamespace(late=7)
+DOCUMENT = Path(__file__).resolve().parents[3] / 'docs' / 'nodes.md'
+
+
+def told(robot, loop=LOOP, imu_refused=0):
+    """Return level, message and values."""
+    return health(robot.session, loop, robot.hardware, imu_refused)
+
+
+def values(robot, **others):
+    """Return the values only."""
+    return told(robot, **others)[2]
+
+
+def driving(**others):
+    """Return a robot whose motor follows commands."""
+    robot = VirtualRobot(**others).ready()
+    robot.run(0.1, torque=0.2)
+    return robot
+
+
+# Level and message ------------------------------------------------------------------------
+
+def test_before_configure_it_warns():
+    level, message, found = told(VirtualRobot(), loop=None)
+    assert (level, message) == (diagnostics.WARN, 'not configured')
+    assert found['firmware'] == found['serial_number'] == found['faults'] == ''
+    assert found['late_periods'] == 0
+
+
+def test_a_drive_that_is_away_is_an_error_with_the_reason_even_under_e_stop():
+    robot = driving()
+    robot.plugged = False
+    robot.run(0.1, torque=0.2)
+    level, message, found = told(robot)
+    assert level == diagnostics.ERROR
+    assert message == 'looking for the drive: the cable is out'
+    assert 'the line was lost' in found['e_stop'] and found['links_lost'] == 1
+    assert not any(name.startswith('wire_') for name in found)
+
+
+def test_the_e_stop_is_a_warning_with_its_reason():
+    robot = VirtualRobot()
+    robot.session.configure()
+    robot.run(0.1)
+    assert told(robot)[:2] == (diagnostics.WARN, 'e-stop: engaged at start')
+    robot = driving()
+    robot.session.engage('button')
+    assert told(robot)[:2] == (diagnostics.WARN, 'e-stop: button')
+    assert values(robot)['e_stop'] == 'button' and values(robot)['e_stops'] == 1
+
+
+def test_faults_of_the_drive_are_an_error_where_no_e_stop_says_more():
+    robot = driving(rearm=True)
+    passing = robot.pass_time
+
+    def hot(seconds):
+        passing(seconds)
+        robot.device.sensed = robot.device.sensed._replace(temperature=200.0)
+        robot.device.tick(robot.now)
+    robot.pass_time = hot
+    robot.run(0.3, torque=0.2)
+    level, message, found = told(robot)
+    assert level == diagnostics.ERROR and found['e_stop'] == ''
+    assert 'MOTOR_FAILED' in found['faults'] and message == f'the drive tells of {found["faults"]}'
+    # With the e-stop, which is not released by itself, that is the message.
+    robot = driving()
+    robot.device.over_current()
+    robot.run(0.1, torque=0.2)
+    level, message, found = told(robot)
+    assert level == diagnostics.WARN and message.startswith('e-stop: ') and found['faults']
+    assert found['let_go'] == 1
+
+
+def test_commands_that_stay_away_are_a_warning_until_they_come_again():
+    robot = driving()
+    robot.run(0.2)
+    assert told(robot)[:2] == (diagnostics.WARN, 'commands stay away')
+    assert values(robot)['timeouts'] == 1
+    robot.run(0.02, torque=0.2)
+    assert told(robot)[:2] == (diagnostics.OK, 'running')
+
+
+def test_without_an_imu_it_warns_where_none_is_required():
+    robot = driving(imu=False)
+    assert told(robot)[:2] == (
+        diagnostics.WARN, 'no IMU: the pendulum angle is a guess off level floor')
+    assert values(robot)['imu'] == 'silent'
+
+
+def test_a_robot_that_follows_commands_is_well():
+    robot = driving()
+    level, message, found = told(robot)
+    assert (level, message) == (diagnostics.OK, 'running')
+    assert found['imu'] == 'heard' and found['e_stop'] == found['faults'] == ''
+    assert float(found['torque']) == pytest.approx(0.2, abs=1e-4)
+
+
+# Values -----------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('protocol', ['odrive', 'vesc', 'roboclaw'])
+def test_it_tells_which_drive_on_which_port(protocol):
+    robot = driving(protocol=protocol)
+    found, identity = values(robot), robot.session.identity
+    assert found['port'] == robot.hardware.connection.port and found['protocol'] == protocol
+    assert (found['firmware'], found['serial_number']) == (
+        identity.firmware, identity.serial_number)
+    assert found['firmware']
+
+
+def test_every_count_is_there_from_the_start_and_is_zero():
+    found = values(VirtualRobot(), loop=None)
+    fixed = {key for key in TOLD if key == key.lower()}
+    assert set(found) == fixed
+    counted = fixed - {'port', 'protocol', 'firmware', 'serial_number', 'e_stop', 'faults',
+                       'torque', 'imu'}
+    assert {found[key] for key in counted} == {0}
+
+
+def test_commands_are_counted_those_refused_by_reason():
+    robot = driving()
+    before = values(robot)
+    for stamp, reason in ((robot.now - 1.0, 'stale'), (robot.now + 1.0, 'from_the_future'),
+                          (robot.now - 0.05, 'out_of_order')):
+        with pytest.raises(MessageError) as refusal:
+            robot.session.command(0.1, stamp)
+        assert refusal.value.reason == reason
+    with pytest.raises(MessageError):
+        robot.session.command(float('nan'), robot.now)
+    robot.session.supervisor.refuse('unknown_joint')
+    robot.session.command(0.1, robot.now)
+    found = values(robot)
+    assert found['commands_accepted'] == before['commands_accepted'] + 1
+    assert found['commands_refused'] == before['commands_refused'] + 5 == 5
+    assert {key: number for key, number in found.items() if key.startswith('refused_')} == {
+        f'refused_{reason}': 1 for reason in (
+            'stale', 'from_the_future', 'out_of_order', 'not_finite', 'unknown_joint')}
+
+
+@pytest.mark.parametrize('limits, torque, counts', [
+    ({'torque_limit': 0.3}, 3.0, {'limited_torque'}),
+    ({'torque_rate_limit': 20.0}, 0.25, {'limited_rate'}),
+    ({'angle_limit': 0.1}, 0.2, {'limited_angle'}),
+    ({'speed_limit': 0.4}, 0.2, {'limited_speed'})])
+def test_each_limit_that_cuts_is_counted_under_its_name(limits, torque, counts):
+    robot = VirtualRobot(held=True, **limits).ready()
+    robot.run(0.3, torque=torque)
+    found = values(robot)
+    names = ('limited_torque', 'limited_rate', 'limited_angle', 'limited_speed')
+    assert {name for name in names if found[name]} >= counts
+    # A jump from rest is always slowed down.
+    assert {name for name in names if found[name]} <= {*counts, 'limited_rate'}
+
+
+def test_the_line_that_was_lost_and_found_is_counted():
+    robot = driving()
+    robot.plugged = False
+    robot.run(0.1)
+    robot.plugged = True
+    robot.run(0.5)
+    found = values(robot)
+    assert (found['links_lost'], found['reconnects'], found['armed']) == (1, 1, 1)
+    assert found['wire_sent'] > 0 and found['wire_bytes'] > 0 and found['wire_replies'] > 0
+
+
+def test_encoder_imu_and_loop_are_counted():
+    robot = driving()
+    robot.session.fusion.jumps, robot.session.fusion.rezeroed = 5, 1
+    found = values(robot, imu_refused=3)
+    assert (found['encoder_jumps'], found['encoder_rezeroed']) == (5, 1)
+    assert (found['imu_refused'], found['late_periods']) == (3, 7)
+
+
+def test_a_count_that_begins_while_it_is_told_does_no_harm():
+    # The loop runs in another thread: nothing may be iterated over that it adds to.
+    class Busy(Counter):
+        def items(self):
+            for item in super().items():
+                yield item
+                self[f'new {len(self)}'] += 1
+
+    robot = driving()
+    robot.session.driver.counts = Busy(robot.session.driver.counts)
+    assert values(robot)['wire_sent'] > 0
+
+
+# The document -----------------------------------------------------------------------------
+
+@pytest.mark.parametrize('protocol', ['odrive', 'vesc', 'roboclaw'])
+def test_every_value_stands_in_the_document(protocol):
+    text = DOCUMENT.read_text(encoding='utf-8').split('table: bridge health')[1]
+    rows = dict(re.findall(r'^\| `(\w+)` \| (.*) \|$', text, re.M))
+    robot = driving(protocol=protocol)
+    with pytest.raises(MessageError):
+        robot.session.command(0.1, robot.now - 1.0)
+    for key in values(robot):
+        if key.startswith(('wire_', 'refused_')):
+            family, _, name = key.partition('_')
+            row = rows['wire_COUNT' if family == 'wire' else 'refused_REASON']
+            assert f'`{name}`' in row
+        else:
+            assert key in rows
+
+
+def test_every_message_stands_in_the_document():
+    text = DOCUMENT.read_text(encoding='utf-8')
+    for level, message in (
+            ('WARN', 'not configured'), ('ERROR', 'looking for the drive: WHY'),
+            ('WARN', 'e-stop: WHY'), ('ERROR', 'the drive tells of FAULTS'),
+            ('WARN', 'commands stay away'),
+            ('WARN', 'no IMU: the pendulum angle is a guess off level floor'), ('OK', 'running')):
+        assert f'| {level} | `{message}` |' in text
