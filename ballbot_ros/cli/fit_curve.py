@@ -47,6 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     request = Request(**{name: getattr(arguments, name) for name in (
         'lowest_speed', 'highest_speed', 'points', 'accuracy', 'samples', 'seed')})
     check_writable(arguments.out)
+    refuse_foreign(arguments.out)
     wording = {'free': 'pendulum free, motor detached',
                'held': f'pendulum held at {arguments.angle or 0.0:g} degrees by law (11)',
                'velocity': 'rolling at its speed by law (12)',
@@ -61,3 +62,23 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'{arguments.out}: largest residual {1e3 * curve.residual:.3f} mm, rms '
               f'{1e3 * curve.rms:.3f} mm')
     return DONE
+
+
+def refuse_foreign(path: Path) -> None:
+    """
+    Refuse to take the place of a file that is no curve.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the file.
+
+    """
+    from ballbot_ros.decision.curve import load_curve
+    try:
+        if path.exists():
+            load_curve(str(path))
+    except ConfigurationError:
+        raise ConfigurationError(
+            f'{path} is there and is not a height curve; move it away or choose another file to '
+            'write to') from None

@@ -118,8 +118,9 @@ def read_scene(arguments: argparse.Namespace) -> Any:
     from dataclasses import replace
     from ballbot_ros.cli.listing import check_name
     check_name('scenes', arguments.scene)
-    from ballbot_ros.fields import check_value
-    from ballbot_ros.physics.model import PRESETS
+    from ballbot_ros.errors import ConfigurationError
+    from ballbot_ros.fields import check_value, suggestion
+    from ballbot_ros.physics.model import METHODS, PRESETS
     from ballbot_ros.physics.scene import load_scene
     scene = load_scene(arguments.scene)
 
@@ -129,6 +130,11 @@ def read_scene(arguments: argparse.Namespace) -> Any:
                  for name in names if getattr(arguments, name) is not None}
         return replace(part, **given)
 
+    known = (*METHODS, *PRESETS)
+    if arguments.method is not None and arguments.method not in known:
+        raise ConfigurationError(
+            f'--method must be one of {", ".join(known)}, got {arguments.method!r}'
+            + suggestion(arguments.method, known, listing=False))
     names = ('step', 'tolerance', 'models')
     if arguments.method in PRESETS:
         solver = change(PRESETS[arguments.method], *names)

@@ -51,7 +51,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.cli.listing import check_name
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.laboratory.plan import Plan
-    from ballbot_ros.laboratory.sweep import load_arrow, run_sweep, spread
+    from ballbot_ros.laboratory.sweep import load_arrow, refuse_foreign, run_sweep, spread
+    from ballbot_ros.output.files import check_writable
     from ballbot_ros.physics import load_robot
     check_name('robots', arguments.robot)
     varied = dict(map(spread, arguments.vary))
@@ -66,7 +67,8 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.accuracy, fixed,
         {name: values for name, values in varied.items() if isinstance(values, list)},
         {name: values for name, values in varied.items() if isinstance(values, tuple)})
-    load_arrow()
+    check_writable(arguments.out)
+    refuse_foreign(load_arrow(), arguments.out)
     begin = perf_counter()
     try:
         with workers(arguments) as (pool, number), \

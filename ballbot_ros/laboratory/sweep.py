@@ -22,6 +22,7 @@ from ballbot_ros.physics import max_step, try_step
 BLOCK = 1000  # cases between two files
 AHEAD = 3     # blocks handed out for each worker
 TRIED = {'passes': '1', 'score': 'm2/s2'}
+NOTE = b'ballbot_sweep'  # in the metadata of a result: what it was made from
 SEARCHED = {'max_height': 'm', 'error': 'm'}
 
 
@@ -85,11 +86,12 @@ def run_sweep(plan: Plan, out: Path, pool: Executor, workers: int,
     Raises
     ------
     ConfigurationError
-        If pyarrow is missing, a file cannot be written, or the folder beside the result is
-        that of another sweep.
+        If pyarrow is missing, a file cannot be written, `out` is there and is no result of a
+        sweep, or the folder beside it is that of another sweep.
 
     """
     arrow = load_arrow()
+    refuse_foreign(arrow, out)
     folder = out.with_name(out.name + '.blocks')
     block = _open(plan, folder, block)
     starts = list(range(0, plan.size, block))
@@ -132,6 +134,28 @@ def load_arrow() -> Any:
     return pyarrow
 
 
+def refuse_foreign(arrow: Any, out: Path) -> None:
+    """
+    Refuse to take the place of a file that no sweep has written.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the file.
+
+    """
+    if not out.exists():
+        return
+    try:
+        ours = NOTE in (arrow.parquet.read_schema(out).metadata or {})
+    except (OSError, arrow.ArrowException):  # a folder, no permission, no Parquet
+        ours = False
+    if not ours:
+        raise ConfigurationError(
+            f'{out} is there and is not the result of a sweep; move it away or choose another '
+            'file to write to')
+
+
 def _part(folder: Path, first: int) -> Path:
     return folder / f'{first:010d}.parquet'
 
@@ -172,7 +196,7 @@ def _schema(arrow: Any, plan: Plan) -> Any:
     return arrow.schema(
         [arrow.field(name, kinds.get(name, arrow.float64()),
                      metadata={'unit': unit}) for name, unit in columns(plan).items()],
-        metadata={'ballbot_sweep': json.dumps(described)})
+        metadata={NOTE: json.dumps(described)})
 
 
 def write_parquet(arrow: Any, plan: Plan, table: Dict[str, List[Any]], path: Path) -> None:

@@ -20,6 +20,7 @@ def complaint(capsys, *words):
 
 @pytest.mark.parametrize('words', [
     ['simulate', 'flat', '--out', '{}/x'], ['figures', 'fig7', '--out', '{}'],
+    ['sweep', '--vary', 'speed=0.5', '--out', '{}/x.parquet'],
     ['test-bench', '--out', '{}/x'], ['fit-curve', '--out', '{}/x.yaml'],
     ['demo', '--out', '{}/x'], ['demo', '--hardware', '--out', '{}'],
     ['emulate-motor', '--protocol', 'vesc', '--log', '{}/x.csv'],
@@ -34,15 +35,26 @@ def test_a_folder_that_is_a_file_is_refused_before_the_work(words, tmp_path, cap
     monkeypatch.setattr('ballbot_ros.laboratory.procedure.run_tests', work)
     monkeypatch.setattr('ballbot_ros.decision.fitting.fit_curve', work)
     monkeypatch.setattr('ballbot_ros.cli.figures.draw_one', work)
+    monkeypatch.setattr('ballbot_ros.laboratory.sweep.run_sweep', work)
     (tmp_path / 'file').write_text('mine')
     said = complaint(capsys, *(word.format(tmp_path / 'file') for word in words))
     assert f'cannot be written: {tmp_path}/file is not a folder' in said
     assert [path.name for path in tmp_path.iterdir()] == ['file']
 
 
+def test_a_file_that_is_no_curve_is_not_overwritten(tmp_path, capsys):
+    (tmp_path / 'mine.yaml').write_text('mine: 1')
+    said = complaint(capsys, 'fit-curve', '--out', str(tmp_path / 'mine.yaml'))
+    assert 'mine.yaml is there and is not a height curve' in said
+    assert [path.read_text() for path in tmp_path.iterdir()] == ['mine: 1']
+
+
 @pytest.mark.parametrize('words, says', [
     (['compare-models', '--angle', '30'], '--angle goes with --actuation held'),
     (['demo', '--protocol', 'vesc'], '--protocol goes with --hardware'),
+    (['simulate', 'flat', '--method', 'foo'], '--method must be one of semi_implicit, rk4, '
+     "adaptive, explicit, implicit, trapezoidal, paper, got 'foo'"),
+    (['simulate', 'flat', '--method', 'papr'], "did you mean 'paper'?"),
     (['simulate', 'flat', '--tolerance', '1e-6'], '--tolerance goes with --method adaptive'),
     (['simulate', 'flat', '--models', 'reduced'], '--models goes with --method adaptive'),
     (['simulate', 'flat', '--method', 'adaptive', '--step', '1e-3'], '--step goes with --method '

@@ -182,6 +182,26 @@ def test_another_sweep_in_the_same_place_is_refused(tmp_path):
         sweep(plan, out)
 
 
+def test_only_the_result_of_a_sweep_is_overwritten(tmp_path, capsys):
+    plan = Plan(GIMBALL, fixed={}, grid={'speed': [0.5], 'height': [0.01]})
+    out = tmp_path / 'x.parquet'
+    sweep(plan, out)
+    before = out.read_bytes()
+    sweep(replace(plan, grid={'speed': [0.6], 'height': [0.01]}), out)
+    assert out.read_bytes() != before
+    foreign = tmp_path / 'mine.parquet'
+    parquet.write_table(parquet.read_table(out).replace_schema_metadata({}), foreign)
+    (tmp_path / 'notes.txt').write_text('mine')
+    for path in (foreign, tmp_path / 'notes.txt'):
+        before = path.read_bytes()
+        with pytest.raises(ConfigurationError, match='is not the result of a sweep'):
+            sweep(plan, path)
+        assert main(['sweep', '--vary', 'speed=0.5', '--out', str(path)]) == 2
+        assert f'{path.name} is there and is not the result' in capsys.readouterr().err
+        assert path.read_bytes() == before
+    assert not list(tmp_path.glob('*.blocks'))
+
+
 @pytest.mark.parametrize('given, told', [
     ({'grid': {'sped': [1.0]}}, "did you mean 'speed'"), ({}, 'needs lists of values'),
     ({'design': 'sobol', 'grid': {'speed': [1.0]}}, 'needs ranges from low to high'),
