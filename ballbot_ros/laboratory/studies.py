@@ -5,7 +5,7 @@ What the highest step depends on: uncertain numbers, the design, the ground behi
 Every study tells its progress as the part that is done, 0 to 1.
 """
 from dataclasses import fields, replace
-from typing import Any, Callable, NamedTuple, Optional
+from typing import Callable, NamedTuple, Optional
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.laboratory.cases import Case, step_height, step_heights
 from ballbot_ros.physics.robot import Motor, Robot
 from ballbot_ros.physics.terrain import Array
-from ballbot_ros.physics.uncertainty import draw
+from ballbot_ros.physics.uncertainty import changed, draw, independent, ranges
 
 COARSE = 1e-4  # accuracy of heights that only shade a map [m]
 WHAT_IF = 0.1  # part by which numbers without a range are changed
@@ -36,20 +36,6 @@ class Bar(NamedTuple):
     uncertain: bool  # has a range in the robot's file; False for a what-if
 
 
-def ranges(robot: Robot) -> dict[str, tuple[float, float]]:
-    """
-    Return the numbers whose value is uncertain, and their ranges.
-
-    Where the masses of ball and pendulum both have one, that of the pendulum stands for both:
-    the total has been weighed, and only its split is not known; see `vary`.
-    """
-    found = {name: (item.low, item.high) for name, item in robot.provenance.items()
-             if item.low is not None and item.high is not None}
-    if 'pendulum_mass' in found:
-        found.pop('ball_mass', None)
-    return found
-
-
 def vary(robot: Robot, name: str, value: float) -> Robot:
     """
     Return a robot with another number.
@@ -58,21 +44,15 @@ def vary(robot: Robot, name: str, value: float) -> Robot:
     ----------
     robot : Robot
     name : str
-        Of a field, or ``'motor.'`` and a field of the motor.  A mass of the pendulum is taken
-        from the ball, where the masses of both are uncertain.
+        Of a field, see `uncertainty.changed`, or ``'motor.'`` and a field of the motor.
     value : float
 
     """
-    if name.startswith('motor.'):
-        if robot.motor is None:
-            raise ConfigurationError(f'robot {robot.name!r} has no motor to change {name} of')
-        return replace(robot, motor=replace(robot.motor, **{name[len('motor.'):]: value}))
-    both = all(robot.provenance.get(key) and robot.provenance[key].low is not None
-               for key in ('ball_mass', 'pendulum_mass'))
-    if name == 'pendulum_mass' and both:
-        return replace(robot, pendulum_mass=value, ball_mass=robot.total_mass - value)
-    change: Any = {name: value}
-    return replace(robot, **change)
+    if not name.startswith('motor.'):
+        return changed(robot, {name: value})
+    if robot.motor is None:
+        raise ConfigurationError(f'robot {robot.name!r} has no motor to change {name} of')
+    return replace(robot, motor=replace(robot.motor, **{name[len('motor.'):]: value}))
 
 
 def sensitivity(case: Case, speed: float, progress: Progress = None) -> list[Bar]:
@@ -83,10 +63,11 @@ def sensitivity(case: Case, speed: float, progress: Progress = None) -> list[Bar
     a tenth.  The motor counts only where the law of actuation is a voltage.
     """
     robot = case.robot
-    known = {name: span for name, span in ranges(robot).items()
+    found = ranges(robot)
+    known = {name: span for name, span in independent(found).items()
              if case.actuation.law == 'voltage' or not name.startswith('motor.')}
     what_if = [item.name for item in fields(robot) if item.metadata.get('kind') is float
-               and item.name not in (*known, *KNOWN, *_derived(robot))
+               and item.name not in (*found, *KNOWN)
                and getattr(robot, item.name) > 0.0]
     spans = [(name, low, high, True) for name, (low, high) in known.items()]
     spans += [(name, (1.0 - WHAT_IF) * getattr(robot, name), (1.0 + WHAT_IF)
@@ -105,11 +86,6 @@ def _unit(name: str) -> str:
     owner = Motor if name.startswith('motor.') else Robot
     unit = owner.__dataclass_fields__[name.split('.')[-1]].metadata['unit']
     return '' if unit == '1' else str(unit)
-
-
-def _derived(robot: Robot) -> tuple[str, ...]:
-    """Return the mass that moves with the other one."""
-    return ('ball_mass',) if 'pendulum_mass' in ranges(robot) else ()
 
 
 def sampled_heights(case: Case, speeds: Array, samples: int, seed: int = 0,
