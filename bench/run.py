@@ -20,7 +20,7 @@ import sys
 PARTS = ('kernels', 'search', 'sweep', 'loop', 'wire', 'accuracy', 'precision', 'models',
          'estimate', 'bridge')
 # Measured only when asked for: it takes ten minutes.
-EXTRA = ('soak',)
+EXTRA = ('loop_faults',)
 
 
 def main():

@@ -2,7 +2,7 @@
 """
 Ten minutes of the bridge's loop against an emulated drive to which something happens all the time.
 
-    make bench ARGS='--only soak'      # not part of a plain `make bench`
+    make bench ARGS='--only loop_faults'      # not part of a plain `make bench`
 """
 from array import array
 from dataclasses import replace
@@ -105,7 +105,7 @@ def measure():
         obey(emulator, 'clear')
         loop.end()
         time.sleep(0.2)
-    yield 'length of the soak', 's', [wall], -DURATION
+    yield 'length of the run', 's', [wall], -DURATION
     yield 'things that happened', '', [events], None
     yield 'of these, met with the e-stop engaged', '', [refused], None
     yield 'torques above the limit', '', [above], 0.5

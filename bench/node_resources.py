@@ -2,8 +2,8 @@
 """
 Let the bridge run long, or unplug it often, and watch its memory, threads and open files.
 
-    .venv/bin/python bench/bridge_soak.py --seconds 600
-    .venv/bin/python bench/bridge_soak.py --unplugs 1000
+    .venv/bin/python bench/node_resources.py --seconds 600
+    .venv/bin/python bench/node_resources.py --unplugs 1000
 
 Ctrl-C ends it and prints what there is.
 """
@@ -37,7 +37,7 @@ def row(what, bench, mark):
     bench.emulator.call(bench.emulator.log.clear)
 
 
-def soak(bench, seconds):
+def last(bench, seconds):
     """Run, a line each tenth."""
     begin = time.monotonic()
     for part in range(1, 11):
@@ -79,7 +79,7 @@ def main():
             bench.spin(1.0)
             row('start', bench, 0)
             if arguments.seconds:
-                soak(bench, arguments.seconds)
+                last(bench, arguments.seconds)
             else:
                 unplug(bench, arguments.unplugs)
     except KeyboardInterrupt:

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Balls that touch any ground, and what is there: for the tests of the contact."""
+from hypothesis import assume, strategies
+import numpy as np
+
+from ballbot_ros.physics import contact, ContactOptions, dynamics, load_robot, Terrain
+
+BOT = load_robot('gimball')
+RADIUS = BOT.ball_radius
+NUMBERS = dynamics.Numbers.of(BOT, ContactOptions())
+
+
+def rows_at(terrain, x, y, robot=BOT):
+    """Return the contacts of a ball, a row each."""
+    ground = terrain.profile(robot.surface_friction, robot.edge_friction)
+    table = contact.contact_table(len(ground))
+    count = contact.find_contacts(x, y, robot.ball_radius, ground, table)
+    return table[:count].copy()
+
+
+def loads_at(terrain, x, y, velocity_x=0.0, velocity_y=0.0, ball_rate=0.0, robot=BOT,
+             options=ContactOptions()):
+    """Return what the contacts do: force, torque, and the two powers lost."""
+    ground = terrain.profile(robot.surface_friction, robot.edge_friction)
+    return np.array(contact.contact_loads(
+        dynamics.Numbers.of(robot, options), ground, contact.contact_table(len(ground)), x, y,
+        velocity_x, velocity_y, ball_rate))
+
+
+def energy_at(terrain, x, y):
+    """Return the energy in the contact springs [J]."""
+    ground = terrain.profile(BOT.surface_friction, BOT.edge_friction)
+    return contact.spring_energy(NUMBERS, ground, contact.contact_table(len(ground)), x, y)
+
+
+def touching_height(terrain, x):
+    """Return the height at which a ball above `x` first touches."""
+    low = float(terrain.height(x))
+    high = float(terrain.vertices[:, 1].max()) + abs(low) + 3.0 * RADIUS
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if len(rows_at(terrain, x, middle)) else (low, middle)
+    return low
+
+
+strides = strategies.tuples(
+    strategies.one_of(strategies.just(0.0), strategies.floats(0.004, 0.3)),
+    strategies.floats(-0.12, 0.12)).filter(lambda stride: abs(stride[0]) + abs(stride[1]) > 3e-3)
+
+
+@strategies.composite
+def terrains(draw):
+    """Return a ground of up to eight segments, faces among them."""
+    inner = draw(strategies.lists(strides, min_size=0, max_size=6))
+    ends = [draw(strategies.tuples(strategies.just(1.0), strategies.floats(-0.3, 0.3)))
+            for _ in range(2)]
+    points = np.cumsum([[-1.0, 0.0], ends[0], *inner, ends[1]], axis=0)
+    return Terrain(points)
+
+
+@strategies.composite
+def touching(draw):
+    """Return a ground, and the centre of a ball pressed up to 8 mm into it."""
+    terrain = draw(terrains())
+    x = draw(strategies.floats(-0.4, 1.0))
+    y = touching_height(terrain, x) - draw(strategies.floats(1e-5, 8e-3))
+    assume(y > terrain.height(x) + 0.5 * RADIUS)
+    return terrain, x, y
+
+
+velocities = strategies.tuples(
+    strategies.floats(-1.5, 1.5), strategies.floats(-1.5, 1.5), strategies.floats(-9.0, 9.0))
