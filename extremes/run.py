@@ -7,7 +7,7 @@ Push the simulator to its extremes and judge every case.
     make extremes ARGS='--only combined:17'        # one case again, with its story
     make extremes ARGS=--maps                      # the pictures of docs/extremes.md
 
-The exit code is 1 if any case is wrong.
+The exit code is 1 if any case is wrong; 130 after Ctrl-C, which keeps the verdicts there are.
 """
 import argparse
 from dataclasses import asdict
@@ -21,6 +21,9 @@ import time
 
 from cases import BY_NAME, CLASSES
 from judge import CHAOTIC, GOOD, judge, REFUSED, Verdict, WRONG
+
+INTERRUPTED = 130  # exit code, as of the shell for a program that Ctrl-C ended
+PARTS = 10  # progress lines of a whole run, where it is not a person who looks on
 
 
 def main():
@@ -44,7 +47,11 @@ def main():
         name, _, seed = arguments.only.partition(':')
         if name not in BY_NAME or not seed.isdigit():
             parser.error(f'--only takes CLASS:SEED, for instance slope:17, got {arguments.only}')
-        found = judge(name, int(seed))
+        try:
+            found = judge(name, int(seed))
+        except KeyboardInterrupt:
+            print('interrupted', file=sys.stderr)
+            return INTERRUPTED
         print(f'{name}:{seed}  {found.verdict}  {found.why}\n'
               f'ledger {found.ledger:.2g}, {found.seconds:.2f} s')
         return int(found.verdict == WRONG)
@@ -53,6 +60,9 @@ def main():
     print(table(verdicts))
     if arguments.json is not None:
         arguments.json.write_text(json.dumps([asdict(item) for item in verdicts], indent=1))
+    if len(verdicts) < len(jobs):
+        print(f'ended after {len(verdicts)} of {len(jobs)} cases', file=sys.stderr)
+        return INTERRUPTED
     return int(any(item.verdict == WRONG for item in verdicts))
 
 
@@ -70,28 +80,47 @@ def listed(cases, only_class, seed):
 
 def run_all(jobs, processes):
     """Return the verdicts; Ctrl-C ends it with those there are."""
-    # Compile once, before several processes do it at the same time and cases wait for it.
-    for name in ('slope', 'fixed', 'control_period'):
-        work((name, 0))
-    verdicts, begin = [], time.monotonic()
-    # Ctrl-C is for this process; the others are ended by it.
-    pool = multiprocessing.get_context('spawn').Pool(
-        processes, signal.signal, (signal.SIGINT, signal.SIG_IGN))
+    verdicts, begin, pool = [], time.monotonic(), None
     try:
+        # Compile once, before several processes do it at the same time and cases wait for it.
+        for name in ('slope', 'fixed', 'control_period'):
+            work((name, 0))
+        pool = make_pool(processes)
         for found in pool.imap_unordered(work, jobs, 8 if len(jobs) > 1000 else 1):
             verdicts.append(found)
-            if sys.stderr.isatty() and len(verdicts) % 50 == 0:
-                wrong = sum(item.verdict == WRONG for item in verdicts)
-                print(f'\r{len(verdicts)} of {len(jobs)} cases, {wrong} wrong, '
-                      f'{time.monotonic() - begin:.0f} s ', end='', file=sys.stderr)
+            tell(verdicts, len(jobs), time.monotonic() - begin)
     except KeyboardInterrupt:
-        print(f'\nended after {len(verdicts)} of {len(jobs)} cases', file=sys.stderr)
+        pass
     finally:
-        pool.terminate()
-        pool.join()
-    if sys.stderr.isatty():
-        print(file=sys.stderr)
+        if pool is not None:
+            pool.terminate()
+            pool.join()
+        if sys.stderr.isatty():
+            print(file=sys.stderr)
     return sorted(verdicts, key=lambda item: (list(BY_NAME).index(item.name), item.seed))
+
+
+def make_pool(processes):
+    """Return a pool that leaves Ctrl-C to this process, by which it is ended."""
+    # Ignored from the first moment of each process: a terminal tells all of them.
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        return multiprocessing.get_context('spawn').Pool(
+            processes, signal.signal, (signal.SIGINT, signal.SIG_IGN))
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def tell(verdicts, total, seconds):
+    """Say how far it has got: on one line to a person, else a line for each part."""
+    done, person = len(verdicts), sys.stderr.isatty()
+    if done % 50 and done != total if person else done * PARTS // total == (
+            done - 1) * PARTS // total:
+        return
+    wrong = sum(item.verdict == WRONG for item in verdicts)
+    line = f'{done} of {total} cases, {wrong} wrong, {seconds:.0f} s'
+    print(f'\r{line} ' if person else line, end='' if person else '\n', file=sys.stderr,
+          flush=True)
 
 
 def work(job) -> Verdict:

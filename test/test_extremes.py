@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`make extremes` says how far it has got, and Ctrl-C keeps what was done."""
+import json
+import os
+from pathlib import Path
+import re
+import signal
+import subprocess
+import sys
+
+import pytest
+
+RUN = Path(__file__).resolve().parents[1] / 'extremes' / 'run.py'
+ENOUGH = 4000  # cases that take far longer than the test waits
+
+
+def begin(*words, **options):
+    """Start it on a small class, in a process group of its own."""
+    return subprocess.Popen(
+        [sys.executable, str(RUN), *words], stdout=subprocess.PIPE, text=True,
+        start_new_session=True, **{'stderr': subprocess.PIPE, **options})
+
+
+def test_ctrl_c_keeps_what_was_done_and_is_told_by_the_exit_code(tmp_path):
+    found = tmp_path / 'found.json'
+    words = ['--class', 'slope', '--cases', str(ENOUGH), '--jobs', '1', '--json', str(found)]
+    with begin(*words) as process:
+        first = process.stderr.readline()
+        # As a terminal does: every process of the group hears it.
+        os.killpg(process.pid, signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert re.fullmatch(rf'\d+ of {ENOUGH} cases, 0 wrong, \d+ s\n', first)
+    assert process.returncode == 130
+    verdicts = json.loads(found.read_text())
+    assert 0 < len(verdicts) < ENOUGH
+    assert {item['name'] for item in verdicts} == {'slope'}
+    assert out.splitlines()[-1].split()[:2] == ['all', str(len(verdicts))]
+    assert f'ended after {len(verdicts)} of {ENOUGH} cases' in err
+    assert 'Traceback' not in err
+
+
+def test_progress_is_a_line_for_each_part_and_what_is_done_is_judged(tmp_path):
+    found = tmp_path / 'found.json'
+    with begin('--class', 'slope', '--cases', '30', '--jobs', '1', '--json',
+               str(found)) as process:
+        out, err = process.communicate(timeout=60)
+    assert [line.split(',')[0] for line in err.splitlines()] == [
+        f'{done} of 30 cases' for done in range(3, 31, 3)]
+    verdicts = json.loads(found.read_text())
+    assert len(verdicts) == 30 and {item['seed'] for item in verdicts} == set(range(30))
+    assert process.returncode == int(any(item['verdict'] == 'WRONG' for item in verdicts))
+    assert out.splitlines()[-1].split()[:2] == ['all', '30']
+
+
+def test_a_person_sees_progress_on_one_line():
+    pty = pytest.importorskip('pty')
+    ours, theirs = pty.openpty()
+    with begin('--class', 'slope', '--cases', '4', '--jobs', '1', stderr=theirs) as process:
+        os.close(theirs)
+        process.communicate(timeout=60)
+    said = os.read(ours, 10_000).decode()
+    os.close(ours)
+    assert '\r4 of 4 cases, 0 wrong' in said and said.count('\n') == 1
+
+
+def test_one_case_is_run_again_by_its_name():
+    with begin('--only', 'slope:17') as process:
+        out, _ = process.communicate(timeout=60)
+    assert out.startswith('slope:17  good') and process.returncode == 0
+
+
+def test_a_case_that_is_none_is_refused():
+    with begin('--only', 'slop:1') as process:
+        _, err = process.communicate(timeout=60)
+    assert '--only takes CLASS:SEED' in err and process.returncode == 2
