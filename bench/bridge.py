@@ -17,7 +17,6 @@ import time
 
 from loop import processor_time, quantile
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
@@ -32,6 +31,7 @@ from ballbot_ros.physics import load_scene
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import command_message
 from ballbot_ros.ros.endpoints import advertise, listen
+from ballbot_ros.ros.executor import new_executor
 
 SETTLE, WINDOW = 2.0, 8.0  # wall time before and of the measurement [s]
 REPEATS = 3
@@ -139,7 +139,7 @@ def running(folder, emulated=emulated_here):
     (folder / 'hardware.yaml').write_text(yaml.safe_dump(content))
     sys.setswitchinterval(5e-4)
     rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-    node, executor = Node('bench'), SingleThreadedExecutor()
+    node, executor = Node('bench'), new_executor()
     executor.add_node(node)
     try:
         with emulated(folder) as emulator, NodeProcesses(folder, domain) as nodes:

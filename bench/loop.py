@@ -6,7 +6,6 @@ import tempfile
 import time
 
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
@@ -15,6 +14,7 @@ from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.bag import stamp_of
 from ballbot_ros.ros.endpoints import listen
+from ballbot_ros.ros.executor import new_executor
 
 SETTLE = 2.0  # wall time before the measurement, for discovery and caches [s]
 WINDOW = 6.0  # wall time of the measurement [s]
@@ -40,7 +40,7 @@ def watch(lockstep):
         stamps.append(1e-9 * stamp_of(data))
 
     rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-    node, executor = Node('bench'), SingleThreadedExecutor()
+    node, executor = Node('bench'), new_executor()
     executor.add_node(node)
     try:
         with tempfile.TemporaryDirectory() as folder, \

@@ -83,7 +83,7 @@ def measure():
         first = None
         while time.monotonic() - begin < DURATION and loop.running:
             time.sleep(dice.uniform(*PAUSE))
-            session.notices.clear()
+            session.notices.take()
             refused += bool(session.supervisor.e_stop)
             try:
                 session.release()

@@ -51,20 +51,23 @@ class Loop:
         self._thread.join(JOIN)
         self._session.close()
 
+    def _hand_on(self, report: Optional[Report]) -> None:
+        if report is not None:
+            self._tell(report)
+
     def _run(self) -> None:
         clock, due = self._session.clock, self._session.clock()
         try:
             while True:
-                report = self._session.tick()
-                if report is not None:
-                    self._tell(report)
+                self._hand_on(self._session.tick())
                 due += self._period
-                left = due - clock()
-                if left < 0.0:
+                if due < clock():
                     # Late: go on from here, never two ticks at once.
                     self.late += 1
-                    due, left = clock(), 0.0
-                if self._ending.wait(left):
+                    due = clock()
+                while self._session.expecting and clock() < due:
+                    self._hand_on(self._session.hear(due - clock()))
+                if self._ending.wait(max(0.0, due - clock())):
                     return
         except Exception as error:  # noqa: BLE001 whatever it is, the owner must hear of it
             self.failure = error

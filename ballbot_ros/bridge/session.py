@@ -7,35 +7,38 @@ driver waits for an answer: in `configure`, `deactivate`, and in a `tick` that a
 or looks for a drive that was lost.
 """
 from collections import Counter
-import math
 import threading
 import time
-from typing import Callable, List, Optional, Tuple
+from typing import Callable, Optional, Tuple
 
-from ballbot_ros.bridge.connect import handshake
+from ballbot_ros.bridge.drive_line import DriveLine, HANDSHAKE
 from ballbot_ros.bridge.hardware_file import Hardware
+from ballbot_ros.bridge.notices import Notices
 from ballbot_ros.bridge.report import Power, Report
-from ballbot_ros.bridge.supervisor import Motion, Supervisor
+from ballbot_ros.bridge.sensing import Sensing, SILENCE
+from ballbot_ros.bridge.supervisor import Supervisor
 from ballbot_ros.errors import (
     BallbotError, DriveError, EstimateLostError, LinkError, RefusedError)
 from ballbot_ros.estimation import Estimate, Fusion, ImuReading
 from ballbot_ros.hardware.driver import Driver, Identity, Setting, Telemetry
 from ballbot_ros.physics.robot import Robot
 
-# Without a measurement for so long there is no torque, and after LOST the drive is looked for
-# anew: it may have been switched off and on [s].
-SILENCE, LOST = 0.1, 0.3
-# Between two attempts to find a drive that was lost [s].
-RETRY = 0.1
+# After so long without an answer the drive is looked for anew: it may have been switched off and
+# on [s].
+LOST = 0.3
 # Between two attempts to arm a drive that could not, where the file says `rearm` [s].
 ARM_AGAIN = 0.3
-# Patience with a drive that answers, when one was lost: together well below a second at first,
-# more for one that is slow [s].
-HANDSHAKE, MOST_PATIENCE = 0.25, 1.0
 # Between two repetitions of a stop that is not confirmed yet [s].
 STOP_AGAIN = 0.01
 # Patience with the stop at the end; the drive's watchdog does the rest [s].
 LAST_STOP = 0.5
+# One torque goes out per period on average, and at most one of them so many periods early.
+EARLY = 1.5
+# A period may have no command, for the answers of the controller wander: torque is repeated where
+# none has gone out for so many periods, and then in each until there is a command again.
+REPEAT = 1.5
+# So many periods pass between two decisions about the torque at most.
+DECIDED = REPEAT + 1.0
 
 
 class Session:
@@ -55,34 +58,34 @@ class Session:
     ----------
     counts : Counter
         ``links_lost``, ``reconnects``, ``let_go`` (of the motor, by the drive), ``armed``.
-    notices : list of str
-        To be logged and cleared by the owner.
-    trouble : str
-        Why there is no drive at the moment; empty when there is.
+    notices : Notices
+        To be logged by the owner.
+    line : DriveLine
+        With the drive that there is, or why there is none.
+    fusion : Fusion
+        With the newest estimate.
 
     """
 
     def __init__(self, hardware: Hardware, robot: Robot, connect: Callable[[], Driver],
                  clock: Callable[[], float] = time.monotonic):
         """Start without a line, not active, the e-stop engaged."""
-        self._hardware, self._connect, self.clock = hardware, connect, clock
+        self._hardware, self.clock = hardware, clock
         self._period = 1.0 / hardware.connection.loop_rate
-        self.supervisor = Supervisor(hardware.limits, self._period)
-        self.fusion = Fusion(robot, hardware.imu, hardware.estimate, hardware.joint.encoder_zero)
+        self.counts: Counter = Counter()
+        self.notices = Notices()
+        self.line = DriveLine(connect, clock, self.counts, self.notices)
+        self.supervisor = Supervisor(hardware.limits, DECIDED * self._period)
+        self._sensing = Sensing(hardware, robot)
+        self.fusion: Fusion = self._sensing.fusion
         self._lock = threading.RLock()
-        self._driver: Optional[Driver] = None
         self._power = Power.OFF
         self._wanted = False  # a drive, that is between configure and close
         self._active = False
-        self._sent = False
-        self._stamp = -math.inf  # of the last estimate
-        self._asked = self._answered = self._stop_sent = self._stop_since = self._armed_at = 0.0
-        self._next_try = self._next_arm = 0.0
-        self._failures = 0  # of looking for the drive, in a row
-        self.identity: Optional[Identity] = None
-        self.counts: Counter = Counter()
-        self.notices: List[str] = []
-        self.trouble = self._said = ''
+        self._unsent = False  # a command that came when none could go out
+        self._repeating = False
+        self._sent_at = self._next_torque = 0.0
+        self._stop_sent = self._stop_since = self._armed_at = self._next_arm = 0.0
 
     # What the owner wants
 
@@ -99,7 +102,8 @@ class Session:
 
         """
         with self._lock:
-            found = self._handshake(patience=0.5)
+            found = self.line.open(patience=0.5)
+            self._begin()
             self._wanted = True
             return found
 
@@ -114,8 +118,8 @@ class Session:
 
         """
         with self._lock:
-            if self._driver is None:
-                raise RefusedError(f'there is no drive: {self.trouble or "not configured"}')
+            if self.line.driver is None:
+                raise RefusedError(f'there is no drive: {self.line.trouble or "not configured"}')
             self._active = True
 
     def deactivate(self) -> None:
@@ -131,11 +135,11 @@ class Session:
             self._wanted = self._active = False
             self.supervisor.quiet()
             self._stop_now()
-            self._hang_up()
+            self.line.close()
 
     def command(self, torque: float, stamp: float) -> None:
         """
-        Take a command and send it at once, unless one went out this period already.
+        Take a command and send it at once, unless the line has been given its share.
 
         Raises
         ------
@@ -144,14 +148,16 @@ class Session:
 
         """
         with self._lock:
-            self.supervisor.offer(torque, stamp, self.clock())
+            now = self.clock()
+            self.supervisor.offer(torque, stamp, now)
             if self._power is not Power.ON or not self._allowed:
                 return
-            if self._sent:
-                self._sent = False  # the next tick sends it
+            self._unsent = True  # the next tick sends it, if not even now there is room
+            if now < self._next_torque - EARLY * self._period:
                 return
+            self._repeating = False
             try:
-                self._send_torque()
+                self._send_torque(now, ask=False)
             except LinkError as error:
                 self._lose(error)
 
@@ -180,16 +186,6 @@ class Session:
         with self._lock:
             self.supervisor.reset(self.clock(), self._obstacle())
 
-    @property
-    def link_up(self) -> bool:
-        """Tell whether the drive answers."""
-        return self._driver is not None
-
-    @property
-    def driver(self) -> Optional[Driver]:
-        """Return the driver in use, for its counters."""
-        return self._driver
-
     # What happens each period
 
     def tick(self) -> Optional[Report]:
@@ -197,22 +193,57 @@ class Session:
         with self._lock:
             if not self._wanted:
                 return None
-            if self._driver is None:
-                self._look_for_drive()
-            estimate, telemetry = None, Telemetry()
-            if self._driver is not None:
+            if self.line.driver is None and self.line.look():
+                self._begin()
+            driver, estimate = self.line.driver, None
+            if driver is not None:
                 try:
-                    telemetry = self._driver.poll()
+                    estimate = self._measure(driver.poll())
                     now = self.clock()
-                    estimate = self._measure(telemetry, now)
-                    self._watch(telemetry, now)
-                    self._act(self._driver, now)
+                    self._watch(driver.telemetry, now)
+                    self._act(driver, now)
                 except (LinkError, DriveError) as error:
                     self._lose(error)
-            supervisor = self.supervisor
-            return Report(self.clock(), estimate, supervisor.torque, telemetry, self._power,
-                          supervisor.e_stop, supervisor.timed_out, supervisor.commanded,
-                          self._driver is not None)
+            return self._report(estimate)
+
+    @property
+    def expecting(self) -> bool:
+        """Tell whether the drive is to answer a question of this period."""
+        return self._sensing.expecting and self.line.driver is not None
+
+    def hear(self, patience: float) -> Optional[Report]:
+        """
+        Wait for what the drive answers, and report it if that is a measurement.
+
+        Parameters
+        ----------
+        patience : float
+            [s]; commands can be given and sent meanwhile.
+
+        """
+        driver = self.line.driver
+        if driver is None:
+            return None
+        try:
+            if not driver.line.wait(patience):
+                return None
+            with self._lock:
+                if self.line.driver is not driver:
+                    return None
+                estimate = self._measure(driver.poll())
+                return None if estimate is None else self._report(estimate)
+        except LinkError as error:
+            with self._lock:
+                if self.line.driver is driver:
+                    self._lose(error)
+            return None
+
+    def _report(self, estimate: Optional[Estimate]) -> Report:
+        supervisor, driver = self.supervisor, self.line.driver
+        return Report(self.clock(), estimate, supervisor.torque,
+                      Telemetry() if driver is None else driver.telemetry, self._power,
+                      supervisor.e_stop, supervisor.timed_out, supervisor.commanded,
+                      driver is not None)
 
     @property
     def _allowed(self) -> bool:
@@ -220,56 +251,36 @@ class Session:
 
     def _obstacle(self) -> str:
         """Return what speaks against releasing the e-stop."""
-        driver = self._driver
+        driver, now = self.line.driver, self.clock()
         if driver is None:
-            return f'the line to the drive is down ({self.trouble or "not configured"})'
+            return f'the line to the drive is down ({self.line.trouble or "not configured"})'
         if not self._active:
             return 'the bridge is not active; activate it first'
-        if self.clock() - (driver.telemetry.time or 0.0) > SILENCE:
+        if now - (driver.telemetry.time or 0.0) > SILENCE:
             return 'the drive does not tell where the motor is'
         if self._power is Power.STOPPING:
             return 'the drive has not confirmed the stop yet'
-        if self._needs_imu():
+        if self._sensing.needs_imu(now):
             return ('no IMU is heard, and without one the pendulum angle is a guess; publish imu, '
                     'or set imu_required: false in the hardware file for a level floor')
         return ''
 
-    def _needs_imu(self) -> bool:
-        return self._hardware.connection.imu_required and not self.fusion.has_imu(self.clock())
-
-    def _measure(self, telemetry: Telemetry, now: float) -> Optional[Estimate]:
+    def _measure(self, telemetry: Telemetry) -> Optional[Estimate]:
         """Take a new measurement, if there is one."""
-        if telemetry.position is None or telemetry.time is None \
-                or telemetry.time <= self._answered:
-            return None
-        self._answered = telemetry.time
-        # The drive looked at its encoder when it was asked, not when the answer was read.
-        stamp = self._asked if 0.0 <= telemetry.time - self._asked <= 2.0 * self._period \
-            else telemetry.time
-        self._stamp = max(stamp, self._stamp)  # of one that was late and one that was not
         try:
-            return self.fusion.encoder(
-                self._stamp, self._hardware.joint.joint_angle(telemetry.position),
-                self.supervisor.torque)
+            return self._sensing.take(telemetry, self.supervisor.torque)
         except EstimateLostError as error:
             # No policy goes on by itself from here: the next estimate takes rest for granted.
             self.supervisor.trigger(str(error))
-            self._notice(str(error))
+            self.notices.add(str(error))
             return None
-
-    def _motion(self, now: float) -> Optional[Motion]:
-        """Return how the robot moves, None where that is not known well enough for torque."""
-        estimate = self.fusion.estimate
-        if estimate is None or now - self._answered > SILENCE or self._needs_imu():
-            return None
-        readings = estimate.readings
-        return Motion(readings.pendulum_angle, readings.pendulum_rate, readings.joint_rate)
 
     def _watch(self, telemetry: Telemetry, now: float) -> None:
         """Notice a drive that fell silent, or let go of the motor by itself."""
-        if now - max(self._answered, self._armed_at) > LOST:
+        silent = min(self._sensing.silence(now), now - self._armed_at)
+        if silent > LOST:
             raise DriveError('silent', f'the drive has not answered for {LOST:g} s')
-        if self._power is Power.ON and now - max(self._answered, self._armed_at) > SILENCE:
+        if self._power is Power.ON and silent > SILENCE:
             # It may have been switched off and on, and forgotten what it was told.
             self._went_wrong(f'the drive fell silent for {SILENCE:g} s')
             self._begin_stop()
@@ -283,28 +294,31 @@ class Session:
     def _act(self, driver: Driver, now: float) -> None:
         if self._power is Power.ON and not self._allowed:
             self._begin_stop()
-        elif self._power is Power.ON:
-            if not self._sent:
-                self._send_torque()
-            self._sent = False
+        elif self._power is Power.ON and (
+                self._unsent or self._repeating or now - self._sent_at >= REPEAT * self._period):
+            self._repeating = not self._unsent
+            self._send_torque(now, ask=True)
             return
         elif self._power is Power.OFF and self._allowed and now >= self._next_arm:
             self._arm(driver)
         if self._power is Power.STOPPING and driver.stopped_since(self._stop_since):
             self._power = Power.OFF
         elif self._power is Power.STOPPING and now - self._stop_sent >= STOP_AGAIN:
-            self._stop_sent = self._asked = now
+            self._stop_sent = now
+            self._sensing.ask(now)
             driver.send_stop()
             return
-        self._asked = self.clock()
+        self._sensing.ask(self.clock())
         driver.ask()
 
-    def _send_torque(self) -> None:
-        assert self._driver is not None
-        now = self.clock()
-        torque = self.supervisor.decide(now, self._motion(now))
-        self._driver.send_torque(self._hardware.joint.motor_torque(torque))
-        self._asked, self._sent = now, True
+    def _send_torque(self, now: float, ask: bool) -> None:
+        assert self.line.driver is not None
+        torque = self.supervisor.decide(now, self._sensing.motion(now))
+        self._unsent, self._sent_at = False, now
+        self._next_torque = max(self._next_torque, now) + self._period
+        if ask:
+            self._sensing.ask(now)
+        self.line.driver.send_torque(self._hardware.joint.motor_torque(torque), ask)
 
     def _arm(self, driver: Driver) -> None:
         try:
@@ -317,77 +331,44 @@ class Session:
         self.supervisor.quiet()
         self._power, self._armed_at = Power.ON, self.clock()
         self.counts['armed'] += 1
-        self._notice('the motor is under power')
+        self.notices.add('the motor is under power')
 
     def _begin_stop(self) -> None:
         """Let the stop be repeated until the drive confirms it."""
         self.supervisor.quiet()
-        self._power, self._sent = Power.STOPPING, False
+        self._power, self._unsent = Power.STOPPING, False
         self._stop_since = self._stop_sent = self.clock()
-        if self._driver is not None:
+        if self.line.driver is not None:
             try:
-                self._driver.send_stop()
+                self.line.driver.send_stop()
             except LinkError as error:
                 self._lose(error)
 
     def _stop_now(self) -> None:
         """Stop and wait for the confirmation, where there is a drive."""
-        if self._driver is not None:
+        if self.line.driver is not None:
             try:
-                self._driver.stop(LAST_STOP)
+                self.line.driver.stop(LAST_STOP)
             except BallbotError as error:
-                self._notice(f'the stop was not confirmed: {error}')
+                self.notices.add(f'the stop was not confirmed: {error}')
         self._power = Power.OFF
 
-    # Finding and losing the drive
-
-    def _handshake(self, patience: float) -> Tuple[Identity, Tuple[Setting, ...]]:
-        self._hang_up()
-        self._driver, identity, settings = handshake(self._connect, patience)
-        self.identity, self.trouble, self._power = identity, '', Power.OFF
-        self._answered = self._armed_at = self.clock()
-        return identity, settings
-
-    def _look_for_drive(self) -> None:
+    def _begin(self) -> None:
+        """Start with a drive that has just answered the handshake, its motor stopped."""
         now = self.clock()
-        if now < self._next_try:
-            return
-        try:
-            self._handshake(min(HANDSHAKE * (1 + self._failures), MOST_PATIENCE))
-        except BallbotError as error:
-            self._failures += 1
-            self._next_try = self.clock() + RETRY
-            if str(error) != self.trouble:
-                self.trouble = str(error)
-                self._notice(f'looking for the drive: {error}')
-            return
-        self._failures = 0
-        self.counts['reconnects'] += 1
-        self._notice('the drive is back')
+        self._power, self._armed_at = Power.OFF, now
+        self._sensing.begin(now)
 
     def _lose(self, error: BallbotError) -> None:
-        self.counts['links_lost'] += 1
-        self.trouble = str(error)
-        self._hang_up()
+        """Go on without the drive."""
         if self._power is not Power.OFF:
             self._went_wrong(f'the line was lost: {error}')
         self.supervisor.quiet()
-        self._power, self._next_try = Power.OFF, self.clock()
-        self._notice(f'lost the drive: {error}')
+        self._power = Power.OFF
+        self.line.lose(error)
 
     def _went_wrong(self, what: str) -> None:
         """Engage the e-stop, unless the robot may go on by itself."""
         if not self._hardware.limits.rearm:
             self.supervisor.trigger(what)
-        self._notice(what)
-
-    def _hang_up(self) -> None:
-        driver, self._driver = self._driver, None
-        if driver is not None:
-            driver.line.close()
-
-    def _notice(self, sentence: str) -> None:
-        # What goes wrong again and again is said once, and an owner that does not look is spared.
-        if sentence != self._said and len(self.notices) < 20:
-            self.notices.append(sentence)
-        self._said = sentence
+        self.notices.add(what)

@@ -42,7 +42,7 @@ class Supervisor:
     ----------
     limits : Limits
     period : float
-        Between two decisions [s]; the timeout is kept in spite of it.
+        Between two decisions at most [s]; the timeout is kept in spite of it.
 
     Attributes
     ----------

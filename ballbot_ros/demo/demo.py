@@ -11,7 +11,6 @@ from typing import Any, Iterator, List
 from nav_msgs.msg import Odometry
 import numpy as np
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
@@ -28,6 +27,7 @@ from ballbot_ros.plant.sensor import faces
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.bag import BagRecorder
 from ballbot_ros.ros.conversions import to_seconds
+from ballbot_ros.ros.executor import new_executor
 from ballbot_ros.ros.settings import SimulatorSettings
 
 SCENE, CURVE = 'doorstep', 'gimball_down'
@@ -139,7 +139,7 @@ def _play(out: Path, scene_name: str, story: Story, domain: int, real_time: bool
     lockstep_period = 1.0 / SimulatorSettings.observation_rate
     os.environ.update(stay_here(out / 'logs'))
     rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-    node, executor = Node('ballbot_demo'), SingleThreadedExecutor()
+    node, executor = Node('ballbot_demo'), new_executor()
     executor.add_node(node)
     try:
         with BagRecorder(out / 'bag') as bag, NodeProcesses(out / 'logs', domain) as nodes:

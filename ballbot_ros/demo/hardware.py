@@ -6,7 +6,7 @@ import time
 from typing import Any, List
 
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
@@ -25,6 +25,7 @@ from ballbot_ros.plant.sensor import faces
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.bag import BagRecorder
 from ballbot_ros.ros.conversions import to_seconds, to_time
+from ballbot_ros.ros.executor import new_executor
 
 TUNING = 'gentle'  # gains that a sample of delay and an estimated angle leave stable
 MORE_TOPICS = (('imu', Imu, qos.RECORD), ('motor_status', MotorStatus, qos.RECORD))
@@ -80,7 +81,7 @@ class _Performance:
         """Return what went wrong on the way."""
         os.environ.update(stay_here(self._out / 'logs'))
         rclpy.init(domain_id=self._domain, signal_handler_options=SignalHandlerOptions.NO)
-        node, executor = Node('ballbot_demo'), SingleThreadedExecutor()
+        node, executor = Node('ballbot_demo'), new_executor()
         executor.add_node(node)
         # Absolute: whoever opens it may be in another folder.
         link = str((self._out / 'motor').resolve())
@@ -105,7 +106,7 @@ class _Performance:
             node.destroy_node()
             rclpy.try_shutdown()
 
-    def _watch(self, node: Node, executor: SingleThreadedExecutor, bag: BagRecorder,
+    def _watch(self, node: Node, executor: Executor, bag: BagRecorder,
                nodes: NodeProcesses) -> List[str]:
         release = node.create_client(Trigger, 'bridge/release_e_stop')
         answer, asked = None, 0.0

@@ -226,14 +226,16 @@ class Driver(ABC):
 
     # What does not wait
 
-    def send_torque(self, torque: float) -> None:
+    def send_torque(self, torque: float, ask: bool = True) -> None:
         """
-        Send a torque and the questions of this period, in one write; feeds the watchdog.
+        Send a torque; feeds the watchdog.
 
         Parameters
         ----------
         torque : float
             At the motor shaft [N m]; cut to the torque limit.
+        ask : bool
+            Send the questions of this period, too, in the same write.
 
         Raises
         ------
@@ -249,7 +251,8 @@ class Driver(ABC):
         if not math.isfinite(torque):
             raise MessageError('not_finite', f'torque must be finite, got {torque!r}')
         limit = self.options.torque_limit
-        self._send(self._torque_message(min(max(torque, -limit), limit)) + self._questions())
+        self._send(self._torque_message(min(max(torque, -limit), limit))
+                   + (self._questions() if ask else b''))
 
     def ask(self) -> None:
         """Send the questions of this period only; this keeps no torque alive."""

@@ -53,6 +53,7 @@ class Bridge(LifecycleNode):
             hardware, Path(settings.capture) if settings.capture else None))
         self._loop: Optional[Loop] = None
         self._complaint = ''
+        self.failure: Optional[DriveError] = None
         self._inputs = MotorInputs(self, self._session, clocks)
         self._diagnostics = diagnostics.Diagnostics(self, 'motor', lambda: health(
             self._session, self._loop, hardware, self._inputs.imu_refused))
@@ -115,12 +116,11 @@ class Bridge(LifecycleNode):
 
     def _look_after(self) -> None:
         """Log what the loop has to say, and end when it has ended."""
-        notices, self._session.notices[:] = list(self._session.notices), []
-        for sentence in notices:
+        for sentence in self._session.notices.take():
             self.get_logger().warning(sentence)
         self._outputs.tell_e_stop(bool(self._session.supervisor.e_stop))
         if self._loop is not None and self._loop.failure is not None:
-            raise DriveError('loop_failed', f'the loop ended: {self._loop.failure!r}')
+            self.failure = DriveError('loop_failed', f'the loop ended: {self._loop.failure!r}')
 
     def _done(self, act: Callable[[], None]) -> bool:
         """Do something; log why it cannot be done, and return False then."""

@@ -11,6 +11,7 @@ from sensor_msgs.msg import Imu as ImuMessage
 
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.emulator.emulator import Emulator
+from ballbot_ros.errors import BallbotError
 from ballbot_ros.msg import BallState, StepObservation
 from ballbot_ros.physics import load_scene
 from ballbot_ros.plant import Imu, Sensor
@@ -56,6 +57,7 @@ class EmulatedRobot(Node):
             connection.protocol, scene, connection.baud, link=Path(settings.link))
         self._before = self._emulator.state
         self._number = 0
+        self.failure: Optional[BallbotError] = None
         self._emulator.start()
         self.create_timer(1.0 / settings.imu_rate, self._tell,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -64,8 +66,9 @@ class EmulatedRobot(Node):
 
     def _tell(self) -> None:
         """Tell what the sensors see."""
-        if self._emulator.failure is not None:
-            raise self._emulator.failure
+        self.failure = self._emulator.failure
+        if self.failure is not None:
+            return
         before, state = self._before, self._emulator.state
         if state.time <= before.time:
             return

@@ -2,11 +2,11 @@
 """The node ``simulator``: the ball robot, its sensors, and the time they live in."""
 import math
 import sys
-from typing import Any, List, Optional, Tuple
+from typing import Any, List, Optional, Tuple, Union
 
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
@@ -16,7 +16,7 @@ from ballbot_ros.physics.scene import load_scene
 from ballbot_ros.plant import CommandGate, Plant, Sensor
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import command_torque, to_seconds, to_time
-from ballbot_ros.ros.endpoints import listen
+from ballbot_ros.ros.endpoints import listen, serve
 from ballbot_ros.ros.outputs import Outputs
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
@@ -50,9 +50,7 @@ class Simulator(Node):
         listen(self, JointState, 'joint_commands', self._on_command, qos.NEWEST)
         for name in ('pause', 'resume', 'reset'):
             self.create_service(Trigger, f'~/{name}', getattr(self, f'_on_{name}'))
-        # In the group of all others a step that waits would keep out what it waits for.
-        self.create_service(
-            Step, '~/step', self._on_step, callback_group=ReentrantCallbackGroup())
+        serve(self, Step, '~/step', self._on_step)
         # Only the clock authority ticks on wall time; a timer on its own time would wait for ever.
         self.create_timer(self._keeper.interval, self._keeper.tick,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -97,16 +95,25 @@ class Simulator(Node):
         response.success, response.message = True, message
         return response
 
-    async def _on_step(self, request: Step.Request, response: Step.Response) -> Step.Response:
+    def _on_step(self, request: Step.Request, response: Step.Response
+                 ) -> Union[Step.Response, Future]:
         """Advance a paused simulation by some periods."""
+        answer = Future()
+
+        def finish(run: Future) -> None:
+            response.success = bool(run.result())
+            response.message = '' if response.success else 'ended before all periods were run'
+            response.time = to_time(self._plant.time)
+            answer.set_result(response)
+
+        response.time = to_time(self._plant.time)
         if self._keeper.failure is not None:
             response.message = f'{self._keeper.failure}; call ~/reset first'
         elif not self._keeper.paused:
             response.message = 'not paused: call ~/pause first'
         else:
-            response.success = bool(await self._keeper.step(max(1, request.periods)))
-            response.message = '' if response.success else 'ended before all periods were run'
-        response.time = to_time(self._plant.time)
+            self._keeper.step(max(1, request.periods)).add_done_callback(finish)
+            return answer
         return response
 
     def _health(self) -> Tuple[bytes, str, dict]:

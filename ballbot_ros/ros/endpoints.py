@@ -13,7 +13,9 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import qos_check_compatible, QoSCompatibility, QoSProfile
+from rclpy.service import Service
 from rclpy.subscription import Subscription
+from rclpy.task import Future
 
 # How long the last message of a publisher may take to be received [s]; it takes 5 ms, unless
 # a subscriber has died.
@@ -33,6 +35,22 @@ def listen(node: Node, kind: Any, topic: str, callback: Callable[[Any], None],
     return node.create_subscription(
         kind, topic, callback, profile, raw=raw,
         event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False))
+
+
+def serve(node: Node, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> Service:
+    """Return a service whose callback may return a future of the response, to answer later."""
+    service = node.create_service(kind, name, callback)
+    send = service.send_response
+
+    def send_response(response: Any, header: Any) -> None:
+        if isinstance(response, Future):
+            response.add_done_callback(lambda done: send(done.result(), header))
+        else:
+            send(response, header)
+
+    # A coroutine would do for one executor of rclpy, and not for the other.
+    service.send_response = send_response
+    return service
 
 
 def deliver(publisher: Publisher) -> None:

@@ -51,8 +51,8 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
 
     May be called while the loop runs in another thread.
     """
-    supervisor, driver, fusion = session.supervisor, session.driver, session.fusion
-    identity = session.identity
+    supervisor, fusion = session.supervisor, session.fusion
+    driver, identity = session.line.driver, session.line.identity
     has_imu = fusion.has_imu(session.clock())
     # Without power most drives tell of their watchdog; arming clears that.
     faults = ', '.join(driver.telemetry.faults) if driver else ''
@@ -75,7 +75,7 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
     if loop is None:
         return diagnostics.WARN, 'not configured', values
     if driver is None:
-        return diagnostics.ERROR, f'looking for the drive: {session.trouble}', values
+        return diagnostics.ERROR, f'looking for the drive: {session.line.trouble}', values
     if supervisor.e_stop:
         return diagnostics.WARN, f'e-stop: {supervisor.e_stop}', values
     if faults:

@@ -6,12 +6,12 @@ import sys
 from typing import Any, Callable, List, Optional
 
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.ros.executor import new_executor
 
 # How long a stop signal may wait for the executor to wake up [s].
 WAKE = 0.1
@@ -25,7 +25,8 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
 
     A node that has a method ``make_safe`` has it called before it is destroyed, on every way
     out and while it can still publish: rclpy's own signal handlers would shut the context
-    down first, hence ours.
+    down first, hence ours.  An exception that it shows as its ``failure`` ends it: raised in a
+    callback, it would be logged by the executor, too.
 
     Parameters
     ----------
@@ -53,7 +54,7 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
         print(f'cannot start: {_one_line(error)}', file=sys.stderr)
         return REFUSED
     node: Optional[Node] = None
-    executor = SingleThreadedExecutor()
+    executor = new_executor()
     try:
         node = make_node()
         executor.add_node(node)
@@ -63,6 +64,9 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
         gc.freeze()
         while rclpy.ok() and not stopping:
             executor.spin_once(timeout_sec=WAKE)
+            failure = getattr(node, 'failure', None)
+            if failure is not None:
+                raise failure
     except BallbotError as error:
         get_logger('ballbot_ros').fatal(_one_line(error))
         return REFUSED

@@ -111,9 +111,9 @@ class RoboClaw(Driver):
 
     # What does not wait
 
-    def send_torque(self, torque: float) -> None:
+    def send_torque(self, torque: float, ask: bool = True) -> None:
         """
-        Send the duty that makes a torque, and questions; see `Driver`.
+        Send the duty that makes a torque; see `Driver`.
 
         Raises
         ------
@@ -125,7 +125,7 @@ class RoboClaw(Driver):
             raise DriveError('no_voltage', (
                 f'{self.line.port}: the RoboClaw has not told its supply voltage for '
                 f'{STALE_VOLTAGE:g} s, without which a torque makes no duty cycle'))
-        super().send_torque(torque)
+        super().send_torque(torque, ask)
         self._commanded_at = self.clock()
 
     def feed(self) -> None:

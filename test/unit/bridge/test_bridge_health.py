@@ -117,7 +117,7 @@ def test_a_robot_that_follows_commands_is_well():
 @pytest.mark.parametrize('protocol', ['odrive', 'vesc', 'roboclaw'])
 def test_it_tells_which_drive_on_which_port(protocol):
     robot = driving(protocol=protocol)
-    found, identity = values(robot), robot.session.identity
+    found, identity = values(robot), robot.session.line.identity
     assert found['port'] == robot.hardware.connection.port and found['protocol'] == protocol
     assert (found['firmware'], found['serial_number']) == (
         identity.firmware, identity.serial_number)
@@ -196,7 +196,7 @@ def test_a_count_that_begins_while_it_is_told_does_no_harm():
                 self[f'new {len(self)}'] += 1
 
     robot = driving()
-    robot.session.driver.counts = Busy(robot.session.driver.counts)
+    robot.session.line.driver.counts = Busy(robot.session.line.driver.counts)
     assert values(robot)['wire_sent'] > 0
 
 

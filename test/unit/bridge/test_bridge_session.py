@@ -107,6 +107,43 @@ def test_without_an_imu_there_is_no_torque_unless_the_file_says_so():
     assert free.motor > 0.0
 
 
+@pytest.mark.parametrize('protocol', PROTOCOLS)
+def test_the_answer_to_the_question_of_a_period_is_heard_within_it(protocol):
+    robot = VirtualRobot(protocol).ready()
+    for _ in range(100):
+        robot.session.tick()
+        asked = robot.now
+        assert robot.session.expecting
+        report = robot.session.hear(STEP)
+        assert report.estimate.stamp == pytest.approx(asked) and not robot.session.expecting
+        robot.session.command(0.5, robot.now)
+    assert robot.motor == pytest.approx(0.5 / (50.0 * 0.9), rel=0.05)
+
+
+def test_a_bridge_that_was_held_up_does_not_take_the_drive_for_silent():
+    robot = VirtualRobot().ready()
+    robot.session.tick()
+    robot.session.hear(STEP)
+    robot.now += 0.25
+    robot.session.tick()
+    assert 'silent' not in robot.session.supervisor.e_stop
+
+
+def test_more_commands_than_periods_do_not_crowd_the_line():
+    robot = VirtualRobot().ready()
+    robot.run(0.1, torque=0.1)
+    before = robot.session.line.driver.counts['sent']
+    for number in range(100):
+        robot.pass_time(STEP)
+        robot.session.tick()
+        for part in range(5):
+            robot.session.command(0.1 + 0.001 * part, robot.now)
+    sent = robot.session.line.driver.counts['sent'] - before
+    assert 100 <= sent <= 203  # a question and a torque per period
+    robot.session.tick()
+    assert robot.session.supervisor.torque == pytest.approx(0.104)  # and the newest counts
+
+
 def test_an_imu_that_falls_silent_takes_the_torque_away():
     robot = VirtualRobot().ready()
     robot.run(0.2, torque=1.0)
@@ -175,10 +212,10 @@ def test_after_unplugging_it_is_back_within_a_second_and_armed_only_by_policy(re
     robot.run(0.2, torque=0.5)
     robot.plugged = False
     robot.run(0.4, torque=0.5)
-    assert robot.motor == 0.0 and not robot.session.link_up
+    assert robot.motor == 0.0 and not robot.session.line.driver
     robot.plugged = True
     robot.run(1.0, torque=0.5)
-    assert robot.session.link_up and robot.lines == 1
+    assert robot.session.line.driver and robot.lines == 1
     assert robot.session.counts['links_lost'] == robot.session.counts['reconnects'] == 1
     assert (robot.motor != 0.0) is rearm
     assert bool(robot.session.supervisor.e_stop) is not rearm
@@ -191,7 +228,7 @@ def test_after_a_reboot_of_the_drive_likewise(rearm, protocol):
     robot.run(0.2, torque=0.5)
     robot.device.reboot(robot.now)
     robot.run(1.5, torque=0.5)
-    assert robot.session.link_up
+    assert robot.session.line.driver
     assert (robot.motor != 0.0) is rearm
 
 
@@ -222,7 +259,7 @@ def test_a_motor_that_cannot_be_armed_is_tried_again_only_by_policy(rearm):
     robot.session.release()
     robot.run(1.0, torque=0.5)
     assert not any(robot.torques)
-    assert len([text for text in robot.session.notices if 'cannot arm' in text]) == 1
+    assert len([text for text in robot.session.notices.waiting if 'cannot arm' in text]) == 1
     robot.pass_time = passing
     robot.run(1.0, torque=0.5)
     assert (robot.motor != 0.0) is rearm
@@ -236,5 +273,5 @@ def test_fifty_unplugs_leave_no_line_open_and_no_flood_of_notices():
         robot.run(0.02)
         robot.plugged = True
         robot.run(0.2)
-    assert robot.lines == 1 and len(robot.session.notices) <= 20
+    assert robot.lines == 1 and len(robot.session.notices.waiting) <= 20
     assert robot.session.counts['reconnects'] == 50

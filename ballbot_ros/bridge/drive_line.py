@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The line to a drive: opened, lost, and opened again."""
+from collections import Counter
+from typing import Callable, Optional, Tuple
+
+from ballbot_ros.bridge.connect import handshake
+from ballbot_ros.bridge.notices import Notices
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.hardware.driver import Driver, Identity, Setting
+
+# Between two attempts to find a drive that was lost [s].
+RETRY = 0.1
+# Patience with a drive that answers, when one was lost: together well below a second at first,
+# more for one that is slow [s].
+HANDSHAKE, MOST_PATIENCE = 0.25, 1.0
+
+
+class DriveLine:
+    """
+    Holds the drive that there is, if there is one.
+
+    Parameters
+    ----------
+    connect : callable
+        Opens the line and returns a driver on it.
+    clock : callable
+        Gives seconds and never goes back.
+    counts : Counter
+        ``links_lost`` and ``reconnects`` are kept here.
+    notices : Notices
+
+    Attributes
+    ----------
+    driver : Driver or None
+    identity : Identity or None
+        Of the drive that answered last.
+    trouble : str
+        Why there is no drive at the moment; empty when there is.
+
+    """
+
+    def __init__(self, connect: Callable[[], Driver], clock: Callable[[], float],
+                 counts: Counter, notices: Notices):
+        """Open nothing yet."""
+        self._connect, self._clock = connect, clock
+        self._counts, self._notices = counts, notices
+        self._next_try = 0.0
+        self._failures = 0  # of looking for the drive, in a row
+        self.driver: Optional[Driver] = None
+        self.identity: Optional[Identity] = None
+        self.trouble = ''
+
+    def open(self, patience: float) -> Tuple[Identity, Tuple[Setting, ...]]:
+        """Open the line, find the drive and check it; raises as `handshake` does."""
+        self.close()
+        self.driver, self.identity, settings = handshake(self._connect, patience)
+        self.trouble = ''
+        return self.identity, settings
+
+    def look(self) -> bool:
+        """Look for a drive that was lost, unless that was just done; tell whether it is back."""
+        if self._clock() < self._next_try:
+            return False
+        try:
+            self.open(min(HANDSHAKE * (1 + self._failures), MOST_PATIENCE))
+        except BallbotError as error:
+            self._failures += 1
+            self._next_try = self._clock() + RETRY
+            if str(error) != self.trouble:
+                self.trouble = str(error)
+                self._notices.add(f'looking for the drive: {error}')
+            return False
+        self._failures = 0
+        self._counts['reconnects'] += 1
+        self._notices.add('the drive is back')
+        return True
+
+    def lose(self, error: BallbotError) -> None:
+        """Take note that the drive is gone; it may be looked for at once."""
+        self._counts['links_lost'] += 1
+        self.trouble, self._next_try = str(error), self._clock()
+        self.close()
+        self._notices.add(f'lost the drive: {error}')
+
+    def close(self) -> None:
+        """Close the line, if it is open."""
+        driver, self.driver = self.driver, None
+        if driver is not None:
+            driver.line.close()

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a session knows of the robot, and for how long it may be relied on."""
+import math
+from typing import Optional
+
+from ballbot_ros.bridge.hardware_file import Hardware
+from ballbot_ros.bridge.supervisor import Motion
+from ballbot_ros.estimation import Estimate, Fusion
+from ballbot_ros.hardware.driver import Telemetry
+from ballbot_ros.physics.robot import Robot
+
+# Without a measurement for so long there is no torque [s].
+SILENCE = 0.1
+
+
+class Sensing:
+    """
+    Turns what the drive answers into estimates.  All times are of one clock [s].
+
+    Parameters
+    ----------
+    hardware : Hardware
+    robot : Robot
+
+    Attributes
+    ----------
+    fusion : Fusion
+    answered : float
+        When the newest measurement arrived.
+    expecting : bool
+        Whether one was asked for and has not arrived.
+
+    """
+
+    def __init__(self, hardware: Hardware, robot: Robot):
+        """Start without a measurement."""
+        self._joint = hardware.joint
+        self._imu_required = hardware.connection.imu_required
+        self._patience = 2.0 / hardware.connection.loop_rate
+        self.fusion = Fusion(robot, hardware.imu, hardware.estimate, hardware.joint.encoder_zero)
+        self._asked = self._waiting_since = self.answered = 0.0
+        self.expecting = False
+        self._stamp = -math.inf  # of the last estimate
+
+    def begin(self, now: float) -> None:
+        """Count silence from now on: the drive has just answered the handshake."""
+        self.answered, self.expecting = now, False
+
+    def ask(self, now: float) -> None:
+        """Take note that the drive is asked for a measurement."""
+        if not self.expecting:
+            self._waiting_since = now
+        self._asked, self.expecting = now, True
+
+    def silence(self, now: float) -> float:
+        """Return how long the drive has owed an answer [s]; without a question it owes none."""
+        return now - self._waiting_since if self.expecting else 0.0
+
+    def take(self, telemetry: Telemetry, torque: float) -> Optional[Estimate]:
+        """
+        Return an estimate from a new measurement, None if there is none in the telemetry.
+
+        Raises
+        ------
+        EstimateLostError
+            If it does not fit what is known; see `Fusion.encoder`.
+
+        """
+        if telemetry.position is None or telemetry.time is None \
+                or telemetry.time <= self.answered:
+            return None
+        self.answered, self.expecting = telemetry.time, False
+        # The drive looked at its encoder when it was asked, not when the answer was read.
+        stamp = self._asked if 0.0 <= telemetry.time - self._asked <= self._patience \
+            else telemetry.time
+        self._stamp = max(stamp, self._stamp)  # of one that was late and one that was not
+        return self.fusion.encoder(
+            self._stamp, self._joint.joint_angle(telemetry.position), torque)
+
+    def motion(self, now: float) -> Optional[Motion]:
+        """Return how the robot moves, None where that is not known well enough for torque."""
+        estimate = self.fusion.estimate
+        if estimate is None or now - self.answered > SILENCE or self.needs_imu(now):
+            return None
+        readings = estimate.readings
+        return Motion(readings.pendulum_angle, readings.pendulum_rate, readings.joint_rate)
+
+    def needs_imu(self, now: float) -> bool:
+        """Tell whether there must be an IMU and none is heard."""
+        return self._imu_required and not self.fusion.has_imu(now)

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a node ends, on the executor of today and on the one that older rclpy have."""
+import subprocess
+import sys
+
+import pytest
+
+NODE = """
+import sys
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from ballbot_ros.errors import DriveError
+from ballbot_ros.ros import executor, run
+if sys.argv[1] == 'older':
+    executor.EventsExecutor = SingleThreadedExecutor
+
+class Failing(Node):
+    failure = None
+
+    def __init__(self):
+        super().__init__('failing')
+        self.create_timer(0.01, self.look)
+
+    def look(self):
+        self.failure = DriveError('planted', 'what went wrong')
+
+    def make_safe(self):
+        print('made safe', flush=True)
+
+sys.exit(run.run(Failing, []))
+"""
+
+
+@pytest.mark.parametrize('executor', ['newest', 'older'])
+def test_a_node_that_fails_is_made_safe_and_says_so_in_one_line(
+        executor, monkeypatch):
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
+    done = subprocess.run([sys.executable, '-c', NODE, executor], capture_output=True, text=True,
+                          timeout=60)
+    assert done.returncode == 2
+    assert done.stdout == 'made safe\n'
+    assert done.stderr.count('what went wrong') == 1 and 'FATAL' in done.stderr
+    assert 'Traceback' not in done.stderr
