@@ -114,7 +114,7 @@ def load_scene(name_or_path: str, robot: Optional[str] = None,
     robot : str, optional
         Name or file of a robot to put in place of the scene's.
     solver : Solver, optional
-        To use instead of the scene's.
+        To use instead of the scene's, and of an accuracy that it asks for.
 
     Raises
     ------
@@ -129,7 +129,8 @@ def load_scene(name_or_path: str, robot: Optional[str] = None,
     scene = read_scene(content, str(path), Path(path).stem)
     if solver is None:
         return scene
-    return replace(scene, model=replace(scene.model, solver=solver))
+    return replace(scene, model=replace(scene.model, solver=solver),
+                   run=replace(scene.run, accuracy=None))
 
 
 def read_scene(content: Mapping[str, Any], where: str, name: str) -> Scene:

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics import Actuation, load_robot, load_scene, Model, State, Terrain
+from ballbot_ros.paths import config_folder
+from ballbot_ros.physics import (
+    Actuation, load_robot, load_scene, Model, Solver, State, Terrain)
 from ballbot_ros.physics.accuracy import simulate_accurately
 
 # The generator of random scenes that bench/accuracy.py measures the promise with.
@@ -40,6 +42,24 @@ def test_a_looser_accuracy_costs_less():
     cost = [replace(scene, run=replace(scene.run, accuracy=level)).simulate().effort.evaluations
             for level in (1e-3, 1e-8)]
     assert cost[0] < 0.8 * cost[1]
+
+
+@pytest.mark.parametrize('name', sorted(path.stem for path in (config_folder() / 'scenes').glob(
+    '*.yaml')))
+def test_the_solver_of_each_shipped_scene_is_right_to_thirty_micrometres(name):
+    scene = load_scene(name)
+    found = scene.simulate()
+    exact = replace(scene, run=replace(scene.run, accuracy=1e-7)).simulate()
+    assert exact.assurance.complete
+    assert np.hypot(found['x'] - exact['x'], found['y'] - exact['y']).max() < 3e-5
+
+
+def test_a_solver_that_is_given_takes_the_place_of_an_accuracy_too(tmp_path):
+    path = tmp_path / 'mine.yaml'
+    path.write_text('robot: gimball\ninitial: {speed: 0.5}\nduration: 0.1\naccuracy: 1.0e-5\n')
+    assert load_scene(str(path)).simulate().assurance is not None
+    run = load_scene(str(path), solver=Solver('rk4', 1e-3)).simulate()
+    assert run.assurance is None and run.effort.steps == 100
 
 
 def test_chaotic_motion_is_said_to_be_so_with_a_horizon_that_holds():
