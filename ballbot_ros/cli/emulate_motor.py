@@ -12,6 +12,8 @@ from ballbot_ros.cli.command import complain, DONE, FAILED
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add drive, ball and faults."""
     parser.add_argument('--protocol', required=True, help='odrive, vesc or roboclaw')
+    parser.add_argument('--firmware', default='', help='generation of the drive, for odrive 0.5 '
+                        '(default) or 0.6')
     parser.add_argument('--robot', help='name or file of a robot with a motor, instead of that '
                         'of the scene')
     parser.add_argument('--scene', default='flat',
@@ -75,7 +77,7 @@ def make_emulator(arguments: argparse.Namespace, make: Any) -> Any:
     Raises
     ------
     ConfigurationError
-        Naming what is wrong with scene, robot, protocol, baud rate or link.
+        Naming what is wrong with scene, robot, protocol, firmware, baud rate or link.
 
     """
     from ballbot_ros.emulator.ball import settings_for
@@ -85,8 +87,9 @@ def make_emulator(arguments: argparse.Namespace, make: Any) -> Any:
         raise ConfigurationError(f'--baud must be at least 1, got {arguments.baud}')
     scene = load_scene(arguments.scene, robot=arguments.robot)
     given = {} if arguments.watchdog is None else {'watchdog': arguments.watchdog}
-    return make(arguments.protocol, scene, arguments.baud,
-                settings_for(scene.model.robot, **given), arguments.link, arguments.seed)
+    settings = settings_for(scene.model.robot, firmware=arguments.firmware, **given)
+    return make(arguments.protocol, scene, arguments.baud, settings, arguments.link,
+                arguments.seed)
 
 
 def write_log(emulator: Any, path: Path) -> None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ball behind an emulated drive: full model, gear, encoder, and an inertial sensor."""
 import math
-from typing import Optional
+from typing import Any, Optional
 
 from ballbot_ros.emulator.device import DriveSettings, Sensed
 from ballbot_ros.errors import ConfigurationError
@@ -27,7 +27,7 @@ def motor_of(robot: Robot) -> Motor:
     return robot.motor
 
 
-def settings_for(robot: Robot, **changes: float) -> DriveSettings:
+def settings_for(robot: Robot, **changes: Any) -> DriveSettings:
     """
     Return a drive set up for the motor of a robot.
 
@@ -45,7 +45,7 @@ def settings_for(robot: Robot, **changes: float) -> DriveSettings:
     values = {'torque_constant': motor.torque_constant, 'speed_constant': motor.speed_constant,
               'resistance': motor.resistance, 'torque_limit': limit,
               'current_limit': limit / motor.torque_constant}
-    return DriveSettings(**{**values, **changes})  # type: ignore[arg-type]
+    return DriveSettings(**{**values, **changes})
 
 
 class Ball:

@@ -4,7 +4,8 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
-from ballbot_ros.fields import Checked, count, quantity
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.fields import Checked, count, quantity, text
 
 
 class Sensed(NamedTuple):
@@ -35,6 +36,8 @@ class DriveSettings(Checked):
     highest_temperature: float = quantity('degC', 'at which the power stage gives up',
                                           default=100.0)
     boot_time: float = quantity('s', 'after which a reboot is over', default=0.3, minimum=0.0)
+    firmware: str = text('generation that the drive is of; empty for the only or oldest one',
+                         default='')
 
     @property
     def largest_current(self) -> float:
@@ -52,17 +55,32 @@ class Device(ABC):
     ----------
     sensed : Sensed
         What it measures; kept up to date from outside.
+    baud : float
+        Of its line; for how long it sends a reply.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such drive with the firmware of the settings.
 
     """
 
     protocol: ClassVar[str]
+    # Generations that differ on the line; none where all are alike.
+    firmwares: ClassVar[tuple[str, ...]] = ()
     # Time that the firmware takes from a request to its reply [s].
     turnaround: ClassVar[float] = 0.0002
 
     def __init__(self, settings: DriveSettings):
         """Boot."""
+        if settings.firmware and settings.firmware not in self.firmwares:
+            known = ' or '.join(self.firmwares) or 'left out: all are alike'
+            raise ConfigurationError(
+                f'firmware of an emulated {self.protocol} must be {known}, got '
+                f'{settings.firmware!r}')
         self.settings = settings
         self.sensed = Sensed()
+        self.baud = 921600.0
         self.booted_at = -1e9
 
     def receive(self, data: bytes, now: float) -> bytes:

@@ -75,7 +75,7 @@ class Emulator:
     Raises
     ------
     ConfigurationError
-        For an unknown protocol, a robot without motor, or a link that cannot be made.
+        For an unknown protocol or firmware, a robot without motor, or a link that cannot be made.
 
     """
 
@@ -89,6 +89,7 @@ class Emulator:
         self.settings = settings or settings_for(scene.model.robot)
         self.ball = Ball(scene, self.settings, PERIOD, imu)
         self.device = DEVICES[protocol](self.settings)
+        self.device.baud = baud
         self.device.sensed = self.device.sensed._replace(
             bus_voltage=self.ball.motor.maximum_voltage)
         self.baud = baud

@@ -1,26 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-An ODrive with firmware 0.5, as its ASCII protocol sees it.
+An ODrive with firmware 0.5 or 0.6, as its ASCII protocol sees it.
 
-Written after Firmware/communication/ascii_protocol.cpp and MotorControl/axis.cpp of
+0.5 is written after Firmware/communication/ascii_protocol.cpp and MotorControl/axis.cpp of
 odriverobotics/ODrive, with their oddities: a line without a checksum is obeyed, ``;`` starts a
 comment, ``!`` ends a line, numbers are read as far as they go, and a value is cut to nine
 characters.
+
+The source of 0.6 is not published.  Its names, and that a response is discarded while the one
+before it is still being sent, are from the maker's documents; see hardware/drivers/odrive_firmware
+and hardware/codecs/odrive.  All else is guessed to be as in 0.5, and where a guess could spare the
+driver something, it is made against the driver: here a torque command does not change the control
+mode, and arming sets the torque to that of `init_torque`.
 """
 import math
 import re
 from typing import Callable, Optional
 
 from ballbot_ros.emulator.device import Device, DriveSettings
+from ballbot_ros.emulator.odrive_names import Names, NAMES
 from ballbot_ros.hardware.codecs.odrive import (
-    checksum, CLOSED_LOOP_CONTROL, IDLE, LONGEST_LINE, PASSTHROUGH, TORQUE_CONTROL)
+    checksum, CLOSED_LOOP_CONTROL, IDLE, LONGEST_LINE, TORQUE_CONTROL)
+from ballbot_ros.hardware.wire import BITS_PER_BYTE
 
 TURN = 2.0 * math.pi
-AXES = 2
-FIRMWARE = '0.5.6'
 LONGEST_COMMAND = 256
+LONGEST_VALUE = 9
 LINE_ENDS = re.compile(rb'[\r\n!]')
-INVALID_STATE, MOTOR_FAILED, WATCHDOG_TIMER_EXPIRED = 0x1, 0x40, 0x800
 FLOAT = r'\s*([-+]?(?:[0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?|\.[0-9]+(?:[eE][-+]?[0-9]+)?|inf|nan))'
 
 
@@ -28,86 +34,83 @@ class ODriveDevice(Device):
     """See `Device`; the motor is on axis 0."""
 
     protocol = 'odrive'
+    firmwares = tuple(NAMES)
 
     def __init__(self, settings: DriveSettings):
         """Boot."""
         super().__init__(settings)
+        self.names: Names = NAMES[settings.firmware or self.firmwares[0]]
         self._boot()
 
     def _boot(self) -> None:
-        settings = self.settings
         self._line = b''
         self._reading = True
         self._fed: Optional[float] = None
+        self._sending_until = -math.inf
         self._input_torque = 0.0
-        # What can be read, and what of it can be written.
-        self.properties: dict[str, float] = {
-            'error': 0, 'current_state': IDLE, 'requested_state': 0,
-            'config.enable_watchdog': float(settings.watchdog > 0.0),
-            'config.watchdog_timeout': settings.watchdog,
-            'controller.config.control_mode': TORQUE_CONTROL,
-            'controller.config.input_mode': PASSTHROUGH,
-            'motor.config.torque_lim': settings.torque_limit,
-            'motor.config.current_lim': settings.current_limit,
-            'motor.config.torque_constant': settings.torque_constant,
-            'encoder.is_ready': 1,
-        }
+        self.properties = self.names.properties(self.settings)
         self._measured: dict[str, Callable[[], float]] = {
-            'motor.current_control.Iq_measured':
-                lambda: self.torque() / settings.torque_constant,
-            'motor.fet_thermistor.temperature': lambda: self.sensed.temperature,
-            'motor.motor_thermistor.temperature': lambda: self.sensed.motor_temperature,
+            self.names.current: lambda: self.torque() / self.settings.torque_constant,
+            'vbus_voltage': lambda: self.sensed.bus_voltage,
+            'axis0.motor.fet_thermistor.temperature': lambda: self.sensed.temperature,
+            'axis0.motor.motor_thermistor.temperature': lambda: self.sensed.motor_temperature,
         }
 
     @property
     def armed(self) -> bool:
         """Tell whether the motor is under power."""
-        return self.properties['current_state'] == CLOSED_LOOP_CONTROL
+        return self.properties['axis0.current_state'] == CLOSED_LOOP_CONTROL
 
     def torque(self) -> float:
         """Return the torque at the shaft; see `Device`."""
-        if not self.armed or self.properties['controller.config.control_mode'] != TORQUE_CONTROL:
+        here = self.properties
+        if not self.armed or here['axis0.controller.config.control_mode'] != TORQUE_CONTROL:
             return 0.0
-        limit = min(self.properties['motor.config.torque_lim'],
-                    self.properties['motor.config.current_lim']
-                    * self.properties['motor.config.torque_constant'])
-        return min(max(self._input_torque, -limit), limit)
+        most = here[self.names.current_limit] * here[self.names.torque_constant]
+        lowest = here[self.names.torque_min] if self.names.torque_min \
+            else -here[self.names.torque_max]
+        return min(max(self._input_torque, lowest, -most), here[self.names.torque_max], most)
 
     def tick(self, now: float) -> None:
         """Look after watchdog and temperature; see `Device`."""
+        here, names = self.properties, self.names
         if self._fed is None:
             self._fed = now
-        if self.properties['config.enable_watchdog'] \
-                and now - self._fed > self.properties['config.watchdog_timeout']:
-            self._trip(WATCHDOG_TIMER_EXPIRED)
+        if here['axis0.config.enable_watchdog'] \
+                and now - self._fed > here['axis0.config.watchdog_timeout']:
+            self._trip(names.watchdog_expired)
         if self.sensed.temperature >= self.settings.highest_temperature:
-            self._trip(MOTOR_FAILED)
-        wanted = self.properties['requested_state']
+            self._trip(names.too_hot)
+        wanted = here['axis0.requested_state']
         if wanted:
-            self.properties['requested_state'] = 0
-            if wanted == CLOSED_LOOP_CONTROL:
+            here['axis0.requested_state'] = 0
+            if wanted == CLOSED_LOOP_CONTROL and names.ready(here):
                 self._fed = now
+                self._input_torque = here.get('axis0.config.init_torque', self._input_torque)
             elif wanted != IDLE:
-                self.properties['error'] = int(self.properties['error']) | INVALID_STATE
+                names.refuse(here, wanted)
                 wanted = IDLE
-            self.properties['current_state'] = wanted
-        if self.properties['error']:
-            self.properties['current_state'] = IDLE
+            here['axis0.current_state'] = wanted
+        if here[names.errors]:
+            here['axis0.current_state'] = IDLE
 
     def over_current(self) -> None:
         """Trip; see `Device`."""
-        self._trip(MOTOR_FAILED)
+        self._trip(self.names.too_much_current)
 
     def _trip(self, bit: int) -> None:
-        self.properties['error'] = int(self.properties['error']) | bit
-        self.properties['current_state'] = IDLE
+        here = self.properties
+        here[self.names.errors] = int(here[self.names.errors]) | bit
+        if 'axis0.disarm_reason' in here:
+            here['axis0.disarm_reason'] = int(here['axis0.disarm_reason']) | bit
+        here['axis0.current_state'] = IDLE
 
     def _receive(self, data: bytes, now: float) -> bytes:
         reply = b''
         *lines, rest = LINE_ENDS.split(self._line + data)
         for line in lines:
             if self._reading:
-                reply += self._line_received(line, now)
+                reply += self._sent(self._line_received(line, now), now)
                 self.tick(now)
             self._reading = True
         if len(rest) >= LONGEST_COMMAND:
@@ -115,18 +118,28 @@ class ODriveDevice(Device):
         self._line = rest
         return reply
 
-    def _line_received(self, raw: bytes, now: float) -> bytes:
-        """Obey one line and return the reply."""
+    def _sent(self, responses: list[bytes], now: float) -> bytes:
+        """Return what of the responses goes out."""
+        reply = b''
+        for response in responses:
+            if self.names.one_reply_at_a_time and now < self._sending_until:
+                continue
+            duration = len(response) * BITS_PER_BYTE / self.baud
+            self._sending_until = now + self.turnaround + duration
+            reply += response
+        return reply
+
+    def _line_received(self, raw: bytes, now: float) -> list[bytes]:
+        """Obey one line and return the responses."""
         raw = raw.split(b';')[0]
         body, asterisk, digits = raw.partition(b'*')
         checked = bool(asterisk and digits)
         if checked:
             number = re.match(rb'\s*\+?([0-9]+)', digits)
             if number is None or int(number[1]) != checksum(body):
-                return b''
+                return []
         text = (body if checked else raw).decode('latin-1')
-        answers = self._obey(text, now)
-        return b''.join(_respond(answer, checked) for answer in answers)
+        return [_respond(answer, checked) for answer in self._obey(text, now)]
 
     def _obey(self, text: str, now: float) -> list[str]:
         letter = text[:1]
@@ -138,13 +151,13 @@ class ODriveDevice(Device):
         if letter == 'u':
             return self._with_axis(text, now, '', lambda _: [])
         if letter == 'i':
-            return ['Hardware version: 3.6-56V', f'Firmware version: {FIRMWARE}',
-                    'Serial number: 208F3387304B']
+            return self.names.info(self.properties)
         if letter == 's':
             if text[1:2] == 'r':
                 self.reboot(now)
             elif text[1:2] == 'c':
-                self.properties['error'] = 0
+                self.properties.update({name: 0 for name in (
+                    self.names.errors, 'axis0.disarm_reason') if name in self.properties})
             return []
         if letter == 'r':
             return self._read(text.split()[1:2])
@@ -158,7 +171,7 @@ class ODriveDevice(Device):
         match = re.match(rf'.\s*\+?([0-9]+){more}', text)
         if match is None:
             return ['invalid command format']
-        if int(match[1]) >= AXES:
+        if int(match[1]) >= self.names.axes:
             return [f'invalid motor {int(match[1])}']
         if int(match[1]) != 0:  # the other motor output: nothing is connected to it
             return ['0.000000 0.000000'] if text[0] == 'f' else []
@@ -167,31 +180,29 @@ class ODriveDevice(Device):
         return act(float(match[2]) if more else None)
 
     def _set_torque(self, value: Optional[float]) -> list[str]:
-        self.properties['controller.config.control_mode'] = TORQUE_CONTROL
+        if self.names.torque_command_sets_mode:
+            self.properties['axis0.controller.config.control_mode'] = TORQUE_CONTROL
         self._input_torque = 0.0 if value is None or math.isnan(value) else value
         return []
 
-    def _read(self, names: list[str]) -> list[str]:
-        if not names:
+    def _read(self, words: list[str]) -> list[str]:
+        if not words:
             return ['invalid command format']
-        if names[0] == 'vbus_voltage':
-            return [f'{self.sensed.bus_voltage:f}'[:9]]
-        name = names[0].removeprefix('axis0.')
-        if name == names[0] or name not in {**self.properties, **self._measured}:
-            return ['invalid property']
+        name = words[0]
         if name in self._measured:
-            return [f'{self._measured[name]():f}'[:9]]
+            return [f'{self._measured[name]():f}'[:LONGEST_VALUE]]
+        if name not in self.properties:
+            return ['invalid property']
         value = self.properties[name]
-        return [f'{value:f}'[:9] if isinstance(value, float) else str(value)]
+        return [(f'{value:f}' if isinstance(value, float) else str(value))[:LONGEST_VALUE]]
 
     def _write(self, words: list[str]) -> list[str]:
-        name = words[0].removeprefix('axis0.') if words else ''
-        if name not in self.properties or len(words) < 2:
+        if len(words) < 2 or words[0] not in self.properties:
             return ['invalid property']
         number = re.match(FLOAT, words[1])
-        old = self.properties[name]
-        if number is not None:
-            self.properties[name] = type(old)(float(number[1]))
+        old = self.properties[words[0]]
+        if number is not None and words[0] not in self.names.read_only:
+            self.properties[words[0]] = type(old)(float(number[1]))
         return []
 
 

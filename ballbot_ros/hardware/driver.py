@@ -57,12 +57,15 @@ class Identity(NamedTuple):
     hardware: str
     firmware: str
     serial_number: str = ''
+    generation: str = ''  # of the firmware, where it decides how the drive is talked to
 
     @property
     def in_words(self) -> str:
         """Return all of it as people write it."""
         with_serial = f' {self.serial_number}' if self.serial_number else ''
-        return f'{self.protocol} {self.hardware}{with_serial}, firmware {self.firmware}'
+        generation = f', generation {self.generation}' if self.generation else ''
+        return (f'{self.protocol} {self.hardware}{with_serial}, firmware {self.firmware}'
+                f'{generation}')
 
 
 class Setting(NamedTuple):

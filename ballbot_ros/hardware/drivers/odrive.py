@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ODrive with firmware 0.5, by its ASCII protocol: torque mode, current measured in the drive."""
+"""ODrive with firmware 0.5 or 0.6, by its ASCII protocol: torque mode, current measured there."""
 from collections import deque
 from dataclasses import dataclass
 import math
-import re
 import time
 from typing import Any, Callable, Optional
 
@@ -11,24 +10,17 @@ from ballbot_ros.errors import DriveError
 from ballbot_ros.fields import count, quantity
 from ballbot_ros.hardware.codecs import odrive as codec
 from ballbot_ros.hardware.driver import DriveOptions, Driver, Identity, Line, Setting
+from ballbot_ros.hardware.drivers.odrive_firmware import (
+    CONTROL_MODE, Generation, GENERATIONS, HARDWARE, hardware_name, REQUESTED_STATE,
+    SERIAL_NUMBER, STATE, VERSION)
+from ballbot_ros.hardware.drivers.odrive_questions import MARKER, Questions
 from ballbot_ros.hardware.wire import WireBudget
 
 TURN = 2.0 * math.pi
-# In firmware 0.4 and before the torque command means amperes; 0.6 has other property names.
-FIRMWARE = (0, 5)
 # Longest replies: "-12345.123456 -1234.123456*255\r\n", and a value cut to nine characters.
 LONGEST_FEEDBACK, LONGEST_VALUE = 32, 15
-MARKERS = range(200, 1000)
-
-# What is asked one at a time beside position and velocity; errors and state come often.
-ERROR, STATE = 'error', 'current_state'
-SLOW = {
-    'current': 'motor.current_control.Iq_measured',
-    'temperature': 'motor.fet_thermistor.temperature',
-    'motor_temperature': 'motor.motor_thermistor.temperature',
-    'bus_voltage': 'vbus_voltage',
-}
-ROUND = tuple(name for slow in SLOW.values() for name in (ERROR, STATE, slow))
+# Serial numbers have twelve hexadecimal digits; firmware 0.5 cuts such a number off.
+LEAST_SERIAL_NUMBER = 10**9
 
 
 @dataclass(frozen=True)
@@ -45,9 +37,8 @@ class ODrive(Driver):
     """
     See `Driver`.
 
-    Replies do not name their question.  So one property is asked for at a time; where its value
-    is overdue, or one comes that was not asked for, a numbered marker is sent, and no value is
-    believed until that has been answered.
+    The firmware that answers the handshake decides which table of names is used.  Where a drive
+    gives one reply at a time, a period asks either for the position or for a property.
     """
 
     protocol = 'odrive'
@@ -58,13 +49,11 @@ class ODrive(Driver):
         """Take the line; nothing is sent yet."""
         super().__init__(line, options, clock)
         self._parser = codec.LineParser()
-        self._texts: deque[str] = deque(maxlen=8)  # neither feedback nor value nor marker
+        self._generation: Optional[Generation] = None  # None before the handshake
+        self._ask_property = Questions(options.reply_timeout)
         self._feedback_asked: deque[float] = deque(maxlen=1000)
-        self._marker = MARKERS[0]
-        self._marked_at: Optional[float] = None  # None: in step
-        self._asked: Optional[str] = None  # property whose value is to come
-        self._asked_at = -math.inf
-        self._value: Optional[float] = None  # the last one, None for an invalid property
+        self._texts: deque[str] = deque(maxlen=8)  # neither feedback nor an answer
+        self._values: dict[str, float] = {}  # the last one of each property
         self._turn = 0
         self._idle_asked_at = -math.inf  # when the state was asked that turned out to be idle
 
@@ -74,65 +63,81 @@ class ODrive(Driver):
         """Ask who is there; see `Driver`."""
         deadline = self.clock() + patience
         self._fall_in_step(deadline)
-        found: dict[str, str] = {}
-        while 'Serial number' not in found:
-            self._texts.clear()
-            self._send(codec.INFO)
-            self._until(lambda: len(self._texts) >= 3, self._soon(deadline))
-            for text in self._texts:
-                name, _, found[name] = text.partition(': ')
-            if self.clock() >= deadline:
-                break
-        firmware = found.get('Firmware version', '')
-        if tuple(int(part) for part in re.findall('[0-9]+', firmware)[:2]) != FIRMWARE:
+        version = [self._read(name, deadline) for name in VERSION]
+        told = '.'.join(f'{part:g}' for part in version)
+        known = [item for item in GENERATIONS if list(item.version) == version[:2]]
+        if not known:
+            names = ' or '.join(item.name for item in GENERATIONS)
             raise DriveError('firmware', (
-                f'{self.line.port}: ODrive firmware must be 0.5, got {firmware or "no answer"}: '
-                'older ones take a torque command for amperes, newer ones name their properties '
-                'otherwise'))
-        return Identity(self.protocol, found.get('Hardware version', ''), firmware,
-                        found.get('Serial number', ''))
+                f'{self.line.port}: ODrive firmware must be {names}, got {told}: older ones take '
+                'a torque command for amperes, names and meanings in newer ones are not known'))
+        generation, = known
+        if self.options.axis >= generation.axes:
+            raise DriveError('firmware', (
+                f'{self.line.port}: an ODrive with firmware {told} has one motor output, so axis '
+                f'must be 0, got {self.options.axis}'))
+        self._generation = generation
+        hardware = hardware_name(*(self._read(name, deadline) for name in HARDWARE))
+        return Identity(self.protocol, hardware, told, self._serial_number(deadline),
+                        generation.name)
+
+    def _serial_number(self, deadline: float) -> str:
+        number = self._read(SERIAL_NUMBER, deadline)
+        if number >= LEAST_SERIAL_NUMBER:
+            return f'{int(number):012X}'
+        self._texts.clear()
+        self._send(codec.INFO)  # three lines, of which the last one has it
+        self._until(lambda: len(self._texts) >= 3, self._soon(deadline))
+        return next((text.partition(': ')[2] for text in self._texts
+                     if text.startswith('Serial number: ')), '')
 
     def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
         """Read back and judge; see `Driver`."""
         deadline = self.clock() + patience
-
-        def read(name: str) -> float:
-            value = self._read(name, deadline)
-            return math.nan if value is None else value
-
-        limit, watchdog = self.options.torque_limit, self.options.watchdog
-        ceiling = min(read('motor.config.torque_lim'), read('motor.config.current_lim')
-                      * read('motor.config.torque_constant'))
-        enabled, timeout = read('config.enable_watchdog') == 1.0, read('config.watchdog_timeout')
-        mode, ready = read('controller.config.input_mode'), read('encoder.is_ready')
-        return (
-            Setting('torque limit', f'{ceiling:.4g} N m', f'at most {limit:g} N m',
-                    ceiling <= 1.01 * limit,
-                    self._write_line('motor.config.torque_lim', limit)),
-            Setting('watchdog', f'{timeout:g} s' if enabled else 'off',
-                    f'at most {watchdog:g} s', enabled and 0.0 < timeout <= 1.01 * watchdog,
-                    self._write_line('config.watchdog_timeout', watchdog) + ', '
-                    + self._write_line('config.enable_watchdog', 1)),
-            Setting('input mode', f'{mode:g}', f'{codec.PASSTHROUGH} (pass through)',
-                    mode == codec.PASSTHROUGH,
-                    self._write_line('controller.config.input_mode', codec.PASSTHROUGH)),
-            Setting('encoder', 'ready' if ready == 1.0 else 'not ready', 'ready', ready == 1.0,
-                    'calibrate the encoder with odrivetool'))
+        settings = self._known(deadline).judge(
+            lambda name: self._read(name, deadline), self.options)
+        return tuple(item._replace(remedy=self._path(item.remedy)) for item in settings)
 
     def _arm(self, deadline: float) -> None:
+        generation, wanted = self._known(deadline), codec.CLOSED_LOOP_CONTROL
         # An error left over keeps the drive from arming; a present one comes back at once.
-        self._send(self._torque_message(0.0) + codec.CLEAR_ERRORS)
-        self._refuse_faults(deadline)
-        wanted = codec.CLOSED_LOOP_CONTROL
-        self._send(codec.write(self._full('requested_state'), wanted))
+        self._send(self._torque_message(0.0) + codec.CLEAR_ERRORS
+                   + codec.write(self._path(CONTROL_MODE), codec.TORQUE_CONTROL))
+        if self._read(CONTROL_MODE, deadline) != codec.TORQUE_CONTROL:
+            raise DriveError('not_armed', (
+                f'{self.line.port}: the ODrive does not go into torque control, see '
+                f'{self._path(CONTROL_MODE)}'))
+        self._refuse_faults(generation, deadline)
+        self._send(codec.write(self._path(REQUESTED_STATE), wanted))
         while self._read(STATE, deadline) != wanted:
-            self.feed()
-            self._refuse_faults(deadline)
+            self._send(self._torque_message(0.0))
+            self._refuse_faults(generation, deadline)
             if self.clock() >= deadline:
                 raise DriveError('not_armed', (
                     f'{self.line.port}: the ODrive does not go into closed loop control and '
-                    f'names no error'))
-        self._refuse_faults(deadline)
+                    f'names {self._reasons(generation)}'))
+        self._refuse_faults(generation, deadline)
+
+    def _refuse_faults(self, generation: Generation, deadline: float) -> None:
+        """Raise `DriveError` if the axis has an error, or does not tell."""
+        bits = self._read(generation.errors, deadline)
+        if not math.isfinite(bits):
+            raise DriveError('not_armed', (
+                f'{self.line.port}: the ODrive has no {self._path(generation.errors)}'))
+        if bits:
+            raise DriveError('not_armed', (
+                f'{self.line.port}: the ODrive names {", ".join(generation.names_of(bits))}; '
+                'mend the cause, odrivetool tells more with dump_errors(odrv0)'))
+
+    def _reasons(self, generation: Generation) -> str:
+        """Return why a state was not reached, as far as the drive tells."""
+        if not generation.result:
+            return 'no error'
+        soon = self.clock() + self.options.reply_timeout
+        result, bits = self._read(generation.result, soon), self._read(generation.reason, soon)
+        names = generation.names_of(bits) if math.isfinite(bits) else ()
+        return ', '.join((generation.result_names.get(int(result), f'{result:g}')
+                          if math.isfinite(result) else 'no reason', *names))
 
     # What does not wait
 
@@ -142,59 +147,61 @@ class ODrive(Driver):
 
     def _stop_message(self) -> bytes:
         return (self._torque_message(0.0)
-                + codec.write(self._full('requested_state'), codec.IDLE)
-                + self._in_step_question(STATE))
+                + codec.write(self._path(REQUESTED_STATE), codec.IDLE)
+                + self._property_question(STATE))
 
     def stopped_since(self, time: float) -> bool:
         """Tell whether the state, asked for after `time`, was idle; see `Driver`."""
         return self._idle_asked_at >= time
 
     def budget(self) -> WireBudget:
-        """Return the bytes of a period in which the longest property is asked for."""
-        ask = max(len(codec.read(self._full(name))) for name in ROUND)
+        """Return the bytes of a period with the longest question, whatever the firmware."""
         command = len(codec.torque(self.options.axis, -self.options.torque_limit))
-        return WireBudget(command + len(codec.feedback(self.options.axis)) + ask,
-                          LONGEST_FEEDBACK + LONGEST_VALUE)
+        ask = max(len(codec.read(self._path(name)))
+                  for generation in GENERATIONS for name in generation.round)
+        most = max(len(codec.feedback(self.options.axis)) + ask,
+                   len(codec.marker(codec.MARKERS[0])))
+        return WireBudget(command + most, LONGEST_FEEDBACK + LONGEST_VALUE)
 
     def _torque_message(self, torque: float) -> bytes:
         return codec.torque(self.options.axis, torque)
 
     def _questions(self) -> bytes:
-        now = self.clock()
+        now, generation = self.clock(), self._generation
+        question = b''
+        if not self._ask_property.in_step \
+                or now - self._ask_property.asked_at >= self.options.status_period:
+            names = generation.round if generation else (STATE,)
+            name = names[self._turn % len(names)]
+            question = self._property_question(name)
+            self._turn += bool(question) and self._ask_property.asked == name
+        if question and (self._one_at_a_time or self._ask_property.asked is None):
+            return question  # a marker is long, and stands alone, too
         self._feedback_asked.append(now)
-        question = codec.feedback(self.options.axis)
-        if now - self._asked_at >= self.options.status_period or self._marked_at is not None:
-            name = ROUND[self._turn % len(ROUND)]
-            asked = self._in_step_question(name)
-            self._turn += self._asked == name and bool(asked)
-            question += asked
-        return question
+        return codec.feedback(self.options.axis) + question
 
     # Questions for properties
 
-    def _full(self, name: str) -> str:
-        return name if name == 'vbus_voltage' else f'axis{self.options.axis}.{name}'
+    @property
+    def _one_at_a_time(self) -> bool:
+        return self._generation is None or self._generation.one_reply_at_a_time
 
-    def _write_line(self, name: str, value: float) -> str:
-        """Return what a person types to change a setting."""
-        return f'w {self._full(name)} {value:g}'
+    def _known(self, deadline: float) -> Generation:
+        """Return the generation of the firmware; ask for it where nobody has."""
+        if self._generation is None:
+            self.identify(deadline - self.clock())
+        assert self._generation is not None
+        return self._generation
 
-    def _in_step_question(self, name: str) -> bytes:
-        """Return the question for a property, a marker where one is needed, or nothing yet."""
-        now = self.clock()
-        if self._marked_at is None and self._asked is None:
-            self._asked, self._asked_at = name, now
-            return codec.read(self._full(name))
-        if self._marked_at is not None and now - self._marked_at > self.options.reply_timeout:
-            self._marker = self._marker + 1 if self._marker + 1 in MARKERS else MARKERS[0]
-            self._marked_at = now
-            return codec.FRESH_LINE + codec.marker(self._marker)
-        return b''
+    def _path(self, name: str) -> str:
+        """Return what the drive calls a property of the motor output in use."""
+        return name.replace('axis0.', f'axis{self.options.axis}.')
 
-    def _fall_out_of_step(self) -> None:
-        """Believe no value until a marker, still to be sent, has been answered."""
-        self._asked = None
-        self._marked_at = -math.inf
+    def _property_question(self, name: str) -> bytes:
+        """Return what to ask, nothing while an answer is awaited that this would get lost by."""
+        if self._one_at_a_time and self._feedback_asked:
+            return b''
+        return self._ask_property.ask(name, self._path(name), self.clock())
 
     def _fall_in_step(self, deadline: float) -> None:
         """
@@ -206,21 +213,21 @@ class ODrive(Driver):
             ``silent``, ``garbled`` or ``wrong_protocol``.
 
         """
-        self._fall_out_of_step()
+        self._ask_property.fall_out_of_step()
         received, texts = self.counts['bytes'], self._parser.unchecked
-        while self._marked_at is not None:
-            self._send(self._in_step_question(''))
-            self._until(lambda: self._marked_at is None, self._soon(deadline))
-            if self._marked_at is not None and self.clock() >= deadline:
+        while not self._ask_property.in_step:
+            self._send(self._property_question(''))
+            self._until(lambda: self._ask_property.in_step, self._soon(deadline))
+            if not self._ask_property.in_step and self.clock() >= deadline:
                 if self._parser.unchecked > texts:
                     raise DriveError('wrong_protocol', (
                         f'{self.line.port}: text comes back, but not that of an ODrive, whose '
                         'replies have a checksum'))
                 raise self._nobody(self.counts['bytes'] - received, 'ODrive')
 
-    def _read(self, name: str, deadline: float) -> Optional[float]:
+    def _read(self, name: str, deadline: float) -> float:
         """
-        Return the value of a property, None if there is no such property.
+        Return the value of a property, NaN if there is no such property.
 
         Raises
         ------
@@ -228,25 +235,21 @@ class ODrive(Driver):
             ``silent`` if there is no answer before the deadline.
 
         """
+        ask = self._ask_property
         while True:
-            if self._marked_at is not None or self._asked is not None:
+            if not ask.free:
                 self._fall_in_step(deadline)
-            self._send(self._in_step_question(name))
-            if self._until(lambda: self._asked is None, self._soon(deadline)) \
-                    and self._marked_at is None:
-                return self._value
+            question = self._property_question(name)
+            self._send(question)
+            # Where there was no question yet, an earlier answer is awaited.
+            if self._until(lambda: not self._feedback_asked if not question
+                           else ask.asked is None, self._soon(deadline)) \
+                    and question and ask.in_step:
+                return math.nan if ask.value is None else ask.value
             if self.clock() >= deadline:
                 raise DriveError('silent', (
                     f'{self.line.port}: the ODrive does not answer the question for '
-                    f'{self._full(name)}'))
-
-    def _refuse_faults(self, deadline: float) -> None:
-        """Raise `DriveError` if the axis has an error."""
-        bits = self._read(ERROR, deadline)
-        if bits:
-            raise DriveError('not_armed', (
-                f'{self.line.port}: the ODrive names {", ".join(codec.error_names(int(bits)))}; '
-                'mend the cause, odrivetool tells more with dump_errors(odrv0)'))
+                    f'{self._path(name)}'))
 
     # Replies
 
@@ -261,46 +264,38 @@ class ODrive(Driver):
         while self._feedback_asked and self._feedback_asked[0] < overdue:
             self._feedback_asked.popleft()
             self.counts['lost'] += 1
-        if self._asked is not None and self._asked_at < overdue:
-            self.counts['lost'] += 1
-            self._fall_out_of_step()
+        self.counts['lost'] += self._ask_property.overdue(now)
 
     def _take_text(self, text: str, now: float) -> None:
         feedback = codec.parse_feedback(text)
         if feedback is not None:
-            if self._feedback_asked:
-                self._feedback_asked.popleft()
-            # An encoder that failed reads as 0.
-            if 'ENCODER_FAILED' not in self.telemetry.faults:
-                self.telemetry = self.telemetry._replace(
-                    time=now, position=feedback.position * TURN,
-                    velocity=feedback.velocity * TURN)
+            self._take_feedback(feedback, now)
             return
-        value = codec.parse_number(text)
-        if value is not None or text == codec.INVALID_PROPERTY:
-            if self._marked_at is None and self._asked is not None:
-                name, self._asked, self._value = self._asked, None, value
-                if value is not None and math.isfinite(value):
-                    self._note(name, value, now)
-                return
+        name = self._ask_property.take(text)
+        if name is None and codec.parse_number(text) is not None:
             self.counts['unexpected'] += 1
-            if self._marked_at is None:
-                self._fall_out_of_step()
-        elif text == codec.marker_answer(self._marker):
-            self._marked_at = None
-        else:
+        elif name is None:
             self._texts.append(text)
+        elif name != MARKER and self._generation is not None:
+            self._note(name, self._ask_property.value, now, self._generation)
 
-    def _note(self, name: str, value: float, now: float) -> None:
+    def _take_feedback(self, feedback: codec.Feedback, now: float) -> None:
+        if self._one_at_a_time:  # those before the last one got lost
+            self.counts['lost'] += max(0, len(self._feedback_asked) - 1)
+            self._feedback_asked.clear()
+        elif self._feedback_asked:
+            self._feedback_asked.popleft()
+        # An encoder that failed reads as 0.
+        if self._generation is None or self._generation.blind not in self.telemetry.faults:
+            self.telemetry = self.telemetry._replace(
+                time=now, position=feedback.position * TURN, velocity=feedback.velocity * TURN)
+
+    def _note(self, name: str, value: Optional[float], now: float,
+              generation: Generation) -> None:
         """Put the value of a property into the telemetry."""
-        if name == STATE:
-            if value == codec.IDLE:
-                self._idle_asked_at = self._asked_at
-            self.telemetry = self.telemetry._replace(
-                status_time=now, armed=value == codec.CLOSED_LOOP_CONTROL)
-        elif name == ERROR:
-            self.telemetry = self.telemetry._replace(
-                status_time=now, faults=codec.error_names(int(value)))
-        told: dict[str, Any] = {
-            field: value for field, slow in SLOW.items() if name == slow}
-        self.telemetry = self.telemetry._replace(**told)
+        if value is None or not math.isfinite(value):
+            return
+        if name == STATE and value == codec.IDLE:
+            self._idle_asked_at = self._ask_property.asked_at
+        self._values[name] = value
+        self.telemetry = generation.noted(self.telemetry, name, self._values, now)

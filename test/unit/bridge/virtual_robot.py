@@ -44,6 +44,11 @@ class VirtualRobot:
     """
     A session that drives a plant through an emulated drive.
 
+    Parameters
+    ----------
+    kind : str
+        Protocol, and behind a space the firmware where there is more than one.
+
     Attributes
     ----------
     plugged : bool
@@ -53,16 +58,18 @@ class VirtualRobot:
 
     """
 
-    def __init__(self, protocol='odrive', imu=True, settings=None, held=False, **limits):
+    def __init__(self, kind='odrive', imu=True, settings=None, held=False, **limits):
         self.now = 100.0
+        protocol, _, firmware = kind.partition(' ')
         self.hardware = load_hardware(f'gimball_{protocol}')
         self.hardware = replace(
             self.hardware, limits=replace(self.hardware.limits, **limits),
             connection=replace(self.hardware.connection, imu_required=imu))
         self.joint = self.hardware.joint
         torque = self.hardware.options().torque_limit
-        self.device = DEVICES[protocol](settings or DriveSettings(
-            torque_limit=torque, current_limit=torque / DriveSettings.torque_constant))
+        self.device = DEVICES[protocol](replace(settings or DriveSettings(
+            torque_limit=torque, current_limit=torque / DriveSettings.torque_constant),
+            firmware=firmware))
         self.plant = HeldShell() if held else Plant(read_scene(
             {'robot': 'gimball', 'initial': {'x': 0.0}, 'duration': 1.0}, 'test', 'test'), 500.0)
         self._imu = Imu(9.81) if imu else None
@@ -126,7 +133,7 @@ class _Cable:
     port = 'cable'
 
     def __init__(self, robot):
-        self._robot, self._waiting = robot, b''
+        self._robot, self._waiting = robot, []  # when it was sent, what
         self._check()
         robot.lines += 1
 
@@ -136,17 +143,19 @@ class _Cable:
 
     def write(self, data):
         self._check()
-        self._waiting += self._robot.device.receive(data, self._robot.now)
+        now = self._robot.now
+        self._waiting.append((now, self._robot.device.receive(data, now)))
 
     def read(self):
         self._check()
-        data, self._waiting = self._waiting, b''
+        data = b''.join(reply for when, reply in self._waiting if when < self._robot.now)
+        self._waiting = [item for item in self._waiting if item[0] >= self._robot.now]
         return data
 
     def wait(self, seconds):
         self._check()
         self._robot.pass_time(max(STEP, min(seconds, STEP)))
-        return bool(self._waiting)
+        return any(reply for _, reply in self._waiting)
 
     def close(self):
         self._robot.lines -= 1
