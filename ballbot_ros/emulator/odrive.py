@@ -18,7 +18,7 @@ import re
 from typing import Callable, Optional
 
 from ballbot_ros.emulator.device import Device, DriveSettings
-from ballbot_ros.emulator.odrive_names import Names, NAMES
+from ballbot_ros.emulator.odrive_names import NAMES, Names
 from ballbot_ros.hardware.codecs.odrive import (
     checksum, CLOSED_LOOP_CONTROL, IDLE, LONGEST_LINE, TORQUE_CONTROL)
 from ballbot_ros.hardware.wire import BITS_PER_BYTE

@@ -112,7 +112,7 @@ class ODrive(Driver):
         while self._read(STATE, deadline) != wanted:
             self._send(self._torque_message(0.0))
             self._refuse_faults(generation, deadline)
-            if self.clock() >= deadline:
+            if self.clock() >= deadline - self.options.reply_timeout:
                 raise DriveError('not_armed', (
                     f'{self.line.port}: the ODrive does not go into closed loop control and '
                     f'names {self._reasons(generation)}'))

@@ -3,9 +3,9 @@
 What an ODrive calls its properties and errors, and how it must be set: a table per generation.
 
 Sources.  For 0.5: Firmware/odrive-interface.yaml in odriverobotics/ODrive, at fw-v0.5.  For 0.6,
-which runs on Pro, S1 and Micro: names of properties from a list of all endpoints of a 0.6 board, as
-the maker generates it (flat_endpoints.json); names of errors, states and boards from the maker's
-Python package `odrive`, 0.6.11 (enums.py, hw_version.py).  The maker's sentences about the
+which runs on Pro, S1 and Micro: names of properties from a list of all endpoints of a 0.6 board,
+as the maker generates it (flat_endpoints.json); names of errors, states and boards from the
+maker's Python package `odrive`, 0.6.11 (enums.py, hw_version.py).  The maker's sentences about the
 properties were not at hand.  So what they mean follows from their names, and from what users of
 0.6.11 measured: that `init_torque` becomes the torque at arming, that a position which is not
 `circular` goes on over full turns, and that an error may go by itself.
@@ -18,7 +18,7 @@ missing; that `disarm_reason` stays after the error has gone.
 from dataclasses import dataclass
 import math
 from types import MappingProxyType
-from typing import Callable, Mapping, NamedTuple
+from typing import Any, Callable, Mapping, NamedTuple
 
 from ballbot_ros.hardware.codecs import odrive as codec
 from ballbot_ros.hardware.driver import DriveOptions, Setting, Telemetry
@@ -120,7 +120,8 @@ class Generation:
               now: float) -> Telemetry:
         """Return telemetry with the value of a property that came last, of all that have come."""
         if name in self.telemetry:
-            return telemetry._replace(**{self.telemetry[name]: values[name]})
+            told: dict[str, Any] = {self.telemetry[name]: values[name]}
+            return telemetry._replace(**told)
         if name == STATE:
             return telemetry._replace(
                 status_time=now, armed=values[STATE] == codec.CLOSED_LOOP_CONTROL)

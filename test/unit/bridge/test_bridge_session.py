@@ -11,7 +11,7 @@ from ballbot_ros.emulator.device import DriveSettings
 from ballbot_ros.errors import ConfigurationError, LinkError, RefusedError
 
 
-PROTOCOLS = ('odrive', 'vesc', 'roboclaw')
+PROTOCOLS = ('odrive 0.5', 'odrive 0.6', 'vesc', 'roboclaw')
 
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)

@@ -267,8 +267,6 @@ def test_a_roboclaw_version_is_text():
 
 
 def test_error_bits_have_the_names_of_the_makers():
-    assert odrive.error_names(0x840) == ('MOTOR_FAILED', 'WATCHDOG_TIMER_EXPIRED')
-    assert odrive.error_names(0x10) == ('0x10',)
     assert vesc.fault_names(5) == ('OVER_TEMP_FET',) and vesc.fault_names(0) == ()
     assert vesc.fault_names(77) == ('FAULT_77',)
     assert roboclaw.status_names(0x10001) == ('E_STOP', 'M1_OVER_CURRENT_WARNING')
