@@ -4,7 +4,7 @@ import grp
 import os
 from pathlib import Path
 import pwd
-from typing import Callable, Iterator, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Callable, Iterator, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from ballbot_ros.bridge.connect import connector
 from ballbot_ros.bridge.hardware_file import Hardware, load_hardware
@@ -151,10 +151,13 @@ def look_at_drive(hardware: Hardware,
         driver.line.close()
 
 
-def _wrong_drive(hardware: Hardware, error: BallbotError,
+def _wrong_drive(hardware: Hardware, error: Union[DriveError, LinkError],
                  tell: Callable[[str], None]) -> Finding:
     """Say what is there instead of the drive of the file."""
     connection = hardware.connection
+    if error.reason == 'firmware':
+        return Finding(WRONG, str(error), 'change the firmware with the tool of its maker, or '
+                       'the section drive of the file')
     found = probe(connection.port, connection.protocol, connection.baud, tell)
     if found is None:
         return Finding(WRONG, str(error), 'nothing known answers at any common baud rate: look at '

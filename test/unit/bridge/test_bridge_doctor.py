@@ -73,6 +73,29 @@ def test_settings_that_are_not_safe_are_wrong_and_say_what_to_type():
     assert 'watchdog' in wrong.what and 'w axis0.config' in wrong.remedy
 
 
+def odrive(firmware):
+    """Return an emulated ODrive."""
+    from ballbot_ros.emulator.ball import settings_for
+    scene = load_scene('flat')
+    return Emulator('odrive', scene, baud=921600,
+                    settings=settings_for(scene.model.robot, firmware=firmware))
+
+
+@pytest.mark.parametrize('firmware, board', [('0.5', 'v3.6-56V'), ('0.6', 'S1 (5.2.0)')])
+def test_the_generation_of_the_firmware_is_named(firmware, board):
+    with odrive(firmware) as drive:
+        findings = list(look_at_drive(hardware(port=drive.path)))
+    assert all(finding.verdict == OK for finding in findings)
+    assert board in findings[0].what and findings[0].what.endswith(f', generation {firmware}')
+
+
+def test_a_firmware_that_is_refused_is_not_taken_for_a_wrong_baud_rate():
+    with odrive('0.6') as drive:
+        drive.call(lambda: drive.device.properties.update(fw_version_minor=7))
+        wrong = only_wrong(look_at_drive(hardware(port=drive.path)))
+    assert 'must be 0.5 or 0.6, got 0.7.11' in wrong.what and 'firmware' in wrong.remedy
+
+
 def test_an_ftdi_adapter_that_waits_is_found(tmp_path):
     folder = tmp_path / 'bus/usb-serial/devices/ttyUSB0'
     folder.mkdir(parents=True)

@@ -7,8 +7,10 @@ import pytest
 from virtual_robot import STEP, VirtualRobot
 
 from ballbot_ros.bridge.report import Power
+from ballbot_ros.control import load_tuning, Mode, PendulumController, SetPoint
 from ballbot_ros.emulator.device import DriveSettings
 from ballbot_ros.errors import ConfigurationError, LinkError, RefusedError
+from ballbot_ros.physics import load_robot
 
 
 PROTOCOLS = ('odrive 0.5', 'odrive 0.6', 'vesc', 'roboclaw')
@@ -31,6 +33,24 @@ def test_the_estimate_follows_the_true_pendulum_through_the_wire():
             error = report.estimate.readings.pendulum_angle - robot.plant.state.pendulum_angle
             assert abs(error) < math.radians(1.5)
     assert robot.plant.state.pendulum_angle > 0.3
+
+
+@pytest.mark.parametrize('kind', ['odrive 0.5', 'odrive 0.6'])
+def test_bridge_and_controller_take_the_ball_over_a_step(kind):
+    robot = VirtualRobot(kind, terrain=[{'flat': {'length': 1.426}}, {'step': {'height': 0.031}},
+                                        {'flat': {'length': 3.0}}]).ready()
+    controller = PendulumController(load_robot('gimball'), load_tuning('gentle'))
+    controller.give(SetPoint(Mode.HOLD, 0.45))
+    torque, last = 0.0, robot.now + 6.0
+    while robot.plant.state.x < 2.0 and robot.now < last:
+        report = robot.run(STEP, torque)  # a period late, as over ROS
+        if robot.plant.state.velocity_x > 1.0:
+            controller.give(SetPoint(Mode.HOLD, 0.0))
+        if report.estimate is not None:
+            torque = controller.torque(report.estimate.readings)
+    assert robot.plant.state.x >= 2.0  # its centre is past the edge, by half a metre
+    assert report.power is Power.ON and not report.e_stop
+    assert robot.session.counts['let_go'] == robot.session.counts['links_lost'] == 0
 
 
 def test_a_joint_of_the_other_direction_gives_the_same_pendulum():

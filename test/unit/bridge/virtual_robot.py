@@ -58,7 +58,8 @@ class VirtualRobot:
 
     """
 
-    def __init__(self, kind='odrive', imu=True, settings=None, held=False, **limits):
+    def __init__(self, kind='odrive', imu=True, settings=None, held=False, terrain=None,
+                 **limits):
         self.now = 100.0
         protocol, _, firmware = kind.partition(' ')
         self.hardware = load_hardware(f'gimball_{protocol}')
@@ -71,7 +72,8 @@ class VirtualRobot:
             torque_limit=torque, current_limit=torque / DriveSettings.torque_constant),
             firmware=firmware))
         self.plant = HeldShell() if held else Plant(read_scene(
-            {'robot': 'gimball', 'initial': {'x': 0.0}, 'duration': 1.0}, 'test', 'test'), 500.0)
+            {'robot': 'gimball', 'initial': {'x': 0.0}, 'duration': 1.0,
+             'terrain': terrain or [{'flat': {'length': 10.0}}]}, 'test', 'test'), 500.0)
         self._imu = Imu(9.81) if imu else None
         self.plugged = True
         self.lines = 0  # opened and not closed

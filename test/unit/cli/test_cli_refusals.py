@@ -63,6 +63,8 @@ def test_a_file_that_is_no_curve_is_not_overwritten(tmp_path, capsys):
     (['test-bench', '--slope', '-3'], '--slope must be more than 0 and at most 45 degrees'),
     (['test-bench', '--slope', 'nan'], 'degrees, got nan'),
     (['emulate-motor', '--protocol', 'vesc', '--baud', '0'], '--baud must be at least 1'),
+    (['emulate-motor', '--protocol', 'vesc', '--firmware', '0.6'], 'left out: all are alike'),
+    (['emulate-motor', '--protocol', 'odrive', '--firmware', '0.7'], 'must be 0.5 or 0.6'),
     (['emulate-motor', '--protocol', 'vesc', '--scene', 'flatt'], "did you mean 'flat'?"),
     (['emulate-motor', '--protocol', 'vesc', '--robot', 'gimbal'], "did you mean 'gimball'?"),
     (['emulate-motor', '--protocol', 'vesc', '--link', '/proc/nowhere/x'], 'another name for '

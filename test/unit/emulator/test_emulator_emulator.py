@@ -48,7 +48,7 @@ def connect(emulator, protocol='odrive', baud=BAUD):
     driver = open_driver(protocol, link, read_options(
         protocol, {'torque_limit': emulator.settings.torque_limit, 'watchdog': WATCHDOG},
         'test'))
-    driver.identify()
+    driver.told = driver.identify()
     return link, driver
 
 
@@ -299,8 +299,8 @@ def test_the_example_of_the_document_runs():
 def test_the_command_prints_the_device_obeys_lines_and_keeps_the_log(tmp_path):
     process = subprocess.Popen(
         [sys.executable, '-m', 'ballbot_ros.cli', 'emulate-motor', '--protocol', 'odrive',
-         '--baud', str(BAUD), '--link', str(tmp_path / 'ttyBall'), '--watchdog', '0.5',
-         '--log', str(tmp_path / 'log.csv')],
+         '--firmware', '0.6', '--baud', str(BAUD), '--link', str(tmp_path / 'ttyBall'),
+         '--watchdog', '0.5', '--log', str(tmp_path / 'log.csv')],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout.readline().strip() == str(tmp_path / 'ttyBall')
@@ -312,6 +312,7 @@ def test_the_command_prints_the_device_obeys_lines_and_keeps_the_log(tmp_path):
                 torque_limit = 0.1
         link, driver = connect(There)
         with link:
+            assert driver.told.generation == '0.6'
             watchdog, = (item for item in driver.read_settings() if item.name == 'watchdog')
             assert watchdog.value == '0.5 s'
             driver.arm()
