@@ -17,7 +17,7 @@ import platform
 from statistics import median
 import sys
 
-PARTS = ('kernels', 'search', 'sweep', 'loop', 'wire', 'accuracy', 'precision', 'models',
+PARTS = ('kernels', 'search', 'sweep', 'loop', 'wire', 'flood', 'accuracy', 'precision', 'models',
          'estimate', 'bridge')
 # Measured only when asked for: it takes ten minutes.
 EXTRA = ('loop_faults',)

@@ -13,6 +13,7 @@ from ballbot_ros.emulator.device import DriveSettings
 from ballbot_ros.emulator.emulator import DEVICES
 from ballbot_ros.hardware.codecs import odrive, roboclaw, vesc
 from ballbot_ros.hardware.drivers import driver_class
+from ballbot_ros.hardware.drivers.odrive_firmware import GENERATIONS
 
 
 class Memory:
@@ -85,6 +86,8 @@ def fuzz_host(protocol, data):
     clock = iter(range(10**9))
     found = driver_class(protocol)
     driver = found(memory, found.Options(torque_limit=0.1), lambda: 1e-3 * next(clock))
+    if protocol == 'odrive':  # as after a handshake
+        driver._generation = GENERATIONS[len(data) % len(GENERATIONS)]
     if protocol == 'roboclaw':
         parser.groups = ((roboclaw.GET_STATUS, 16, 30), (16, 30), (roboclaw.GET_VERSION, 16, 30))
     stream, messages = b'', []
@@ -108,7 +111,8 @@ LIMITS = {'odrive': math.inf, 'vesc': 0.1 + 1e-9, 'roboclaw': 0.1 + 1e-9}
 
 def fuzz_drive(protocol, data):
     """Feed a drive in software; its torque stays a number and within its limits."""
-    settings = DriveSettings()
+    firmwares = DEVICES[protocol].firmwares or ('',)
+    settings = DriveSettings(firmware=firmwares[len(data) % len(firmwares)])
     drive = DEVICES[protocol](settings)
     size, now = 0, 0.0
     for piece in pieces(protocol, data):

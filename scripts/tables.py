@@ -13,6 +13,8 @@ from ballbot_ros.decision import DecisionTuning
 from ballbot_ros.emulator.control import FAULTS, LINE_FAULTS
 from ballbot_ros.fields import allowed
 from ballbot_ros.hardware.drivers import driver_class, DRIVERS
+from ballbot_ros.hardware.drivers.odrive_firmware import (
+    GENERATIONS, WATCHDOG, WATCHDOG_TIMEOUT)
 from ballbot_ros.ros.motor_health import TOLD
 from ballbot_ros.ros.settings import (
     BridgeSettings, ControllerSettings, DecisionSettings, EmulatedRobotSettings,
@@ -63,6 +65,22 @@ def faults():
     return '\n'.join(lines)
 
 
+def odrive_settings():
+    """Return the Markdown table of what an ODrive must be set to, by generation."""
+    lines = ['| firmware | setting | property | must be |', '|---|---|---|---|']
+    for generation in GENERATIONS:
+        bounds = ', '.join(f'`{name}`' for name in generation.torque_limits)
+        lines += [
+            f'| {generation.name} | torque limit | {bounds}; `{generation.current_limit}` x '
+            f'`{generation.torque_constant}` | one of the two at most `torque_limit` |',
+            f'| {generation.name} | watchdog | `{WATCHDOG}`, `{WATCHDOG_TIMEOUT}` | on, at most '
+            '`watchdog` |']
+        lines += [f'| {generation.name} | {rule.setting} | `{rule.name}` | ' + ' or '.join(
+            f'{value} ({rule.words[value]})' for value in rule.wanted) + ' |'
+            for rule in generation.rules]
+    return '\n'.join(lines)
+
+
 def told():
     """Return the Markdown table of what the bridge tells on /diagnostics."""
     return '\n'.join(['| key | value |', '|---|---|',
@@ -73,7 +91,7 @@ NODES = {'simulator': SimulatorSettings, 'controller': ControllerSettings,
          'obstacle_decision': DecisionSettings, 'decision tuning': DecisionTuning,
          'bridge': BridgeSettings, 'bridge health': told,
          'emulated_robot': EmulatedRobotSettings}
-HARDWARE = {'drivers': drivers, 'faults': faults, **{
+HARDWARE = {'drivers': drivers, 'faults': faults, 'odrive settings': odrive_settings, **{
     f'{name} options': driver_class(name).Options for name in sorted(DRIVERS)}}
 DOCUMENTS = {DOCS / 'nodes.md': NODES, DOCS / 'hardware.md': HARDWARE}
 

@@ -50,7 +50,7 @@ class ODrive(Driver):
         super().__init__(line, options, clock)
         self._parser = codec.LineParser()
         self._generation: Optional[Generation] = None  # None before the handshake
-        self._ask_property = Questions(options.reply_timeout)
+        self._asking = Questions(options.reply_timeout)
         self._feedback_asked: deque[float] = deque(maxlen=1000)
         self._texts: deque[str] = deque(maxlen=8)  # neither feedback nor an answer
         self._values: dict[str, float] = {}  # the last one of each property
@@ -87,7 +87,8 @@ class ODrive(Driver):
             return f'{int(number):012X}'
         self._texts.clear()
         self._send(codec.INFO)  # three lines, of which the last one has it
-        self._until(lambda: len(self._texts) >= 3, self._soon(deadline))
+        if not self._until(lambda: len(self._texts) >= 3, self._soon(deadline)):
+            self._asking.fall_out_of_step()  # what is missing may still come
         return next((text.partition(': ')[2] for text in self._texts
                      if text.startswith('Serial number: ')), '')
 
@@ -169,13 +170,13 @@ class ODrive(Driver):
     def _questions(self) -> bytes:
         now, generation = self.clock(), self._generation
         question = b''
-        if not self._ask_property.in_step \
-                or now - self._ask_property.asked_at >= self.options.status_period:
+        if not self._asking.in_step \
+                or now - self._asking.asked_at >= self.options.status_period:
             names = generation.round if generation else (STATE,)
             name = names[self._turn % len(names)]
             question = self._property_question(name)
-            self._turn += bool(question) and self._ask_property.asked == name
-        if question and (self._one_at_a_time or self._ask_property.asked is None):
+            self._turn += bool(question) and self._asking.asked == name
+        if question and (self._one_at_a_time or self._asking.asked is None):
             return question  # a marker is long, and stands alone, too
         self._feedback_asked.append(now)
         return codec.feedback(self.options.axis) + question
@@ -201,7 +202,7 @@ class ODrive(Driver):
         """Return what to ask, nothing while an answer is awaited that this would get lost by."""
         if self._one_at_a_time and self._feedback_asked:
             return b''
-        return self._ask_property.ask(name, self._path(name), self.clock())
+        return self._asking.ask(name, self._path(name), self.clock())
 
     def _fall_in_step(self, deadline: float) -> None:
         """
@@ -213,12 +214,12 @@ class ODrive(Driver):
             ``silent``, ``garbled`` or ``wrong_protocol``.
 
         """
-        self._ask_property.fall_out_of_step()
+        self._asking.fall_out_of_step()
         received, texts = self.counts['bytes'], self._parser.unchecked
-        while not self._ask_property.in_step:
+        while not self._asking.in_step:
             self._send(self._property_question(''))
-            self._until(lambda: self._ask_property.in_step, self._soon(deadline))
-            if not self._ask_property.in_step and self.clock() >= deadline:
+            self._until(lambda: self._asking.in_step, self._soon(deadline))
+            if not self._asking.in_step and self.clock() >= deadline:
                 if self._parser.unchecked > texts:
                     raise DriveError('wrong_protocol', (
                         f'{self.line.port}: text comes back, but not that of an ODrive, whose '
@@ -235,17 +236,15 @@ class ODrive(Driver):
             ``silent`` if there is no answer before the deadline.
 
         """
-        ask = self._ask_property
+        asking = self._asking
         while True:
-            if not ask.free:
+            if not asking.free:
                 self._fall_in_step(deadline)
-            question = self._property_question(name)
-            self._send(question)
-            # Where there was no question yet, an earlier answer is awaited.
-            if self._until(lambda: not self._feedback_asked if not question
-                           else ask.asked is None, self._soon(deadline)) \
-                    and question and ask.in_step:
-                return math.nan if ask.value is None else ask.value
+            self._until(lambda: not self._feedback_asked, self._soon(deadline))
+            self._feedback_asked.clear()
+            self._send(self._property_question(name))
+            if self._until(lambda: asking.asked is None, self._soon(deadline)) and asking.in_step:
+                return math.nan if asking.value is None else asking.value
             if self.clock() >= deadline:
                 raise DriveError('silent', (
                     f'{self.line.port}: the ODrive does not answer the question for '
@@ -264,20 +263,20 @@ class ODrive(Driver):
         while self._feedback_asked and self._feedback_asked[0] < overdue:
             self._feedback_asked.popleft()
             self.counts['lost'] += 1
-        self.counts['lost'] += self._ask_property.overdue(now)
+        self.counts['lost'] += self._asking.overdue(now)
 
     def _take_text(self, text: str, now: float) -> None:
         feedback = codec.parse_feedback(text)
         if feedback is not None:
             self._take_feedback(feedback, now)
             return
-        name = self._ask_property.take(text)
+        name = self._asking.take(text)
         if name is None and codec.parse_number(text) is not None:
             self.counts['unexpected'] += 1
         elif name is None:
             self._texts.append(text)
         elif name != MARKER and self._generation is not None:
-            self._note(name, self._ask_property.value, now, self._generation)
+            self._note(name, self._asking.value, now, self._generation)
 
     def _take_feedback(self, feedback: codec.Feedback, now: float) -> None:
         if self._one_at_a_time:  # those before the last one got lost
@@ -286,7 +285,9 @@ class ODrive(Driver):
         elif self._feedback_asked:
             self._feedback_asked.popleft()
         # An encoder that failed reads as 0.
-        if self._generation is None or self._generation.blind not in self.telemetry.faults:
+        generation = self._generation
+        if generation is None or not int(
+                self._values.get(generation.errors, 0.0)) & generation.blind:
             self.telemetry = self.telemetry._replace(
                 time=now, position=feedback.position * TURN, velocity=feedback.velocity * TURN)
 
@@ -296,6 +297,6 @@ class ODrive(Driver):
         if value is None or not math.isfinite(value):
             return
         if name == STATE and value == codec.IDLE:
-            self._idle_asked_at = self._ask_property.asked_at
+            self._idle_asked_at = self._asking.asked_at
         self._values[name] = value
         self.telemetry = generation.noted(self.telemetry, name, self._values, now)

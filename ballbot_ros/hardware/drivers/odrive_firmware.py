@@ -64,8 +64,8 @@ class Generation:
         Property with the errors that keep the motor from power, and the names of its bits.
     reason : str
         Property with the errors that last took the power away; empty if there is none.
-    blind : str
-        Error with which position and velocity are not to be believed.
+    blind : int
+        Bit of the error with which position and velocity are not to be believed.
     result, result_names
         Property that tells why a wanted state was not reached; empty if there is none.
     current : str
@@ -84,7 +84,7 @@ class Generation:
     errors: str
     error_names: Mapping[int, str]
     reason: str
-    blind: str
+    blind: int
     result: str
     result_names: Mapping[int, str]
     current: str
@@ -205,7 +205,7 @@ GENERATION_5 = Generation(
         0x100: 'ENCODER_FAILED', 0x200: 'CONTROLLER_FAILED', 0x800: 'WATCHDOG_TIMER_EXPIRED',
         0x1000: 'MIN_ENDSTOP_PRESSED', 0x2000: 'MAX_ENDSTOP_PRESSED', 0x4000: 'ESTOP_REQUESTED',
         0x20000: 'HOMING_WITHOUT_ENDSTOP', 0x40000: 'OVER_TEMP', 0x80000: 'UNKNOWN_POSITION'}),
-    reason='', blind='ENCODER_FAILED', result='', result_names=MappingProxyType({}),
+    reason='', blind=0x100, result='', result_names=MappingProxyType({}),
     current='axis0.motor.current_control.Iq_measured',
     torque_limits=('axis0.motor.config.torque_lim',),
     current_limit='axis0.motor.config.current_lim',
@@ -227,7 +227,7 @@ GENERATION_6 = Generation(
         0x1000000: 'WATCHDOG_TIMER_EXPIRED', 0x2000000: 'ESTOP_REQUESTED',
         0x4000000: 'SPINOUT_DETECTED', 0x8000000: 'BRAKE_RESISTOR_DISARMED',
         0x10000000: 'THERMISTOR_DISCONNECTED', 0x40000000: 'CALIBRATION_ERROR'}),
-    reason='axis0.disarm_reason', blind='MISSING_ESTIMATE', result='axis0.procedure_result',
+    reason='axis0.disarm_reason', blind=0x8, result='axis0.procedure_result',
     result_names=MappingProxyType(dict(enumerate((
         'SUCCESS', 'BUSY', 'CANCELLED', 'DISARMED', 'NO_RESPONSE', 'POLE_PAIR_CPR_MISMATCH',
         'PHASE_RESISTANCE_OUT_OF_RANGE', 'PHASE_INDUCTANCE_OUT_OF_RANGE', 'UNBALANCED_PHASES',

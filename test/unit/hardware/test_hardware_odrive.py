@@ -225,8 +225,8 @@ def test_the_remedy_is_for_the_axis_in_use():
 def test_a_torque_constant_that_bounds_nothing_is_no_limit(kind, constant):
     bench = Bench(kind)
     generation = GENERATIONS[KINDS.index(kind)]
-    bench.device.properties.update({generation.torque_constant: constant, **{
-        name: 5.0 for name in generation.torque_limits}})
+    bench.device.properties.update({
+        generation.torque_constant: constant, **dict.fromkeys(generation.torque_limits, 5.0)})
     assert 'torque limit' in [item.name for item in refused(bench)]
 
 
@@ -336,6 +336,16 @@ def test_an_estimate_that_is_missing_is_not_taken_for_a_position(kind, bits):
     last = bench.driver.telemetry
     bench.device.sensed = bench.device.sensed._replace(position=0.0)
     assert bench.cycles(50)[:3] == last[:3] and last.position == pytest.approx(2.0, abs=1e-4)
+
+
+def test_an_estimate_that_was_missing_once_does_not_hide_the_position_for_good():
+    bench = Bench('odrive 0.6')
+    bench.driver.arm()
+    bench.device._trip(0x8)
+    bench.cycles(100)
+    bench.device.properties['axis0.active_errors'] = 0  # the reason stays
+    before = bench.now
+    assert bench.cycles(100).time > before
 
 
 @both

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Measure what comes through a line on which random bytes come by themselves, in its own time."""
+import random
+
+from ballbot_ros.emulator.ball import settings_for
+from ballbot_ros.emulator.emulator import DEVICES
+from ballbot_ros.emulator.line import Direction, Trouble
+from ballbot_ros.hardware.drivers import driver_class, open_driver
+from ballbot_ros.physics.scene import load_scene
+
+GARBAGE = 2000.0  # random bytes per second, both ways
+RATE, SECONDS = 500.0, 20.0
+TICK = 1e-4  # the drive looks at its line so often [s]
+# Protocol, firmware where there is more than one, and the fastest baud rate of its manual.
+DRIVES = (('odrive', '0.5', 921600), ('odrive', '0.6', 921600), ('roboclaw', '', 460800),
+          ('vesc', '', 921600))
+# Positions that a reading may have: of the last so many periods.
+RECENT = 50
+
+
+class FloodedLine:
+    """A line with time of its own, a drive at its other end, and bytes that nobody sent."""
+
+    port = 'flood'
+
+    def __init__(self, device, baud):
+        dice = random.Random(7)
+        self.device, self.now = device, 0.0
+        device.baud = baud
+        self.ways = (Direction(baud, dice), Direction(baud, dice))
+
+    def flood(self, rate):
+        """Let so many random bytes come per second, each way."""
+        for way in self.ways:
+            way.trouble = Trouble(garbage=rate)
+
+    def write(self, data):
+        """Send to the drive."""
+        self.ways[0].put(data, self.now)
+
+    def read(self):
+        """Return what has arrived."""
+        return self.ways[1].take(self.now)
+
+    def wait(self, seconds):
+        """Let time pass."""
+        self.pass_time(min(seconds, 0.001))
+        return True
+
+    def pass_time(self, seconds):
+        """Let drive and line live on."""
+        end = self.now + seconds - 0.5 * TICK
+        while self.now < end:
+            self.now += TICK
+            self.device.tick(self.now)
+            reply = self.device.receive(self.ways[0].take(self.now), self.now)
+            self.ways[1].put(reply, self.now + self.device.turnaround)
+
+
+def flood(protocol, firmware, baud):
+    """Return the part of the periods with a position that is new, and how many were wrong [%]."""
+    settings = settings_for(load_scene('flat').model.robot, firmware=firmware)
+    line = FloodedLine(DEVICES[protocol](settings), baud)
+    driver = open_driver(protocol, line, driver_class(protocol).Options(
+        torque_limit=settings.torque_limit), lambda: line.now)
+    driver.identify()
+    driver.arm()
+    line.flood(GARBAGE)
+    true, fresh, wrong, last = [], 0, 0, driver.poll().time
+    periods = int(SECONDS * RATE)
+    for number in range(periods):
+        # Half a turn and more from one to the next: no two are alike, none is near another.
+        true = [*true[-RECENT:], 3.5 * (number % 997)]
+        line.device.sensed = line.device.sensed._replace(position=true[-1])
+        line.pass_time(1.0 / RATE)
+        telemetry = driver.poll()
+        if telemetry.time != last:
+            last, fresh = telemetry.time, fresh + 1
+            wrong += min(abs(telemetry.position - value) for value in true) > 0.01
+        driver.send_torque(0.0)
+    return 100.0 * fresh / periods, wrong
+
+
+def measure():
+    """Yield name, unit, values and target of each measurement."""
+    for protocol, firmware, baud in DRIVES:
+        name = f'{protocol} {firmware}'.strip()
+        part, wrong = flood(protocol, firmware, baud)
+        yield f'{name}: periods with a reading under garbage', '%', [part], None
+        yield f'{name}: wrong readings among them', '', [wrong], 0.5
