@@ -11,8 +11,8 @@ from ballbot_ros.fields import count, quantity
 from ballbot_ros.hardware.codecs import odrive as codec
 from ballbot_ros.hardware.driver import DriveOptions, Driver, Identity, Line, Setting
 from ballbot_ros.hardware.drivers.odrive_firmware import (
-    CONTROL_MODE, Generation, GENERATIONS, HARDWARE, hardware_name, REQUESTED_STATE,
-    SERIAL_NUMBER, STATE, VERSION)
+    CONTROL_MODE, generation_of, GENERATIONS, HARDWARE, hardware_name, in_words,
+    REQUESTED_STATE, SERIAL_NUMBER, STATE, VERSION)
 from ballbot_ros.hardware.drivers.odrive_questions import MARKER, Questions
 from ballbot_ros.hardware.wire import WireBudget
 
@@ -38,7 +38,7 @@ class ODrive(Driver):
     See `Driver`.
 
     The firmware that answers the handshake decides which table of names is used.  Where a drive
-    gives one reply at a time, a period asks either for the position or for a property.
+    gives one reply at a time, a property is asked for when the position has come.
     """
 
     protocol = 'odrive'
@@ -49,12 +49,15 @@ class ODrive(Driver):
         """Take the line; nothing is sent yet."""
         super().__init__(line, options, clock)
         self._parser = codec.LineParser()
-        self._generation: Optional[Generation] = None  # None before the handshake
+        self._generation = GENERATIONS[-1]  # the one that less is asked of, until it is known
+        self._identified = False
         self._asking = Questions(options.reply_timeout)
         self._feedback_asked: deque[float] = deque(maxlen=1000)
         self._texts: deque[str] = deque(maxlen=8)  # neither feedback nor an answer
         self._values: dict[str, float] = {}  # the last one of each property
         self._turn = 0
+        self._then: Optional[str] = None  # property to ask for once the position has come
+        self._period_began = -math.inf
         self._idle_asked_at = -math.inf  # when the state was asked that turned out to be idle
 
     # What waits
@@ -63,23 +66,16 @@ class ODrive(Driver):
         """Ask who is there; see `Driver`."""
         deadline = self.clock() + patience
         self._fall_in_step(deadline)
-        version = [self._read(name, deadline) for name in VERSION]
-        told = '.'.join(f'{part:g}' for part in version)
-        known = [item for item in GENERATIONS if list(item.version) == version[:2]]
-        if not known:
-            names = ' or '.join(item.name for item in GENERATIONS)
-            raise DriveError('firmware', (
-                f'{self.line.port}: ODrive firmware must be {names}, got {told}: older ones take '
-                'a torque command for amperes, names and meanings in newer ones are not known'))
-        generation, = known
-        if self.options.axis >= generation.axes:
-            raise DriveError('firmware', (
-                f'{self.line.port}: an ODrive with firmware {told} has one motor output, so axis '
-                f'must be 0, got {self.options.axis}'))
-        self._generation = generation
+        version = tuple(self._read(name, deadline) for name in VERSION)
+        self._generation = generation_of(version, self.options.axis, self.line.port)
+        self._identified = True
         hardware = hardware_name(*(self._read(name, deadline) for name in HARDWARE))
-        return Identity(self.protocol, hardware, told, self._serial_number(deadline),
-                        generation.name)
+        return Identity(self.protocol, hardware, in_words(version),
+                        self._serial_number(deadline), self._generation.name)
+
+    def _know_firmware(self, deadline: float) -> None:
+        if not self._identified:
+            self.identify(deadline - self.clock())
 
     def _serial_number(self, deadline: float) -> str:
         number = self._read(SERIAL_NUMBER, deadline)
@@ -95,12 +91,12 @@ class ODrive(Driver):
     def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
         """Read back and judge; see `Driver`."""
         deadline = self.clock() + patience
-        settings = self._known(deadline).judge(
-            lambda name: self._read(name, deadline), self.options)
+        self._know_firmware(deadline)
+        settings = self._generation.judge(lambda name: self._read(name, deadline), self.options)
         return tuple(item._replace(remedy=self._path(item.remedy)) for item in settings)
 
     def _arm(self, deadline: float) -> None:
-        generation, wanted = self._known(deadline), codec.CLOSED_LOOP_CONTROL
+        self._know_firmware(deadline)
         # An error left over keeps the drive from arming; a present one comes back at once.
         self._send(self._torque_message(0.0) + codec.CLEAR_ERRORS
                    + codec.write(self._path(CONTROL_MODE), codec.TORQUE_CONTROL))
@@ -108,19 +104,20 @@ class ODrive(Driver):
             raise DriveError('not_armed', (
                 f'{self.line.port}: the ODrive does not go into torque control, see '
                 f'{self._path(CONTROL_MODE)}'))
-        self._refuse_faults(generation, deadline)
-        self._send(codec.write(self._path(REQUESTED_STATE), wanted))
-        while self._read(STATE, deadline) != wanted:
+        self._refuse_faults(deadline)
+        self._send(codec.write(self._path(REQUESTED_STATE), codec.CLOSED_LOOP_CONTROL))
+        while self._read(STATE, deadline) != codec.CLOSED_LOOP_CONTROL:
             self._send(self._torque_message(0.0))
-            self._refuse_faults(generation, deadline)
+            self._refuse_faults(deadline)
             if self.clock() >= deadline - self.options.reply_timeout:
                 raise DriveError('not_armed', (
                     f'{self.line.port}: the ODrive does not go into closed loop control and '
-                    f'names {self._reasons(generation)}'))
-        self._refuse_faults(generation, deadline)
+                    f'names {self._reasons()}'))
+        self._refuse_faults(deadline)
 
-    def _refuse_faults(self, generation: Generation, deadline: float) -> None:
+    def _refuse_faults(self, deadline: float) -> None:
         """Raise `DriveError` if the axis has an error, or does not tell."""
+        generation = self._generation
         bits = self._read(generation.errors, deadline)
         if not math.isfinite(bits):
             raise DriveError('not_armed', (
@@ -130,15 +127,14 @@ class ODrive(Driver):
                 f'{self.line.port}: the ODrive names {", ".join(generation.names_of(bits))}; '
                 'mend the cause, odrivetool tells more with dump_errors(odrv0)'))
 
-    def _reasons(self, generation: Generation) -> str:
+    def _reasons(self) -> str:
         """Return why a state was not reached, as far as the drive tells."""
+        generation = self._generation
         if not generation.result:
             return 'no error'
         soon = self.clock() + self.options.reply_timeout
-        result, bits = self._read(generation.result, soon), self._read(generation.reason, soon)
-        names = generation.names_of(bits) if math.isfinite(bits) else ()
-        return ', '.join((generation.result_names.get(int(result), f'{result:g}')
-                          if math.isfinite(result) else 'no reason', *names))
+        return generation.why(self._read(generation.result, soon),
+                              self._read(generation.reason, soon))
 
     # What does not wait
 
@@ -168,39 +164,31 @@ class ODrive(Driver):
         return codec.torque(self.options.axis, torque)
 
     def _questions(self) -> bytes:
-        now, generation = self.clock(), self._generation
-        question = b''
-        if not self._asking.in_step \
-                or now - self._asking.asked_at >= self.options.status_period:
-            names = generation.round if generation else (STATE,)
-            name = names[self._turn % len(names)]
-            question = self._property_question(name)
-            self._turn += bool(question) and self._asking.asked == name
-        if question and (self._one_at_a_time or self._asking.asked is None):
-            return question  # a marker is long, and stands alone, too
+        now, asking, began = self.clock(), self._asking, self._period_began
+        self._period_began = now
+        marker = b'' if asking.in_step else self._property_question(STATE)
+        if marker:
+            return marker  # which is long, and stands alone
+        if self._generation.one_reply_at_a_time and asking.asked and asking.asked_at >= began:
+            return b''  # its answer is on its way, and would cost that to another question
         self._feedback_asked.append(now)
-        return codec.feedback(self.options.axis) + question
+        question = codec.feedback(self.options.axis)
+        if asking.free and now - asking.asked_at >= self.options.status_period:
+            names = self._generation.round
+            self._turn = (self._turn + 1) % len(names)
+            question += self._property_question(names[self._turn])
+        return question
 
     # Questions for properties
-
-    @property
-    def _one_at_a_time(self) -> bool:
-        return self._generation is None or self._generation.one_reply_at_a_time
-
-    def _known(self, deadline: float) -> Generation:
-        """Return the generation of the firmware; ask for it where nobody has."""
-        if self._generation is None:
-            self.identify(deadline - self.clock())
-        assert self._generation is not None
-        return self._generation
 
     def _path(self, name: str) -> str:
         """Return what the drive calls a property of the motor output in use."""
         return name.replace('axis0.', f'axis{self.options.axis}.')
 
     def _property_question(self, name: str) -> bytes:
-        """Return what to ask, nothing while an answer is awaited that this would get lost by."""
-        if self._one_at_a_time and self._feedback_asked:
+        """Return what to ask for a property now, which may be nothing; see `Questions.ask`."""
+        if self._generation.one_reply_at_a_time and self._feedback_asked:
+            self._then = name
             return b''
         return self._asking.ask(name, self._path(name), self.clock())
 
@@ -217,7 +205,7 @@ class ODrive(Driver):
         self._asking.fall_out_of_step()
         received, texts = self.counts['bytes'], self._parser.unchecked
         while not self._asking.in_step:
-            self._send(self._property_question(''))
+            self._send(self._property_question(STATE))
             self._until(lambda: self._asking.in_step, self._soon(deadline))
             if not self._asking.in_step and self.clock() >= deadline:
                 if self._parser.unchecked > texts:
@@ -238,6 +226,7 @@ class ODrive(Driver):
         """
         asking = self._asking
         while True:
+            self._then = None
             if not asking.free:
                 self._fall_in_step(deadline)
             self._until(lambda: not self._feedback_asked, self._soon(deadline))
@@ -275,28 +264,29 @@ class ODrive(Driver):
             self.counts['unexpected'] += 1
         elif name is None:
             self._texts.append(text)
-        elif name != MARKER and self._generation is not None:
-            self._note(name, self._asking.value, now, self._generation)
+        elif name != MARKER:
+            self._note(name, self._asking.value, now)
 
     def _take_feedback(self, feedback: codec.Feedback, now: float) -> None:
-        if self._one_at_a_time:  # those before the last one got lost
+        if self._generation.one_reply_at_a_time:  # those before the last one got lost
             self.counts['lost'] += max(0, len(self._feedback_asked) - 1)
             self._feedback_asked.clear()
+            if self._then is not None:
+                name, self._then = self._then, None
+                self._send(self._property_question(name))
         elif self._feedback_asked:
             self._feedback_asked.popleft()
         # An encoder that failed reads as 0.
-        generation = self._generation
-        if generation is None or not int(
-                self._values.get(generation.errors, 0.0)) & generation.blind:
+        errors = int(self._values.get(self._generation.errors, 0.0))
+        if not errors & self._generation.blind:
             self.telemetry = self.telemetry._replace(
                 time=now, position=feedback.position * TURN, velocity=feedback.velocity * TURN)
 
-    def _note(self, name: str, value: Optional[float], now: float,
-              generation: Generation) -> None:
+    def _note(self, name: str, value: Optional[float], now: float) -> None:
         """Put the value of a property into the telemetry."""
         if value is None or not math.isfinite(value):
             return
         if name == STATE and value == codec.IDLE:
             self._idle_asked_at = self._asking.asked_at
         self._values[name] = value
-        self.telemetry = generation.noted(self.telemetry, name, self._values, now)
+        self.telemetry = self._generation.noted(self.telemetry, name, self._values, now)

@@ -18,8 +18,9 @@ missing; that `disarm_reason` stays after the error has gone.
 from dataclasses import dataclass
 import math
 from types import MappingProxyType
-from typing import Any, Callable, Mapping, NamedTuple
+from typing import Any, Callable, Mapping, NamedTuple, Sequence
 
+from ballbot_ros.errors import DriveError
 from ballbot_ros.hardware.codecs import odrive as codec
 from ballbot_ros.hardware.driver import DriveOptions, Setting, Telemetry
 
@@ -116,6 +117,13 @@ class Generation:
         rest = int(bits) & ~sum(self.error_names)
         return (*known, hex(rest)) if rest else known
 
+    def why(self, result: float, bits: float) -> str:
+        """Return why a state was not reached, from the values of `result` and `reason`."""
+        names = self.names_of(bits) if math.isfinite(bits) else ()
+        if math.isfinite(result):
+            names = (self.result_names.get(int(result), f'{result:g}'), *names)
+        return ', '.join(names) or 'no reason'
+
     def noted(self, telemetry: Telemetry, name: str, values: Mapping[str, float],
               now: float) -> Telemetry:
         """Return telemetry with the value of a property that came last, of all that have come."""
@@ -178,11 +186,10 @@ def _write(name: str, value: float) -> str:
 
 def hardware_name(major: float, minor: float, variant: float) -> str:
     """Return what a board is called; not a number is a part that it does not tell."""
-    numbers = [f'{part:g}' for part in (major, minor, variant)]
     if major == 3:
-        return f'v{numbers[0]}.{numbers[1]}-{numbers[2]}V'
+        return f'v3.{minor:g}-{variant:g}V'
     name = {4.0: 'Pro', 5.0: 'S1', 6.0: 'Micro'}.get(major, 'board')
-    return f'{name} ({".".join(numbers)})'
+    return f'{name} ({in_words((major, minor, variant))})'
 
 
 INPUT_MODE = Rule('input mode', 'axis0.controller.config.input_mode', (codec.PASSTHROUGH,), {
@@ -247,3 +254,32 @@ GENERATION_6 = Generation(
         Rule('torque at arming', 'axis0.config.init_torque', (0,), {0: 'none'})))
 
 GENERATIONS = (GENERATION_5, GENERATION_6)
+
+
+def in_words(version: Sequence[float]) -> str:
+    """Return a version as people write it."""
+    return '.'.join(f'{part:g}' for part in version)
+
+
+def generation_of(version: Sequence[float], axis: int, port: str) -> Generation:
+    """
+    Return the generation of a firmware, for a motor output of the board on a port.
+
+    Raises
+    ------
+    DriveError
+        ``firmware`` if the version, or such an output in it, is not known.
+
+    """
+    told = in_words(version)
+    found = [item for item in GENERATIONS if item.version == tuple(version[:2])]
+    if not found:
+        names = ' or '.join(item.name for item in GENERATIONS)
+        raise DriveError('firmware', (
+            f'{port}: ODrive firmware must be {names}, got {told}: older ones take a torque '
+            'command for amperes, names and meanings in newer ones are not known'))
+    if axis >= found[0].axes:
+        raise DriveError('firmware', (
+            f'{port}: an ODrive with firmware {told} has one motor output, so axis must be 0, '
+            f'got {axis}'))
+    return found[0]

@@ -137,6 +137,7 @@ def test_the_answer_to_the_question_of_a_period_is_heard_within_it(protocol):
         report = robot.session.hear(STEP)
         assert report.estimate.stamp == pytest.approx(asked) and not robot.session.expecting
         robot.session.command(0.5, robot.now)
+        robot.pass_time(STEP)  # the rest of the period
     assert robot.motor == pytest.approx(0.5 / (50.0 * 0.9), rel=0.05)
 
 

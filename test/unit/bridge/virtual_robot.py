@@ -46,8 +46,8 @@ class VirtualRobot:
 
     Parameters
     ----------
-    kind : str
-        Protocol, and behind a space the firmware where there is more than one.
+    protocol : str
+        And behind a space the firmware where there is more than one.
 
     Attributes
     ----------
@@ -58,10 +58,10 @@ class VirtualRobot:
 
     """
 
-    def __init__(self, kind='odrive', imu=True, settings=None, held=False, terrain=None,
+    def __init__(self, protocol='odrive', imu=True, settings=None, held=False, terrain=None,
                  **limits):
         self.now = 100.0
-        protocol, _, firmware = kind.partition(' ')
+        protocol, _, firmware = protocol.partition(' ')
         self.hardware = load_hardware(f'gimball_{protocol}')
         self.hardware = replace(
             self.hardware, limits=replace(self.hardware.limits, **limits),

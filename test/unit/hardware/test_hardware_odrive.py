@@ -282,27 +282,49 @@ def test_0_6_loses_a_reply_that_comes_while_another_is_being_sent():
     assert bench.device.receive(b'r vbus_voltage\n', 0.01) == b'24.000000\r\n'
 
 
-@pytest.mark.parametrize('period', [0.002, 0.01])
-def test_from_0_6_only_one_reply_is_asked_for_at_a_time(period):
+def loop(bench, periods, wait):
+    """Run periods of 2 ms; the first millisecond is waited for the answer, or none is."""
+    times = []
+    for _ in range(periods):
+        bench.pass_time(0.001)
+        bench.driver.poll()
+        bench.driver.send_torque(0.01)
+        bench.pass_time(0.001)
+        times.append((bench.driver.poll() if wait else bench.driver.telemetry).time)
+    return times
+
+
+@pytest.mark.parametrize('wait', [True, False])
+def test_no_reply_of_0_6_is_lost_by_asking_too_early(wait):
     bench = Bench('odrive 0.6')
     bench.driver.arm()
-    asked, deliver = [], bench.to_drive
-    bench.to_drive = lambda data: asked.append(
-        sum(line[:1] in (b'f', b'r') for line in data.split(b'\n'))) or deliver(data)
-    bench.cycles(300, torque=0.01, period=period)
-    assert set(asked) == {1}
+    loop(bench, 500, wait)
     assert bench.driver.counts['lost'] == 0
     assert bench.driver.telemetry.faults == () and bench.driver.telemetry.bus_voltage == 24.0
 
 
-def test_most_periods_of_0_6_bring_the_position_all_the_same():
+def test_every_period_of_0_6_brings_the_position_to_a_loop_that_waits_for_it():
     bench = Bench('odrive 0.6')
     bench.driver.arm()
-    bench.cycles(2)
-    times = [bench.cycles(1, torque=0.01).time for _ in range(500)]
+    times = loop(bench, 500, wait=True)
+    assert len(set(times)) == 500
+
+
+def test_a_loop_that_does_not_wait_goes_without_it_where_a_property_is_asked_for():
+    bench = Bench('odrive 0.6')
+    bench.driver.arm()
+    times = loop(bench, 500, wait=False)[2:]
     assert len(set(times)) > 430
-    gaps = [after - before for before, after in zip(times, times[1:])]
-    assert max(gaps) < 0.0045  # never two periods in a row
+    assert max(after - before for before, after in zip(times, times[1:])) < 0.0045
+
+
+def test_a_stop_of_0_6_is_confirmed_although_a_position_is_under_way():
+    bench = Bench('odrive 0.6')
+    bench.driver.arm()
+    bench.cycles(7, torque=0.01)
+    begin = bench.now
+    bench.driver.stop()
+    assert bench.now - begin < 0.01
 
 
 @both
