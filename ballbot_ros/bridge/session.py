@@ -198,7 +198,9 @@ class Session:
             driver, estimate = self.line.driver, None
             if driver is not None:
                 try:
-                    estimate = self._measure(driver.poll())
+                    # Mostly `hear` has read it all.
+                    if self._sensing.expecting:
+                        estimate = self._measure(driver.poll())
                     now = self.clock()
                     self._watch(driver.telemetry, now)
                     self._act(driver, now)

@@ -90,7 +90,10 @@ class JointReadings:
 
     def __post_init__(self) -> None:
         """Refuse readings that are not finite."""
-        refuse_not_finite(self, 'joint reading', tuple(item.name for item in fields(self)))
+        # One sum is quick, and not finite if a term is not; which one, is looked up then only.
+        if not math.isfinite(self.stamp + self.ball_angle + self.joint_angle + self.ball_rate
+                             + self.joint_rate):
+            refuse_not_finite(self, 'joint reading', tuple(item.name for item in fields(self)))
 
     @property
     def pendulum_angle(self) -> float:

@@ -20,13 +20,15 @@ from ballbot_ros.ros.endpoints import advertise
 NOT_REPORTED = -1.0
 # Two clocks are read one after the other, and in between others may run for so long [s].
 LOOKING = 0.005
+# Until they are read again [s]; shorter than any timeout that rests on them.
+LOOK_AGAIN = 0.02
 
 
 class Clocks:
     """
     Between stamps (ROS time) and the steady clock that all timeouts are counted on.
 
-    How far they are apart is looked up anew each time, and kept unless it has changed by more
+    How far they are apart is looked up again and again, and kept unless it has changed by more
     than looking takes on a busy machine: so order is kept, and a clock that is set is followed.
 
     Parameters
@@ -39,12 +41,16 @@ class Clocks:
         """Use the clock of the node."""
         self._clock = node.get_clock()
         self._apart = math.inf
+        self._look_at = 0.0
 
     @property
     def _ahead(self) -> float:
-        apart = 1e-9 * float(self._clock.now().nanoseconds) - time.monotonic()
-        if abs(apart - self._apart) > LOOKING:
-            self._apart = apart
+        now = time.monotonic()
+        if now >= self._look_at:
+            self._look_at = now + LOOK_AGAIN
+            apart = 1e-9 * float(self._clock.now().nanoseconds) - time.monotonic()
+            if abs(apart - self._apart) > LOOKING:
+                self._apart = apart
         return self._apart
 
     def steady(self, stamp: float) -> float:
