@@ -53,7 +53,11 @@ class DriveLine:
     def open(self, patience: float) -> Tuple[Identity, Tuple[Setting, ...]]:
         """Open the line, find the drive and check it; raises as `handshake` does."""
         self.close()
-        self.driver, self.identity, settings = handshake(self._connect, patience)
+        try:
+            self.driver, self.identity, settings = handshake(self._connect, patience)
+        except BallbotError as error:
+            self.trouble = str(error)
+            raise
         self.trouble = ''
         return self.identity, settings
 
@@ -61,13 +65,13 @@ class DriveLine:
         """Look for a drive that was lost, unless that was just done; tell whether it is back."""
         if self._clock() < self._next_try:
             return False
+        known = self.trouble
         try:
             self.open(min(HANDSHAKE * (1 + self._failures), MOST_PATIENCE))
         except BallbotError as error:
             self._failures += 1
             self._next_try = self._clock() + RETRY
-            if str(error) != self.trouble:
-                self.trouble = str(error)
+            if self.trouble != known:
                 self._notices.add(f'looking for the drive: {error}')
             return False
         self._failures = 0

@@ -64,6 +64,8 @@ class Session:
         With the drive that there is, or why there is none.
     fusion : Fusion
         With the newest estimate.
+    refusal : str
+        Why the motor could not be put under power when that was last tried; else empty.
 
     """
 
@@ -74,6 +76,7 @@ class Session:
         self._period = 1.0 / hardware.connection.loop_rate
         self.counts: Counter = Counter()
         self.notices = Notices()
+        self.refusal = ''
         self.line = DriveLine(connect, clock, self.counts, self.notices)
         self.supervisor = Supervisor(hardware.limits, DECIDED * self._period)
         self._sensing = Sensing(hardware, robot)
@@ -327,10 +330,12 @@ class Session:
             driver.arm(HANDSHAKE)
         except DriveError as error:
             self._next_arm = self.clock() + ARM_AGAIN
-            self._went_wrong(f'cannot arm: {error}')
+            self.refusal = f'cannot arm: {error}'
+            self._went_wrong(self.refusal)
             self._begin_stop()
             return
         self.supervisor.quiet()
+        self.refusal = ''
         self._power, self._armed_at = Power.ON, self.clock()
         self.counts['armed'] += 1
         self.notices.add('the motor is under power')

@@ -73,13 +73,16 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
         'late_periods': loop.late if loop else 0,
         **{f'wire_{what}': number for what, number in wire.items()}}
     if loop is None:
-        return diagnostics.WARN, 'not configured', values
+        return diagnostics.WARN, ': '.join(
+            filter(None, ('not configured', session.line.trouble))), values
     if driver is None:
         return diagnostics.ERROR, f'looking for the drive: {session.line.trouble}', values
     if supervisor.e_stop:
         return diagnostics.WARN, f'e-stop: {supervisor.e_stop}', values
     if faults:
         return diagnostics.ERROR, f'the drive tells of {faults}', values
+    if session.refusal:
+        return diagnostics.ERROR, session.refusal, values
     if supervisor.timed_out:
         return diagnostics.WARN, 'commands stay away', values
     if not has_imu:

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 from virtual_robot import VirtualRobot
 
-from ballbot_ros.errors import MessageError
+from ballbot_ros.errors import LinkError, MessageError
 
 pytest.importorskip('rclpy')
 from ballbot_ros.ros import diagnostics
@@ -42,6 +42,39 @@ def test_before_configure_it_warns():
     assert (level, message) == (diagnostics.WARN, 'not configured')
     assert found['firmware'] == found['serial_number'] == found['faults'] == ''
     assert found['late_periods'] == 0
+
+
+def test_a_configure_that_failed_is_told_with_the_reason():
+    robot = VirtualRobot()
+    robot.plugged = False
+    with pytest.raises(LinkError):
+        robot.session.configure()
+    assert told(robot, loop=None)[:2] == (
+        diagnostics.WARN, 'not configured: the cable is out')
+    robot.plugged = True
+    robot.session.configure()
+    assert told(robot, loop=None)[1] == 'not configured'
+
+
+def test_a_motor_that_takes_no_power_is_an_error_though_no_fault_is_named():
+    robot = driving(rearm=True)
+    receive = robot.device.receive
+
+    def stubborn(data, now):
+        robot.now += 1e-4  # a question takes its time, and patience ends
+        return receive(data.replace(b'requested_state 8', b'requested_state 1'), now)
+    robot.device.receive = stubborn
+    robot.session.engage('button')
+    robot.run(0.3, torque=0.0)
+    robot.run(0.6)
+    robot.session.release()
+    robot.run(0.6, torque=0.0)
+    level, message, found = told(robot)
+    assert level == diagnostics.ERROR and message.startswith('cannot arm: ')
+    assert found['faults'] == found['e_stop'] == ''
+    robot.device.receive = receive
+    robot.run(1.0, torque=0.0)
+    assert told(robot)[:2] == (diagnostics.OK, 'running')
 
 
 def test_a_drive_that_is_away_is_an_error_with_the_reason_even_under_e_stop():
@@ -221,7 +254,8 @@ def test_every_value_stands_in_the_document(protocol):
 def test_every_message_stands_in_the_document():
     text = DOCUMENT.read_text(encoding='utf-8')
     for level, message in (
-            ('WARN', 'not configured'), ('ERROR', 'looking for the drive: WHY'),
+            ('WARN', 'not configured'), ('ERROR', 'cannot arm: WHY'),
+            ('ERROR', 'looking for the drive: WHY'),
             ('WARN', 'e-stop: WHY'), ('ERROR', 'the drive tells of FAULTS'),
             ('WARN', 'commands stay away'),
             ('WARN', 'no IMU: the pendulum angle is a guess off level floor'), ('OK', 'running')):
