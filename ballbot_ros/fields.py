@@ -108,7 +108,8 @@ def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) 
         return None
     if kind is str:
         if not isinstance(value, str):
-            raise ConfigurationError(f'{place} must be text, got {value!r}')
+            raise ConfigurationError(
+                f'{place} must be text, got {value!r}; put a number that is meant so in quotes')
         if metadata['choices'] and value not in metadata['choices']:
             raise ConfigurationError(
                 f'{place} must be one of {", ".join(metadata["choices"])}, got {value!r}'

@@ -201,9 +201,7 @@ class Session:
             driver, estimate = self.line.driver, None
             if driver is not None:
                 try:
-                    # Mostly `hear` has read it all.
-                    if self._sensing.expecting:
-                        estimate = self._measure(driver.poll())
+                    estimate = self._measure(driver.poll())
                     now = self.clock()
                     self._watch(driver.telemetry, now)
                     self._act(driver, now)

@@ -3,6 +3,8 @@
 import argparse
 from pathlib import Path
 
+FIRMWARES = ('0.5', '0.6')
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the demo can be told."""
@@ -16,6 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'bridge, in real time')
     parser.add_argument('--protocol', choices=('odrive', 'vesc', 'roboclaw'),
                         help='of that motor controller (default: odrive)')
+    parser.add_argument('--firmware', default='', metavar='GENERATION',
+                        help='of an odrive: 0.5 (default) or 0.6')
     parser.add_argument('--timeout', type=float, default=60.0, metavar='SECONDS',
                         help='give up after this long (default: %(default)g)')
     parser.add_argument('--quiet', action='store_true', help='print errors only')
@@ -28,8 +32,8 @@ def run(arguments: argparse.Namespace) -> int:
     Raises
     ------
     ConfigurationError
-        If the timeout is not above 0, a protocol is given without a motor controller, the
-        folder cannot be written, or ROS cannot be found.
+        If the timeout is not above 0, a protocol or firmware is given without such a motor
+        controller, the folder cannot be written, or ROS cannot be found.
 
     """
     from ballbot_ros.errors import ConfigurationError
@@ -38,6 +42,11 @@ def run(arguments: argparse.Namespace) -> int:
             f'--timeout must be more than 0 s and finite, got {arguments.timeout!r}')
     if arguments.protocol is not None and not arguments.hardware:
         raise ConfigurationError('--protocol goes with --hardware')
+    if arguments.firmware and (not arguments.hardware or arguments.firmware not in FIRMWARES
+                               or (arguments.protocol or 'odrive') != 'odrive'):
+        raise ConfigurationError(
+            f'--firmware must be {" or ".join(FIRMWARES)} and goes with --hardware --protocol '
+            f'odrive, got {arguments.firmware!r}')
     try:
         from ballbot_ros.demo import run_demo, run_hardware_demo
     except ImportError as error:
@@ -48,10 +57,11 @@ def run(arguments: argparse.Namespace) -> int:
     folder = 'demo_hardware' if arguments.hardware else 'demo'
     out = arguments.out or Path('ballbot_output') / folder
     from ballbot_ros.output.files import check_writable
-    check_writable(out / 'bag')
+    check_writable(out / 'crossing.png')
     if arguments.hardware:
         code: int = run_hardware_demo(out=out, protocol=arguments.protocol or 'odrive',
-                                      quiet=arguments.quiet, timeout=arguments.timeout)
+                                      firmware=arguments.firmware, quiet=arguments.quiet,
+                                      timeout=arguments.timeout)
     else:
         code = run_demo(out=out, real_time=arguments.real_time,
                         quiet=arguments.quiet, timeout=arguments.timeout)

@@ -33,7 +33,7 @@ MORE_TOPICS = (('imu', Imu, qos.RECORD), ('motor_status', MotorStatus, qos.RECOR
 AGAIN = 0.3
 
 
-def run_hardware_demo(out: Path, protocol: str, quiet: bool = False,
+def run_hardware_demo(out: Path, protocol: str, firmware: str = '', quiet: bool = False,
                       timeout: float = 60.0) -> int:
     """
     Let the robot meet two door-steps, its motor behind a serial line.
@@ -44,6 +44,8 @@ def run_hardware_demo(out: Path, protocol: str, quiet: bool = False,
         Folder for the bag, the picture and the logs.
     protocol : str
         Of the emulated drive.
+    firmware : str
+        Its generation; empty for the only or oldest one.
     quiet : bool
         Tell only the verdict.
     timeout : float
@@ -62,19 +64,21 @@ def run_hardware_demo(out: Path, protocol: str, quiet: bool = False,
                   (lambda *_: None) if quiet else tell)
     begun = time.monotonic()
     if not quiet:
-        print(f'An emulated {protocol} drive, {hardware.connection.baud} baud; bridge, controller '
-              f'and decision on ROS domain {domain}, in real time.\n', flush=True)
+        print(f'An emulated {f"{protocol} {firmware}".strip()} drive, '
+              f'{hardware.connection.baud} baud; bridge, controller and decision on ROS domain '
+              f'{domain}, in real time.\n', flush=True)
     with ending_by_signal():
-        wrong = _Performance(out, story, domain, hardware.name, timeout).play()
+        wrong = _Performance(out, story, domain, hardware.name, firmware, timeout).play()
     return conclude(out, scene, story, wrong, begun)
 
 
 class _Performance:
     """One run of all nodes."""
 
-    def __init__(self, out: Path, story: Story, domain: int, hardware: str, timeout: float):
+    def __init__(self, out: Path, story: Story, domain: int, hardware: str, firmware: str,
+                 timeout: float):
         self._out, self._story, self._domain = out, story, domain
-        self._hardware, self._timeout = hardware, timeout
+        self._hardware, self._firmware, self._timeout = hardware, firmware, timeout
         self._begin = 0.0  # stamp of the first state, from which the story counts [s]
 
     def play(self) -> List[str]:
@@ -91,7 +95,8 @@ class _Performance:
                 bag.subscribe(node, (*TOPICS, *MORE_TOPICS), {
                     'ball_state': self._on_ball, 'step_decision': self._on_decision})
                 nodes.start('emulated_robot', {
-                    'hardware': self._hardware, 'scene': SCENE, 'link': link})
+                    'hardware': self._hardware, 'firmware': self._firmware, 'scene': SCENE,
+                    'link': link})
                 nodes.start('bridge', {
                     'hardware': self._hardware, 'port': link, 'tuning': TUNING})
                 nodes.start('controller', {'tuning': TUNING, 'delay': 1})

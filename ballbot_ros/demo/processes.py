@@ -7,6 +7,8 @@ import subprocess
 import sys
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
+import yaml
+
 GRACE = 15.0  # wall time for a node to end after SIGINT before it is killed [s]
 
 
@@ -62,6 +64,8 @@ def parameter_arguments(parameters: Mapping[str, Any]) -> List[str]:
     arguments = []
     for name, value in parameters.items():
         text = str(value).lower() if isinstance(value, bool) else str(value)
+        if isinstance(value, str) and not isinstance(yaml.safe_load(text), str):
+            text = f"'{text}'"  # it would be read as a number, or as nothing
         arguments += ['-p', f'{name}:={text}']
     return ['--ros-args', *arguments] if arguments else []
 

@@ -75,8 +75,7 @@ class Bridge(LifecycleNode):
                 self.get_logger().error(f'cannot configure: {error}')
             return FAILURE
         self.get_logger().info(
-            f'{identity.protocol} {identity.hardware} {identity.serial_number}, firmware '
-            f'{identity.firmware}, on {self._hardware.connection.port}; '
+            f'{identity.in_words}, on {self._hardware.connection.port}; '
             + ', '.join(f'{item.name} {item.value}' for item in settings))
         self._loop = Loop(self._session, self._hardware.connection.loop_rate, self._outputs.tell)
         return SUCCESS

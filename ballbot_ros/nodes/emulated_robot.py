@@ -10,6 +10,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import Imu as ImuMessage
 
 from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.msg import BallState, StepObservation
@@ -54,7 +55,8 @@ class EmulatedRobot(Node):
         self._observation = advertise(self, StepObservation, 'step_observation', qos.STATE)
         self._truth = advertise(self, BallState, 'ball_state', qos.STATE)
         self._emulator = Emulator(
-            connection.protocol, scene, connection.baud, link=Path(settings.link))
+            connection.protocol, scene, connection.baud,
+            settings_for(scene.model.robot, firmware=settings.firmware), Path(settings.link))
         self._before = self._emulator.state
         self._number = 0
         self.failure: Optional[BallbotError] = None

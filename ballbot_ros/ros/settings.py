@@ -129,6 +129,8 @@ class EmulatedRobotSettings(Checked):
 
     hardware: str = text('name of a hardware file in config/hardware, or a YAML file, whose '
                          'protocol and baud rate the drive has', default='gimball_odrive')
+    firmware: str = text('generation that the drive is of, `0.5` or `0.6` for an ODrive; empty '
+                         'for the only or oldest one', default='')
     scene: str = text('name of a scene in config/scenes, or a YAML file', default='doorstep')
     link: str = text('symbolic link to keep pointing to the serial device',
                      default='/tmp/ballbot_motor')

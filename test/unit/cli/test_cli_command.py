@@ -128,8 +128,10 @@ def test_demo_passes_its_options_on(monkeypatch, tmp_path):
     assert main(['demo', '--out', str(tmp_path), '--real-time', '--timeout', '9']) == 7
     assert told == {'out': tmp_path, 'real_time': True, 'quiet': False, 'timeout': 9.0}
     told.clear()
+    (tmp_path / 'bag').mkdir()  # of a run before, which this one replaces
     assert main(['demo', '--hardware', '--protocol', 'vesc', '--out', str(tmp_path)]) == 8
-    assert told == {'out': tmp_path, 'protocol': 'vesc', 'quiet': False, 'timeout': 60.0}
+    assert told == {'out': tmp_path, 'protocol': 'vesc', 'firmware': '', 'quiet': False,
+                    'timeout': 60.0}
 
 
 def test_demo_without_ros_says_what_to_do(capsys, monkeypatch):

@@ -18,6 +18,8 @@ def test_parameters_become_arguments_that_ros_reads():
     assert parameter_arguments({}) == []
     assert parameter_arguments({'lockstep': True, 'rate': 2.5, 'scene': 'flat'}) == [
         '--ros-args', '-p', 'lockstep:=true', '-p', 'rate:=2.5', '-p', 'scene:=flat']
+    assert parameter_arguments({'firmware': '0.6', 'capture': ''})[2::2] == [
+        "firmware:='0.6'", "capture:=''"]
 
 
 def test_a_domain_that_is_given_is_used_and_else_one_of_ones_own(monkeypatch):
