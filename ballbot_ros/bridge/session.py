@@ -161,7 +161,7 @@ class Session:
             self._repeating = False
             try:
                 self._send_torque(now, ask=False)
-            except LinkError as error:
+            except (LinkError, DriveError) as error:
                 self._lose(error)
 
     def imu(self, reading: ImuReading) -> None:
@@ -206,7 +206,8 @@ class Session:
                     self._watch(driver.telemetry, now)
                     self._act(driver, now)
                 except (LinkError, DriveError) as error:
-                    self._lose(error)
+                    if self.line.driver is driver:  # else it is known already
+                        self._lose(error)
             return self._report(estimate)
 
     @property

@@ -9,7 +9,7 @@ from virtual_robot import STEP, VirtualRobot
 from ballbot_ros.bridge.report import Power
 from ballbot_ros.control import load_tuning, Mode, PendulumController, SetPoint
 from ballbot_ros.emulator.device import DriveSettings
-from ballbot_ros.errors import ConfigurationError, LinkError, RefusedError
+from ballbot_ros.errors import ConfigurationError, DriveError, LinkError, RefusedError
 from ballbot_ros.physics import load_robot
 
 
@@ -148,6 +148,31 @@ def test_a_bridge_that_was_held_up_does_not_take_the_drive_for_silent():
     robot.now += 0.25
     robot.session.tick()
     assert 'silent' not in robot.session.supervisor.e_stop
+
+
+@pytest.mark.parametrize('error', [LinkError('gone', 'planted'), DriveError('odd', 'planted')])
+def test_a_command_that_cannot_be_sent_is_a_lost_line_and_no_error_of_who_gave_it(error):
+    robot = VirtualRobot().ready()
+    robot.run(0.1, torque=0.5)
+
+    def fail(*_):
+        raise error
+    robot.session.line.driver.send_torque = fail
+    robot.pass_time(STEP)
+    robot.session.tick()  # which only asks
+    robot.session.command(0.5, robot.now)
+    assert robot.session.line.driver is None and robot.session.counts['links_lost'] == 1
+    assert robot.session.supervisor.e_stop == 'the line was lost: planted'
+
+
+def test_a_line_that_breaks_during_a_stop_is_lost_once():
+    robot = VirtualRobot().ready()
+    robot.run(0.1, torque=0.5)
+    robot.session.line.driver.poll = lambda: robot.session.line.driver.telemetry
+    robot.session.supervisor.trigger('button')
+    robot.plugged = False  # noticed when the stop is written
+    robot.session.tick()
+    assert robot.session.line.driver is None and robot.session.counts['links_lost'] == 1
 
 
 def test_more_commands_than_periods_do_not_crowd_the_line():
