@@ -16,9 +16,11 @@ ENOUGH = 4000  # cases that take far longer than the test waits
 
 def begin(*words, **options):
     """Start it on a small class, in a process group of its own."""
+    # Where the tests run in the background, Ctrl-C is ignored, and that is inherited.
     return subprocess.Popen(
         [sys.executable, str(RUN), *words], stdout=subprocess.PIPE, text=True,
-        start_new_session=True, **{'stderr': subprocess.PIPE, **options})
+        start_new_session=True, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        **{'stderr': subprocess.PIPE, **options})
 
 
 def test_ctrl_c_keeps_what_was_done_and_is_told_by_the_exit_code(tmp_path):
