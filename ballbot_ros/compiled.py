@@ -11,6 +11,8 @@ only the first run after a change pays for it.  numba by itself notices a change
 file of a kernel, but not in the files of the kernels that it calls; so the folder is named
 after a digest of them all.
 """
+from contextlib import suppress
+import fcntl
 import hashlib
 import os
 from pathlib import Path
@@ -101,7 +103,25 @@ def _compile(function: Callable[..., Any], inline: str,
     try:
         # Without numba's counting of references (_nrt): kernels neither make nor keep arrays,
         # whoever calls holds them, and the counting took twice as long as the mechanics.
-        return numba.njit(cache=True, error_model='numpy', forceinline=forceinline, _nrt=False,
-                          inline=inline, nogil=nogil)(function)
+        kernel = numba.njit(cache=True, error_model='numpy', forceinline=forceinline, _nrt=False,
+                            inline=inline, nogil=nogil)(function)
     finally:
         numba_config.CACHE_DIR = before
+    cache = kernel._cache
+    cache.save_overload = _one_at_a_time(cache.save_overload)
+    return kernel
+
+
+def _one_at_a_time(save: Callable[..., None]) -> Callable[..., None]:
+    """
+    Let one process at a time write to the folder of the machine code.
+
+    numba reads the index of a kernel, adds a file to it and writes it back.  Two processes that
+    do so at once may name their files alike, and later run the code of the other.
+    """
+    def save_alone(*arguments: Any) -> None:
+        # A full disk, or one without locks, costs a compilation per run, not the run.
+        with suppress(OSError), open(os.path.join(_FOLDER, 'lock'), 'w') as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            save(*arguments)
+    return save_alone

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled and plain kernels give the same numbers."""
+"""Compiled and plain kernels give the same numbers, and machine code is kept with care."""
+import errno
+import fcntl
 import json
 import os
 import subprocess
@@ -40,7 +42,11 @@ def outcome(uncompiled):
     return json.loads(done.stdout)
 
 
-@pytest.mark.skipif(not compiled.COMPILED, reason='numba is not installed or switched off')
+needs_numba = pytest.mark.skipif(
+    not compiled.COMPILED, reason='numba is not installed or switched off')
+
+
+@needs_numba
 def test_compiled_and_plain_kernels_agree():
     (machine, fast), (source, plain) = outcome('0'), outcome('1')
     assert machine and not source
@@ -50,3 +56,46 @@ def test_compiled_and_plain_kernels_agree():
         for one, two in zip(np.array(columns), np.array(fast[name])):
             np.testing.assert_allclose(
                 two, one, rtol=1e-12, atol=1e-12 * max(1.0, np.abs(one).max()), err_msg=name)
+
+
+@pytest.fixture
+def writing(monkeypatch, tmp_path):
+    """Return a function that sets what happens where numba writes machine code to a folder."""
+    caching = pytest.importorskip('numba.core.caching')
+    monkeypatch.setattr(compiled, '_FOLDER', str(tmp_path))
+    write = caching.IndexDataCacheFile.save
+
+    def replace(first):
+        def save(*arguments):
+            first(tmp_path)
+            write(*arguments)
+        monkeypatch.setattr(caching.IndexDataCacheFile, 'save', save)
+    return replace
+
+
+def double(number):
+    return 2.0 * number
+
+
+@needs_numba
+def test_one_process_at_a_time_writes_machine_code(writing, tmp_path):
+    refused = []
+
+    def try_as_well(folder):
+        with open(folder / 'lock') as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                refused.append(error)
+    writing(try_as_well)
+    assert compiled.compiled(double)(2.0) == 4.0
+    assert len(refused) == len(list(tmp_path.rglob('*.nbc'))) == 1
+
+
+@needs_numba
+def test_a_full_disk_costs_a_compilation_not_the_run(writing, tmp_path):
+    def fail(folder):
+        raise OSError(errno.ENOSPC, 'no space left on device')
+    writing(fail)
+    assert compiled.compiled(double)(2.0) == 4.0
+    assert not list(tmp_path.rglob('*.nbc'))
