@@ -178,7 +178,10 @@ def install_packages(ros, key):
     with stage('packages', '%d pinned, a minute or so' % len(lines), key) as command:
         # Isolated, the one source package among them (empy) would fetch tools without a pin.
         command(*pip, '--no-deps', *tools, hint=hint)
-        command(*pip, '--no-deps', '--no-build-isolation', '-r', LOCK, hint=hint)
+        # pip would compile the modules one after the other, this does it on all processors.
+        command(*pip, '--no-deps', '--no-build-isolation', '--no-compile', '-r', LOCK, hint=hint)
+        command(PYTHON, '-c', 'import compileall, sys; '
+                'compileall.compile_dir(sys.argv[1], quiet=2, workers=0)', site_packages())
         mend_include_paths()
 
 
