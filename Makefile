@@ -28,7 +28,7 @@ demo-hardware: setup
 	@.venv/bin/ballbot demo --hardware $(ARGS)
 
 test: setup
-	@.venv/bin/python -m pytest test $(ARGS)
+	@.venv/bin/python -m pytest -n 2 --dist loadfile test $(ARGS)
 
 bench: setup
 	@.venv/bin/python bench/run.py $(ARGS)

@@ -14,6 +14,19 @@ hypothesis.settings.register_profile('ci', deadline=None, derandomize=True)
 hypothesis.settings.load_profile('ci' if os.environ.get('CI') else 'local')
 
 
+@pytest.hookimpl(optionalhook=True)  # of pytest-xdist, with which `make test` runs two workers
+def pytest_xdist_make_scheduler(config, log):
+    """Give the tests out by the file, in their order; those of the system one at a time."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class Lanes(LoadFileScheduling):
+        def _split_scope(self, nodeid):
+            folder, found, _ = nodeid.partition('test/system/')
+            return folder + found if found else super()._split_scope(nodeid)
+    config.option.loadscopereorder = False  # longest first is how the files stand
+    return Lanes(config, log)
+
+
 @pytest.fixture(scope='session')
 def gimball():
     """Return the ball with the pendulum."""
