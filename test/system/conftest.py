@@ -19,15 +19,31 @@ PREFERRED = 17
 _turn = count(os.getpid())
 
 
+def domains_of_processes():
+    """Return the ROS domains that processes on this machine were started with."""
+    found = set()
+    for path in Path('/proc').glob('[0-9]*/environ'):
+        try:
+            words = path.read_bytes().split(b'\0')
+        except OSError:  # it has just ended, or belongs to somebody else
+            continue
+        found |= {int(word[14:]) for word in words
+                  if word.startswith(b'ROS_DOMAIN_ID=') and word[14:].isdigit()}
+    return found
+
+
 @contextmanager
 def own_domain():
     """
     Reserve a ROS domain that no other test uses, in this process or another.
 
-    A locked file says so: the lock goes with the process that holds it, whatever happens.
+    A locked file says so: the lock goes with the process that holds it, whatever happens.  Nodes
+    of a test that was killed outlive it, and would speak in the next one on their domain.
     """
     shift = next(_turn) % PREFERRED  # not the one that was left just now
     for number in (*DOMAINS[shift:PREFERRED], *DOMAINS[:shift], *DOMAINS[PREFERRED:]):
+        if number in domains_of_processes():
+            continue
         path = Path(tempfile.gettempdir()) / f'ballbot_ros_test_domain_{number}.lock'
         try:
             lock = open(path, 'w')

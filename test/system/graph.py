@@ -114,16 +114,17 @@ class Graph:
         return publisher
 
     def say_until(self, condition, what, topic, *messages):
-        """Publish messages, or what functions return, in turn until a condition holds."""
+        """Publish messages, or what functions return, in turn; return as `wait` does."""
         kind = JointState if callable(messages[0]) else type(messages[0])
         publisher = self.voice(topic, kind)
         deadline, turn = time.monotonic() + PATIENCE, 0
-        while not condition():
+        while not (found := condition()):
             assert time.monotonic() < deadline, self._complaint(what)
             message = messages[turn % len(messages)]
             publisher.publish(message() if callable(message) else message)
             turn += 1
             self.listen(0.02)
+        return found
 
     def joint(self, position=(), velocity=(), effort=(), stamp=0.0, name=('pendulum',)):
         """Return a joint message."""
