@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What all tests share; nothing here needs ROS."""
+from collections import Counter
 import os
 
 import hypothesis
@@ -25,6 +26,20 @@ def pytest_xdist_make_scheduler(config, log):
             return folder + found if found else super()._split_scope(nodeid)
     config.option.loadscopereorder = False  # longest first is how the files stand
     return Lanes(config, log)
+
+
+def pytest_terminal_summary(terminalreporter, config):
+    """With --durations, say what each file of test/ and each folder below it took."""
+    if config.getoption('durations') is None:
+        return
+    seconds = Counter()
+    for report in (report for kind in terminalreporter.stats.values() for report in kind):
+        if hasattr(report, 'when'):
+            path = report.nodeid.split('::')[0]
+            seconds[path if path.count('/') < 2 else path.rpartition('/')[0]] += report.duration
+    terminalreporter.section('seconds by folder')
+    for path, took in seconds.most_common():
+        terminalreporter.write_line(f'{took:8.1f}  {path}')
 
 
 @pytest.fixture(scope='session')
