@@ -24,6 +24,9 @@ PATIENCE = 30.0
 # Reliable, and so deep that nothing is lost while the test is held up.
 EVERYTHING = QoSProfile(depth=5000)
 
+# The services of the simulator.
+SIMULATOR = {'pause': Trigger, 'resume': Trigger, 'reset': Trigger, 'step': Step}
+
 
 class Graph:
     """
@@ -49,10 +52,9 @@ class Graph:
         self.statuses = {}
         self._voices = {}
         self._busy = []
-        # From the start: a client that is made for one call may be known too late for its answer.
-        self._clients = {
-            name: self.node.create_client(kind, f'simulator/{name}') for name, kind in (
-                ('pause', Trigger), ('resume', Trigger), ('reset', Trigger), ('step', Step))}
+        self._clients = {}
+        for name, kind in SIMULATOR.items():
+            self.client(f'simulator/{name}', kind)
         self.hear('/diagnostics', DiagnosticArray, callback=self._note)
 
     def close(self):
@@ -165,34 +167,42 @@ class Graph:
 
     # Services
 
-    def call(self, service, kind, **fields):
-        """Call any service and return its response."""
-        client = self.node.create_client(kind, service)
-        self.wait(client.service_is_ready, f'{service} is there')
-        future = client.call_async(kind.Request(**fields))
-        self.wait(future.done, f'{service} answers')
-        return future.result()
-
-    def begin(self, service, **fields):
-        """Call a service of the simulator and return the future of its response."""
-        client = self._clients[service]
-        self.wait(client.service_is_ready, f'{service} is there')
-        return client.call_async(client.srv_type.Request(**fields))
-
-    def ask(self, service, again=True, **fields):
+    def client(self, service, kind):
         """
-        Call a service of the simulator and return its response.
+        Return the client of a service.
+
+        Made before its server is there, it is known to it when the first answer is due.
+        """
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(kind, service)
+        return self._clients[service]
+
+    def call(self, service, kind, again=True, **fields):
+        """
+        Call any service and return its response.
 
         Where it may be asked again it is: a server that has only just found this client loses
         its first answer to it on a busy machine.
         """
+        client = self.client(service, kind)
         begun, futures = time.monotonic(), []
         while not any(future.done() for future in futures):
             if not futures or again and time.monotonic() > begun + 3.0 * len(futures):
-                futures.append(self.begin(service, **fields))
+                self.wait(client.service_is_ready, f'{service} is there')
+                futures.append(client.call_async(kind.Request(**fields)))
             assert time.monotonic() < begun + PATIENCE, self._complaint(f'{service} answers')
             self.executor.spin_once(timeout_sec=0.05)
         return next(future.result() for future in futures if future.done())
+
+    def ask(self, service, again=True, **fields):
+        """Call a service of the simulator and return its response."""
+        return self.call(f'simulator/{service}', SIMULATOR[service], again, **fields)
+
+    def begin(self, service, **fields):
+        """Call a service of the simulator and return the future of its response."""
+        client = self.client(f'simulator/{service}', SIMULATOR[service])
+        self.wait(client.service_is_ready, f'{service} is there')
+        return client.call_async(client.srv_type.Request(**fields))
 
     def tell(self, verb):
         """Call pause, resume or reset of the simulator and return its message."""

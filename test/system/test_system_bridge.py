@@ -163,11 +163,12 @@ def test_unplugging_ends_in_a_stop_and_service_comes_back(driving, motor):
 
 
 def test_the_services_of_a_lifecycle_node_take_and_give_the_power(graph, motor, hardware):
+    graph.client('bridge/change_state', ChangeState)
     graph.start('bridge', hardware=hardware(), port=motor.path, autostart=False)
     run = Driving(graph, motor)
 
     def change(transition):
-        return graph.call('bridge/change_state', ChangeState,
+        return graph.call('bridge/change_state', ChangeState, again=False,
                           transition=Transition(id=transition)).success
     answer = graph.call('bridge/release_e_stop', Trigger)
     assert not answer.success and 'the line to the drive is down' in answer.message
