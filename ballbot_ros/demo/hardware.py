@@ -100,7 +100,6 @@ class _Performance:
                 nodes.start('bridge', {
                     'hardware': self._hardware, 'port': link, 'tuning': TUNING})
                 nodes.start('controller', {'tuning': TUNING, 'delay': 1})
-                nodes.start('obstacle_decision', {'curve': CURVE})
                 wrong = self._watch(node, executor, bag, nodes)
                 codes = nodes.stop()
                 bag.take_all()
@@ -114,12 +113,16 @@ class _Performance:
     def _watch(self, node: Node, executor: Executor, bag: BagRecorder,
                nodes: NodeProcesses) -> List[str]:
         release = node.create_client(Trigger, 'bridge/release_e_stop')
-        answer, asked = None, 0.0
+        answer, asked, deciding = None, 0.0, False
         deadline = time.monotonic() + self._timeout
         while self._story.rested is None:
             executor.spin_once(timeout_sec=0.1)
             bag.take_all()
             released = answer is not None and answer.done() and answer.result().success
+            if released and not deciding:
+                # Not before: the e-stop is not released to a controller that pushes already.
+                nodes.start('obstacle_decision', {'curve': CURVE})
+                deciding = True
             if not released and release.service_is_ready() and time.monotonic() > asked + AGAIN:
                 answer, asked = release.call_async(Trigger.Request()), time.monotonic()
             wrong = ended_badly(nodes)
