@@ -25,8 +25,6 @@ class Sensing:
     Attributes
     ----------
     fusion : Fusion
-    answered : float
-        When the newest measurement arrived.
     expecting : bool
         Whether one was asked for and has not arrived.
 
@@ -38,13 +36,13 @@ class Sensing:
         self._imu_required = hardware.connection.imu_required
         self._patience = 2.0 / hardware.connection.loop_rate
         self.fusion = Fusion(robot, hardware.imu, hardware.estimate, hardware.joint.encoder_zero)
-        self._asked = self._waiting_since = self.answered = 0.0
+        self._asked = self._answered = self._waiting_since = 0.0
         self.expecting = False
         self._stamp = -math.inf  # of the last estimate
 
     def begin(self, now: float) -> None:
-        """Count silence from now on: the drive has just answered the handshake."""
-        self.answered, self.expecting = now, False
+        """Begin anew with a drive that has just answered the handshake."""
+        self._answered, self.expecting = now, False
 
     def ask(self, now: float) -> None:
         """Take note that the drive is asked for a measurement."""
@@ -67,9 +65,9 @@ class Sensing:
 
         """
         if telemetry.position is None or telemetry.time is None \
-                or telemetry.time <= self.answered:
+                or telemetry.time <= self._answered:
             return None
-        self.answered, self.expecting = telemetry.time, False
+        self._answered, self.expecting = telemetry.time, False
         # The drive looked at its encoder when it was asked, not when the answer was read.
         stamp = self._asked if 0.0 <= telemetry.time - self._asked <= self._patience \
             else telemetry.time
@@ -80,7 +78,7 @@ class Sensing:
     def motion(self, now: float) -> Optional[Motion]:
         """Return how the robot moves, None where that is not known well enough for torque."""
         estimate = self.fusion.estimate
-        if estimate is None or now - self.answered > SILENCE or self.needs_imu(now):
+        if estimate is None or now - self._answered > SILENCE or self.needs_imu(now):
             return None
         readings = estimate.readings
         return Motion(readings.pendulum_angle, readings.pendulum_rate, readings.joint_rate)

@@ -3,8 +3,6 @@
 import argparse
 from pathlib import Path
 
-FIRMWARES = ('0.5', '0.6')
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the demo can be told."""
@@ -36,16 +34,18 @@ def run(arguments: argparse.Namespace) -> int:
         controller, the folder cannot be written, or ROS cannot be found.
 
     """
+    from ballbot_ros.emulator.odrive import ODriveDevice
     from ballbot_ros.errors import ConfigurationError
     if not 0.0 < arguments.timeout < float('inf'):
         raise ConfigurationError(
             f'--timeout must be more than 0 s and finite, got {arguments.timeout!r}')
     if arguments.protocol is not None and not arguments.hardware:
         raise ConfigurationError('--protocol goes with --hardware')
-    if arguments.firmware and (not arguments.hardware or arguments.firmware not in FIRMWARES
+    known = ODriveDevice.firmwares
+    if arguments.firmware and (not arguments.hardware or arguments.firmware not in known
                                or (arguments.protocol or 'odrive') != 'odrive'):
         raise ConfigurationError(
-            f'--firmware must be {" or ".join(FIRMWARES)} and goes with --hardware --protocol '
+            f'--firmware must be {" or ".join(known)} and goes with --hardware --protocol '
             f'odrive, got {arguments.firmware!r}')
     try:
         from ballbot_ros.demo import run_demo, run_hardware_demo

@@ -77,7 +77,7 @@ class Names:
 
 
 FIXED = ('fw_version_major', 'fw_version_minor', 'fw_version_revision', 'hw_version_major',
-            'hw_version_minor', 'hw_version_variant', 'serial_number', 'axis0.current_state')
+         'hw_version_minor', 'hw_version_variant', 'serial_number', 'axis0.current_state')
 
 NAMES = {
     '0.5': Names(

@@ -59,18 +59,19 @@ class EmulatedRobot(Node):
             settings_for(scene.model.robot, firmware=settings.firmware), Path(settings.link))
         self._before = self._emulator.state
         self._number = 0
-        self.failure: Optional[BallbotError] = None
         self._emulator.start()
         self.create_timer(1.0 / settings.imu_rate, self._tell,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.get_logger().info(
             f'{connection.protocol} at {connection.baud} baud on {self._emulator.path}')
 
+    @property
+    def failure(self) -> Optional[BallbotError]:
+        """Return what ended the emulator, and ends the node; see `run`."""
+        return self._emulator.failure
+
     def _tell(self) -> None:
         """Tell what the sensors see."""
-        self.failure = self._emulator.failure
-        if self.failure is not None:
-            return
         before, state = self._before, self._emulator.state
         if state.time <= before.time:
             return

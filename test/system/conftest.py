@@ -41,8 +41,9 @@ def own_domain():
     of a test that was killed outlive it, and would speak in the next one on their domain.
     """
     shift = next(_turn) % PREFERRED  # not the one that was left just now
+    taken = domains_of_processes()
     for number in (*DOMAINS[shift:PREFERRED], *DOMAINS[:shift], *DOMAINS[PREFERRED:]):
-        if number in domains_of_processes():
+        if number in taken:
             continue
         path = Path(tempfile.gettempdir()) / f'ballbot_ros_test_domain_{number}.lock'
         try:

@@ -101,13 +101,7 @@ def test_the_e_stop_is_a_warning_with_its_reason():
 
 def test_faults_of_the_drive_are_an_error_where_no_e_stop_says_more():
     robot = driving(rearm=True)
-    passing = robot.pass_time
-
-    def hot(seconds):
-        passing(seconds)
-        robot.device.sensed = robot.device.sensed._replace(temperature=200.0)
-        robot.device.tick(robot.now)
-    robot.pass_time = hot
+    robot.temperature = 200.0
     robot.run(0.3, torque=0.2)
     level, message, found = told(robot)
     assert level == diagnostics.ERROR and found['e_stop'] == ''

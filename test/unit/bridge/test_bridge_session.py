@@ -294,19 +294,12 @@ def test_a_motor_that_cannot_be_armed_is_tried_again_only_by_policy(rearm):
     robot.session.configure()
     robot.run(0.1)
     robot.session.activate()
-    robot.device.sensed = robot.device.sensed._replace(temperature=200.0)
-    passing = robot.pass_time
-
-    def hot(seconds):
-        passing(seconds)
-        robot.device.sensed = robot.device.sensed._replace(temperature=200.0)
-        robot.device.tick(robot.now)
-    robot.pass_time = hot
+    normal, robot.temperature = robot.temperature, 200.0
     robot.session.release()
     robot.run(1.0, torque=0.5)
     assert not any(robot.torques)
     assert len([text for text in robot.session.notices.waiting if 'cannot arm' in text]) == 1
-    robot.pass_time = passing
+    robot.temperature = normal
     robot.run(1.0, torque=0.5)
     assert (robot.motor != 0.0) is rearm
 

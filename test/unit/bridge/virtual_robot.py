@@ -53,8 +53,8 @@ class VirtualRobot:
     ----------
     plugged : bool
         Whether the cable is in.
-    powered : bool
-        Whether the drive answers.
+    temperature : float
+        Of the drive [degrees Celsius].
 
     """
 
@@ -76,6 +76,7 @@ class VirtualRobot:
              'terrain': terrain or [{'flat': {'length': 10.0}}]}, 'test', 'test'), 500.0)
         self._imu = Imu(9.81) if imu else None
         self.plugged = True
+        self.temperature = self.device.sensed.temperature
         self.lines = 0  # opened and not closed
         self.session = Session(self.hardware, load_robot('gimball'), self.connect, self.clock)
         self.torques = []  # at the motor, at each step
@@ -99,7 +100,8 @@ class VirtualRobot:
             before = self.plant.state
             state = self.plant.advance(motor * gear)
             scale = self.joint.gear_ratio * self.joint.direction
-            self.device.sensed = Sensed(scale * state.joint_angle, scale * state.joint_rate)
+            self.device.sensed = Sensed(scale * state.joint_angle, scale * state.joint_rate,
+                                        temperature=self.temperature)
             self.device.tick(self.now)
             self.torques.append(motor)
             if self._imu is not None:
