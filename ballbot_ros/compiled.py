@@ -9,7 +9,7 @@ or to compare: both give the same numbers to rounding.
 Machine code is kept in ``$XDG_CACHE_HOME/ballbot_ros`` (``~/.cache/ballbot_ros``), so that
 only the first run after a change pays for it.  numba by itself notices a change in the
 file of a kernel, but not in the files of the kernels that it calls; so the folder is named
-after a digest of them all.
+after a digest of all folders that hold kernels.
 """
 from contextlib import suppress
 import fcntl
@@ -31,13 +31,15 @@ except ImportError:
     COMPILED = False
 
 KEPT_CACHES = 4
+KERNELS = ('physics', 'crossing')  # the folders that may hold any
 
 
 def _cache_folder() -> str:
     """Return the folder for the machine code of this very source, made if need be."""
     here = Path(__file__).resolve().parent
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in [Path(__file__), *sorted((here / 'physics').rglob('*.py'))]:
+    kernels = (path for folder in KERNELS for path in (here / folder).rglob('*.py'))
+    for source in [Path(__file__), *sorted(kernels)]:
         digest.update(source.read_bytes())
     base = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache') / 'ballbot_ros'
     folder = base / digest.hexdigest()[:16]

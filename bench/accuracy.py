@@ -11,7 +11,7 @@ import time
 import numpy as np
 from random_scenes import DURATION, random_scene
 
-from ballbot_ros.physics.accuracy import simulate_accurately
+from ballbot_ros.physics.simulation.accuracy import simulate_accurately
 
 LEVELS = (1e-3, 1e-4, 1e-5, 1e-6)
 SCENES = 1000

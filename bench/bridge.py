@@ -23,10 +23,10 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 import yaml
 
+from ballbot_ros.config.files import config_folder
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.msg import MotorStatus
-from ballbot_ros.paths import config_folder
 from ballbot_ros.physics import load_scene
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import command_message

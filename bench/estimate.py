@@ -8,7 +8,7 @@ import numpy as np
 from ballbot_ros.control import ControlTuning, Mode, PendulumController, SetPoint
 from ballbot_ros.estimation import Fusion, ImuMounting, ImuReading
 from ballbot_ros.physics import load_robot
-from ballbot_ros.physics.scene import read_scene
+from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Imu, Plant
 
 RATE = 500.0  # of the encoder and the IMU [Hz]

@@ -2,11 +2,11 @@
 """Measure what comes through a line on which random bytes come by themselves, in its own time."""
 import random
 
+from ballbot_ros.drives import driver_class, open_driver
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import DEVICES
 from ballbot_ros.emulator.line import Direction, Trouble
-from ballbot_ros.hardware.drivers import driver_class, open_driver
-from ballbot_ros.physics.scene import load_scene
+from ballbot_ros.physics.simulation.scene import load_scene
 
 GARBAGE = 2000.0  # random bytes per second, both ways
 RATE, SECONDS = 500.0, 20.0

@@ -5,8 +5,10 @@ import time
 import numpy as np
 
 from ballbot_ros.compiled import COMPILED, compiled
-from ballbot_ros.physics import Actuation, held_at, load_robot, Model, Solver, Terrain
-from ballbot_ros.physics import contact, dynamics, integrators
+from ballbot_ros.crossing import held_at
+from ballbot_ros.physics import Actuation, load_robot, Model, Solver, Terrain
+from ballbot_ros.physics.mechanics import contact, equations
+from ballbot_ros.physics.solvers import fixed_step
 
 REPEATS = 15
 CALLS = 100_000 if COMPILED else 300
@@ -16,8 +18,8 @@ CALLS = 100_000 if COMPILED else 300
 def call_often(calls, state, robot, ground, drive, table, rates):
     """Call the right-hand side; each call depends on the last, so none can be left out."""
     for _ in range(calls):
-        dynamics.derivative(0.0, state, robot, ground, drive, table, rates)
-        state[dynamics.X] += 1e-15 * rates[dynamics.Y]
+        equations.derivative(0.0, state, robot, ground, drive, table, rates)
+        state[equations.X] += 1e-15 * rates[equations.Y]
 
 
 def times(function):
@@ -40,7 +42,7 @@ def crossing():
 def right_hand_side(actuation):
     """Return the time of one right-hand side, several times over [s]."""
     model, start = crossing()
-    vector, rates = np.array(start[1:]), np.zeros(dynamics.SIZE)
+    vector, rates = np.array(start[1:]), np.zeros(equations.SIZE)
     table, drive = contact.contact_table(len(model.profile)), actuation.drive(model.robot)
     return [spent / CALLS for spent in times(lambda: call_often(
         CALLS, vector, model.numbers, model.profile, drive, table, rates))]
@@ -49,11 +51,11 @@ def right_hand_side(actuation):
 def one_second():
     """Return the time of one simulated second with RK4 at 1e-4 s, several times over [s]."""
     model, start = crossing()
-    table, work = contact.contact_table(len(model.profile)), integrators.workspace()
-    drive, rows = Actuation().drive(model.robot), np.empty((1000, 2 + dynamics.SIZE))
+    table, work = contact.contact_table(len(model.profile)), fixed_step.workspace()
+    drive, rows = Actuation().drive(model.robot), np.empty((1000, 2 + equations.SIZE))
 
     def run():
-        integrators.record_run(integrators.RK4, 0.0, np.array(start[1:]), 1e-4, 10,
+        fixed_step.record_run(fixed_step.RK4, 0.0, np.array(start[1:]), 1e-4, 10,
                                model.numbers, model.profile, drive, table, work, rows)
     return times(run)
 

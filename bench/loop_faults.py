@@ -22,7 +22,7 @@ from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.control import LINE_FAULTS, obey
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.errors import MessageError, RefusedError
-from ballbot_ros.physics.scene import load_scene
+from ballbot_ros.physics.simulation.scene import load_scene
 
 DURATION = 600.0  # [s]
 PAUSE = (1.0, 6.0)  # between two events [s]

@@ -12,8 +12,8 @@ import warnings
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from ballbot_ros.physics import contact, dynamics
-from ballbot_ros.physics.terrain import (
+from ballbot_ros.physics.mechanics import contact, equations
+from ballbot_ros.physics.model.terrain import (
     EDGE_FRICTION, SURFACE_FRICTION, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y)
 
 MOTION = 8
@@ -32,8 +32,8 @@ def compiled_rates(case):
     model = case.model
     table = contact.contact_table(len(model.profile))
     drive = case.actuation.drive(model.robot, 0.0, case.start.joint_angle)
-    state, rates = np.zeros(dynamics.SIZE), np.zeros(dynamics.SIZE)
-    numbers, profile, derivative = model.numbers, model.profile, dynamics.derivative
+    state, rates = np.zeros(equations.SIZE), np.zeros(equations.SIZE)
+    numbers, profile, derivative = model.numbers, model.profile, equations.derivative
 
     def function(time, motion):
         state[:MOTION] = motion
@@ -50,11 +50,11 @@ def numpy_rates(case):
     tangents = ground[:-1, [TANGENT_X, TANGENT_Y]]
 
     def function(time, motion):
-        ball_rate, swing_rate = motion[dynamics.BALL_RATE], motion[dynamics.PENDULUM_RATE]
-        angle, velocity = motion[dynamics.PENDULUM_ANGLE], motion[dynamics.VELOCITY_X:]
+        ball_rate, swing_rate = motion[equations.BALL_RATE], motion[equations.PENDULUM_RATE]
+        angle, velocity = motion[equations.PENDULUM_ANGLE], motion[equations.VELOCITY_X:]
         force, torque = np.zeros(2), 0.0
         for sign, normal, depth, friction in _contacts(
-                motion[dynamics.X:dynamics.Y + 1], robot.radius, ground, vertices, tangents):
+                motion[equations.X:equations.Y + 1], robot.radius, ground, vertices, tangents):
             tangent = np.array([normal[1], -normal[0]])
             pressed = max(robot.stiffness * depth - robot.damping * velocity @ normal, 0.0)
             slip = velocity @ tangent + (robot.radius - depth) * ball_rate
@@ -64,7 +64,7 @@ def numpy_rates(case):
         torque -= robot.rolling_friction * ball_rate
         swing = 0.0
         if robot.swing_inertia > 0.0:
-            motor = dynamics.drive_torque(time, motion, drive)
+            motor = equations.drive_torque(time, motion, drive)
             joint = motor - robot.joint_friction * (swing_rate - ball_rate)
             across = np.array([np.cos(angle), np.sin(angle)])
             swing = (joint - robot.pendulum_moment / robot.mass * (force @ across)
@@ -118,7 +118,7 @@ def largest_difference(case, states=200):
         motion = np.array(case.start[1:1 + MOTION]) + draw.normal(0.0, [
             1.0, 1.0, 0.2, 0.01, 5.0, 5.0, 0.5, 0.5])
         if not case.model.robot.has_pendulum:
-            motion[[dynamics.PENDULUM_ANGLE, dynamics.PENDULUM_RATE]] = 0.0
+            motion[[equations.PENDULUM_ANGLE, equations.PENDULUM_RATE]] = 0.0
         one, other = ours(0.0, motion), plain(0.0, motion)
         worst = max(worst, float(np.max(np.abs(one - other)) / (1.0 + np.max(np.abs(one)))))
     return worst
@@ -131,7 +131,7 @@ def solve_scipy(method, rates, case, tolerance):
         found = solve_ivp(rates, (0.0, case.duration), case.start[1:1 + MOTION], method=method,
                           rtol=tolerance, atol=tolerance, t_eval=[case.duration])
     end = found.y[:, -1] if found.success else np.full(MOTION, math.nan)
-    return end[dynamics.X], end[dynamics.Y], found.nfev
+    return end[equations.X], end[equations.Y], found.nfev
 
 
 def solve_cvode(method, rates, case, tolerance):
@@ -144,4 +144,4 @@ def solve_cvode(method, rates, case, tolerance):
         out[:] = rates(time, motion)
     solver = CVODE(fill, method=method, rtol=tolerance, atol=tolerance, max_num_steps=10**7)
     found = solver.solve(np.array([0.0, case.duration]), np.array(case.start[1:1 + MOTION]))
-    return found.y[-1][dynamics.X], found.y[-1][dynamics.Y], calls
+    return found.y[-1][equations.X], found.y[-1][equations.Y], calls

@@ -20,12 +20,14 @@ import peers
 from precision_scenes import cases, MUJOCO_HEIGHT, MUJOCO_SCENE, MUJOCO_SPEED, with_solver
 
 from ballbot_ros.errors import SimulationError
-from ballbot_ros.laboratory import twin
-from ballbot_ros.laboratory.cases import Case
-from ballbot_ros.physics import Actuation, contact, dynamics, integrators
-from ballbot_ros.physics.accuracy import simulate_accurately
-from ballbot_ros.physics.adaptive import METHODS, Scratch
-from ballbot_ros.physics.simulation import simulate
+from ballbot_ros.physics import Actuation
+from ballbot_ros.physics.mechanics import contact, equations
+from ballbot_ros.physics.simulation.accuracy import simulate_accurately
+from ballbot_ros.physics.simulation.simulate import simulate
+from ballbot_ros.physics.solvers import fixed_step
+from ballbot_ros.physics.solvers.adaptive import METHODS, Scratch
+from ballbot_ros.studies import mujoco_check
+from ballbot_ros.studies.cases import Case
 
 REPEATS = 3
 LEVELS = (1e-4, 1e-6)  # errors at which times are compared [m]
@@ -39,15 +41,15 @@ RESULTS = Path(__file__).resolve().parents[1] / 'docs' / 'bench.json'
 def fixed(case, method):
     """Return a function from step to end position and right-hand sides, for our steppers."""
     model = case.model
-    table, work = contact.contact_table(len(model.profile)), integrators.workspace()
+    table, work = contact.contact_table(len(model.profile)), fixed_step.workspace()
     drive, index = case.actuation.drive(model.robot, 0.0, case.start.joint_angle), \
-        integrators.METHODS.index(method)
+        fixed_step.METHODS.index(method)
 
     def run(step):
         steps, state = round(case.duration / step), np.array(case.start[1:])
-        integrators.advance(index, 0.0, state, case.duration / steps, steps, model.numbers,
+        fixed_step.advance(index, 0.0, state, case.duration / steps, steps, model.numbers,
                             model.profile, drive, table, work)
-        return state[dynamics.X], state[dynamics.Y], steps * (4 if method == 'rk4' else 1)
+        return state[equations.X], state[equations.Y], steps * (4 if method == 'rk4' else 1)
     return run
 
 
@@ -61,14 +63,14 @@ def chosen(case, method):
     def run(tolerance):
         before, state = int(scratch.tally[3]), np.array(case.start[1:])
         scratch.advance(models[tolerance], drive, state, 0.0, case.duration)
-        return state[dynamics.X], state[dynamics.Y], int(scratch.tally[3]) - before
+        return state[equations.X], state[equations.Y], int(scratch.tally[3]) - before
     return run
 
 
 def solvers(case):
     """Return name, function and settings from coarse to fine of every solver of a scene."""
     found = [(name, chosen(case, name), TOLERANCES) for name in METHODS]
-    found += [(name, fixed(case, name), STEPS) for name in integrators.METHODS]
+    found += [(name, fixed(case, name), STEPS) for name in fixed_step.METHODS]
     ours, plain = peers.compiled_rates(case), peers.numpy_rates(case)
     for method in peers.SCIPY:
         found.append((f'SciPy {method}', lambda value, method=method: peers.solve_scipy(
@@ -80,7 +82,7 @@ def solvers(case):
         for method in ('BDF', 'Adams'):
             found.append((f'CVODE {method}', lambda value, method=method: peers.solve_cvode(
                 method, ours, case, value), TOLERANCES))
-    if twin.installed() and case.name == MUJOCO_SCENE:
+    if mujoco_check.installed() and case.name == MUJOCO_SCENE:
         for method in ('implicitfast', 'RK4'):
             found.append((f'MuJoCo {method}', mujoco(case, method), STEPS))
     return found
@@ -89,7 +91,7 @@ def solvers(case):
 def mujoco(case, method):
     """Return the same from step, for MuJoCo; models are built before they are timed."""
     def model(step):
-        return twin.Twin(Case(case.model.robot), MUJOCO_SPEED, MUJOCO_HEIGHT, step, method,
+        return mujoco_check.Twin(Case(case.model.robot), MUJOCO_SPEED, MUJOCO_HEIGHT, step, method,
                          'matched')
     built = {step: model(step) for step in STEPS}
 

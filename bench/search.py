@@ -12,8 +12,8 @@ import time
 import numpy as np
 from search_race import race
 
-from ballbot_ros.physics import (
-    Actuation, held_at, highest_step, load_robot, max_step, max_steps, rolling)
+from ballbot_ros.crossing import held_at, highest_step, max_step_height, max_step_heights, rolling
+from ballbot_ros.physics import Actuation, load_robot
 
 SPEEDS = np.linspace(0.2, 1.2, 21)
 REPEATS = 15
@@ -41,11 +41,11 @@ def measure():
     gimball = load_robot('gimball')
 
     def one():
-        return max_step(gimball, 0.6)
+        return max_step_height(gimball, 0.6)
 
     def all_curves(threads=None):
         return [item for robot, actuation in curves()
-                for item in max_steps(robot, SPEEDS, actuation, threads=threads)]
+                for item in max_step_heights(robot, SPEEDS, actuation, threads=threads)]
     one()
     all_curves()
     yield 'one height to 0.05 mm, GimBall free, 0.6 m/s', 'ms', [

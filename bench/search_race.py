@@ -10,9 +10,9 @@ import time
 
 import peers
 
-from ballbot_ros.laboratory import twin
-from ballbot_ros.laboratory.cases import Case
-from ballbot_ros.physics import max_step
+from ballbot_ros.crossing import max_step_height
+from ballbot_ros.studies import mujoco_check
+from ballbot_ros.studies.cases import Case
 
 SPEED = 0.8
 LOW, HIGH = 0.025, 0.04  # bracket of the height at the start [m]
@@ -28,7 +28,7 @@ def highest(robot, step, integrator, width):
     low, high = LOW, HIGH
     while high - low > width:
         middle = 0.5 * (low + high)
-        passes = twin.Twin(
+        passes = mujoco_check.Twin(
             Case(robot), SPEED, middle, step, integrator, 'matched').passes()
         low, high = (middle, high) if passes else (low, middle)
     return 0.5 * (low + high)
@@ -43,9 +43,9 @@ def spent(function):
 
 def race(robot):
     """Yield name, unit, values and target of each measurement; set-up is timed, too."""
-    ours = max_step(robot, SPEED, accuracy=1e-8)
+    ours = max_step_height(robot, SPEED, accuracy=1e-8)
     yield f'highest step at {SPEED:g} m/s, ours', 'mm', [1e3 * ours.height], None
-    if not twin.installed():
+    if not mujoco_check.installed():
         yield f'MuJoCo: not installed; {peers.HOW_TO_INSTALL}', '', [math.nan], None
         return
     for integrator, finest in FINEST.items():
@@ -60,7 +60,7 @@ def race(robot):
                 yield f'{who}: {level:g} m not reached', '', [math.nan], None
                 continue
             times = [(spent(lambda: highest(robot, step, integrator, 0.5 * level)),
-                      spent(lambda: max_step(robot, SPEED, accuracy=level)))
+                      spent(lambda: max_step_height(robot, SPEED, accuracy=level)))
                      for _ in range(REPEATS)]
             yield f'{who}: search to {level:g} m, step {step:g} s', 'ms', [
                 1e3 * theirs for theirs, _ in times], None

@@ -8,9 +8,9 @@ from tempfile import TemporaryDirectory
 import time
 
 from ballbot_ros.cli.sweep import obey
-from ballbot_ros.laboratory.plan import Plan
-from ballbot_ros.laboratory.sweep import run_block, run_sweep
 from ballbot_ros.physics import load_robot
+from ballbot_ros.studies.sweep import run_block, run_sweep
+from ballbot_ros.studies.sweep_plan import Plan
 
 SIZES = (5_000, 10_000, 20_000, 40_000)
 REPEATS = 3

@@ -5,7 +5,8 @@ import time
 
 import numpy as np
 
-from ballbot_ros.physics import load_robot, max_steps
+from ballbot_ros.crossing import max_step_heights
+from ballbot_ros.physics import load_robot
 
 SPEEDS = np.linspace(0.3, 1.2, 600)
 REPEATS = 3
@@ -17,7 +18,7 @@ def measure():
 
     def spent(threads):
         begin = time.perf_counter()
-        max_steps(robot, SPEEDS, threads=threads)
+        max_step_heights(robot, SPEEDS, threads=threads)
         return time.perf_counter() - begin
     spent(cores)
     alone = [spent(1) for _ in range(REPEATS)]

@@ -6,13 +6,15 @@ import random
 import threading
 import time
 
+from ballbot_ros.drives import driver_class, open_driver
+from ballbot_ros.drives.odrive import codec as odrive
+from ballbot_ros.drives.roboclaw import codec as roboclaw
+from ballbot_ros.drives.transport import Link
+from ballbot_ros.drives.vesc import codec as vesc
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import DEVICES, Emulator
 from ballbot_ros.errors import LinkError
-from ballbot_ros.hardware.codecs import odrive, roboclaw, vesc
-from ballbot_ros.hardware.drivers import driver_class, open_driver
-from ballbot_ros.hardware.transport import Link
-from ballbot_ros.physics.scene import load_scene
+from ballbot_ros.physics.simulation.scene import load_scene
 
 PROTOCOLS = tuple(sorted(DEVICES))
 # The fastest that each maker's manual names.

@@ -56,7 +56,7 @@ def work(name, wanted, seed):
     except ImportError:
         sys.exit(f'atheris is not installed: {HOW_TO_INSTALL}')
     sys.path.insert(0, str(FOLDER))
-    with atheris.instrument_imports(include=['ballbot_ros.hardware', 'ballbot_ros.emulator']):
+    with atheris.instrument_imports(include=['ballbot_ros.drives', 'ballbot_ros.emulator']):
         import targets
     fuzz, protocol = targets.TARGETS[name]
     seen = {'bytes': 0, 'inputs': 0, 'messages': 0}

@@ -9,11 +9,13 @@ would have sent it: everything else is invented.
 """
 import math
 
-from ballbot_ros.emulator.device import DriveSettings
+from ballbot_ros.drives import driver_class
+from ballbot_ros.drives.emulated_device import DriveSettings
+from ballbot_ros.drives.odrive import codec as odrive
+from ballbot_ros.drives.odrive.firmware import GENERATIONS
+from ballbot_ros.drives.roboclaw import codec as roboclaw
+from ballbot_ros.drives.vesc import codec as vesc
 from ballbot_ros.emulator.emulator import DEVICES
-from ballbot_ros.hardware.codecs import odrive, roboclaw, vesc
-from ballbot_ros.hardware.drivers import driver_class
-from ballbot_ros.hardware.drivers.odrive_firmware import GENERATIONS
 
 
 class Memory:

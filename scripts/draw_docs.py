@@ -11,10 +11,10 @@ from PIL import Image
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from ballbot_ros.output import canvas  # noqa: E402
-from ballbot_ros.output.figures import save, strip  # noqa: E402
-from ballbot_ros.output.gallery import FIGURES  # noqa: E402
-from ballbot_ros.output.timeouts import timeout_figure  # noqa: E402
+from ballbot_ros.figures import canvas  # noqa: E402
+from ballbot_ros.figures.command_loss import timeout_figure  # noqa: E402
+from ballbot_ros.figures.gallery import FIGURES  # noqa: E402
+from ballbot_ros.figures.run import save, strip  # noqa: E402
 from ballbot_ros.physics import load_scene  # noqa: E402
 
 # Proportions of the drawing, in ball radii; the penetration is exaggerated to be seen.

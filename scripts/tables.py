@@ -9,16 +9,14 @@ from dataclasses import fields, MISSING
 from pathlib import Path
 import sys
 
+from ballbot_ros.config.fields import allowed
 from ballbot_ros.decision import DecisionTuning
+from ballbot_ros.drives import driver_class, DRIVERS
+from ballbot_ros.drives.odrive.firmware import GENERATIONS, WATCHDOG, WATCHDOG_TIMEOUT
 from ballbot_ros.emulator.control import FAULTS, LINE_FAULTS
-from ballbot_ros.fields import allowed
-from ballbot_ros.hardware.drivers import driver_class, DRIVERS
-from ballbot_ros.hardware.drivers.odrive_firmware import (
-    GENERATIONS, WATCHDOG, WATCHDOG_TIMEOUT)
 from ballbot_ros.ros.motor_health import TOLD
 from ballbot_ros.ros.settings import (
-    BridgeSettings, ControllerSettings, DecisionSettings, EmulatedRobotSettings,
-    SimulatorSettings)
+    BridgeSettings, ControllerSettings, DecisionSettings, EmulatedRobotSettings, SimulatorSettings)
 
 DOCS = Path(__file__).resolve().parent.parent / 'docs'
 KINDS = {str: 'text', bool: 'true or false'}

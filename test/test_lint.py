@@ -12,8 +12,8 @@ ROOT = Path(__file__).resolve().parent.parent
 SPDX = '# SPDX-License-Identifier: Apache-2.0'
 
 # The layers that work without ROS carry type hints. In this order: lowest first.
-TYPED = ('errors.py', 'fields.py', 'compiled.py', 'paths.py', 'physics', 'control', 'hardware',
-         'decision', 'output', 'emulator', 'laboratory')
+TYPED = ('errors.py', 'compiled.py', 'config', 'physics', 'crossing', 'control', 'estimation',
+         'plant', 'drives', 'decision', 'emulator', 'bridge', 'studies', 'results', 'figures')
 
 
 def project_files(*suffixes):

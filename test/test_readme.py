@@ -85,12 +85,12 @@ def test_the_python_example_runs():
 
 
 def test_the_python_example_for_the_highest_step_runs():
-    printed_by_the_example_of('docs/max_step.md')
+    printed_by_the_example_of('docs/max_step_height.md')
 
 
 def test_the_scene_example_is_a_scene_in_which_the_step_is_crossed():
     import yaml
 
-    from ballbot_ros.physics.scene import read_scene
+    from ballbot_ros.physics.simulation.scene import read_scene
     example, = re.findall(r'```yaml\n(.*?)```', README, re.DOTALL)
     assert read_scene(yaml.safe_load(example), 'README.md', 'example').simulate()['x'][-1] > 1.2

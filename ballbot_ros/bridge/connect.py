@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import Callable, Optional, Tuple
 
 from ballbot_ros.bridge.hardware_file import Hardware
+from ballbot_ros.drives import open_driver
+from ballbot_ros.drives.capture import Recorder
+from ballbot_ros.drives.driver import Driver, Identity, Setting
+from ballbot_ros.drives.transport import Link
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.hardware.capture import Recorder
-from ballbot_ros.hardware.driver import Driver, Identity, Setting
-from ballbot_ros.hardware.drivers import open_driver
-from ballbot_ros.hardware.transport import Link
 
 
 def connector(hardware: Hardware, capture: Optional[Path] = None) -> Callable[[], Driver]:

@@ -5,10 +5,10 @@ from typing import List
 
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.control import check_loop, ControlTuning, lowest_stable_rate, Mode
+from ballbot_ros.drives import open_driver
+from ballbot_ros.drives.wire import WireBudget
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
-from ballbot_ros.hardware.drivers import open_driver
-from ballbot_ros.hardware.wire import WireBudget
-from ballbot_ros.physics.robot import Robot
+from ballbot_ros.physics.model.robot import Robot
 
 # What serial adapters and drives commonly do.
 BAUD_RATES = (57600, 115200, 230400, 460800, 500000, 921600, 1000000, 2000000)

@@ -5,14 +5,14 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Mapping, Optional
 
+from ballbot_ros.config.fields import (
+    Checked, count, expect_mapping, flag, quantity, read_yaml, refuse_unknown, text)
+from ballbot_ros.config.files import find_config
+from ballbot_ros.drives import driver_class, DRIVERS, read_options
+from ballbot_ros.drives.driver import DriveOptions
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.estimation import FilterTuning, ImuMounting
-from ballbot_ros.fields import (
-    Checked, count, expect_mapping, flag, quantity, read_yaml, refuse_unknown, text)
-from ballbot_ros.hardware.driver import DriveOptions
-from ballbot_ros.hardware.drivers import driver_class, DRIVERS, read_options
-from ballbot_ros.paths import find_config
-from ballbot_ros.physics.robot import Provenance, read_values
+from ballbot_ros.physics.model.robot import Provenance, read_values
 
 # What the bridge does when commands stay away; see `supervisor`.
 ON_TIMEOUT = ('coast', 'brake', 'settle')

@@ -3,8 +3,8 @@
 from enum import Enum
 from typing import NamedTuple, Optional
 
+from ballbot_ros.drives.driver import Telemetry
 from ballbot_ros.estimation import Estimate
-from ballbot_ros.hardware.driver import Telemetry
 
 
 class Power(Enum):

@@ -5,9 +5,9 @@ from typing import Optional
 
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.supervisor import Motion
+from ballbot_ros.drives.driver import Telemetry
 from ballbot_ros.estimation import Estimate, Fusion
-from ballbot_ros.hardware.driver import Telemetry
-from ballbot_ros.physics.robot import Robot
+from ballbot_ros.physics.model.robot import Robot
 
 # Without a measurement for so long there is no torque [s].
 SILENCE = 0.1

@@ -15,8 +15,8 @@ import math
 from typing import NamedTuple, Optional
 
 from ballbot_ros.bridge.hardware_file import Limits
+from ballbot_ros.control.command_gate import CommandGate
 from ballbot_ros.errors import RefusedError
-from ballbot_ros.plant.commands import CommandGate
 
 # The e-stop is not reset while commands other than zero have arrived this recently [s].
 QUIET = 0.5

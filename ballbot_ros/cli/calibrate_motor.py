@@ -36,14 +36,14 @@ class Terminal:
 
 def run(arguments: argparse.Namespace) -> int:
     """Guide, measure, write."""
-    from ballbot_ros.bridge.calibration import Calibrator
+    from ballbot_ros.bridge.commissioning.calibration import Calibrator
     from ballbot_ros.bridge.connect import connector
     from ballbot_ros.bridge.hardware_file import load_hardware
+    from ballbot_ros.config.fields import read_yaml
+    from ballbot_ros.config.files import find_config
     from ballbot_ros.errors import ConfigurationError
-    from ballbot_ros.fields import read_yaml
-    from ballbot_ros.output.files import check_writable
-    from ballbot_ros.paths import find_config
-    from ballbot_ros.physics.robot import load_robot
+    from ballbot_ros.physics.model.robot import load_robot
+    from ballbot_ros.results.files import check_writable
     if arguments.out.exists():
         raise ConfigurationError(f'{arguments.out} exists; move it away or give another --out')
     check_writable(arguments.out)
@@ -86,7 +86,7 @@ def write(path: Path, content: Mapping[str, Any], found: Any, base: str) -> None
     import yaml
 
     from ballbot_ros.bridge.hardware_file import read_hardware
-    from ballbot_ros.output.files import write_text
+    from ballbot_ros.results.files import write_text
     spread = 3.0 * found.torque_factor_sd
     joint = {
         **content['joint'], 'direction': found.direction,

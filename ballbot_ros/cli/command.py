@@ -23,7 +23,8 @@ VERBS = {
     'demo': ('ballbot_ros.cli.demo', 'show the robot meet a step that it can cross and one '
              'that it cannot, with all ROS nodes'),
     'simulate': ('ballbot_ros.cli.simulate', 'run a scene and keep numbers and figures'),
-    'max-step': ('ballbot_ros.cli.max_step', 'find the highest step that a robot gets over'),
+    'max-step-height': ('ballbot_ros.cli.max_step_height',
+                        'find the highest step that a robot gets over'),
     'fit-curve': ('ballbot_ros.cli.fit_curve', 'make the height curve of a robot, for '
                   'obstacle_decision'),
     'sweep': ('ballbot_ros.cli.sweep', 'try crossings over any numbers, on all cores or a '
@@ -138,7 +139,7 @@ def _run(words: list[str]) -> int:
     """Parse the words and run their verb."""
     verb = next((word for word in words if not word.startswith('-')), None)
     if verb is not None and verb not in VERBS:
-        from ballbot_ros.fields import suggestion
+        from ballbot_ros.config.fields import suggestion
         raise ConfigurationError(
             f'{verb!r} is not a command{suggestion(verb, VERBS)}; see ballbot --help')
     parser = Parser(prog='ballbot', allow_abbrev=False, description=(

@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
         controller, the folder cannot be written, or ROS cannot be found.
 
     """
-    from ballbot_ros.emulator.odrive import ODriveDevice
+    from ballbot_ros.drives.odrive.emulated import ODriveDevice
     from ballbot_ros.errors import ConfigurationError
     if not 0.0 < arguments.timeout < float('inf'):
         raise ConfigurationError(
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
             'works without ROS') from error
     folder = 'demo_hardware' if arguments.hardware else 'demo'
     out = arguments.out or Path('ballbot_output') / folder
-    from ballbot_ros.output.files import check_writable
+    from ballbot_ros.results.files import check_writable
     check_writable(out / 'crossing.png')
     if arguments.hardware:
         code: int = run_hardware_demo(out=out, protocol=arguments.protocol or 'odrive',

@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print each finding; 1 if something is wrong."""
-    from ballbot_ros.bridge.doctor import examine, WRONG
+    from ballbot_ros.bridge.commissioning.doctor import examine, WRONG
     code = DONE
     for finding in examine(arguments.hardware, arguments.port, os.environ, _tell):
         print(f'{finding.verdict:>5}  {finding.what}')

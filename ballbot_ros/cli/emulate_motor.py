@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.cli.listing import check_name
     from ballbot_ros.emulator.control import Channel, obey
     from ballbot_ros.emulator.emulator import Emulator
-    from ballbot_ros.output.files import check_writable
+    from ballbot_ros.results.files import check_writable
     check_name('scenes', arguments.scene)
     if arguments.robot is not None:
         check_name('robots', arguments.robot)
@@ -82,7 +82,7 @@ def make_emulator(arguments: argparse.Namespace, make: Any) -> Any:
     """
     from ballbot_ros.emulator.ball import settings_for
     from ballbot_ros.errors import ConfigurationError
-    from ballbot_ros.physics.scene import load_scene
+    from ballbot_ros.physics.simulation.scene import load_scene
     if arguments.baud < 1:
         raise ConfigurationError(f'--baud must be at least 1, got {arguments.baud}')
     scene = load_scene(arguments.scene, robot=arguments.robot)
@@ -94,7 +94,7 @@ def make_emulator(arguments: argparse.Namespace, make: Any) -> Any:
 
 def write_log(emulator: Any, path: Path) -> None:
     """Write the changes of the torque: time of the monotonic clock [s], motor torque [N m]."""
-    from ballbot_ros.output.files import write_text
+    from ballbot_ros.results.files import write_text
     lines = (f'{entry.time:.6f},{entry.torque:.9g}\n' for entry in emulator.log)
     write_text('time,torque\n' + ''.join(lines), path)
 

@@ -24,8 +24,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Draw one figure after the other; each is written as soon as it is there."""
     from ballbot_ros.cli.progress import watched
-    from ballbot_ros.output.files import check_writable
-    from ballbot_ros.output.gallery import FIGURES
+    from ballbot_ros.figures.gallery import FIGURES
+    from ballbot_ros.results.files import check_writable
     if arguments.list:
         for name, draw in FIGURES.items():
             print(f'{name:<12} {(draw.__doc__ or "").splitlines()[0]}')
@@ -48,8 +48,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def chosen(names: list[str], known: Any) -> list[str]:
     """Return the names that were asked for, each once, or all."""
+    from ballbot_ros.config.fields import suggestion
     from ballbot_ros.errors import ConfigurationError
-    from ballbot_ros.fields import suggestion
     for name in names:
         if name not in known:
             raise ConfigurationError(
@@ -70,7 +70,7 @@ def shifted(progress: Optional[Callable[[float], None]],
 def draw_one(draw: Callable[..., Any], name: str, arguments: argparse.Namespace,
              progress: Optional[Callable[[float], None]]) -> list[str]:
     """Draw one figure, write it and return the names of its files."""
-    from ballbot_ros.output.figures import FORMATS, save
+    from ballbot_ros.figures.run import FORMATS, save
     figure = draw(progress)
     kinds = FORMATS if arguments.format == 'both' else (arguments.format,)
     for kind in kinds:

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from ballbot_ros.cli.command import DONE
-from ballbot_ros.cli.max_step import add_attempts, add_drive, read_law, read_rules
+from ballbot_ros.cli.max_step_height import add_attempts, add_drive, read_law, read_rules
 from ballbot_ros.errors import ConfigurationError
 
 
@@ -40,9 +40,9 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.cli.progress import watched
     check_name('robots', arguments.robot)
     from ballbot_ros.decision.curve_file import curve_text
-    from ballbot_ros.decision.fitting import fit_curve, heights_for, Request
-    from ballbot_ros.output.files import check_writable, write_text
     from ballbot_ros.physics import load_robot
+    from ballbot_ros.results.files import check_writable, write_text
+    from ballbot_ros.studies.curve_fit import fit_curve, heights_for, Request
     robot = load_robot(arguments.robot)
     request = Request(**{name: getattr(arguments, name) for name in (
         'lowest_speed', 'highest_speed', 'points', 'accuracy', 'samples', 'seed')})

@@ -32,18 +32,18 @@ def run(arguments: argparse.Namespace) -> int:
     """Estimate, write the files and print the table."""
     import json
     from ballbot_ros.cli.listing import check_name
-    from ballbot_ros.laboratory.identify import identify
-    from ballbot_ros.laboratory.recording import CHANNELS, Recording
-    from ballbot_ros.output.canvas import FORMATS, save
-    from ballbot_ros.output.files import check_writable, read_columns, write_text
-    from ballbot_ros.output.residuals import residual_figure
+    from ballbot_ros.figures.canvas import FORMATS, save
+    from ballbot_ros.figures.residuals import residual_figure
     from ballbot_ros.physics import load_scene
+    from ballbot_ros.results.files import check_writable, read_columns, write_text
+    from ballbot_ros.studies.identification import identify
+    from ballbot_ros.studies.recording import CHANNELS, Recording
     check_name('scenes', arguments.scene)
     scene = load_scene(arguments.scene)
     if arguments.data.suffix in ('.csv', '.npz'):
         recording = Recording.of_columns(read_columns(arguments.data))
     else:
-        from ballbot_ros.ros.bag_reader import read_bag
+        from ballbot_ros.studies.bag_reader import read_bag
         recording = read_bag(arguments.data)
     if arguments.channels:
         recording = recording.only(arguments.channels)

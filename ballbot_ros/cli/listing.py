@@ -5,9 +5,9 @@ import re
 import shutil
 import textwrap
 
+from ballbot_ros.config.fields import suggestion
+from ballbot_ros.config.files import config_folder
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.fields import suggestion
-from ballbot_ros.paths import config_folder
 
 _SENTENCE = re.compile(r'(?<=[\w)])\.\s+(?=[A-Z])')
 

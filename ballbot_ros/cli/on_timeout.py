@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and print a row as soon as it is known."""
     from ballbot_ros.bridge.hardware_file import ON_TIMEOUT
-    from ballbot_ros.bridge.timeouts import cases, let_go, scene_of
+    from ballbot_ros.studies.command_loss import cases, let_go, scene_of
     hardware = read_hardware(arguments)
     slopes = [math.radians(slope) for slope in read_slopes(arguments.slopes)]
     limits = hardware.limits

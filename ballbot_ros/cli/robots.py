@@ -20,7 +20,7 @@ def run(arguments: argparse.Namespace) -> int:
         print_list('robots')
         return 0
     check_name('robots', arguments.robot)
-    from ballbot_ros.physics.robot import load_robot
+    from ballbot_ros.physics.model.robot import load_robot
     print_table(load_robot(arguments.robot))
     return 0
 

@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'the scene')
     parser.add_argument('--accuracy', type=float, metavar='METRES',
                         help='largest error of position; chooses the solver by itself')
-    parser.add_argument('--models', choices=('auto', 'full', 'reduced'),
+    parser.add_argument('--models', choices=('auto', 'full'),
                         help='what a method that chooses its steps may simulate, instead of '
                         'what the scene says')
     parser.add_argument('--explain', action='store_true',
@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     scene = read_scene(arguments)
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.errors import SimulationError
-    from ballbot_ros.output.files import check_writable
+    from ballbot_ros.results.files import check_writable
     folder = arguments.out or DEFAULT_FOLDER / scene.name
     check_writable(folder / 'summary.txt')
     failure: Optional[SimulationError] = None
@@ -64,17 +64,17 @@ def run(arguments: argparse.Namespace) -> int:
         if trajectory is None:
             raise
     wall_time = perf_counter() - begin
-    from ballbot_ros.output import summarise
+    from ballbot_ros.results import summarise
     summary = summarise(trajectory, scene, wall_time)
     files = write_all(trajectory, summary, folder, arguments)
     explanation = None
     if arguments.explain:
-        from ballbot_ros.output import explain
+        from ballbot_ros.results import explain
         explanation = explain(trajectory, scene)
     if arguments.json:
         print_json(summary, files, explanation)
     elif not arguments.quiet:
-        from ballbot_ros.output import report
+        from ballbot_ros.results import report
         print(f'{report(summary)}\n\nWritten to {folder}: '
               f'{", ".join(path.name for path in files)}')
         if explanation is not None:
@@ -118,10 +118,10 @@ def read_scene(arguments: argparse.Namespace) -> Any:
     from dataclasses import replace
     from ballbot_ros.cli.listing import check_name
     check_name('scenes', arguments.scene)
+    from ballbot_ros.config.fields import check_value, suggestion
     from ballbot_ros.errors import ConfigurationError
-    from ballbot_ros.fields import check_value, suggestion
-    from ballbot_ros.physics.model import METHODS, PRESETS
-    from ballbot_ros.physics.scene import load_scene
+    from ballbot_ros.physics.simulation.model import METHODS, PRESETS
+    from ballbot_ros.physics.simulation.scene import load_scene
     scene = load_scene(arguments.scene)
 
     def change(part: Any, *names: str) -> Any:
@@ -157,7 +157,7 @@ def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
 
     """
     from ballbot_ros.errors import ConfigurationError
-    from ballbot_ros.physics import adaptive, integrators
+    from ballbot_ros.physics.solvers import adaptive, fixed_step
     if scene.run.accuracy is not None:
         for name in ('step', 'method', 'tolerance'):
             if getattr(arguments, name) is not None:
@@ -166,7 +166,7 @@ def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
                     f'({scene.run.accuracy:g} m), which chooses the solver; leave one of them out')
         return
     choosing = tuple(name for name in adaptive.METHODS if name != 'trapezoidal')
-    for name, methods in (('step', (*integrators.METHODS, 'trapezoidal')),
+    for name, methods in (('step', (*fixed_step.METHODS, 'trapezoidal')),
                           ('tolerance', adaptive.METHODS), ('models', choosing)):
         method = scene.model.solver.method
         if getattr(arguments, name) is not None and method not in methods:
@@ -177,7 +177,7 @@ def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
 def write_all(trajectory: Any, summary: Any, folder: Path,
               arguments: argparse.Namespace) -> list[Path]:
     """Write all files of a run and return their paths."""
-    from ballbot_ros.output import report, write_csv, write_npz, write_text
+    from ballbot_ros.results import report, write_csv, write_npz, write_text
     write_text(report(summary) + '\n', folder / 'summary.txt')
     write_text(summary.to_json() + '\n', folder / 'summary.json')
     write_csv(trajectory, folder / 'trajectory.csv')
@@ -186,7 +186,7 @@ def write_all(trajectory: Any, summary: Any, folder: Path,
         'summary.txt', 'summary.json', 'trajectory.csv', 'trajectory.npz')]
     if arguments.no_figures:
         return files
-    from ballbot_ros.output.figures import FORMATS, save, strip, time_series
+    from ballbot_ros.figures.run import FORMATS, save, strip, time_series
     for name, draw in (('strip', strip), ('time_series', time_series)):
         figure = draw(trajectory, summary.name)
         for kind in FORMATS if arguments.format == 'both' else (arguments.format,):

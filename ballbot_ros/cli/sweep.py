@@ -12,7 +12,7 @@ from time import perf_counter, sleep
 from typing import Iterator, Tuple
 
 from ballbot_ros.cli.command import complain, DONE, INTERRUPTED
-from ballbot_ros.cli.max_step import add_drive, add_site, read_law, read_rules, read_site
+from ballbot_ros.cli.max_step_height import add_drive, add_site, read_law, read_rules, read_site
 from ballbot_ros.errors import ConfigurationError
 
 
@@ -50,10 +50,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Plan, run and say what was done."""
     from ballbot_ros.cli.listing import check_name
     from ballbot_ros.cli.progress import watched
-    from ballbot_ros.laboratory.plan import Plan
-    from ballbot_ros.laboratory.sweep import load_arrow, refuse_foreign, run_sweep, spread
-    from ballbot_ros.output.files import check_writable
     from ballbot_ros.physics import load_robot
+    from ballbot_ros.results.files import check_writable
+    from ballbot_ros.studies.sweep import load_arrow, refuse_foreign, run_sweep, spread
+    from ballbot_ros.studies.sweep_plan import Plan
     check_name('robots', arguments.robot)
     varied = dict(map(spread, arguments.vary))
     fixed = {}

@@ -37,9 +37,9 @@ def run(arguments: argparse.Namespace) -> int:
     check_name('robots', arguments.robot)
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.errors import ConfigurationError
-    from ballbot_ros.laboratory.procedure import HEIGHTS, run_tests
-    from ballbot_ros.output.files import check_writable
     from ballbot_ros.physics import load_robot
+    from ballbot_ros.results.files import check_writable
+    from ballbot_ros.studies.procedure import HEIGHTS, run_tests
     robot, bench = load_robot(arguments.robot), make_bench(arguments)
     if arguments.seed < 0:
         raise ConfigurationError(f'--seed must be at least 0, got {arguments.seed}')
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
 def make_bench(arguments: argparse.Namespace) -> Any:
     """Return the rig that the command line describes."""
     from ballbot_ros.errors import ConfigurationError
-    from ballbot_ros.laboratory.rig import Ramp, RunUp
+    from ballbot_ros.studies.test_bench import Ramp, RunUp
     for option, value, wanted in (('--slope', arguments.slope, not arguments.driven),
                                   ('--run-up', arguments.run_up, arguments.driven)):
         if value is not None and not wanted:
@@ -88,9 +88,9 @@ def make_bench(arguments: argparse.Namespace) -> Any:
 
 def write_all(robot: Any, bench: Any, rolls: list, folder: Path) -> list[str]:
     """Write table, truth and plot, and return the names of the files."""
-    from ballbot_ros.output import write_text
-    from ballbot_ros.output.figures import FORMATS, save
-    from ballbot_ros.output.heights import bench_curves, bench_figure
+    from ballbot_ros.figures.heights import bench_curves, bench_figure
+    from ballbot_ros.figures.run import FORMATS, save
+    from ballbot_ros.results import write_text
     write_text('\n'.join(as_seen(bench, rolls)) + '\n', folder / 'tests.csv')
     write_text('\n'.join(as_was(rolls)) + '\n', folder / 'truth.csv')
     figure = bench_figure(rolls, bench_curves(robot, bench),
@@ -121,7 +121,7 @@ def as_was(rolls: list) -> Iterator[str]:
 
 def report(robot: Any, bench: Any, rolls: list) -> Iterator[str]:
     """Yield what was found, step by step, beside what was true."""
-    from ballbot_ros.laboratory.procedure import find_thresholds
+    from ballbot_ros.studies.procedure import find_thresholds
     yield f'{robot.name}, {bench.knob} varied: {len(rolls)} rolls'
     yield ''
     yield 'step mm  rolls  highest no-pass m/s  lowest pass m/s  highest no-pass at touch m/s'

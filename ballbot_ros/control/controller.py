@@ -5,8 +5,8 @@ from typing import Optional
 from ballbot_ros.control.signals import JointReadings, Mode, SetPoint
 from ballbot_ros.control.tuning import ControlTuning
 from ballbot_ros.errors import ConfigurationError, MessageError
-from ballbot_ros.physics.laws import limited, position_torque, velocity_torque
-from ballbot_ros.physics.robot import Robot
+from ballbot_ros.physics.mechanics.laws import limited, position_torque, velocity_torque
+from ballbot_ros.physics.model.robot import Robot
 
 
 class PendulumController:

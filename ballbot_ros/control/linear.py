@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.robot import Robot
+from ballbot_ros.physics.model.robot import Robot
 
 
 def _inertias(robot: Robot, angle: float) -> tuple:

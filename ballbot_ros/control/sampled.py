@@ -22,7 +22,7 @@ from ballbot_ros.control.linear import linear_rolling
 from ballbot_ros.control.signals import Mode
 from ballbot_ros.control.tuning import ControlTuning
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
-from ballbot_ros.physics.robot import Robot
+from ballbot_ros.physics.model.robot import Robot
 
 # Neither law controls where the ball rolls: its speed is a nearly neutral mode that rests on
 # friction, and may drift.  Growth below this [1/s] is such drift, left to whoever gives the

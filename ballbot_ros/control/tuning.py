@@ -2,8 +2,8 @@
 """Gains of the pendulum controller, described, ranged and read from YAML."""
 from dataclasses import dataclass
 
-from ballbot_ros.fields import Checked, flag, quantity, read_yaml
-from ballbot_ros.paths import find_config
+from ballbot_ros.config.fields import Checked, flag, quantity, read_yaml
+from ballbot_ros.config.files import find_config
 
 
 @dataclass(frozen=True)

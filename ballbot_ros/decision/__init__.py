@@ -4,8 +4,7 @@ from ballbot_ros.decision.approach import lean, wanted_speed
 from ballbot_ros.decision.curve import HeightCurve, load_curve
 from ballbot_ros.decision.policy import decide
 from ballbot_ros.decision.tracker import StepTracker
-from ballbot_ros.decision.tuning import (
-    check_decision, DecisionTuning, load_decision_tuning)
+from ballbot_ros.decision.tuning import check_decision, DecisionTuning, load_decision_tuning
 from ballbot_ros.decision.values import (
     Decision, Kind, Motion, Reason, Sighting, StepObservation, TrackedStep)
 

@@ -5,8 +5,8 @@ from typing import Any, Mapping, Tuple
 
 import numpy as np
 
+from ballbot_ros.config.fields import Checked, count, expect_mapping, refuse_unknown
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.fields import Checked, count, expect_mapping, refuse_unknown
 
 
 @dataclass(frozen=True)

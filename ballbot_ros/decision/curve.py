@@ -5,11 +5,11 @@ import math
 from pathlib import Path
 from typing import Any, Dict, Optional, Tuple, Type
 
+from ballbot_ros.config.fields import (
+    check_value, Checked, checked_values, count, quantity, read_yaml, text)
+from ballbot_ros.config.files import find_config
 from ballbot_ros.decision.band import Band
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.fields import (
-    check_value, Checked, checked_values, count, quantity, read_yaml, text)
-from ballbot_ros.paths import find_config
 
 _VARIANT = text('of a curve', choices=('fit', 'conservative')).metadata
 

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 import math
 from typing import Optional
 
+from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.curve import HeightCurve
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import TrackedStep
-from ballbot_ros.physics.crossing import touch_distance
-from ballbot_ros.physics.robot import Robot
+from ballbot_ros.physics.model.robot import Robot
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,12 @@ from dataclasses import astuple, replace
 import math
 from typing import Optional
 
+from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.curve import HeightCurve
 from ballbot_ros.decision.estimate import estimate
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import (
-    Decision, Kind, Motion, Reason, Sighting, TrackedStep)
-from ballbot_ros.physics.crossing import touch_distance
-from ballbot_ros.physics.robot import Robot
+from ballbot_ros.decision.values import Decision, Kind, Motion, Reason, Sighting, TrackedStep
+from ballbot_ros.physics.model.robot import Robot
 
 # Down by less than this is an uneven floor, more is a drop [m].
 SMALLEST_DROP = 0.005

@@ -5,7 +5,7 @@ from typing import Optional
 
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Reason, Sighting, StepObservation, TrackedStep
-from ballbot_ros.physics.robot import Robot
+from ballbot_ros.physics.model.robot import Robot
 
 # No sensor is as good as the zero deviation that some claim: odometry and observation are
 # never of exactly the same moment, and odometry drifts while the step is approached.

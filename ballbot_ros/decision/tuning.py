@@ -2,12 +2,12 @@
 """How boldly to drive at a step: speeds, margins and patience."""
 from dataclasses import dataclass
 
+from ballbot_ros.config.fields import Checked, count, quantity, read_yaml
+from ballbot_ros.config.files import find_config
 from ballbot_ros.control import held_acceleration
 from ballbot_ros.decision.curve import HeightCurve
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.fields import Checked, count, quantity, read_yaml
-from ballbot_ros.paths import find_config
-from ballbot_ros.physics.robot import Robot
+from ballbot_ros.physics.model.robot import Robot
 
 
 @dataclass(frozen=True)

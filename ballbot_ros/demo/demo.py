@@ -20,10 +20,10 @@ from ballbot_ros.decision import load_curve
 from ballbot_ros.demo.beginning import Beginning
 from ballbot_ros.demo.processes import NodeProcesses, own_domain, stay_here
 from ballbot_ros.demo.story import Story
+from ballbot_ros.figures.run import save, strip
 from ballbot_ros.msg import BallState, StepDecision, StepObservation
-from ballbot_ros.output.figures import save, strip
 from ballbot_ros.physics import load_scene, Scene, Trajectory
-from ballbot_ros.plant.sensor import faces
+from ballbot_ros.plant.step_sensor import faces
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.bag import BagRecorder
 from ballbot_ros.ros.conversions import to_seconds

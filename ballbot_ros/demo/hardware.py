@@ -21,7 +21,7 @@ from ballbot_ros.demo.processes import NodeProcesses, own_domain, stay_here
 from ballbot_ros.demo.story import Story
 from ballbot_ros.msg import BallState, MotorStatus, StepDecision
 from ballbot_ros.physics import load_scene
-from ballbot_ros.plant.sensor import faces
+from ballbot_ros.plant.step_sensor import faces
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.bag import BagRecorder
 from ballbot_ros.ros.conversions import to_seconds, to_time

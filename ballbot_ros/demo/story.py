@@ -6,7 +6,7 @@ from typing import Callable, List, Optional, Sequence, Tuple
 
 from ballbot_ros.decision import HeightCurve
 from ballbot_ros.msg import BallState, Contact, StepDecision
-from ballbot_ros.physics.robot import Robot
+from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.ros.conversions import to_seconds
 
 # At rest means slower than this [m/s], for this long [s].

@@ -3,11 +3,11 @@
 import math
 from typing import Any, Optional
 
-from ballbot_ros.emulator.device import DriveSettings, Sensed
+from ballbot_ros.drives.emulated_device import DriveSettings, Sensed
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.model import State
-from ballbot_ros.physics.robot import Motor, Robot
-from ballbot_ros.physics.scene import Scene
+from ballbot_ros.physics.model.robot import Motor, Robot
+from ballbot_ros.physics.simulation.model import State
+from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.plant import Imu, ImuSample, Plant
 
 

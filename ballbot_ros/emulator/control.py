@@ -13,10 +13,10 @@ from threading import Thread
 import time
 from typing import Callable, NamedTuple, Optional
 
+from ballbot_ros.config.fields import suggestion
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.emulator.line import Trouble
 from ballbot_ros.errors import BallbotError, ConfigurationError
-from ballbot_ros.fields import suggestion
 
 # Where the fault is on the line; both ways if neither word stands behind the number.
 WAYS = ('to', 'from')

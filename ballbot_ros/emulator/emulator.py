@@ -9,17 +9,17 @@ from threading import Event, Thread
 import time
 from typing import Callable, Deque, NamedTuple, Optional
 
+from ballbot_ros.config.fields import suggestion
+from ballbot_ros.drives.emulated_device import Device, DriveSettings
+from ballbot_ros.drives.odrive.emulated import ODriveDevice
+from ballbot_ros.drives.roboclaw.emulated import RoboClawDevice
+from ballbot_ros.drives.vesc.emulated import VescDevice
 from ballbot_ros.emulator.ball import Ball, settings_for
-from ballbot_ros.emulator.device import Device, DriveSettings
 from ballbot_ros.emulator.line import Direction
-from ballbot_ros.emulator.odrive import ODriveDevice
-from ballbot_ros.emulator.roboclaw import RoboClawDevice
 from ballbot_ros.emulator.terminal import Terminal
-from ballbot_ros.emulator.vesc import VescDevice
 from ballbot_ros.errors import BallbotError, ConfigurationError
-from ballbot_ros.fields import suggestion
-from ballbot_ros.physics.model import State
-from ballbot_ros.physics.scene import Scene
+from ballbot_ros.physics.simulation.model import State
+from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.plant import Imu, ImuSample, Pace
 
 DEVICES: dict[str, type[Device]] = {

@@ -8,7 +8,7 @@ from typing import Deque, Optional
 from ballbot_ros.errors import EstimateLostError, MessageError
 from ballbot_ros.estimation.imu import ImuMounting, ImuReading
 from ballbot_ros.estimation.kalman import Estimate, FilterTuning, PendulumFilter
-from ballbot_ros.physics.robot import Robot
+from ballbot_ros.physics.model.robot import Robot
 
 # An encoder angle further than this from the expected one is not believed [rad]: at 25 rad/s,
 # more than any joint here turns, it takes 20 ms, and the rate is known before.

@@ -16,8 +16,8 @@ from dataclasses import dataclass, fields
 import math
 from typing import Tuple
 
+from ballbot_ros.config.fields import Checked, quantity
 from ballbot_ros.errors import MessageError
-from ballbot_ros.fields import Checked, quantity
 
 
 @dataclass(frozen=True)

@@ -21,11 +21,11 @@ from typing import Any, NamedTuple, Optional
 
 import numpy as np
 
+from ballbot_ros.config.fields import Checked, quantity
 from ballbot_ros.control.signals import JointReadings
 from ballbot_ros.estimation.imu import ImuReading, turned
 from ballbot_ros.estimation.rolling import Rolling, Slopes
-from ballbot_ros.fields import Checked, quantity
-from ballbot_ros.physics.robot import Robot
+from ballbot_ros.physics.model.robot import Robot
 
 # Order of the state.
 PENDULUM, JOINT, PENDULUM_RATE, BALL_RATE, BIAS = range(5)

@@ -5,7 +5,7 @@ from typing import List
 import numpy as np
 
 from ballbot_ros.control.linear import linear_rolling
-from ballbot_ros.physics.robot import Robot
+from ballbot_ros.physics.model.robot import Robot
 
 # Columns of the matrix below, in the words of people.
 NAMES = ('pendulum angle', 'pendulum rate', 'ball rate', 'joint angle', 'constant torque',

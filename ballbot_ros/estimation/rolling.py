@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple, Tuple
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.robot import Robot
+from ballbot_ros.physics.model.robot import Robot
 
 
 class Slopes(NamedTuple):

@@ -14,7 +14,7 @@ from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import load_tuning
 from ballbot_ros.errors import BallbotError, DriveError
-from ballbot_ros.physics.robot import load_robot
+from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.motor import Clocks, MotorOutputs
 from ballbot_ros.ros.motor_health import health

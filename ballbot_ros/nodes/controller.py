@@ -16,8 +16,8 @@ from ballbot_ros.control import (
     check_loop, load_tuning, lowest_stable_rate, Mode, PendulumController, SetPoint,
     SupervisedController, Supervision, Watchdog)
 from ballbot_ros.errors import MessageError
-from ballbot_ros.physics.actuation import set_rate_for_speed
-from ballbot_ros.physics.robot import load_robot
+from ballbot_ros.physics.model.actuation import set_rate_for_speed
+from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import command_message, readings, set_point, to_seconds
 from ballbot_ros.ros.endpoints import advertise, deliver, listen

@@ -13,7 +13,7 @@ from ballbot_ros.decision import (
     check_decision, decide, Decision, Kind, lean, load_curve, load_decision_tuning, Motion,
     Sighting, StepTracker)
 from ballbot_ros.msg import StepDecision, StepObservation
-from ballbot_ros.physics.robot import load_robot
+from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import (
     decision_message, motion, observation, set_point_message, to_seconds)

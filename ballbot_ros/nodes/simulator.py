@@ -10,10 +10,11 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from ballbot_ros.control import CommandGate
 from ballbot_ros.errors import ConfigurationError, MessageError
-from ballbot_ros.physics.model import Solver
-from ballbot_ros.physics.scene import load_scene
-from ballbot_ros.plant import CommandGate, Plant, Sensor
+from ballbot_ros.physics.simulation.model import Solver
+from ballbot_ros.physics.simulation.scene import load_scene
+from ballbot_ros.plant import Plant, Sensor
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import command_torque, to_seconds, to_time
 from ballbot_ros.ros.endpoints import listen, serve

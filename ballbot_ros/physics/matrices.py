@@ -14,9 +14,9 @@ and (5) is 0, because all angles of this package are measured from the vertical.
 import numpy as np
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.model import State
-from ballbot_ros.physics.robot import Robot
-from ballbot_ros.physics.terrain import Array
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.simulation.model import State
 
 
 def _levers(robot: Robot, state: State) -> tuple[float, float]:

@@ -4,12 +4,11 @@ The simulated robot as something that takes commands and keeps time; no ROS.
 
 The simulator node is this package with topics around it.
 """
-from ballbot_ros.plant.commands import CommandGate
 from ballbot_ros.plant.imu import Imu, ImuSample
-from ballbot_ros.plant.pace import Pace, periods_per, Speedometer
+from ballbot_ros.plant.pacing import Pace, periods_per, Speedometer
 from ballbot_ros.plant.plant import Plant
-from ballbot_ros.plant.sensor import Sensor, Sight
+from ballbot_ros.plant.step_sensor import Sensor, Sight
 
 __all__ = [
-    'CommandGate', 'Imu', 'ImuSample', 'Pace', 'periods_per', 'Plant', 'Sensor', 'Sight',
+    'Imu', 'ImuSample', 'Pace', 'periods_per', 'Plant', 'Sensor', 'Sight',
     'Speedometer']

@@ -5,11 +5,11 @@ import math
 from typing import Optional
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics import dynamics
-from ballbot_ros.physics.accuracy import solvers_for
-from ballbot_ros.physics.model import Model, State
-from ballbot_ros.physics.scene import Scene
-from ballbot_ros.physics.simulation import steps_in
+from ballbot_ros.physics.mechanics import equations
+from ballbot_ros.physics.simulation.accuracy import solvers_for
+from ballbot_ros.physics.simulation.model import Model, State
+from ballbot_ros.physics.simulation.scene import Scene
+from ballbot_ros.physics.simulation.simulate import steps_in
 
 
 class Plant:
@@ -73,7 +73,7 @@ class Plant:
         # Compile now: the first control period must not wait for it.
         for model in (self.model, self._shadow):
             if model is not None:
-                model.advance(self._start, dynamics.Drive(dynamics.TORQUE), 1)
+                model.advance(self._start, equations.Drive(equations.TORQUE), 1)
 
     @property
     def time(self) -> float:
@@ -96,7 +96,7 @@ class Plant:
 
         """
         cut = min(max(torque, -self.torque_limit), self.torque_limit)
-        drive = dynamics.Drive(dynamics.TORQUE, cut, limit=self.torque_limit)
+        drive = equations.Drive(equations.TORQUE, cut, limit=self.torque_limit)
         after = self.model.advance(self.state, drive, self._steps)
         shade = self._shadow.advance(self._shade, drive, self._steps) if self._shadow else None
         self.periods += 1

@@ -11,7 +11,7 @@ from rclpy.subscription import Subscription
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
-from ballbot_ros.paths import PACKAGE, shipped_folder
+from ballbot_ros.config.files import PACKAGE, shipped_folder
 from ballbot_ros.ros.endpoints import listen
 
 # CDR: four bytes of encapsulation, then the stamp that all recorded messages begin with.

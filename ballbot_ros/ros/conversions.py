@@ -10,9 +10,8 @@ from sensor_msgs.msg import JointState
 from ballbot_ros.control import JointReadings, Mode, SetPoint
 from ballbot_ros.decision import Decision, Kind, Motion, Reason, StepObservation
 from ballbot_ros.errors import MessageError
-from ballbot_ros.msg import BallState, Contact, StepDecision
-from ballbot_ros.msg import StepObservation as StepObservationMsg
-from ballbot_ros.physics.model import Model, State
+from ballbot_ros.msg import BallState, Contact, StepDecision, StepObservation as StepObservationMsg
+from ballbot_ros.physics.simulation.model import Model, State
 from ballbot_ros.plant import Sensor, Sight
 
 SHELL, PENDULUM = 'shell', 'pendulum'

@@ -14,8 +14,8 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from ballbot_ros.config.fields import allowed, check_value, Checked, suggestion
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.fields import allowed, check_value, Checked, suggestion
 
 T = TypeVar('T', bound=Checked)
 

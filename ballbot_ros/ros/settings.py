@@ -2,8 +2,8 @@
 """The parameters of the nodes: name, unit, range, default and meaning of each."""
 from dataclasses import dataclass
 
-from ballbot_ros.fields import Checked, count, flag, quantity, text
-from ballbot_ros.physics.model import METHODS
+from ballbot_ros.config.fields import Checked, count, flag, quantity, text
+from ballbot_ros.physics.simulation.model import METHODS
 
 
 @dataclass(frozen=True)

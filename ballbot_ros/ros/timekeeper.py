@@ -6,8 +6,9 @@ from typing import Callable, Optional
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.task import Future
 
+from ballbot_ros.control import CommandGate
 from ballbot_ros.errors import SimulationError
-from ballbot_ros.plant import CommandGate, Pace, Plant, Speedometer
+from ballbot_ros.plant import Pace, Plant, Speedometer
 from ballbot_ros.ros.lockstep import Allowance
 from ballbot_ros.ros.outputs import Outputs
 from ballbot_ros.ros.settings import SimulatorSettings

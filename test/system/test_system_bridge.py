@@ -15,12 +15,12 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 import yaml
 
+from ballbot_ros.config.files import config_folder
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.control import obey
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.nodes.bridge import Bridge
-from ballbot_ros.paths import config_folder
 from ballbot_ros.physics import load_scene
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import command_message, to_time

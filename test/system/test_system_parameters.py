@@ -4,7 +4,7 @@ import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
 
-from ballbot_ros.paths import find_config
+from ballbot_ros.config.files import find_config
 
 FILES = {
     'scene.yaml': 'robot: gimball\nterrain:\n  - step: {hight: 0.03}\nduration: 1.0\n',

@@ -7,8 +7,8 @@ import termios
 
 import pytest
 
-from ballbot_ros.bridge import doctor
-from ballbot_ros.bridge.doctor import (
+from ballbot_ros.bridge.commissioning import doctor
+from ballbot_ros.bridge.commissioning.doctor import (
     look_at_drive, look_at_latency, look_at_ports, look_at_ros, NOTE, OK, WRONG)
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.cli.command import main

@@ -8,7 +8,7 @@ from virtual_robot import STEP, VirtualRobot
 
 from ballbot_ros.bridge.report import Power
 from ballbot_ros.control import load_tuning, Mode, PendulumController, SetPoint
-from ballbot_ros.emulator.device import DriveSettings
+from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.errors import ConfigurationError, DriveError, LinkError, RefusedError
 from ballbot_ros.physics import load_robot
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from ballbot_ros.bridge.hardware_file import load_hardware
-from ballbot_ros.bridge.timeouts import Case, cases, held_angle, let_go
 from ballbot_ros.cli import main
 from ballbot_ros.cli.on_timeout import heading, row
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_robot
+from ballbot_ros.studies.command_loss import Case, cases, held_angle, let_go
 
 HARDWARE = load_hardware('gimball_odrive')
 ROBOT = load_robot('gimball')

@@ -5,16 +5,16 @@ import math
 
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.session import Session
-from ballbot_ros.emulator.device import DriveSettings, Sensed
-from ballbot_ros.emulator.odrive import ODriveDevice
-from ballbot_ros.emulator.roboclaw import RoboClawDevice
-from ballbot_ros.emulator.vesc import VescDevice
+from ballbot_ros.drives import open_driver
+from ballbot_ros.drives.emulated_device import DriveSettings, Sensed
+from ballbot_ros.drives.odrive.emulated import ODriveDevice
+from ballbot_ros.drives.roboclaw.emulated import RoboClawDevice
+from ballbot_ros.drives.vesc.emulated import VescDevice
 from ballbot_ros.errors import LinkError
 from ballbot_ros.estimation import ImuReading
-from ballbot_ros.hardware.drivers import open_driver
 from ballbot_ros.physics import load_robot
-from ballbot_ros.physics.model import State
-from ballbot_ros.physics.scene import read_scene
+from ballbot_ros.physics.simulation.model import State
+from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Imu, Plant
 
 STEP = 0.002

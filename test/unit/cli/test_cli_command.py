@@ -11,7 +11,7 @@ from ballbot_ros import __version__
 from ballbot_ros.cli import main
 from ballbot_ros.cli.command import VERBS
 from ballbot_ros.cli.listing import describe
-from ballbot_ros.paths import config_folder
+from ballbot_ros.config.files import config_folder
 
 COMMAND = [sys.executable, '-m', 'ballbot_ros.cli']
 

@@ -31,11 +31,11 @@ def test_a_folder_that_is_a_file_is_refused_before_the_work(words, tmp_path, cap
 
     monkeypatch.setitem(sys.modules, 'ballbot_ros.demo', types.SimpleNamespace(
         run_demo=work, run_hardware_demo=work))
-    monkeypatch.setattr('ballbot_ros.physics.scene.Scene.simulate', work)
-    monkeypatch.setattr('ballbot_ros.laboratory.procedure.run_tests', work)
-    monkeypatch.setattr('ballbot_ros.decision.fitting.fit_curve', work)
+    monkeypatch.setattr('ballbot_ros.physics.simulation.scene.Scene.simulate', work)
+    monkeypatch.setattr('ballbot_ros.studies.procedure.run_tests', work)
+    monkeypatch.setattr('ballbot_ros.studies.curve_fit.fit_curve', work)
     monkeypatch.setattr('ballbot_ros.cli.figures.draw_one', work)
-    monkeypatch.setattr('ballbot_ros.laboratory.sweep.run_sweep', work)
+    monkeypatch.setattr('ballbot_ros.studies.sweep.run_sweep', work)
     (tmp_path / 'file').write_text('mine')
     said = complaint(capsys, *(word.format(tmp_path / 'file') for word in words))
     assert f'cannot be written: {tmp_path}/file is not a folder' in said
@@ -59,7 +59,7 @@ def test_a_file_that_is_no_curve_is_not_overwritten(tmp_path, capsys):
      "adaptive, explicit, implicit, trapezoidal, paper, got 'foo'"),
     (['simulate', 'flat', '--method', 'papr'], "did you mean 'paper'?"),
     (['simulate', 'flat', '--tolerance', '1e-6'], '--tolerance goes with --method adaptive'),
-    (['simulate', 'flat', '--models', 'reduced'], '--models goes with --method adaptive'),
+    (['simulate', 'flat', '--models', 'full'], '--models goes with --method adaptive'),
     (['simulate', 'flat', '--method', 'adaptive', '--step', '1e-3'], '--step goes with --method '
      'semi_implicit, rk4, trapezoidal, not adaptive'),
     (['simulate', 'flat', '--accuracy', '1e-4', '--method', 'paper'], '--method changes nothing'),

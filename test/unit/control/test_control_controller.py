@@ -9,7 +9,7 @@ import pytest
 from ballbot_ros.control import (
     ControlTuning, JointReadings, load_tuning, Mode, PendulumController, SetPoint)
 from ballbot_ros.errors import ConfigurationError, MessageError
-from ballbot_ros.physics.robot import load_robot
+from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL = load_robot('gimball')
 FREE = ControlTuning(torque_limit=1e6)

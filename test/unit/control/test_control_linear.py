@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 import sympy
 
-from ballbot_ros.control import (
-    held_acceleration, linear_rolling, rolling_accelerations)
+from ballbot_ros.control import held_acceleration, linear_rolling, rolling_accelerations
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.robot import load_robot
+from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL = load_robot('gimball')
 ANGLES = [0.0, 0.4, math.pi / 2, 2.5, math.pi]

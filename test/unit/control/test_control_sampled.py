@@ -10,7 +10,7 @@ from ballbot_ros.control import (
     check_loop, ControlTuning, is_stable, JointReadings, load_tuning, loop_poles,
     lowest_stable_rate, PendulumController, rolling_accelerations, SetPoint)
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
-from ballbot_ros.physics.robot import load_robot
+from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL = load_robot('gimball')
 PUBLISHED = load_tuning('published')

@@ -7,11 +7,11 @@ import pytest
 
 from ballbot_ros.control import (
     JointReadings, load_tuning, PendulumController, rolling_accelerations, SetPoint)
+from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import (
     decide, Decision, Kind, lean, load_curve, load_decision_tuning, Motion, Reason,
     StepObservation, StepTracker, wanted_speed)
-from ballbot_ros.physics.crossing import touch_distance
-from ballbot_ros.physics.robot import load_robot
+from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL = load_robot('gimball')
 CURVE = load_curve('gimball_down')

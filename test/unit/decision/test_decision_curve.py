@@ -5,9 +5,9 @@ import math
 from hypothesis import given, strategies
 import pytest
 
+from ballbot_ros.config.files import config_folder
 from ballbot_ros.decision import HeightCurve, load_curve
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.paths import config_folder
 
 SHIPPED = sorted(file.stem for file in (config_folder() / 'curves').glob('*.yaml'))
 FINE = {'name': 'mine', 'robot': 'gimball', 'actuation': 'free', 'source': 'a test',

@@ -4,8 +4,9 @@ import math
 
 import pytest
 
+from ballbot_ros.crossing import held_at, highest_step
 from ballbot_ros.decision import load_curve
-from ballbot_ros.physics import Actuation, held_at, highest_step, load_robot
+from ballbot_ros.physics import Actuation, load_robot
 
 MADE_WITH = {
     'gimball_down': (held_at(0.0), 0.0), 'gimball_free': (Actuation(), 0.0),

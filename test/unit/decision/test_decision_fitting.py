@@ -9,14 +9,15 @@ import pytest
 import yaml
 
 from ballbot_ros.cli import main
+from ballbot_ros.crossing import held_at, max_step_height, rolling
 from ballbot_ros.decision import check_decision, load_curve, load_decision_tuning
 from ballbot_ros.decision.band import Band
 from ballbot_ros.decision.curve_file import curve_text
-from ballbot_ros.decision.fitting import (
-    conservative_cubic, fit_curve, LEAST_SLOPE, monotone_cubic, Request)
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics import Actuation, held_at, load_robot, max_step, rolling
-from ballbot_ros.physics.uncertainty import draw, uncertain
+from ballbot_ros.physics import Actuation, load_robot
+from ballbot_ros.studies.curve_fit import (
+    conservative_cubic, fit_curve, LEAST_SLOPE, monotone_cubic, Request)
+from ballbot_ros.studies.uncertainty import draw, uncertain
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 SPEEDS = np.linspace(0.2, 1.2, 21)
@@ -78,7 +79,7 @@ def test_no_shipped_conservative_curve_promises_more_than_the_simulation(name):
     curve, fit = load_curve(name, 'conservative'), load_curve(name)
     robot = load_robot(curve.robot)
     for speed in np.random.default_rng(7).uniform(0.2, 1.2, 40):
-        found = max_step(robot, speed, SHIPPED[name], accuracy=1e-6)
+        found = max_step_height(robot, speed, SHIPPED[name], accuracy=1e-6)
         assert curve.height(speed) <= found.height
         assert curve.height(speed) > found.height - 1.5e-3
         assert abs(fit.height(speed) - found.height) < fit.residual + 1e-4
@@ -102,7 +103,8 @@ def test_a_shipped_curve_says_how_it_was_made(name):
 
 def test_covariance_is_that_of_least_squares():
     curve = fit_curve('mine', SHELLBALL, Actuation(), 'none', Request())
-    heights = [max_step(SHELLBALL, speed, accuracy=2e-6).height for speed in SPEEDS.round(12)]
+    heights = [max_step_height(SHELLBALL, speed, accuracy=2e-6).height
+               for speed in SPEEDS.round(12)]
     _, known = np.polyfit(SPEEDS, heights, 3, cov=True)
     np.testing.assert_allclose(curve.covariance, known[::-1, ::-1], rtol=1e-6)
 
@@ -145,7 +147,8 @@ def test_the_probability_of_passing_is_the_part_of_the_robots_that_pass():
     band = load_curve('gimball_free').band
     robots = draw(GIMBALL, 64, seed=11)
     for speed in (0.5, 0.9):
-        heights = np.array([max_step(robot, speed, accuracy=2e-5).height for robot in robots])
+        heights = np.array([
+            max_step_height(robot, speed, accuracy=2e-5).height for robot in robots])
         for height in np.linspace(heights.min() - 1e-3, heights.max() + 1e-3, 9):
             counted = np.mean(heights >= height)
             assert band.probability_of_passing(speed, height) == pytest.approx(counted, abs=0.08)
@@ -196,7 +199,7 @@ def test_what_is_written_is_read_again(tmp_path, capsys):
     law = rolling(GIMBALL)
     for speed in (0.25, 0.5):
         assert curve.height(speed) == pytest.approx(
-            max_step(GIMBALL, speed, law(speed)).height, abs=curve.residual + 2e-4)
+            max_step_height(GIMBALL, speed, law(speed)).height, abs=curve.residual + 2e-4)
 
 
 @pytest.mark.parametrize('words, told', [

@@ -6,12 +6,12 @@ import math
 from hypothesis import given, strategies
 import pytest
 
+from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import (
     check_decision, decide, Decision, DecisionTuning, Kind, load_curve, load_decision_tuning,
     Motion, Reason, Sighting, TrackedStep)
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.crossing import touch_distance
-from ballbot_ros.physics.robot import load_robot
+from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL = load_robot('gimball')
 CURVE = load_curve('gimball_down')

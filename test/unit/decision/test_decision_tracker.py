@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ballbot_ros.decision import DecisionTuning, Reason, StepObservation, StepTracker
-from ballbot_ros.physics.robot import load_robot
+from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL = load_robot('gimball')
 anything = strategies.floats(allow_nan=True, allow_infinity=True)

@@ -10,8 +10,7 @@ from xml.etree import ElementTree
 import pytest
 
 from ballbot_ros.demo import processes
-from ballbot_ros.demo.processes import (
-    environment, NodeProcesses, own_domain, parameter_arguments)
+from ballbot_ros.demo.processes import environment, NodeProcesses, own_domain, parameter_arguments
 
 
 def test_parameters_become_arguments_that_ros_reads():

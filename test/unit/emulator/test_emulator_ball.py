@@ -4,10 +4,10 @@ import math
 
 import pytest
 
+from ballbot_ros.drives.emulated_device import Sensed
 from ballbot_ros.emulator.ball import Ball, settings_for
-from ballbot_ros.emulator.device import Sensed
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.scene import load_scene, read_scene
+from ballbot_ros.physics.simulation.scene import load_scene, read_scene
 from ballbot_ros.plant import Imu
 
 
@@ -34,7 +34,7 @@ def test_a_torque_at_the_shaft_accelerates_the_pendulum_through_the_gear(setting
     ball = Ball(load_scene('flat'), settings)
     torque = 0.01
     ball.advance(torque)
-    # phi'' = tau / (J2 + M2 e^2 M1 / M) from rest; see physics/dynamics.py.
+    # phi'' = tau / (J2 + M2 e^2 M1 / M) from rest; see physics/mechanics/equations.py.
     own = gimball.pendulum_mass * gimball.pendulum_length**2
     inertia = gimball.pendulum_inertia + own * gimball.ball_mass / gimball.total_mass
     assert ball.state.pendulum_rate == pytest.approx(

@@ -2,11 +2,13 @@
 """The drives in software do what the makers' own tests and documents say of the real ones."""
 import pytest
 
-from ballbot_ros.emulator.device import DriveSettings
-from ballbot_ros.emulator.odrive import ODriveDevice
-from ballbot_ros.emulator.roboclaw import RoboClawDevice
-from ballbot_ros.emulator.vesc import FAULT_TIME, VescDevice
-from ballbot_ros.hardware.codecs import odrive, roboclaw, vesc
+from ballbot_ros.drives.emulated_device import DriveSettings
+from ballbot_ros.drives.odrive import codec as odrive
+from ballbot_ros.drives.odrive.emulated import ODriveDevice
+from ballbot_ros.drives.roboclaw import codec as roboclaw
+from ballbot_ros.drives.roboclaw.emulated import RoboClawDevice
+from ballbot_ros.drives.vesc import codec as vesc
+from ballbot_ros.drives.vesc.emulated import FAULT_TIME, VescDevice
 
 
 @pytest.fixture

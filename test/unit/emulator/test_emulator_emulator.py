@@ -10,13 +10,13 @@ import time
 
 import pytest
 
+from ballbot_ros.drives import open_driver, read_options
+from ballbot_ros.drives.transport import Link
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.control import answer, Channel, FAULTS, LINE_FAULTS, obey
 from ballbot_ros.emulator.emulator import DEVICES, Emulator
 from ballbot_ros.errors import ConfigurationError, DriveError, LinkError
-from ballbot_ros.hardware.drivers import open_driver, read_options
-from ballbot_ros.hardware.transport import Link
-from ballbot_ros.physics.scene import load_scene
+from ballbot_ros.physics.simulation.scene import load_scene
 
 BAUD = 460800
 TORQUE = 0.02

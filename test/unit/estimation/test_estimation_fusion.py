@@ -12,7 +12,7 @@ from ballbot_ros.errors import ConfigurationError, MessageError
 from ballbot_ros.estimation import (
     Fusion, ImuMounting, ImuReading, PendulumFilter, Rolling, unobservable)
 from ballbot_ros.physics import load_robot
-from ballbot_ros.physics.scene import read_scene
+from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Imu, Plant
 
 GIMBALL = load_robot('gimball')

@@ -3,11 +3,12 @@
 from hypothesis import assume, strategies
 import numpy as np
 
-from ballbot_ros.physics import contact, ContactOptions, dynamics, load_robot, Terrain
+from ballbot_ros.physics import ContactOptions, load_robot, Terrain
+from ballbot_ros.physics.mechanics import contact, equations
 
 BOT = load_robot('gimball')
 RADIUS = BOT.ball_radius
-NUMBERS = dynamics.Numbers.of(BOT, ContactOptions())
+NUMBERS = equations.Numbers.of(BOT, ContactOptions())
 
 
 def rows_at(terrain, x, y, robot=BOT):
@@ -23,7 +24,7 @@ def loads_at(terrain, x, y, velocity_x=0.0, velocity_y=0.0, ball_rate=0.0, robot
     """Return what the contacts do: force, torque, and the two powers lost."""
     ground = terrain.profile(robot.surface_friction, robot.edge_friction)
     return np.array(contact.contact_loads(
-        dynamics.Numbers.of(robot, options), ground, contact.contact_table(len(ground)), x, y,
+        equations.Numbers.of(robot, options), ground, contact.contact_table(len(ground)), x, y,
         velocity_x, velocity_y, ball_rate))
 
 

@@ -7,11 +7,10 @@ import sys
 import numpy as np
 import pytest
 
+from ballbot_ros.config.files import config_folder
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.paths import config_folder
-from ballbot_ros.physics import (
-    Actuation, load_robot, load_scene, Model, Solver, State, Terrain)
-from ballbot_ros.physics.accuracy import simulate_accurately
+from ballbot_ros.physics import Actuation, load_robot, load_scene, Model, Solver, State, Terrain
+from ballbot_ros.physics.simulation.accuracy import simulate_accurately
 
 # The generator of random scenes that bench/accuracy.py measures the promise with.
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'bench'))

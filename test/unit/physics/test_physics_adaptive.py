@@ -7,10 +7,10 @@ from hypothesis import strategies as some
 import numpy as np
 import pytest
 
+from ballbot_ros.crossing import held_at
 from ballbot_ros.physics import (
-    Actuation, ContactOptions, held_at, load_robot, load_scene, Model, simulate, Solver, State,
-    Terrain)
-from ballbot_ros.physics import contact, dynamics, modes
+    Actuation, ContactOptions, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
+from ballbot_ros.physics.mechanics import contact, equations, modes
 
 MOVING = ('fig7_top', 'fig7_middle', 'fig7_bottom', 'household', 'ramp_release',
           'shellball_drop', 'voltage_start')
@@ -101,8 +101,8 @@ def test_the_formulas_of_a_mode_are_the_law_itself_inside_the_mode(state, choice
     drive, vector = actuation.drive(model.robot), np.array(state[1:])
     table = contact.contact_table(len(model.profile))
     mode = modes.mode_table(len(model.profile))
-    law, formulas = np.zeros(dynamics.SIZE), np.zeros(dynamics.SIZE)
-    dynamics.derivative(0.0, vector, model.numbers, model.profile, drive, table, law)
+    law, formulas = np.zeros(equations.SIZE), np.zeros(equations.SIZE)
+    equations.derivative(0.0, vector, model.numbers, model.profile, drive, table, law)
     count = modes.find_mode(0.0, vector, model.numbers, model.profile, drive, table, mode)
     modes.mode_derivative(0.0, vector, mode, count, model.numbers, model.profile, drive, table,
                           formulas)

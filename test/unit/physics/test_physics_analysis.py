@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ballbot_ros.physics import Actuation, load_robot, load_scene, Model, simulate, Solver, Terrain
-from ballbot_ros.physics.reduced.analysis import analyse, without_pendulum
+from ballbot_ros.physics.simulation.reachability import analyse, without_pendulum
 
 # The generator of random scenes that bench/accuracy.py measures the promise with.
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'bench'))

@@ -9,9 +9,9 @@ from hypothesis import given, settings, strategies
 import numpy as np
 import pytest
 
-from ballbot_ros.physics import (
-    Actuation, contact, ContactOptions, Model, simulate, Solver, State, Terrain)
-from ballbot_ros.physics.contact import (
+from ballbot_ros.physics import Actuation, ContactOptions, Model, simulate, Solver, State, Terrain
+from ballbot_ros.physics.mechanics import contact
+from ballbot_ros.physics.mechanics.contact import (
     CORNER, EDGE, FRICTION, KIND, PENETRATION, SURFACE)
 
 FREE = Actuation()

@@ -6,12 +6,11 @@ import math
 import numpy as np
 import pytest
 
+from ballbot_ros.crossing import crosses, held_at, highest_step, max_step_heights, Rules
+from ballbot_ros.crossing.rules import LEAD, touch_distance
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics import (
-    Actuation, ContactOptions, crosses, held_at, highest_step, load_robot, load_scene,
-    max_steps, Rules, Solver)
-from ballbot_ros.physics.actuation import set_rate_for_speed
-from ballbot_ros.physics.crossing import LEAD, touch_distance
+from ballbot_ros.physics import Actuation, ContactOptions, load_robot, load_scene, Solver
+from ballbot_ros.physics.model.actuation import set_rate_for_speed
 
 GIMBALL = load_robot('gimball')
 SHELLBALL = load_robot('shellball')
@@ -52,7 +51,7 @@ def test_with_the_lever_of_that_program_the_agreement_is_within_both_brackets(ca
     found = [1e3 * highest_step(robot, speed, actuation, angle, options=options,
                                 rules=ITS_RULES) for speed in SPEEDS]
     np.testing.assert_allclose(found, TABLE[case], atol=0.07)
-    fast = max_steps(robot, SPEEDS, actuation, angle, options=options, rules=ITS_RULES)
+    fast = max_step_heights(robot, SPEEDS, actuation, angle, options=options, rules=ITS_RULES)
     np.testing.assert_allclose([1e3 * item.height for item in fast], TABLE[case], atol=0.07)
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from ballbot_ros.physics import (
-    Actuation, ContactOptions, held_at, highest_step, load_robot)
+from ballbot_ros.crossing import held_at, highest_step
+from ballbot_ros.physics import Actuation, ContactOptions, load_robot
 
 TEXT = (Path(__file__).resolve().parents[3] / 'docs' / 'model.md').read_text(encoding='utf-8')
 CASES = {

@@ -7,7 +7,7 @@ from hypothesis import given, settings, strategies
 import numpy as np
 import pytest
 
-from ballbot_ros.paths import config_folder
+from ballbot_ros.config.files import config_folder
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Model, simulate, Solver, Terrain)
 

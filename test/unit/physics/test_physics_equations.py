@@ -7,9 +7,9 @@ import pytest
 import sympy
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics import (
-    contact, ContactOptions, dynamics, load_robot, matrices, State, Terrain)
-from ballbot_ros.physics.robot import Robot
+from ballbot_ros.physics import ContactOptions, load_robot, matrices, State, Terrain
+from ballbot_ros.physics.mechanics import contact, equations
+from ballbot_ros.physics.model.robot import Robot
 
 SYMBOLS = sympy.symbols('M1 M2 J1 J2 e c1 c2 g')
 TIME = sympy.symbols('t')
@@ -101,16 +101,16 @@ def random_case(random):
     state = State(0.0, *random.uniform(-9.0, 9.0, 2), *(
         radius * random.uniform(0.9, 1.02, 2) * [-1.0, 1.0]), *random.uniform(-9.0, 9.0, 2),
         *random.uniform(-2.0, 2.0, 2))
-    drive = dynamics.Drive(dynamics.TORQUE, random.uniform(-9.0, 9.0))
+    drive = equations.Drive(equations.TORQUE, random.uniform(-9.0, 9.0))
     return bot, state, drive, ground, ContactOptions(pulling=bool(random.integers(2)))
 
 
 def rates_and_loads(bot, state, drive, ground, options):
     """Return the derivative of the state vector, and what the contacts do."""
-    numbers = dynamics.Numbers.of(bot, options)
+    numbers = equations.Numbers.of(bot, options)
     table = contact.contact_table(len(ground))
-    vector, rates = np.array(state[1:]), np.zeros(dynamics.SIZE)
-    dynamics.derivative(0.0, vector, numbers, ground, drive, table, rates)
+    vector, rates = np.array(state[1:]), np.zeros(equations.SIZE)
+    equations.derivative(0.0, vector, numbers, ground, drive, table, rates)
     return rates, contact.contact_loads(
         numbers, ground, table, state.x, state.y, state.velocity_x, state.velocity_y,
         state.ball_rate)
@@ -126,8 +126,8 @@ def test_closed_form_is_the_solution_of_equation_13():
         pressed += force_x != 0.0 and force_y != 0.0
         solved = matrices.accelerations_by_solve(
             bot, state, torque, drive.set_value, force_x, force_y)
-        closed = rates[[dynamics.BALL_RATE, dynamics.PENDULUM_RATE, dynamics.VELOCITY_X,
-                        dynamics.VELOCITY_Y]]
+        closed = rates[[equations.BALL_RATE, equations.PENDULUM_RATE, equations.VELOCITY_X,
+                        equations.VELOCITY_Y]]
         closed[1] -= closed[0]  # theta2'' is that of the joint
         error = np.abs(closed - solved)
         assert error[:2].max() <= 1e-12 * np.abs(solved[:2]).max()
@@ -145,12 +145,12 @@ def test_closed_form_of_the_empty_ball_is_that_of_newton(shellball):
         ground = Terrain.step(1.0).profile(
             shellball.surface_friction, shellball.edge_friction)
         rates, (force_x, force_y, torque, _, _) = rates_and_loads(
-            shellball, state, dynamics.Drive(), ground, options)
-        assert rates[dynamics.VELOCITY_X] == pytest.approx(force_x / 1.1, rel=1e-14)
-        assert rates[dynamics.VELOCITY_Y] == pytest.approx(force_y / 1.1 - 9.81, rel=1e-14)
-        assert rates[dynamics.BALL_RATE] == pytest.approx(
+            shellball, state, equations.Drive(), ground, options)
+        assert rates[equations.VELOCITY_X] == pytest.approx(force_x / 1.1, rel=1e-14)
+        assert rates[equations.VELOCITY_Y] == pytest.approx(force_y / 1.1 - 9.81, rel=1e-14)
+        assert rates[equations.BALL_RATE] == pytest.approx(
             (torque - 0.005 * state.ball_rate) / 0.011, rel=1e-14)
-        assert rates[dynamics.PENDULUM_RATE] == rates[dynamics.MOTOR_WORK] == 0.0
+        assert rates[equations.PENDULUM_RATE] == rates[equations.MOTOR_WORK] == 0.0
 
 
 def test_mass_matrix_of_the_empty_ball_is_singular_and_said_to_be(shellball):
@@ -162,7 +162,7 @@ def test_mass_matrix_of_the_empty_ball_is_singular_and_said_to_be(shellball):
 
 
 def test_determinant_is_the_product_that_the_closed_form_divides_by(gimball):
-    numbers = dynamics.Numbers.of(gimball, ContactOptions())
+    numbers = equations.Numbers.of(gimball, ContactOptions())
     for angle in np.linspace(-math.pi, math.pi, 13):
         assert np.linalg.det(matrices.mass_matrix(
             gimball, State(pendulum_angle=angle))) == pytest.approx(
@@ -172,7 +172,7 @@ def test_determinant_is_the_product_that_the_closed_form_divides_by(gimball):
 def test_energies_are_those_of_equations_4_and_5():
     random = np.random.default_rng(4)
     bot = load_robot('gimball')
-    numbers = dynamics.Numbers.of(bot, ContactOptions())
+    numbers = equations.Numbers.of(bot, ContactOptions())
     for _ in range(50):
         state = State(0.0, *random.uniform(-3.0, 3.0, 8))
         swing, angle = state.pendulum_rate, state.pendulum_angle
@@ -185,5 +185,5 @@ def test_energies_are_those_of_equations_4_and_5():
         tip_height = state.y - bot.pendulum_length * math.cos(angle)
         potential = bot.gravity * (bot.ball_mass * state.y + bot.pendulum_mass * tip_height)
         vector = np.array(state[1:])
-        assert dynamics.kinetic_energy(vector, numbers) == pytest.approx(kinetic, rel=1e-12)
-        assert dynamics.potential_energy(vector, numbers) == pytest.approx(potential, rel=1e-12)
+        assert equations.kinetic_energy(vector, numbers) == pytest.approx(kinetic, rel=1e-12)
+        assert equations.potential_energy(vector, numbers) == pytest.approx(potential, rel=1e-12)

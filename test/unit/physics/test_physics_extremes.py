@@ -11,9 +11,9 @@ import pytest
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import (
     Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
-from ballbot_ros.physics.adaptive import Scratch
-from ballbot_ros.physics.dynamics import X
-from ballbot_ros.physics.integrators import FINISHED
+from ballbot_ros.physics.mechanics.equations import X
+from ballbot_ros.physics.solvers.adaptive import Scratch
+from ballbot_ros.physics.solvers.fixed_step import FINISHED
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'extremes'))
 BY_NAME, make_case = (

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import yaml
 
+from ballbot_ros.config.files import config_folder
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.paths import config_folder
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Robot, Solver, Terrain)
-from ballbot_ros.physics.features import PIECES, read_terrain
-from ballbot_ros.physics.robot import SOURCES
+from ballbot_ros.physics.model.robot import SOURCES
+from ballbot_ros.physics.model.terrain_file import PIECES, read_terrain
 
 ROBOT = (config_folder() / 'robots' / 'gimball.yaml').read_text(encoding='utf-8')
 SCENE = """\

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from ballbot_ros.physics import Actuation, load_robot, Model, simulate, Solver, State, Terrain
-from ballbot_ros.physics import contact, dynamics
-from ballbot_ros.physics.reduced import flight
+from ballbot_ros.physics.mechanics import contact, equations
+from ballbot_ros.physics.solvers import flight
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 ROUGH = Terrain([[-1.0, 0.0], [0.0, 0.0], [0.5, 0.03], [0.9, 0.03], [0.9, 0.06], [1.3, 0.06],
@@ -23,7 +23,7 @@ START = State(x=0.0, y=1.0, pendulum_angle=0.5, velocity_x=1.0, velocity_y=0.5, 
 def fly(model, start, actuation, time):
     """Return the state after a time of flight."""
     drive, vector = actuation.drive(model.robot), np.array(start[1:])
-    out = np.zeros(dynamics.SIZE)
+    out = np.zeros(equations.SIZE)
     flight.fly(vector, time, flight.spin_start(vector, model.numbers, drive), model.numbers,
                drive, out)
     return out
@@ -52,11 +52,11 @@ def test_a_ball_without_pendulum_flies_a_parabola_and_spins_down():
     start = State(y=2.0, velocity_x=1.0, ball_rate=-10.0)
     found = fly(Model(SHELLBALL, Terrain.flat()), start, Actuation(), 0.5)
     decay = math.exp(-SHELLBALL.rolling_friction / SHELLBALL.ball_inertia * 0.5)
-    assert found[dynamics.X] == pytest.approx(0.5, abs=1e-15)
-    assert found[dynamics.Y] == pytest.approx(2.0 - 0.125 * SHELLBALL.gravity, abs=1e-14)
-    assert found[dynamics.BALL_RATE] == pytest.approx(-10.0 * decay, rel=1e-13)
+    assert found[equations.X] == pytest.approx(0.5, abs=1e-15)
+    assert found[equations.Y] == pytest.approx(2.0 - 0.125 * SHELLBALL.gravity, abs=1e-14)
+    assert found[equations.BALL_RATE] == pytest.approx(-10.0 * decay, rel=1e-13)
     lost = 0.5 * SHELLBALL.ball_inertia * 100.0 * (1.0 - decay * decay)
-    assert found[dynamics.ROLLING_LOSS] == pytest.approx(lost, rel=1e-9)
+    assert found[equations.ROLLING_LOSS] == pytest.approx(lost, rel=1e-9)
 
 
 @given(some.floats(0.01, 0.6), some.sampled_from(LAWS), some.floats(-9, 9), some.floats(-9, 9))
@@ -65,12 +65,12 @@ def test_the_energy_balances(time, actuation, ball_rate, pendulum_rate):
     start = START._replace(ball_rate=ball_rate, pendulum_rate=pendulum_rate)
 
     def ledger(vector):
-        return (dynamics.kinetic_energy(vector, model.numbers)
-                + dynamics.potential_energy(vector, model.numbers)
+        return (equations.kinetic_energy(vector, model.numbers)
+                + equations.potential_energy(vector, model.numbers)
                 + vector[8:12].sum() - vector[12])
     found = fly(model, start, actuation, time)
     assert ledger(found) == pytest.approx(ledger(np.array(start[1:])), abs=1e-10)
-    assert found[dynamics.JOINT_LOSS] >= 0.0 and found[dynamics.ROLLING_LOSS] >= 0.0
+    assert found[equations.JOINT_LOSS] >= 0.0 and found[equations.ROLLING_LOSS] >= 0.0
 
 
 def test_a_drop_touches_when_galileo_says():
@@ -91,7 +91,7 @@ def test_the_first_touch_is_not_passed_and_is_a_touch(x, y, velocity_x, velocity
 
     def contacts(time):
         found = fly(model, start, Actuation(), time)
-        return contact.find_contacts(found[dynamics.X], found[dynamics.Y], robot.ball_radius,
+        return contact.find_contacts(found[equations.X], found[equations.Y], robot.ball_radius,
                                      model.profile, table)
     found = touch(model, start, Actuation())
     assert found != flight.NO_TOUCH

@@ -9,7 +9,7 @@ import pytest
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Actuation, load_robot, Model, simulate, Solver, State, Terrain
-from ballbot_ros.physics.reduced.impact import collide, restitution
+from ballbot_ros.studies.impact_map import collide, restitution
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 

@@ -6,12 +6,14 @@ import math
 import numpy as np
 import pytest
 
+from ballbot_ros.crossing import held_at
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import (
-    Actuation, held_at, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
-from ballbot_ros.physics import contact, embedded, modes, rosenbrock
-from ballbot_ros.physics.model import PRESETS
-from ballbot_ros.physics.scene import read_scene
+    Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
+from ballbot_ros.physics.mechanics import contact, modes
+from ballbot_ros.physics.simulation.model import PRESETS
+from ballbot_ros.physics.simulation.scene import read_scene
+from ballbot_ros.physics.solvers import embedded, rodas5p
 
 GIMBALL = load_robot('gimball')
 MOVING = ('fig7_top', 'fig7_middle', 'fig7_bottom', 'household', 'shellball_drop')
@@ -39,8 +41,8 @@ def implicit_step(model, state, step, actuation=Actuation()):
     fixed = model.numbers, model.profile, drive, table
     count = modes.find_mode(0.0, vector, *fixed, mode)
     modes.mode_derivative(0.0, vector, mode, count, *fixed, work[embedded.BEGIN])
-    rosenbrock.run_implicit_stages(0.0, vector, step, mode, count, *fixed, work, False)
-    rosenbrock.prepare_implicit_dense(vector, work)
+    rodas5p.run_implicit_stages(0.0, vector, step, mode, count, *fixed, work, False)
+    rodas5p.prepare_implicit_dense(vector, work)
     for row, part in enumerate((0.25, 0.5, 0.75)):
         embedded.interpolate(part, work, middle[row])
     return work[embedded.PROBE].copy(), middle, work[embedded.RATES].copy()
@@ -72,13 +74,13 @@ def test_a_step_has_local_order_six_its_estimate_and_interpolation_five():
 def growth(z):
     """Return by what a step of the implicit method multiplies y, for y' = z y / h."""
     stages, start = [], 1.0
-    for stage in range(rosenbrock.STAGES):
-        if stage <= rosenbrock.OWN_START:
-            start = 1.0 + sum(a * u for a, u in zip(rosenbrock.A[stage], stages))
+    for stage in range(rodas5p.STAGES):
+        if stage <= rodas5p.OWN_START:
+            start = 1.0 + sum(a * u for a, u in zip(rodas5p.A[stage], stages))
         else:
             start += stages[-1]
-        coupled = sum(c * u for c, u in zip(rosenbrock.COUPLING[stage], stages))
-        stages.append((z * start + coupled) / (1.0 / rosenbrock.GAMMA - z))
+        coupled = sum(c * u for c, u in zip(rodas5p.COUPLING[stage], stages))
+        stages.append((z * start + coupled) / (1.0 / rodas5p.GAMMA - z))
     return start + stages[-1]
 
 

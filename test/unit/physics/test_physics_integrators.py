@@ -8,7 +8,7 @@ import pytest
 
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, Model, Solver, State, Terrain)
-from ballbot_ros.physics.integrators import METHODS, ORDER
+from ballbot_ros.physics.solvers.fixed_step import METHODS, ORDER
 
 GIMBALL = load_robot('gimball')
 SHELLBALL = load_robot('shellball')

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model, Terrain
-from ballbot_ros.physics import contact, jacobian, modes
+from ballbot_ros.physics.mechanics import contact, jacobian, modes
 
 ROBOTS = {name: load_robot(name) for name in ('gimball', 'shellball')}
 # Two segments at an angle that leave no concave corner, and an edge between them.

@@ -6,13 +6,14 @@ import math
 import numpy as np
 import pytest
 
+from ballbot_ros.crossing import (
+    crosses, cruising, held_at, highest_step, max_step_height, max_step_heights, rolling, Rules,
+    Site)
+from ballbot_ros.crossing.attempt import attempt, BACK, Course, OVER, peak, place, Room, UNDECIDED
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import (
-    Actuation, ContactOptions, crosses, cruising, held_at, highest_step, load_robot, max_step,
-    max_steps, Model, rolling, Rules, simulate, Site, Solver, State)
-from ballbot_ros.physics.attempt import (
-    attempt, BACK, Course, OVER, peak, place, Room, UNDECIDED)
-from ballbot_ros.physics.dynamics import Numbers, SIZE
+    Actuation, ContactOptions, load_robot, Model, simulate, Solver, State)
+from ballbot_ros.physics.mechanics.equations import Numbers, SIZE
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 DRIVES = {
@@ -39,7 +40,7 @@ def reference(robot, speed, actuation, tolerance=2e-5, **rest):
 def test_the_answers_are_those_of_the_reference(drive):
     robot, law = DRIVES[drive]
     for speed in (0.25, 0.65, 1.1):
-        found = max_step(robot, speed, law(speed), accuracy=1e-5)
+        found = max_step_height(robot, speed, law(speed), accuracy=1e-5)
         known = reference(robot, speed, law(speed))
         # The reference is the lower end of its bracket; its steps of 0.1 ms cost 10 um.
         assert known - 1e-5 <= found.height + found.error
@@ -50,7 +51,7 @@ def test_the_answers_are_those_of_the_reference(drive):
 def test_the_answers_are_those_of_the_reference_on_any_ground(site):
     for drive in ('free', 'velocity'):
         robot, law = DRIVES[drive]
-        found = max_step(robot, 0.7, law(0.7), accuracy=1e-5, site=SITES[site])
+        found = max_step_height(robot, 0.7, law(0.7), accuracy=1e-5, site=SITES[site])
         known = reference(robot, 0.7, law(0.7), site=SITES[site])
         assert found.height == pytest.approx(known + 1e-5, abs=3e-5)
 
@@ -59,17 +60,17 @@ def test_the_answers_are_those_of_the_reference_on_any_ground(site):
 def test_a_stricter_search_stays_within_the_error(drive):
     robot, law = DRIVES[drive]
     speeds = np.linspace(0.2, 1.2, 6)
-    exact = max_steps(robot, speeds, law, accuracy=1e-7)
+    exact = max_step_heights(robot, speeds, law, accuracy=1e-7)
     assert max(item.error for item in exact) <= 1e-7
     for accuracy in (1e-3, 5e-5, 2e-6):
-        for found, best in zip(max_steps(robot, speeds, law, accuracy=accuracy), exact):
+        for found, best in zip(max_step_heights(robot, speeds, law, accuracy=accuracy), exact):
             assert found.error <= accuracy
             assert abs(found.height - best.height) <= found.error + best.error
 
 
 def test_slopes_and_frictions_act_as_they_must():
     def height(**site):
-        return max_step(GIMBALL, 0.7, site=Site(**site)).height
+        return max_step_height(GIMBALL, 0.7, site=Site(**site)).height
     plain = height()
     assert height(slope_before=-0.1) > plain > height(slope_before=0.1)
     # Over is who has passed the edge: on a slope up that is a part of the slope, too.
@@ -83,7 +84,7 @@ def test_slopes_and_frictions_act_as_they_must():
 def test_a_ball_without_motor_is_given_up_early_but_never_wrongly():
     # A motor that gives no torque moves nothing else, but nothing can be concluded from energy.
     for speed in (0.4, 0.9):
-        threshold = max_step(GIMBALL, speed).height
+        threshold = max_step_height(GIMBALL, speed).height
         room = Room.of(Site().profile(GIMBALL))
         numbers = Numbers.of(GIMBALL, ContactOptions())
         times = []
@@ -139,8 +140,8 @@ def test_the_verdict_is_what_a_whole_run_shows():
 
 def test_a_wound_up_pendulum_may_win_at_a_later_attempt():
     law = rolling(GIMBALL)(0.2)
-    first = max_step(GIMBALL, 0.2, law, scan=10)
-    later = max_step(GIMBALL, 0.2, law, rules=Rules(attempts='any'))
+    first = max_step_height(GIMBALL, 0.2, law, scan=10)
+    later = max_step_height(GIMBALL, 0.2, law, rules=Rules(attempts='any'))
     assert first.monotone and later.height > first.height + 4e-3
     between = 0.5 * (first.height + later.height)
     assert not crosses(GIMBALL, 0.2, between, law)
@@ -149,9 +150,9 @@ def test_a_wound_up_pendulum_may_win_at_a_later_attempt():
 
 def test_a_bouncing_ball_whose_later_attempts_count_is_not_monotone_and_told_so():
     rules = Rules(attempts='any', time_limit=3.0)
-    assert max_step(SHELLBALL, 3.0, rules=rules, scan=40).monotone is False
-    assert max_step(SHELLBALL, 1.2, scan=40).monotone is True
-    assert max_step(SHELLBALL, 1.2).monotone is None
+    assert max_step_height(SHELLBALL, 3.0, rules=rules, scan=40).monotone is False
+    assert max_step_height(SHELLBALL, 1.2, scan=40).monotone is True
+    assert max_step_height(SHELLBALL, 1.2).monotone is None
 
 
 def test_a_ball_that_presses_against_the_step_for_ever_has_failed():
@@ -175,8 +176,8 @@ def test_the_peak_of_a_throw_is_exact():
 
 def test_threads_change_nothing():
     speeds = np.linspace(0.2, 1.2, 9)
-    alone = max_steps(GIMBALL, speeds, rolling(GIMBALL), threads=1)
-    assert max_steps(GIMBALL, speeds, rolling(GIMBALL), threads=4) == alone
+    alone = max_step_heights(GIMBALL, speeds, rolling(GIMBALL), threads=1)
+    assert max_step_heights(GIMBALL, speeds, rolling(GIMBALL), threads=4) == alone
     assert [item.speed for item in alone] == pytest.approx(list(speeds))
 
 
@@ -199,13 +200,13 @@ def test_the_cruising_voltage_rolls_the_ball_at_its_speed():
     ({'speed': 60.0, 'site': Site(slope_before=1.3)}, 'outside what the search is made for')])
 def test_impossible_searches_are_refused(change, complaint):
     with pytest.raises(ConfigurationError, match=complaint):
-        max_step(**{'robot': GIMBALL, 'speed': 0.6, **change})
+        max_step_height(**{'robot': GIMBALL, 'speed': 0.6, **change})
 
 
 def test_an_attempt_that_cannot_go_on_tells_when_and_why():
     soft = replace(GIMBALL, contact_stiffness=300.0)
     with pytest.raises(SimulationError, match='under the ground'):
-        max_step(soft, 3.0)
+        max_step_height(soft, 3.0)
 
 
 @pytest.mark.parametrize('field, value', [

@@ -9,8 +9,8 @@ import pytest
 from ballbot_ros.errors import BallbotError, ConfigurationError, SimulationError
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
-from ballbot_ros.physics.simulation import CHUNK
-from ballbot_ros.physics.trajectory import UNITS
+from ballbot_ros.physics.simulation.simulate import CHUNK
+from ballbot_ros.physics.simulation.trajectory import UNITS
 
 GIMBALL = load_robot('gimball')
 MODEL = Model(GIMBALL, Terrain.step(0.03, at=1.0))

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from ballbot_ros.physics import Actuation, load_robot, load_scene, Model, simulate, Solver, Terrain
-from ballbot_ros.physics.accuracy import simulate_accurately
-from ballbot_ros.physics.reduced.switching import SHARE
+from ballbot_ros.physics.simulation.accuracy import simulate_accurately
 
 MOVING = ('fig7_top', 'fig7_middle', 'fig7_bottom', 'household', 'ramp_release',
           'shellball_drop', 'voltage_start')
@@ -25,50 +24,36 @@ def in_model(trajectory, model):
 
 
 @pytest.mark.parametrize('name', MOVING)
-@pytest.mark.parametrize('models', ['auto', 'reduced'])
-def test_simpler_models_do_not_change_where_a_scene_ends(name, models):
-    exact, found = run(name, 'full', 1e-12), run(name, models, 1e-9)
+def test_flight_in_closed_form_does_not_change_where_a_scene_ends(name):
+    exact, found = run(name, 'full', 1e-12), run(name, 'auto', 1e-9)
     gap = np.hypot(found['x'] - exact['x'], found['y'] - exact['y'])
     assert np.max(gap) < 1e-6
     assert np.max(np.abs(found.energy_residual)) < 1e-5 * found.energy_in_play
 
 
-def test_their_error_falls_with_the_tolerance():
+def test_the_error_falls_with_the_tolerance():
     exact = run('shellball_drop', 'full', 1e-13)
-    errors = [np.max(np.abs(run('shellball_drop', 'reduced', tolerance)['x'] - exact['x']))
+    errors = [np.max(np.abs(run('shellball_drop', 'auto', tolerance)['x'] - exact['x']))
               for tolerance in (1e-6, 1e-8, 1e-10)]
     assert errors[1] < 0.3 * errors[0] and errors[2] < 0.01 * errors[0]
 
 
 def test_the_spans_tell_the_story_of_a_drop():
-    found = run('shellball_drop', 'reduced', 1e-7)
+    found = run('shellball_drop', 'auto', 1e-7)
     assert found.spans[0].model == 'flight'
     assert [span.model for span in found.spans[1:3]] == ['full', 'flight']
-    assert found.spans[-1].model == 'rolling'
+    assert found.spans[-1].model == 'full'
     assert [span.end for span in found.spans[:-1]] == [span.begin for span in found.spans[1:]]
     assert found.spans[0].begin == 0.0 and found.spans[-1].end == found['time'][-1]
     flying = found['penetration'] == 0.0
     assert in_model(found, 'flight') == pytest.approx(3.0 * np.mean(flying), abs=0.02)
 
 
-@pytest.mark.parametrize('models, gone', [('full', {'flight', 'rolling'}), ('auto', {'rolling'})])
-def test_what_was_not_asked_for_is_not_used(models, gone):
-    found = run('shellball_drop', models, 1e-7)
-    assert not gone & {span.model for span in found.spans}
+def test_where_the_full_model_is_asked_for_nothing_else_is_used():
+    assert {span.model for span in run('shellball_drop', 'full', 1e-7).spans} == {'full'}
 
 
-def test_ever_smaller_tolerances_leave_the_full_model_only():
-    robot = load_robot('gimball')
-    model = Model(robot, Terrain.flat())
-    start = model.at_rest(0.0, 1.0, 0.5)
-    rolling = [in_model(simulate(
-        replace(model, solver=Solver('adaptive', tolerance=tolerance, models='reduced')), start,
-        Actuation(), 1.0), 'rolling') for tolerance in (1e-6, 1e-8, 1e-13)]
-    assert rolling[0] > 0.3 and rolling[0] >= rolling[1] and rolling[2] == 0.0
-    assert SHARE * 1e-13 < 1e-11
-
-
-@pytest.mark.parametrize('models', ['auto', 'reduced'])
+@pytest.mark.parametrize('models', ['auto', 'full'])
 def test_times_in_between_do_not_change_the_run(models):
     scene = load_scene('shellball_drop')
     solver = Solver('adaptive', tolerance=1e-9, models=models)
@@ -89,8 +74,9 @@ def test_a_law_without_closed_form_flies_in_the_full_model():
         assert (in_model(found, 'flight') > 0.0) == flies
 
 
-def test_an_accurate_run_passes_the_choice_on():
+@pytest.mark.parametrize('models, flies', [('auto', True), ('full', False)])
+def test_an_accurate_run_passes_the_choice_on(models, flies):
     scene = load_scene('shellball_drop')
-    model = replace(scene.model, solver=Solver(models='reduced'))
+    model = replace(scene.model, solver=Solver(models=models))
     found = simulate_accurately(model, scene.start, scene.actuation, 3.0, 1e-4)
-    assert found.assurance.complete and in_model(found, 'rolling') > 0.5
+    assert found.assurance.complete and (in_model(found, 'flight') > 0.5) == flies

@@ -5,8 +5,8 @@ import math
 from hypothesis import given, strategies
 import pytest
 
+from ballbot_ros.control import CommandGate
 from ballbot_ros.errors import ConfigurationError, MessageError
-from ballbot_ros.plant import CommandGate
 
 TIMEOUT = 0.1
 

@@ -7,8 +7,8 @@ import pytest
 
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import load_scene
-from ballbot_ros.physics.options import ContactOptions
-from ballbot_ros.physics.scene import read_scene
+from ballbot_ros.physics.model.contact_options import ContactOptions
+from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Plant
 
 

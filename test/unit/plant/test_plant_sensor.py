@@ -5,9 +5,9 @@ import pytest
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_scene, Terrain
-from ballbot_ros.physics.features import read_terrain
+from ballbot_ros.physics.model.terrain_file import read_terrain
 from ballbot_ros.plant import Plant, Sensor
-from ballbot_ros.plant.sensor import faces
+from ballbot_ros.plant.step_sensor import faces
 
 
 def ground(*pieces):

@@ -7,8 +7,8 @@ import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from ballbot_ros.config.fields import Checked, count, flag, quantity, text
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.fields import Checked, count, flag, quantity, text
 from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.obstacle_decision import ObstacleDecision
 from ballbot_ros.nodes.simulator import Simulator

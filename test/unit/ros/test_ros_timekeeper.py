@@ -4,9 +4,10 @@ from types import SimpleNamespace
 
 import pytest
 
+from ballbot_ros.control import CommandGate
 from ballbot_ros.physics import load_scene
-from ballbot_ros.physics.scene import read_scene
-from ballbot_ros.plant import CommandGate, Plant
+from ballbot_ros.physics.simulation.scene import read_scene
+from ballbot_ros.plant import Plant
 from ballbot_ros.ros import timekeeper
 from ballbot_ros.ros.lockstep import Allowance
 from ballbot_ros.ros.settings import SimulatorSettings

@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Find direction, encoder scale and torque factor of a pendulum motor, gently and with a person.
+
+The shell is held, so that the joint angle is the pendulum angle.  First the person turns the
+pendulum by a known angle while the motor has no power: that gives direction and encoder scale.
+Then the motor lifts it a little, forward and back, as slowly as a torque can be raised; where it
+rests, gravity balances the torque::
+
+    torque_factor * torque asked for = M2 g e sin(angle) +- friction
+
+The factor is the slope over both directions, so friction falls out.  It is as good as M2 and e of
+the robot file are: torque against gravity is all that a pendulum can tell.
+"""
+from dataclasses import dataclass
+import math
+from typing import List, Protocol, Tuple
+
+import numpy as np
+
+from ballbot_ros.bridge.hardware_file import Hardware
+from ballbot_ros.drives.driver import Driver
+from ballbot_ros.errors import RefusedError
+from ballbot_ros.physics.model.robot import Robot
+
+# The pendulum is lifted in so many steps to each side, up to this angle [rad].
+STEPS, HIGHEST = 3, 0.5
+# Faster [rad/s] or further [rad] than this, and the motor is stopped.
+FASTEST, FURTHEST = 4.0, 1.0
+# Period of the commands, how long a torque takes to be raised, a pendulum to swing out, and its
+# angle to be taken [s].
+PERIOD, RAISE, SETTLE, LOOK = 0.01, 1.0, 1.5, 0.5
+# A person who turns something by hand turns it by at least so much of what was asked for.
+LEAST_TURN = 0.3
+# Deviations from the file that deserve a word.
+NOTEWORTHY = 0.1
+
+
+class Dialogue(Protocol):
+    """How to talk with the person."""
+
+    def say(self, text: str) -> None:
+        """Tell something."""
+
+    def ask(self, question: str) -> str:
+        """Return the answer; raise `RefusedError` if the person wants to end it."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """
+    What was found.
+
+    Attributes
+    ----------
+    direction : int
+    encoder_scale : float
+        Turns of the joint per turn that the drive reports.
+    torque_factor, torque_factor_sd : float
+        Torque that is there over torque that was asked for.
+    friction : float
+        That held the pendulum against the torque [N m].
+
+    """
+
+    direction: int
+    encoder_scale: float
+    torque_factor: float
+    torque_factor_sd: float
+    friction: float
+
+
+class Calibrator:
+    """
+    Guides through the calibration of one motor.
+
+    Parameters
+    ----------
+    hardware : Hardware
+        What is believed so far; its gear ratio brings torque to the pendulum.
+    robot : Robot
+    driver : Driver
+        Of a drive that is identified and stopped.
+    dialogue : Dialogue
+
+    """
+
+    def __init__(self, hardware: Hardware, robot: Robot, driver: Driver, dialogue: Dialogue):
+        """Take note."""
+        self._joint, self._driver, self._dialogue = hardware.joint, driver, dialogue
+        self._limit = hardware.limits.torque_limit
+        self._gravity_torque = robot.largest_gravity_torque
+
+    def run(self) -> Calibration:
+        """
+        Ask, measure, and leave the motor without power, also after an error.
+
+        Raises
+        ------
+        RefusedError
+            If the person ends it, or the motor does what it should not.
+        LinkError, DriveError
+            If the drive is lost.
+
+        """
+        say, ask = self._dialogue.say, self._dialogue.ask
+        say('The shell must be held so that it cannot roll, nothing in reach of the pendulum, a '
+            'hand at the switch of the battery.  Ctrl-C or "q" ends it at any time.')
+        if ask('Is that so? [yes/q]').strip().lower() not in ('yes', 'y'):
+            raise RefusedError('calibration ended: hold the shell first; nothing was changed')
+        try:
+            direction, scale = self._turn_by_hand()
+            say(f'The motor will now lift the pendulum slowly to {math.degrees(HIGHEST):.0f} '
+                'degrees, forward and back.')
+            ask('Hands off. Press Enter to begin')
+            self._driver.arm()
+            torques, angles = self._lift(direction * scale)
+        finally:
+            self._driver.stop()
+        factor, sd, friction = fit(torques, angles, self._gravity_torque)
+        say(f'torque_factor {factor:.3f} +- {sd:.3f}, friction {friction:.3f} N m')
+        return Calibration(direction, scale, factor, sd, friction)
+
+    def _turn_by_hand(self) -> Tuple[int, float]:
+        """Return direction and encoder scale."""
+        say, ask = self._dialogue.say, self._dialogue.ask
+        ask('Let the pendulum hang straight down, still. Press Enter')
+        before = self._position()
+        answer = ask('Turn it by hand forward (to +x, the way it swings to roll ahead) to level, '
+                     'hold it there. Press Enter, or give the angle in degrees if it is not 90')
+        try:
+            turned = math.radians(float(answer)) if answer.strip() else 0.5 * math.pi
+        except ValueError:
+            raise RefusedError(f'an angle in degrees was expected, got {answer!r}') from None
+        if not 0.1 < turned < 7.0:
+            raise RefusedError(
+                f'the angle must be 6 to 400 degrees, got {math.degrees(turned):g}')
+        moved = self._position() - before
+        expected = turned * self._joint.gear_ratio if self._joint.encoder_scale is None \
+            else turned / self._joint.encoder_scale
+        if abs(moved) < LEAST_TURN * expected:
+            raise RefusedError(
+                f'the drive saw {math.degrees(moved):.1f} degrees at its shaft and about '
+                f'{math.degrees(expected):.0f} were expected: is the encoder connected, does the '
+                'pinion engage, is gear_ratio right?')
+        scale = turned / abs(moved)
+        if abs(scale * expected / turned - 1.0) > NOTEWORTHY:
+            say(f'That is {scale:.5f} joint turns per turn of the drive; the file said '
+                f'{turned / expected:.5f}.  If you turned it by {math.degrees(turned):.0f} '
+                'degrees, the file was wrong.')
+        ask('Let it hang again, still. Press Enter')
+        self._zero = self._position()
+        return (1 if moved > 0.0 else -1), scale
+
+    def _lift(self, scale: float) -> Tuple[List[float], List[float]]:
+        """Return torques asked for and joint angles at rest, `scale` being signed."""
+        top = min(0.9 * self._limit, self._gravity_torque * math.sin(HIGHEST))
+        levels = [top * step / STEPS for step in (*range(1, STEPS + 1), *range(STEPS - 1, 0, -1))]
+        torques, angles = [], []
+        asked = 0.0
+        for level in (*levels, *(-level for level in levels)):
+            angle = self._hold(asked, level, scale)
+            asked = level
+            if abs(level) == top and angle * level < 0.0:
+                raise RefusedError(
+                    'torque and encoder have opposite signs: a positive torque turned the shaft '
+                    'back.  With any controller this runs away.  Calibrate the encoder with the '
+                    "maker's tool, or swap the leads of a brushed motor; then start again")
+            torques.append(level)
+            angles.append(angle)
+        return torques, angles
+
+    def _hold(self, begin: float, torque: float, scale: float) -> float:
+        """Raise the torque slowly, wait until the pendulum hangs still; return its angle."""
+        driver = self._driver
+        start = driver.clock()
+        seen: List[float] = []
+        while (now := driver.clock()) - start < RAISE + SETTLE + LOOK:
+            part = min((now - start) / RAISE, 1.0)
+            asked = begin + part * (torque - begin)
+            motor = asked / (self._joint.gear_ratio * self._joint.gear_efficiency)
+            driver.send_torque(math.copysign(1.0, scale) * motor)
+            self._wait(now + PERIOD)
+            told = driver.telemetry
+            if told.faults:
+                raise RefusedError(f'the drive tells of {", ".join(told.faults)}')
+            angle = scale * ((told.position or 0.0) - self._zero)
+            rate = scale * (told.velocity or 0.0)
+            if abs(angle) > FURTHEST or abs(rate) > FASTEST:
+                raise RefusedError(
+                    f'stopped: the pendulum was at {math.degrees(angle):.0f} degrees and '
+                    f'{rate:.1f} rad/s, more than {math.degrees(FURTHEST):.0f} degrees or '
+                    f'{FASTEST:g} rad/s; is torque_limit too high, or the shell not held?')
+            if now - start > RAISE + SETTLE:
+                seen.append(angle)
+        return float(np.mean(seen))
+
+    def _position(self) -> float:
+        """Return the position of the shaft, asked for now [rad]."""
+        driver = self._driver
+        asked = driver.clock()
+        while (driver.telemetry.time or -math.inf) <= asked:
+            if driver.clock() - asked > 1.0:
+                raise RefusedError('the drive does not tell where its shaft is')
+            driver.ask()
+            self._wait(driver.clock() + PERIOD)
+        return driver.telemetry.position or 0.0
+
+    def _wait(self, until: float) -> None:
+        while (left := until - self._driver.clock()) > 0.0:
+            self._driver.line.wait(left)
+            self._driver.poll()
+
+
+def fit(torques: List[float], angles: List[float], gravity_torque: float
+        ) -> Tuple[float, float, float]:
+    """
+    Return torque factor, its standard deviation, and friction.
+
+    Parameters
+    ----------
+    torques : list of float
+        Asked for, up and down on both sides [N m].
+    angles : list of float
+        Where the pendulum rested [rad].
+    gravity_torque : float
+        M2 g e [N m].
+
+    Raises
+    ------
+    RefusedError
+        If the pendulum hardly moved.
+
+    """
+    asked, lifted = np.array(torques), gravity_torque * np.sin(np.array(angles))
+    if np.abs(lifted).max() < 0.1 * np.abs(asked).max():
+        raise RefusedError(
+            'the pendulum hardly moved: friction holds it, or the torque does not reach it; '
+            'raise torque_limit, or look at motor and gear')
+    # Friction has the sign of the motion before: plus on the way up, minus on the way down.
+    moving = np.sign(np.diff(asked, prepend=0.0))
+    columns = np.column_stack([asked, -moving])
+    found, _, _, _ = np.linalg.lstsq(columns, lifted, rcond=None)
+    rest = lifted - columns @ found
+    variance = float(rest @ rest) / max(1, len(asked) - 2)
+    sd = math.sqrt(variance * float(np.linalg.inv(columns.T @ columns)[0, 0]))
+    return float(found[0]), sd, float(found[1])
+
+

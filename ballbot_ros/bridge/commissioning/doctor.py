@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What stands between a computer and its motor controller, each with the command that mends it."""
+import grp
+import os
+from pathlib import Path
+import pwd
+from typing import Callable, Iterator, List, Mapping, NamedTuple, Optional, Tuple, Union
+
+from ballbot_ros.bridge.connect import connector
+from ballbot_ros.bridge.hardware_file import Hardware, load_hardware
+from ballbot_ros.drives import driver_class, DRIVERS, open_driver, read_options
+from ballbot_ros.drives.driver import DriveOptions, Driver
+from ballbot_ros.drives.transport import Link, ports
+from ballbot_ros.errors import BallbotError, DriveError, LinkError
+
+OK, NOTE, WRONG = 'ok', 'note', 'WRONG'
+# FTDI adapters keep what they have received for so long unless told otherwise [ms].
+SLOW_LATENCY = 1
+# Patience with each protocol at each baud rate while probing [s].
+PATIENCE = 0.25
+# Domains beyond this clash with ports of ordinary programs on Linux.
+HIGHEST_DOMAIN = 101
+
+
+class Finding(NamedTuple):
+    """
+    Something that was looked at.
+
+    Attributes
+    ----------
+    verdict : str
+        ``ok``, ``note`` or ``WRONG``.
+    what : str
+    remedy : str
+        What mends it, a command where there is one; empty where nothing needs to be done.
+
+    """
+
+    verdict: str
+    what: str
+    remedy: str = ''
+
+
+def stable_names(device: str, folder: Path = Path('/dev/serial/by-id')) -> List[str]:
+    """Return the names of a device that stay the same whatever else is plugged in."""
+    try:
+        return sorted(str(link) for link in folder.iterdir()
+                      if link.resolve() == Path(device).resolve())
+    except OSError:
+        return []
+
+
+def look_at_ports(found: Optional[List[Tuple[str, str]]] = None,
+                  system: Path = Path('/sys')) -> Iterator[Finding]:
+    """Yield what there is to say about each serial port, without opening any."""
+    known = ports() if found is None else found
+    if not known:
+        yield Finding(NOTE, 'no serial port at all',
+                      'plug the adapter in and look at: dmesg | tail')
+    for device, description in known:
+        names = stable_names(device)
+        yield Finding(OK, f'{device}: {description or "adapter without a description"}',
+                      f'use the name that stays: {names[0]}' if names else '')
+        yield from look_at_permission(device)
+        yield from look_at_latency(device, system)
+
+
+def look_at_permission(device: str) -> Iterator[Finding]:
+    """Yield a finding if the port may not be opened."""
+    try:
+        group = grp.getgrgid(os.stat(device).st_gid).gr_name
+    except (OSError, KeyError):
+        return
+    if not os.access(device, os.R_OK | os.W_OK):
+        user = pwd.getpwuid(os.getuid()).pw_name
+        yield Finding(WRONG, f'{device}: {user} may not open it, the group {group} may',
+                      f'sudo usermod -aG {group} {user}, then log out and in')
+
+
+def look_at_latency(device: str, system: Path = Path('/sys')) -> Iterator[Finding]:
+    """Yield a finding if an FTDI adapter holds back what it has received."""
+    path = system / 'bus/usb-serial/devices' / Path(device).name / 'latency_timer'
+    try:
+        latency = int(path.read_text())
+    except (OSError, ValueError):
+        return
+    if latency > SLOW_LATENCY:
+        yield Finding(WRONG, f'{device}: its latency timer is {latency} ms, so no loop is faster '
+                      f'than {1000.0 / latency:.0f} Hz',
+                      f'echo 1 | sudo tee {path}, or install config/udev/99-ballbot.rules')
+
+
+def look_at_ros(environment: Mapping[str, str]) -> Iterator[Finding]:
+    """Yield what the environment says about who hears whom."""
+    domain = environment.get('ROS_DOMAIN_ID', '')
+    if domain and not (domain.isdigit() and int(domain) <= HIGHEST_DOMAIN):
+        yield Finding(WRONG, f'ROS_DOMAIN_ID is {domain!r}',
+                      f'export ROS_DOMAIN_ID=N with N from 0 to {HIGHEST_DOMAIN}')
+    else:
+        yield Finding(OK, f'ROS domain {domain or "0 (ROS_DOMAIN_ID is not set)"}')
+    reach = environment.get('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')
+    if reach in ('LOCALHOST', 'OFF'):
+        yield Finding(OK, f'ROS discovery range {reach}: nobody else can command this motor')
+    elif reach in ('SUBNET', 'SYSTEM_DEFAULT'):
+        yield Finding(NOTE, f'ROS discovery range {reach}: whoever is on this network and domain '
+                      'can command this motor',
+                      'export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST if that is not wanted')
+    else:
+        yield Finding(WRONG, f'ROS_AUTOMATIC_DISCOVERY_RANGE is {reach!r}',
+                      'must be OFF, LOCALHOST, SUBNET or SYSTEM_DEFAULT')
+
+
+def look_at_drive(hardware: Hardware,
+                  tell: Callable[[str], None] = lambda text: None) -> Iterator[Finding]:
+    """
+    Yield who answers on the port of a hardware file, and what it is set to.
+
+    Only questions are sent; no motor moves.
+
+    Parameters
+    ----------
+    hardware : Hardware
+    tell : callable
+        Told what is tried, for it takes some seconds.
+
+    """
+    connection = hardware.connection
+    where = f'{connection.port} at {connection.baud} baud'
+    try:
+        driver = connector(hardware)()
+    except LinkError as error:
+        yield Finding(WRONG, str(error), 'give another port (--port, or port in the file)'
+                      if error.reason in ('missing', 'not_a_port', 'bad_address') else '')
+        return
+    try:
+        identity = driver.identify()
+    except (DriveError, LinkError) as error:
+        driver.line.close()
+        yield _wrong_drive(hardware, error, tell)
+        return
+    yield Finding(OK, f'{where}: {identity.in_words}')
+    try:
+        for item in driver.read_settings():
+            yield Finding(OK if item.acceptable else WRONG,
+                          f'{item.name} {item.value}'
+                          + ('' if item.acceptable else f', must be {item.wanted}'),
+                          '' if item.acceptable else item.remedy)
+    except (DriveError, LinkError) as error:
+        yield Finding(WRONG, f'its settings cannot be read: {error}')
+    finally:
+        driver.line.close()
+
+
+def _wrong_drive(hardware: Hardware, error: Union[DriveError, LinkError],
+                 tell: Callable[[str], None]) -> Finding:
+    """Say what is there instead of the drive of the file."""
+    connection = hardware.connection
+    if error.reason == 'firmware':
+        return Finding(WRONG, str(error), 'change the firmware with the tool of its maker, or '
+                       'the section drive of the file')
+    found = probe(connection.port, connection.protocol, connection.baud, tell)
+    if found is None:
+        return Finding(WRONG, str(error), 'nothing known answers at any common baud rate: look at '
+                       'power, at TX and RX (crossed?), and at the ground between them')
+    protocol, baud = found
+    if protocol != connection.protocol:
+        same = '' if baud == connection.baud else f' and baud: {baud}'
+        return Finding(WRONG, f'wrong protocol: {connection.port} speaks {protocol}, not '
+                       f'{connection.protocol}', f'set protocol: {protocol}{same} in the file')
+    return Finding(WRONG, f'wrong baud rate: the {protocol} on {connection.port} answers at '
+                   f'{baud} and not at {connection.baud}',
+                   f'set baud: {baud} in the file, or change it in the drive')
+
+
+def probe(port: str, protocol: str = '', baud: int = 0,
+          tell: Callable[[str], None] = lambda text: None) -> Optional[Tuple[str, int]]:
+    """
+    Return protocol and baud rate of the drive on a port, None if none answers.
+
+    Parameters
+    ----------
+    port : str
+    protocol, baud
+        What is most likely: tried first, together with all others at that baud rate.
+    tell : callable
+        Told what is tried.
+
+    """
+    for name, rate in _guesses(protocol, baud):
+        tell(f'asking for {name} at {rate} baud')
+        try:
+            with Link(port, rate) as link:
+                _driver(name, link).identify(PATIENCE)
+            return name, rate
+        except DriveError as error:
+            if error.reason == 'firmware':  # the right one, too old or too new
+                return name, rate
+        except LinkError as error:
+            if error.reason != 'bad_baud':
+                return None
+    return None
+
+
+def _guesses(protocol: str, baud: int) -> List[Tuple[str, int]]:
+    names = sorted(DRIVERS, key=lambda name: name != protocol)
+    guesses = [(name, baud) for name in names if baud]
+    rates = {name: driver_class(name).baud_rates for name in names}
+    for turn in range(max(len(each) for each in rates.values())):
+        guesses += [(name, rates[name][turn]) for name in names if turn < len(rates[name])]
+    return list(dict.fromkeys(guesses))
+
+
+def _driver(protocol: str, link: Link) -> Driver:
+    options: DriveOptions = read_options(protocol, {'torque_limit': 1e-3}, 'probe')
+    return open_driver(protocol, link, options)
+
+
+def examine(hardware_name: str, port: str, environment: Mapping[str, str],
+            tell: Callable[[str], None] = lambda text: None) -> Iterator[Finding]:
+    """
+    Yield all findings.
+
+    Parameters
+    ----------
+    hardware_name : str
+        Name or file of the hardware.
+    port : str
+        Instead of that of the file; empty for that.
+    environment : mapping
+        Environment variables.
+    tell : callable
+        Told what takes time.
+
+    """
+    yield from look_at_ports()
+    try:
+        yield from look_at_drive(load_hardware(hardware_name).at(port), tell)
+    except BallbotError as error:
+        yield Finding(WRONG, str(error))
+    yield from look_at_ros(environment)

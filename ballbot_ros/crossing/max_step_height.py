@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The highest step that the ball gets over, fast and to a stated error.
+
+`crossing.highest_step` is the reference: the paper's ascending bracketing with steps of one
+length.  Here each height is one `attempt` of the adaptive method, a whole search is one call
+into compiled code, and the scores of the attempts tell where to look next.
+
+The bracket that a coarse tolerance finds is tried at both ends with a finer one.  Where both
+agree, the tolerance moves the highest step by less than the width of the bracket; where they
+do not, the finer one is followed, and what lies between the two brackets counts.  The error
+that is told is that, and the width of the bracket.
+
+Like the reference, the search believes that every step below one that is passed is passed,
+too.  Ask for a `scan` to have that looked at.
+"""
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+import math
+import os
+from typing import Callable, List, NamedTuple, Optional, Sequence, Tuple, Union
+
+import numpy as np
+
+from ballbot_ros.config.fields import check_value, count, quantity
+from ballbot_ros.crossing.attempt import attempt, OVER, Room
+from ballbot_ros.crossing.rules import check_gravity, HEIGHT, Rules, Site, SPEED, too_fast
+from ballbot_ros.crossing.search import judge, search, TOO_FAST
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.mechanics.equations import Numbers
+from ballbot_ros.physics.model.actuation import Actuation
+from ballbot_ros.physics.model.contact_options import ContactOptions
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.simulation.failures import failure
+from ballbot_ros.physics.simulation.model import Model, Solver
+from ballbot_ros.physics.solvers.fixed_step import FINISHED
+
+# The error is twice the width of the bracket; local errors of a step over that width.
+WIDTH = 0.5
+COARSE, FINE = 1e-1, 4e-3
+REFINEMENT = 0.03  # of the tolerances, where both do not agree
+FINEST = 1e-13  # tolerance that still means something [m]
+BUDGET = 50_000_000  # right-hand sides of one attempt; they take seconds
+
+ACCURACY = quantity('m', 'largest error of the height', minimum=1e-8, maximum=1e-2).metadata
+SCAN = count('heights on each side that are tried', maximum=10_000).metadata
+# A law of actuation, or one for each speed [m/s].
+Drives = Union[Actuation, Callable[[float], Actuation]]
+
+
+class MaxStepHeight(NamedTuple):
+    """The highest step at one speed; all SI."""
+
+    speed: float  # of the centre at first touch [m/s]
+    height: float  # of a step that is passed, 0 if none is [m]
+    error: float  # the highest one is at most this much higher or lower [m]
+    monotone: Optional[bool]  # all lower steps are passed, no higher one; None: not looked
+    attempts: int  # that it took
+    work: int  # right-hand sides
+
+
+def max_step_height(robot: Robot, speed: float, actuation: Actuation = Actuation(),
+             pendulum_angle: Optional[float] = None, accuracy: float = 5e-5,
+             site: Site = Site(), rules: Rules = Rules(),
+             options: ContactOptions = ContactOptions(), scan: int = 0) -> MaxStepHeight:
+    """
+    Find the highest step that the ball gets over at a collision speed.
+
+    Parameters
+    ----------
+    robot : Robot
+    speed : float
+        Of the centre at first touch [m/s], above 0.
+    actuation : Actuation
+        Set when the ball touches.
+    pendulum_angle : float, optional
+        Absolute angle at the touch [rad]; by default the one that law (11) holds, else 0.
+    accuracy : float
+        Largest error of the height [m].
+    site : Site
+        Slopes and frictions of the ground.
+    rules : Rules
+        Which attempts count, and for how long.
+    options : ContactOptions
+    scan : int
+        Look at so many heights between 0 and the one found, and between that and its double,
+        whether all of the former are passed and none of the latter.
+
+    Returns
+    -------
+    MaxStepHeight
+        Its ``error`` is above the accuracy where even the finest tolerances do not agree.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is out of range, or no step is too high.
+    SimulationError
+        If an attempt cannot go on.
+
+    """
+    accuracy = check_value('accuracy', accuracy, ACCURACY, 'max_step_height')
+    scan = check_value('scan', scan, SCAN, 'max_step_height')
+    fixed = _prepare(robot, speed, actuation, pendulum_angle, site, rules, options)
+    room, width = fixed[3], WIDTH * accuracy
+    coarse, fine = COARSE * width, FINE * width
+    # All energy of the way gone into height; what is higher than the centre is a wall.
+    guess = min(speed * speed / (2.0 * robot.gravity), 0.5 * robot.ball_radius)
+    while True:
+        low, high, lowest, highest, ending = search(
+            width, coarse, fine, guess, *fixed)
+        if ending == TOO_FAST:
+            raise too_fast(robot, speed, high)
+        _check(ending, room, fine, robot, site, options)
+        error = (high - low) + (highest - lowest)
+        if error <= accuracy or fine <= FINEST:
+            break
+        coarse, fine = fine, max(REFINEMENT * fine, FINEST)
+    monotone = None
+    if scan > 0:
+        parts = (np.arange(scan) + 0.5) / scan
+        heights = np.concatenate([low * parts if low > 0.0 else [], high * (1.0 + parts)])
+        verdicts = np.zeros(len(heights), dtype=np.int64)
+        _check(judge(heights, verdicts, fine, *fixed), room, fine, robot, site, options)
+        monotone = bool(((verdicts == OVER) == (heights < high)).all())
+    return MaxStepHeight(speed, float(low), float(error), monotone, *room.spent.tolist())
+
+
+def _check(ending: int, room: Room, tolerance: float, robot: Robot, site: Site,
+           options: ContactOptions) -> None:
+    """Raise the error that explains how an attempt ended, if it did not end well."""
+    if ending != FINISHED:
+        height, time = room.last.tolist()
+        raise failure(ending, time, room.state, Model(
+            robot, site.terrain(height), options,
+            Solver('adaptive', tolerance=max(tolerance, FINEST), work_budget=BUDGET)))
+
+
+def try_step(robot: Robot, speed: float, height: float, actuation: Actuation = Actuation(),
+             pendulum_angle: Optional[float] = None, tolerance: float = 1e-7,
+             site: Site = Site(), rules: Rules = Rules(),
+             options: ContactOptions = ContactOptions()) -> Tuple[bool, float]:
+    """
+    Try one step.
+
+    Parameters
+    ----------
+    height : float
+        Of the step [m], above 0.
+    tolerance : float
+        Local error per step of the adaptive method [m].
+    robot, speed, actuation, pendulum_angle, site, rules, options
+        See `max_step_height`, also for what is raised.
+
+    Returns
+    -------
+    over : bool
+    score : float
+        By how much it succeeded (above 0) or failed [m2/s2]; see `attempt`.
+
+    """
+    height = check_value('height', height, HEIGHT, 'try_step')
+    fixed = _prepare(robot, speed, actuation, pendulum_angle, site, rules, options)
+    verdict, score, ending = attempt(height, tolerance, *fixed)
+    _check(ending, fixed[3], tolerance, robot, site, options)
+    return bool(verdict == OVER), float(score)
+
+
+def _prepare(robot: Robot, speed: float, actuation: Actuation, pendulum_angle: Optional[float],
+             site: Site, rules: Rules, options: ContactOptions) -> tuple:
+    """Return the last arguments of the kernels, with the room at place 3; checked."""
+    speed = check_value('speed', speed, SPEED, 'max_step_height')
+    check_gravity(robot)
+    if pendulum_angle is None:
+        pendulum_angle = actuation.set_angle if actuation.law == 'position' else 0.0
+    if not math.isfinite(pendulum_angle):
+        raise ConfigurationError(
+            'max_step_height: pendulum_angle must be any finite number rad, '
+            f'got {pendulum_angle!r}')
+    return (rules.course(speed, pendulum_angle), Numbers.of(robot, options),
+            actuation.drive(robot, 0.0, pendulum_angle), Room.of(site.profile(robot)), BUDGET)
+
+
+def max_step_heights(robot: Robot, speeds: Sequence[float], actuation: Drives = Actuation(),
+              pendulum_angle: Optional[float] = None, accuracy: float = 5e-5,
+              site: Site = Site(), rules: Rules = Rules(),
+              options: ContactOptions = ContactOptions(), scan: int = 0,
+              threads: Optional[int] = None) -> List[MaxStepHeight]:
+    """
+    Find the highest step at many speeds, several at once.
+
+    Parameters
+    ----------
+    speeds : sequence of float
+        [m/s]
+    actuation : Actuation, or a function that returns one for a speed
+        Such as ``rolling(robot)``.
+    threads : int, optional
+        Searches at once; by default one per core.
+    robot, pendulum_angle, accuracy, site, rules, options, scan
+        See `max_step_height`, also for what is raised.
+
+    """
+    def find(speed: float) -> MaxStepHeight:
+        drive = actuation if isinstance(actuation, Actuation) else actuation(speed)
+        return max_step_height(robot, speed, drive, pendulum_angle, accuracy, site, rules, options,
+                        scan)
+    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
+        return list(pool.map(find, speeds))
+
+
+def rolling(robot: Robot, actuation: Actuation = Actuation()) -> Callable[[float], Actuation]:
+    """Return law (12) with the joint rate that rolls the ball at each speed."""
+    return lambda speed: replace(
+        actuation, law='velocity', set_rate=speed / robot.ball_radius)
+
+
+def cruising(robot: Robot, actuation: Actuation = Actuation()) -> Callable[[float], Actuation]:
+    """
+    Return the open-loop voltage that rolls the ball at each speed on a level floor.
+
+    There the motor carries the friction of joint and ball, (c1 + c2) v / R.
+
+    Raises
+    ------
+    ConfigurationError
+        If the robot has no motor.
+
+    """
+    motor = robot.motor
+    if motor is None:
+        raise ConfigurationError(
+            f"law 'voltage' needs a motor and robot {robot.name!r} describes none; add a motor "
+            'section to its file')
+    per_volt = motor.gear_ratio * motor.gear_efficiency * motor.torque_constant / motor.resistance
+    per_rate = ((robot.rolling_friction + robot.joint_friction) / per_volt
+                + motor.gear_ratio * motor.speed_constant)
+    return lambda speed: replace(
+        actuation, law='voltage', voltage=per_rate * speed / robot.ball_radius)
+
+
+def drive_for(robot: Robot, actuation: Actuation) -> Callable[[float], Actuation]:
+    """Return the actuation at each speed: a law (12), and a voltage of 0, follow it."""
+    if actuation.law == 'velocity':
+        return rolling(robot, actuation)
+    if actuation.law == 'voltage' and actuation.voltage == 0.0:
+        return cruising(robot, actuation)
+    return lambda _: actuation

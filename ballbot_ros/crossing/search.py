@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The search for the highest step in compiled code; see `max_step_height` for its use.
+
+It believes that every step below one that is passed is passed, too.
+"""
+from typing import Any
+
+from ballbot_ros.compiled import compiled, unlocked
+from ballbot_ros.crossing.attempt import attempt, LEAST, OVER
+from ballbot_ros.physics.solvers.fixed_step import FINISHED
+
+HIGHEST = 4.0  # step that is tried, over the radius
+TOO_FAST = -1  # ending of a search that finds no step too high, beside those of a run
+
+
+@compiled
+def narrow(low: float, high: float, above: float, below: float, width: float,
+           tolerance: float, course: Any, robot: Any, drive: Any, room: Any,
+           budget: int) -> tuple:
+    """
+    Narrow a bracket to a width.
+
+    Regula falsi, Illinois variant, with ever longer steps where that is slow.
+
+    Parameters
+    ----------
+    low, high : float
+        A step that is passed, and one that is not [m].
+    above, below : float
+        Their scores.
+    width : float
+        [m]
+
+    Returns
+    -------
+    low, high, ending
+        FINISHED, or how the run ended that could not go on.
+
+    """
+    side, reach = 0, 0.9 * width
+    while high - low > width:
+        gap = high - low
+        trial = low + 0.5 * gap
+        if gap > 2.0 * reach:
+            aimed = low + gap * above / (above - below)
+            trial = min(max(aimed, low + reach), high - reach)
+        verdict, score, ending = attempt(trial, tolerance, course, robot, drive, room, budget)
+        if ending != FINISHED:
+            return low, high, ending
+        now = 1 if verdict == OVER else -1
+        # On the same side again: the far end weighs less. One that was kept a reach away from
+        # its end and is on its side yet: the next one goes farther.
+        again, side = now == side, now
+        short = trial == low + reach if now > 0 else trial == high - reach
+        reach = 4.0 * reach if short else 0.9 * width
+        if now > 0:
+            low, above = trial, score
+            below *= 0.5 if again else 1.0
+        else:
+            high, below = trial, score
+            above *= 0.5 if again else 1.0
+    return low, high, FINISHED
+
+
+@compiled
+def climb(low: float, above: float, stride: float, tolerance: float, course: Any, robot: Any,
+          drive: Any, room: Any, budget: int) -> tuple:
+    """
+    Raise the step from a passed one until it is too high.
+
+    Parameters
+    ----------
+    stride : float
+        The first one [m]; the next ones go where the scores point.
+
+    Returns
+    -------
+    low, high, above, below, ending
+        As of `narrow`; `ending` may be TOO_FAST.
+
+    """
+    least = 0.02 * stride
+    while True:
+        high = low + stride
+        verdict, score, ending = attempt(high, tolerance, course, robot, drive, room, budget)
+        if ending != FINISHED or verdict != OVER:
+            return low, high, above, score, ending
+        if high > HIGHEST * robot.radius:
+            return low, high, above, score, TOO_FAST
+        aimed = 1.1 * stride * score / max(above - score, LEAST)
+        low, above = high, score
+        stride = max(min(aimed, 4.0 * stride), least)
+        least *= 4.0
+
+
+@compiled
+def descend(high: float, below: float, stride: float, tolerance: float, course: Any,
+            robot: Any, drive: Any, room: Any, budget: int) -> tuple:
+    """Lower the step from one that is too high until it is passed; returns as `climb` does."""
+    while True:
+        low = max(high - stride, 0.0)
+        if low == 0.0:
+            return low, high, course.speed**2, below, FINISHED
+        verdict, score, ending = attempt(low, tolerance, course, robot, drive, room, budget)
+        if ending != FINISHED or verdict == OVER:
+            return low, high, score, below, ending
+        high, below, stride = low, score, 2.0 * stride
+
+
+@unlocked
+def search(width: float, coarse: float, fine: float, guess: float, course: Any, robot: Any,
+           drive: Any, room: Any, budget: int) -> tuple:
+    """
+    Bracket the highest step with a coarse tolerance and confirm both ends with a fine one.
+
+    Returns
+    -------
+    low, high : float
+        A step that is passed with the fine tolerance, and one that is not [m].
+    lowest, highest : float
+        Between these is also what the coarse tolerance finds [m].
+    ending : int
+        See `narrow` and `climb`.
+
+    """
+    low, high, above, below, ending = climb(
+        0.0, course.speed**2, guess, coarse, course, robot, drive, room, budget)
+    if ending == FINISHED:
+        low, high, ending = narrow(
+            low, high, above, below, width, coarse, course, robot, drive, room, budget)
+    lowest, highest = low, high
+    if ending != FINISHED:
+        return low, high, lowest, highest, ending
+    # A fine tolerance may move the highest step out of the bracket: then follow it.
+    verdict, above = OVER, course.speed**2
+    if low > 0.0:
+        verdict, above, ending = attempt(low, fine, course, robot, drive, room, budget)
+    if ending == FINISHED and verdict == OVER:
+        low, high, above, below, ending = climb(
+            low, above, high - low, fine, course, robot, drive, room, budget)
+    elif ending == FINISHED:
+        low, high, above, below, ending = descend(
+            low, above, width, fine, course, robot, drive, room, budget)
+    if ending == FINISHED:
+        low, high, ending = narrow(
+            low, high, above, below, width, fine, course, robot, drive, room, budget)
+    return low, high, min(low, lowest), max(high, highest), ending
+
+
+@unlocked
+def judge(heights: Any, verdicts: Any, tolerance: float, course: Any, robot: Any, drive: Any,
+          room: Any, budget: int) -> int:
+    """Write the verdict of each height and return FINISHED, or how a run ended that failed."""
+    for item in range(len(heights)):
+        verdicts[item], _, ending = attempt(
+            heights[item], tolerance, course, robot, drive, room, budget)
+        if ending != FINISHED:
+            return ending
+    return FINISHED

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the firmware of every emulated motor controller has in common."""
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+from ballbot_ros.config.fields import Checked, count, quantity, text
+from ballbot_ros.errors import ConfigurationError
+
+
+class Sensed(NamedTuple):
+    """What the electronics of a drive measure."""
+
+    position: float = 0.0  # of the motor shaft, on over full turns [rad]
+    velocity: float = 0.0  # [rad/s]
+    bus_voltage: float = 24.0  # [V]
+    temperature: float = 35.0  # of the power stage [degC]
+    motor_temperature: float = 30.0  # [degC]
+
+
+@dataclass(frozen=True)
+class DriveSettings(Checked):
+    """How an emulated drive and its motor are set up."""
+
+    torque_constant: float = quantity('N m/A', 'motor torque per ampere', default=0.025,
+                                      above=0.0)
+    speed_constant: float = quantity('V s/rad', 'back voltage per motor speed', default=0.025,
+                                     minimum=0.0)
+    resistance: float = quantity('ohm', 'armature resistance', default=3.125, above=0.0)
+    current_limit: float = quantity('A', 'largest motor current', default=4.0, above=0.0)
+    torque_limit: float = quantity('N m', 'largest motor torque', default=0.1, above=0.0)
+    watchdog: float = quantity('s', 'time without a command after which the motor is let go; 0 '
+                               'for never', default=0.1, minimum=0.0, maximum=25.0)
+    counts_per_turn: int = count('encoder counts per motor turn', default=4096, minimum=4)
+    pole_pairs: int = count('of the motor', default=7, minimum=1)
+    highest_temperature: float = quantity('degC', 'at which the power stage gives up',
+                                          default=100.0)
+    boot_time: float = quantity('s', 'after which a reboot is over', default=0.3, minimum=0.0)
+    firmware: str = text('generation that the drive is of; empty for the only or oldest one',
+                         default='')
+
+    @property
+    def largest_current(self) -> float:
+        """Return the motor current that neither limit is passed by [A]."""
+        return min(self.current_limit, self.torque_limit / self.torque_constant)
+
+
+class Device(ABC):
+    """
+    The firmware of a motor controller: bytes in, bytes out, a torque at the shaft.
+
+    It has no clock of its own; time [s] is passed in and never goes back.
+
+    Attributes
+    ----------
+    sensed : Sensed
+        What it measures; kept up to date from outside.
+    baud : float
+        Of its line; for how long it sends a reply.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such drive with the firmware of the settings.
+
+    """
+
+    protocol: ClassVar[str]
+    # Generations that differ on the line; none where all are alike.
+    firmwares: ClassVar[tuple[str, ...]] = ()
+    # Time that the firmware takes from a request to its reply [s].
+    turnaround: ClassVar[float] = 0.0002
+
+    def __init__(self, settings: DriveSettings):
+        """Boot."""
+        if settings.firmware and settings.firmware not in self.firmwares:
+            known = ' or '.join(self.firmwares) or 'left out: all are alike'
+            raise ConfigurationError(
+                f'firmware of an emulated {self.protocol} must be {known}, got '
+                f'{settings.firmware!r}')
+        self.settings = settings
+        self.sensed = Sensed()
+        self.baud = 921600.0
+        self.booted_at = -1e9
+
+    def receive(self, data: bytes, now: float) -> bytes:
+        """Take bytes from the line and return the reply."""
+        return self._receive(data, now) if now >= self.booted_at else b''
+
+    def reboot(self, now: float) -> None:
+        """Lose all state and be deaf for the boot time."""
+        self.booted_at = now + self.settings.boot_time
+        self._boot()
+
+    @abstractmethod
+    def tick(self, now: float) -> None:
+        """Look after watchdog and temperature; called often."""
+
+    @abstractmethod
+    def torque(self) -> float:
+        """Return the torque at the shaft [N m]."""
+
+    @abstractmethod
+    def over_current(self) -> None:
+        """Trip as the firmware does when the current sensor reads too much."""
+
+    @abstractmethod
+    def _receive(self, data: bytes, now: float) -> bytes:
+        """Take bytes from the line and return the reply."""
+
+    @abstractmethod
+    def _boot(self) -> None:
+        """Start afresh."""

@@ -1,0 +1,292 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ODrive with firmware 0.5 or 0.6, by its ASCII protocol: torque mode, current measured there."""
+from collections import deque
+from dataclasses import dataclass
+import math
+import time
+from typing import Any, Callable, Optional
+
+from ballbot_ros.config.fields import count, quantity
+from ballbot_ros.drives.driver import DriveOptions, Driver, Identity, Line, Setting
+from ballbot_ros.drives.odrive import codec as codec
+from ballbot_ros.drives.odrive.firmware import (
+    CONTROL_MODE, generation_of, GENERATIONS, HARDWARE, hardware_name, in_words, REQUESTED_STATE,
+    SERIAL_NUMBER, STATE, VERSION)
+from ballbot_ros.drives.odrive.questions import MARKER, Questions
+from ballbot_ros.drives.wire import WireBudget
+from ballbot_ros.errors import DriveError
+
+TURN = 2.0 * math.pi
+# Longest replies: "-12345.123456 -1234.123456*255\r\n", and a value cut to nine characters.
+LONGEST_FEEDBACK, LONGEST_VALUE = 32, 15
+# Serial numbers have twelve hexadecimal digits; firmware 0.5 cuts such a number off.
+LEAST_SERIAL_NUMBER = 10**9
+
+
+@dataclass(frozen=True)
+class ODriveOptions(DriveOptions):
+    """What an ODrive driver is told."""
+
+    axis: int = count('motor output of the board', default=0, maximum=1)
+    status_period: float = quantity(
+        's', 'time between questions for errors, state, voltage, current and temperatures, of '
+        'which one is asked at a time', default=0.02, minimum=0.0, maximum=1.0)
+
+
+class ODrive(Driver):
+    """
+    See `Driver`.
+
+    The firmware that answers the handshake decides which table of names is used.  Where a drive
+    gives one reply at a time, a property is asked for when the position has come.
+    """
+
+    protocol = 'odrive'
+    Options = ODriveOptions
+    baud_rates = (115200, 921600, 460800, 230400, 57600)
+
+    def __init__(self, line: Line, options: Any, clock: Callable[[], float] = time.monotonic):
+        """Take the line; nothing is sent yet."""
+        super().__init__(line, options, clock)
+        self._parser = codec.LineParser()
+        self._generation = GENERATIONS[-1]  # the one that less is asked of, until it is known
+        self._identified = False
+        self._asking = Questions(options.reply_timeout)
+        self._feedback_asked: deque[float] = deque(maxlen=1000)
+        self._texts: deque[str] = deque(maxlen=8)  # neither feedback nor an answer
+        self._values: dict[str, float] = {}  # the last one of each property
+        self._turn = 0
+        self._then: Optional[str] = None  # property to ask for once the position has come
+        self._period_began = -math.inf
+        self._idle_asked_at = -math.inf  # when the state was asked that turned out to be idle
+
+    # What waits
+
+    def identify(self, patience: float = 0.5) -> Identity:
+        """Ask who is there; see `Driver`."""
+        deadline = self.clock() + patience
+        self._fall_in_step(deadline)
+        version = tuple(self._read(name, deadline) for name in VERSION)
+        self._generation = generation_of(version, self.options.axis, self.line.port)
+        self._identified = True
+        hardware = hardware_name(*(self._read(name, deadline) for name in HARDWARE))
+        return Identity(self.protocol, hardware, in_words(version),
+                        self._serial_number(deadline), self._generation.name)
+
+    def _know_firmware(self, deadline: float) -> None:
+        if not self._identified:
+            self.identify(deadline - self.clock())
+
+    def _serial_number(self, deadline: float) -> str:
+        number = self._read(SERIAL_NUMBER, deadline)
+        if number >= LEAST_SERIAL_NUMBER:
+            return f'{int(number):012X}'
+        self._texts.clear()
+        self._send(codec.INFO)  # three lines, of which the last one has it
+        if not self._until(lambda: len(self._texts) >= 3, self._soon(deadline)):
+            self._asking.fall_out_of_step()  # what is missing may still come
+        return next((text.partition(': ')[2] for text in self._texts
+                     if text.startswith('Serial number: ')), '')
+
+    def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
+        """Read back and judge; see `Driver`."""
+        deadline = self.clock() + patience
+        self._know_firmware(deadline)
+        settings = self._generation.judge(lambda name: self._read(name, deadline), self.options)
+        return tuple(item._replace(remedy=self._path(item.remedy)) for item in settings)
+
+    def _arm(self, deadline: float) -> None:
+        self._know_firmware(deadline)
+        # An error left over keeps the drive from arming; a present one comes back at once.
+        self._send(self._torque_message(0.0) + codec.CLEAR_ERRORS
+                   + codec.write(self._path(CONTROL_MODE), codec.TORQUE_CONTROL))
+        if self._read(CONTROL_MODE, deadline) != codec.TORQUE_CONTROL:
+            raise DriveError('not_armed', (
+                f'{self.line.port}: the ODrive does not go into torque control, see '
+                f'{self._path(CONTROL_MODE)}'))
+        self._refuse_faults(deadline)
+        self._send(codec.write(self._path(REQUESTED_STATE), codec.CLOSED_LOOP_CONTROL))
+        while self._read(STATE, deadline) != codec.CLOSED_LOOP_CONTROL:
+            self._send(self._torque_message(0.0))
+            self._refuse_faults(deadline)
+            if self.clock() >= deadline - self.options.reply_timeout:
+                raise DriveError('not_armed', (
+                    f'{self.line.port}: the ODrive does not go into closed loop control and '
+                    f'names {self._reasons()}'))
+        self._refuse_faults(deadline)
+
+    def _refuse_faults(self, deadline: float) -> None:
+        """Raise `DriveError` if the axis has an error, or does not tell."""
+        generation = self._generation
+        bits = self._read(generation.errors, deadline)
+        if not math.isfinite(bits):
+            raise DriveError('not_armed', (
+                f'{self.line.port}: the ODrive has no {self._path(generation.errors)}'))
+        if bits:
+            raise DriveError('not_armed', (
+                f'{self.line.port}: the ODrive names {", ".join(generation.names_of(bits))}; '
+                'mend the cause, odrivetool tells more with dump_errors(odrv0)'))
+
+    def _reasons(self) -> str:
+        """Return why a state was not reached, as far as the drive tells."""
+        generation = self._generation
+        if not generation.result:
+            return 'no error'
+        soon = self.clock() + self.options.reply_timeout
+        return generation.why(self._read(generation.result, soon),
+                              self._read(generation.reason, soon))
+
+    # What does not wait
+
+    def feed(self) -> None:
+        """Feed the watchdog; see `Driver`."""
+        self._send(codec.feed_watchdog(self.options.axis))
+
+    def _stop_message(self) -> bytes:
+        return (self._torque_message(0.0)
+                + codec.write(self._path(REQUESTED_STATE), codec.IDLE)
+                + self._property_question(STATE))
+
+    def stopped_since(self, time: float) -> bool:
+        """Tell whether the state, asked for after `time`, was idle; see `Driver`."""
+        return self._idle_asked_at >= time
+
+    def budget(self) -> WireBudget:
+        """Return the bytes of a period with the longest question, whatever the firmware."""
+        command = len(codec.torque(self.options.axis, -self.options.torque_limit))
+        ask = max(len(codec.read(self._path(name)))
+                  for generation in GENERATIONS for name in generation.round)
+        most = max(len(codec.feedback(self.options.axis)) + ask,
+                   len(codec.marker(codec.MARKERS[0])))
+        return WireBudget(command + most, LONGEST_FEEDBACK + LONGEST_VALUE)
+
+    def _torque_message(self, torque: float) -> bytes:
+        return codec.torque(self.options.axis, torque)
+
+    def _questions(self) -> bytes:
+        now, asking, began = self.clock(), self._asking, self._period_began
+        self._period_began = now
+        marker = b'' if asking.in_step else self._property_question(STATE)
+        if marker:
+            return marker  # which is long, and stands alone
+        if self._generation.one_reply_at_a_time and asking.asked and asking.asked_at >= began:
+            return b''  # its answer is on its way, and would cost that to another question
+        self._feedback_asked.append(now)
+        question = codec.feedback(self.options.axis)
+        if asking.free and now - asking.asked_at >= self.options.status_period:
+            names = self._generation.round
+            self._turn = (self._turn + 1) % len(names)
+            question += self._property_question(names[self._turn])
+        return question
+
+    # Questions for properties
+
+    def _path(self, name: str) -> str:
+        """Return what the drive calls a property of the motor output in use."""
+        return name.replace('axis0.', f'axis{self.options.axis}.')
+
+    def _property_question(self, name: str) -> bytes:
+        """Return what to ask for a property now, which may be nothing; see `Questions.ask`."""
+        if self._generation.one_reply_at_a_time and self._feedback_asked:
+            self._then = name
+            return b''
+        return self._asking.ask(name, self._path(name), self.clock())
+
+    def _fall_in_step(self, deadline: float) -> None:
+        """
+        Send markers until one is answered.
+
+        Raises
+        ------
+        DriveError
+            ``silent``, ``garbled`` or ``wrong_protocol``.
+
+        """
+        self._asking.fall_out_of_step()
+        received, texts = self.counts['bytes'], self._parser.unchecked
+        while not self._asking.in_step:
+            self._send(self._property_question(STATE))
+            self._until(lambda: self._asking.in_step, self._soon(deadline))
+            if not self._asking.in_step and self.clock() >= deadline:
+                if self._parser.unchecked > texts:
+                    raise DriveError('wrong_protocol', (
+                        f'{self.line.port}: text comes back, but not that of an ODrive, whose '
+                        'replies have a checksum'))
+                raise self._nobody(self.counts['bytes'] - received, 'ODrive')
+
+    def _read(self, name: str, deadline: float) -> float:
+        """
+        Return the value of a property, NaN if there is no such property.
+
+        Raises
+        ------
+        DriveError
+            ``silent`` if there is no answer before the deadline.
+
+        """
+        asking = self._asking
+        while True:
+            self._then = None
+            if not asking.free:
+                self._fall_in_step(deadline)
+            self._until(lambda: not self._feedback_asked, self._soon(deadline))
+            self._feedback_asked.clear()
+            self._send(self._property_question(name))
+            if self._until(lambda: asking.asked is None, self._soon(deadline)) and asking.in_step:
+                return math.nan if asking.value is None else asking.value
+            if self.clock() >= deadline:
+                raise DriveError('silent', (
+                    f'{self.line.port}: the ODrive does not answer the question for '
+                    f'{self._path(name)}'))
+
+    # Replies
+
+    def _take(self, data: bytes, now: float) -> None:
+        self.counts['bytes'] += len(data)
+        for text in self._parser.feed(data):
+            self.counts['replies'] += 1
+            self._take_text(text, now)
+        self.counts['refused'] = self._parser.refused
+        self.counts['unchecked'] = self._parser.unchecked
+        overdue = now - self.options.reply_timeout
+        while self._feedback_asked and self._feedback_asked[0] < overdue:
+            self._feedback_asked.popleft()
+            self.counts['lost'] += 1
+        self.counts['lost'] += self._asking.overdue(now)
+
+    def _take_text(self, text: str, now: float) -> None:
+        feedback = codec.parse_feedback(text)
+        if feedback is not None:
+            self._take_feedback(feedback, now)
+            return
+        name = self._asking.take(text)
+        if name is None and codec.parse_number(text) is not None:
+            self.counts['unexpected'] += 1
+        elif name is None:
+            self._texts.append(text)
+        elif name != MARKER:
+            self._note(name, self._asking.value, now)
+
+    def _take_feedback(self, feedback: codec.Feedback, now: float) -> None:
+        if self._generation.one_reply_at_a_time:  # those before the last one got lost
+            self.counts['lost'] += max(0, len(self._feedback_asked) - 1)
+            self._feedback_asked.clear()
+            if self._then is not None:
+                name, self._then = self._then, None
+                self._send(self._property_question(name))
+        elif self._feedback_asked:
+            self._feedback_asked.popleft()
+        # An encoder that failed reads as 0.
+        errors = int(self._values.get(self._generation.errors, 0.0))
+        if not errors & self._generation.blind:
+            self.telemetry = self.telemetry._replace(
+                time=now, position=feedback.position * TURN, velocity=feedback.velocity * TURN)
+
+    def _note(self, name: str, value: Optional[float], now: float) -> None:
+        """Put the value of a property into the telemetry."""
+        if value is None or not math.isfinite(value):
+            return
+        if name == STATE and value == codec.IDLE:
+            self._idle_asked_at = self._asking.asked_at
+        self._values[name] = value
+        self.telemetry = self._generation.noted(self.telemetry, name, self._values, now)

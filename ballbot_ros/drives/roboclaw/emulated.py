@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A RoboClaw, as its packet serial protocol sees it; the motor is motor 1.
+
+After the RoboClaw Series User Manual.  It sets a voltage, not a torque; any byte feeds its serial
+timeout; a pause of more than 10 ms inside a packet drops the packet.  What it does with garbage
+is not documented: here it looks for its address.
+"""
+from binascii import crc_hqx
+import math
+import struct
+from typing import Callable, Optional
+
+from ballbot_ros.drives.emulated_device import Device, DriveSettings
+from ballbot_ros.drives.roboclaw import codec as codec
+
+PAUSE = 0.010
+TIMEOUT_UNIT = 0.1
+VERSION = 'USB Roboclaw 2x30a v4.2.8\n'
+TEMPERATURE_ERROR, DRIVER_FAULT = 0x2, 0x40
+# Commands -> bytes of data before their CRC.
+COMMANDS = {codec.SET_TIMEOUT: 1, codec.SET_DUTY[0]: 2, codec.SET_DUTY[1]: 2}
+
+
+class RoboClawDevice(Device):
+    """See `Device`."""
+
+    protocol = 'roboclaw'
+
+    def __init__(self, settings: DriveSettings, address: int = 0x80):
+        """Boot."""
+        super().__init__(settings)
+        self._address = address
+        self._timeout = round(settings.watchdog / TIMEOUT_UNIT)  # survives a reboot
+        self._boot()
+
+    def _boot(self) -> None:
+        self._buffer = b''
+        self._heard: Optional[float] = None
+        self._duty = 0.0
+        self._fault = 0
+        self._origin = self.sensed.position  # the encoder counter starts at 0
+        self._answers: dict[int, Callable[[], tuple[int, ...]]] = {
+            codec.GET_TIMEOUT: lambda: (self._timeout,),
+            codec.GET_ENCODER[0]: lambda: (self._counts(self.sensed.position - self._origin),
+                                           self.sensed.velocity < 0.0),
+            codec.GET_SPEED[0]: lambda: (self._counts(self.sensed.velocity),
+                                         self.sensed.velocity < 0.0),
+            codec.GET_ENCODER[1]: lambda: (0, 0),
+            codec.GET_SPEED[1]: lambda: (0, 0),
+            codec.GET_BATTERY: lambda: (round(10.0 * self.sensed.bus_voltage),),
+            codec.GET_TEMPERATURE: lambda: (round(10.0 * self.sensed.temperature),),
+            codec.GET_PWMS: lambda: (round(codec.FULL_DUTY * self._effective_duty()), 0),
+            codec.GET_CURRENTS: lambda: (round(
+                100.0 * self.torque() / self.settings.torque_constant), 0),
+            codec.GET_STATUS: lambda: (self._fault,),
+            codec.GET_MAX_CURRENT[0]: lambda: (round(100.0 * self.settings.largest_current), 0),
+            codec.GET_MAX_CURRENT[1]: lambda: (0, 0),
+        }
+
+    def torque(self) -> float:
+        """Return the torque at the shaft; see `Device`."""
+        duty, settings = self._effective_duty(), self.settings
+        if duty == 0.0:  # released, not shorted
+            return 0.0
+        current = (duty * self.sensed.bus_voltage
+                   - settings.speed_constant * self.sensed.velocity) / settings.resistance
+        limit = self.settings.largest_current
+        return settings.torque_constant * min(max(current, -limit), limit)
+
+    def tick(self, now: float) -> None:
+        """Look after timeout and temperature; see `Device`."""
+        if self._heard is None:
+            self._heard = now
+        if self._timeout and now - self._heard > self._timeout * TIMEOUT_UNIT:
+            self._duty = 0.0
+        hot = self.sensed.temperature >= self.settings.highest_temperature
+        self._fault = self._fault & ~TEMPERATURE_ERROR | TEMPERATURE_ERROR * hot
+
+    def over_current(self) -> None:
+        """Trip; see `Device`."""
+        self._fault |= DRIVER_FAULT
+
+    def _effective_duty(self) -> float:
+        return 0.0 if self._fault & codec.ERRORS else self._duty
+
+    def _counts(self, angle: float) -> int:
+        """Return encoder counts as the 32 bits that they are sent in."""
+        counts = math.floor(angle / math.tau * self.settings.counts_per_turn)
+        return (counts + 2**31) % 2**32 - 2**31
+
+    def _receive(self, data: bytes, now: float) -> bytes:
+        if not data:
+            return b''
+        if self._heard is not None and now - self._heard > PAUSE:
+            self._buffer = b''
+        self._heard = now
+        self._buffer += data
+        reply = b''
+        while len(self._buffer) >= 2:
+            address, number = self._buffer[:2]
+            if address != self._address:
+                self._buffer = self._buffer[1:]
+            elif number in COMMANDS:
+                length = 4 + COMMANDS[number]
+                if len(self._buffer) < length:
+                    break
+                reply += self._obey(self._buffer[:length])
+                self._buffer = self._buffer[length:]
+            else:
+                reply += self._answer(number)
+                self._buffer = self._buffer[2:]
+        return reply
+
+    def _obey(self, packet: bytes) -> bytes:
+        if crc_hqx(packet[:-2], 0) != int.from_bytes(packet[-2:], 'big'):
+            return b''
+        if packet[1] == codec.SET_DUTY[0]:
+            self._duty = struct.unpack('>h', packet[2:4])[0] / codec.FULL_DUTY
+        elif packet[1] == codec.SET_TIMEOUT:
+            self._timeout = packet[2]
+        return bytes((codec.ACKNOWLEDGED,))
+
+    def _answer(self, number: int) -> bytes:
+        if number == codec.GET_VERSION:
+            return codec.answer(self._address, number, text=VERSION)
+        if number in self._answers:
+            return codec.answer(self._address, number, *self._answers[number]())
+        return b''

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""VESC: codec of its protocol, driver, and the drive in software."""

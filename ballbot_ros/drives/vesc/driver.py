@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""VESC by its serial protocol: current mode, the torque follows from the torque constant."""
+from dataclasses import dataclass
+import math
+import time
+from typing import Any, Callable, Optional
+
+from ballbot_ros.config.fields import count, flag, quantity
+from ballbot_ros.drives.driver import DriveOptions, Driver, Identity, Line, Setting
+from ballbot_ros.drives.vesc import codec as codec
+from ballbot_ros.drives.wire import WireBudget
+from ballbot_ros.errors import DriveError
+
+# Whose settings begin as `codec` reads them, and which send single values.
+FIRMWARE = range(5, 8)
+# A motor current below this part of the limit counts as none: the sensors are not that good.
+NO_CURRENT = 0.05
+
+
+@dataclass(frozen=True)
+class VescOptions(DriveOptions):
+    """What a VESC driver is told."""
+
+    torque_constant: float = quantity(
+        'N m/A', 'motor torque per ampere; of a brushless motor 1.5 pole pairs x flux linkage',
+        default=0.025, above=0.0)
+    pole_pairs: int = count('of the motor', default=7, minimum=1)
+    encoder: bool = flag('the motor has an encoder, whose angle is finer than the commutation',
+                         default=True)
+
+
+class Vesc(Driver):
+    """
+    See `Driver`.
+
+    A VESC has no arming: it follows the next current that it is sent.  Before `arm`, and after a
+    stop, this driver sends none.
+    """
+
+    protocol = 'vesc'
+    Options = VescOptions
+    baud_rates = (115200, 921600, 460800, 230400, 57600)
+
+    def __init__(self, line: Line, options: Any, clock: Callable[[], float] = time.monotonic):
+        """Take the line; nothing is sent yet."""
+        super().__init__(line, options, clock)
+        self._parser = codec.FrameParser()
+        self._replies: dict[int, bytes] = {}  # message -> its last reply that is no value
+        self._asked = [-math.inf]  # when values were asked for that have not come
+        self._turns_apart: Optional[float] = None  # tachometer less encoder, at the first reply
+        self._still_asked_at = -math.inf  # when values were asked for that had no current
+
+    # What waits
+
+    def identify(self, patience: float = 0.5) -> Identity:
+        """Ask who is there; see `Driver`."""
+        firmware = codec.parse_firmware(self._ask(
+            codec.FW_VERSION, self.clock() + patience, greeting=True))
+        if firmware is None or firmware.major not in FIRMWARE:
+            raise DriveError('firmware', (
+                f'{self.line.port}: VESC firmware must be {FIRMWARE[0]} to {FIRMWARE[-1]}, got '
+                + (f'{firmware.major}.{firmware.minor}' if firmware else 'an unknown answer')))
+        return Identity(self.protocol, firmware.hardware,
+                        f'{firmware.major}.{firmware.minor:02}', firmware.serial_number)
+
+    def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
+        """Read back and judge; see `Driver`."""
+        deadline = self.clock() + patience
+        options = self.options
+        timeout, brake = codec.parse_timeout(
+            self._ask(codec.GET_APPCONF, deadline)) or (math.nan, math.nan)
+        most, least = codec.parse_current_limits(
+            self._ask(codec.GET_MCCONF, deadline)) or (math.nan, math.nan)
+        ceiling = max(most, -least) * options.torque_constant
+        return (
+            Setting('torque limit', f'{ceiling:.4g} N m', f'at most {options.torque_limit:g} N m',
+                    ceiling <= 1.01 * options.torque_limit,
+                    'VESC Tool, Motor Settings, Current: Motor Current Max and Max Brake '
+                    f'{options.torque_limit / options.torque_constant:.3g} A'),
+            Setting('watchdog', f'{timeout:g} s' if timeout else 'off',
+                    f'at most {options.watchdog:g} s',
+                    0.0 < timeout <= 1.01 * options.watchdog,
+                    'VESC Tool, App Settings, General: Timeout '
+                    f'{1000.0 * options.watchdog:g} ms'),
+            Setting('brake current on timeout', f'{brake:g} A', '0 A: coast', brake == 0.0,
+                    'VESC Tool, App Settings, General: Timeout Brake Current 0'))
+
+    def _arm(self, deadline: float) -> None:
+        self._send(self._torque_message(0.0))
+        begin = self.clock()
+        while self.telemetry.status_time is None or self.telemetry.status_time < begin:
+            self._send(self._torque_message(0.0) + self._questions())
+            self._until(lambda: (self.telemetry.status_time or -math.inf) > begin,
+                        self._soon(deadline))
+            if self.clock() >= deadline:
+                raise DriveError('not_armed', (
+                    f'{self.line.port}: the VESC does not tell its state'))
+        if self.telemetry.faults:
+            raise DriveError('not_armed', (
+                f'{self.line.port}: the VESC names {", ".join(self.telemetry.faults)}; the '
+                'terminal of VESC Tool tells more with: faults'))
+
+    # What does not wait
+
+    def feed(self) -> None:
+        """Feed the watchdog; see `Driver`."""
+        self._send(codec.feed_watchdog())
+
+    def stopped_since(self, time: float) -> bool:
+        """Tell whether values asked for after `time` had no current; see `Driver`."""
+        return self._still_asked_at >= time
+
+    def budget(self) -> WireBudget:
+        """Return the bytes of a command, a question and its reply."""
+        values = codec.frame(codec.pack_values(codec.Values(*(0,) * len(codec.FIELDS))))
+        return WireBudget(len(codec.set_current(0.0)) + len(codec.get_values()), len(values))
+
+    def _torque_message(self, torque: float) -> bytes:
+        return codec.set_current(torque / self.options.torque_constant)
+
+    def _stop_message(self) -> bytes:
+        return self._torque_message(0.0) + self._questions()
+
+    def _questions(self) -> bytes:
+        self._asked.append(self.clock())
+        return codec.get_values()
+
+    def _ask(self, message: int, deadline: float, greeting: bool = False) -> bytes:
+        """
+        Ask until there is a reply and return it.
+
+        Raises
+        ------
+        DriveError
+            ``silent`` or, where this is the first question, ``garbled``.
+
+        """
+        self._replies.pop(message, None)
+        received = self.counts['bytes']
+        while message not in self._replies:
+            self._send(codec.ask(message))
+            self._until(lambda: message in self._replies, self._soon(deadline))
+            if message not in self._replies and self.clock() >= deadline:
+                if greeting:
+                    raise self._nobody(self.counts['bytes'] - received, 'VESC')
+                raise DriveError('silent', (
+                    f'{self.line.port}: the VESC does not answer message {message}'))
+        return self._replies[message]
+
+    # Replies
+
+    def _take(self, data: bytes, now: float) -> None:
+        self.counts['bytes'] += len(data)
+        for payload in self._parser.feed(data):
+            self.counts['replies'] += 1
+            values = codec.parse_values(payload)
+            if values is not None:
+                self._note(values, now)
+            elif payload[0] in (codec.FW_VERSION, codec.GET_APPCONF, codec.GET_MCCONF):
+                self._replies[payload[0]] = payload
+            else:
+                self.counts['unexpected'] += 1
+        self.counts['refused'] = self._parser.refused
+        self.counts['skipped'] = self._parser.skipped
+        overdue = now - self.options.reply_timeout
+        late = sum(asked < overdue for asked in self._asked[1:])
+        self.counts['lost'] += late
+        del self._asked[1:1 + late]
+
+    def _note(self, values: codec.Values, now: float) -> None:
+        """Make telemetry of a reply; replies come in the order of the questions."""
+        asked = self._asked.pop(1) if len(self._asked) > 1 else -math.inf
+        limit = self.options.torque_limit / self.options.torque_constant
+        if abs(values.current) <= NO_CURRENT * limit:
+            self._still_asked_at = asked
+        faults = codec.fault_names(values.fault)
+        self.telemetry = self.telemetry._replace(
+            time=now, position=self._position(values),
+            velocity=values.erpm / self.options.pole_pairs * math.tau / 60.0,
+            current=values.current, bus_voltage=values.bus_voltage,
+            temperature=values.temperature, motor_temperature=values.motor_temperature,
+            status_time=now, faults=faults,
+            armed=self._armed and not faults and not values.status & codec.TIMED_OUT)
+
+    def _position(self, values: codec.Values) -> float:
+        """
+        Return the angle of the shaft [rad].
+
+        The tachometer goes on over full turns but has six steps per electrical turn only; the
+        encoder is fine but starts again every turn.  The one tells which turn of the other it is,
+        however many replies were lost in between.
+        """
+        turns = values.tachometer / (6.0 * self.options.pole_pairs)
+        if not self.options.encoder:
+            return turns * math.tau
+        part = values.angle_deg / 360.0
+        if self._turns_apart is None:
+            self._turns_apart = turns - part
+        return (round(turns - self._turns_apart - part) + part) * math.tau

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The look that all figures share, and how they are saved."""
+from pathlib import Path
+from typing import Any, Mapping
+
+import matplotlib
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.results.files import PathLike, replacing
+
+# Colours of Okabe and Ito, told apart by colour-blind people; purple darker, for thin lines.
+BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE = (
+    '#0072B2', '#D55E00', '#009E73', '#E69F00', '#56B4E9', '#A0457A')
+INK, GREY, SOIL, PALE = '#222222', '#767676', '#D9D4CC', '#EEF3F7'
+
+# What the pictures depend on, so that a matplotlibrc of one's own does not spoil them.  The
+# salt makes the names inside an SVG, and so the file, the same each time.
+STYLE: Mapping[str, Any] = {
+    'font.family': 'sans-serif', 'font.size': 9.0, 'axes.titlesize': 11.0,
+    'axes.labelsize': 9.0, 'xtick.labelsize': 8.0, 'ytick.labelsize': 8.0,
+    'axes.edgecolor': GREY, 'axes.labelcolor': INK, 'xtick.color': INK, 'ytick.color': INK,
+    'text.color': INK, 'axes.linewidth': 0.8, 'lines.linewidth': 1.4, 'text.usetex': False,
+    'axes.spines.top': False, 'axes.spines.right': False, 'figure.facecolor': 'white',
+    'axes.facecolor': 'white', 'savefig.facecolor': 'white', 'axes.unicode_minus': True,
+    'svg.hashsalt': 'ballbot_ros', 'svg.fonttype': 'path', 'path.simplify': True,
+}
+
+RESOLUTION = 160
+FORMATS = ('png', 'svg')
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure of a size in inches, independent of any display."""
+    figure = Figure(figsize=(width, height), dpi=RESOLUTION)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save(figure: Figure, path: PathLike) -> None:
+    """
+    Write a figure as SVG or PNG, as the ending of `path` says, whole or not at all.
+
+    Raises
+    ------
+    ConfigurationError
+        For another ending, or if the file cannot be written.
+
+    """
+    kind = Path(path).suffix[1:].lower()
+    if kind not in FORMATS:
+        raise ConfigurationError(
+            f'{path}: a figure must end in .{" or .".join(FORMATS)}, got {kind!r}')
+    # Without a date the same run gives the same file.
+    metadata = {'Date': None} if kind == 'svg' else {'Software': None}
+    with matplotlib.rc_context(dict(STYLE)), replacing(path) as stream:
+        figure.savefig(stream, format=kind, dpi=RESOLUTION, metadata=metadata)

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The ball on the terrain, true to scale: a film strip like Fig. 7 of the paper."""
+import math
+from typing import Any, Sequence
+
+import matplotlib
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
+
+from ballbot_ros.figures import canvas
+from ballbot_ros.figures.drawing import draw_ball, draw_ground, ground_line
+from ballbot_ros.figures.panels import sane
+from ballbot_ros.physics.simulation.trajectory import Trajectory
+from ballbot_ros.results.faces import rising_faces
+from ballbot_ros.results.frames import Plan, plan, Row
+
+_WIDTH, _HIGHEST_ROW = 9.6, 3.6  # of the drawing, and of a row in it [in]
+_LEFT, _RIGHT, _TOP, _BOTTOM = 0.8, 0.2, 0.72, 0.48  # [in]
+_ROW_GAP, _COLUMN_GAP, _NARROWEST = 0.55, 0.65, 6.4  # [in]
+_COLOURS = 'grey: turns with the ball; red: pendulum; green: way of the centre'
+_LETTER, _LINE = 0.072, 0.15  # size of a letter of a label [in]
+_MARGIN, _DEPTH = 1.25, 0.42  # beside the outermost centres, of the ground [ball radii]
+
+
+def strip(trajectory: Trajectory, title: str = '') -> Figure:
+    """
+    Return outlines of the ball along its way, with pendulum, rotation and time.
+
+    A row is a part of the run in which the ball goes one way.  A run too long for four rows
+    shows those about its hardest impact.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    title : str
+        Name of the scene, say.
+
+    """
+    run = sane(trajectory)
+    chosen = plan(run)
+    views = [_view(run, row) for row in chosen.rows]
+    span = max(right - left for left, right, _, _ in views)
+    tall = max(top - bottom for _, _, bottom, top in views)
+    scale = min(_WIDTH / span, _HIGHEST_ROW / tall)  # [in/m]
+    cell = max(span * scale, 2.4)
+    columns = max(1, min(len(views), int((_WIDTH + _COLUMN_GAP) / (cell + _COLUMN_GAP))))
+    bands = [range(begin, min(begin + columns, len(views)))
+             for begin in range(0, len(views), columns)]
+    # Neighbours share their heights, so that their ground lines up.
+    levels = [(min(views[index][2] for index in band) - _LINE / scale,
+               max(views[index][3] for index in band) + 2.0 * _LINE / scale) for band in bands]
+    # A narrow view shows more of the ground, so that the heading fits above it.
+    cell = max(cell, (_NARROWEST + _COLUMN_GAP) / columns - _COLUMN_GAP)
+    width = _LEFT + _RIGHT + columns * (cell + _COLUMN_GAP) - _COLUMN_GAP
+    height = (_TOP + _BOTTOM + _ROW_GAP * (len(bands) - 1)
+              + scale * sum(top - bottom for bottom, top in levels))
+    with matplotlib.rc_context(dict(canvas.STYLE)):
+        figure = canvas.new_figure(width, height)
+        above = height - _TOP
+        for band, (bottom, top) in zip(bands, levels):
+            above -= scale * (top - bottom)
+            for column, index in enumerate(band):
+                axes = figure.add_axes((
+                    (_LEFT + column * (cell + _COLUMN_GAP)) / width, above / height,
+                    cell / width, scale * (top - bottom) / height))
+                centre = 0.5 * (views[index][0] + views[index][1])
+                axes.set_xlim(centre - 0.5 * cell / scale, centre + 0.5 * cell / scale)
+                axes.set_ylim(bottom, top)
+                _draw_row(axes, run, chosen.rows[index], scale)
+                axes.set_xlabel('x [m]' if band is bands[-1] else '', labelpad=1.0)
+                axes.set_ylabel('y [m]' if column == 0 else '')
+                axes.yaxis.set_label_coords(-0.55 / cell, 0.5)
+            above -= _ROW_GAP
+        _heading(figure, run, chosen, title)
+    return figure
+
+
+def stacked(runs: Sequence[tuple[Trajectory, str]], title: str) -> Figure:
+    """
+    Return short runs below one another, at the same scale.
+
+    Parameters
+    ----------
+    runs : sequence of (Trajectory, str)
+        Of each run the first row of its strip, and what is written above it.
+    title : str
+
+    """
+    chosen = [(run, plan(run).rows[0], label) for run, label in runs]
+    views = [_view(run, row) for run, row, _ in chosen]
+    scale = _NARROWEST / max(right - left for left, right, _, _ in views)  # [in/m]
+    tall = [scale * (top - bottom) + 3.0 * _LINE for _, _, bottom, top in views]
+    width = _LEFT + _RIGHT + _NARROWEST
+    height = _BOTTOM + sum(tall) + _ROW_GAP * len(tall) + 0.4
+    with matplotlib.rc_context(dict(canvas.STYLE)):
+        figure = canvas.new_figure(width, height)
+        figure.text(0.1 / width, 1.0 - 0.24 / height, title, fontsize=11, weight='bold')
+        figure.text(0.1 / width, 1.0 - 0.43 / height, _COLOURS, fontsize=7.5, color=canvas.GREY)
+        above = height - 0.4
+        for (run, row, label), (left, right, bottom, _), inches in zip(chosen, views, tall):
+            above -= inches + _ROW_GAP
+            axes = figure.add_axes((_LEFT / width, above / height, _NARROWEST / width,
+                                    inches / height))
+            centre, half = 0.5 * (left + right), 0.5 * _NARROWEST / scale
+            axes.set_xlim(centre - half, centre + half)
+            axes.set_ylim(bottom, bottom + inches / scale)
+            axes.set_title(label, loc='left', fontsize=9.5)
+            _draw_row(axes, run, row, scale)
+            axes.set_ylabel('y [m]')
+        axes.set_xlabel('x [m]', labelpad=1.0)
+    return figure
+
+
+def _view(run: Trajectory, row: Row) -> tuple[float, float, float, float]:
+    """Return left, right, bottom and top of what a row shows [m]."""
+    radius = run.model.robot.ball_radius
+    x, y = run['x'][row.samples], run['y'][row.samples]
+    left, right = float(x.min()) - _MARGIN * radius, float(x.max()) + _MARGIN * radius
+    # Where the ball stopped before a step, the step is the point of the picture.
+    for face in rising_faces(run.model.terrain, radius):
+        if right - radius < face[-1, 0] < right + radius:
+            right = max(right, float(face[-1, 0]) + 0.5 * radius)
+    line = ground_line(run.model.terrain, left, right)
+    top = max(float(y.max()) + radius, float(line[:, 1].max()))
+    return left, right, float(line[:, 1].min()) - _DEPTH * radius, top
+
+
+def _draw_row(axes: Any, run: Trajectory, row: Row, scale: float) -> None:
+    """Draw ground, way, outlines and labels of one row, `scale` in inches per metre."""
+    robot, terrain = run.model.robot, run.model.terrain
+    left, right = axes.get_xlim()
+    draw_ground(axes, terrain, left, right, axes.get_ylim()[0])
+    axes.plot(run['x'][row.samples], run['y'][row.samples], color=canvas.GREEN, lw=1.1,
+              zorder=8)
+    for number, index in enumerate(row.frames):
+        # A strip fades towards its beginning, to end in the ball itself.
+        age = number / max(len(row.frames) - 1, 1)
+        draw_ball(axes, robot, run['x'][index], run['y'][index], run['ball_angle'][index],
+                  run['pendulum_angle'][index], 1.0 if number == len(row.frames) - 1
+                  else 0.30 + 0.40 * age, 3.0 + age)
+    _label_times(axes, run, row, scale)
+    for face in rising_faces(terrain, robot.ball_radius):
+        if left < face[0, 0] and face[-1, 0] < right:
+            height = 1e3 * (face[-1, 1] - face[0, 1])
+            axes.text(face[:, 0].mean(), face[0, 1] - 0.06 / scale, f'{height:.3g} mm',
+                      fontsize=7.5, ha='center', va='top', zorder=9)
+    for axis, (low, high), room in ((axes.xaxis, axes.get_xlim(), 0.7),
+                                    (axes.yaxis, axes.get_ylim(), 0.4)):
+        axis.set_major_locator(
+            MaxNLocator(max(2, int((high - low) * scale / room)), steps=[1, 2, 5, 10]))
+
+
+def _label_times(axes: Any, run: Trajectory, row: Row, scale: float) -> None:
+    """Write the time above each ball where there is room; first and last come first."""
+    radius = run.model.robot.ball_radius
+    frames = row.frames.tolist()
+    taken: list[tuple[float, float]] = []
+    length = float(run['time'][frames[-1]] - run['time'][frames[0]])
+    digits = 2 if length < 60.0 else 1
+    for index in dict.fromkeys([frames[0], frames[-1], *frames]):
+        x, y = run['x'][index], run['y'][index] + radius + 0.05 / scale
+        label = f'{run["time"][index]:.{digits}f} s'
+        if all(abs(x - other_x) * scale > _LETTER * len(label)
+               or abs(y - other_y) * scale > _LINE for other_x, other_y in taken):
+            taken.append((x, y))
+            axes.text(x, y, label, fontsize=7.5, ha='center', va='bottom', zorder=10,
+                      path_effects=[withStroke(linewidth=2.0, foreground='white')])
+
+
+def _heading(figure: Figure, run: Trajectory, chosen: Plan, title: str) -> None:
+    """Write what the strip shows above it."""
+    width, height = figure.get_size_inches()
+    robot = run.model.robot
+    heading = ', '.join(part for part in (title, robot.name) if part)
+    figure.text(_LEFT / width, 1.0 - 0.28 / height, heading, fontsize=11, weight='bold')
+    words = [f'true to scale, ball {2.0 * robot.ball_radius:.3g} m across']
+    if chosen.of > len(chosen.rows):
+        first, last = (run['time'][row.samples[end]]
+                       for row, end in ((chosen.rows[0], 0), (chosen.rows[-1], -1)))
+        words.append(f'from {first:.4g} to {last:.4g} s of {run["time"][-1]:.4g} s')
+    elif math.isclose(run['time'][0], run['time'][-1]):
+        words.append('at rest')
+    words.append('grey: turns with the ball')
+    if robot.has_pendulum:
+        words.append('red: pendulum')
+    words.append('green: way of the centre')
+    figure.text(_LEFT / width, 1.0 - 0.47 / height, '; '.join(words), fontsize=7.5,
+                color=canvas.GREY)

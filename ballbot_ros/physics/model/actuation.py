@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the pendulum motor does during a simulation: section 4.2 of the paper."""
+from dataclasses import dataclass
+import math
+
+from ballbot_ros.config.fields import Checked, flag, quantity, text
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.mechanics import equations
+from ballbot_ros.physics.model.robot import Robot
+
+LAWS = ('free', 'position', 'velocity', 'voltage', 'torque')
+
+
+@dataclass(frozen=True)
+class Actuation(Checked):
+    """
+    One law of actuation with its set value; gains are the paper's unless given.
+
+    ``free``      no torque, the motor is detached
+    ``position``  eq. (11), holds the absolute pendulum angle `set_angle`
+    ``velocity``  eq. (12), holds the joint rate `set_rate`; rolling at v it is v / R
+    ``voltage``   open-loop voltage on the DC motor of the robot file
+    ``torque``    a constant torque
+    """
+
+    law: str = text('law of actuation', default='free', choices=LAWS)
+    set_angle: float = quantity('rad', 'wanted absolute pendulum angle', default=0.0)
+    set_rate: float = quantity('rad/s', 'wanted rate of the pendulum joint', default=0.0)
+    voltage: float = quantity('V', 'voltage on the motor', default=0.0)
+    torque: float = quantity('N m', 'constant torque', default=0.0)
+    position_kp: float = quantity('N m/rad', 'kP of eq. (11)', default=40.0, minimum=0.0)
+    position_kd: float = quantity('N m s/rad', 'kD of eq. (11)', default=10.0, minimum=0.0)
+    velocity_kp: float = quantity('N m s/rad', 'kP of eq. (12)', default=10.0, minimum=0.0)
+    velocity_ki: float = quantity('N m/rad', 'kI of eq. (12)', default=0.0, minimum=0.0)
+    gravity_compensation: bool = flag('add M2 g e sin(angle) to (11) and (12)', default=True)
+    torque_limit: float = quantity(
+        'N m', 'largest torque; the default is above all that gains can ask for',
+        default=1e9, above=0.0)
+
+    def drive(self, robot: Robot, start_time: float = 0.0,
+              start_joint_angle: float = 0.0) -> equations.Drive:
+        """
+        Return this actuation, for a robot, as the kernels read it.
+
+        Parameters
+        ----------
+        robot : Robot
+        start_time : float
+            When the set-point was given [s].
+        start_joint_angle : float
+            theta2 at that time [rad]; the integral of eq. (12) counts from there.
+
+        Raises
+        ------
+        ConfigurationError
+            If the robot has no pendulum, or no motor for the voltage law.
+
+        """
+        if self.law == 'free':
+            return equations.Drive()
+        if not robot.has_pendulum:
+            raise ConfigurationError(
+                f'actuation: law {self.law!r} needs a pendulum and robot {robot.name!r} has '
+                "none; use 'free'")
+        gravity = robot.largest_gravity_torque if self.gravity_compensation else 0.0
+        if self.law == 'position':
+            return equations.Drive(equations.POSITION, self.set_angle, self.position_kp,
+                                  self.position_kd, gravity, self.torque_limit)
+        if self.law == 'velocity':
+            return equations.Drive(equations.VELOCITY, self.set_rate, self.velocity_kp,
+                                  self.velocity_ki, gravity, self.torque_limit, start_time,
+                                  start_joint_angle)
+        if self.law == 'torque':
+            return equations.Drive(equations.TORQUE, self.torque, limit=self.torque_limit)
+        return self._voltage_drive(robot)
+
+    def _voltage_drive(self, robot: Robot) -> equations.Drive:
+        motor = robot.motor
+        if motor is None:
+            raise ConfigurationError(
+                f"actuation: law 'voltage' needs a motor and robot {robot.name!r} describes "
+                'none; add a motor section to its file')
+        if abs(self.voltage) > motor.maximum_voltage:
+            raise ConfigurationError(
+                f'actuation: voltage must be within +-{motor.maximum_voltage:g} V of the '
+                f'motor of {robot.name!r}, got {self.voltage:g}')
+        per_volt = (motor.gear_ratio * motor.gear_efficiency * motor.torque_constant
+                    / motor.resistance)
+        return equations.Drive(
+            equations.VOLTAGE, self.voltage, per_volt, motor.gear_ratio * motor.speed_constant,
+            limit=min(self.torque_limit, motor.maximum_torque))
+
+
+def set_rate_for_speed(robot: Robot, speed: float) -> float:
+    """Return the joint rate of eq. (12) that rolls the ball at `speed`, v / R [rad/s]."""
+    if not math.isfinite(speed):
+        raise ConfigurationError(f'speed must be a finite number [m/s], got {speed!r}')
+    return speed / robot.ball_radius

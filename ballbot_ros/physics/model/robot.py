@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The ball robot as a set of numbers, and where each number comes from."""
+from dataclasses import dataclass, field, fields
+import hashlib
+import math
+from types import MappingProxyType
+from typing import Any, Mapping, Optional, Type
+
+from ballbot_ros.config.fields import (
+    allowed, check_value, Checked, checked_values, expect_mapping, quantity, read_yaml,
+    refuse_unknown, text)
+from ballbot_ros.config.files import find_config
+from ballbot_ros.errors import ConfigurationError
+
+SOURCES = ('published', 'repaired', 'derived', 'assumed', 'measured')
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """
+    Where a number comes from and how sure it is.
+
+    Attributes
+    ----------
+    source : str
+        ``published``: printed in the paper.  ``repaired``: printed there, damaged in the
+        copy at hand and restored.  ``derived``: computed from other statements of the
+        paper.  ``assumed``: chosen here, nothing is published.  ``measured``: on one's own robot.
+    low, high : float or None
+        Range that the true value is believed to lie in, SI units.
+    note : str
+
+    """
+
+    source: str
+    low: Optional[float] = None
+    high: Optional[float] = None
+    note: str = ''
+
+
+@dataclass(frozen=True)
+class Motor(Checked):
+    """
+    Direct-current motor with its gear, as seen at the pendulum joint.
+
+    Inductance is neglected (electrical time constants are far below the mechanical ones)
+    and rotor inertia counts as part of the pendulum.
+    """
+
+    gear_ratio: float = quantity('1', 'motor turns per turn of the pendulum joint', above=0.0)
+    gear_efficiency: float = quantity('1', 'torque out over torque in', above=0.0, maximum=1.0)
+    torque_constant: float = quantity('N m/A', 'motor torque per ampere', above=0.0)
+    speed_constant: float = quantity('V s/rad', 'back voltage per motor speed', minimum=0.0)
+    resistance: float = quantity('ohm', 'armature resistance', above=0.0)
+    maximum_voltage: float = quantity('V', 'supply voltage', above=0.0)
+    maximum_torque: float = quantity('N m', 'largest torque at the pendulum joint', above=0.0)
+
+
+@dataclass(frozen=True)
+class Robot(Checked):
+    """
+    A ball with or without a pendulum; symbols are those of the paper's nomenclature.
+
+    A robot without a pendulum has ``pendulum_mass == 0`` and then no other pendulum
+    quantity either; it has equations of its own (the mass matrix of the full ones would
+    be singular).
+
+    Attributes
+    ----------
+    provenance : mapping of str to Provenance
+        By field name.
+    motor : Motor or None
+
+    Raises
+    ------
+    ConfigurationError
+        If a value is out of range, or the values contradict each other.
+
+    """
+
+    name: str = text('name of the robot')
+    ball_mass: float = quantity('kg', 'mass of the ball, M1', above=0.0)
+    ball_inertia: float = quantity('kg m2', 'inertia of the ball, J1', above=0.0)
+    ball_radius: float = quantity('m', 'radius of the ball, R', above=0.0)
+    pendulum_mass: float = quantity('kg', 'mass of the pendulum, M2; 0 for none', minimum=0.0)
+    pendulum_inertia: float = quantity(
+        'kg m2', 'inertia of the pendulum about its own centre of mass, J2', minimum=0.0)
+    pendulum_length: float = quantity(
+        'm', 'ball centre to centre of mass of the pendulum, e', minimum=0.0)
+    rolling_friction: float = quantity(
+        'N m s/rad', 'viscous resistance to the rotation of the ball, c1', minimum=0.0)
+    joint_friction: float = quantity(
+        'N m s/rad', 'viscous friction of the pendulum joint, c2', minimum=0.0)
+    contact_stiffness: float = quantity('N/m', 'stiffness of the shell, k', above=0.0)
+    contact_damping: float = quantity('N s/m', 'damping of the shell, kd', minimum=0.0)
+    surface_friction: float = quantity(
+        '1', 'coefficient of friction on a surface, mu', minimum=0.0)
+    edge_friction: float = quantity(
+        '1', 'coefficient of friction on the edge of a step, mu', minimum=0.0)
+    slip_threshold: float = quantity(
+        'm/s', 'slip velocity at which friction is fully there, eq. (9)', above=0.0,
+        default=0.01)
+    gravity: float = quantity('m/s2', 'acceleration of gravity, g', minimum=0.0, default=9.81)
+    motor: Optional[Motor] = None
+    provenance: Mapping[str, Provenance] = field(
+        default_factory=lambda: MappingProxyType({}), compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Check each value, then that they fit together."""
+        super().__post_init__()
+        if self.pendulum_mass == 0.0:
+            for name in ('pendulum_inertia', 'pendulum_length', 'joint_friction'):
+                if getattr(self, name) != 0.0:
+                    raise ConfigurationError(
+                        f'Robot: {name} must be 0 for a robot without a pendulum '
+                        f'(pendulum_mass is 0), got {getattr(self, name)!r}')
+        elif self.pendulum_inertia == 0.0 and self.pendulum_length == 0.0:
+            raise ConfigurationError(
+                'Robot: a pendulum needs a pendulum_inertia or a pendulum_length above 0: '
+                'with both 0 nothing resists the motor')
+        if self.pendulum_length > self.ball_radius:
+            raise ConfigurationError(
+                f'Robot: pendulum_length must be at most ball_radius ({self.ball_radius:g} m), '
+                f'got {self.pendulum_length!r}')
+
+    @property
+    def has_pendulum(self) -> bool:
+        """Tell whether there is a pendulum inside the ball."""
+        return self.pendulum_mass > 0.0
+
+    @property
+    def digest(self) -> str:
+        """Return a fingerprint of all numbers, also of the motor; the name does not count."""
+        numbers = [(type(part).__name__, item.name, getattr(part, item.name))
+                   for part in (self, self.motor) if part is not None
+                   for item in fields(part) if item.metadata.get('kind') is float]
+        return hashlib.sha256(repr(numbers).encode()).hexdigest()[:16]
+
+    @property
+    def total_mass(self) -> float:
+        """Return M1 + M2 [kg]."""
+        return self.ball_mass + self.pendulum_mass
+
+    @property
+    def weight(self) -> float:
+        """Return (M1 + M2) g [N]."""
+        return self.total_mass * self.gravity
+
+    @property
+    def static_penetration(self) -> float:
+        """Return how deep the ball rests in a level surface, M g / k [m]."""
+        return self.weight / self.contact_stiffness
+
+    @property
+    def largest_gravity_torque(self) -> float:
+        """Return the torque of a level pendulum about the joint, M2 g e [N m]."""
+        return self.pendulum_mass * self.gravity * self.pendulum_length
+
+    @property
+    def slope_limit(self) -> float:
+        """Return the steepest slope the pendulum can hold, asin(M2 e / (M R)) [rad]."""
+        lever = self.pendulum_mass * self.pendulum_length
+        return math.asin(min(1.0, lever / (self.total_mass * self.ball_radius)))
+
+    @property
+    def damping_ratio(self) -> float:
+        """Return the damping ratio of the ball on its contact spring, zeta."""
+        critical = 2.0 * math.sqrt(self.contact_stiffness * self.total_mass)
+        return self.contact_damping / critical
+
+    @property
+    def restitution(self) -> float:
+        """Return exp(-pi zeta / sqrt(1 - zeta^2)), 0 where overdamped (unclamped bounce)."""
+        zeta = self.damping_ratio
+        return math.exp(-math.pi * zeta / math.sqrt(1.0 - zeta**2)) if zeta < 1.0 else 0.0
+
+
+def load_robot(name_or_path: str) -> Robot:
+    """
+    Read a robot that comes with the package, by name, or a file of one's own.
+
+    A value in the file is a number, or a mapping that says more::
+
+        ball_mass: {value: 3.8, unit: kg, source: derived, range: [3.3, 4.15], note: ...}
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file, field, value and allowed range.
+
+    """
+    path = find_config('robots', name_or_path)
+    content = dict(read_yaml(path))
+    motor = content.pop('motor', None)
+    values, provenance = read_values(Robot, content, str(path))
+    if motor is not None:
+        where = f'{path}: motor'
+        motor_values, motor_provenance = read_values(
+            Motor, expect_mapping(motor, where), where)
+        values['motor'] = Motor(**motor_values)
+        provenance.update({f'motor.{key}': item for key, item in motor_provenance.items()})
+    try:
+        return Robot(**values, provenance=MappingProxyType(provenance))
+    except ConfigurationError as error:
+        raise ConfigurationError(f'{path}: {error}') from error
+
+
+def read_values(cls: Type[Checked], content: Mapping[str, Any], where: str) -> tuple:
+    """
+    Return the checked values of the fields of `cls`, and a `Provenance` for those that tell it.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming place, field, value and allowed range.
+
+    """
+    described = {item.name: item.metadata for item in fields(cls) if 'kind' in item.metadata}
+    refuse_unknown(content, described, where)
+    plain, provenance = {}, {}
+    for name, entry in content.items():
+        if isinstance(entry, dict):
+            plain[name], provenance[name] = _read_entry(name, entry, described[name], where)
+        else:
+            plain[name] = entry
+    return checked_values(cls, plain, where), provenance
+
+
+def _read_entry(name: str, entry: Mapping[str, Any], metadata: Mapping[str, Any],
+                where: str) -> tuple:
+    """Return the value and the `Provenance` of one described entry."""
+    place = f'{where}: {name}'
+    refuse_unknown(entry, ('value', 'unit', 'source', 'range', 'note'), place)
+    if 'value' not in entry:
+        raise ConfigurationError(f'{place}: value is missing ({metadata["doc"]})')
+    unit = entry.get('unit', metadata.get('unit'))
+    if unit != metadata.get('unit'):
+        raise ConfigurationError(
+            f'{place}: unit must be {metadata.get("unit")!r} (SI), got {unit!r}; '
+            'convert the value')
+    source = entry.get('source', 'published')
+    if source not in SOURCES:
+        raise ConfigurationError(
+            f'{place}: source must be one of {", ".join(SOURCES)}, got {source!r}')
+    value = check_value(name, entry['value'], metadata, where)
+    low = high = None
+    if 'range' in entry:
+        try:
+            low, high = (check_value(f'{name}: range', end, metadata, where)
+                         for end in entry['range'])
+        except (TypeError, ValueError) as error:
+            raise ConfigurationError(
+                f'{place}: range must be two numbers [low, high], {allowed(metadata)}, '
+                f'got {entry["range"]!r}') from error
+        if not low <= value <= high:
+            raise ConfigurationError(
+                f'{place}: value {value:g} lies outside its own range [{low:g}, {high:g}]')
+    return value, Provenance(source, low, high, str(entry.get('note', '')))

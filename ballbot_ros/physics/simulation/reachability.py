@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a run can meet, told before it, from bounds: how far the ball gets and what may happen.
+
+Energy bounds the speed, speed and time the way, and heights that cost more than there is end it.
+Each answer errs on the side of "possible": what is said to be impossible does not happen.
+"""
+from dataclasses import dataclass
+import math
+from typing import Optional
+
+import numpy as np
+
+from ballbot_ros.physics.mechanics import equations
+from ballbot_ros.physics.model.actuation import Actuation
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.terrain import (
+    Array, SURFACE_FRICTION, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y)
+from ballbot_ros.physics.simulation.model import Model, State
+from ballbot_ros.physics.solvers.flight import has_closed_form
+
+STRAIGHT = 1e-9  # sine of a turn that is none
+ROUNDS = 200     # of energy, speed and way bounding each other
+QUIET = 1.05     # a dent that differs by no more from that at rest does not leave the ground
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """
+    What a run can meet at most.
+
+    Attributes
+    ----------
+    energy : float
+        Kinetic energy, at most [J]; infinite where nothing bounds it.
+    speed : float
+        Of the centre, at most [m/s].
+    leftmost, rightmost : float
+        Of the centre [m].
+    segments, edges, corners : int
+        Parts of the ground within reach: flat pieces, convex and concave vertices.
+    several_contacts, sliding, flight : bool
+        Whether that is possible.
+    closed_form : bool
+        Whether a flight has one: the motor's law is linear.
+    pendulum : float or None
+        How far the pendulum may move the centre from where it would be without [m], at most;
+        None for a robot that has none.
+
+    """
+
+    energy: float
+    speed: float
+    leftmost: float
+    rightmost: float
+    segments: int
+    edges: int
+    corners: int
+    several_contacts: bool
+    sliding: bool
+    flight: bool
+    closed_form: bool
+    pendulum: Optional[float]
+
+
+def analyse(model: Model, start: State, actuation: Actuation, duration: float) -> Analysis:
+    """
+    Return what a run can meet, without simulating it.
+
+    Parameters
+    ----------
+    model, start, actuation, duration
+        See `simulate`.
+
+    """
+    drive = actuation.drive(model.robot, start.time, start.joint_angle)
+    profile = model.profile
+    energy, speed, left, right = _reach(model, start, drive, duration)
+    radius = model.robot.ball_radius
+    inner = np.flatnonzero((profile[1:-1, VERTEX_X] >= left - radius)
+                           & (profile[1:-1, VERTEX_X] <= right + radius)) + 1
+    turns = profile[inner, TURN]
+    edges, corners = int(np.sum(turns < -STRAIGHT)), int(np.sum(turns > STRAIGHT))
+    # Of the segments those that begin before the end and end behind the beginning.
+    begins = np.concatenate([[-np.inf], profile[1:-1, VERTEX_X]])
+    ends = np.concatenate([profile[1:-1, VERTEX_X], [np.inf]])
+    segments = np.flatnonzero((begins <= right + radius) & (ends >= left - radius))
+    lonely = len(segments) == 1 and math.isfinite(energy) and _at_rest(model, start)
+    segment = profile[segments[0]]
+    return Analysis(
+        energy, speed, left, right, len(segments), edges, corners, corners > 0,
+        not (lonely and _grip(model, drive, energy, speed, segment) > 0.0),
+        not (lonely and _pressed(model, drive, energy, segment) > 0.0),
+        bool(has_closed_form(model.numbers, drive)),
+        _influence(model, drive, energy, duration, lonely))
+
+
+def without_pendulum(robot: Robot) -> Robot:
+    """Return a robot whose pendulum is a part of the ball's mass, in its centre."""
+    return Robot(
+        f'{robot.name}, no pendulum', robot.total_mass, robot.ball_inertia, robot.ball_radius,
+        0.0, 0.0, 0.0, robot.rolling_friction, 0.0, robot.contact_stiffness,
+        robot.contact_damping, robot.surface_friction, robot.edge_friction,
+        robot.slip_threshold, robot.gravity)
+
+
+def _reach(model: Model, start: State, drive: equations.Drive, duration: float) -> tuple:
+    """
+    Return bounds of kinetic energy, speed, and the ends of the way.
+
+    Above ground of height h the centre has a potential and contact energy of at least
+    M g (h + R) - (M g)^2 / (2 k), that of a ball at rest.
+    """
+    robot, numbers = model.robot, model.numbers
+    energies = model.energies(start)
+    # The pendulum may come to hang down.
+    own = (energies.kinetic
+           + robot.largest_gravity_torque * (1.0 - math.cos(start.pendulum_angle)))
+    height = start.y - robot.ball_radius
+    if robot.weight > 0.0:
+        height += energies.contact / robot.weight + 0.5 * robot.static_penetration
+    else:
+        own += energies.contact
+    mass = numbers.mass
+    if robot.has_pendulum:
+        mass -= numbers.pendulum_moment**2 / numbers.pendulum_inertia
+    speed, corners = math.sqrt(2.0 * own / mass), model.profile[:, VERTEX_X]
+    for _ in range(ROUNDS):
+        left, right = start.x - speed * duration, start.x + speed * duration
+        if not math.isfinite(right - left):
+            break
+        places = [*corners[(corners > left) & (corners < right)], left, right, start.x]
+        fall = max(0.0, height - float(np.min(model.terrain.height(places))))
+        energy = own + robot.weight * fall
+        work = _work(model, drive, energy, duration)
+        faster = math.sqrt(2.0 * (energy + work) / mass)
+        if faster <= speed * (1.0 + 1e-9):
+            if robot.weight > 0.0:
+                left, right = _walls(
+                    model, start.x, left, right, height + (own + work) / robot.weight)
+            return energy + work, speed, left, right
+        speed = faster
+    return math.inf, math.inf, -math.inf, math.inf
+
+
+def _walls(model: Model, x: float, left: float, right: float, top: float) -> tuple:
+    """Return the ends of the way where ground that is higher than `top` [m] ends it."""
+    for corner in model.profile:
+        if corner[VERTEX_Y] > top:
+            if x < corner[VERTEX_X] < right:
+                right = float(corner[VERTEX_X])
+            elif left < corner[VERTEX_X] < x:
+                left = float(corner[VERTEX_X])
+    return left, right
+
+
+def _torque(model: Model, drive: equations.Drive, energy: float) -> float:
+    """Return the largest torque of the motor at a kinetic energy [N m]."""
+    if drive.law == equations.FREE:
+        return 0.0
+    if drive.law == equations.TORQUE:
+        return min(abs(drive.set_value), drive.limit)
+    joint = _joint_rate(model, energy)
+    if drive.law == equations.VOLTAGE:
+        return min(drive.limit, drive.kp * (abs(drive.set_value) + drive.kd_or_ki * joint))
+    return drive.limit
+
+
+def _joint_rate(model: Model, energy: float) -> float:
+    """Return the largest rate of the joint at a kinetic energy [rad/s]."""
+    numbers = model.numbers
+    if numbers.swing_inertia <= 0.0:
+        return math.sqrt(2.0 * energy / numbers.ball_inertia)
+    return math.sqrt(2.0 * energy * (1.0 / numbers.ball_inertia + 1.0 / numbers.swing_inertia))
+
+
+def _work(model: Model, drive: equations.Drive, energy: float, duration: float) -> float:
+    """Return what the motor can add to an energy within a time, at most [J]."""
+    if drive.law == equations.FREE:
+        return 0.0
+    if drive.law == equations.VOLTAGE and drive.kd_or_ki > 0.0:
+        # k (V - b j) j is largest at j = V / (2 b).
+        return duration * drive.kp * drive.set_value**2 / (4.0 * drive.kd_or_ki)
+    if drive.law == equations.VELOCITY and drive.kp > 0.0 and drive.kd_or_ki == 0.0:
+        return duration * (drive.kp * abs(drive.set_value) + drive.gravity_torque)**2 / (
+            4.0 * drive.kp)
+    # E' <= torque * joint rate <= torque * c sqrt(E), so sqrt(E) grows by torque * c * t / 2.
+    torque = _torque(model, drive, energy)
+    root = math.sqrt(energy) + 0.5 * torque * _joint_rate(model, 1.0) * duration
+    return root * root - energy
+
+
+def _at_rest(model: Model, start: State) -> bool:
+    """Tell whether the start lies on its ground, rolling, without ringing."""
+    touches = model.touches(start)
+    if len(touches) != 1:
+        return False
+    touch, robot = touches[0], model.robot
+    rest = robot.static_penetration * touch.normal_y
+    rise = start.velocity_x * touch.normal_x + start.velocity_y * touch.normal_y
+    away = math.hypot(touch.penetration - rest, rise * math.sqrt(
+        robot.total_mass / robot.contact_stiffness))
+    return (away <= (QUIET - 1.0) * rest
+            and abs(touch.slip_velocity) < 0.5 * robot.slip_threshold)
+
+
+def _swinging(model: Model, energy: float) -> float:
+    """Return the largest force by which a swinging pendulum may lift the ball [N]."""
+    numbers = model.numbers
+    if numbers.swing_inertia <= 0.0:
+        return 0.0
+    # m (phi'^2 + phi''), with phi'' from its weight and its joint.
+    rate = math.sqrt(2.0 * energy / numbers.swing_inertia)
+    joint = numbers.joint_friction * _joint_rate(model, energy)
+    turning = (numbers.pendulum_moment * numbers.gravity + joint) / numbers.swing_inertia
+    return numbers.pendulum_moment * (rate * rate + turning)
+
+
+def _pressed(model: Model, drive: equations.Drive, energy: float, segment: Array) -> float:
+    """Return the least force between the ball and one segment of the ground [N]."""
+    numbers = model.numbers
+    lift = _swinging(model, energy)
+    if numbers.swing_inertia > 0.0:
+        lift += numbers.pendulum_moment * _torque(model, drive, energy) / numbers.swing_inertia
+    return float(numbers.mass * numbers.gravity * segment[TANGENT_X] / QUIET - lift)
+
+
+def _grip(model: Model, drive: equations.Drive, energy: float, speed: float,
+          segment: Array) -> float:
+    """Return the friction that is there beyond what rolling can ask for, at least [N]."""
+    numbers, radius = model.numbers, model.numbers.radius
+    torque = (_torque(model, drive, energy) + numbers.joint_friction * _joint_rate(model, energy)
+              + numbers.rolling_friction * speed / radius)
+    share = numbers.ball_inertia / (numbers.ball_inertia + numbers.mass * radius * radius)
+    asked = (torque / radius + _swinging(model, energy)
+             + share * numbers.mass * numbers.gravity * abs(segment[TANGENT_Y]))
+    return float(segment[SURFACE_FRICTION] * _pressed(model, drive, energy, segment) - asked)
+
+
+def _influence(model: Model, drive: equations.Drive, energy: float, duration: float,
+               lonely: bool) -> Optional[float]:
+    """
+    Return how far the pendulum may move the centre, at most [m].
+
+    Rolling on one straight piece of ground, K of `rolling` changes by the torque of the joint
+    alone.  So the pendulum shifts the centre by its own displacement, 2 m / M at most, and by
+    what that torque does in the time.  Elsewhere it may decide over an obstacle: no bound.
+    """
+    numbers = model.numbers
+    if numbers.swing_inertia <= 0.0:
+        return None
+    if not lonely:
+        return math.inf
+    torque = _torque(model, drive, energy) + numbers.joint_friction * _joint_rate(model, energy)
+    inertia = numbers.ball_inertia + numbers.mass * numbers.radius**2
+    return float(2.0 * numbers.pendulum_moment / numbers.mass
+                 + 0.5 * torque * numbers.radius / inertia * duration**2)

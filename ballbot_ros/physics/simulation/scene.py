@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A scene file: which robot, where, how started, how driven, for how long."""
+from dataclasses import dataclass, fields, replace
+import math
+from pathlib import Path
+from typing import Any, Callable, Mapping, Optional, Type
+
+from ballbot_ros.config.fields import (
+    Checked, checked_values, expect_mapping, quantity, read_yaml, refuse_unknown, T)
+from ballbot_ros.config.files import find_config
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.model.actuation import Actuation, set_rate_for_speed
+from ballbot_ros.physics.model.contact_options import ContactOptions
+from ballbot_ros.physics.model.robot import load_robot, Robot
+from ballbot_ros.physics.model.terrain import Terrain
+from ballbot_ros.physics.model.terrain_file import read_terrain
+from ballbot_ros.physics.simulation.accuracy import LARGEST, simulate_accurately, SMALLEST
+from ballbot_ros.physics.simulation.model import Model, PRESETS, Solver, State
+from ballbot_ros.physics.simulation.simulate import simulate
+from ballbot_ros.physics.simulation.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Initial(Checked):
+    """How a scene starts: on the ground and rolling without slip, unless said otherwise."""
+
+    x: float = quantity('m', 'x of the ball centre', default=0.0)
+    speed: float = quantity('m/s', 'speed of the centre along the ground', default=0.0)
+    pendulum_angle_deg: float = quantity('deg', 'absolute pendulum angle', default=0.0)
+    pendulum_rate: float = quantity('rad/s', 'absolute pendulum rate', default=0.0)
+    y: Optional[float] = quantity('m', 'height of the ball centre', optional=True)
+    velocity_x: Optional[float] = quantity('m/s', 'velocity to the right', optional=True)
+    velocity_y: Optional[float] = quantity('m/s', 'velocity upwards', optional=True)
+    ball_rate: Optional[float] = quantity(
+        'rad/s', 'ball rate, negative for rolling forward', optional=True)
+
+    def state(self, model: Model) -> State:
+        """Return the state that a model starts from."""
+        angle = math.radians(self.pendulum_angle_deg)
+        if self.y is None:
+            start = model.at_rest(self.x, self.speed, angle)
+        else:
+            start = State(x=self.x, y=self.y, pendulum_angle=angle, velocity_x=self.speed,
+                          ball_rate=-self.speed / model.robot.ball_radius)
+        given = {name: getattr(self, name) for name in ('velocity_x', 'velocity_y', 'ball_rate')
+                 if getattr(self, name) is not None}
+        return start._replace(pendulum_rate=self.pendulum_rate, **given)
+
+
+@dataclass(frozen=True)
+class Run(Checked):
+    """How long a scene lasts, how often it is sampled, and how wrong it may be."""
+
+    duration: float = quantity('s', 'simulated time', above=0.0, maximum=86400.0)
+    output_step: float = quantity('s', 'time between samples', default=1e-3, above=0.0)
+    accuracy: Optional[float] = quantity(
+        'm', 'largest error of position; chooses the solver', minimum=SMALLEST, maximum=LARGEST,
+        optional=True)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """
+    Everything that a simulation needs.
+
+    Attributes
+    ----------
+    name : str
+    model : Model
+        Robot, terrain, contact law and solver.
+    initial : Initial
+    actuation : Actuation
+    run : Run
+
+    """
+
+    name: str
+    model: Model
+    initial: Initial
+    actuation: Actuation
+    run: Run
+
+    @property
+    def start(self) -> State:
+        """Return the state that the scene starts from."""
+        return self.initial.state(self.model)
+
+    def simulate(self, progress: Optional[Callable[[float], None]] = None) -> Trajectory:
+        """
+        Run the scene.
+
+        With an accuracy see `accuracy.simulate_accurately`, else `simulation.simulate`.
+        """
+        if self.run.accuracy is not None:
+            return simulate_accurately(
+                self.model, self.start, self.actuation, self.run.duration, self.run.accuracy,
+                self.run.output_step, progress)
+        return simulate(self.model, self.start, self.actuation, self.run.duration,
+                        self.run.output_step, progress)
+
+
+SECTIONS = ('robot', 'robot_changes', 'terrain', 'initial', 'actuation', 'duration',
+            'output_step', 'accuracy', 'solver', 'contact')
+
+
+def load_scene(name_or_path: str, robot: Optional[str] = None,
+               solver: Optional[Solver] = None) -> Scene:
+    """
+    Read a scene that comes with the package, by name, or a file of one's own.
+
+    Parameters
+    ----------
+    name_or_path : str
+    robot : str, optional
+        Name or file of a robot to put in place of the scene's.
+    solver : Solver, optional
+        To use instead of the scene's, and of an accuracy that it asks for.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file, section, field, value and allowed range.
+
+    """
+    path = find_config('scenes', name_or_path)
+    content = dict(read_yaml(path))
+    if robot is not None:
+        content['robot'] = robot
+    scene = read_scene(content, str(path), Path(path).stem)
+    if solver is None:
+        return scene
+    return replace(scene, model=replace(scene.model, solver=solver),
+                   run=replace(scene.run, accuracy=None))
+
+
+def read_scene(content: Mapping[str, Any], where: str, name: str) -> Scene:
+    """
+    Return the scene that a mapping describes.
+
+    Parameters
+    ----------
+    content : mapping
+        As in a scene file; see ``config/scenes``.
+    where : str
+        Place for error messages.
+    name : str
+        Of the scene.
+
+    """
+    refuse_unknown(content, SECTIONS, where)
+    if not isinstance(content.get('robot'), str):
+        raise ConfigurationError(
+            f'{where}: robot must be the name or the file of a robot, '
+            f'got {content.get("robot")!r}')
+    try:
+        robot = load_robot(content['robot'])
+    except ConfigurationError as error:
+        raise ConfigurationError(f'{where}: robot: {error}') from error
+    robot = _changed(robot, content.get('robot_changes', {}), f'{where}: robot_changes')
+    terrain = (read_terrain(content['terrain'], f'{where}: terrain')
+               if 'terrain' in content else Terrain.flat())
+    model = Model(robot, terrain, _section(ContactOptions, content, 'contact', where),
+                  _read_solver(content, f'{where}: solver'))
+    initial = _section(Initial, content, 'initial', where)
+    actuation = _read_actuation(content.get('actuation', {}), robot, f'{where}: actuation')
+    timing = {key: content[key] for key in ('duration', 'output_step', 'accuracy')
+              if key in content}
+    return Scene(name, model, initial, actuation, Run.from_mapping(timing, where))
+
+
+def _read_solver(content: Mapping[str, Any], where: str) -> Solver:
+    """Return the solver of a scene: one with a name, or described."""
+    section = content.get('solver', {})
+    if not isinstance(section, str):
+        return Solver.from_mapping(section, where)
+    if section not in PRESETS:
+        raise ConfigurationError(
+            f'{where}: must be one of {", ".join(PRESETS)}, or a mapping, got {section!r}')
+    return PRESETS[section]
+
+
+def _section(cls: Type[T], content: Mapping[str, Any], key: str, where: str) -> T:
+    return cls.from_mapping(content.get(key, {}), f'{where}: {key}')
+
+
+def _changed(robot: Robot, changes: Any, where: str) -> Robot:
+    """Return a robot with some of its numbers replaced."""
+    if not changes:
+        return robot
+    current = {item.name: getattr(robot, item.name) for item in fields(robot)
+               if 'kind' in item.metadata}
+    entries = dict(expect_mapping(changes, where))
+    checked = checked_values(Robot, {**current, **entries}, where)
+    kept = {key: item for key, item in robot.provenance.items() if key not in entries}
+    return replace(robot, **checked, provenance=kept)
+
+
+def _read_actuation(section: Any, robot: Robot, where: str) -> Actuation:
+    """Return the actuation, with its angle in degrees and its speed in m/s made SI rates."""
+    entries = dict(expect_mapping(section, where))
+    if 'set_angle' in entries:
+        raise ConfigurationError(f'{where}: set_angle is not known here; give set_angle_deg')
+    human = {'set_angle_deg': ('deg', 'set_angle', math.radians),
+             'set_speed': ('m/s', 'set_rate', lambda speed: set_rate_for_speed(robot, speed))}
+    for name, (unit, target, convert) in human.items():
+        if name not in entries:
+            continue
+        if target in entries:
+            raise ConfigurationError(f'{where}: give either {name} or {target}, not both')
+        value = entries.pop(name)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) \
+                or not math.isfinite(value):
+            raise ConfigurationError(
+                f'{where}: {name} must be a finite number [{unit}], got {value!r}')
+        entries[target] = convert(value)
+    actuation = Actuation.from_mapping(entries, where)
+    try:
+        actuation.drive(robot)  # refuses what this robot cannot do, before the run
+    except ConfigurationError as error:
+        raise ConfigurationError(f'{where}: {error}') from None
+    return actuation

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated run as named columns with units."""
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Mapping, NamedTuple, Optional
+
+import numpy as np
+
+from ballbot_ros.compiled import compiled
+from ballbot_ros.physics.mechanics import contact, equations
+from ballbot_ros.physics.mechanics.contact import (
+    contact_force, CORNER, EDGE, find_contacts, KIND, NORMAL_X, NORMAL_Y, PENETRATION,
+    spring_energy)
+from ballbot_ros.physics.mechanics.equations import (
+    BALL_RATE, kinetic_energy, potential_energy, VELOCITY_X, VELOCITY_Y, X, Y)
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.simulation.model import Model, State
+from ballbot_ros.physics.solvers.spans import Span
+
+# Every column of a trajectory and its unit, in the order of the files.
+UNITS: Mapping[str, str] = {
+    'time': 's', 'x': 'm', 'y': 'm', 'ball_angle': 'rad', 'pendulum_angle': 'rad',
+    'velocity_x': 'm/s', 'velocity_y': 'm/s', 'ball_rate': 'rad/s', 'pendulum_rate': 'rad/s',
+    'pendulum_torque': 'N m',
+    'surface_normal_force': 'N', 'surface_friction_force': 'N',
+    'edge_normal_force': 'N', 'edge_friction_force': 'N',
+    'contact_force_x': 'N', 'contact_force_y': 'N',
+    'penetration': 'm', 'slip_velocity': 'm/s',
+    'kinetic_energy': 'J', 'potential_energy': 'J', 'contact_energy': 'J',
+    'contact_loss': 'J', 'friction_loss': 'J', 'rolling_loss': 'J', 'joint_loss': 'J',
+    'motor_work': 'J',
+}
+
+# Columns that evaluate_rows computes from a state.
+_DERIVED = (
+    'kinetic_energy', 'potential_energy', 'contact_energy', 'surface_normal_force',
+    'surface_friction_force', 'edge_normal_force', 'edge_friction_force', 'contact_force_x',
+    'contact_force_y', 'penetration', 'slip_velocity')
+
+
+@compiled
+def evaluate_rows(states: Any, robot: Any, ground: Any, table: Any, out: Any) -> None:
+    """Fill `out`, one row per state, with the columns named in `_DERIVED`."""
+    for index in range(len(states)):
+        state, row = states[index], out[index]
+        row[:] = 0.0
+        row[0] = kinetic_energy(state, robot)
+        row[1] = potential_energy(state, robot)
+        row[2] = spring_energy(robot, ground, table, state[X], state[Y])
+        count = find_contacts(state[X], state[Y], robot.radius, ground, table)
+        for item in range(count):
+            normal, friction, slip, _ = contact_force(
+                robot, table, item, state[VELOCITY_X], state[VELOCITY_Y], state[BALL_RATE])
+            if table[item, KIND] == EDGE:
+                row[5] += normal
+                row[6] += friction
+            else:
+                row[3] += normal
+                row[4] += friction
+            row[7] += normal * table[item, NORMAL_X] + friction * table[item, NORMAL_Y]
+            row[8] += normal * table[item, NORMAL_Y] - friction * table[item, NORMAL_X]
+            if table[item, KIND] != CORNER and table[item, PENETRATION] > row[9]:
+                row[9] = table[item, PENETRATION]
+                row[10] = slip
+
+
+class Effort(NamedTuple):
+    """What a run has cost."""
+
+    steps: int = 0
+    refused: int = 0  # steps of the adaptive method that were not accurate enough
+    events: int = 0  # kinks of the contact law that were located
+    evaluations: int = 0  # of the right-hand side
+
+
+class Assurance(NamedTuple):
+    """What is known about the error of a run."""
+
+    accuracy: float  # asked for [m]
+    estimate: float  # of the largest error of position up to the horizon [m]
+    horizon: float  # simulated time up to which the accuracy holds [s]
+    complete: bool  # whether that is the whole run
+    tolerance: float  # local error per step with which the run was made [m]
+    runs: int  # needed to find out
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """
+    A run of a model.
+
+    Attributes
+    ----------
+    model : Model
+    rows : (n, 15) array
+        Time, the state vector (see `dynamics`), torque of the motor.
+    effort : Effort
+    assurance : Assurance or None
+        Where an accuracy was asked for.
+    spans : tuple of Span
+        Which model simulated which part; empty where nobody says.
+
+    """
+
+    model: Model
+    rows: Array
+    effort: Effort = Effort()
+    assurance: Optional[Assurance] = None
+    spans: tuple[Span, ...] = ()
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.rows)
+
+    def __getitem__(self, column: str) -> Array:
+        """Return a column by its name in `UNITS`."""
+        return self.columns[column]
+
+    def state(self, index: int) -> State:
+        """Return the state of one sample."""
+        return State(*self.rows[index, :-1].tolist())
+
+    @cached_property
+    def columns(self) -> dict[str, Array]:
+        """Return all columns by name; their units are in `UNITS`."""
+        found = {name: self.rows[:, index] for index, name in enumerate(State._fields)}
+        found['pendulum_torque'] = self.rows[:, -1]
+        derived = np.empty((len(self.rows), len(_DERIVED)))
+        evaluate_rows(self.rows[:, 1:1 + equations.SIZE], self.model.numbers,
+                      self.model.profile, contact.contact_table(len(self.model.profile)),
+                      derived)
+        found.update(zip(_DERIVED, derived.T))
+        return {name: found[name] for name in UNITS}
+
+    @property
+    def dissipated_energy(self) -> Array:
+        """Return what dampers and frictions have taken since the start [J]."""
+        return (self['contact_loss'] + self['friction_loss'] + self['rolling_loss']
+                + self['joint_loss'])
+
+    @property
+    def energy_residual(self) -> Array:
+        """
+        Return what the energy ledger misses at each sample [J].
+
+        Kinetic, potential and contact energy, plus all dissipated, minus the work of the
+        motor, less the same at the start: zero for an exact integration.
+        """
+        ledger = (self['kinetic_energy'] + self['potential_energy'] + self['contact_energy']
+                  + self.dissipated_energy - self['motor_work'])
+        return ledger - ledger[0]
+
+    @property
+    def energy_in_play(self) -> float:
+        """
+        Return the energy that moves during the run [J].
+
+        The largest kinetic energy, change of potential energy, contact energy, dissipated
+        energy or motor work: the measure that a residual is to be compared with.
+        """
+        potential = self['potential_energy']
+        return float(max(np.max(np.abs(part)) for part in (
+            self['kinetic_energy'], potential - potential[0], self['contact_energy'],
+            self.dissipated_energy, self['motor_work'])))

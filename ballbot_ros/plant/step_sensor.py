@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A sensor that looks ahead along the floor for the next step."""
+from dataclasses import dataclass
+import math
+from typing import Tuple
+
+import numpy as np
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.model.terrain import Terrain
+
+# What is lower than this is an unevenness, not a step [m].
+LOWEST = 0.002
+# What is less steep than 45 degrees is a slope, not a face.
+STEEPEST_SLOPE = 1.0
+
+
+@dataclass(frozen=True)
+class Sight:
+    """
+    One look ahead.
+
+    Attributes
+    ----------
+    detected : bool
+    distance : float
+        Horizontally from the ball centre to the face [m]; when nothing is detected, how
+        far the floor was seen to be clear.
+    height : float
+        Of the step, negative for a drop, 0 when nothing is detected [m].
+
+    """
+
+    detected: bool
+    distance: float
+    height: float
+
+
+def faces(terrain: Terrain) -> Tuple[Tuple[float, float], ...]:
+    """
+    Return x and height of every step of a terrain, from left to right [m].
+
+    Consecutive steep segments of one direction are one face, at the x of its foot.
+    """
+    found = []
+    foot = None
+    for (x, y), (end_x, end_y) in zip(terrain.vertices[:-1], terrain.vertices[1:]):
+        rise = end_y - y
+        steep = abs(rise) > STEEPEST_SLOPE * (end_x - x)
+        if foot is not None and (not steep or (rise > 0.0) != (foot[2] > 0.0)):
+            found.append((foot[0], y - foot[1]))
+            foot = None
+        if steep and foot is None:
+            foot = (x, y, rise)
+    if foot is not None:  # the last segment is steep, and goes on for ever
+        found.append((foot[0], terrain.vertices[-1][1] - foot[1]))
+    return tuple((float(x), float(height)) for x, height in found if abs(height) >= LOWEST)
+
+
+class Sensor:
+    """
+    Sees the next face ahead of the ball centre, with Gaussian noise.
+
+    The noise of look number n is a function of the seed and n alone: a run is repeated
+    exactly whatever else draws random numbers.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    reach : float
+        How far it sees [m].
+    distance_sd, height_sd : float
+        Standard deviations [m].
+    seed : int
+
+    """
+
+    def __init__(self, terrain: Terrain, reach: float, distance_sd: float = 0.0,
+                 height_sd: float = 0.0, seed: int = 0):
+        """Find the faces once."""
+        for name, value in (('distance_sd', distance_sd), ('height_sd', height_sd)):
+            if not (value >= 0.0 and math.isfinite(value)):
+                raise ConfigurationError(f'{name} must be at least 0 m, got {value!r}')
+        self._faces = faces(terrain)
+        self._reach = reach
+        self._seed = seed
+        self.distance_sd = distance_sd
+        self.height_sd = height_sd
+
+    def look(self, x: float, number: int) -> Sight:
+        """
+        Look ahead.
+
+        Parameters
+        ----------
+        x : float
+            Of the ball centre [m].
+        number : int
+            Of this look, counted from 0; decides the noise.
+
+        """
+        ahead = next((face for face in self._faces if face[0] > x), None)
+        if ahead is None or ahead[0] - x > self._reach:
+            return Sight(False, self._reach, 0.0)
+        noise = np.random.default_rng([self._seed, number]).standard_normal(2)
+        return Sight(True, max(0.0, ahead[0] - x + self.distance_sd * float(noise[0])),
+                     ahead[1] + self.height_sd * float(noise[1]))

@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What remains of a run: files of numbers, figures and a summary.
+
+    >>> from ballbot_ros.results import summarise
+    >>> from ballbot_ros.physics import load_scene
+    >>> scene = load_scene('fig7_bottom')
+    >>> [face.passed for face in summarise(scene.simulate(), scene).faces]
+    [True]
+
+Figures are imported from `ballbot_ros.figures.run`, because matplotlib takes a while.
+"""
+from ballbot_ros.results.explanation import explain, Explanation
+from ballbot_ros.results.faces import Face
+from ballbot_ros.results.files import read_columns, read_units, write_csv, write_npz, write_text
+from ballbot_ros.results.summary import summarise, Summary
+from ballbot_ros.results.wording import report
+
+__all__ = [
+    'explain', 'Explanation', 'Face', 'read_columns', 'read_units', 'report', 'summarise',
+    'Summary', 'write_csv', 'write_npz', 'write_text']

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The rising faces of a terrain, and how a run fared at each of them."""
+from dataclasses import dataclass
+import math
+from typing import Optional
+
+import numpy as np
+
+from ballbot_ros.physics.model.terrain import Array, Terrain
+from ballbot_ros.physics.simulation.trajectory import Trajectory
+
+# Lower ones are roughness, not obstacles [m].
+LEAST_HEIGHT = 1e-3
+
+# What rises less steeply is a ramp: a ball rolls up, it does not hit it.
+LEAST_SLOPE = math.tan(math.radians(30.0))
+
+# A shallow piece shorter than this many radii, as on top of a round cord, belongs to the face.
+SHORT = 0.05
+
+
+@dataclass(frozen=True)
+class Face:
+    """
+    A rising face of the terrain and the first meeting of the ball with it.
+
+    Attributes
+    ----------
+    x : float
+        Of the foot of the face [m].
+    height : float
+        From foot to top [m].
+    touch_time : float or None
+        Of the first touch [s]; None if the ball, coming from the left, never touched it.
+    touch_speed : float or None
+        Speed of the centre just before the first touch [m/s].
+    passed : bool
+        The centre got past the top, with the contact below it.
+
+    """
+
+    x: float
+    height: float
+    touch_time: Optional[float] = None
+    touch_speed: Optional[float] = None
+    passed: bool = False
+
+
+def rising_faces(terrain: Terrain, radius: float) -> list[Array]:
+    """
+    Return the vertices of every rising face higher than `LEAST_HEIGHT`, from left to right.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    radius : float
+        Of the ball [m]: what is short beside it is not a slope.
+
+    """
+    vertices = terrain.vertices
+    run, rise = np.diff(vertices, axis=0).T
+    steep = rise > LEAST_SLOPE * run
+    belongs = (rise > 0.0) & (steep | (np.hypot(run, rise) < SHORT * radius))
+    belongs[[0, -1]] = False  # these go on for ever
+    faces = []
+    begin = None
+    for index, inside in enumerate([*belongs, False]):
+        if inside and begin is None:
+            begin = index
+        elif not inside and begin is not None:
+            face = vertices[begin:index + 1]
+            width, height = face[-1] - face[0]
+            if height > LEAST_HEIGHT and height > LEAST_SLOPE * width:
+                faces.append(face)
+            begin = None
+    return faces
+
+
+def meet_faces(trajectory: Trajectory) -> list[Face]:
+    """Return every rising face with what the ball did there."""
+    radius = trajectory.model.robot.ball_radius
+    return [_meet(trajectory, vertices, radius)
+            for vertices in rising_faces(trajectory.model.terrain, radius)]
+
+
+def _meet(trajectory: Trajectory, vertices: Array, radius: float) -> Face:
+    """Return the first meeting with one face."""
+    (foot_x, foot_y), (top_x, top_y) = vertices[0].tolist(), vertices[-1].tolist()
+    height = top_y - foot_y
+    x, y = trajectory['x'], trajectory['y']
+    # A start beyond the face, or already in touch with it, is no meeting.
+    near = np.flatnonzero((x > foot_x - radius) & (x < top_x) & (y > foot_y))
+    touching = near[_distance(x[near], y[near], vertices) < radius]
+    if x[0] >= top_x or not len(touching):
+        return Face(foot_x, height)
+    touch = int(touching[0])
+    before = max(touch - 1, 0)
+    speed = math.hypot(trajectory['velocity_x'][before], trajectory['velocity_y'][before])
+    over = (x[touch:] > top_x) & (y[touch:] > top_y + 0.5 * radius)
+    return Face(foot_x, height, float(trajectory['time'][touch]), speed, bool(over.any()))
+
+
+def _distance(x: Array, y: Array, vertices: Array) -> Array:
+    """Return the distance of points from a polyline [m]."""
+    nearest = np.full(len(x), np.inf)
+    for (start_x, start_y), (dx, dy) in zip(vertices[:-1], np.diff(vertices, axis=0)):
+        share = ((x - start_x) * dx + (y - start_y) * dy) / (dx * dx + dy * dy)
+        share = np.clip(share, 0.0, 1.0)
+        nearest = np.minimum(
+            nearest, np.hypot(x - start_x - share * dx, y - start_y - share * dy))
+    return nearest

@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A trajectory as a file of numbers, to the last bit.
+
+Every file appears whole or not at all: it is written beside its place and then renamed.
+"""
+from contextlib import contextmanager
+import csv
+import os
+from pathlib import Path
+import re
+from typing import Any, BinaryIO, Iterator, Union
+import zipfile
+
+import numpy as np
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.simulation.trajectory import Trajectory, UNITS
+
+PathLike = Union[str, Path]
+
+# Rows turned into text at a time, to keep the memory of a long run in bounds.
+_BLOCK = 20000
+
+_HEADER = re.compile(r'^(?P<name>\w+) \[(?P<unit>[^\]]*)\]$')
+
+
+@contextmanager
+def replacing(path: PathLike) -> Iterator[BinaryIO]:
+    """
+    Give a file to write to, which takes the place of `path` once all is written.
+
+    Folders are made as needed.  Whatever ends the writing early, Ctrl-C included, leaves an
+    older file as it was and no other behind.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be written.
+
+    """
+    target = Path(path)
+    draft = target.with_name(f'.{target.name}.{os.getpid()}.part')
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            with open(draft, 'wb') as stream:
+                yield stream
+            os.replace(draft, target)
+        finally:
+            draft.unlink(missing_ok=True)
+    except OSError as error:
+        raise ConfigurationError(
+            f'{target}: cannot be written: {error.strerror or error}; choose another folder or '
+            'make room') from error
+
+
+def check_writable(path: PathLike) -> None:
+    """
+    Refuse a file that cannot be written, before the work whose result it is to hold.
+
+    Nothing is made, so that work that is given up leaves nothing behind.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming what is in the way.
+
+    """
+    target = Path(path).absolute()
+    folder = next(place for place in target.parents if place.exists())
+    problem = ('it is a folder' if target.is_dir()
+               else f'{folder} is not a folder' if not folder.is_dir()
+               else '' if os.access(folder, os.W_OK | os.X_OK)
+               else f'no permission for {folder}')
+    if problem:
+        raise ConfigurationError(f'{path}: cannot be written: {problem}; choose another')
+
+
+def write_text(text: str, path: PathLike) -> None:
+    """Write a text file, whole or not at all."""
+    with replacing(path) as stream:
+        stream.write(text.encode('utf-8'))
+
+
+def write_csv(trajectory: Trajectory, path: PathLike) -> None:
+    """
+    Write a trajectory as comma-separated values.
+
+    The first row names the columns with their units, ``x [m]``; each number has as many
+    digits as it takes to read it back unchanged.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be written.
+
+    """
+    columns = trajectory.columns
+    with replacing(path) as stream:
+        header = ','.join(f'{name} [{UNITS[name]}]' for name in columns)
+        stream.write(f'{header}\n'.encode())
+        for begin in range(0, len(trajectory), _BLOCK):
+            block = np.column_stack(
+                [values[begin:begin + _BLOCK] for values in columns.values()])
+            # repr is the shortest text that gives the same float again.
+            text = '\n'.join(','.join(map(repr, row)) for row in block.tolist())
+            stream.write(f'{text}\n'.encode())
+
+
+def write_npz(trajectory: Trajectory, path: PathLike) -> None:
+    """
+    Write a trajectory as compressed numpy arrays, one per column.
+
+    The array ``units`` has a row of name and unit for each column.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be written.
+
+    """
+    columns = trajectory.columns
+    arrays: dict[str, Any] = {
+        'units': np.array([[name, UNITS[name]] for name in columns]), **columns}
+    with replacing(path) as stream:
+        np.savez_compressed(stream, **arrays)
+
+
+def read_columns(path: PathLike) -> dict[str, Array]:
+    """
+    Return the columns of a file from `write_csv` or `write_npz`, by name.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be read or is not of this kind.
+
+    """
+    return _read(Path(path))[0]
+
+
+def read_units(path: PathLike) -> dict[str, str]:
+    """
+    Return the units that a file from `write_csv` or `write_npz` gives for its columns.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be read or is not of this kind.
+
+    """
+    return _read(Path(path))[1]
+
+
+def _read(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
+    """Return columns and units."""
+    readers = {'.csv': _read_csv, '.npz': _read_npz}
+    if path.suffix not in readers:
+        raise ConfigurationError(
+            f'{path}: a trajectory is kept in a file ending in .csv or .npz, got {path.suffix!r}')
+    try:
+        return readers[path.suffix](path)
+    except OSError as error:
+        raise ConfigurationError(
+            f'{path}: cannot be read: {error.strerror or error}') from error
+    except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise ConfigurationError(f'{path}: is not a trajectory: {error}') from error
+
+
+def _read_csv(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
+    with open(path, encoding='utf-8', newline='') as stream:
+        rows = csv.reader(stream)
+        units = {}
+        for title in next(rows, []):
+            match = _HEADER.match(title)
+            if match is None:
+                raise ValueError(f'column {title!r} has no name with a unit, as in "x [m]"')
+            units[match['name']] = match['unit']
+        table = np.array([[float(word) for word in row] for row in rows])
+    if not units or table.ndim != 2 or table.shape[1] != len(units):
+        raise ValueError(f'expected rows of {len(units)} numbers, got {table.shape}')
+    return dict(zip(units, table.T)), units
+
+
+def _read_npz(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
+    with np.load(path, allow_pickle=False) as archive:
+        units = {str(name): str(unit) for name, unit in archive['units']}
+        return {name: archive[name] for name in units}, units

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which moments of a run a film strip shows, and in which rows."""
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.simulation.trajectory import Trajectory
+
+# Lengths in ball radii.
+ROW = 17.0  # travel in one row at most
+TURN = 0.5  # travel back that begins a new row
+LEAST_GAP = 0.55  # between two outlines
+
+# Outlines along the longest row at most.
+OUTLINES = 13
+
+# Rows of a strip at most; a longer run shows its most interesting part.
+MOST_ROWS = 4
+
+# Samples looked at; more would look the same.
+_LOOKS = 6000
+
+
+@dataclass(frozen=True)
+class Row:
+    """
+    A part of a run in which the ball goes one way.
+
+    Attributes
+    ----------
+    samples : array of int
+        Looked at, in the order of time.
+    frames : array of int
+        Those at which the ball is drawn.
+
+    """
+
+    samples: Array
+    frames: Array
+
+
+@dataclass(frozen=True)
+class Plan:
+    """
+    The rows of a strip.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+    gap : float
+        Distance between two outlines, at least [m].
+    of : int
+        How many rows the whole run would take.
+
+    """
+
+    rows: tuple[Row, ...]
+    gap: float
+    of: int
+
+
+def plan(run: Trajectory) -> Plan:
+    """Return which samples are shown where."""
+    radius = run.model.robot.ball_radius
+    looked = np.unique(np.linspace(0, len(run) - 1, min(len(run), _LOOKS)).astype(int))
+    parts = [part for leg in _legs(run['x'], looked, TURN * radius)
+             for part in _split(run['x'], leg, ROW * radius)]
+    shown = _window(run, parts)
+    longest = max(float(np.hypot(np.diff(run['x'][part]), np.diff(run['y'][part])).sum())
+                  for part in shown)
+    gap = max(LEAST_GAP * radius, longest / (OUTLINES - 1))
+    return Plan(tuple(Row(part, _frames(run, part, gap)) for part in shown), gap, len(parts))
+
+
+def _legs(x: Array, looked: Array, least: float) -> list[Array]:
+    """Cut where the ball turns round and then goes back by more than `least`."""
+    legs, begin, turn, way = [], 0, 0, 0
+    for index in range(1, len(looked)):
+        travel = x[looked[index]] - x[looked[turn]]
+        if way == 0:
+            # Which way it goes at first is known once it has gone somewhere.
+            if abs(travel) > least:
+                way, turn = (1 if travel > 0.0 else -1), index
+        elif travel * way > 0.0:
+            turn = index
+        elif abs(travel) > least:
+            legs.append(looked[begin:turn + 1])
+            begin, turn, way = turn, index, -way
+    return [*legs, looked[begin:]]
+
+
+def _split(x: Array, leg: Array, length: float) -> list[Array]:
+    """Cut a leg into parts of equal travel, none longer than `length`."""
+    travel = np.abs(x[leg] - x[leg[0]])
+    count = max(1, math.ceil(float(travel.max()) / length))
+    # Small steps back do not open a part again.
+    part = np.minimum(np.maximum.accumulate(travel) * count / max(travel.max(), 1e-12),
+                      count - 1).astype(int)
+    return [piece for number in range(count) if len(piece := leg[part == number])]
+
+
+def _window(run: Trajectory, parts: list[Array]) -> list[Array]:
+    """Return the parts about the hardest impact, an edge before a surface."""
+    if len(parts) <= MOST_ROWS:
+        return parts
+    force = run['edge_normal_force']
+    if not force.any():
+        force = run['surface_normal_force']
+    peaks = [float(force[part].max()) for part in parts]
+    first = int(np.argmax(peaks)) - 1
+    first = min(max(first, 0), len(parts) - MOST_ROWS)
+    return parts[first:first + MOST_ROWS]
+
+
+def _frames(run: Trajectory, part: Array, gap: float) -> Array:
+    """Return the first and the last sample, and those in between that keep their distance."""
+    places = np.column_stack([run['x'][part], run['y'][part]])
+    kept = [0]
+    last = len(part) - 1
+    for index in range(1, last):
+        away = np.hypot(*(places[kept] - places[index]).T)
+        if away.min() >= gap:
+            kept.append(index)
+    if last and np.hypot(*(places[last] - places[0])) > 0.2 * gap:
+        # The end matters more than a neighbour of it.
+        kept = [0, *(index for index in kept[1:]
+                     if np.hypot(*(places[last] - places[index])) >= 0.7 * gap), last]
+    return part[kept]

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a person should know before using a run."""
+from typing import Iterator, Optional
+
+import numpy as np
+
+from ballbot_ros.physics.simulation.scene import Scene
+from ballbot_ros.physics.simulation.trajectory import Trajectory
+from ballbot_ros.physics.solvers.fixed_step import METHODS as FIXED
+
+# An energy ledger that is off by more than this share asks for a smaller step.
+RESIDUAL = 1e-5
+
+# Share of the time in contact with full sliding that is called sliding all along.
+SLIDING = 0.9
+
+# Deeper than this share of the radius, a shell is no stiff spring any more.
+DEPTH = 0.1
+
+
+def find_warnings(trajectory: Trajectory, scene: Scene, expected: int,
+                  residual: Optional[float]) -> Iterator[str]:
+    """
+    Yield one sentence for each thing that is not as one would like it.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    scene : Scene
+    expected : int
+        Samples of a complete run.
+    residual : float or None
+        Of the energy ledger, relative to the energy in play.
+
+    """
+    robot, solver, assured = scene.model.robot, scene.model.solver, trajectory.assurance
+    finer = (f'a smaller step than {solver.step:g} s' if solver.method in FIXED
+             else f'a smaller tolerance than {solver.tolerance:g} m')
+    if assured is not None:
+        finer = 'a smaller accuracy'
+        if not assured.complete:
+            yield (f'the motion is chaotic: the accuracy of {assured.accuracy:g} m holds up to '
+                   f'{assured.horizon:.4g} s, and no tolerance takes it further')
+    if len(trajectory) < expected:
+        yield (f'the run ended early: {len(trajectory)} of {expected} samples, up to '
+               f'{trajectory["time"][-1]:g} s')
+    if not np.isfinite(trajectory.rows).all():
+        yield f'some numbers are not finite; use {finer}'
+    elif residual is not None and not residual <= RESIDUAL:
+        yield (f'the energy ledger is off by {residual:.1e} of the energy in play (at most '
+               f'{RESIDUAL:.0e} is good); use {finer}')
+    depth = float(np.max(trajectory['penetration']))
+    if depth > DEPTH * robot.ball_radius:
+        yield (f'the ball sank {1e3 * depth:.3g} mm into the ground, more than {DEPTH:.0%} of '
+               'its radius; contact_stiffness is too low for this impact')
+    touching = trajectory['penetration'] > 0.0
+    if touching.any():
+        slip = np.abs(trajectory['slip_velocity'][touching])
+        sliding = float(np.mean(slip >= robot.slip_threshold))
+        if sliding > SLIDING:
+            yield (f'the ball slid for {sliding:.0%} of its time in contact, so it never '
+                   'rolled; start it without slip (initial: speed), drive it less or raise '
+                   'surface_friction')
+    still = np.ptp(trajectory.rows[:, 1:9], axis=0).max() < 1e-6
+    if still and len(trajectory) > 1:
+        yield 'nothing moved; give the scene a start (initial) or a drive (actuation)'

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a ball does when its commands stop: each `on_timeout`, on a slope or a level floor.
+
+The full model of the robot under the torques of the real `Supervisor`, which knows the true
+angles.  The ball rests, or rolls at a constant speed, under law (12); then nobody commands any
+more.  Slopes rise towards +x where they are positive.
+"""
+from dataclasses import replace
+import math
+from typing import Iterable, Iterator, NamedTuple, Optional, Sequence, Tuple
+
+import numpy as np
+
+from ballbot_ros.bridge.hardware_file import Hardware, ON_TIMEOUT
+from ballbot_ros.bridge.supervisor import Motion, Supervisor
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import load_robot, Model, Terrain
+from ballbot_ros.physics.mechanics.laws import velocity_torque
+from ballbot_ros.physics.model.actuation import Actuation
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.simulation.model import State
+from ballbot_ros.physics.simulation.scene import Initial, Run, Scene
+from ballbot_ros.plant import Plant
+
+LEAD = 1.0  # under commands, before they stop [s]
+LASTS = 10.0  # watched after that [s]
+GAIN = 10.0  # kP of law (12), the paper's [N m s/rad]
+ACCURACY = 1e-4  # of positions [m]
+HANGING = math.radians(5.0)  # a pendulum within this hangs [rad]
+
+
+class Case(NamedTuple):
+    """How a ball moves when its commands stop, and what follows."""
+
+    policy: str  # one of ON_TIMEOUT
+    slope: float  # of the ground [rad]
+    speed: float  # along it [m/s]
+
+
+class Course(NamedTuple):
+    """
+    A case and what came of it, counted from the last command.
+
+    Every array has a value for each period of the loop.
+    """
+
+    case: Case
+    time: Array  # [s]
+    way: Array  # along the ground [m]
+    speed: Array  # of the centre, along the ground [m/s]
+    pendulum_angle: Array  # absolute [rad]
+    work: Array  # given by the motor since the commands were too old, less what it took [J]
+    error: float  # estimated, of the positions [m]
+
+    def after(self, seconds: float) -> Tuple[float, float]:
+        """Return way [m] and speed [m/s] some time after the last command."""
+        place = int(np.argmin(np.abs(self.time - seconds)))
+        return float(self.way[place]), float(self.speed[place])
+
+    @property
+    def largest_angle(self) -> float:
+        """Return the largest pendulum angle, either way [rad]."""
+        return float(np.abs(self.pendulum_angle).max())
+
+    @property
+    def hangs_after(self) -> Optional[float]:
+        """Return when the pendulum begins to stay within `HANGING`, None if it does not [s]."""
+        beyond = np.flatnonzero(np.abs(self.pendulum_angle) > HANGING)
+        if not len(beyond):
+            return 0.0
+        return float(self.time[beyond[-1] + 1]) if beyond[-1] + 1 < len(self.time) else None
+
+    @property
+    def energy_given(self) -> float:
+        """Return the most that the motor had given, after commands were too old [J]."""
+        return float(self.work.max())
+
+
+def held_angle(robot: Robot, slope: float, joint_rate: float) -> float:
+    """
+    Return the pendulum angle that keeps a rolling ball at its speed [rad].
+
+    About the contact, the weight of the pendulum balances slope and rolling friction:
+    M2 g e sin(angle) = M g R sin(slope) + c1 v / R.
+
+    Raises
+    ------
+    ConfigurationError
+        If no angle does, naming the steepest slope.
+
+    """
+    if robot.largest_gravity_torque == 0.0:
+        raise ConfigurationError(f'robot {robot.name!r} has no pendulum that could hold it')
+    drag = robot.rolling_friction * joint_rate
+    weight = robot.weight * robot.ball_radius
+    sine = (weight * math.sin(slope) + drag) / robot.largest_gravity_torque
+    if not abs(sine) < 1.0:
+        steepest = math.asin((robot.largest_gravity_torque - abs(drag)) / weight)
+        raise ConfigurationError(
+            f'slope must be within +-{math.degrees(steepest):.3g} degrees, got '
+            f'{math.degrees(slope):g}: no pendulum angle holds {robot.name!r} on a steeper one')
+    return math.asin(sine)
+
+
+def scene_of(hardware: Hardware, case: Case) -> Scene:
+    """
+    Return the ball of a case while it is still commanded, in equilibrium.
+
+    Raises
+    ------
+    ConfigurationError
+        If the robot cannot be held on that slope.
+
+    """
+    robot = load_robot(hardware.robot)
+    rise = math.tan(case.slope)
+    model = Model(robot, Terrain([[-1.0, -rise], [1.0, rise]]))
+    joint_rate = -model.at_rest(0.0, case.speed).ball_rate
+    angle = math.degrees(held_angle(robot, case.slope, joint_rate))
+    return Scene('timeout', model, Initial(speed=case.speed, pendulum_angle_deg=angle),
+                 Actuation(), Run(duration=LEAD + LASTS))
+
+
+def let_go(hardware: Hardware, case: Case, lasts: float = LASTS) -> Course:
+    """
+    Hold a ball or let it roll, stop commanding, and watch.
+
+    Parameters
+    ----------
+    hardware : Hardware
+        Whose robot and limits count; its ``on_timeout`` is that of the case.
+    case : Case
+    lasts : float
+        [s] after the last command.
+
+    Raises
+    ------
+    ConfigurationError
+        If the robot cannot be held on that slope, or the policy is none.
+
+    """
+    scene, limits = scene_of(hardware, case), replace(hardware.limits, on_timeout=case.policy)
+    robot = scene.model.robot
+    plant = Plant(scene, hardware.connection.loop_rate, limits.torque_limit, ACCURACY)
+    supervisor = Supervisor(limits, plant.period)
+    supervisor.reset(0.0)
+    # Law (12) without an integral lags behind by the friction of the joint.
+    set_rate = scene.start.joint_rate * (1.0 + robot.joint_friction / GAIN)
+    last, end = (round(time / plant.period) for time in (LEAD, LEAD + lasts))
+    states, given = [], []
+    since = None  # work of the motor when the commands were too old
+    while True:
+        state = plant.state
+        if plant.periods >= last:
+            if since is None and supervisor.timed_out:
+                since = state.motor_work
+            states.append(state)
+            given.append(0.0 if since is None else state.motor_work - since)
+        if plant.periods == end:
+            break
+        if plant.periods <= last:
+            supervisor.offer(velocity_torque(
+                state.pendulum_angle, state.joint_rate, 0.0, set_rate, GAIN, 0.0,
+                robot.largest_gravity_torque), plant.time, plant.time)
+        plant.advance(supervisor.decide(plant.time, Motion(
+            state.pendulum_angle, state.pendulum_rate, state.joint_rate)))
+    return _course(case, states, given, plant.error_estimate)
+
+
+def _course(case: Case, states: Sequence[State], given: Sequence[float], error: float) -> Course:
+    """Return a course from its states, with positions and speeds along the ground."""
+    columns = dict(zip(State._fields, np.array(states).T))
+    cosine, sine = math.cos(case.slope), math.sin(case.slope)
+    x, y = (columns[name] - columns[name][0] for name in 'xy')
+    return Course(case, columns['time'] - columns['time'][0], cosine * x + sine * y,
+                  cosine * columns['velocity_x'] + sine * columns['velocity_y'],
+                  columns['pendulum_angle'], np.array(given), error)
+
+
+def cases(speed: float, slopes: Iterable[float],
+          policies: Sequence[str] = ON_TIMEOUT) -> Iterator[Case]:
+    """
+    Yield the cases of the study.
+
+    At rest on each slope, down it: up is the mirror image.  Then rolling down each, then up.
+
+    Parameters
+    ----------
+    speed : float
+        Of the rolling ball [m/s].
+    slopes : iterable of float
+        From 0 on [rad].
+    policies : sequence of str
+
+    """
+    steps = list(slopes)
+    ways = [(0.0, -slope) for slope in steps]
+    if speed:
+        ways += [(speed, -slope) for slope in steps] + [
+            (speed, slope) for slope in steps if slope > 0.0]
+    for begin, slope in ways:
+        for policy in policies:
+            yield Case(policy, slope, begin)

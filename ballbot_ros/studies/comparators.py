@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Simpler models of how high a step a ball gets over, in closed form.
+
+These are the models of the paper's section 2, and the two that it names as further work.  None
+of them integrates an equation of motion.  `impacts` has the one that does: rigid impacts with
+restitution and friction, and flight between them.
+
+Notation: M = M1 + M2, kappa = J1 / (M R^2), h the height of the step, beta the angle of the
+line from the edge to the centre at the first touch: cos beta = 1 - h/R.  A higher edge than the
+centre is a wall, so that no height here is more than R.
+"""
+import math
+from typing import Callable
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.model.robot import Robot
+
+
+def quasi_static(robot: Robot) -> float:
+    """
+    Return the highest step that the ball climbs without any speed [m].
+
+    Eq. (1), of Halme et al. [4]: the level pendulum brings the common centre of mass, M2 e / M
+    ahead of the centre of the ball, to the vertical through the edge.  Holds for a ball that
+    stands at the step, with friction enough; a ball that rolls gets over much more.
+    """
+    offset = robot.pendulum_mass * robot.pendulum_length / robot.total_mass
+    return robot.ball_radius - math.sqrt(robot.ball_radius**2 - offset**2)
+
+
+def wind_driven(radius: float, weight: float, wind_speed: float, air_density: float,
+                drag_coefficient: float) -> float:
+    """
+    Return the highest step that wind pushes a resting ball over [m].
+
+    Eq. (2), of Antol et al. [31] for the Tumbleweed rovers: the torques of drag and weight about
+    the edge balance.  Holds for a ball that stands at the step in a steady wind.
+
+    Parameters
+    ----------
+    radius : float
+        Of the ball [m].
+    weight : float
+        m g [N], with the gravity of the place.
+    wind_speed : float
+        [m/s]
+    air_density : float
+        [kg/m3]; some 0.02 on Mars, 1.2 on Earth.
+    drag_coefficient : float
+        Of the ball in that wind.
+
+    Raises
+    ------
+    ConfigurationError
+        If radius or weight is not above 0, or another value is negative.
+
+    """
+    for name, value, least in (
+            ('radius', radius, 1e-300), ('weight', weight, 1e-300), ('wind_speed', wind_speed, 0),
+            ('air_density', air_density, 0), ('drag_coefficient', drag_coefficient, 0)):
+        if not (math.isfinite(value) and value >= least):
+            raise ConfigurationError(
+                f'{name} must be finite and {"above" if least else "at least"} 0, got {value!r}')
+    drag = drag_coefficient * math.pi * radius**2 * 0.5 * air_density * wind_speed**2
+    return radius * (1.0 - weight / math.hypot(drag, weight))
+
+
+def slope_limit(robot: Robot, with_friction: bool = True) -> float:
+    """
+    Return the steepest slope that the ball climbs at a steady speed [rad].
+
+    The level pendulum balances gravity about the contact, sin(alpha) = M2 e / (M R); friction
+    must carry the ball's weight along the slope, tan(alpha) <= mu.  Laplante [10] gives 7.68
+    degrees for the first.  (His 48 degrees for the second, with mu = 0.2, are not the angle of
+    friction, which is 11.3 degrees.)  Rolling friction is left out.
+
+    Parameters
+    ----------
+    with_friction : bool
+        Heed the second condition as well.
+
+    """
+    limit = robot.slope_limit
+    return min(limit, math.atan(robot.surface_friction)) if with_friction else limit
+
+
+def energy(robot: Robot, speed: float) -> float:
+    """
+    Return the height at which the energy of rolling is used up [m].
+
+    M g h = M v^2 / 2 + J1 (v/R)^2 / 2, the idea of Kolacinski and Quinn [32], which the paper
+    describes in words; whether they count the energy of rotation is not known.  An upper bound
+    for a ball without drive, near the truth where little is lost at the impact: for low steps.
+    """
+    check(robot, speed)
+    return min(rolling_energy(robot, speed) / robot.weight, robot.ball_radius)
+
+
+def energy_with_held_pendulum(robot: Robot, speed: float, pendulum_angle: float) -> float:
+    """
+    Return the height at which energy of rolling and work of the motor are used up [m].
+
+    The motor holds the pendulum at an absolute angle with the torque M2 g e sin(phi), while the
+    ball turns by beta about the edge: M g h = E + M2 g e sin(phi) beta.  Derived here.  An upper
+    bound for the driven ball.  Without speed it is about four times the step of eq. (1): the
+    balance of torques asks for a push all the way up, the energy only for enough of it.
+    """
+    check(robot, speed)
+    available = rolling_energy(robot, speed)
+    return bisect(lambda height: _lifts(robot, available, pendulum_angle, height),
+                  robot.ball_radius)
+
+
+def plastic_impulse(robot: Robot, speed: float) -> float:
+    """
+    Return the highest step after a plastic impact on the edge, without slip [m].
+
+    Angular momentum about the edge is kept at the impact, energy after it:
+    v^2 = 2 g h (1 + kappa) / (kappa + cos beta)^2.  A textbook result; for a solid sphere and
+    h = R/5 it is v = sqrt(14 g R) / 6.  The pendulum counts as a mass that does not turn: right
+    for one that the motor holds down.  Holds for a rigid edge without bounce or slip, and
+    speeds at which the ball does not leave the edge again.
+    """
+    check(robot, speed)
+    if speed == 0.0:
+        return 0.0
+    kappa, radius = inertia_ratio(robot), robot.ball_radius
+    drop = robot.gravity * radius / speed**2
+    return min(radius * (1.0 + kappa) * (1.0 + drop - math.sqrt(drop * (drop + 2.0))), radius)
+
+
+def plastic_impulse_with_held_pendulum(robot: Robot, speed: float,
+                                       pendulum_angle: float) -> float:
+    """
+    Return the highest step after a plastic impact, while the motor holds the pendulum [m].
+
+    The impact of `plastic_impulse`, then the climb of `energy_with_held_pendulum`.  Derived
+    here; the momentum model for the driven ball.
+    """
+    check(robot, speed)
+    kappa = inertia_ratio(robot)
+
+    def enough(height: float) -> bool:
+        kept = (kappa + 1.0 - height / robot.ball_radius) / (kappa + 1.0)
+        return _lifts(robot, rolling_energy(robot, kept * speed), pendulum_angle, height)
+    return bisect(enough, robot.ball_radius)
+
+
+def free_pendulum_impulse(robot: Robot, speed: float, pendulum_angle: float = 0.0) -> float:
+    """
+    Return the highest step after a plastic impact of a ball whose pendulum is free [m].
+
+    The momentum model that the paper leaves as further work.  No impulse passes the free joint,
+    so that the momentum of the swing, the second row of A in eq. (6), is kept.  With it
+    eliminated, the centre has the mass of a ball whose pendulum gives way, ::
+
+        W = M 1 - (M2 e)^2 / (J2 + M2 e^2) u u',    u = (cos phi, sin phi)
+
+    and with t = (cos beta, sin beta), the way about the edge, the impact leaves the rate ::
+
+        Omega = (J1 v/R + R t' W (v, 0)) / (J1 + R^2 t' W t)
+
+    The energy of the swing stays in the swing; the rest, Omega^2 (J1 + R^2 t' W t) / 2, must be
+    M g h.  Derived here from A, and tested against it.  Holds as `plastic_impulse` does; the
+    swing after the impact is left out.
+
+    Parameters
+    ----------
+    robot : Robot
+        Without a pendulum this is `plastic_impulse`.
+    speed : float
+        [m/s]
+    pendulum_angle : float
+        Absolute, at the impact [rad].
+
+    """
+    check(robot, speed)
+    inertia = robot.pendulum_inertia + robot.pendulum_mass * robot.pendulum_length**2
+    given = ((robot.pendulum_mass * robot.pendulum_length)**2 / inertia
+             if robot.has_pendulum else 0.0)
+    cosine, sine = math.cos(pendulum_angle), math.sin(pendulum_angle)
+    radius, ball, mass = robot.ball_radius, robot.ball_inertia, robot.total_mass
+
+    def enough(height: float) -> bool:
+        ahead = 1.0 - height / radius
+        up = math.sqrt(max(1.0 - ahead * ahead, 0.0))
+        along = ahead * cosine + up * sine
+        moment = ball + radius**2 * (mass - given * along * along)
+        rate = (ball / radius + radius * (mass * ahead - given * along * cosine)) * speed / moment
+        return rate > 0.0 and 0.5 * moment * rate * rate >= robot.weight * height
+    return bisect(enough, radius)
+
+
+def rolling_energy(robot: Robot, speed: float) -> float:
+    """Return M v^2 / 2 + J1 (v/R)^2 / 2, with the pendulum not turning [J]."""
+    return 0.5 * robot.total_mass * (1.0 + inertia_ratio(robot)) * speed**2
+
+
+def inertia_ratio(robot: Robot) -> float:
+    """Return J1 / (M R^2)."""
+    return robot.ball_inertia / (robot.total_mass * robot.ball_radius**2)
+
+
+def check(robot: Robot, speed: float) -> None:
+    """Refuse what has no highest step."""
+    if not (math.isfinite(speed) and speed >= 0.0):
+        raise ConfigurationError(f'speed must be finite and at least 0 m/s, got {speed!r}')
+    if robot.gravity == 0.0:
+        raise ConfigurationError(
+            f'robot {robot.name!r} has no gravity: there is no highest step')
+
+
+def _lifts(robot: Robot, available: float, pendulum_angle: float, height: float) -> bool:
+    """Tell whether an energy [J] and the work of a held pendulum lift the ball onto a step."""
+    turn = math.acos(1.0 - height / robot.ball_radius)
+    work = robot.largest_gravity_torque * math.sin(pendulum_angle) * turn
+    return available + work >= robot.weight * height
+
+
+def bisect(enough: Callable[[float], bool], high: float, low: float = 0.0,
+           tolerance: float = 0.0) -> float:
+    """
+    Return the largest value from `low` to `high` that is enough, found by halving.
+
+    Parameters
+    ----------
+    enough : callable
+        Is taken to hold at `low`.
+    high, low : float
+    tolerance : float
+        Width of the last bracket; its lower end is returned.
+
+    """
+    if enough(high):
+        return high
+    while high - low > tolerance:
+        middle = 0.5 * (low + high)
+        if not low < middle < high:
+            break
+        if enough(middle):
+            low = middle
+        else:
+            high = middle
+    return low

@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Simulate highest steps and fit the cubics that the decision works with.
+
+**Fit**: least squares, and nowhere flatter than `LEAST_SLOPE`.  **Conservative**: as high as it
+can be without exceeding any of the simulated heights less their errors, which are taken so
+close together that nothing rises between them; a linear program.  **Band**: the same heights for
+many robots drawn from the ranges of the uncertain numbers.
+"""
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+import math
+import os
+from typing import Callable, Optional, Sequence, Tuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog, minimize
+
+from ballbot_ros import __version__
+from ballbot_ros.config.fields import Checked, count, quantity
+from ballbot_ros.crossing import drive_for, max_step_height, Rules
+from ballbot_ros.decision.band import Band
+from ballbot_ros.decision.curve import HeightCurve, Making
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import Actuation, Robot
+from ballbot_ros.studies.uncertainty import draw, uncertain
+
+Array = NDArray[np.float64]
+LEAST_SLOPE = 1e-4  # of a curve [s]
+PROBABILITIES = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 1.0)
+DENSE = 8  # conservative heights for each one that is fitted
+SPARSE = 11  # speeds of the band
+LAWS = ('free', 'position', 'velocity', 'voltage')
+
+
+@dataclass(frozen=True)
+class Request(Checked):
+    """Over which speeds to fit, how exactly, and how many robots to draw."""
+
+    lowest_speed: float = quantity('m/s', 'slowest speed', default=0.2, above=0.0)
+    highest_speed: float = quantity('m/s', 'fastest speed', default=1.2, above=0.0)
+    points: int = count('speeds that are fitted', default=21, minimum=6, maximum=1000)
+    accuracy: float = quantity(
+        'm', 'largest error of a simulated height', default=2e-6, minimum=1e-8, maximum=1e-3)
+    samples: int = count('robots drawn for the band; 0 for no band', default=256, maximum=100_000)
+    seed: int = count('of the draw', default=0)
+
+    def __post_init__(self) -> None:
+        """Check each value, then that there is a range."""
+        super().__post_init__()
+        if not self.lowest_speed < self.highest_speed:
+            raise ConfigurationError(
+                f'Request: highest_speed must be more than lowest_speed '
+                f'({self.lowest_speed:g} m/s), got {self.highest_speed:g} m/s')
+        if self.samples == 1:
+            raise ConfigurationError('Request: samples must be 0, or at least 2, got 1')
+
+
+def dense_points(request: Request) -> int:
+    """Return the number of heights that the conservative curve is made of."""
+    return DENSE * (request.points - 1) + 1
+
+
+def heights_for(robot: Robot, request: Request) -> int:
+    """Return the number of heights that will be simulated."""
+    return dense_points(request) + (SPARSE * request.samples if uncertain(robot) else 0)
+
+
+def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
+              request: Request = Request(), rules: Rules = Rules(),
+              progress: Optional[Callable[[int], None]] = None) -> HeightCurve:
+    """
+    Simulate and fit.
+
+    Parameters
+    ----------
+    name : str
+        Of the curve.
+    actuation : Actuation
+        Its set rate follows the speed, and so does its voltage if that is 0.
+    wording : str
+        What the pendulum does, for people.
+    progress : callable, optional
+        Called with the number of heights done, see `heights_for`.
+    robot, request, rules
+
+    Raises
+    ------
+    ConfigurationError
+        If no rising cubic can be fitted, or an argument is out of range.
+    SimulationError
+        See `max_step_height`.
+
+    """
+    if actuation.law not in LAWS:
+        raise ConfigurationError(
+            f'fit_curve: law must be one of {", ".join(LAWS)}, got {actuation.law!r}')
+    low, high = request.lowest_speed, request.highest_speed
+    dense: Array = np.array(np.linspace(low, high, dense_points(request)).round(12), float)
+    told = 0
+
+    def find(item: Tuple[Robot, float]) -> Tuple[float, float]:
+        found = max_step_height(item[0], item[1], drive_for(item[0], actuation)(item[1]),
+                         accuracy=request.accuracy, rules=rules)
+        return found.height, found.error
+
+    def all_of(robots: Sequence[Robot], speeds: Array) -> Array:
+        nonlocal told
+        rows = []
+        with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+            for row in pool.map(find, [(each, speed) for each in robots for speed in speeds]):
+                rows.append(row)
+                told += 1
+                if progress is not None:
+                    progress(told)
+        return np.array(rows).reshape(len(robots), len(speeds), 2)
+
+    heights, errors = all_of([robot], dense)[0].T
+    speeds, points = dense[::DENSE], heights[::DENSE]
+    coefficients = monotone_cubic(speeds, points)
+    residuals = np.polyval(coefficients[::-1], speeds) - points
+    powers = np.vander(speeds, 4, increasing=True)
+    covariance = (residuals @ residuals / (len(speeds) - 4) * np.linalg.inv(powers.T @ powers))
+    band = None
+    if uncertain(robot) and request.samples:
+        sparse: Array = np.array(np.linspace(low, high, SPARSE).round(12), float)
+        drawn = all_of(draw(robot, request.samples, request.seed), sparse)[:, :, 0]
+        quantiles = np.maximum.accumulate(
+            np.quantile(drawn, PROBABILITIES, axis=0).T.round(6), axis=1)
+        band = Band(request.samples, request.seed,
+                    {key: list(ends) for key, ends in uncertain(robot).items()},
+                    tuple(sparse.tolist()), PROBABILITIES, tuple(map(tuple, quantiles.tolist())))
+    # The residual is rounded up: it is a bound.
+    return HeightCurve(
+        name, robot.name, wording,
+        f're-simulated, eqs. (4) to (13); {len(speeds)} points', low, high,
+        math.ceil(1e6 * float(np.max(np.abs(residuals)))) / 1e6,
+        round(float(np.sqrt(np.mean(residuals**2))), 7), tuple(coefficients.tolist()),
+        tuple(conservative_cubic(dense, heights - errors).tolist()),
+        tuple(map(tuple, covariance.tolist())),
+        Making(robot.digest, actuation.law, robot.surface_friction, robot.edge_friction,
+               rules.attempts, request.accuracy, len(speeds), __version__,
+               actuation.set_angle if actuation.law == 'position' else 0.0,
+               actuation.voltage if actuation.law == 'voltage' else 0.0), band)
+
+
+def monotone_cubic(speeds: Array, heights: Array) -> Array:
+    """
+    Return the coefficients a0 to a3 of the best cubic that rises all over its range.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is none.
+
+    """
+    powers = np.vander(speeds, 4, increasing=True)
+    best: Array = np.linalg.lstsq(powers, heights, rcond=None)[0]
+    slopes = slope_rows(speeds[0], speeds[-1])
+    if (slopes @ best < LEAST_SLOPE).any():
+        scale = max(float(np.ptp(heights)), 1e-6)
+        found = minimize(
+            lambda a: np.sum(((powers @ a - heights) / scale)**2), best,
+            jac=lambda a: 2.0 * powers.T @ (powers @ a - heights) / scale**2, method='SLSQP',
+            constraints={'type': 'ineq', 'fun': lambda a: (slopes @ a - LEAST_SLOPE) / scale,
+                         'jac': lambda _: slopes / scale},
+            options={'maxiter': 500, 'ftol': 1e-12})
+        best = found.x
+        if not (slopes @ best > 0.5 * LEAST_SLOPE).all():
+            raise ConfigurationError(
+                'no rising cubic fits these heights; narrow the range of speeds')
+    return best
+
+
+def conservative_cubic(speeds: Array, heights: Array) -> Array:
+    """
+    Return the coefficients of the highest rising cubic that no height exceeds from below.
+
+    Parameters
+    ----------
+    speeds : (n,) array
+        Evenly spaced and close [m/s].
+    heights : (n,) array
+        Lower ends of what was simulated [m].
+
+    Raises
+    ------
+    ConfigurationError
+        If there is none.
+
+    """
+    powers = np.vander(speeds, 4, increasing=True)
+    slopes = slope_rows(speeds[0], speeds[-1])
+    # A smooth curve sags below its chord by an eighth of its second difference.
+    sag = 0.125 * np.max(np.abs(np.diff(heights, 2)), initial=0.0)
+    found = linprog(
+        -powers.sum(axis=0), np.vstack([powers, -slopes]),
+        np.concatenate([heights - sag, np.full(len(slopes), -LEAST_SLOPE)]),
+        bounds=(None, None))
+    if not found.success:
+        raise ConfigurationError(
+            'no rising cubic stays below these heights; narrow the range of speeds')
+    # Rounding of the solver: down, never up.
+    return np.array([found.x[0] - 1e-7, *found.x[1:]])
+
+
+def slope_rows(low: float, high: float) -> Array:
+    """Return the matrix from coefficients to slopes all over a range [m/s]."""
+    speeds = np.linspace(low, high, 201)
+    return np.stack([0.0 * speeds, 1.0 + 0.0 * speeds, 2.0 * speeds, 3.0 * speeds**2], axis=1)
+
+

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+r"""
+A collision as an impulse: rigid, with restitution and Coulomb friction, pendulum swinging freely.
+
+In no time the places stay and the velocities jump.  With normal n, tangent t of the contact,
+impulses P_n and P_t, and a = (cos, sin)(phi), eqs. (3)-(6) give for the velocity of the contact
+point, u_n = v_n and u_t = v_t + R theta1'::
+
+    d u_n = w_nn d P_n + w_nt d P_t      w_nn = 1/M + q a_n^2      q = (m / M)^2 / I
+    d u_t = w_nt d P_n + w_tt d P_t      w_tt = 1/M + q a_t^2 + R^2 / J1
+                                         w_nt = q a_n a_t
+
+*Friction* (Routh).  P_t follows P_n: while the contact slides, d P_t = -mu sign(u_t) d P_n; once
+u_t = 0 it sticks, d P_t = -(w_nt / w_tt) d P_n, where the cone allows that, and else slides on to
+the other side.  So there is one bend at most, and all is piecewise linear.
+
+*Restitution* (Stronge).  Compression ends with u_n = 0; then the contact gives back e^2 of the
+work that compression took.  So the energy never grows, whatever the friction does.
+
+*The e of eq. (7).*  A mass 1/w on spring and damper that may not pull leaves, at N = 0, with
+
+    e = exp(-z / sqrt(1 - z^2) (pi - 2 asin(z)))      z = kd / 2 sqrt(w / k)
+
+of its speed; for z > 1 the same with 2 acosh(z) / sqrt(z^2 - 1).  So in the limit of hard contacts
+and steep friction this impulse is the full model, with w = d u_n / d P_n of the way the contact
+slides or sticks; exactly, if it does one of both all the time.  What the limit leaves out is
+that a contact lasts: the ball rolls, and the pendulum swings, some ten milliseconds.
+"""
+import math
+from typing import NamedTuple
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.simulation.model import Model, State
+
+
+class Blow(NamedTuple):
+    """What a collision does."""
+
+    state: State  # just after it
+    normal_impulse: float  # [N s]
+    friction_impulse: float  # along (normal_y, -normal_x) [N s]
+    sticks: bool  # whether the contact point ends without sliding
+    lost: float  # energy [J]
+
+
+def restitution(robot: Robot, compliance: float) -> float:
+    """
+    Return the part of the speed that eq. (7) gives back.
+
+    Parameters
+    ----------
+    robot : Robot
+    compliance : float
+        w, the speed that a unit of impulse makes [1/kg].
+
+    """
+    damping = 0.5 * robot.contact_damping * math.sqrt(compliance / robot.contact_stiffness)
+    if abs(damping - 1.0) < 1e-6:
+        return math.exp(-2.0)
+    if damping < 1.0:
+        return math.exp(-damping / math.sqrt(1.0 - damping**2)
+                        * (math.pi - 2.0 * math.asin(damping)))
+    return math.exp(-2.0 * damping * math.acosh(damping) / math.sqrt(damping**2 - 1.0))
+
+
+def collide(model: Model, state: State, normal_x: float, normal_y: float, friction: float,
+            bounce: float = -1.0) -> Blow:
+    """
+    Return what a rigid collision does to a ball.
+
+    Parameters
+    ----------
+    model : Model
+        Its robot counts; friction of its motor and joint is too slow for a blow.
+    state : State
+        Just before; the contact approaches.
+    normal_x, normal_y : float
+        Of the ground, out of it, of length 1.
+    friction : float
+        Coefficient, at least 0.
+    bounce : float
+        Coefficient of restitution, 0 to 1; less than 0 for that of eq. (7).
+
+    Raises
+    ------
+    ConfigurationError
+        If the contact does not approach or wedges, the normal has no unit length, friction is
+        negative or bounce above 1.
+
+    """
+    robot, numbers = model.robot, model.numbers
+    tangent_x, tangent_y = normal_y, -normal_x
+    approach = state.velocity_x * normal_x + state.velocity_y * normal_y
+    if abs(math.hypot(normal_x, normal_y) - 1.0) > 1e-9:
+        raise ConfigurationError(
+            f'the normal must have length 1, got [{normal_x!r}, {normal_y!r}]')
+    if not approach < 0.0:
+        raise ConfigurationError(
+            f'a collision needs a contact that approaches; it departs at {approach:g} m/s')
+    if not (friction >= 0.0 and bounce <= 1.0):
+        raise ConfigurationError(
+            f'friction must be at least 0 and bounce at most 1, got {friction!r} and {bounce!r}')
+    slip = (state.velocity_x * tangent_x + state.velocity_y * tangent_y
+            + robot.ball_radius * state.ball_rate)
+    share = a_n = a_t = 0.0
+    if robot.has_pendulum:
+        cosine, sine = math.cos(state.pendulum_angle), math.sin(state.pendulum_angle)
+        a_n, a_t = (cosine * normal_x + sine * normal_y, cosine * tangent_x + sine * tangent_y)
+        share = (numbers.pendulum_moment / numbers.mass)**2 / numbers.swing_inertia
+    w_nn = 1.0 / numbers.mass + share * a_n * a_n
+    w_nt = share * a_n * a_t
+    w_tt = 1.0 / numbers.mass + share * a_t * a_t + robot.ball_radius**2 / robot.ball_inertia
+    pieces = _course(slip, friction, w_nn, w_nt, w_tt)
+    if min(rise for _, _, rise in pieces) <= 0.0:
+        raise ConfigurationError(
+            f'a friction of {friction:g} wedges this contact: pressing makes it approach faster '
+            "(Painleve's paradox); use the full model")
+    if bounce < 0.0:
+        bounce = restitution(robot, pieces[0][2])
+    normal, along = _impulses(approach, pieces, bounce)
+    after, lost = _apply(model, state, (normal_x, normal_y), normal, along, a_n, a_t)
+    end = slip + w_nt * normal + w_tt * along
+    return Blow(after, normal, along, abs(end) <= 1e-12 * (abs(slip) + abs(approach)), lost)
+
+
+def _course(slip: float, friction: float, w_nn: float, w_nt: float, w_tt: float) -> list:
+    """Return the pieces of the way: normal impulse at the end, d P_t / d P_n, d u_n / d P_n."""
+    stick = -w_nt / w_tt
+    pieces = []
+    if slip != 0.0:
+        ratio = -math.copysign(friction, slip)
+        slowing = w_nt + w_tt * ratio  # d u_t / d P_n
+        end = -slip / slowing if slip * slowing < 0.0 else math.inf
+        pieces.append((end, ratio, w_nn + w_nt * ratio))
+        if end == math.inf:
+            return pieces
+    # With no slip: the cone holds it, or it slides to where the coupling drives it.
+    ratio = stick if abs(stick) <= friction else math.copysign(friction, stick)
+    return [*pieces, (math.inf, ratio, w_nn + w_nt * ratio)]
+
+
+def _impulses(approach: float, pieces: list, bounce: float) -> tuple:
+    """Return normal and friction impulse at the end of restitution."""
+    normal = along = work = 0.0
+    speed, compressing, wanted = approach, True, 0.0
+    for end, ratio, rise in pieces:
+        while True:
+            if compressing:
+                step = min(-speed / rise, end - normal)
+            else:
+                # The work of restitution, u P + w P^2 / 2, up to what is to be given back.
+                left = wanted - work
+                step = min((math.sqrt(speed * speed + 2.0 * rise * left) - speed) / rise,
+                           end - normal)
+            work += step * (speed + 0.5 * rise * step)
+            normal, along = normal + step, along + ratio * step
+            speed += rise * step
+            if compressing and normal < end:
+                compressing, wanted, work, speed = False, -bounce * bounce * work, 0.0, 0.0
+                continue
+            if normal >= end:
+                break
+            return normal, along
+    return normal, along
+
+
+def _apply(model: Model, state: State, direction: tuple, normal: float, along: float, a_n: float,
+           a_t: float) -> tuple:
+    """Return the state after the impulses, and the energy that they took."""
+    robot, numbers = model.robot, model.numbers
+    normal_x, normal_y = direction
+    swing = 0.0
+    if robot.has_pendulum:
+        swing = -numbers.pendulum_moment / numbers.mass * (
+            a_n * normal + a_t * along) / numbers.swing_inertia
+    push_x = normal * normal_x + along * normal_y
+    push_y = normal * normal_y - along * normal_x
+    kick = numbers.pendulum_moment * swing
+    after = state._replace(
+        ball_rate=state.ball_rate + robot.ball_radius * along / robot.ball_inertia,
+        pendulum_rate=state.pendulum_rate + swing,
+        velocity_x=state.velocity_x + (
+            push_x - kick * math.cos(state.pendulum_angle)) / numbers.mass,
+        velocity_y=state.velocity_y + (
+            push_y - kick * math.sin(state.pendulum_angle)) / numbers.mass)
+    return after, model.energies(state).kinetic - model.energies(after).kinetic

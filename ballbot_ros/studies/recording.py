@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What was measured during a run, each channel at its own times."""
+from dataclasses import dataclass
+from typing import Any, Dict, Mapping, Optional, Tuple
+
+import numpy as np
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import Model, Scene, simulate, Solver, Trajectory
+from ballbot_ros.physics.mechanics import equations
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.simulation.failures import failure
+from ballbot_ros.physics.solvers.adaptive import Scratch
+from ballbot_ros.physics.solvers.fixed_step import FINISHED
+
+# Channels that can be compared, and their units.
+CHANNELS: Mapping[str, str] = {
+    'x': 'm', 'y': 'm', 'velocity_x': 'm/s', 'velocity_y': 'm/s', 'ball_angle': 'rad',
+    'ball_rate': 'rad/s', 'pendulum_angle': 'rad', 'pendulum_rate': 'rad/s',
+    'joint_angle': 'rad', 'joint_rate': 'rad/s'}
+MOST_SAMPLES = 2000  # of a channel; of more, every n-th is used
+SOLVER = Solver('adaptive', 1e-3, 1e-9)
+GRID = 1e-3  # [s]: between samples of the simulation, which are interpolated
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """
+    Measurements of a run.
+
+    Attributes
+    ----------
+    channels : mapping of str to (times, values)
+        Times [s] count from the start of the scene.
+    torque : (times, values) or None
+        Of the pendulum motor [N m]; a value was applied up to its time, from that before.
+
+    Raises
+    ------
+    ConfigurationError
+        If a channel is unknown, has too few samples, or its times do not rise.
+
+    """
+
+    channels: Mapping[str, Tuple[Array, Array]]
+    torque: Optional[Tuple[Array, Array]] = None
+
+    def __post_init__(self) -> None:
+        """Check all channels, and thin out long ones."""
+        if not self.channels:
+            raise ConfigurationError(
+                'recording: nothing in it can be compared; known are ' + ', '.join(CHANNELS))
+        checked = {}
+        for name, (times, values) in self.channels.items():
+            if name not in CHANNELS:
+                raise ConfigurationError(f'recording: channel {name!r} is not known')
+            times, values = _series(name, times, values)
+            stride = -(-len(times) // MOST_SAMPLES)
+            checked[name] = times[::stride], values[::stride]
+        object.__setattr__(self, 'channels', checked)
+        if self.torque is not None:
+            object.__setattr__(self, 'torque', _series('pendulum_torque', *self.torque))
+
+    @property
+    def duration(self) -> float:
+        """Return the time of the last sample [s]."""
+        return max(float(times[-1]) for times, _ in self.channels.values())
+
+    def only(self, names: Any) -> 'Recording':
+        """Return a recording of some channels; refuse those that there are not."""
+        for name in names:
+            if name not in self.channels:
+                raise ConfigurationError(
+                    f'recording: there is no channel {name!r}; there are '
+                    + ', '.join(self.channels))
+        return Recording({name: self.channels[name] for name in names}, self.torque)
+
+    @classmethod
+    def of_columns(cls, columns: Mapping[str, Array]) -> 'Recording':
+        """Return the recording in the columns of a trajectory file."""
+        if 'time' not in columns:
+            raise ConfigurationError('recording: there is no column time')
+        times = columns['time'] - columns['time'][0]
+        torque = columns.get('pendulum_torque')
+        return cls({name: (times, columns[name]) for name in CHANNELS if name in columns},
+                   None if torque is None else (times, torque))
+
+
+def _series(name: str, times: Any, values: Any) -> Tuple[Array, Array]:
+    """Return checked times and values."""
+    moments, numbers = np.array(times, dtype=float), np.array(values, dtype=float)
+    if len(moments) != len(numbers) or len(moments) < 8:
+        raise ConfigurationError(
+            f'recording: {name} needs at least 8 samples, got {len(numbers)}')
+    if not (np.isfinite(moments).all() and np.isfinite(numbers).all()):
+        raise ConfigurationError(f'recording: {name} must be finite all over')
+    if moments[0] < 0.0 or not (np.diff(moments) > 0.0).all():
+        raise ConfigurationError(f'recording: the times of {name} must rise from 0 s on')
+    return moments, numbers
+
+
+def replay(scene: Scene, recording: Recording, use_torque: bool) -> Dict[str, Array]:
+    """
+    Return what a scene has in place of the samples of each channel.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its solver and duration are not used.
+    use_torque : bool
+        Apply the recorded torque instead of the law of the scene.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no torque.
+    SimulationError
+        If the run cannot go on.
+
+    """
+    model = Model(scene.model.robot, scene.model.terrain, scene.model.options, SOLVER)
+    if use_torque:
+        rows = _driven(model, scene, recording)
+    else:
+        rows = simulate(model, scene.initial.state(model), scene.actuation,
+                        recording.duration + 2.0 * GRID, GRID).rows
+    columns = Trajectory(model, rows).columns
+    known = dict(columns, joint_angle=columns['pendulum_angle'] - columns['ball_angle'],
+                 joint_rate=columns['pendulum_rate'] - columns['ball_rate'])
+    return {name: np.interp(times, columns['time'], known[name])
+            for name, (times, _) in recording.channels.items()}
+
+
+def _driven(model: Model, scene: Scene, recording: Recording) -> Array:
+    """Return rows of a run under the recorded torque, one per sample of it."""
+    if recording.torque is None:
+        raise ConfigurationError('recording: there is no torque to replay')
+    state = scene.initial.state(model)
+    vector, scratch, step = np.array(state[1:]), Scratch(len(model.profile)), 0.0
+    times, torques = recording.torque
+    rows, now = [[*state, 0.0]], state.time
+    for moment, torque in zip(times.tolist(), torques.tolist()):
+        if moment <= now:
+            continue
+        now, step, _, ending = scratch.advance(
+            model, equations.Drive(equations.TORQUE, torque), vector, now, moment, step)
+        if ending != FINISHED:
+            raise failure(ending, now, vector, model)
+        rows.append([moment, *vector.tolist(), torque])
+    return np.array(rows)

@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Rigid impacts with restitution and friction, and what lies between them.
+
+The collision model of the Tumbleweed rovers: that of Kane and Levinson [35] as Hartl [34] and
+others use it, in the equations of textbooks.  A rigid ball without moving parts (a pendulum
+counts as mass that does not turn) comes to a step.  Its centre stays on or above a line: the
+floor raised by R, and the arc of radius R about the edge.
+
+*Impact.*  The velocity towards the line is reversed and multiplied by the coefficient of
+restitution e.  The tangential impulse is what stops the slip s, -M kappa / (1 + kappa) s, or as
+much of it as friction allows, mu M (1 + e) |v_n|.
+
+*Ride.*  On the line the ball rolls, or slides with full friction: an ordinary differential
+equation along the line.  It lifts off where the line would have to pull.
+
+*Flight.*  A parabola, up to where it meets the line again.
+
+A bounce slower than `QUIET` is left out, because an endless sequence of them is not run
+through in finite time.
+"""
+import math
+from typing import Optional
+
+from ballbot_ros.crossing.attempt import RETREAT
+from ballbot_ros.crossing.rules import touch_distance
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.studies.comparators import bisect, check, inertia_ratio
+
+QUIET = 0.005  # [m/s]; a flight that begins with it lasts 1 ms
+LOOK = 5e-4  # time between two looks at a flight: shorter than the shortest one [s]
+RIDE_STEP = 5e-4  # of the integration along the line [s]
+TIME_LIMIT = 5.0  # after which a ball that is neither over nor back has failed [s]
+BELOW = 1e-12  # rounding that does not count as a touch [m]
+
+FLYING, FLOOR, EDGE = range(3)
+
+
+def crosses_rigidly(robot: Robot, speed: float, height: float,
+                    restitution: Optional[float] = None) -> bool:
+    """
+    Tell whether a rigid ball gets over a step at the first attempt.
+
+    Parameters
+    ----------
+    robot : Robot
+    speed : float
+        Collision speed [m/s].
+    height : float
+        Of the step [m], at most the radius.
+    restitution : float, optional
+        0 to 1; that of the robot's contact spring and damper by default.
+
+    Raises
+    ------
+    ConfigurationError
+        For values outside these ranges.
+
+    """
+    check(robot, speed)
+    if not 0.0 < height <= robot.ball_radius:
+        raise ConfigurationError(
+            f'height must be above 0 and at most the radius of {robot.ball_radius:g} m, got '
+            f'{height!r}')
+    bounce = robot.restitution if restitution is None else restitution
+    if not 0.0 <= bounce <= 1.0:
+        raise ConfigurationError(f'restitution must be from 0 to 1, got {restitution!r}')
+    return RigidBall(robot, speed, height, bounce).passes()
+
+
+def impact_with_restitution(robot: Robot, speed: float, restitution: Optional[float] = None,
+                            tolerance: float = 1e-5) -> float:
+    """
+    Return the highest step that a rigid ball gets over, to a tolerance [m].
+
+    Found as the full model's is: the height grows until the ball fails, then the bracket is
+    halved.  Holds for a shell so hard that the impact is over before the ball has moved; a bounce
+    here takes no time.
+    """
+    check(robot, speed)
+
+    def enough(height: float) -> bool:
+        return crosses_rigidly(robot, speed, height, restitution)
+    low, high = 0.0, max(tolerance, 0.25 * speed**2 / (2.0 * robot.gravity))
+    while high < robot.ball_radius and enough(high):
+        low, high = high, 2.0 * high
+    return bisect(enough, min(high, robot.ball_radius), low, tolerance)
+
+
+class RigidBall:
+    """A ball that has rolled up to a step with its face at x = 0, seen from the side."""
+
+    def __init__(self, robot: Robot, speed: float, height: float, restitution: float):
+        """Begin where the ball on the floor touches the edge."""
+        self.robot, self.height, self.restitution = robot, height, restitution
+        self.radius, self.kappa = robot.ball_radius, inertia_ratio(robot)
+        self.reach = touch_distance(self.radius, height)
+        self.x, self.y, self.velocity_x, self.velocity_y = -self.reach, self.radius, speed, 0.0
+        self.rim_speed = speed  # R times the rate, positive rolling forward [m/s]
+        self.on = FLOOR
+
+    def passes(self) -> bool:
+        """Run until the ball is over, or back, or time is up."""
+        self.touch(EDGE)
+        for _ in range(round(TIME_LIMIT / min(LOOK, RIDE_STEP))):
+            if self.on == FLYING:
+                self.fly()
+            else:
+                self.ride()
+            if self.x > 0.0:
+                return True
+            if self.x < -self.reach - RETREAT and self.velocity_x < 0.0:
+                return False
+        return False
+
+    def lean(self) -> float:
+        """Return the angle of the line's normal from the vertical, positive backwards [rad]."""
+        return math.atan2(-self.x, self.y - self.height) if self.on == EDGE else 0.0
+
+    def friction(self) -> float:
+        """Return the coefficient of what the ball is on."""
+        return self.robot.edge_friction if self.on == EDGE else self.robot.surface_friction
+
+    def along(self, lean: float) -> float:
+        """Return the speed along the line [m/s]."""
+        return self.velocity_x * math.cos(lean) + self.velocity_y * math.sin(lean)
+
+    def touch(self, what: int) -> None:
+        """Change the velocities by an impact; go on along the line, or bouncing off."""
+        self.on = what
+        lean = self.lean()
+        sine, cosine = math.sin(lean), math.cos(lean)
+        inward = max(self.velocity_x * sine - self.velocity_y * cosine, 0.0)
+        bounce = self.restitution * inward
+        if bounce < QUIET:
+            bounce = 0.0
+        along = self.rub(self.along(lean), self.friction() * (inward + bounce))
+        self.velocity_x = along * cosine - bounce * sine
+        self.velocity_y = along * sine + bounce * cosine
+        if bounce > 0.0:
+            self.on = FLYING
+
+    def rub(self, along: float, most: float) -> float:
+        """
+        Stop the slip by a tangential impulse and return the new speed along the line [m/s].
+
+        Parameters
+        ----------
+        along : float
+            Speed of the centre [m/s].
+        most : float
+            Impulse per mass that friction can give [m/s].
+
+        """
+        wanted = self.kappa / (1.0 + self.kappa) * (self.rim_speed - along)
+        given = min(max(wanted, -most), most)
+        self.rim_speed -= given / self.kappa
+        return along + given
+
+    def ride(self) -> None:
+        """
+        Go along the line for `RIDE_STEP`, or lift off where it would pull.
+
+        Half of the way, all forces, the other half: of second order.  Friction that stops the
+        slip of the step keeps a rolling ball rolling.
+        """
+        curvature = 1.0 / self.radius if self.on == EDGE else 0.0
+        lean, gravity = self.lean(), self.robot.gravity
+        along = self.along(lean)
+        lean -= 0.5 * RIDE_STEP * along * curvature
+        press = gravity * math.cos(lean) - curvature * along * along
+        if press <= 0.0:
+            self.on = FLYING
+            return
+        self.x += 0.5 * RIDE_STEP * along  # right for the floor; the edge overwrites it
+        along = self.rub(along - RIDE_STEP * gravity * math.sin(lean),
+                         RIDE_STEP * self.friction() * press)
+        self.x += 0.5 * RIDE_STEP * along
+        lean -= 0.5 * RIDE_STEP * along * curvature
+        self.velocity_x, self.velocity_y = along * math.cos(lean), along * math.sin(lean)
+        if self.on == EDGE:
+            self.x = -self.radius * math.sin(lean)
+            self.y = self.height + self.radius * math.cos(lean)
+            if self.y < self.radius:
+                self.x, self.y = -self.reach, self.radius
+                self.touch(FLOOR)
+        elif self.x > -self.reach:
+            self.x = -self.reach
+            self.touch(EDGE)
+
+    def fly(self) -> None:
+        """Fly for `LOOK`, or up to a touch."""
+        begin = self.x, self.y, self.velocity_y
+
+        def place(time: float) -> float:
+            """Go to a time of the flight and return how far the ball is from the line."""
+            self.x = begin[0] + self.velocity_x * time
+            self.y = begin[1] + (begin[2] - 0.5 * self.robot.gravity * time) * time
+            self.velocity_y = begin[2] - self.robot.gravity * time
+            return min(self.y, math.hypot(self.x, self.y - self.height)) - self.radius
+
+        if place(LOOK) < -BELOW and self.x <= 0.0:
+            place(bisect(lambda time: place(time) >= -BELOW, LOOK, 0.0, 1e-9))
+            away = math.hypot(self.x, self.y - self.height)
+            self.touch(FLOOR if self.y < away else EDGE)

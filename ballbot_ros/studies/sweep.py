@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Run a plan on many cores and keep every block that is done.
+
+Blocks are written one file each, whole or not at all, into a folder beside the result; a sweep
+that is killed goes on with those that are missing.  At the end they become one Parquet file with
+units and provenance in its metadata, and the folder goes.
+"""
+from concurrent.futures import Executor, FIRST_COMPLETED, Future, wait
+import json
+import os
+from pathlib import Path
+import shutil
+from typing import Any, Callable, Dict, List, Optional, Set, Tuple
+
+import numpy as np
+
+from ballbot_ros.crossing import max_step_height, try_step
+from ballbot_ros.errors import BallbotError, ConfigurationError
+from ballbot_ros.studies.sweep_plan import NUMBERS, Plan
+
+BLOCK = 1000  # cases between two files
+AHEAD = 3     # blocks handed out for each worker
+TRIED = {'passes': '1', 'score': 'm2/s2'}
+NOTE = b'ballbot_sweep'  # in the metadata of a result: what it was made from
+SEARCHED = {'max_height': 'm', 'error': 'm'}
+
+
+def columns(plan: Plan) -> Dict[str, str]:
+    """Return the unit of each column of the result."""
+    units = {name: NUMBERS[name]['unit'] for name in plan.names}
+    return {'case': '1', **units, **(SEARCHED if plan.searches else TRIED), 'failure': ''}
+
+
+def run_block(plan: Plan, first: int, behind: int) -> Dict[str, List[Any]]:
+    """
+    Run the cases from one number to before another.
+
+    A case that cannot be made, or whose simulation cannot go on, says why in the column
+    ``failure``; its results are empty.
+    """
+    rows = plan.block(first, behind)
+    results: List[Tuple[Any, Any, Optional[str]]] = []
+    for values in rows.tolist():
+        try:
+            robot, speed, height, actuation, site, rules = plan.case(dict(zip(plan.names, values)))
+            if height is None:
+                found = max_step_height(robot, speed, actuation, None, plan.accuracy, site, rules)
+                results.append((found.height, found.error, None))
+            else:
+                results.append((*try_step(
+                    robot, speed, height, actuation, site=site, rules=rules), None))
+        except BallbotError as error:
+            results.append((None, None, str(error)))
+    units = columns(plan)
+    names = list(units)
+    table: Dict[str, List[Any]] = {'case': list(range(first, first + len(rows)))}
+    table.update({name: rows[:, place].tolist() for place, name in enumerate(plan.names)})
+    table.update({name: list(column) for name, column in zip(names[-3:], zip(*results))})
+    return table
+
+
+def run_sweep(plan: Plan, out: Path, pool: Executor, workers: int,
+              progress: Optional[Callable[[float], None]] = None, block: int = BLOCK) -> int:
+    """
+    Run a plan into a Parquet file, going on with what an earlier run has left.
+
+    Parameters
+    ----------
+    plan : Plan
+    out : Path
+    pool : Executor
+        Of processes, or of a cluster.
+    workers : int
+        That the pool has.
+    progress : callable, optional
+        Called with the number of cases done.
+    block : int
+        Cases per file; that of the first run counts.
+
+    Returns
+    -------
+    int
+        Cases that were found done.
+
+    Raises
+    ------
+    ConfigurationError
+        If pyarrow is missing, a file cannot be written, `out` is there and is no result of a
+        sweep, or the folder beside it is that of another sweep.
+
+    """
+    arrow = load_arrow()
+    refuse_foreign(arrow, out)
+    folder = out.with_name(out.name + '.blocks')
+    block = _open(plan, folder, block)
+    starts = list(range(0, plan.size, block))
+    left = [first for first in starts if not _part(folder, first).is_file()]
+    found = done = sum(min(block, plan.size - first)
+                       for first in starts if _part(folder, first).is_file())
+    waiting: Set[Future] = set()
+    pending = iter(left)
+    if progress is not None:
+        progress(done)
+    while True:
+        for first in pending:
+            future = pool.submit(run_block, plan, first, min(first + block, plan.size))
+            waiting.add(future)
+            if len(waiting) >= AHEAD * workers:
+                break
+        if not waiting:
+            break
+        ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+        for future in ready:
+            table = future.result()
+            first = table['case'][0]
+            write_parquet(arrow, plan, table, _part(folder, first))
+            done += len(table['case'])
+            if progress is not None:
+                progress(done)
+    _join(arrow, plan, [_part(folder, first) for first in starts], out)
+    shutil.rmtree(folder)
+    return found
+
+
+def load_arrow() -> Any:
+    """Return pyarrow with its Parquet part, or say how to get it."""
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError as error:
+        raise ConfigurationError(
+            'a sweep writes Parquet files and needs pyarrow: pip install pyarrow') from error
+    return pyarrow
+
+
+def refuse_foreign(arrow: Any, out: Path) -> None:
+    """
+    Refuse to take the place of a file that no sweep has written.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the file.
+
+    """
+    if not out.exists():
+        return
+    try:
+        ours = NOTE in (arrow.parquet.read_schema(out).metadata or {})
+    except (OSError, arrow.ArrowException):  # a folder, no permission, no Parquet
+        ours = False
+    if not ours:
+        raise ConfigurationError(
+            f'{out} is there and is not the result of a sweep; move it away or choose another '
+            'file to write to')
+
+
+def _part(folder: Path, first: int) -> Path:
+    return folder / f'{first:010d}.parquet'
+
+
+def _open(plan: Plan, folder: Path, block: int) -> int:
+    """Make the folder of the blocks, or check that it is of this plan; return their size."""
+    note = folder / 'plan.json'
+    try:
+        if not note.is_file():
+            folder.mkdir(parents=True, exist_ok=True)
+            draft = folder / f'.plan.{os.getpid()}'
+            draft.write_text(json.dumps({'digest': plan.digest, 'block': block}),
+                             encoding='utf-8')
+            os.replace(draft, note)
+            return block
+        text = note.read_text(encoding='utf-8')
+    except OSError as error:
+        raise ConfigurationError(
+            f'{folder}: cannot be written: {error.strerror or error}') from error
+    try:
+        known = json.loads(text)
+        digest, size = known['digest'], int(known['block'])
+    except (ValueError, KeyError, TypeError) as error:
+        raise ConfigurationError(
+            f'{note}: is damaged; remove {folder} to begin anew') from error
+    if digest != plan.digest:
+        raise ConfigurationError(
+            f'{folder} holds another sweep that is not done; go on with that one, remove the '
+            'folder, or choose another file to write to')
+    return size
+
+
+def _schema(arrow: Any, plan: Plan) -> Any:
+    """Return the columns with their units, and what the file was made from."""
+    kinds = {'case': arrow.int64(), 'passes': arrow.bool_(), 'failure': arrow.string()}
+    described = {'plan': plan.describe(), 'digest': plan.digest, 'units': columns(plan),
+                 'cases': plan.size}
+    return arrow.schema(
+        [arrow.field(name, kinds.get(name, arrow.float64()),
+                     metadata={'unit': unit}) for name, unit in columns(plan).items()],
+        metadata={NOTE: json.dumps(described)})
+
+
+def write_parquet(arrow: Any, plan: Plan, table: Dict[str, List[Any]], path: Path) -> None:
+    """Write one block, whole or not at all, and safe from a failure of the machine."""
+    draft = path.with_name(f'.{path.name}.{os.getpid()}')
+    try:
+        with open(draft, 'wb') as stream:
+            arrow.parquet.write_table(
+                arrow.table(table, schema=_schema(arrow, plan)), stream)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(draft, path)
+    except OSError as error:
+        draft.unlink(missing_ok=True)
+        raise ConfigurationError(
+            f'{path}: cannot be written: {error.strerror or error}; make room, then go on with '
+            'the same command') from error
+
+
+def _join(arrow: Any, plan: Plan, parts: List[Path], out: Path) -> None:
+    """Write all blocks as one file, a block at a time."""
+    draft = out.with_name(f'.{out.name}.{os.getpid()}')
+    try:
+        with arrow.parquet.ParquetWriter(draft, _schema(arrow, plan)) as writer:
+            for part in parts:
+                writer.write_table(arrow.parquet.read_table(part))
+        os.replace(draft, out)
+    except OSError as error:
+        draft.unlink(missing_ok=True)
+        raise ConfigurationError(
+            f'{out}: cannot be written: {error.strerror or error}; make room, then go on with '
+            'the same command') from error
+
+
+def spread(values: str) -> Tuple[str, Any]:
+    """
+    Read ``name=0.1,0.2``, ``name=0.2:1.2:21`` (a grid of 21) or ``name=0.2:1.2`` (a range).
+
+    Returns
+    -------
+    name : str
+    values : list or tuple of float
+        A list of grid values, or a tuple of two ends.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming what was given and what is allowed.
+
+    """
+    name, _, rest = values.partition('=')
+    try:
+        if ':' not in rest:
+            return name, [float(word) for word in rest.split(',')]
+        words = rest.split(':')
+        low, high = float(words[0]), float(words[1])
+        if len(words) == 2:
+            return name, (low, high)
+        if len(words) == 3 and int(words[2]) >= 2:
+            return name, np.linspace(low, high, int(words[2])).round(12).tolist()
+    except ValueError:
+        pass
+    raise ConfigurationError(
+        f'{values!r} must be name=value,value,... or name=first:last:number, or for a design that '
+        'is no grid name=low:high')

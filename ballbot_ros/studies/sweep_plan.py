@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a sweep is to try: which numbers vary, how the cases are chosen, what each case is.
+
+A case is a robot before a step.  Anything with a number may vary: fields of the robot and (as
+``motor.resistance``) of its motor, speed and height, the ground, the actuation.
+"""
+from dataclasses import asdict, dataclass, fields, replace
+import hashlib
+import json
+from typing import Any, Dict, Mapping, Tuple
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from ballbot_ros import __version__
+from ballbot_ros.config.fields import check_value, Checked, count, quantity, suggestion, text
+from ballbot_ros.crossing import drive_for, Rules, Site
+from ballbot_ros.crossing.rules import HEIGHT, SPEED
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import Actuation, Robot
+from ballbot_ros.physics.model.robot import Motor
+
+Array = NDArray[np.float64]
+DESIGNS = ('grid', 'sobol', 'random')
+MOST_CASES = 10**9
+
+
+def _numbers(cls: Any, prefix: str = '') -> Dict[str, Mapping[str, Any]]:
+    return {prefix + item.name: item.metadata for item in fields(cls)
+            if item.metadata.get('kind') is float}
+
+
+ROBOT, MOTOR = _numbers(Robot), _numbers(Motor, 'motor.')
+SITE, ACTUATION, RULES = _numbers(Site), _numbers(Actuation), _numbers(Rules)
+CASE = {'speed': SPEED, 'height': HEIGHT}
+NUMBERS = {**CASE, **SITE, **RULES, **ACTUATION, **ROBOT, **MOTOR}
+
+
+@dataclass(frozen=True)
+class Plan(Checked):
+    """
+    A sweep; immutable, and the same plan is the same cases.
+
+    Attributes
+    ----------
+    robot, actuation, site, rules
+        What holds where nothing varies.
+    fixed : mapping of str to float
+        Speed, and height if it is not searched for, unless they vary.
+    grid : mapping of str to tuple of float
+        Values of each number; of ``grid`` only.
+    ranges : mapping of str to (low, high)
+        Of each number; of the other designs.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming what is unknown, missing or out of range.
+
+    """
+
+    robot: Robot
+    actuation: Actuation = Actuation()
+    site: Site = Site()
+    rules: Rules = Rules()
+    design: str = text('how the cases are chosen', default='grid', choices=DESIGNS)
+    cases: int = count('cases of a design that is no grid', default=0, maximum=MOST_CASES)
+    seed: int = count('of a design that is no grid', default=0)
+    accuracy: float = quantity(
+        'm', 'largest error of a height that is searched for', default=5e-5, minimum=1e-8,
+        maximum=1e-2)
+    fixed: Any = ()
+    grid: Any = ()
+    ranges: Any = ()
+
+    def __post_init__(self) -> None:
+        """Check each value, then that they make cases."""
+        super().__post_init__()
+        # Sources of numbers do not travel to other processes, and are of no use there.
+        object.__setattr__(self, 'robot', replace(self.robot, provenance={}))
+        for name in ('fixed', 'grid', 'ranges'):
+            object.__setattr__(self, name, dict(getattr(self, name)))
+        unused, used = (self.ranges, self.grid) if self.design == 'grid' \
+            else (self.grid, self.ranges)
+        if unused or not used:
+            raise ConfigurationError(
+                f'sweep: design {self.design!r} needs '
+                + ('lists of values, and no ranges' if self.design == 'grid'
+                   else 'ranges from low to high, and no lists'))
+        for name, values in {**used, **{key: (item,) for key, item in self.fixed.items()}}.items():
+            if name not in NUMBERS:
+                raise ConfigurationError(
+                    f'sweep: {name!r} is no number that can vary{suggestion(name, NUMBERS)}')
+            if not len(values):
+                raise ConfigurationError(f'sweep: {name} has no values')
+            for value in values:
+                check_value(name, value, NUMBERS[name], 'sweep')
+        for name, (low, high) in self.ranges.items():
+            if not low < high:
+                raise ConfigurationError(
+                    f'sweep: {name} must go from low to high, got {low:g} to {high:g}')
+        if any(name in MOTOR for name in used) and self.robot.motor is None:
+            raise ConfigurationError(f'sweep: robot {self.robot.name!r} has no motor to vary')
+        if 'speed' not in {**used, **self.fixed}:
+            raise ConfigurationError('sweep: speed is missing; give it, or let it vary')
+        if set(used) & set(self.fixed):
+            raise ConfigurationError(
+                f'sweep: {min(set(used) & set(self.fixed))} is given, and varies, too')
+        if not 1 <= self.size <= MOST_CASES:
+            raise ConfigurationError(
+                f'sweep: there must be at least 1 and at most {MOST_CASES} cases, got '
+                f'{self.size}')
+
+    @property
+    def names(self) -> Tuple[str, ...]:
+        """Return what varies."""
+        return tuple(self.grid if self.design == 'grid' else self.ranges)
+
+    @property
+    def size(self) -> int:
+        """Return the number of cases."""
+        if self.design != 'grid':
+            return self.cases
+        return int(np.prod([len(values) for values in self.grid.values()], dtype=object))
+
+    @property
+    def searches(self) -> bool:
+        """Tell whether the highest step is searched for; else steps of given heights are tried."""
+        return 'height' not in (*self.names, *self.fixed)
+
+    def block(self, first: int, behind: int) -> Array:
+        """Return cases from one number to before another: a row each, a column per name."""
+        behind = min(behind, self.size)
+        if self.design == 'grid':
+            places = np.unravel_index(
+                np.arange(first, behind), [len(values) for values in self.grid.values()])
+            return np.stack([np.array(values, dtype=float)[place] for values, place in zip(
+                self.grid.values(), places)], axis=1)
+        low, high = np.array(list(self.ranges.values()), dtype=float).T
+        if self.design == 'sobol':
+            engine = qmc.Sobol(len(low), seed=self.seed)
+            if first > 0:
+                engine.fast_forward(first)
+            with warnings.catch_warnings():
+                # Of a block that is no power of two; the whole sequence counts.
+                warnings.simplefilter('ignore')
+                points = engine.random(behind - first)
+        else:
+            # A stream of its own for each block would change with the size of the blocks.
+            bits = np.random.PCG64(self.seed)
+            bits.advance(first * len(low))
+            points = np.random.Generator(bits).random((behind - first, len(low)))
+        return np.array(low + points * (high - low), dtype=float)
+
+    def case(self, values: Mapping[str, float]) -> tuple:
+        """Return robot, speed, height (None to search), actuation, site and rules of a case."""
+        values = {**self.fixed, **values}
+
+        def change(part: Any, known: Mapping[str, Any]) -> Any:
+            new = {name: value for name, value in values.items() if name in known}
+            return replace(part, **new) if new else part
+        robot = change(self.robot, ROBOT)
+        motor = {name[len('motor.'):]: value for name, value in values.items() if name in MOTOR}
+        if motor:
+            robot = replace(robot, motor=replace(robot.motor, **motor))
+        actuation = change(self.actuation, ACTUATION)
+        if 'set_rate' not in values:
+            actuation = drive_for(robot, actuation)(values['speed'])
+        return (robot, values['speed'], values.get('height'), actuation,
+                change(self.site, SITE), change(self.rules, RULES))
+
+    def describe(self) -> Dict[str, Any]:
+        """Return all that makes the results what they are, as JSON knows it."""
+        content = {key: value for key, value in asdict(self).items() if key != 'robot'}
+        content['robot'] = self.robot.name
+        content['robot_digest'] = self.robot.digest
+        content['version'] = __version__
+        described: Dict[str, Any] = json.loads(json.dumps(content))
+        return described
+
+    @property
+    def digest(self) -> str:
+        """Return a fingerprint: the same for the same results."""
+        return hashlib.sha256(
+            json.dumps(self.describe(), sort_keys=True).encode()).hexdigest()[:16]

@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+One roll on the virtual test bench: section 6 of the paper as two rigs.
+
+`Ramp` is the free-rolling test: the ball is let go on a slope, rolls over a bend onto a level
+floor and into a step.  `RunUp` is the driven test: from rest, a constant voltage on the motor
+for 1.20 m.  In front of the step two touch sensors, 100 mm apart and read at 1 kHz, give the
+speed, as they gave it to the experimenters: rounded to readings, and some way before the touch.
+"""
+from dataclasses import dataclass
+import math
+from typing import ClassVar, NamedTuple, Optional
+
+import numpy as np
+
+from ballbot_ros.config.fields import Checked, quantity
+from ballbot_ros.crossing.attempt import RETREAT
+from ballbot_ros.crossing.rules import touch_distance
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.model.actuation import Actuation
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.terrain import Array, Terrain
+from ballbot_ros.physics.simulation.model import Model, Solver, State
+from ballbot_ros.physics.simulation.simulate import simulate
+
+STEP = 2e-4  # of the integration [s]
+OUTPUT = 1e-3  # between samples [s]
+PIECE = 0.25  # simulated between two looks at whether the roll is over [s]
+LIMIT = 12.0  # a ball that is neither over nor back by then lies still [s]
+BEND_ARC = math.radians(0.5)  # of one flat of the bend
+
+
+class Roll(NamedTuple):
+    """
+    One roll, as it was seen and as it was.
+
+    The experimenters know the first four; `measured_speed` is NaN where a sensor was not reached.
+    """
+
+    step_height: float  # [m]
+    setting: float  # release height [m] or voltage [V]
+    measured_speed: float  # [m/s]
+    passed: bool
+    touch_speed: float  # of the centre at the first touch of the step [m/s]; NaN if none
+    touch_angle: float  # absolute pendulum angle then [rad]
+
+
+@dataclass(frozen=True)
+class Bench(Checked):
+    """What both rigs have: sensors, and hands that are not quite steady."""
+
+    sensor_gap: float = quantity('m', 'between the two sensors', default=0.1, above=0.0)
+    sensor_rate: float = quantity('Hz', 'readings of the sensors', default=1000.0, above=0.0)
+    sensor_distance: float = quantity(
+        'm', 'second sensor to the face of the step', default=0.2, above=0.0)
+    pendulum_sd: float = quantity(
+        'rad', 'standard deviation of the pendulum angle at the start', default=0.25,
+        minimum=0.0)
+
+    # What the setting is, the least one, and the factors between those of two rolls.
+    knob: ClassVar[str]
+    unit: ClassVar[str]
+    lowest: ClassVar[float]
+    coarse: ClassVar[float]
+    fine: ClassVar[float]
+
+    @property
+    def highest(self) -> float:
+        """Return the highest setting."""
+        raise NotImplementedError
+
+    def terrain(self, height: float) -> Terrain:
+        """Return the ground with a step; its face is at x = 0."""
+        raise NotImplementedError
+
+    def begin(self, model: Model, setting: float, chance: np.random.Generator
+              ) -> tuple[State, Actuation]:
+        """Return how a roll starts and is driven, with the scatter of the hands."""
+        raise NotImplementedError
+
+    def pendulum_angle(self, robot: Robot, chance: np.random.Generator) -> float:
+        """Return a pendulum angle at the start [rad]."""
+        angle = chance.normal(0.0, self.pendulum_sd)
+        return float(angle) if robot.has_pendulum else 0.0
+
+    def roll(self, robot: Robot, height: float, setting: float,
+             chance: np.random.Generator) -> Roll:
+        """
+        Let the ball roll once.
+
+        Parameters
+        ----------
+        robot : Robot
+        height : float
+            Of the step [m].
+        setting : float
+            Release height [m] or voltage [V].
+        chance : numpy Generator
+            Gives the scatter; the same one gives the same rolls.
+
+        Raises
+        ------
+        ConfigurationError
+            If the second sensor lies where the ball has touched the step already.
+
+        """
+        touch = touch_distance(robot.ball_radius, height, robot.static_penetration)
+        if self.sensor_distance < touch:
+            raise ConfigurationError(
+                f'sensor_distance must be at least {touch:.3g} m, where the ball touches a step '
+                f'of {height:g} m, got {self.sensor_distance:g} m')
+        model = Model(robot, self.terrain(height), solver=Solver(step=STEP))
+        start, actuation = self.begin(model, setting, chance)
+        phase = chance.random()
+        rows, passed = run_to_the_end(model, start, actuation, touch, height)
+        time, x = rows[:, 0], rows[:, 1 + State._fields[1:].index('x')]
+        gate = self.sensor_distance + self.sensor_gap
+        first, second = (first_passage(time, x, -way) for way in (gate, self.sensor_distance))
+        measured = math.nan
+        if first is not None and second is not None:
+            # A reading sees the ball at the first tick after it has come.
+            ticks = (math.ceil(second * self.sensor_rate - phase)
+                     - math.ceil(first * self.sensor_rate - phase))
+            measured = self.sensor_gap * self.sensor_rate / max(ticks, 1)
+        at_touch = np.flatnonzero(x >= -touch)
+        if not len(at_touch):
+            return Roll(height, setting, measured, passed, math.nan, math.nan)
+        # The last sample before it: a millisecond later the step has taken some speed already.
+        state = State(*rows[max(at_touch[0] - 1, 0), :-1].tolist())
+        return Roll(height, setting, measured, passed,
+                    math.hypot(state.velocity_x, state.velocity_y), state.pendulum_angle)
+
+
+@dataclass(frozen=True)
+class Ramp(Bench):
+    """
+    The free-rolling test: the motor is detached, the setting is the release height.
+
+    That is the height of the ground below the centre of the ball, above the floor before the
+    step.
+    """
+
+    slope: float = quantity('rad', 'angle of the ramp', default=math.radians(8.0), above=0.0,
+                            maximum=math.radians(45.0))
+    bend: float = quantity('m', 'length of the rounding at its foot', default=0.3, above=0.0)
+    floor: float = quantity('m', 'level, from the bend to the step', default=0.6, above=0.3)
+    release_sd: float = quantity('m', 'standard deviation of the release height', default=1e-3,
+                                 minimum=0.0)
+    push_sd: float = quantity('m/s', 'standard deviation of the speed at the release',
+                              default=0.01, minimum=0.0)
+    highest_release: float = quantity('m', 'top of the ramp', default=0.4, above=0.0)
+
+    knob, unit, lowest, coarse, fine = 'release height', 'm', 4e-3, 1.3, 1.05
+
+    @property
+    def highest(self) -> float:
+        """Return the highest setting."""
+        return self.highest_release
+
+    def terrain(self, height: float) -> Terrain:
+        """Return ramp, bend, floor and step."""
+        radius = self.bend / math.sin(self.slope)
+        angles = np.linspace(self.slope, 0.0, 1 + math.ceil(self.slope / BEND_ARC))
+        foot = np.column_stack([-self.floor - radius * np.sin(angles),
+                                radius * (1.0 - np.cos(angles))])
+        top = foot[0] + [-1.0, math.tan(self.slope)]
+        return Terrain([top, *foot, [0.0, 0.0], [0.0, height], [1.0, height]])
+
+    def begin(self, model: Model, setting: float, chance: np.random.Generator
+              ) -> tuple[State, Actuation]:
+        """Return the ball let go on the ramp."""
+        release = max(setting + chance.normal(0.0, self.release_sd), 1e-3)
+        push = max(chance.normal(0.0, self.push_sd), 0.0)
+        angle = self.pendulum_angle(model.robot, chance)
+        # Backwards, for the ground comes down on the way to the step.
+        ground = model.terrain.vertices[-4::-1]
+        x = np.interp(release, ground[:, 1], ground[:, 0])
+        if release > ground[-1, 1]:
+            x = ground[-1, 0] - (release - ground[-1, 1]) / math.tan(self.slope)
+        return model.at_rest(float(x), push, angle), Actuation()
+
+
+@dataclass(frozen=True)
+class RunUp(Bench):
+    """The driven test: a constant voltage from rest; the setting is the voltage."""
+
+    length: float = quantity('m', 'way of the centre to the touch of the step', default=1.2,
+                             above=0.4)
+    voltage_sd: float = quantity('1', 'standard deviation of the voltage, relative to it',
+                                 default=0.02, minimum=0.0)
+    length_sd: float = quantity('m', 'standard deviation of the run-up', default=0.01,
+                                minimum=0.0)
+    highest_voltage: float = quantity(
+        'V', 'that the driver gives; more would swing the pendulum of GimBall over its top at '
+        'the start, and the ball would be slower', default=8.0, above=0.0)
+
+    knob, unit, lowest, coarse, fine = 'voltage', 'V', 1.0, 1.15, 1.03
+
+    @property
+    def highest(self) -> float:
+        """Return the highest setting."""
+        return self.highest_voltage
+
+    def terrain(self, height: float) -> Terrain:
+        """Return floor and step."""
+        return Terrain.step(height)
+
+    def begin(self, model: Model, setting: float, chance: np.random.Generator
+              ) -> tuple[State, Actuation]:
+        """Return the ball at rest, with a voltage on its motor."""
+        voltage = setting * (1.0 + chance.normal(0.0, self.voltage_sd))
+        length = max(self.length + chance.normal(0.0, self.length_sd), 0.4)
+        height = float(model.terrain.vertices[-1, 1])
+        touch = touch_distance(
+            model.robot.ball_radius, height, model.robot.static_penetration)
+        start = model.at_rest(-touch - length, 0.0, self.pendulum_angle(model.robot, chance))
+        return start, Actuation(law='voltage', voltage=min(voltage, self.highest_voltage))
+
+
+def run_to_the_end(model: Model, start: State, actuation: Actuation, touch: float,
+                   height: float) -> tuple[Array, bool]:
+    """
+    Simulate until the ball is over the step, or rolls back from it, or lies still.
+
+    Over is as in `physics.crossing`: the first attempt counts.
+
+    Returns
+    -------
+    rows : array
+        Samples, see `Trajectory`.
+    passed : bool
+
+    """
+    x, y, velocity = (1 + State._fields[1:].index(name) for name in ('x', 'y', 'velocity_x'))
+    pieces: list[Array] = []
+    state = start
+    while state.time < LIMIT:
+        run = simulate(model, state, actuation, PIECE, OUTPUT)
+        rows = run.rows
+        pieces.append(rows if not pieces else rows[1:])
+        over = (rows[:, x] > 0.0) & (rows[:, y] > height + 0.5 * model.robot.ball_radius)
+        # On the ramp a ball may at first roll a little way up: only by the step it is back.
+        back = (rows[:, velocity] < 0.0) & (rows[:, x] < -touch - RETREAT) & (
+            rows[:, x].max() > -touch - 0.3)
+        if over.any():
+            return np.vstack(pieces), bool(not back.any() or over.argmax() < back.argmax())
+        if back.any():
+            return np.vstack(pieces), False
+        state = run.state(len(run) - 1)
+    return np.vstack(pieces), False
+
+
+def first_passage(time: Array, x: Array, where: float) -> Optional[float]:
+    """Return when a point is first passed, between samples [s]; None if it is not."""
+    beyond = np.flatnonzero(x >= where)
+    if not len(beyond) or beyond[0] == 0:
+        return None
+    after = beyond[0]
+    share = (where - x[after - 1]) / (x[after] - x[after - 1])
+    return float(time[after - 1] + share * (time[after] - time[after - 1]))

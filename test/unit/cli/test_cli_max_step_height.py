@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``ballbot max-step-height`` prints heights with errors, for people and for programs."""
+import json
+import math
+
+import pytest
+
+from ballbot_ros.cli import main
+from ballbot_ros.cli.max_step_height import read_speeds
+from ballbot_ros.config.files import find_config
+from ballbot_ros.crossing import held_at, max_step_height, rolling, Rules, Site
+from ballbot_ros.physics import load_robot
+
+GIMBALL = load_robot('gimball')
+
+
+def answer(capsys, *words):
+    """Return what is printed with --json."""
+    assert main(['max-step-height', '--json', *words]) == 0
+    out, err = capsys.readouterr()
+    assert err == ''
+    return json.loads(out)
+
+
+def complaint(capsys, *words):
+    """Return the one line that a call with a mistake prints."""
+    assert main(['max-step-height', *words]) == 2
+    out, err = capsys.readouterr()
+    assert out == '' and err.startswith('ballbot: error: ') and err.count('\n') == 1
+    return err
+
+
+def test_json_is_a_list_of_speed_height_and_error_in_si(capsys):
+    found = answer(capsys, '--speed', '0.4:0.6:0.1', '1.2', '--robot', 'gimball')
+    assert [item['speed'] for item in found] == [0.4, 0.5, 0.6, 1.2]
+    for item in found:
+        assert item['height'] == max_step_height(GIMBALL, item['speed']).height
+        assert 0.0 < item['error'] <= 5e-5 and item['monotone'] is True
+
+
+@pytest.mark.parametrize('words, actuation, rest', [
+    (['--actuation', 'held', '--angle', '90'], held_at(math.pi / 2), {}),
+    (['--actuation', 'held'], held_at(0.0), {}),
+    (['--actuation', 'velocity', '--attempts', 'any'], rolling(GIMBALL)(0.3),
+     {'rules': Rules('any')}),
+    (['--actuation', 'velocity', '--slope-before', '-5', '--slope-behind', '3'],
+     rolling(GIMBALL)(0.3), {'site': Site(math.radians(-5.0), math.radians(3.0))}),
+    (['--actuation', 'velocity', '--friction-before', '0.4', '--friction-edge', '0.3',
+      '--friction-behind', '0.2'], rolling(GIMBALL)(0.3),
+     {'site': Site(0.0, 0.0, 0.4, 0.3, 0.2)})])
+def test_the_words_reach_the_search(capsys, words, actuation, rest):
+    found, = answer(capsys, '--speed', '0.3', '--scan', '0', '--accuracy', '1e-5', *words)
+    assert found['height'] == max_step_height(
+        GIMBALL, 0.3, actuation, accuracy=1e-5, **rest).height
+
+
+def test_a_robot_may_be_a_file(capsys, tmp_path):
+    path = tmp_path / 'mine.yaml'
+    path.write_text(find_config('robots', 'gimball').read_text())
+    assert answer(capsys, '--robot', str(path), '--speed', '0.6') \
+        == answer(capsys, '--speed', '0.6')
+
+
+def test_people_get_a_table_in_millimetres_that_tells_its_doubts(capsys):
+    words = ['--robot', 'shellball', '--attempts', 'any', '--speed', '3']
+    assert main(['max-step-height', *words]) == 0
+    out, _ = capsys.readouterr()
+    assert 'mm' in out and 'not monotone' in out
+    assert main(['max-step-height', '--speed', '0.6']) == 0
+    out, _ = capsys.readouterr()
+    assert '20.0' in out and 'not monotone' not in out
+
+
+def test_ranges_include_their_ends():
+    assert read_speeds(['0.2:0.4:0.05']) == [0.2, 0.25, 0.3, 0.35, 0.4]
+    assert read_speeds(['0.2:0.39:0.1', '7']) == [0.2, 0.3, 7.0]
+
+
+@pytest.mark.parametrize('words, told', [
+    (['--speed', 'fast'], "a number or first:last:stride [m/s], got 'fast'"),
+    (['--speed', '0.1:0.2'], 'first:last:stride'), (['--speed', 'nan'], "got 'nan'"),
+    (['--speed', '1:0.5:0.1'], 'the last not below the first'),
+    (['--speed', '0:1:1e-9'], 'at most 10000 speeds'),
+    (['--speed', '-1'], 'speed must be more than 0 m/s'),
+    (['--speed', '1', '--angle', '5'], '--angle goes with --actuation held'),
+    (['--speed', '1', '--voltage', '5'], '--voltage goes with --actuation voltage'),
+    (['--speed', '1', '--slope-before', '85'], '--slope-before must be at least -80'),
+    (['--speed', '1', '--friction-edge', '-1'], 'friction_edge must be at least 0'),
+    (['--speed', '1', '--accuracy', '0'], 'accuracy must be at least'),
+    (['--speed', '1', '--robot', 'gimbal'], "did you mean 'gimball'"),
+    (['--speed', '1', '--robot', 'shellball', '--actuation', 'held'], 'needs a pendulum'),
+    (['--speed', '3', '--actuation', 'voltage'], 'voltage must be within +-12 V'),
+    ([], '--speed')])
+def test_a_mistake_is_told_in_one_line(capsys, words, told):
+    assert told in complaint(capsys, *words)

@@ -1,0 +1,275 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Golden frames of the makers, and nothing believed that a checksum does not vouch for."""
+import math
+import re
+
+from hypothesis import given, strategies as st
+import pytest
+
+from ballbot_ros.drives.odrive import codec as odrive
+from ballbot_ros.drives.roboclaw import codec as roboclaw
+from ballbot_ros.drives.vesc import codec as vesc
+
+VALUES = vesc.Values(35.2, 30.1, -3.45, -4210.0, 23.9, -123456, 0, 271.123456, 0)
+ANSWERS = [(16, (-123456, 1)), (30, (-4321, 1))]
+GROUP = (16, 30)
+
+
+def feed_odrive(data):
+    """Return what the ODrive parser makes of bytes."""
+    return odrive.LineParser().feed(data)
+
+
+def feed_vesc(data):
+    """Return what the VESC parser makes of bytes."""
+    return vesc.FrameParser().feed(data)
+
+
+def feed_roboclaw(data):
+    """Return what the RoboClaw parser makes of bytes, where encoder and speed were asked for."""
+    parser = roboclaw.ReplyParser(0x80)
+    parser.groups = (GROUP, (roboclaw.GET_STATUS, *GROUP))
+    return parser.feed(data)
+
+
+def reply_of_odrive(text='-12.345678 9.876543'):
+    """Return a reply as the drive sends it."""
+    body = text.encode()
+    return b'%s*%d\r\n' % (body, odrive.checksum(body))
+
+
+def reply_of_roboclaw():
+    """Return the answers to a group."""
+    return b''.join(roboclaw.answer(0x80, number, *values) for number, values in ANSWERS)
+
+
+def parser_of(protocol):
+    """Return a parser that has received nothing."""
+    if protocol == 'roboclaw':
+        parser = roboclaw.ReplyParser(0x80)
+        parser.groups = (GROUP,)
+        return parser
+    return odrive.LineParser() if protocol == 'odrive' else vesc.FrameParser()
+
+
+# Parser, a reply of the drive, and what it says.
+REPLIES = {
+    'odrive': (feed_odrive, reply_of_odrive(), ['-12.345678 9.876543']),
+    'vesc': (feed_vesc, vesc.frame(vesc.pack_values(VALUES)), [vesc.pack_values(VALUES)]),
+    'roboclaw': (feed_roboclaw, reply_of_roboclaw(), [
+        [roboclaw.Reply(number, values) for number, values in ANSWERS]]),
+}
+each_protocol = pytest.mark.parametrize('protocol', sorted(REPLIES))
+
+
+# Golden frames
+
+def test_odrive_checksum_is_that_of_the_documented_example():
+    # docs/ascii-protocol.rst: "Example of a valid checksum: r vbus_voltage *93"
+    assert odrive.read('vbus_voltage') == b'r vbus_voltage *93\n'
+
+
+def test_odrive_commands_have_the_documented_form():
+    assert odrive.torque(0, 12.5).startswith(b'c 0 0.001250000e4 *')
+    assert odrive.feedback(1).startswith(b'f 1 *')
+    assert odrive.feed_watchdog(0).startswith(b'u 0 *')
+    assert odrive.write('axis0.requested_state', 8).startswith(b'w axis0.requested_state 8 *')
+
+
+@pytest.mark.parametrize('packet, golden', [
+    # From PyVESC 1.0.5: encode(SetCurrent(1500)), encode(SetCurrent(-2345)),
+    # encode_request(GetValues); and the shortest there is, that of comm/packet.c.
+    (vesc.set_current(1.5), '020506000005dc388103'),
+    (vesc.set_current(-2.345), '020506fffff6d74bb803'),
+    (vesc.ask(vesc.GET_VALUES), '020104408403'),
+    (vesc.ask(vesc.FW_VERSION), '020100000003'),
+])
+def test_vesc_packets_are_those_of_an_independent_implementation(packet, golden):
+    assert packet.hex() == golden
+
+
+@pytest.mark.parametrize('packet, golden', [
+    # From basicmicro 2.0.10 with its port replaced: DutyM1(0x80, 16384), DutyM1(0x80, -32767),
+    # DutyM2(0x81, 1), SetTimeout(0x80, 0.1), ReadEncM1(0x80).
+    (roboclaw.set_duty(0x80, 1, 16384 / 32767), '802040005632'),
+    (roboclaw.set_duty(0x80, 1, -1.0), '802080015047'),
+    (roboclaw.set_duty(0x81, 2, 1 / 32767), '812100010a5b'),
+    (roboclaw.command(0x80, 14, b'\x01'), '800e010874'),
+    (roboclaw.ask(0x80, 16), '8010'),
+])
+def test_roboclaw_packets_are_those_of_an_independent_implementation(packet, golden):
+    assert packet.hex() == golden
+
+
+def test_crc_is_xmodem():
+    # The check value that the catalogue of CRC algorithms gives for CRC-16/XMODEM.
+    assert vesc.frame(b'123456789')[-3:-1].hex() == '31c3'
+    assert roboclaw.command(0x31, 0x32, b'3456789')[-2:].hex() == '31c3'
+
+
+# What comes back
+
+@each_protocol
+def test_a_reply_is_understood_however_it_is_cut_up(protocol):
+    feed, reply, meaning = REPLIES[protocol]
+    assert feed(reply) == meaning
+    parser = parser_of(protocol)
+    assert [message for byte in reply for message in parser.feed(bytes((byte,)))] == meaning
+
+
+@each_protocol
+def test_every_single_bit_error_is_refused(protocol):
+    feed, reply, _ = REPLIES[protocol]
+    for bit in range(8 * len(reply)):
+        damaged = bytearray(reply)
+        damaged[bit // 8] ^= 1 << bit % 8
+        assert feed(bytes(damaged)) == [], f'bit {bit}'
+
+
+@each_protocol
+def test_a_good_reply_is_found_behind_any_single_bit_error(protocol):
+    feed, reply, meaning = REPLIES[protocol]
+    for bit in range(8 * len(reply)):
+        damaged = bytearray(reply)
+        damaged[bit // 8] ^= 1 << bit % 8
+        # A length that grew swallows some that follow, then all are found.
+        found = feed(bytes(damaged) + 20 * reply)
+        assert found[-1:] == meaning and len(found) >= 10
+        assert all(message == meaning[0] for message in found)
+
+
+@each_protocol
+def test_every_lost_byte_costs_that_reply_only(protocol):
+    feed, reply, meaning = REPLIES[protocol]
+    for place in range(len(reply)):
+        found = feed(reply[:place] + reply[place + 1:] + 10 * reply)
+        assert found[-8:] == 8 * meaning
+        assert all(message == meaning[0] for message in found)
+
+
+@each_protocol
+@given(noise=st.binary(max_size=300), cuts=st.lists(st.integers(1, 40), max_size=20))
+def test_noise_is_not_believed_and_does_not_hide_what_follows(protocol, noise, cuts):
+    feed, reply, meaning = REPLIES[protocol]
+    assert feed(noise) == []
+    stream = noise + b'\r\n' + 60 * reply  # a line takes up to its end, a packet its length
+    parser = parser_of(protocol)
+    found = []
+    for cut in (*cuts, len(stream)):
+        piece, stream = stream[:cut], stream[cut:]
+        found += parser.feed(piece)
+    assert found[-10:] == 10 * meaning
+
+
+@each_protocol
+def test_a_parser_keeps_no_more_than_a_message(protocol):
+    parser = parser_of(protocol)
+    for value in (0, 2, 3, 42, 255):
+        for _ in range(50):
+            parser.feed(bytes((value,)) * 1000)
+    kept = parser._rest if protocol == 'odrive' else parser._buffer
+    assert len(kept) < 1000
+
+
+# ODrive's weak points
+
+@pytest.mark.parametrize('text', [
+    '', '1', '1.0 2.0', '1.000000', '1.000000 2.000000 3.000000', '1.000000  2.000000',
+    'nan 0.000000', '1.000000 inf', '1e3 0.000000', '+1.000000 0.000000', '1.000000 2.00000'])
+def test_what_is_not_exactly_two_numbers_is_no_feedback(text):
+    assert odrive.parse_feedback(text) is None
+
+
+@pytest.mark.parametrize('text', ['', '-', '1 2', 'nan', '1e5', '0x10', '1.0000000', 'invalid'])
+def test_what_is_not_a_plain_number_is_no_value(text):
+    assert odrive.parse_number(text) is None
+
+
+def test_a_line_without_checksum_is_no_reply():
+    parser = odrive.LineParser()
+    assert parser.feed(b'1.000000 2.000000\r\nunknown command\r\n') == []
+    assert (parser.unchecked, parser.refused) == (2, 0)
+
+
+def test_the_part_of_a_line_after_a_stray_newline_is_no_line():
+    # Six characters whose exclusive or is 0 are cut off: the checksum of the rest is right.
+    rest = reply_of_odrive('1.000000 2.000000')
+    assert odrive.checksum(b'1221\n\n') == 0
+    assert feed_odrive(b'1221\n\n' + rest) == []
+
+
+@given(torque=st.floats(-100.0, 100.0))
+def test_a_torque_that_is_cut_short_is_next_to_nothing(torque):
+    number = odrive.torque(0, torque).split()[2].decode()
+    assert float(number) == pytest.approx(torque, abs=5.1e-6)
+    for end in range(1, len(number)):
+        short = re.match(r'-?[0-9]+\.?[0-9]*', number[:end])  # what sscanf reads
+        assert short is None or abs(float(short[0])) <= 1.001e-4 * abs(float(number)) + 1e-9
+
+
+# VESC
+
+@given(value=st.floats(-1e6, 1e6, width=32))
+def test_vesc_floats_come_back(value):
+    assert vesc.unpack_float(vesc.pack_float(value)) == pytest.approx(value, rel=2e-7, abs=2e-38)
+
+
+def test_vesc_floats_are_those_of_the_c_source():
+    # util/buffer.c makes of normal numbers what IEEE 754 makes.
+    assert [vesc.pack_float(number) for number in (0.0, 1.0, -0.5, 60.0, math.pi)] == [
+        0, 0x3F800000, 0xBF000000, 0x42700000, 0x40490FDA]
+
+
+@pytest.mark.parametrize('length', [1, 255, 256, 512])
+def test_vesc_payloads_of_every_length_come_back(length):
+    payload = bytes(number % 251 for number in range(length))
+    packet = vesc.frame(payload)
+    assert packet[0] == (2 if length <= 255 else 3)
+    assert feed_vesc(packet) == [payload]
+
+
+@pytest.mark.parametrize('length', [0, 513])
+def test_vesc_payloads_that_the_firmware_does_not_take_are_refused(length):
+    with pytest.raises(ValueError, match=str(length)):
+        vesc.frame(bytes(length))
+
+
+def test_vesc_values_of_another_mask_are_not_taken_for_ours():
+    payload = bytearray(vesc.pack_values(VALUES))
+    assert vesc.parse_values(bytes(payload)) == pytest.approx(VALUES)
+    payload[4] ^= 1
+    assert vesc.parse_values(bytes(payload)) is None
+
+
+# RoboClaw
+
+def test_roboclaw_answers_to_another_question_are_not_taken_for_ours():
+    wrong = roboclaw.answer(0x80, 17, -123456, 1) + roboclaw.answer(0x80, 31, -4321, 1)
+    assert feed_roboclaw(wrong) == []
+    other = roboclaw.answer(0x81, 16, -123456, 1) + roboclaw.answer(0x81, 30, -4321, 1)
+    assert feed_roboclaw(other) == []
+
+
+def test_a_single_roboclaw_answer_is_not_believed():
+    assert feed_roboclaw(roboclaw.answer(0x80, 16, 5, 0) + bytes(100)) == []
+
+
+def test_acknowledgements_between_roboclaw_answers_are_passed_over():
+    found = feed_roboclaw(b'\xff' + reply_of_roboclaw() + b'\xff' + reply_of_roboclaw())
+    assert found == 2 * REPLIES['roboclaw'][2]
+
+
+def test_a_roboclaw_version_is_text():
+    parser = roboclaw.ReplyParser(0x80)
+    parser.groups = ((21, 90),)
+    found = parser.feed(roboclaw.answer(0x80, 21, text='USB Roboclaw 2x30a v4.2.8\n')
+                        + roboclaw.answer(0x80, 90, 0))
+    assert found == [[roboclaw.Reply(21, (), 'USB Roboclaw 2x30a v4.2.8'),
+                      roboclaw.Reply(90, (0,))]]
+
+
+def test_error_bits_have_the_names_of_the_makers():
+    assert vesc.fault_names(5) == ('OVER_TEMP_FET',) and vesc.fault_names(0) == ()
+    assert vesc.fault_names(77) == ('FAULT_77',)
+    assert roboclaw.status_names(0x10001) == ('E_STOP', 'M1_OVER_CURRENT_WARNING')
+    assert roboclaw.status_names(0x80000000) == ('0x80000000',)

@@ -1,0 +1,415 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ODrives of both generations: what is asked, what is believed, and how they must be set."""
+import itertools
+import math
+
+from drive_bench import Bench
+import pytest
+
+from ballbot_ros.drives.emulated_device import DriveSettings
+from ballbot_ros.drives.odrive import codec as codec
+from ballbot_ros.drives.odrive.firmware import (
+    GENERATION_5, GENERATION_6, GENERATIONS, hardware_name)
+from ballbot_ros.errors import ConfigurationError, DriveError
+
+KINDS = ('odrive 0.5', 'odrive 0.6')
+both = pytest.mark.parametrize('kind', KINDS)
+
+# Of the list of endpoints that the maker generates for an ODrive with firmware 0.6.
+ENDPOINTS_6 = {
+    'vbus_voltage', 'serial_number', 'hw_version_major', 'hw_version_minor', 'hw_version_variant',
+    'fw_version_major', 'fw_version_minor', 'fw_version_revision', 'test_property',
+    'axis0.active_errors', 'axis0.disarm_reason', 'axis0.current_state', 'axis0.requested_state',
+    'axis0.config.init_torque', 'axis0.config.watchdog_timeout', 'axis0.config.enable_watchdog',
+    'axis0.config.torque_soft_min', 'axis0.config.torque_soft_max',
+    'axis0.config.motor.motor_type', 'axis0.config.motor.torque_constant',
+    'axis0.config.motor.current_soft_max', 'axis0.motor.foc.Iq_measured',
+    'axis0.motor.fet_thermistor.temperature', 'axis0.motor.motor_thermistor.temperature',
+    'axis0.controller.config.control_mode', 'axis0.controller.config.input_mode',
+    'axis0.pos_vel_mapper.status', 'axis0.pos_vel_mapper.config.circular',
+    'axis0.commutation_mapper.status', 'axis0.procedure_result'}
+
+
+def asked_by(bench, act):
+    """Return the names of the properties that the driver reads or writes during an act."""
+    lines = []
+    deliver = bench.to_drive
+    bench.to_drive = lambda data: lines.extend(data.decode().splitlines()) or deliver(data)
+    act()
+    bench.to_drive = deliver
+    return {line.split()[1] for line in lines if line[:2] in ('r ', 'w ')}
+
+
+def test_every_property_of_0_6_is_one_that_the_maker_lists():
+    bench = Bench('odrive 0.6')
+
+    def all_there_is():
+        bench.driver.identify()
+        bench.driver.read_settings()
+        bench.driver.arm()
+        bench.cycles(500)
+        bench.device.properties['axis0.commutation_mapper.status'] = 3
+        bench.driver.stop()
+        with pytest.raises(DriveError):
+            bench.driver.arm()
+    assert asked_by(bench, all_there_is) == ENDPOINTS_6
+
+
+# Frames of the makers' documents
+
+def test_a_reply_of_the_documents_is_read_with_the_checksum_that_belongs_to_it():
+    # "r vbus_voltage" => 24.087744, from the page on the ASCII protocol; 33 from issue 596.
+    text = b'24.087744'
+    assert codec.LineParser().feed(b'%s*%d\r\n' % (text, codec.checksum(text))) == [text.decode()]
+    assert codec.parse_number('24.087744') == 24.087744
+    assert codec.checksum(b'48.065918') == 33
+
+
+def test_a_marker_is_written_to_and_read_from_a_property_that_does_nothing():
+    lines = codec.marker(0x20000000).split(b'\n')
+    assert lines[0] == b'*999'  # a wrong checksum: "the line is ignored"
+    assert lines[1].startswith(b'w test_property 536870912 *')
+    assert lines[2].startswith(b'r test_property *') and lines[3] == b''
+    # An error could look like a marker only with a bit that neither generation has.
+    for number in (codec.MARKERS[0], codec.MARKERS[-1]):
+        assert len(str(number)) <= 9
+        assert all('0x20000000' in generation.names_of(number & 0x20000000)
+                   for generation in GENERATIONS)
+
+
+@both
+def test_half_a_line_that_somebody_left_is_not_obeyed(kind):
+    bench = Bench(kind)
+    bench.device.receive(b'w axis0.requested_state 8', 0.0)
+    bench.driver.identify()
+    assert not bench.device.armed
+
+
+@pytest.mark.parametrize('generation, bits, names', [
+    (GENERATION_5, 0x840, ('MOTOR_FAILED', 'WATCHDOG_TIMER_EXPIRED')),
+    (GENERATION_5, 0x10, ('0x10',)),
+    (GENERATION_6, 0x1000008, ('MISSING_ESTIMATE', 'WATCHDOG_TIMER_EXPIRED')),
+    (GENERATION_6, 0x20000001, ('INITIALIZING', '0x20000000'))])
+def test_error_bits_have_the_names_of_their_generation(generation, bits, names):
+    assert generation.names_of(bits) == names
+
+
+# Who is there
+
+@pytest.mark.parametrize('kind, told', [
+    ('odrive 0.5', 'odrive v3.6-56V 208F3387304B, firmware 0.5.6, generation 0.5'),
+    ('odrive 0.6', 'odrive S1 (5.2.0), firmware 0.6.11, generation 0.6')])
+def test_board_firmware_and_generation_are_told(kind, told):
+    assert Bench(kind).driver.identify().in_words == told
+
+
+def test_a_serial_number_that_comes_whole_is_told_as_it_is_printed_on_the_board(monkeypatch):
+    monkeypatch.setattr('ballbot_ros.drives.odrive.emulated.LONGEST_VALUE', 20)
+    assert Bench('odrive 0.6').driver.identify().serial_number == '208F3387304B'
+
+
+def test_boards_have_the_names_of_their_maker():
+    assert [hardware_name(major, 4, 58) for major in (3, 4, 5, 6, 7)] == [
+        'v3.4-58V', 'Pro (4.4.58)', 'S1 (5.4.58)', 'Micro (6.4.58)', 'board (7.4.58)']
+
+
+@pytest.mark.parametrize('version', [(0, 4, 12), (0, 7, 0), (1, 5, 0), (1, 6, 0)])
+def test_a_firmware_of_another_generation_is_refused_and_named(version):
+    bench = Bench('odrive 0.5')
+    bench.device.properties.update(zip(
+        ('fw_version_major', 'fw_version_minor', 'fw_version_revision'), version))
+    told = '.'.join(map(str, version))
+    with pytest.raises(DriveError, match=f'must be 0.5 or 0.6, got {told}: older ones') as raised:
+        bench.driver.identify()
+    assert raised.value.reason == 'firmware'
+
+
+def test_a_drive_that_does_not_tell_its_firmware_is_refused():
+    bench = Bench('odrive 0.6')
+    del bench.device.properties['fw_version_minor']
+    with pytest.raises(DriveError, match='got 0.nan.11'):
+        bench.driver.identify()
+
+
+def test_a_second_axis_is_refused_where_there_is_none():
+    with pytest.raises(DriveError, match='one motor output, so axis must be 0, got 1'):
+        Bench('odrive 0.6', axis=1).driver.identify()
+    assert Bench('odrive 0.5', axis=1).driver.identify().generation == '0.5'
+
+
+def test_an_emulated_drive_of_another_firmware_is_refused():
+    with pytest.raises(ConfigurationError, match="odrive must be 0.5 or 0.6, got '0.7'"):
+        Bench('odrive 0.7')
+    with pytest.raises(ConfigurationError, match="left out: all are alike, got '5'"):
+        Bench('vesc 5')
+
+
+# How it must be set
+
+def refused(bench):
+    """Return the settings that are not acceptable."""
+    return [item for item in bench.driver.read_settings() if not item.acceptable]
+
+
+WRONG = {
+    'odrive 0.5': [
+        ('torque limit', {'axis0.motor.config.torque_lim': 0.3,
+                          'axis0.motor.config.current_lim': 50.0}),
+        ('torque limit', {'axis0.motor.config.torque_lim': math.inf,
+                          'axis0.motor.config.current_lim': math.inf}),
+        ('input mode', {'axis0.controller.config.input_mode': 6}),
+        ('motor', {'axis0.motor.config.motor_type': 2})],
+    'odrive 0.6': [
+        ('torque limit', {'axis0.config.torque_soft_max': 0.3,
+                          'axis0.config.motor.current_soft_max': 50.0}),
+        ('torque limit', {'axis0.config.torque_soft_min': -math.inf,
+                          'axis0.config.motor.current_soft_max': math.inf}),
+        ('input mode', {'axis0.controller.config.input_mode': 6}),
+        ('motor', {'axis0.config.motor.motor_type': 2}),
+        ('position', {'axis0.pos_vel_mapper.config.circular': 1}),
+        ('torque at arming', {'axis0.config.init_torque': 0.05})]}
+BOTH_WRONG = [
+    ('watchdog', {'axis0.config.enable_watchdog': 0}),
+    ('watchdog', {'axis0.config.watchdog_timeout': 0.5}),
+    ('watchdog', {'axis0.config.watchdog_timeout': 0.0})]
+
+
+@pytest.mark.parametrize('kind, name, changes', [
+    (kind, *case) for kind in KINDS for case in (*WRONG[kind], *BOTH_WRONG)])
+def test_a_setting_that_is_not_safe_is_refused_and_mended_by_its_remedy(kind, name, changes):
+    bench = Bench(kind)
+    bench.device.properties.update(changes)
+    wrong, = refused(bench)
+    assert wrong.name == name
+    for line in wrong.remedy.split(', '):  # what a person types, without checksums
+        bench.device.receive(f'{line}\n'.encode(), bench.now)
+    assert not refused(bench)
+
+
+@pytest.mark.parametrize('kind, name, changes, told', [
+    ('odrive 0.5', 'encoder', {'axis0.encoder.is_ready': 0}, '0 (not ready)'),
+    ('odrive 0.6', 'encoder', {'axis0.pos_vel_mapper.status': 1}, '1 (NO_RESPONSE)'),
+    ('odrive 0.6', 'encoder', {'axis0.pos_vel_mapper.status': 99}, '99'),
+    ('odrive 0.6', 'commutation', {'axis0.commutation_mapper.status': 6},
+     '6 (PHASES_NOT_CALIBRATED)')])
+def test_an_encoder_that_is_not_ready_is_refused_and_its_state_is_named(
+        kind, name, changes, told):
+    bench = Bench(kind)
+    bench.device.properties.update(changes)
+    wrong, = refused(bench)
+    assert (wrong.name, wrong.value) == (name, told)
+    assert wrong.remedy.startswith('w axis0.requested_state 3 ')
+
+
+@pytest.mark.parametrize('kind, property_name', [
+    (kind, name) for kind, generation in zip(KINDS, GENERATIONS) for name in (
+        *generation.torque_limits, generation.current_limit, generation.torque_constant,
+        'axis0.config.enable_watchdog', 'axis0.config.watchdog_timeout',
+        *(rule.name for rule in generation.rules))])
+def test_a_property_that_the_drive_does_not_know_is_refused(kind, property_name):
+    bench = Bench(kind)
+    bench.to_drive = lambda data: data.replace(codec.read(property_name), codec.read('blahblah'))
+    wrong, = refused(bench)
+    assert 'not told' in wrong.value or wrong.value == 'off'
+
+
+def test_the_remedy_is_for_the_axis_in_use():
+    remedies = {item.name: item.remedy for item in Bench(
+        'odrive 0.5', axis=1).driver.read_settings()}
+    assert remedies['input mode'] == 'w axis1.controller.config.input_mode 1'
+    assert all('axis0' not in remedy for remedy in remedies.values())
+
+
+@pytest.mark.parametrize('constant', [-0.025, math.inf])
+@both
+def test_a_torque_constant_that_bounds_nothing_is_no_limit(kind, constant):
+    bench = Bench(kind)
+    generation = GENERATIONS[KINDS.index(kind)]
+    bench.device.properties.update({
+        generation.torque_constant: constant, **dict.fromkeys(generation.torque_limits, 5.0)})
+    assert 'torque limit' in [item.name for item in refused(bench)]
+
+
+# Arming
+
+@both
+def test_arming_leaves_the_drive_in_torque_control_at_zero(kind):
+    bench = Bench(kind)
+    bench.device.properties['axis0.controller.config.control_mode'] = 3
+    bench.driver.arm()
+    assert bench.device.properties['axis0.controller.config.control_mode'] == 1
+    assert bench.device.armed and bench.device.torque() == 0.0
+
+
+@both
+def test_a_drive_that_does_not_tell_its_errors_is_not_armed(kind):
+    bench = Bench(kind)
+    generation = GENERATIONS[KINDS.index(kind)]
+    bench.driver.identify()
+    bench.to_drive = lambda data: data.replace(
+        codec.read(generation.errors), codec.read('blahblah'))
+    with pytest.raises(DriveError, match=f'has no {generation.errors}'):
+        bench.driver.arm()
+    assert not bench.device.armed
+
+
+def test_a_drive_that_does_not_enter_torque_control_is_not_armed():
+    bench = Bench('odrive 0.6')
+    bench.driver.identify()
+    bench.to_drive = lambda data: b'' if b'control_mode 1' in data else data
+    with pytest.raises(DriveError, match='does not go into torque control'):
+        bench.driver.arm()
+
+
+@pytest.mark.parametrize('kind, changes, told', [
+    ('odrive 0.5', {'axis0.encoder.is_ready': 0}, 'INVALID_STATE'),
+    ('odrive 0.6', {'axis0.commutation_mapper.status': 6}, 'NOT_CALIBRATED')])
+def test_a_drive_that_cannot_be_armed_says_why(kind, changes, told):
+    bench = Bench(kind)
+    bench.driver.identify()
+    bench.device.properties.update(changes)
+    with pytest.raises(DriveError, match=told) as raised:
+        bench.driver.arm(patience=0.1)
+    assert raised.value.reason == 'not_armed'
+
+
+# Replies
+
+def test_0_6_loses_a_reply_that_comes_while_another_is_being_sent():
+    bench = Bench('odrive 0.6')
+    reply = bench.device.receive(b'f 0\nr vbus_voltage\n', 0.0)
+    assert reply == b'0.000000 0.000000\r\n'
+    assert bench.device.receive(b'r vbus_voltage\n', 0.01) == b'24.000000\r\n'
+
+
+def loop(bench, periods, wait):
+    """Run periods of 2 ms; the first millisecond is waited for the answer, or none is."""
+    times = []
+    for _ in range(periods):
+        bench.pass_time(0.001)
+        bench.driver.poll()
+        bench.driver.send_torque(0.01)
+        bench.pass_time(0.001)
+        times.append((bench.driver.poll() if wait else bench.driver.telemetry).time)
+    return times
+
+
+@pytest.mark.parametrize('wait', [True, False])
+def test_no_reply_of_0_6_is_lost_by_asking_too_early(wait):
+    bench = Bench('odrive 0.6')
+    bench.driver.arm()
+    loop(bench, 500, wait)
+    assert bench.driver.counts['lost'] == 0
+    assert bench.driver.telemetry.faults == () and bench.driver.telemetry.bus_voltage == 24.0
+
+
+def test_every_period_of_0_6_brings_the_position_to_a_loop_that_waits_for_it():
+    bench = Bench('odrive 0.6')
+    bench.driver.arm()
+    times = loop(bench, 500, wait=True)
+    assert len(set(times)) == 500
+
+
+def test_a_loop_that_does_not_wait_goes_without_it_where_a_property_is_asked_for():
+    bench = Bench('odrive 0.6')
+    bench.driver.arm()
+    times = loop(bench, 500, wait=False)[2:]
+    assert len(set(times)) > 430
+    assert max(after - before for before, after in zip(times, times[1:])) < 0.0045
+
+
+def test_a_stop_of_0_6_is_confirmed_although_a_position_is_under_way():
+    bench = Bench('odrive 0.6')
+    bench.driver.arm()
+    bench.cycles(7, torque=0.01)
+    begin = bench.now
+    bench.driver.stop()
+    assert bench.now - begin < 0.01
+
+
+@both
+def test_what_took_the_power_away_is_named_once_it_is_gone(kind):
+    bench = Bench(kind)
+    bench.driver.arm()
+    bench.cycles(50, torque=0.05)
+    bench.pass_time(0.2)  # the watchdog
+    if kind == 'odrive 0.6':
+        bench.device.properties['axis0.active_errors'] = 0  # it may go by itself
+    telemetry = bench.cycles(200, torque=0.05)
+    assert telemetry.faults == ('WATCHDOG_TIMER_EXPIRED',) and telemetry.armed is False
+
+
+def test_an_old_reason_is_no_fault_of_a_motor_that_is_under_power():
+    bench = Bench('odrive 0.6')
+    bench.driver.arm()
+    bench.device.properties['axis0.disarm_reason'] = 0x1000000
+    telemetry = bench.cycles(300, torque=0.05)
+    assert telemetry.armed is True and telemetry.faults == ()
+
+
+@pytest.mark.parametrize('kind, bits', [('odrive 0.5', 0x100), ('odrive 0.6', 0x8)])
+def test_an_estimate_that_is_missing_is_not_taken_for_a_position(kind, bits):
+    bench = Bench(kind)
+    bench.driver.arm()
+    bench.device.sensed = bench.device.sensed._replace(position=2.0)
+    bench.cycles(50)
+    bench.device._trip(bits)
+    bench.cycles(50)
+    last = bench.driver.telemetry
+    bench.device.sensed = bench.device.sensed._replace(position=0.0)
+    assert bench.cycles(50)[:3] == last[:3] and last.position == pytest.approx(2.0, abs=1e-4)
+
+
+def test_an_estimate_that_was_missing_once_does_not_hide_the_position_for_good():
+    bench = Bench('odrive 0.6')
+    bench.driver.arm()
+    bench.device._trip(0x8)
+    bench.cycles(100)
+    bench.device.properties['axis0.active_errors'] = 0  # the reason stays
+    before = bench.now
+    assert bench.cycles(100).time > before
+
+
+@both
+def test_a_value_that_is_no_number_is_not_put_into_the_telemetry(kind):
+    bench = Bench(kind)
+    bench.driver.arm()
+    bench.device.sensed = bench.device.sensed._replace(motor_temperature=math.nan)
+    telemetry = bench.cycles(400, torque=0.01)
+    assert telemetry.motor_temperature is None and telemetry.temperature == 35.0
+    assert bench.driver.counts['lost'] == 0
+
+
+@both
+def test_a_late_value_is_not_taken_for_another_property(kind):
+    # A line that stalls now and then: values come when the next question has long been asked.
+    bench = Bench(kind, status_period=0.0, reply_timeout=0.01)
+    bench.driver.arm()
+    held, count = [], itertools.count()
+
+    def stalling(reply):
+        """Hold replies back for eight periods of twenty, and keep their order."""
+        held.append(reply)
+        if next(count) % 20 < 8:
+            return b''
+        released = b''.join(held)
+        held.clear()
+        return released
+    bench.from_drive = stalling
+    seen = set()
+    for _ in range(2000):
+        telemetry = bench.cycles(1, torque=0.01)
+        seen.add((telemetry.bus_voltage, telemetry.temperature, telemetry.faults))
+    assert (24.0, 35.0, ()) in seen
+    assert {value for told in seen for value in told} == {None, 24.0, 35.0, ()}
+    assert {told[0] for told in seen} == {None, 24.0}
+    assert bench.driver.counts['lost'] > 50
+
+
+def test_0_6_with_default_settings_is_refused_until_it_is_set():
+    # The factory leaves the torque unbounded and the watchdog off.
+    bench = Bench('odrive 0.6', DriveSettings(watchdog=0.0))
+    bench.device.properties.update({
+        'axis0.config.torque_soft_max': math.inf, 'axis0.config.torque_soft_min': -math.inf,
+        'axis0.config.motor.current_soft_max': 70.0})
+    assert [item.name for item in refused(bench)] == ['torque limit', 'watchdog']

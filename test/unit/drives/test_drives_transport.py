@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whatever happens to a port comes out as one kind of error, with what to do."""
+import errno
+import os
+import pty
+import socket
+import threading
+import time
+
+import pytest
+import serial
+
+from ballbot_ros.drives.capture import read_capture, Recorder, Replay
+from ballbot_ros.drives.transport import Link
+from ballbot_ros.errors import BallbotError, ConfigurationError, LinkError
+
+
+@pytest.fixture
+def terminal():
+    """Return the file descriptor of a pseudo-terminal and the path of its other end."""
+    master, slave = pty.openpty()
+    path = os.ttyname(slave)
+    os.close(slave)
+    yield master, path
+    try:
+        os.close(master)
+    except OSError:
+        pass  # The test has pulled the plug
+
+
+def reason(port, baud=115200):
+    """Return reason and text of the refusal to open a port."""
+    with pytest.raises(LinkError) as raised:
+        Link(port, baud)
+    return raised.value.reason, str(raised.value)
+
+
+def test_what_is_written_comes_back_through_a_loop():
+    with Link('loop://', 115200) as link:
+        link.write(b'abc')
+        assert link.wait(1.0)
+        assert link.read() == b'abc'
+        assert link.read() == b''
+        assert not link.wait(0.001)
+        assert (link.bytes_out, link.bytes_in) == (3, 3)
+
+
+def test_a_socket_is_a_port():
+    server = socket.create_server(('127.0.0.1', 0))
+    echoes = threading.Thread(target=lambda: _echo(server), daemon=True)
+    echoes.start()
+    with Link(f'socket://127.0.0.1:{server.getsockname()[1]}', 115200) as link:
+        link.write(b'abc')
+        assert link.wait(5.0) and link.read() == b'abc'
+        server.close()
+        echoes.join(timeout=5.0)
+        with pytest.raises(LinkError):  # the peer has closed
+            for _ in range(1000):
+                link.wait(0.01)
+                link.read()
+
+
+def _echo(server):
+    peer, _ = server.accept()
+    peer.sendall(peer.recv(10))
+    peer.close()
+
+
+def test_a_pseudo_terminal_carries_every_byte(terminal):
+    master, path = terminal
+    with Link(path, 921600) as link:
+        everything = bytes(range(256))
+        link.write(everything)
+        assert os.read(master, 1000) == everything
+        os.write(master, everything)
+        assert link.wait(1.0) and link.read() == everything
+
+
+def test_the_four_ways_to_fail_to_open_are_told_apart(terminal, tmp_path):
+    _, path = terminal
+    told = [reason('/dev/ttyNowhere')]
+    with Link(path, 115200):
+        told.append(reason(path))
+    (tmp_path / 'file').touch()
+    told.append(reason(str(tmp_path / 'file')))
+    told.append(reason('nonsense://x'))
+    assert [word for word, _ in told] == ['missing', 'busy', 'not_a_port', 'bad_address']
+    assert all(name in text for (_, text), name in zip(told, (
+        '/dev/ttyNowhere', 'fuser', 'not a serial port', 'nonsense')))
+
+
+def test_no_permission_names_the_group(monkeypatch):
+    def refuse(*_, **__):
+        raise serial.SerialException(errno.EACCES, 'Permission denied')
+    monkeypatch.setattr(serial, 'serial_for_url', refuse)
+    word, text = reason('/dev/ttyUSB0')
+    assert word == 'permission' and 'usermod -aG dialout' in text
+
+
+def test_a_baud_rate_that_does_not_exist_is_named(terminal):
+    word, text = reason(terminal[1], baud=-5)
+    assert word == 'bad_baud' and '-5' in text
+
+
+def test_a_pulled_plug_is_one_kind_of_error_wherever_it_shows(terminal):
+    master, path = terminal
+    with Link(path, 115200) as link:
+        os.close(master)
+        for call in (lambda: link.write(b'x' * 10), link.read,
+                     lambda: (link.wait(0.01), link.read())):
+            with pytest.raises(LinkError) as raised:
+                call()
+            assert raised.value.reason == 'gone'
+            assert isinstance(raised.value, BallbotError)
+
+
+def test_a_peer_that_does_not_read_cannot_hold_the_loop(terminal):
+    _, path = terminal
+    with Link(path, 115200) as link:
+        with pytest.raises(LinkError) as raised:
+            for _ in range(100):
+                link.write(b'x' * 1000)
+        assert raised.value.reason == 'stuck'
+
+
+def test_a_host_that_is_held_up_while_it_writes_does_not_blame_the_line(terminal, monkeypatch):
+    write = os.write
+    with Link(terminal[1], 115200) as link:
+        monkeypatch.setattr(os, 'write', lambda *given: time.sleep(0.1) or write(*given))
+        link.write(b'abc')
+        monkeypatch.undo()
+    assert os.read(terminal[0], 10) == b'abc'
+
+
+def test_a_closed_link_says_so(terminal):
+    link = Link(terminal[1], 115200)
+    link.close()
+    link.close()
+    with pytest.raises(LinkError, match='has been closed'):
+        link.write(b'x')
+
+
+def test_traffic_is_recorded_and_played_back(tmp_path):
+    recorder = Recorder(tmp_path / 'traffic.txt')
+    with Link('loop://', 115200, recorder) as link:
+        link.write(b'question')
+        link.wait(1.0)
+        assert link.read() == b'question'
+    recorder.close()
+    records = read_capture(tmp_path / 'traffic.txt')
+    assert [(record.direction, record.data) for record in records] == [
+        ('>', b'question'), ('<', b'question')]
+    assert 0.0 <= records[0].time <= records[1].time
+    replay = Replay(records)
+    replay.write(b'other')
+    assert replay.wait(1.0) and replay.read() == b'question' and replay.finished
+    with pytest.raises(LinkError):
+        replay.read()
+
+
+def test_a_full_disk_ends_the_recording_and_not_the_link():
+    recorder = Recorder('/dev/full')
+    with Link('loop://', 115200, recorder) as link:
+        for _ in range(2000):  # more than the buffer of the file
+            link.write(b'abcdefgh')
+            link.read()
+    assert 'No space' in recorder.failure
+    recorder.close()
+
+
+@pytest.mark.parametrize('text, complaint', [
+    ('', 'is no capture'), ('something else\n', 'is no capture'),
+    ('# ballbot traffic 1\n0.1 ? 00\n', ':2: '), ('# ballbot traffic 1\n0.1 < 0g\n', ':2: ')])
+def test_a_file_that_is_no_capture_is_refused(tmp_path, text, complaint):
+    (tmp_path / 'traffic.txt').write_text(text)
+    with pytest.raises(ConfigurationError, match=complaint):
+        read_capture(tmp_path / 'traffic.txt')
+
+
+def test_a_capture_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path):
+    (tmp_path / 'traffic.txt').write_text('# ballbot traffic 1\n0.1 < 00ff\n0.2 < 0')
+    assert [record.data for record in read_capture(tmp_path / 'traffic.txt')] == [b'\x00\xff']

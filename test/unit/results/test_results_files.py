@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files of a run: nothing is lost, nothing is left half-done."""
+import csv
+
+import numpy as np
+import pytest
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import load_scene
+from ballbot_ros.physics.simulation.trajectory import UNITS
+from ballbot_ros.results import files, read_columns, read_units, write_csv, write_npz
+
+
+@pytest.fixture(scope='module')
+def trajectory():
+    return load_scene('fig7_bottom').simulate()
+
+
+WRITERS = {'csv': write_csv, 'npz': write_npz}
+
+
+@pytest.fixture(params=sorted(WRITERS))
+def written(request, trajectory, tmp_path):
+    path = tmp_path / f'run.{request.param}'
+    WRITERS[request.param](trajectory, path)
+    return path
+
+
+def test_every_number_comes_back_to_the_last_bit(written, trajectory):
+    columns = read_columns(written)
+    assert list(columns) == list(UNITS)
+    for name in UNITS:
+        assert columns[name].tobytes() == trajectory[name].tobytes(), name
+
+
+def test_units_in_the_file_are_those_of_the_trajectory(written):
+    assert read_units(written) == dict(UNITS)
+
+
+def test_header_is_one_row_of_names_with_units(trajectory, tmp_path):
+    write_csv(trajectory, tmp_path / 'run.csv')
+    with open(tmp_path / 'run.csv', newline='') as stream:
+        rows = csv.reader(stream)
+        assert next(rows)[:3] == ['time [s]', 'x [m]', 'y [m]']
+        assert sum(1 for _ in rows) == len(trajectory)
+
+
+def test_a_long_run_is_written_in_blocks_without_a_seam(trajectory, tmp_path, monkeypatch):
+    write_csv(trajectory, tmp_path / 'whole.csv')
+    monkeypatch.setattr(files, '_BLOCK', 7)
+    write_csv(trajectory, tmp_path / 'blocks.csv')
+    assert (tmp_path / 'whole.csv').read_bytes() == (tmp_path / 'blocks.csv').read_bytes()
+
+
+def test_numbers_that_are_not_finite_survive_too(trajectory, tmp_path):
+    rows = trajectory.rows[:5].copy()
+    rows[3, 3], rows[4, 4] = np.nan, -np.inf
+    broken = type(trajectory)(trajectory.model, rows)
+    write_csv(broken, tmp_path / 'run.csv')
+    columns = read_columns(tmp_path / 'run.csv')
+    np.testing.assert_array_equal(columns['x'], broken['x'])
+    np.testing.assert_array_equal(columns['y'], broken['y'])
+
+
+@pytest.mark.parametrize('interruption', [KeyboardInterrupt, OSError(28, 'No space left')])
+def test_interrupted_writing_keeps_the_old_file_and_leaves_no_other(tmp_path, interruption):
+    path = tmp_path / 'run.csv'
+    path.write_text('old')
+    with pytest.raises((KeyboardInterrupt, ConfigurationError)), files.replacing(path) as stream:
+        stream.write(b'half')
+        raise interruption
+    assert path.read_text() == 'old'
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_that_cannot_be_made_is_named(trajectory, tmp_path):
+    (tmp_path / 'taken').write_text('')
+    with pytest.raises(ConfigurationError, match='taken.*choose another folder'):
+        write_csv(trajectory, tmp_path / 'taken' / 'run.csv')
+
+
+@pytest.mark.parametrize('name, content', [
+    ('run.csv', 'time,x\n0,1\n'), ('run.csv', ''), ('run.csv', 'x [m]\nword\n'),
+    ('run.csv', 'x [m],y [m]\n1\n'), ('run.npz', 'no archive'), ('run.txt', '')])
+def test_a_file_of_another_kind_is_refused(tmp_path, name, content):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(ConfigurationError, match=name):
+        read_columns(tmp_path / name)
+
+
+def test_a_missing_file_is_named():
+    with pytest.raises(ConfigurationError, match='nowhere.csv: cannot be read'):
+        read_columns('nowhere.csv')

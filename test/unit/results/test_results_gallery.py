@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The figures are drawn, say that they are simulated, and keep what an interruption leaves."""
+import numpy as np
+import pytest
+
+from ballbot_ros.cli import main
+from ballbot_ros.figures import design, gallery, heights, paper
+from ballbot_ros.studies.procedure import run_tests
+from ballbot_ros.studies.test_bench import Roll
+
+FEW = np.array([0.4, 0.6, 0.8, 1.0, 1.1])
+
+
+@pytest.fixture
+def coarse(monkeypatch):
+    """Make every figure quick."""
+    for module in (paper, design):
+        monkeypatch.setattr(module, 'SPEEDS', FEW)
+    monkeypatch.setattr(paper, 'TWIN_SPEEDS', FEW[:1])
+    monkeypatch.setattr(paper, 'TWIN_STEP', 1e-3)
+    monkeypatch.setattr(paper, 'run_tests', lambda bench, robot: run_tests(
+        bench, robot, (0.01,), fine_rolls=2))
+    monkeypatch.setattr(design, 'SAMPLES', 4)
+    monkeypatch.setattr(design, 'SLOPE_SPEEDS', FEW[:2])
+    monkeypatch.setattr(design, 'LENGTHS', np.linspace(0.02, 0.16, 3))
+    monkeypatch.setattr(design, 'MASSES', np.linspace(0.5, 4.0, 3))
+
+
+def words(figure):
+    """Return all text of a figure."""
+    found = [item.get_text() for item in figure.texts]
+    for axes in figure.axes:
+        found += [item.get_text() for item in axes.texts]
+        found += [axes.get_xlabel(), axes.get_ylabel(), axes.get_title(loc='left')]
+        legend = axes.get_legend()
+        found += [item.get_text() for item in legend.get_texts()] if legend else []
+    return '\n'.join(found)
+
+
+@pytest.mark.parametrize('name', gallery.FIGURES)
+def test_every_figure_says_where_it_comes_from_and_tells_its_progress(name, coarse):
+    told = []
+    text = words(gallery.FIGURES[name](told.append))
+    assert ('re-simulated' if name.startswith('fig') else 'simulated with the full') in text
+    assert told == sorted(told) and told[-1] == pytest.approx(1.0)
+
+
+def test_figure_6_has_the_three_printed_points(coarse):
+    axes = paper.figure_6().axes[0]
+    stars = next(line for line in axes.lines if line.get_marker() == '*')
+    np.testing.assert_allclose(stars.get_xydata(), [[0.76, 21.0], [0.78, 31.0], [1.09, 56.0]])
+
+
+def test_figure_8_says_when_there_is_no_second_simulator(coarse, monkeypatch):
+    monkeypatch.setattr(paper.mujoco_check, 'mujoco', None)
+    assert 'MuJoCo is not installed' in words(paper.figure_8())
+
+
+def test_rolls_are_drawn_by_what_came_of_them():
+    nan = float('nan')
+    figure = heights.bench_figure([
+        Roll(0.01, 1.0, 0.5, True, 0.4, 0.0), Roll(0.01, 1.0, 0.3, False, 0.2, 0.0),
+        Roll(0.01, 1.0, nan, False, nan, nan)], [], 'a test')
+    passed, failed = figure.axes[0].lines
+    assert passed.get_xydata()[:, 0].tolist() == [0.5]
+    assert failed.get_xydata()[0, 0] == 0.3 and len(failed.get_xydata()) == 2
+
+
+def test_the_command_lists_the_figures(capsys):
+    assert main(['figures', '--list']) == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(
+        gallery.FIGURES)
+
+
+def test_an_unknown_figure_is_refused_with_the_nearest(capsys, tmp_path):
+    assert main(['figures', 'fig9', '--out', str(tmp_path)]) == 2
+    assert 'did you mean' in capsys.readouterr().err
+
+
+def test_an_interruption_keeps_the_figures_that_are_done(capsys, tmp_path, monkeypatch, coarse):
+    def stop(progress):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(gallery, 'FIGURES', {'slope': design.slope, 'never': stop})
+    assert main(['figures', '--quiet', '--out', str(tmp_path)]) == 130
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['slope.png', 'slope.svg']
+    assert 'slope.png, slope.svg are in' in capsys.readouterr().err
+
+
+def test_one_format_is_enough(tmp_path, coarse, capsys):
+    assert main(['figures', 'slope', '--format', 'svg', '--out', str(tmp_path)]) == 0
+    assert [path.name for path in tmp_path.iterdir()] == ['slope.svg']
+    assert 'slope.svg' in capsys.readouterr().out

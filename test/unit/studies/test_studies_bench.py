@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The virtual test bench measures what a real one would, and finds the thresholds of the model."""
+import csv
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from ballbot_ros.cli import main
+from ballbot_ros.crossing import crosses
+from ballbot_ros.crossing.rules import touch_distance
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import load_robot
+from ballbot_ros.physics.simulation.model import Model
+from ballbot_ros.studies import procedure
+from ballbot_ros.studies.procedure import find_thresholds, run_tests
+from ballbot_ros.studies.test_bench import first_passage, Ramp, Roll, RunUp
+
+GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
+STILL = {'pendulum_sd': 0.0, 'release_sd': 0.0, 'push_sd': 0.0}
+
+
+def dice(seed=0):
+    """Return a generator of scatter."""
+    return np.random.default_rng(seed)
+
+
+@pytest.mark.parametrize('height', [0.02, 0.08, 0.2])
+def test_a_ball_without_losses_arrives_with_the_energy_of_its_release(height):
+    # v^2 (1 + kappa) / 2 = g h; friction with a sharp threshold does not creep.
+    ball, rig = replace(SHELLBALL, rolling_friction=0.0, slip_threshold=1e-4), Ramp(**STILL)
+    model = Model(ball, rig.terrain(0.02))
+    drop = rig.begin(model, height, dice())[0].y - model.at_rest(-0.4).y
+    assert drop == pytest.approx(height, rel=0.1)  # a ball on a slope rests a little higher
+    kappa = ball.ball_inertia / (ball.ball_mass * ball.ball_radius**2)
+    assert rig.roll(ball, 0.02, height, dice()).touch_speed == pytest.approx(
+        math.sqrt(2.0 * 9.81 * drop / (1.0 + kappa)), rel=1e-3)
+
+
+def test_the_sensors_give_the_mean_speed_between_them_in_whole_readings():
+    ball = replace(SHELLBALL, rolling_friction=0.0)
+    roll = Ramp(**STILL).roll(ball, 0.02, 0.08, dice())
+    ticks = 0.1 * 1000.0 / roll.measured_speed
+    assert ticks == pytest.approx(round(ticks), abs=1e-9)
+    assert roll.measured_speed == pytest.approx(roll.touch_speed, rel=1.0 / ticks)
+    fine = Ramp(sensor_rate=1e6, **STILL).roll(ball, 0.02, 0.08, dice())
+    assert fine.measured_speed == pytest.approx(fine.touch_speed, rel=2e-3)
+
+
+def test_rolling_and_joint_friction_make_the_sensors_read_more_than_the_collision_speed():
+    roll = Ramp(**STILL).roll(GIMBALL, 0.02, 0.05, dice())
+    assert roll.measured_speed > 1.05 * roll.touch_speed
+    assert roll.touch_angle < -0.1  # the turning ball drags its pendulum back
+
+
+def test_passage_is_found_between_samples():
+    time, x = np.array([0.0, 1.0, 2.0]), np.array([-1.0, 0.0, 4.0])
+    assert first_passage(time, x, 1.0) == 1.25
+    assert first_passage(time, x, 5.0) is None
+    assert first_passage(time, x, -2.0) is None
+
+
+def test_the_driven_ball_starts_1_20_m_before_the_touch():
+    rig = RunUp(length_sd=0.0, voltage_sd=0.0, pendulum_sd=0.0)
+    model = Model(GIMBALL, rig.terrain(0.03))
+    start, actuation = rig.begin(model, 6.0, dice())
+    touch = touch_distance(GIMBALL.ball_radius, 0.03, GIMBALL.static_penetration)
+    assert start.x == pytest.approx(-1.2 - touch)
+    assert (start.velocity_x, actuation.law, actuation.voltage) == (0.0, 'voltage', 6.0)
+
+
+def test_a_ball_that_does_not_reach_the_sensors_has_no_speed():
+    roll = RunUp().roll(GIMBALL, 0.03, 0.05, dice())
+    assert not roll.passed and math.isnan(roll.measured_speed) and math.isnan(roll.touch_speed)
+
+
+def test_the_same_seed_gives_the_same_rolls_and_another_seed_others():
+    first, same, other = (
+        list(run_tests(Ramp(), SHELLBALL, (0.005,), seed, 3)) for seed in (3, 3, 4))
+    assert first == same
+    assert first != other
+
+
+def test_the_threshold_that_is_found_is_that_of_the_model():
+    # ShellBall has no pendulum: only its speed counts.
+    rolls = list(run_tests(Ramp(), SHELLBALL, (0.02,), fine_rolls=16))
+    for item in find_thresholds(roll._replace(measured_speed=roll.touch_speed) for roll in rolls):
+        assert not crosses(SHELLBALL, 0.985 * item.highest_no_pass, item.step_height)
+        assert crosses(SHELLBALL, 1.015 * item.lowest_pass, item.step_height)
+        assert item.lowest_pass == pytest.approx(item.highest_no_pass, rel=0.03)
+
+
+def test_tests_end_where_the_ramp_ends():
+    rolls = list(run_tests(Ramp(highest_release=0.02), SHELLBALL, (0.005, 0.03, 0.04)))
+    assert [roll.step_height for roll in rolls][-1] == 0.03
+    assert [roll.setting for roll in rolls[-procedure.TRIES:]] == [0.02] * procedure.TRIES
+
+
+def test_thresholds_leave_out_rolls_without_a_speed():
+    nan = math.nan
+    found = find_thresholds([
+        Roll(0.01, 1.0, nan, False, nan, nan), Roll(0.01, 1.0, 0.4, False, 0.4, 0.0),
+        Roll(0.01, 1.0, 0.5, True, 0.5, 0.0), Roll(0.02, 1.0, nan, False, nan, nan)])
+    assert found[0] == (0.01, 3, 0.4, 0.5)
+    assert found[1].rolls == 1 and math.isnan(found[1].highest_no_pass)
+
+
+@pytest.mark.parametrize('make, words', [
+    (lambda: list(run_tests(Ramp(), GIMBALL, (0.02, 0.01))), 'rise'),
+    (lambda: list(run_tests(Ramp(), GIMBALL, ())), 'rise'),
+    (lambda: list(run_tests(Ramp(), GIMBALL, fine_rolls=0)), 'fine_rolls'),
+    (lambda: Ramp(slope=1.0), 'slope'),
+    (lambda: Ramp(sensor_distance=0.1).roll(GIMBALL, 0.055, 0.1, dice()), 'sensor_distance'),
+    (lambda: RunUp().roll(SHELLBALL, 0.02, 5.0, dice()), 'pendulum')])
+def test_a_test_that_makes_no_sense_is_refused(make, words):
+    with pytest.raises(ConfigurationError, match=words):
+        make()
+
+
+def tables(folder):
+    """Return the rows of both tables."""
+    return [list(csv.DictReader((folder / name).open())) for name in ('tests.csv', 'truth.csv')]
+
+
+def test_the_command_writes_the_table_of_the_experimenters_and_the_plot(
+        capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr(procedure, 'HEIGHTS', (0.005, 0.01))
+    assert main(['test-bench', '--robot', 'shellball', '--rolls', '2', '--out',
+                 str(tmp_path)]) == 0
+    seen, true = tables(tmp_path)
+    assert list(seen[0]) == ['test', 'step height [mm]', 'release height [m]',
+                             'measured speed [m/s]', 'passed']
+    assert len(seen) == len(true) and {row['passed'] for row in seen} == {'yes', 'no'}
+    assert [row['step height [mm]'] for row in seen] == sorted(
+        (row['step height [mm]'] for row in seen), key=float)
+    assert (tmp_path / 'tests.png').stat().st_size > 10_000
+    assert (tmp_path / 'tests.svg').read_text().count('<svg') == 1
+    out = capsys.readouterr().out
+    assert f'{len(seen)} rolls' in out and 'highest no-pass' in out
+
+
+def test_an_interrupted_test_keeps_its_rolls(capsys, tmp_path, monkeypatch):
+    def some(*_):
+        yield Roll(0.005, 0.01, 0.2, False, 0.19, 0.0)
+        yield Roll(0.005, 0.02, 0.4, True, 0.39, 0.0)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(procedure, 'run_tests', some)
+    assert main(['test-bench', '--quiet', '--out', str(tmp_path)]) == 130
+    assert len(tables(tmp_path)[0]) == 2
+    assert 'after 2 rolls' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('words, part', [
+    (['--driven', '--slope', '5'], '--slope belongs'), (['--run-up', '1'], '--run-up belongs'),
+    (['--seed', '-1'], '--seed'), (['--slope', '80'], 'slope'), (['--rolls', '0'], 'fine_rolls'),
+    (['--robot', 'shellball', '--driven'], 'pendulum')])
+def test_mistakes_on_the_command_line_are_named(capsys, tmp_path, words, part):
+    assert main(['test-bench', '--out', str(tmp_path / 'none'), *words]) == 2
+    assert part in capsys.readouterr().err
+    assert not (tmp_path / 'none').exists()

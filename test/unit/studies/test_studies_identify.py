@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers come back from noisy runs within their intervals; what cannot be told is told so."""
+from dataclasses import replace
+import json
+import math
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import get_typestore, Stores
+
+from ballbot_ros.cli import main
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.simulation.scene import read_scene
+from ballbot_ros.results import write_csv
+from ballbot_ros.studies.bag_reader import read_bag
+from ballbot_ros.studies.identification import identify, present, with_numbers
+from ballbot_ros.studies.recording import MOST_SAMPLES, Recording, replay
+
+SWING = {'robot': 'gimball', 'initial': {'pendulum_angle_deg': 60.0}, 'duration': 2.0,
+         'solver': {'method': 'adaptive'}, 'output_step': 0.01}
+TRUTH = read_scene(SWING, 'swing', 'swing')
+GUESS = with_numbers(TRUTH, {'joint_friction': 0.2, 'ball_inertia': 0.06})
+ENCODER = 2e-3  # noise [rad]
+
+
+def recorded(scene, seed, noise=ENCODER):
+    """Return what encoders of shell and joint tell of a run."""
+    run, chance = scene.simulate(), np.random.default_rng(seed)
+    return Recording({name: (run['time'], values + chance.normal(0.0, noise, len(run)))
+                      for name, values in (
+                          ('ball_angle', run['ball_angle']),
+                          ('joint_angle', run['pendulum_angle'] - run['ball_angle']))})
+
+
+def test_known_numbers_lie_within_their_intervals_as_often_as_promised():
+    inside = []
+    for seed in range(10):
+        found = identify(GUESS, recorded(TRUTH, seed), ['joint_friction', 'ball_inertia'])
+        assert all(item.determined for item in found.estimates)
+        assert found.vague == [] and found.rivals == []
+        for item in found.estimates:
+            truth = present(TRUTH, item.name)
+            inside.append(item.low <= truth <= item.high)
+            assert item.high - item.low < 0.2 * truth
+        assert found.noise['ball_angle'] == pytest.approx(ENCODER, rel=0.2)
+    # Of 20 intervals at 95 %, fewer than 17 hold one time in sixty.
+    assert sum(inside) >= 17
+
+
+def test_numbers_that_leave_no_trace_are_not_determined():
+    # There is no edge, and the speed of no bounce depends on it: no sample says anything.
+    found = identify(GUESS, recorded(TRUTH, 1), ['joint_friction', 'edge_friction'])
+    friction, edge = found.estimates
+    assert friction.determined and not edge.determined
+    assert math.isnan(edge.low) and math.isnan(edge.high)
+    assert found.vague == [{'edge_friction': pytest.approx(1.0, abs=1e-3)}] or found.vague == [
+        {'edge_friction': pytest.approx(-1.0, abs=1e-3)}]
+
+
+def test_numbers_that_only_count_together_are_not_determined_alone():
+    # Torque is all that the two have to do with the motion: a voltage times a constant.
+    driven = read_scene({**SWING, 'initial': {}, 'actuation': {'law': 'voltage', 'voltage': 4.0}},
+                        'driven', 'driven')
+    names = ['motor.gear_efficiency', 'motor.torque_constant']
+    found = identify(driven, recorded(driven, 3), [*names, 'joint_friction'])
+    sure = {item.name: item.determined for item in found.estimates}
+    assert sure == {names[0]: False, names[1]: False, 'joint_friction': True}
+    combination, = found.vague
+    assert set(combination) == set(names)
+    # What stays the same is their product.
+    assert combination[names[0]] == pytest.approx(-combination[names[1]], abs=0.02)
+
+
+def test_a_start_that_is_not_known_can_be_estimated_too():
+    tilted = with_numbers(TRUTH, {'initial.pendulum_angle_deg': 66.0})
+    found = identify(TRUTH, recorded(tilted, 5), ['initial.pendulum_angle_deg', 'joint_friction'])
+    angle = found.estimates[0]
+    assert angle.unit == 'deg' and angle.low <= 66.0 <= angle.high
+    assert angle.high - angle.low < 0.5
+
+
+def test_a_recorded_torque_is_replayed():
+    driven = read_scene({**SWING, 'actuation': {'law': 'torque', 'torque': 0.4}}, 'a', 'a')
+    run = driven.simulate()
+    recording = Recording.of_columns(run.columns)
+    free = replace(driven, actuation=TRUTH.actuation)
+    exact = replay(driven, recording, False)
+    for name, values in replay(free, recording, True).items():
+        np.testing.assert_allclose(values, exact[name], atol=1e-5)
+    with pytest.raises(ConfigurationError, match='no torque to replay'):
+        replay(free, Recording(recording.channels), True)
+
+
+def test_the_command_reads_a_csv_and_leaves_table_and_figure(tmp_path, capsys):
+    write_csv(TRUTH.simulate(), tmp_path / 'run.csv')
+    scene = tmp_path / 'mine.yaml'
+    scene.write_text('robot: gimball\nrobot_changes: {joint_friction: 0.2}\n'
+                     'initial: {pendulum_angle_deg: 60.0}\nduration: 2.0\n')
+    words = ['identify', str(scene), str(tmp_path / 'run.csv'), '--estimate', 'joint_friction',
+             'edge_friction', '--channels', 'ball_angle', 'pendulum_angle', '--out',
+             str(tmp_path / 'out')]
+    assert main(words) == 0
+    out, _ = capsys.readouterr()
+    assert 'not determined' in out and '0.124' in out
+    assert main([*words, '--json']) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told == json.loads((tmp_path / 'out' / 'identify.json').read_text())
+    assert told['estimates'][0]['value'] == pytest.approx(0.124, rel=1e-3)
+    assert told['estimates'][1]['low'] is None
+    for kind in ('png', 'svg'):
+        assert (tmp_path / 'out' / f'residuals.{kind}').stat().st_size > 5000
+
+
+def write_bag(folder, run):
+    """Write joint states and odometry of a run as a bag, stamped with an offset."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types = store.types
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        joints = bag.add_connection('/robot/joint_states', 'sensor_msgs/msg/JointState',
+                                    typestore=store)
+        for row in range(len(run)):
+            stamp = 1_700_000_000 * 10**9 + round(1e9 * run['time'][row])
+            header = types['std_msgs/msg/Header'](
+                types['builtin_interfaces/msg/Time'](stamp // 10**9, stamp % 10**9), '')
+            ball, pendulum = run['ball_angle'][row], run['pendulum_angle'][row]
+            rates = run['ball_rate'][row], run['pendulum_rate'][row]
+            message = types['sensor_msgs/msg/JointState'](
+                header, ['shell', 'pendulum'], np.array([ball, pendulum - ball]),
+                np.array([rates[0], rates[1] - rates[0]]),
+                np.array([0.0, run['pendulum_torque'][row]]))
+            bag.write(joints, stamp, store.serialize_cdr(message, 'sensor_msgs/msg/JointState'))
+
+
+def test_a_bag_says_what_its_run_was(tmp_path):
+    run = TRUTH.simulate()
+    write_bag(tmp_path / 'bag', run)
+    recording = read_bag(tmp_path / 'bag')
+    assert set(recording.channels) == {'ball_angle', 'ball_rate', 'joint_angle', 'joint_rate'}
+    times, values = recording.channels['joint_angle']
+    np.testing.assert_allclose(times, run['time'], atol=1e-6)
+    np.testing.assert_array_equal(values, run['pendulum_angle'] - run['ball_angle'])
+    found = identify(GUESS, recording, ['joint_friction', 'ball_inertia'], use_torque=True)
+    assert [item.value for item in found.estimates] == pytest.approx([0.124, 0.08], rel=1e-3)
+
+
+def test_what_is_no_bag_is_refused(tmp_path):
+    (tmp_path / 'metadata.yaml').write_text('nonsense')
+    for path in (tmp_path, tmp_path / 'none', tmp_path / 'metadata.yaml'):
+        with pytest.raises(ConfigurationError, match='is no bag'):
+            read_bag(path)
+
+
+def test_long_channels_are_thinned_out():
+    times = np.arange(3 * MOST_SAMPLES + 1) * 1e-3
+    assert len(Recording({'x': (times, times)}).channels['x'][0]) <= MOST_SAMPLES
+
+
+TIMES = np.linspace(0.0, 1.0, 20)
+
+
+@pytest.mark.parametrize('channels, told', [
+    ({}, 'nothing in it can be compared'), ({'z': (TIMES, TIMES)}, "'z' is not known"),
+    ({'x': (TIMES[:5], TIMES[:5])}, 'at least 8 samples'),
+    ({'x': (TIMES, TIMES * math.nan)}, 'must be finite'),
+    ({'x': (TIMES[::-1], TIMES)}, 'must rise'), ({'x': (TIMES - 0.5, TIMES)}, 'must rise')])
+def test_a_recording_that_makes_no_sense_is_refused(channels, told):
+    with pytest.raises(ConfigurationError, match=told):
+        Recording(channels)
+
+
+@pytest.mark.parametrize('names, told', [
+    ([], 'each of them once'), (['joint_friction'] * 2, 'each of them once'),
+    (['joint_frction'], "did you mean 'joint_friction'"),
+    (['motor.colour'], "'motor.colour' is no number")])
+def test_what_cannot_be_estimated_is_refused(names, told):
+    with pytest.raises(ConfigurationError, match=told):
+        identify(TRUTH, recorded(TRUTH, 0), names)

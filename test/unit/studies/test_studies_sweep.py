@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A sweep tries what its plan says, survives being killed, and its file explains itself."""
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from ballbot_ros.cli import main
+from ballbot_ros.crossing import held_at, max_step_height, rolling, Site, try_step
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import load_robot
+from ballbot_ros.studies.sweep import columns, run_block, run_sweep, spread
+from ballbot_ros.studies.sweep_plan import Plan
+
+parquet = pytest.importorskip('pyarrow.parquet', reason='sweeps are written with pyarrow')
+GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
+RANGES = {'speed': (0.4, 1.2), 'height': (0.005, 0.06), 'ball_mass': (3.3, 4.15)}
+
+
+def sweep(plan, out, block=50):
+    with ThreadPoolExecutor(2) as pool:
+        return run_sweep(plan, out, pool, 2, block=block)
+
+
+def test_a_grid_is_every_combination_and_each_case_what_the_search_says():
+    plan = Plan(GIMBALL, held_at(0.3), fixed={}, grid={
+        'speed': [0.5, 0.9], 'edge_friction': [0.1, 0.2, 0.3], 'slope_before': [-0.1, 0.0]})
+    assert plan.size == 12 and plan.searches
+    table = run_block(plan, 0, 12)
+    found = set(zip(table['speed'], table['edge_friction'], table['slope_before']))
+    assert len(found) == 12
+    row = found_at(table, speed=0.9, edge_friction=0.3, slope_before=-0.1)
+    best = max_step_height(replace(GIMBALL, edge_friction=0.3), 0.9, held_at(0.3),
+                    site=Site(slope_before=-0.1))
+    assert (table['max_height'][row], table['error'][row]) == (best.height, best.error)
+    assert table['failure'] == [None] * 12
+
+
+def found_at(table, **values):
+    """Return the row with some values."""
+    return next(row for row in table['case'] if all(
+        table[name][row] == value for name, value in values.items()))
+
+
+@pytest.mark.parametrize('design', ['sobol', 'random'])
+def test_cases_of_a_design_depend_on_its_seed_alone(design):
+    plan = Plan(GIMBALL, design=design, cases=300, seed=4, ranges=RANGES)
+    whole = plan.block(0, 300)
+    parts = np.vstack([plan.block(first, first + 70) for first in range(0, 300, 70)])
+    np.testing.assert_array_equal(whole, parts)
+    low, high = np.array(list(RANGES.values())).T
+    assert ((whole >= low) & (whole <= high)).all()
+    np.testing.assert_allclose(whole.mean(axis=0), 0.5 * (low + high), rtol=0.05)
+    other = Plan(GIMBALL, design=design, cases=300, seed=5, ranges=RANGES)
+    assert (other.block(0, 300) != whole).all()
+
+
+def test_given_heights_are_tried_and_the_velocity_law_follows_the_speed():
+    plan = Plan(GIMBALL, rolling(GIMBALL)(1.0), fixed={'height': 0.02},
+                grid={'speed': [0.5, 0.7], 'contact_damping': [52.0, 100.0]})
+    table = run_block(plan, 0, 4)
+    assert table['passes'] == [
+        try_step(replace(GIMBALL, contact_damping=damping), speed, 0.02,
+                 rolling(GIMBALL)(speed))[0]
+        for speed, damping in zip(table['speed'], table['contact_damping'])]
+    assert set(table['passes']) == {True, False}
+
+
+def test_a_case_that_fails_says_why_and_the_others_go_on():
+    plan = Plan(GIMBALL, fixed={'speed': 3.0}, grid={'contact_stiffness': [300.0, 33000.0]})
+    table = run_block(plan, 0, 2)
+    assert 'under the ground' in table['failure'][0] and table['max_height'][0] is None
+    assert table['failure'][1] is None and table['max_height'][1] > 0.05
+
+
+def test_the_file_has_all_cases_with_units_and_provenance(tmp_path):
+    plan = Plan(GIMBALL, design='sobol', cases=128, ranges=RANGES)
+    out = tmp_path / 'sweep.parquet'
+    assert sweep(plan, out) == 0
+    table = parquet.read_table(out)
+    assert table.column('case').to_pylist() == list(range(128))
+    assert {field.name: field.metadata[b'unit'].decode() for field in table.schema} \
+        == columns(plan)
+    assert columns(plan)['ball_mass'] == 'kg' and columns(plan)['speed'] == 'm/s'
+    told = json.loads(table.schema.metadata[b'ballbot_sweep'])
+    assert told['plan']['robot_digest'] == GIMBALL.digest and told['digest'] == plan.digest
+    assert not out.with_name('sweep.parquet.blocks').exists()
+    pandas = pytest.importorskip('pandas', reason='only to see that it opens the file')
+    frame = pandas.read_parquet(out)
+    assert len(frame) == 128 and frame.passes.dtype == bool
+    assert frame[frame.passes].height.mean() < frame[~frame.passes].height.mean()
+
+
+def test_the_size_of_blocks_and_how_often_it_was_begun_change_nothing(tmp_path):
+    plan = Plan(GIMBALL, design='random', cases=90, ranges=RANGES)
+    sweep(plan, tmp_path / 'a.parquet', block=7)
+    sweep(plan, tmp_path / 'b.parquet', block=40)
+    assert parquet.read_table(tmp_path / 'a.parquet') == parquet.read_table(
+        tmp_path / 'b.parquet')
+
+
+def test_a_killed_sweep_goes_on_and_loses_nothing(tmp_path):
+    words = ['--vary', 'speed=0.3:1.2', '--vary', 'height=0.003:0.06', '--design', 'sobol',
+             '--workers', '2']
+    cases, killed, whole = 4000, tmp_path / 'killed.parquet', tmp_path / 'whole.parquet'
+    command = [sys.executable, '-m', 'ballbot_ros.cli', 'sweep', *words, '--cases', str(cases)]
+    process = subprocess.Popen([*command, '--out', str(killed)], stderr=subprocess.DEVNULL,
+                               cwd=Path(__file__).resolve().parents[3])
+    blocks = tmp_path / 'killed.parquet.blocks'
+    deadline = time.monotonic() + 120.0
+    while len(list(blocks.glob('[0-9]*.parquet'))) < 2 and process.poll() is None:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    done = {path: path.stat().st_mtime_ns for path in blocks.glob('[0-9]*.parquet')}
+    assert 2 <= len(done) and not killed.exists()
+    stamps = {}
+
+    def look(path=blocks):
+        stamps.update({part: part.stat().st_mtime_ns for part in path.glob('[0-9]*.parquet')})
+    plan = Plan(GIMBALL, design='sobol', cases=cases,
+                ranges={'speed': (0.3, 1.2), 'height': (0.003, 0.06)})
+    with ThreadPoolExecutor(1) as pool:
+        found = run_sweep(plan, killed, pool, 1, lambda _: look())
+        run_sweep(plan, whole, pool, 1)
+    assert found == 1000 * len(done)
+    # What was done before is not done again.
+    assert {path: stamps[path] for path in done} == done
+    assert parquet.read_table(killed) == parquet.read_table(whole)
+
+
+def test_workers_end_with_who_gave_them_work(tmp_path):
+    script = ('import os, sys, time\n'
+              'from concurrent.futures import ProcessPoolExecutor\n'
+              'import multiprocessing\n'
+              'from ballbot_ros.cli.sweep import obey\n'
+              'pool = ProcessPoolExecutor(1, multiprocessing.get_context("fork"), obey, '
+              '(os.getpid(),))\n'
+              'print(pool.submit(os.getpid).result(), flush=True)\n'
+              'time.sleep(60)\n')
+    process = subprocess.Popen([sys.executable, '-c', script], stdout=subprocess.PIPE, text=True,
+                               cwd=Path(__file__).resolve().parents[3])
+    worker = int(process.stdout.readline())
+    process.kill()
+    process.wait()
+    process.stdout.close()
+    deadline = time.monotonic() + 30.0
+    while _alive(worker):
+        assert time.monotonic() < deadline, 'the worker outlives its parent'
+        time.sleep(0.05)
+
+
+def _alive(process):
+    """Tell whether a process runs; one that nobody has buried does not."""
+    try:
+        os.kill(process, 0)
+        state = Path(f'/proc/{process}/stat').read_text().rsplit(')', 1)[1].split()[0]
+    except (OSError, IndexError):
+        return False
+    return state != 'Z'
+
+
+def test_another_sweep_in_the_same_place_is_refused(tmp_path):
+    out = tmp_path / 'x.parquet'
+    blocks = tmp_path / 'x.parquet.blocks'
+    blocks.mkdir()
+    (blocks / 'plan.json').write_text('{"digest": "other", "block": 10}')
+    plan = Plan(GIMBALL, design='sobol', cases=10, ranges=RANGES)
+    with pytest.raises(ConfigurationError, match='holds another sweep'):
+        sweep(plan, out)
+    (blocks / 'plan.json').write_text('{')
+    with pytest.raises(ConfigurationError, match='is damaged'):
+        sweep(plan, out)
+
+
+def test_only_the_result_of_a_sweep_is_overwritten(tmp_path, capsys):
+    plan = Plan(GIMBALL, fixed={}, grid={'speed': [0.5], 'height': [0.01]})
+    out = tmp_path / 'x.parquet'
+    sweep(plan, out)
+    before = out.read_bytes()
+    sweep(replace(plan, grid={'speed': [0.6], 'height': [0.01]}), out)
+    assert out.read_bytes() != before
+    foreign = tmp_path / 'mine.parquet'
+    parquet.write_table(parquet.read_table(out).replace_schema_metadata({}), foreign)
+    (tmp_path / 'notes.txt').write_text('mine')
+    for path in (foreign, tmp_path / 'notes.txt'):
+        before = path.read_bytes()
+        with pytest.raises(ConfigurationError, match='is not the result of a sweep'):
+            sweep(plan, path)
+        assert main(['sweep', '--vary', 'speed=0.5', '--out', str(path)]) == 2
+        assert f'{path.name} is there and is not the result' in capsys.readouterr().err
+        assert path.read_bytes() == before
+    assert not list(tmp_path.glob('*.blocks'))
+
+
+@pytest.mark.parametrize('given, told', [
+    ({'grid': {'sped': [1.0]}}, "did you mean 'speed'"), ({}, 'needs lists of values'),
+    ({'design': 'sobol', 'grid': {'speed': [1.0]}}, 'needs ranges from low to high'),
+    ({'grid': {'ball_mass': [1.0]}}, 'speed is missing'),
+    ({'grid': {'speed': []}}, 'speed has no values'),
+    ({'grid': {'speed': [-1.0]}}, 'speed must be more than 0'),
+    ({'grid': {'speed': [1.0]}, 'fixed': {'speed': 2.0}}, 'is given, and varies'),
+    ({'design': 'sobol', 'ranges': {'speed': (1.0, 2.0)}}, 'at least 1 and at most'),
+    ({'design': 'sobol', 'cases': 3, 'ranges': {'speed': (2.0, 1.0)}}, 'from low to high'),
+    ({'robot': SHELLBALL, 'grid': {'speed': [1.0], 'motor.resistance': [1.0]}}, 'no motor')])
+def test_a_plan_that_makes_no_sense_is_refused(given, told):
+    with pytest.raises(ConfigurationError, match=told):
+        Plan(**{'robot': GIMBALL, **given})
+
+
+def test_what_varies_is_read_from_words():
+    assert spread('speed=0.2:0.6:5') == ('speed', [0.2, 0.3, 0.4, 0.5, 0.6])
+    assert spread('speed=0.2,0.7') == ('speed', [0.2, 0.7])
+    assert spread('speed=0.2:0.7') == ('speed', (0.2, 0.7))
+    for word in ('speed', 'speed=', 'speed=a', 'speed=1:2:1', 'speed=1:2:3:4'):
+        with pytest.raises(ConfigurationError, match='must be name=value'):
+            spread(word)
+
+
+@pytest.mark.parametrize('words, told', [
+    (['--vary', 'speed=1,2', '--workers', '0'], '--workers must be at least 1'),
+    (['--vary', 'sped=1,2'], "did you mean 'speed'"),
+    (['--vary', 'speed=1,2', '--fix', 'height=1:2'], '--fix height: give one value')])
+def test_a_mistake_is_told_in_one_line(capsys, tmp_path, words, told):
+    assert main(['sweep', '--out', str(tmp_path / 'x.parquet'), *words]) == 2
+    out, err = capsys.readouterr()
+    assert out == '' and told in err and err.count('\n') == 1
+
+
+def test_a_dask_cluster_gives_the_same_file(tmp_path, capsys):
+    distributed = pytest.importorskip('distributed', reason='a cluster needs dask')
+    words = ['sweep', '--vary', 'speed=0.4,0.6,0.8', '--quiet', '--out']
+    with distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as own:
+        assert main([*words, str(tmp_path / 'a.parquet'), '--dask', own.scheduler_address]) == 0
+    assert main([*words, str(tmp_path / 'b.parquet')]) == 0
+    assert parquet.read_table(tmp_path / 'a.parquet') == parquet.read_table(
+        tmp_path / 'b.parquet')
