@@ -29,6 +29,9 @@ class _Nowhere:
     def wait(self, seconds: float) -> bool:
         raise NotImplementedError
 
+    def close(self) -> None:
+        """Do nothing."""
+
 
 def wire_budget(hardware: Hardware) -> WireBudget:
     """Return what one period of the loop puts on the line at most."""
