@@ -11,6 +11,7 @@ help:
 	@echo 'make bench   measure speed and accuracy'
 	@echo 'make extremes  20,000 cases at the extremes, each judged; some minutes'
 	@echo 'make fuzz    the serial protocols, guided by coverage; some minutes'
+	@echo 'make mutants  change the code and see whether its unit tests notice; some minutes'
 	@echo 'make lint    style and types only'
 	@echo 'make setup   prepare .venv and do nothing more'
 	@echo 'make clean   remove .venv and everything built'
@@ -39,10 +40,13 @@ extremes: setup
 fuzz: setup
 	@.venv/bin/python fuzz/run.py $(ARGS)
 
+mutants: setup
+	@.venv/bin/python mutants/run.py $(ARGS)
+
 lint: setup
 	@.venv/bin/python -m pytest -q test/test_lint.py test/test_layers.py $(ARGS)
 
 clean:
 	rm -rf .venv .venv-old build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
-.PHONY: help setup demo demo-hardware test bench extremes fuzz lint clean
+.PHONY: help setup demo demo-hardware test bench extremes fuzz mutants lint clean
