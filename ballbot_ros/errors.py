@@ -12,7 +12,8 @@ Everything that this package raises on purpose.
     ├── LinkError             the serial line cannot be opened, or is gone
     ├── DriveError            the motor controller does not answer, or not as it must
     ├── EstimateLostError     the readings of the sensors contradict each other
-    └── RefusedError          a request that would not be safe now
+    ├── RefusedError          a request that would not be safe now
+    └── RenamedError          a Python name that has moved; names the new one
 
 Each message says what was wrong, the value, what is allowed and what to do.
 """
@@ -123,3 +124,7 @@ class EstimateLostError(BallbotError, ArithmeticError):
 
 class RefusedError(BallbotError):
     """A request, to release the e-stop for instance, would not be safe now; says why."""
+
+
+class RenamedError(BallbotError, ImportError):
+    """A name of this package has moved; says where to (`ballbot_ros.renamed`)."""

@@ -12,8 +12,9 @@ ROOT = Path(__file__).resolve().parent.parent
 SPDX = '# SPDX-License-Identifier: Apache-2.0'
 
 # The layers that work without ROS carry type hints. In this order: lowest first.
-TYPED = ('errors.py', 'compiled.py', 'config', 'physics', 'crossing', 'control', 'estimation',
-         'plant', 'drives', 'decision', 'emulator', 'bridge', 'studies', 'results', 'figures')
+TYPED = ('errors.py', 'renamed.py', 'compiled.py', 'config', 'physics', 'crossing', 'control',
+         'estimation', 'plant', 'drives', 'decision', 'emulator', 'bridge', 'studies', 'results',
+         'figures')
 
 
 def project_files(*suffixes):

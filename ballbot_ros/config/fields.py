@@ -24,6 +24,7 @@ from typing import Any, Iterable, Mapping, Type, TypeVar
 import yaml
 
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.renamed import new_name
 
 T = TypeVar('T', bound='Checked')
 
@@ -132,8 +133,16 @@ def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) 
 
 
 def suggestion(name: str, known: Iterable[str], listing: bool = True) -> str:
-    """Return ``'; did you mean ...?'`` for a near miss, otherwise the list of names if wanted."""
+    """
+    Return what follows the refusal of an unknown name.
+
+    The new name if it is an old one, ``'; did you mean ...?'`` for a near miss, otherwise the list
+    of names if wanted.
+    """
     names = sorted(known)
+    new = new_name(str(name), names)
+    if new is not None:
+        return f'; it is now {new!r}'
     near = get_close_matches(str(name), names, n=1, cutoff=0.6)
     if near:
         return f'; did you mean {near[0]!r}?'

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Names that changed once, so that an old one gives an error that names the new one.
+
+Add a pair here when a public name changes, and a line to CHANGELOG.rst.  Nothing else is needed:
+`config.fields.suggestion`, which words every refusal of an unknown name, looks here first, and
+so does Python's import of a module or name that is not there.  Only a facade whose old names are
+also reached as attributes wants its ``__getattr__`` from `old_names`.
+"""
+from importlib.abc import MetaPathFinder
+import sys
+from typing import Any, Callable, Iterable, Optional
+
+from ballbot_ros.errors import RenamedError
+
+# Modules, and names of packages -> where they are now.
+PYTHON = {
+    'ballbot_ros.fields': 'ballbot_ros.config.fields',
+    'ballbot_ros.paths': 'ballbot_ros.config.files',
+    'ballbot_ros.hardware': 'ballbot_ros.drives',
+    'ballbot_ros.laboratory': 'ballbot_ros.studies',
+    'ballbot_ros.output': 'ballbot_ros.results, figures in ballbot_ros.figures',
+    'ballbot_ros.bridge.timeouts': 'ballbot_ros.studies.command_loss',
+    'ballbot_ros.bridge.calibration': 'ballbot_ros.bridge.commissioning.calibration',
+    'ballbot_ros.bridge.doctor': 'ballbot_ros.bridge.commissioning.doctor',
+    'ballbot_ros.decision.fitting': 'ballbot_ros.studies.curve_fit',
+    'ballbot_ros.plant.commands': 'ballbot_ros.control.command_gate',
+    'ballbot_ros.plant.CommandGate': 'ballbot_ros.control.CommandGate',
+    'ballbot_ros.plant.pace': 'ballbot_ros.plant.pacing',
+    'ballbot_ros.plant.sensor': 'ballbot_ros.plant.step_sensor',
+    'ballbot_ros.physics.crossing': 'ballbot_ros.crossing',
+    'ballbot_ros.physics.actuation': 'ballbot_ros.physics.model.actuation',
+    'ballbot_ros.physics.options': 'ballbot_ros.physics.model.contact_options',
+    'ballbot_ros.physics.robot': 'ballbot_ros.physics.model.robot',
+    'ballbot_ros.physics.terrain': 'ballbot_ros.physics.model.terrain',
+    'ballbot_ros.physics.model.Model': 'ballbot_ros.physics.simulation.model.Model',
+    'ballbot_ros.physics.scene': 'ballbot_ros.physics.simulation.scene',
+    'ballbot_ros.physics.trajectory': 'ballbot_ros.physics.simulation.trajectory',
+    'ballbot_ros.physics.max_step': 'ballbot_ros.crossing.max_step_height',
+    'ballbot_ros.physics.max_steps': 'ballbot_ros.crossing.max_step_heights',
+    'ballbot_ros.physics.MaxStep': 'ballbot_ros.crossing.MaxStepHeight',
+    **{f'ballbot_ros.physics.{name}': f'ballbot_ros.crossing.{name}' for name in (
+        'crosses', 'cruising', 'drive_for', 'held_at', 'highest_step', 'rolling', 'Rules',
+        'Site', 'try_step')},
+}
+
+# Verbs of the command ``ballbot``.
+VERBS = {'max-step': 'max-step-height'}
+
+# Options of the command line, with their dashes.
+OPTIONS: dict[str, str] = {}
+
+# Parameters of the nodes.
+PARAMETERS: dict[str, str] = {}
+
+# Keys of YAML files, and words that are values there or on the command line.
+KEYS: dict[str, str] = {}
+
+
+def new_name(name: str, known: Iterable[str]) -> Optional[str]:
+    """Return the name among `known` that `name` became, None if it is no old name of them."""
+    found = (table.get(name) for table in (VERBS, OPTIONS, PARAMETERS, KEYS))
+    names = set(known)
+    return next((new for new in found if new in names), None)
+
+
+def old_names(module: str) -> Callable[[str], Any]:
+    """
+    Return a ``__getattr__`` for a module, which raises for its old names.
+
+    `RenamedError` where the name has moved, and `AttributeError` as usual where it never was.
+    Keep it from mypy (``if not TYPE_CHECKING``), which would take any name for given.
+    """
+    def __getattr__(name: str) -> Any:
+        _refuse(f'{module}.{name}')
+        raise AttributeError(f'module {module!r} has no attribute {name!r}')
+    return __getattr__
+
+
+class _OldNames(MetaPathFinder):
+    """
+    Finds nothing, and refuses what has moved.
+
+    Asked first: an older copy of this package that is installed, too, still has the old modules,
+    and `ballbot_ros.__path__` joins it to this one.
+    """
+
+    def find_spec(self, fullname: str, path: Any = None, target: Any = None) -> None:
+        """Raise `RenamedError` for an old name."""
+        _refuse(fullname)
+
+
+def _refuse(name: str) -> None:
+    if name in PYTHON:
+        raise RenamedError(f'{name} is now {PYTHON[name]}')
+
+
+def watch_imports() -> None:
+    """Let the import of an old module name the new one; once is enough."""
+    if not any(isinstance(finder, _OldNames) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _OldNames())
