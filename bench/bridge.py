@@ -30,7 +30,7 @@ from ballbot_ros.msg import MotorStatus
 from ballbot_ros.physics import load_scene
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import command_message
-from ballbot_ros.ros.endpoints import advertise, listen
+from ballbot_ros.ros.endpoints import create_publisher, create_subscription
 from ballbot_ros.ros.executor import new_executor
 
 SETTLE, WINDOW = 2.0, 8.0  # wall time before and of the measurement [s]
@@ -59,10 +59,10 @@ class Bench:
         self.sent = {}  # number of the torque -> when it was published [s]
         self.arrivals = []
         self._number = 0
-        self._commands = advertise(node, JointState, 'joint_commands', qos.NEWEST)
-        listen(node, JointState, 'joint_states', self._answer, qos.NEWEST)
+        self._commands = create_publisher(node, JointState, 'joint_commands', qos.NEWEST)
+        create_subscription(node, JointState, 'joint_states', self._answer, qos.NEWEST)
         self.status = None
-        listen(node, MotorStatus, 'motor_status', self._note, qos.NEWEST)
+        create_subscription(node, MotorStatus, 'motor_status', self._note, qos.NEWEST)
         self._release = node.create_client(Trigger, 'bridge/release_e_stop')
         self.pushing = False
 

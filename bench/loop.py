@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.bag import stamp_of
-from ballbot_ros.ros.endpoints import listen
+from ballbot_ros.ros.endpoints import create_subscription
 from ballbot_ros.ros.executor import new_executor
 
 SETTLE = 2.0  # wall time before the measurement, for discovery and caches [s]
@@ -48,7 +48,7 @@ def watch(lockstep):
             nodes.start('simulator', {
                 'lockstep': lockstep, 'real_time_factor': 0.0 if lockstep else 1.0})
             nodes.start('controller')
-            listen(node, JointState, 'joint_commands', note, qos.STATE, raw=True)
+            create_subscription(node, JointState, 'joint_commands', note, qos.STATE, raw=True)
             deadline = time.perf_counter() + 60.0
             while not arrivals and time.perf_counter() < deadline:
                 executor.spin_once(timeout_sec=0.1)

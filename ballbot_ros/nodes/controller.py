@@ -20,7 +20,7 @@ from ballbot_ros.physics.model.actuation import set_rate_for_speed
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import command_message, readings, set_point, to_seconds
-from ballbot_ros.ros.endpoints import advertise, deliver, listen
+from ballbot_ros.ros.endpoints import create_publisher, create_subscription, wait_until_received
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import ControllerSettings
@@ -49,10 +49,10 @@ class Controller(Node):
         self._newest = self._answered = Time()
         self._torque = 0.0
         self._refused: Counter = Counter()
-        self._commands = advertise(self, JointState, 'joint_commands', qos.NEWEST)
-        listen(self, JointState, 'joint_states', self._on_state, qos.NEWEST)
-        listen(self, JointState, 'set_point', self._on_set_point, qos.NEWEST)
-        listen(self, TwistStamped, 'cmd_vel', self._on_cmd_vel, qos.NEWEST)
+        self._commands = create_publisher(self, JointState, 'joint_commands', qos.NEWEST)
+        create_subscription(self, JointState, 'joint_states', self._on_state, qos.NEWEST)
+        create_subscription(self, JointState, 'set_point', self._on_set_point, qos.NEWEST)
+        create_subscription(self, TwistStamped, 'cmd_vel', self._on_cmd_vel, qos.NEWEST)
         self._diagnostics = diagnostics.Diagnostics(self, 'pendulum', self._health)
         # In lockstep time stands still between states, for as long as somebody needs.
         if not settings.lockstep_set_point_period:
@@ -126,7 +126,7 @@ class Controller(Node):
         """Leave no torque behind."""
         if self._watchdog.fed:
             self._command(0.0)
-            deliver(self._commands)
+            wait_until_received(self._commands)
 
     def _health(self) -> Tuple[bytes, str, dict]:
         """Return level, message and numbers for /diagnostics."""

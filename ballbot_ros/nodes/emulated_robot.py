@@ -19,7 +19,7 @@ from ballbot_ros.plant import Imu, Sensor
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import (
     ball_state_message, observation_message, odometry_message, to_time)
-from ballbot_ros.ros.endpoints import advertise
+from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.motor import imu_message
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
@@ -50,10 +50,10 @@ class EmulatedRobot(Node):
         self._imu = Imu(scene.model.robot.gravity, gyro_sd=settings.gyro_sd,
                         force_sd=settings.force_sd, bias=settings.gyro_bias)
         self._sensor = Sensor(scene.model.terrain, REACH)
-        self._readings = advertise(self, ImuMessage, 'imu', qos.STATE)
-        self._odometry = advertise(self, Odometry, 'odom', qos.STATE)
-        self._observation = advertise(self, StepObservation, 'step_observation', qos.STATE)
-        self._truth = advertise(self, BallState, 'ball_state', qos.STATE)
+        self._readings = create_publisher(self, ImuMessage, 'imu', qos.STATE)
+        self._odometry = create_publisher(self, Odometry, 'odom', qos.STATE)
+        self._observation = create_publisher(self, StepObservation, 'step_observation', qos.STATE)
+        self._truth = create_publisher(self, BallState, 'ball_state', qos.STATE)
         self._emulator = Emulator(
             connection.protocol, scene, connection.baud,
             settings_for(scene.model.robot, firmware=settings.firmware), Path(settings.link))

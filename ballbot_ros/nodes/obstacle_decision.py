@@ -17,7 +17,7 @@ from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import (
     decision_message, motion, observation, set_point_message, to_seconds)
-from ballbot_ros.ros.endpoints import advertise, deliver, listen
+from ballbot_ros.ros.endpoints import create_publisher, create_subscription, wait_until_received
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import DecisionSettings
@@ -49,11 +49,11 @@ class ObstacleDecision(Node):
         self._waiting: Deque[StepObservation] = deque(maxlen=KEPT)
         self._answers: Counter = Counter()
         self._told: Optional[Tuple[StepDecision, JointState]] = None
-        self._decisions = advertise(self, StepDecision, 'step_decision', qos.LATCHED)
-        self._set_points = advertise(self, JointState, 'set_point', qos.NEWEST)
-        listen(
+        self._decisions = create_publisher(self, StepDecision, 'step_decision', qos.LATCHED)
+        self._set_points = create_publisher(self, JointState, 'set_point', qos.NEWEST)
+        create_subscription(
             self, StepObservation, 'step_observation', self._on_observation, qos.SHORT)
-        listen(self, Odometry, 'odom', self._on_odometry, qos.SHORT)
+        create_subscription(self, Odometry, 'odom', self._on_odometry, qos.SHORT)
         self._diagnostics = diagnostics.Diagnostics(self, 'decision', self._health)
 
     def _on_observation(self, message: StepObservation) -> None:
@@ -120,7 +120,7 @@ class ObstacleDecision(Node):
         if self._decision is not None and self._odometry:
             self._set_points.publish(
                 set_point_message(self._odometry[-1].header.stamp, 0.0))
-            deliver(self._set_points)
+            wait_until_received(self._set_points)
 
     def _health(self) -> Tuple[bytes, str, dict]:
         """Return level, message and numbers for /diagnostics."""

@@ -8,16 +8,15 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 
 from ballbot_ros.control import CommandGate
-from ballbot_ros.errors import ConfigurationError, MessageError
+from ballbot_ros.errors import ConfigurationError, MessageError, RefusedError
 from ballbot_ros.physics.simulation.model import Solver
 from ballbot_ros.physics.simulation.scene import load_scene
 from ballbot_ros.plant import Plant, Sensor
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import command_torque, to_seconds, to_time
-from ballbot_ros.ros.endpoints import listen, serve
+from ballbot_ros.ros.endpoints import create_service, create_subscription, create_trigger
 from ballbot_ros.ros.outputs import Outputs
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
@@ -48,10 +47,11 @@ class Simulator(Node):
         self._diagnostics = diagnostics.Diagnostics(self, 'simulation', self._health)
         self._keeper = Timekeeper(self._plant, self._gate, outputs, settings, self.get_logger(),
                                   self._diagnostics.publish)
-        listen(self, JointState, 'joint_commands', self._on_command, qos.NEWEST)
-        for name in ('pause', 'resume', 'reset'):
-            self.create_service(Trigger, f'~/{name}', getattr(self, f'_on_{name}'))
-        serve(self, Step, '~/step', self._on_step)
+        create_subscription(self, JointState, 'joint_commands', self._on_command, qos.NEWEST)
+        for name, act in (('pause', self._pause), ('resume', self._resume),
+                          ('reset', self._reset)):
+            create_trigger(self, f'~/{name}', act)
+        create_service(self, Step, '~/step', self._on_step)
         # Only the clock authority ticks on wall time; a timer on its own time would wait for ever.
         self.create_timer(self._keeper.interval, self._keeper.tick,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -74,27 +74,20 @@ class Simulator(Node):
     def _refused(self, error: MessageError) -> None:
         self.get_logger().warning(f'command refused: {error}', throttle_duration_sec=1.0)
 
-    def _on_pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _pause(self) -> str:
         self._keeper.pause()
-        return self._done(response, f'paused at t = {self._plant.time:.3f} s')
+        return f'paused at t = {self._plant.time:.3f} s'
 
-    def _on_resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _resume(self) -> str:
         if self._keeper.failure is not None:
-            response.message = f'{self._keeper.failure}; call ~/reset first'
-            return response
+            raise RefusedError(f'{self._keeper.failure}; call ~/reset first')
         self._keeper.resume()
-        return self._done(response, f'running from t = {self._plant.time:.3f} s')
+        return f'running from t = {self._plant.time:.3f} s'
 
-    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _reset(self) -> str:
         self._keeper.reset()
-        return self._done(response, 'back at the start of the scene; time goes on, now '
-                          f't = {self._plant.time:.3f} s'
-                          + (', paused' if self._keeper.paused else ''))
-
-    @staticmethod
-    def _done(response: Trigger.Response, message: str) -> Trigger.Response:
-        response.success, response.message = True, message
-        return response
+        return (f'back at the start of the scene; time goes on, now t = {self._plant.time:.3f} s'
+                + (', paused' if self._keeper.paused else ''))
 
     def _on_step(self, request: Step.Request, response: Step.Response
                  ) -> Union[Step.Response, Future]:

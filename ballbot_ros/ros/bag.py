@@ -12,7 +12,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
 from ballbot_ros.config.files import PACKAGE, shipped_folder
-from ballbot_ros.ros.endpoints import listen
+from ballbot_ros.ros.endpoints import create_subscription
 
 # CDR: four bytes of encapsulation, then the stamp that all recorded messages begin with.
 _STAMP = struct.Struct('<iI')
@@ -89,7 +89,7 @@ class BagRecorder:
                 node.resolve_topic_name(topic), name, typestore=self._store)
             listener = (listeners or {}).get(topic)
             write = self._writing(topic, connection, listener)
-            subscription = listen(node, kind, topic, write, profile, raw=True)
+            subscription = create_subscription(node, kind, topic, write, profile, raw=True)
             self._subscriptions.append((subscription, write))
 
     def take_all(self) -> None:

@@ -7,7 +7,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from ballbot_ros.ros import qos
-from ballbot_ros.ros.endpoints import advertise, mismatches
+from ballbot_ros.ros.endpoints import create_publisher, mismatches
 
 OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
@@ -41,7 +41,7 @@ class Diagnostics:
         self._name = f'{node.get_fully_qualified_name().lstrip("/")}: {name}'
         self._report = report
         self._count = 0
-        self._publisher = advertise(
+        self._publisher = create_publisher(
             node, DiagnosticArray, '/diagnostics', qos.SHORT)
         self._timer = node.create_timer(
             period, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))

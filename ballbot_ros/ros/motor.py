@@ -14,7 +14,7 @@ from ballbot_ros.estimation import Estimate, ImuReading
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import JOINTS, to_seconds, to_time
-from ballbot_ros.ros.endpoints import advertise
+from ballbot_ros.ros.endpoints import create_publisher
 
 # REP 145: an IMU says with this that it has no such sensor.
 NOT_REPORTED = -1.0
@@ -108,9 +108,9 @@ class MotorOutputs:
     def __init__(self, node: Node, clocks: Clocks, status_rate: float):
         """Create the publishers."""
         self._clocks, self._status_period = clocks, 1.0 / status_rate
-        self._joints = advertise(node, JointState, 'joint_states', qos.STATE)
-        self._status = advertise(node, MotorStatus, 'motor_status', qos.STATE)
-        self._e_stop = advertise(node, Bool, 'e_stop', qos.LATCHED)
+        self._joints = create_publisher(node, JointState, 'joint_states', qos.STATE)
+        self._status = create_publisher(node, MotorStatus, 'motor_status', qos.STATE)
+        self._e_stop = create_publisher(node, Bool, 'e_stop', qos.LATCHED)
         self._told: Optional[bool] = None
         self._next, self._state = 0.0, ''
         self._estimate: Optional[Estimate] = None

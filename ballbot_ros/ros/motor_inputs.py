@@ -2,13 +2,12 @@
 """What the motor bridge hears: commands, the IMU, and requests about the e-stop."""
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState
-from std_srvs.srv import Trigger
 
 from ballbot_ros.bridge.session import Session
-from ballbot_ros.errors import BallbotError, MessageError
+from ballbot_ros.errors import MessageError
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import command_torque, to_seconds
-from ballbot_ros.ros.endpoints import listen
+from ballbot_ros.ros.endpoints import create_subscription, create_trigger
 from ballbot_ros.ros.motor import Clocks, imu_reading
 
 
@@ -32,10 +31,10 @@ class MotorInputs:
         """Listen."""
         self._session, self._clocks, self._logger = session, clocks, node.get_logger()
         self.imu_refused = 0
-        listen(node, JointState, 'joint_commands', self.command, qos.NEWEST)
-        listen(node, Imu, 'imu', self._on_imu, qos.SENSOR)
-        node.create_service(Trigger, '~/engage_e_stop', self._on_engage)
-        node.create_service(Trigger, '~/release_e_stop', self.release)
+        create_subscription(node, JointState, 'joint_commands', self.command, qos.NEWEST)
+        create_subscription(node, Imu, 'imu', self._on_imu, qos.SENSOR)
+        create_trigger(node, '~/engage_e_stop', self._engage)
+        create_trigger(node, '~/release_e_stop', self._release)
 
     def command(self, message: JointState) -> None:
         """Take a joint command."""
@@ -59,16 +58,10 @@ class MotorInputs:
     def _refused(self, sentence: str) -> None:
         self._logger.warning(sentence, throttle_duration_sec=1.0)
 
-    def _on_engage(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _engage(self) -> str:
         self._session.engage('asked for by service')
-        response.success, response.message = True, 'the e-stop is engaged'
-        return response
+        return 'the e-stop is engaged'
 
-    def release(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Release the e-stop, or say why not."""
-        try:
-            self._session.release()
-            response.success, response.message = True, 'the e-stop is released'
-        except BallbotError as error:
-            response.message = str(error)
-        return response
+    def _release(self) -> str:
+        self._session.release()
+        return 'the e-stop is released'

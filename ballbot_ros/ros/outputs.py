@@ -13,7 +13,7 @@ from ballbot_ros.plant import periods_per, Plant, Sensor
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import (
     ball_state_message, joint_state_message, observation_message, odometry_message, to_time)
-from ballbot_ros.ros.endpoints import advertise
+from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.settings import SimulatorSettings
 
 try:
@@ -54,17 +54,17 @@ class Outputs:
         self._schedule = list(zip(every, (
             self._tell_clock, self._tell_odometry, self._tell_observation, self._tell_ball)))
         self._observation_periods = every[2]
-        self._clock = advertise(node, Clock, '/clock', qos.CLOCK)
-        self._odometry = advertise(node, Odometry, 'odom', qos.STATE)
-        self._observation = advertise(
+        self._clock = create_publisher(node, Clock, '/clock', qos.CLOCK)
+        self._odometry = create_publisher(node, Odometry, 'odom', qos.STATE)
+        self._observation = create_publisher(
             node, StepObservation, 'step_observation', qos.STATE)
-        self._ball = advertise(node, BallState, 'ball_state', qos.STATE)
-        self._joints = advertise(node, JointState, 'joint_states', qos.STATE)
+        self._ball = create_publisher(node, BallState, 'ball_state', qos.STATE)
+        self._joints = create_publisher(node, JointState, 'joint_states', qos.STATE)
         self._transforms = None
         if TFMessage is None:
             node.get_logger().info('tf2_msgs is not installed: no /tf from odom to base_link')
         else:
-            self._transforms = advertise(node, TFMessage, '/tf', qos.STATE)
+            self._transforms = create_publisher(node, TFMessage, '/tf', qos.STATE)
 
     def publish(self, everything: bool = False) -> None:
         """Tell the present state, on each topic whose turn has come or on all of them."""

@@ -20,8 +20,8 @@ def test_those_who_ask_for_less_hear_and_those_who_cannot_are_told_by_name(graph
     graph.hear('odom', Odometry, LATCHED)
     graph.start('simulator', scene='flat')
     graph.wait(lambda: all(heard.values()), 'all is heard')
-    graph.wait_for_log('simulator', 'simulator cannot hear /joint_commands of test')
-    graph.wait_for_log('simulator', 'test cannot hear /odom of simulator')
+    graph.wait_for_log('simulator', 'simulator cannot receive /joint_commands from test')
+    graph.wait_for_log('simulator', 'test cannot receive /odom from simulator')
 
 
 def test_who_comes_late_still_hears_the_last_decision(graph):
