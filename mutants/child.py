@@ -14,6 +14,7 @@ from pathlib import Path
 import resource
 import signal
 import sys
+import traceback
 
 import pytest
 
@@ -44,11 +45,21 @@ class Watcher:
     """Note what fails and what each file takes; end a test that takes far too long."""
 
     def __init__(self, limits, end):
-        self.failed, self.seconds, self.longest = [], {}, {}
+        self.failed, self.seconds, self.longest, self.tests = [], {}, {}, 0
         self._limits, self._end = limits, end
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_collection(self):
+        """Let hypothesis try the same examples in each run, and not look for a simpler one."""
+        if 'hypothesis' in sys.modules:  # conftest.py has chosen its profile by now
+            from hypothesis import Phase, settings
+            settings.register_profile('mutants', settings(), derandomize=True, database=None,
+                                      deadline=None, phases=(Phase.explicit, Phase.generate))
+            settings.load_profile('mutants')
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item):
+        self.tests += 1
         file = item.nodeid.split('::')[0]
         if file in self._limits:
             signal.signal(signal.SIGALRM, lambda *_: self._end(item.nodeid))
@@ -85,13 +96,18 @@ def run(tree, folder, files, overlay=None, limits=None, without=()):
         sys.dont_write_bytecode = overlay is not None
         if overlay is not None:
             sys.meta_path.insert(0, overlay)
+        (folder / 'ready').touch()  # what goes wrong from here on is the work of the mutant
         code = int(pytest.main(
             ['-q', *['-x'] * (overlay is not None), '-p', 'no:cacheprovider', '--rootdir',
              str(tree), '--basetemp', str(folder / 'tmp'),
              *[f'--deselect={test}' for test in without], *files], plugins=[watcher]))
         killer = watcher.failed[0] if watcher.failed else ''
         _write(result, outcome='killed' if code else 'survived', code=code, killer=killer,
-               failed=watcher.failed, seconds=watcher.seconds, longest=watcher.longest)
+               failed=watcher.failed, seconds=watcher.seconds, longest=watcher.longest,
+               tests=watcher.tests)
+    except BaseException:  # noqa: BLE001  (a child must never return into its parent)
+        traceback.print_exc()
+        sys.stderr.flush()
     finally:
         os._exit(0)
 

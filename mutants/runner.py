@@ -78,7 +78,7 @@ class Package:
         while not slot.done():
             time.sleep(0.05)
         said = slot.result()
-        if said.get('code') not in (0, 1) or not said.get('seconds'):
+        if said.get('code') not in (0, 1) or len(said['failed']) >= said['tests']:
             raise RuntimeError(f'the tests do not run: see {slot.folder / "log"}')
         self.without, self.seconds = said['failed'], said['seconds']
         self.limits = {file: GRACE + PATIENCE * most for file, most in said['longest'].items()}
@@ -161,6 +161,8 @@ class _Slot:
 
     def result(self):
         """Return what the child wrote; one that could not write crashed or hung."""
+        if not (self.folder / 'ready').exists():
+            raise RuntimeError(f'no test was run: see {self.folder / "log"}')
         try:
             return json.loads((self.folder / 'result.json').read_text(encoding='utf-8'))
         except (OSError, ValueError):
