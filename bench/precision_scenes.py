@@ -4,8 +4,10 @@ from dataclasses import replace
 import math
 from typing import NamedTuple
 
+from reference_search import highest_step
+
 from ballbot_ros.crossing import held_at
-from ballbot_ros.crossing.rules import highest_step, LEAD, touch_distance
+from ballbot_ros.crossing.rules import LEAD, touch_distance
 from ballbot_ros.physics import Actuation, load_robot, load_scene, Model, Solver, Terrain
 from ballbot_ros.physics.model.terrain_file import read_terrain
 from ballbot_ros.physics.simulation.model import State

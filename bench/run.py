@@ -29,7 +29,8 @@ def main():
     parser.add_argument('--only', choices=PARTS + EXTRA, help='measure one part only')
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the numbers here, too')
     arguments = parser.parse_args()
-    sys.path.insert(0, str(Path(__file__).resolve().parent))
+    here = Path(__file__).resolve().parent
+    sys.path[:0] = [str(here), str(here.parent / 'test' / 'oracles')]
     load = os.getloadavg()[0]
     print(f'Python {platform.python_version()}, {os.cpu_count()} cores, load {load:.1f} at the '
           f'start{": busy, expect poor figures" if load > 0.5 else ""}\n')

@@ -10,9 +10,10 @@ from statistics import median
 import time
 
 import numpy as np
+from reference_search import highest_step
 from search_race import race
 
-from ballbot_ros.crossing import held_at, highest_step, max_step_height, max_step_heights, rolling
+from ballbot_ros.crossing import held_at, max_step_height, max_step_heights, rolling
 from ballbot_ros.physics import Actuation, load_robot
 
 SPEEDS = np.linspace(0.2, 1.2, 21)

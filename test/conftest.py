@@ -2,11 +2,16 @@
 """What all tests share; nothing here needs ROS."""
 from collections import Counter
 import os
+from pathlib import Path
+import sys
 
 import hypothesis
 import pytest
 
 from ballbot_ros.physics import load_robot
+
+# Independent programs whose answers the package has to give.
+sys.path.append(str(Path(__file__).resolve().parent / 'oracles'))
 
 # The first call of a compiled kernel may compile it, so no example has a deadline.  In CI the
 # same examples come each time: a red build is then a change of the code, not of luck.

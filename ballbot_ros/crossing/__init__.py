@@ -9,8 +9,8 @@ Crossings of a step: one attempt, the highest step, and the rules that both go b
 """
 from ballbot_ros.crossing.max_step_height import (
     cruising, drive_for, max_step_height, max_step_heights, MaxStepHeight, rolling, try_step)
-from ballbot_ros.crossing.rules import crosses, held_at, highest_step, Rules, Site
+from ballbot_ros.crossing.rules import held_at, Rules, Site
 
 __all__ = [
-    'crosses', 'cruising', 'drive_for', 'held_at', 'highest_step', 'max_step_height',
-    'max_step_heights', 'MaxStepHeight', 'rolling', 'Rules', 'Site', 'try_step']
+    'cruising', 'drive_for', 'held_at', 'max_step_height', 'max_step_heights', 'MaxStepHeight',
+    'rolling', 'Rules', 'Site', 'try_step']

@@ -2,17 +2,17 @@
 """
 The highest step that the ball gets over, fast and to a stated error.
 
-`crossing.highest_step` is the reference: the paper's ascending bracketing with steps of one
-length.  Here each height is one `attempt` of the adaptive method, a whole search is one call
-into compiled code, and the scores of the attempts tell where to look next.
+Each height is one `attempt` of the adaptive method, a whole search is one call into compiled
+code, and the scores of the attempts tell where to look next.  The tests compare it with the
+paper's ascending bracketing with steps of one length (test/oracles/reference_search.py).
 
 The bracket that a coarse tolerance finds is tried at both ends with a finer one.  Where both
 agree, the tolerance moves the highest step by less than the width of the bracket; where they
 do not, the finer one is followed, and what lies between the two brackets counts.  The error
 that is told is that, and the width of the bracket.
 
-Like the reference, the search believes that every step below one that is passed is passed,
-too.  Ask for a `scan` to have that looked at.
+Like the paper's, the search believes that every step below one that is passed is passed, too.
+Ask for a `scan` to have that looked at.
 """
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -60,9 +60,9 @@ class MaxStepHeight(NamedTuple):
 
 
 def max_step_height(robot: Robot, speed: float, actuation: Actuation = Actuation(),
-             pendulum_angle: Optional[float] = None, accuracy: float = 5e-5,
-             site: Site = Site(), rules: Rules = Rules(),
-             options: ContactOptions = ContactOptions(), scan: int = 0) -> MaxStepHeight:
+                    pendulum_angle: Optional[float] = None, accuracy: float = 5e-5,
+                    site: Site = Site(), rules: Rules = Rules(),
+                    options: ContactOptions = ContactOptions(), scan: int = 0) -> MaxStepHeight:
     """
     Find the highest step that the ball gets over at a collision speed.
 
@@ -182,10 +182,10 @@ def _prepare(robot: Robot, speed: float, actuation: Actuation, pendulum_angle: O
 
 
 def max_step_heights(robot: Robot, speeds: Sequence[float], actuation: Drives = Actuation(),
-              pendulum_angle: Optional[float] = None, accuracy: float = 5e-5,
-              site: Site = Site(), rules: Rules = Rules(),
-              options: ContactOptions = ContactOptions(), scan: int = 0,
-              threads: Optional[int] = None) -> List[MaxStepHeight]:
+                     pendulum_angle: Optional[float] = None, accuracy: float = 5e-5,
+                     site: Site = Site(), rules: Rules = Rules(),
+                     options: ContactOptions = ContactOptions(), scan: int = 0,
+                     threads: Optional[int] = None) -> List[MaxStepHeight]:
     """
     Find the highest step at many speeds, several at once.
 
@@ -203,8 +203,8 @@ def max_step_heights(robot: Robot, speeds: Sequence[float], actuation: Drives = 
     """
     def find(speed: float) -> MaxStepHeight:
         drive = actuation if isinstance(actuation, Actuation) else actuation(speed)
-        return max_step_height(robot, speed, drive, pendulum_angle, accuracy, site, rules, options,
-                        scan)
+        return max_step_height(robot, speed, drive, pendulum_angle, accuracy, site, rules,
+                               options, scan)
     with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
         return list(pool.map(find, speeds))
 

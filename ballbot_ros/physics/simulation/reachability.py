@@ -13,7 +13,6 @@ import numpy as np
 
 from ballbot_ros.physics.mechanics import equations
 from ballbot_ros.physics.model.actuation import Actuation
-from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import (
     Array, SURFACE_FRICTION, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y)
 from ballbot_ros.physics.simulation.model import Model, State
@@ -93,15 +92,6 @@ def analyse(model: Model, start: State, actuation: Actuation, duration: float) -
         not (lonely and _pressed(model, drive, energy, segment) > 0.0),
         bool(has_closed_form(model.numbers, drive)),
         _influence(model, drive, energy, duration, lonely))
-
-
-def without_pendulum(robot: Robot) -> Robot:
-    """Return a robot whose pendulum is a part of the ball's mass, in its centre."""
-    return Robot(
-        f'{robot.name}, no pendulum', robot.total_mass, robot.ball_inertia, robot.ball_radius,
-        0.0, 0.0, 0.0, robot.rolling_friction, 0.0, robot.contact_stiffness,
-        robot.contact_damping, robot.surface_friction, robot.edge_friction,
-        robot.slip_threshold, robot.gravity)
 
 
 def _reach(model: Model, start: State, drive: equations.Drive, duration: float) -> tuple:

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from ballbot_ros.crossing import held_at, highest_step
+from ballbot_ros.crossing import held_at, max_step_height
 from ballbot_ros.decision import load_curve
 from ballbot_ros.physics import Actuation, load_robot
 
@@ -19,6 +19,6 @@ MADE_WITH = {
 def test_a_shipped_curve_gives_the_simulated_height_within_its_stated_residual(name, speed):
     curve = load_curve(name)
     actuation, angle = MADE_WITH[name]
-    simulated = highest_step(load_robot(curve.robot), speed, actuation, angle)
+    simulated = max_step_height(load_robot(curve.robot), speed, actuation, angle).height
     # Half a bracket of the search, and what lies between the fitted speeds.
     assert curve.height(speed) == pytest.approx(simulated, abs=curve.residual + 1e-4)

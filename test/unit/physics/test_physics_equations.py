@@ -3,11 +3,11 @@
 import math
 
 import numpy as np
+import paper_matrices as matrices
 import pytest
 import sympy
 
-from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics import ContactOptions, load_robot, matrices, State, Terrain
+from ballbot_ros.physics import ContactOptions, load_robot, State, Terrain
 from ballbot_ros.physics.mechanics import contact, equations
 from ballbot_ros.physics.model.robot import Robot
 
@@ -153,12 +153,10 @@ def test_closed_form_of_the_empty_ball_is_that_of_newton(shellball):
         assert rates[equations.PENDULUM_RATE] == rates[equations.MOTOR_WORK] == 0.0
 
 
-def test_mass_matrix_of_the_empty_ball_is_singular_and_said_to_be(shellball):
+def test_mass_matrix_of_the_empty_ball_is_singular(shellball):
     matrix = matrices.mass_matrix(shellball, State())
     assert np.linalg.matrix_rank(matrix) == 3
     assert not matrix[1].any()
-    with pytest.raises(ConfigurationError, match="'shellball' has no pendulum"):
-        matrices.accelerations_by_solve(shellball, State(), 0.0, 0.0, 0.0, 0.0)
 
 
 def test_determinant_is_the_product_that_the_closed_form_divides_by(gimball):

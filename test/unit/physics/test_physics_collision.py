@@ -6,10 +6,9 @@ import math
 from hypothesis import given
 from hypothesis import strategies as some
 import pytest
+from rigid_collision import collide, restitution
 
-from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Actuation, load_robot, Model, simulate, Solver, State, Terrain
-from ballbot_ros.studies.impact_map import collide, restitution
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 
@@ -101,11 +100,3 @@ def test_a_blow_that_begins_to_stick_is_nearly_that_of_the_full_model():
                     GIMBALL.surface_friction)
     for one, other in zip(speeds(found.state), speeds(after)):
         assert one == pytest.approx(other, rel=0.03, abs=0.03)
-
-
-@pytest.mark.parametrize('values, words', [
-    ((0.0, 1.0, -0.1, 0.5), 'friction'), ((0.0, 1.0, 0.2, 1.5), 'bounce'),
-    ((0.0, 2.0, 0.2, 0.5), 'length 1'), ((0.0, -1.0, 0.2, 0.5), 'approaches')])
-def test_what_is_no_collision_is_refused(values, words):
-    with pytest.raises(ConfigurationError, match=words):
-        collide(Model(GIMBALL, Terrain.flat()), State(velocity_y=-1.0), *values)

@@ -7,16 +7,13 @@ The equations of motion as the paper prints them: the matrices of eq. (6), solve
     A q'' + B [th1'^2, th2'^2, x'^2, y'^2] + C [th1' th2', th2' x', x' y', x' th1']
           + D q' + G = [tau1, tau2, Fx, Fy]              with q = (theta1, theta2, x, y)
 
-The simulation does not use them: `dynamics` has the same equations solved by hand.  They are
-here to be compared with, by tests and by readers of the paper.  The angle alpha of eqs. (4)
+`physics.mechanics.equations` has the same equations solved by hand.  The angle alpha of eqs. (4)
 and (5) is 0, because all angles of this package are measured from the vertical.
 """
 import numpy as np
 
-from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics import Robot, State
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.simulation.model import State
 
 
 def _levers(robot: Robot, state: State) -> tuple[float, float]:
@@ -70,13 +67,10 @@ def gravity_vector(robot: Robot, state: State) -> Array:
 def accelerations_by_solve(robot: Robot, state: State, ball_torque: float, motor_torque: float,
                            force_x: float, force_y: float) -> Array:
     """
-    Return the accelerations of theta1, theta2, x and y: eq. (13).
+    Return the accelerations of theta1, theta2, x and y: eq. (13), of a robot with a pendulum.
 
     Parameters
     ----------
-    robot : Robot
-        With a pendulum.
-    state : State
     ball_torque : float
         tau1, of the contacts about the centre [N m].
     motor_torque : float
@@ -84,16 +78,7 @@ def accelerations_by_solve(robot: Robot, state: State, ball_torque: float, motor
     force_x, force_y : float
         Of the contacts [N].
 
-    Raises
-    ------
-    ConfigurationError
-        If the robot has no pendulum: A is singular.
-
     """
-    if not robot.has_pendulum:
-        raise ConfigurationError(
-            f'robot {robot.name!r} has no pendulum, so that the second row of A in eq. (6) is '
-            'zero; its equations are those of a rigid ball, see dynamics.derivative')
     ball, joint, x, y = rates = np.array(
         [state.ball_rate, state.joint_rate, state.velocity_x, state.velocity_y])
     forces = np.array([ball_torque, motor_torque, force_x, force_y])

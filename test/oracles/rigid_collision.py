@@ -29,9 +29,7 @@ that a contact lasts: the ball rolls, and the pendulum swings, some ten millisec
 import math
 from typing import NamedTuple
 
-from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.physics.simulation.model import Model, State
+from ballbot_ros.physics import Model, Robot, State
 
 
 class Blow(NamedTuple):
@@ -78,29 +76,14 @@ def collide(model: Model, state: State, normal_x: float, normal_y: float, fricti
     normal_x, normal_y : float
         Of the ground, out of it, of length 1.
     friction : float
-        Coefficient, at least 0.
+        Coefficient, at least 0; not so large that pressing makes the contact approach faster.
     bounce : float
         Coefficient of restitution, 0 to 1; less than 0 for that of eq. (7).
-
-    Raises
-    ------
-    ConfigurationError
-        If the contact does not approach or wedges, the normal has no unit length, friction is
-        negative or bounce above 1.
 
     """
     robot, numbers = model.robot, model.numbers
     tangent_x, tangent_y = normal_y, -normal_x
     approach = state.velocity_x * normal_x + state.velocity_y * normal_y
-    if abs(math.hypot(normal_x, normal_y) - 1.0) > 1e-9:
-        raise ConfigurationError(
-            f'the normal must have length 1, got [{normal_x!r}, {normal_y!r}]')
-    if not approach < 0.0:
-        raise ConfigurationError(
-            f'a collision needs a contact that approaches; it departs at {approach:g} m/s')
-    if not (friction >= 0.0 and bounce <= 1.0):
-        raise ConfigurationError(
-            f'friction must be at least 0 and bounce at most 1, got {friction!r} and {bounce!r}')
     slip = (state.velocity_x * tangent_x + state.velocity_y * tangent_y
             + robot.ball_radius * state.ball_rate)
     share = a_n = a_t = 0.0
@@ -112,10 +95,6 @@ def collide(model: Model, state: State, normal_x: float, normal_y: float, fricti
     w_nt = share * a_n * a_t
     w_tt = 1.0 / numbers.mass + share * a_t * a_t + robot.ball_radius**2 / robot.ball_inertia
     pieces = _course(slip, friction, w_nn, w_nt, w_tt)
-    if min(rise for _, _, rise in pieces) <= 0.0:
-        raise ConfigurationError(
-            f'a friction of {friction:g} wedges this contact: pressing makes it approach faster '
-            "(Painleve's paradox); use the full model")
     if bounce < 0.0:
         bounce = restitution(robot, pieces[0][2])
     normal, along = _impulses(approach, pieces, bounce)

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The highest step as the paper searches for it: ascending bracketing, with steps of one length.
+
+`crossing.max_step_height` has to give the same answers.  This one goes by whole runs and their
+rows, so that both share the rules of a crossing and its start, but neither solver nor search.
+"""
+import math
+
+import numpy as np
+
+from ballbot_ros.crossing import Rules, Site
+from ballbot_ros.crossing.attempt import place, RETREAT
+from ballbot_ros.physics import Actuation, ContactOptions, Model, simulate, Solver, State
+
+# A run that has not ended by then is made again, longer, up to the time limit [s].
+PATIENCE = (0.5, 1.5)
+
+
+def crosses(robot, speed, height, actuation=Actuation(), pendulum_angle=0.0,
+            options=ContactOptions(), solver=Solver(), site=Site(), rules=Rules()):
+    """Return whether the ball gets over a step [m] at a collision speed [m/s]."""
+    model = Model(robot, site.terrain(height), options, solver)
+    vector = np.array(State()[1:])
+    touch_x = place(vector, rules.course(speed, pendulum_angle), model.numbers, model.profile)
+    limit = int(rules.time_limit / solver.step) * solver.step
+    for duration in (*PATIENCE, limit):
+        run = simulate(model, State(0.0, *vector), actuation, min(duration, limit), solver.step)
+        over = (run['x'] > 0.0) & (run['y'] > height + 0.5 * robot.ball_radius)
+        back = (run['x'] < touch_x - RETREAT) & (run['velocity_x'] < 0.0)
+        first_over, first_back = (
+            np.argmax(rows) if rows.any() else math.inf
+            for rows in (over, back & (rules.attempts == 'first')))
+        if min(first_over, first_back) < math.inf:
+            return bool(first_over < first_back)
+    return False
+
+
+def highest_step(robot, speed, actuation=Actuation(), pendulum_angle=0.0, tolerance=5e-5,
+                 options=ContactOptions(), solver=Solver(), site=Site(), rules=Rules()):
+    """
+    Return the highest step that the ball gets over at a collision speed [m].
+
+    The height doubles until the ball fails, then the bracket is halved to the tolerance [m]; its
+    lower end, which is passed, is returned.
+    """
+    def passes(height):
+        return crosses(robot, speed, height, actuation, pendulum_angle, options, solver, site,
+                       rules)
+
+    low, high = 0.0, max(tolerance, 0.25 * speed * speed / (2.0 * robot.gravity))
+    while passes(high):
+        low, high = high, 2.0 * high
+    while high - low > tolerance:
+        middle = 0.5 * (low + high)
+        if passes(middle):
+            low = middle
+        else:
+            high = middle
+    return low
