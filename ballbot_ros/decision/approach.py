@@ -16,7 +16,7 @@ from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Decision, Kind
 from ballbot_ros.physics.model.robot import Robot
 
-# Room smaller than this is none: the ball rests instead of creeping on [m].
+# A remaining gap smaller than this is none: the ball rests instead of creeping on [m].
 REST = 0.01
 
 

@@ -125,7 +125,7 @@ class StepTracker:
         return ''
 
     def _is_passed(self, position: float) -> bool:
-        """Tell whether the centre is beyond the face."""
+        """Return whether the centre is beyond the face."""
         return self._step is not None and position > self._step.position - PASSED_SLACK
 
     def _begin(self, observation: StepObservation, position: float, number: int) -> None:

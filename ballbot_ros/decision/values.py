@@ -59,7 +59,7 @@ class StepObservation:
 
     @property
     def finite(self) -> bool:
-        """Tell whether all its numbers are finite."""
+        """Return whether all its numbers are finite."""
         return all(math.isfinite(number) for number in astuple(self))
 
 

@@ -10,7 +10,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.decision import (
-    check_decision, decide, Decision, Kind, lean, load_curve, load_decision_tuning, Motion,
+    check_decision, Decision, Kind, lean, load_curve, load_decision_tuning, Motion, PLANNERS,
     Sighting, StepTracker)
 from ballbot_ros.msg import StepDecision, StepObservation
 from ballbot_ros.physics.model.robot import load_robot
@@ -42,6 +42,7 @@ class ObstacleDecision(Node):
         self._curve = load_curve(settings.curve, settings.variant)
         self._tuning = load_decision_tuning(settings.tuning)
         check_decision(self._robot, self._curve, self._tuning)
+        self._decide_on = PLANNERS[settings.planner]
         self._tracker = StepTracker(self._robot, self._tuning)
         self._sighting: Optional[Sighting] = None
         self._decision: Optional[Decision] = None
@@ -98,7 +99,7 @@ class ObstacleDecision(Node):
     def _decide(self, stamp: Time, now: Motion) -> None:
         """Decide, say so, and drive accordingly."""
         before = self._decision
-        self._decision = decision = decide(
+        self._decision = decision = self._decide_on(
             self._sighting, now, before, robot=self._robot, curve=self._curve,
             tuning=self._tuning)
         self._answers[decision.kind.value] += 1

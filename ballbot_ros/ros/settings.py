@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from ballbot_ros.config.fields import Checked, count, flag, quantity, text
+from ballbot_ros.decision.planners import PLANNERS
 from ballbot_ros.physics.simulation.model import METHODS
 
 
@@ -100,6 +101,7 @@ class DecisionSettings(Checked):
         default='fit', choices=('fit', 'conservative'))
     tuning: str = text('name of a decision tuning in config/tunings, or a YAML file',
                        default='decision_default')
+    planner: str = text('how decisions are made', default='cubic', choices=tuple(PLANNERS))
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from ballbot_ros.physics.model.robot import Robot
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Reach:
     """
     What a step asks for and what can be had; all speeds are those at touch.
 
@@ -20,8 +20,8 @@ class Estimate:
     ----------
     conservative : float
         Height with its margins [m].
-    room : float
-        Way to go until touch [m].
+    run_up : float
+        Distance until touch [m].
     top : float
         What is allowed and still on the curve [m/s].
     required : float or None
@@ -37,7 +37,7 @@ class Estimate:
     """
 
     conservative: float
-    room: float
+    run_up: float
     top: float
     required: Optional[float]
     reachable: float
@@ -45,8 +45,8 @@ class Estimate:
     spare: float
 
 
-def estimate(step: TrackedStep, distance: float, speed: float, margins: tuple, robot: Robot,
-             curve: HeightCurve, tuning: DecisionTuning) -> Estimate:
+def reach(step: TrackedStep, distance: float, speed: float, margins: tuple, robot: Robot,
+             curve: HeightCurve, tuning: DecisionTuning) -> Reach:
     """
     Return what the step asks for and what can be had.
 
@@ -58,24 +58,25 @@ def estimate(step: TrackedStep, distance: float, speed: float, margins: tuple, r
     speed : float
         Now [m/s].
     margins : tuple of float
-        Part added to the speed [1], added to the height [m], in deviations of the height.
+        Added to the speed as a part of it [1], to the height [m], and to the height in standard
+        deviations of it [1].
     robot, curve, tuning
 
     """
     speed_margin, height_margin, sigma_margin = margins
     # A deviation below zero is none; it must never make the step look lower.
     conservative = step.height + sigma_margin * max(0.0, step.height_sd) + height_margin
-    room = max(0.0, distance - touch_distance(robot.ball_radius, step.height))
+    run_up = max(0.0, distance - touch_distance(robot.ball_radius, step.height))
     required = curve.required_speed(conservative)
     forward = max(0.0, speed)
     top = min(tuning.highest_speed, curve.highest_speed)
     # Products, for a power of a mad speed would raise; infinity compares as it should.
-    reachable = min(top, math.sqrt(forward * forward + 2.0 * tuning.acceleration * room))
+    reachable = min(top, math.sqrt(forward * forward + 2.0 * tuning.acceleration * run_up))
     clean = reachable / (1.0 + speed_margin)
-    return Estimate(
-        conservative=conservative, room=room, top=top,
+    return Reach(
+        conservative=conservative, run_up=run_up, top=top,
         required=None if required is None else required * (1.0 + speed_margin),
         reachable=reachable,
-        slowest=math.sqrt(max(0.0, forward * forward - 2.0 * tuning.deceleration * room)),
+        slowest=math.sqrt(max(0.0, forward * forward - 2.0 * tuning.deceleration * run_up)),
         spare=(curve.height(clean) - conservative if clean >= curve.lowest_speed
                else math.nan))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Cross the step ahead, stop, or find another way: section 8 of the paper, with margins.
+The planner ``cubic``: section 8 of the paper, with margins.
 
 The ball touches a step when its centre is sqrt(2 R h - h^2) before the face; what lies
-before that is the room to accelerate.  The curve says which speed at touch the step asks
+before that is the run-up.  The curve says which speed at touch the step asks
 for.  Whatever is not known for certain is answered with STOP and a reason, never a guess.
 """
 from dataclasses import astuple, replace
@@ -12,7 +12,7 @@ from typing import Optional
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.curve import HeightCurve
-from ballbot_ros.decision.estimate import estimate
+from ballbot_ros.decision.planners.reach import reach
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Decision, Kind, Motion, Reason, Sighting, TrackedStep
 from ballbot_ros.physics.model.robot import Robot
@@ -33,25 +33,10 @@ CONTACT_SLACK = 0.03
 def decide(sighting: Optional[Sighting], motion: Motion, previous: Optional[Decision], *,
            robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> Decision:
     """
-    Decide on the step ahead.
+    Decide on the step ahead; see `planners.Planner` for the arguments.
 
-    Parameters
-    ----------
-    sighting : Sighting or None
-        The tracker's last answer; None if there was none yet.
-    motion : Motion
-        Now.
-    previous : Decision or None
-        The last answer of this function: it is all the memory there is.  A crossing that
-        cannot be broken off any more goes on with half the margins, and one in contact
-        goes on until the centre has passed the face.
-    robot, curve, tuning
-        That belong together; see `check_decision`.
-
-    Returns
-    -------
-    Decision
-        Never raises for anything that a sensor says.
+    A crossing that cannot be broken off any more goes on with half the margins, and one in
+    contact goes on until the centre has passed the face.
 
     """
     step = sighting.step if sighting is not None else None
@@ -100,7 +85,7 @@ def _trouble(sighting: Optional[Sighting], motion: Motion,
 
 
 def _crosses(previous: Optional[Decision], step: TrackedStep) -> bool:
-    """Tell whether the ball is on its way over this very step."""
+    """Return whether the ball is on its way over this very step."""
     return (previous is not None and previous.kind is Kind.CROSS
             and previous.step == step.number)
 
@@ -116,9 +101,9 @@ def _push(previous: Optional[Decision], step: Optional[TrackedStep], motion: Mot
     if previous is None or step is None or not _crosses(previous, step):
         return None
     distance = step.position - motion.position
-    room = distance - touch_distance(robot.ball_radius, step.height)
+    run_up = distance - touch_distance(robot.ball_radius, step.height)
     since = previous.contact_since
-    if distance <= 0.0 or room > (0.0 if since is None else CONTACT_SLACK):
+    if distance <= 0.0 or run_up > (0.0 if since is None else CONTACT_SLACK):
         return None
     since = motion.stamp if since is None else since
     if not 0.0 <= motion.stamp - since <= LONGEST_CONTACT:
@@ -137,10 +122,10 @@ def _weigh(step: TrackedStep, distance: float, speed: float, previous: Optional[
     """Return the decision on a known step ahead."""
     margins = (tuning.speed_margin, tuning.height_margin, tuning.sigma_margin)
     reason = Reason.WITHIN_CURVE
-    found = estimate(step, distance, speed, margins, robot, curve, tuning)
-    if _crosses(previous, step) and found.room < tuning.braking_distance(speed):
+    found = reach(step, distance, speed, margins, robot, curve, tuning)
+    if _crosses(previous, step) and found.run_up < tuning.braking_distance(speed):
         reason, margins = Reason.COMMITTED, tuning.halved
-        found = estimate(step, distance, speed, margins, robot, curve, tuning)
+        found = reach(step, distance, speed, margins, robot, curve, tuning)
     needed = found.required
     answer = Decision(
         Kind.CROSS, reason, 0.0, '', math.nan if needed is None else needed,
