@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pendulum controller among unreliable neighbours: old set-points, slow states, new time."""
 from dataclasses import dataclass
-from typing import List, Optional
+import logging
+from typing import Optional
 
 from ballbot_ros.control.controller import PendulumController
 from ballbot_ros.control.freshness import RateMonitor
 from ballbot_ros.control.signals import JointReadings, Mode, SetPoint
 from ballbot_ros.errors import MessageError
+
+LOG = logging.getLogger(__name__)
 
 # A set-point stamped further ahead of the joint states than this is of another clock [s].
 SKEW = 1.0
@@ -45,7 +48,7 @@ class SupervisedController:
     """
     Answers joint states with torque, or with none where that would not be safe.
 
-    All time is that of the stamps.  What a person should know is collected in `notices`.
+    All time is that of the stamps.  What a person should know is logged.
 
     Parameters
     ----------
@@ -54,8 +57,6 @@ class SupervisedController:
 
     Attributes
     ----------
-    notices : list of str
-        To be logged and cleared by the owner.
     too_slow : bool
         The joint states come too rarely: torque is held at 0.
 
@@ -69,7 +70,6 @@ class SupervisedController:
         self._newest: Optional[JointReadings] = None
         self._waiting: Optional[JointReadings] = None
         self._let_down = False
-        self.notices: List[str] = []
         self.too_slow = False
 
     @property
@@ -113,7 +113,7 @@ class SupervisedController:
     def take(self, readings: JointReadings) -> None:
         """Note a joint state; `answer` then tells the torque for it."""
         if self._newest is not None and readings.stamp < self._newest.stamp:
-            self.notices.append(
+            LOG.warning(
                 f'time went back from {self._newest.stamp:.3f} s to {readings.stamp:.3f} s: '
                 'set-point and integral are forgotten')
             self._controller.reset()
@@ -137,7 +137,7 @@ class SupervisedController:
         self._check_age(readings.stamp)
         slow = self.rate is not None and self.rate < RATE_SLACK * self._expected.lowest_rate
         if slow and not self.too_slow:
-            self.notices.append(
+            LOG.warning(
                 f'joint states come at {self.rate:.0f} Hz and these gains need '
                 f'{self._expected.lowest_rate:.0f} Hz: torque is 0; raise the rate or choose '
                 'another tuning')
@@ -162,6 +162,6 @@ class SupervisedController:
             return
         self._let_down = True
         self._controller.give(SetPoint(Mode.HOLD, 0.0, current.stamp))
-        self.notices.append(
+        LOG.warning(
             f'no new set-point for {timeout:g} s at t = {stamp:.3f} s: the pendulum is let down; '
             f'publish set-points at {2.0 / timeout:.0f} Hz or more')

@@ -15,12 +15,12 @@ from sensor_msgs.msg import JointState
 from ballbot_ros.control import (
     check_loop, load_tuning, lowest_stable_rate, Mode, PendulumController, SetPoint,
     SupervisedController, Supervision, Watchdog)
-from ballbot_ros.errors import MessageError
 from ballbot_ros.physics.model.actuation import set_rate_for_speed
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import command_message, readings, set_point, to_seconds
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription, wait_until_received
+from ballbot_ros.ros.logs import forward_logs
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import ControllerSettings
@@ -32,6 +32,7 @@ class Controller(Node):
     def __init__(self, **kwargs: Any):
         """Refuse a loop that would diverge, then wait for joint states."""
         super().__init__('controller', **kwargs)
+        forward_logs(self)
         settings = declare(self, ControllerSettings)
         self._robot = load_robot(settings.robot)
         tuning = load_tuning(settings.tuning)
@@ -50,9 +51,9 @@ class Controller(Node):
         self._torque = 0.0
         self._refused: Counter = Counter()
         self._commands = create_publisher(self, JointState, 'joint_commands', qos.NEWEST)
-        create_subscription(self, JointState, 'joint_states', self._on_state, qos.NEWEST)
-        create_subscription(self, JointState, 'set_point', self._on_set_point, qos.NEWEST)
-        create_subscription(self, TwistStamped, 'cmd_vel', self._on_cmd_vel, qos.NEWEST)
+        self._subscribe(JointState, 'joint_states', self._on_state)
+        self._subscribe(JointState, 'set_point', self._on_set_point)
+        self._subscribe(TwistStamped, 'cmd_vel', self._on_cmd_vel)
         self._diagnostics = diagnostics.Diagnostics(self, 'pendulum', self._health)
         # In lockstep time stands still between states, for as long as somebody needs.
         if not settings.lockstep_set_point_period:
@@ -60,52 +61,44 @@ class Controller(Node):
                               clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.get_logger().info(f'these gains need joint states at {lowest:.0f} Hz or more')
 
+    def _subscribe(self, kind: Any, topic: str, take: Callable[[Any], None]) -> None:
+        """Subscribe to a topic; answer what is taken, count and log what is refused."""
+        def callback(message: Any) -> None:
+            try:
+                take(message)
+            except ValueError as error:
+                self._refused[getattr(error, 'reason', 'not_finite')] += 1
+                self.get_logger().warning(f'{topic} refused: {error}', throttle_duration_sec=1.0)
+            else:
+                self._answer()
+        create_subscription(self, kind, topic, callback, qos.NEWEST)
+
     def _on_state(self, message: JointState) -> None:
-        """Answer a joint state with a command that carries its stamp."""
-        def take() -> None:
-            self._controller.take(readings(message))
-            self._newest = message.header.stamp
-            if not self._watchdog.fed:
-                self.get_logger().info('joint states have arrived')
-            self._watchdog.feed(time.monotonic())
-        if self._guard('joint state', take):
-            self._answer()
+        """Take a joint state; the command that answers it will carry its stamp."""
+        self._controller.take(readings(message))
+        self._newest = message.header.stamp
+        if not self._watchdog.fed:
+            self.get_logger().info('joint states have arrived')
+        self._watchdog.feed(time.monotonic())
 
     def _on_set_point(self, message: JointState) -> None:
-        """Follow a set-point; one without a stamp counts from the newest joint state."""
-        def give() -> None:
-            asked = set_point(message)
-            self._controller.give(
-                asked if asked.stamp else replace(asked, stamp=self._controller.time))
-        if self._guard('set-point', give):
-            self._answer()
+        """Take a set-point; one without a stamp counts from the newest joint state."""
+        given = set_point(message)
+        self._controller.give(
+            given if given.stamp else replace(given, stamp=self._controller.time))
 
     def _on_cmd_vel(self, message: TwistStamped) -> None:
-        """Drive at a forward speed by law (12), with the joint rate v / R."""
-        def give() -> None:
-            rate = set_rate_for_speed(self._robot, message.twist.linear.x)
-            stamp = to_seconds(message.header.stamp) or self._controller.time
-            self._controller.give(SetPoint(Mode.DRIVE, rate, stamp))
-        if self._guard('cmd_vel', give):
-            self._answer()
-
-    def _guard(self, what: str, act: Callable[[], None]) -> bool:
-        """Do something with a message; count and tell a refusal, and return False then."""
-        try:
-            act()
-        except (MessageError, ValueError) as error:
-            self._refused[getattr(error, 'reason', 'not_finite')] += 1
-            self.get_logger().warning(f'{what} refused: {error}', throttle_duration_sec=1.0)
-            return False
-        return True
+        """Take a forward speed v as a set-point of law (12), the joint rate v / R."""
+        rate = set_rate_for_speed(self._robot, message.twist.linear.x)
+        stamp = to_seconds(message.header.stamp) or self._controller.time
+        self._controller.give(SetPoint(Mode.DRIVE, rate, stamp))
 
     def _answer(self) -> None:
+        """Publish the torque for the newest joint state, if it is to be answered now."""
         torque = self._controller.answer()
         if torque is not None:
             self._answered = self._newest
             self._command(torque)
-        while self._controller.notices:
-            self.get_logger().warning(self._controller.notices.pop(0))
 
     def _command(self, torque: float) -> None:
         # Never stamped with a state that is still to be answered: in lockstep a zero from the
@@ -114,7 +107,7 @@ class Controller(Node):
         self._commands.publish(command_message(self._answered, torque))
 
     def _watch(self) -> None:
-        """Take the torque away when no joint state comes any more."""
+        """Set the torque to 0 when no joint state comes any more."""
         if self._watchdog.fed and self._watchdog.expired(time.monotonic()) and self._torque:
             self._command(0.0)
             self.get_logger().warning(
@@ -123,7 +116,7 @@ class Controller(Node):
             self._diagnostics.publish()
 
     def make_safe(self) -> None:
-        """Leave no torque behind."""
+        """Leave a command of torque 0 behind."""
         if self._watchdog.fed:
             self._command(0.0)
             wait_until_received(self._commands)
@@ -134,8 +127,7 @@ class Controller(Node):
         values = {
             'mode': now.mode.value, 'set_value': f'{now.value:.4f}',
             'torque': f'{self._torque:.4f}', 'state_rate': f'{self._controller.rate or 0.0:.1f}',
-            'messages_refused': sum(self._refused.values()),
-            **{f'refused_{reason}': number for reason, number in self._refused.items()}}
+            **diagnostics.refusals('messages', self._refused)}
         if not self._watchdog.fed:
             return diagnostics.WARN, 'waiting for joint_states', values
         if self._watchdog.expired(time.monotonic()):

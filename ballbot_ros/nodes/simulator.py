@@ -20,8 +20,8 @@ from ballbot_ros.ros.endpoints import create_service, create_subscription, creat
 from ballbot_ros.ros.outputs import Outputs
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
+from ballbot_ros.ros.scheduler import Scheduler
 from ballbot_ros.ros.settings import SimulatorSettings
-from ballbot_ros.ros.timekeeper import Timekeeper
 from ballbot_ros.srv import Step
 
 
@@ -45,15 +45,15 @@ class Simulator(Node):
             settings.observation_height_sd, settings.seed)
         outputs = Outputs(self, self._plant, sensor, settings)
         self._diagnostics = diagnostics.Diagnostics(self, 'simulation', self._health)
-        self._keeper = Timekeeper(self._plant, self._gate, outputs, settings, self.get_logger(),
-                                  self._diagnostics.publish)
+        self._scheduler = Scheduler(self._plant, self._gate, outputs, settings,
+                                    self.get_logger(), self._diagnostics.publish)
         create_subscription(self, JointState, 'joint_commands', self._on_command, qos.NEWEST)
         for name, act in (('pause', self._pause), ('resume', self._resume),
                           ('reset', self._reset)):
             create_trigger(self, f'~/{name}', act)
         create_service(self, Step, '~/step', self._on_step)
         # Only the clock authority ticks on wall time; a timer on its own time would wait for ever.
-        self.create_timer(self._keeper.interval, self._keeper.tick,
+        self.create_timer(self._scheduler.interval, self._scheduler.tick,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _on_command(self, message: JointState) -> None:
@@ -67,27 +67,25 @@ class Simulator(Node):
             self._gate.offer(torque, to_seconds(message.header.stamp), self._plant.time)
         except MessageError as error:
             return self._refused(error)
-        self._keeper.commanded()
-        if message.header.stamp == to_time(self._plant.time):
-            self._keeper.answer()
+        self._scheduler.command_accepted(message.header.stamp == to_time(self._plant.time))
 
     def _refused(self, error: MessageError) -> None:
         self.get_logger().warning(f'command refused: {error}', throttle_duration_sec=1.0)
 
     def _pause(self) -> str:
-        self._keeper.pause()
+        self._scheduler.pause()
         return f'paused at t = {self._plant.time:.3f} s'
 
     def _resume(self) -> str:
-        if self._keeper.failure is not None:
-            raise RefusedError(f'{self._keeper.failure}; call ~/reset first')
-        self._keeper.resume()
+        if self._scheduler.failure is not None:
+            raise RefusedError(f'{self._scheduler.failure}; call ~/reset first')
+        self._scheduler.resume()
         return f'running from t = {self._plant.time:.3f} s'
 
     def _reset(self) -> str:
-        self._keeper.reset()
+        self._scheduler.reset()
         return (f'back at the start of the scene; time goes on, now t = {self._plant.time:.3f} s'
-                + (', paused' if self._keeper.paused else ''))
+                + (', paused' if self._scheduler.paused else ''))
 
     def _on_step(self, request: Step.Request, response: Step.Response
                  ) -> Union[Step.Response, Future]:
@@ -101,12 +99,12 @@ class Simulator(Node):
             answer.set_result(response)
 
         response.time = to_time(self._plant.time)
-        if self._keeper.failure is not None:
-            response.message = f'{self._keeper.failure}; call ~/reset first'
-        elif not self._keeper.paused:
+        if self._scheduler.failure is not None:
+            response.message = f'{self._scheduler.failure}; call ~/reset first'
+        elif not self._scheduler.paused:
             response.message = 'not paused: call ~/pause first'
         else:
-            self._keeper.step(max(1, request.periods)).add_done_callback(finish)
+            self._scheduler.step(max(1, request.periods)).add_done_callback(finish)
             return answer
         return response
 
@@ -114,19 +112,18 @@ class Simulator(Node):
         """Return level, message and numbers for /diagnostics."""
         values = {
             'simulated_time': f'{self._plant.time:.3f}', 'scene': self._settings.scene,
-            'real_time_factor': f'{self._keeper.real_time_factor:.3f}',
-            'periods_dropped': self._keeper.dropped,
+            'real_time_factor': f'{self._scheduler.real_time_factor:.3f}',
+            'periods_dropped': self._scheduler.dropped,
             'commands_accepted': self._gate.accepted,
-            'commands_refused': sum(self._gate.refused.values()),
             'error_estimate': f'{self._plant.error_estimate:.1e}',
-            **{f'refused_{reason}': number for reason, number in self._gate.refused.items()}}
-        if self._keeper.failure is not None:
-            return diagnostics.ERROR, str(self._keeper.failure), values
+            **diagnostics.refusals('commands', self._gate.refused)}
+        if self._scheduler.failure is not None:
+            return diagnostics.ERROR, str(self._scheduler.failure), values
         if self._plant.lost_at < math.inf:
             return diagnostics.WARN, (
                 f'the accuracy of {self._settings.accuracy:g} m holds up to '
                 f't = {self._plant.lost_at:.3f} s only: the motion is chaotic'), values
-        if self._keeper.paused:
+        if self._scheduler.paused:
             return diagnostics.OK, 'paused', values
         if self._gate.refused:
             return diagnostics.WARN, 'running; commands were refused', values

@@ -41,7 +41,7 @@ class BagRecorder:
     ----------
     messages : int
         Recorded so far.
-    heard : set of str
+    recorded : set of str
         Topics of which something was recorded.
 
     """
@@ -58,7 +58,7 @@ class BagRecorder:
         self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
         self._subscriptions: List[Tuple[Subscription, Callable[[bytes], None]]] = []
         self.messages = 0
-        self.heard: Set[str] = set()
+        self.recorded: Set[str] = set()
 
     def __enter__(self) -> 'BagRecorder':
         """Start writing."""
@@ -70,16 +70,16 @@ class BagRecorder:
         self._writer.close()
 
     def subscribe(self, node: Node, topics: Sequence[Tuple[str, Any, QoSProfile]],
-                  listeners: Optional[Dict[str, Callable[[bytes], None]]] = None) -> None:
+                  callbacks: Optional[Dict[str, Callable[[bytes], None]]] = None) -> None:
         """
-        Record topics heard by a node.
+        Record topics to which a node subscribes.
 
         Parameters
         ----------
         node : Node
         topics : sequence of (name, message class, QoSProfile)
             The first field of each must be a stamp or a header.
-        listeners : mapping of topic to callable, optional
+        callbacks : mapping of topic to callable, optional
             Called with the serialized message, too.
 
         """
@@ -87,8 +87,7 @@ class BagRecorder:
             name = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
             connection = self._writer.add_connection(
                 node.resolve_topic_name(topic), name, typestore=self._store)
-            listener = (listeners or {}).get(topic)
-            write = self._writing(topic, connection, listener)
+            write = self._writing(topic, connection, (callbacks or {}).get(topic))
             subscription = create_subscription(node, kind, topic, write, profile, raw=True)
             self._subscriptions.append((subscription, write))
 
@@ -106,11 +105,11 @@ class BagRecorder:
                     write(taken[0])
 
     def _writing(self, topic: str, connection: Any,
-                 listener: Optional[Callable[[bytes], None]]) -> Callable[[bytes], None]:
+                 callback: Optional[Callable[[bytes], None]]) -> Callable[[bytes], None]:
         def write(data: bytes) -> None:
             self._writer.write(connection, stamp_of(data), data)
             self.messages += 1
-            self.heard.add(topic)
-            if listener is not None:
-                listener(data)
+            self.recorded.add(topic)
+            if callback is not None:
+                callback(data)
         return write

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node's health on /diagnostics, once a second and at once when it changes."""
-from typing import Callable, Mapping, Tuple
+from typing import Callable, Dict, Mapping, Tuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
@@ -13,10 +13,16 @@ OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
 ERROR = DiagnosticStatus.ERROR
 
-# Publications between two looks for endpoints that cannot talk to each other.
+# Publications from one search for endpoints whose profiles do not match to the next.
 MATCHED_EVERY = 10
 
 Health = Tuple[bytes, str, Mapping[str, object]]
+
+
+def refusals(what: str, counts: Mapping[str, int]) -> Dict[str, int]:
+    """Return how many messages were refused, in all and for each reason, as named values."""
+    return {f'{what}_refused': sum(counts.values()),
+            **{f'refused_{reason}': number for reason, number in counts.items()}}
 
 
 class Diagnostics:
@@ -31,23 +37,22 @@ class Diagnostics:
     report : callable
         Called at each publication.
     period : float
-        [s] of wall time: health is told while simulated time stands still, too.
+        [s] of wall time: health is published while simulated time stands still, too.
 
     """
 
     def __init__(self, node: Node, name: str, report: Callable[[], Health], period: float = 1.0):
-        """Start telling."""
+        """Create publisher and timer."""
         self._node = node
         self._name = f'{node.get_fully_qualified_name().lstrip("/")}: {name}'
         self._report = report
         self._count = 0
-        self._publisher = create_publisher(
-            node, DiagnosticArray, '/diagnostics', qos.SHORT)
+        self._publisher = create_publisher(node, DiagnosticArray, '/diagnostics', qos.SHORT)
         self._timer = node.create_timer(
             period, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def publish(self) -> None:
-        """Tell now."""
+        """Publish now."""
         level, message, values = self._report()
         status = DiagnosticStatus(
             level=level, name=self._name, message=message, hardware_id='ballbot',

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the simulator tells the world, each at its own rate."""
+"""What the simulator publishes, each topic at its own rate."""
 from typing import Any, Dict
 
 from nav_msgs.msg import Odometry
@@ -27,8 +27,8 @@ class Outputs:
     """
     Publishes the state of a plant.
 
-    /clock goes out first, so that nothing is stamped in a future that receivers have not
-    heard of; joint_states goes out last, because in lockstep its answer ends the period.
+    /clock is published first, so that nothing is stamped later than the receivers' clock;
+    joint_states is published last, because in lockstep its answer ends the period.
 
     Parameters
     ----------
@@ -47,12 +47,13 @@ class Outputs:
     def __init__(self, node: Node, plant: Plant, sensor: Sensor, settings: SimulatorSettings):
         """Create the publishers."""
         self._plant, self._sensor = plant, sensor
-        self._told: Dict[Publisher, Any] = {}
+        self._last: Dict[Publisher, Any] = {}
         rates = ('clock_rate', 'odom_rate', 'observation_rate', 'ball_state_rate')
         every = [periods_per(getattr(settings, rate), settings.control_rate, rate)
                  for rate in rates]
         self._schedule = list(zip(every, (
-            self._tell_clock, self._tell_odometry, self._tell_observation, self._tell_ball)))
+            self._publish_clock, self._publish_odometry, self._publish_observation,
+            self._publish_ball_state)))
         self._observation_periods = every[2]
         self._clock = create_publisher(node, Clock, '/clock', qos.CLOCK)
         self._odometry = create_publisher(node, Odometry, 'odom', qos.STATE)
@@ -67,46 +68,46 @@ class Outputs:
             self._transforms = create_publisher(node, TFMessage, '/tf', qos.STATE)
 
     def publish(self, everything: bool = False) -> None:
-        """Tell the present state, on each topic whose turn has come or on all of them."""
-        for every, tell in self._schedule:
+        """Publish the present state, on each topic whose turn has come or on all of them."""
+        for every, publish in self._schedule:
             if everything or self._plant.periods % every == 0:
-                tell()
-        self._tell(self._joints, joint_state_message(
+                publish()
+        self._send(self._joints, joint_state_message(
             self._plant.state, self._plant.torque, self._plant.model.robot.has_pendulum))
 
     def repeat(self) -> None:
         """
-        Tell again what was told last on each topic, with the stamps of then.
+        Publish the last message of each topic again, with its stamp.
 
-        For those who were not there in time: a controller that is started again in lockstep
-        needs the set-point of its period, hence the decision the observation.
+        For subscribers that were not there in time: a controller that is started again in
+        lockstep needs the set-point of its period, hence the decision the observation.
         """
-        for publisher, message in self._told.items():
+        for publisher, message in self._last.items():
             publisher.publish(message)
 
-    def _tell(self, publisher: Publisher, message: Any) -> None:
-        self._told[publisher] = message
+    def _send(self, publisher: Publisher, message: Any) -> None:
+        self._last[publisher] = message
         publisher.publish(message)
 
-    def _tell_clock(self) -> None:
-        self._tell(self._clock, Clock(clock=to_time(self._plant.time)))
+    def _publish_clock(self) -> None:
+        self._send(self._clock, Clock(clock=to_time(self._plant.time)))
 
-    def _tell_odometry(self) -> None:
+    def _publish_odometry(self) -> None:
         message = odometry_message(self._plant.state)
-        self._tell(self._odometry, message)
+        self._send(self._odometry, message)
         if self._transforms is not None:
             transform = TransformStamped(
                 header=message.header, child_frame_id=message.child_frame_id)
             transform.transform.translation.x = message.pose.pose.position.x
             transform.transform.translation.z = message.pose.pose.position.z
-            self._tell(self._transforms, TFMessage(transforms=[transform]))
+            self._send(self._transforms, TFMessage(transforms=[transform]))
 
-    def _tell_observation(self) -> None:
+    def _publish_observation(self) -> None:
         sight = self._sensor.look(
             self._plant.state.x, self._plant.periods // self._observation_periods)
         message = observation_message(to_time(self._plant.time), sight, self._sensor)
-        self._tell(self._observation, message)
+        self._send(self._observation, message)
 
-    def _tell_ball(self) -> None:
-        self._tell(self._ball, ball_state_message(
+    def _publish_ball_state(self) -> None:
+        self._send(self._ball, ball_state_message(
             self._plant.state, self._plant.torque, self._plant.model))

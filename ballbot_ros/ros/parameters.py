@@ -3,14 +3,13 @@
 ROS parameters from the described fields of a dataclass.
 
 One declaration gives the parameter, its description, its range, the message of its refusal
-and the row in the README.  Integers are accepted for floats, and a parameter that nobody
+and the row in docs/nodes.md.  Integers are accepted for floats, and a parameter that nobody
 declared is refused instead of ignored.
 """
 from dataclasses import fields
-from typing import Any, Callable, Dict, Iterable, List, Optional, Type, TypeVar
+from typing import Any, Dict, Iterable, Type, TypeVar
 
-from rcl_interfaces.msg import (
-    FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult)
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -24,13 +23,12 @@ T = TypeVar('T', bound=Checked)
 BUILT_IN = ('use_sim_time', 'start_type_description_service')
 
 
-def describe(metadata: Any, read_only: bool) -> ParameterDescriptor:
-    """Return the descriptor of a described field."""
+def describe(metadata: Any) -> ParameterDescriptor:
+    """Return the read-only descriptor of a described field."""
     unit = metadata.get('unit', '1')
     text = metadata['doc'] + ('' if unit == '1' else f' [{unit}]')
     # Dynamic typing lets an integer stand for a float; the value is checked by check_value.
-    descriptor = ParameterDescriptor(
-        description=text, read_only=read_only, dynamic_typing=True)
+    descriptor = ParameterDescriptor(description=text, read_only=True, dynamic_typing=True)
     if metadata['kind'] is float:
         descriptor.additional_constraints = allowed(metadata)
         bottom = max(metadata['minimum'], metadata['above'])
@@ -45,21 +43,15 @@ def describe(metadata: Any, read_only: bool) -> ParameterDescriptor:
     return descriptor
 
 
-def declare(node: Node, cls: Type[T], live: Iterable[str] = (),
-            apply: Optional[Callable[[T], None]] = None) -> T:
+def declare(node: Node, cls: Type[T]) -> T:
     """
-    Declare the described fields of `cls` as parameters of a node.
+    Declare the described fields of `cls` as read-only parameters of a node.
 
     Parameters
     ----------
     node : Node
     cls : type
         A `Checked` dataclass whose fields all have defaults.
-    live : names, optional
-        Parameters that may be changed while the node runs; the others are read-only.
-    apply : callable, optional
-        Called with the new settings after a live change.  A `ConfigurationError` that it
-        raises refuses the change.
 
     Returns
     -------
@@ -73,38 +65,17 @@ def declare(node: Node, cls: Type[T], live: Iterable[str] = (),
         names the nearest one that is.
 
     """
-    changeable = set(live)
     described = {item.name: item for item in fields(cls) if 'kind' in item.metadata}
     _refuse_unknown_overrides(node, described)
     values: Dict[str, Any] = {}
     for name, item in described.items():
-        descriptor = describe(item.metadata, name not in changeable)
         override = _overrides(node).get(name)
         if override is not None:
             # Checked before rclpy sees it: its own message would name neither value nor range.
             checked = check_value(name, override.value, item.metadata, f'node {node.get_name()}')
-            override = Parameter(name, value=checked)
-            _overrides(node)[name] = override
-        values[name] = node.declare_parameter(name, item.default, descriptor).value
+            _overrides(node)[name] = Parameter(name, value=checked)
+        values[name] = node.declare_parameter(name, item.default, describe(item.metadata)).value
     settings = cls(**values)
-    current = {'settings': settings}
-
-    def check(parameters: List[Parameter]) -> SetParametersResult:
-        ours = {parameter.name: parameter.value for parameter in parameters
-                if parameter.name in described}
-        if not ours:
-            return SetParametersResult(successful=True)
-        try:
-            changed = cls(**{**{name: getattr(current['settings'], name)
-                                for name in described}, **ours})
-            if apply is not None:
-                apply(changed)
-        except ConfigurationError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        current['settings'] = changed
-        return SetParametersResult(successful=True)
-
-    node.add_on_set_parameters_callback(check)
     effective = ', '.join(f'{name} {getattr(settings, name)!r}' for name in described)
     node.get_logger().info(f'running with {effective}')
     return settings

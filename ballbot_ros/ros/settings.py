@@ -1,17 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of the nodes: name, unit, range, default and meaning of each."""
 from dataclasses import dataclass
+from typing import Any
 
 from ballbot_ros.config.fields import Checked, count, flag, quantity, text
 from ballbot_ros.decision.planners import PLANNERS
 from ballbot_ros.physics.simulation.model import METHODS
 
 
+def _file(folder: str, default: str, kind: str = '', doc: str = '') -> Any:
+    """Declare the name of a file in a folder of config."""
+    return text(f'name of a {kind or folder[:-1]} in config/{folder}, or a YAML file{doc}',
+                default=default)
+
+
+def _rate(topic: str, default: float, minimum: float = 1.0, maximum: float = 10000.0) -> Any:
+    """Declare how often a topic is published."""
+    return quantity('Hz', f'rate of {topic}', default=default, minimum=minimum, maximum=maximum)
+
+
 @dataclass(frozen=True)
 class SimulatorSettings(Checked):
     """Parameters of the node ``simulator``."""
 
-    scene: str = text('name of a scene in config/scenes, or a YAML file', default='doorstep')
+    scene: str = _file('scenes', 'doorstep')
     robot: str = text('name or file of a robot to put into the scene; empty keeps its own',
                       default='')
     control_rate: float = quantity(
@@ -19,8 +31,7 @@ class SimulatorSettings(Checked):
         minimum=1.0, maximum=10000.0)
     physics_step: float = quantity(
         's', 'integration step of a method that has one; a control period is a whole number of '
-        'them', default=1e-4,
-        minimum=1e-7, maximum=0.01)
+        'them', default=1e-4, minimum=1e-7, maximum=0.01)
     method: str = text('integrator, where no accuracy is asked for', default='rk4',
                        choices=METHODS)
     accuracy: float = quantity(
@@ -42,22 +53,16 @@ class SimulatorSettings(Checked):
     torque_limit: float = quantity(
         'N m', 'largest torque at the pendulum; 0 takes that of the motor of the robot',
         default=0.0, minimum=0.0, maximum=1e6)
-    clock_rate: float = quantity(
-        'Hz', 'rate of /clock in simulated time', default=100.0, minimum=1.0, maximum=250.0)
-    odom_rate: float = quantity(
-        'Hz', 'rate of odom', default=100.0, minimum=1.0, maximum=10000.0)
-    ball_state_rate: float = quantity(
-        'Hz', 'rate of ball_state', default=100.0, minimum=1.0, maximum=10000.0)
-    observation_rate: float = quantity(
-        'Hz', 'rate of step_observation', default=50.0, minimum=0.1, maximum=10000.0)
+    clock_rate: float = _rate('/clock in simulated time', 100.0, maximum=250.0)
+    odom_rate: float = _rate('odom', 100.0)
+    ball_state_rate: float = _rate('ball_state', 100.0)
+    observation_rate: float = _rate('step_observation', 50.0, minimum=0.1)
     observation_reach: float = quantity(
         'm', 'how far ahead the step sensor sees', default=3.0, above=0.0, maximum=1000.0)
     observation_distance_sd: float = quantity(
-        'm', 'standard deviation of the observed distance', default=0.0, minimum=0.0,
-        maximum=10.0)
+        'm', 'standard deviation of the observed distance', default=0.0, minimum=0.0, maximum=10.0)
     observation_height_sd: float = quantity(
-        'm', 'standard deviation of the observed height', default=0.0, minimum=0.0,
-        maximum=1.0)
+        'm', 'standard deviation of the observed height', default=0.0, minimum=0.0, maximum=1.0)
     seed: int = count('of the observation noise', default=0)
 
 
@@ -65,9 +70,8 @@ class SimulatorSettings(Checked):
 class ControllerSettings(Checked):
     """Parameters of the node ``controller``."""
 
-    robot: str = text('name of a robot in config/robots, or a YAML file', default='gimball')
-    tuning: str = text('name of a tuning in config/tunings, or a YAML file',
-                       default='published')
+    robot: str = _file('robots', 'gimball')
+    tuning: str = _file('tunings', 'published')
     torque_limit: float = quantity(
         'N m', 'largest torque asked for; 0 takes that of the tuning', default=0.0, minimum=0.0,
         maximum=1e6)
@@ -93,14 +97,12 @@ class ControllerSettings(Checked):
 class DecisionSettings(Checked):
     """Parameters of the node ``obstacle_decision``."""
 
-    robot: str = text('name of a robot in config/robots, or a YAML file', default='gimball')
-    curve: str = text('name of a height curve in config/curves, or a YAML file',
-                      default='gimball_down')
+    robot: str = _file('robots', 'gimball')
+    curve: str = _file('curves', 'gimball_down', 'height curve')
     variant: str = text(
         'of the curve: the best fit, or the one that is nowhere above the simulation',
         default='fit', choices=('fit', 'conservative'))
-    tuning: str = text('name of a decision tuning in config/tunings, or a YAML file',
-                       default='decision_default')
+    tuning: str = _file('tunings', 'decision_default', 'decision tuning')
     planner: str = text('how decisions are made', default='cubic', choices=tuple(PLANNERS))
 
 
@@ -108,8 +110,7 @@ class DecisionSettings(Checked):
 class BridgeSettings(Checked):
     """Parameters of the node ``bridge``."""
 
-    hardware: str = text('name of a hardware file in config/hardware, or a YAML file',
-                         default='gimball_odrive')
+    hardware: str = _file('hardware', 'gimball_odrive', 'hardware file')
     port: str = text('serial device or URL; empty for that of the hardware file', default='')
     baud: int = count('bits per second; 0 for those of the hardware file', default=0,
                       maximum=20_000_000)
@@ -121,25 +122,24 @@ class BridgeSettings(Checked):
         'configure and activate at start, and again until it works; the e-stop is engaged all '
         'the same', default=True)
     capture: str = text('file for the raw traffic of the serial line; empty for none', default='')
-    status_rate: float = quantity(
-        'Hz', 'rate of motor_status', default=10.0, minimum=0.1, maximum=100.0)
+    status_rate: float = _rate('motor_status', 10.0, minimum=0.1, maximum=100.0)
 
 
 @dataclass(frozen=True)
 class EmulatedRobotSettings(Checked):
     """Parameters of the node ``emulated_robot``."""
 
-    hardware: str = text('name of a hardware file in config/hardware, or a YAML file, whose '
-                         'protocol and baud rate the drive has', default='gimball_odrive')
+    hardware: str = _file('hardware', 'gimball_odrive', 'hardware file',
+                          ', whose protocol and baud rate the drive has')
     firmware: str = text('generation that the drive is of, `0.5` or `0.6` for an ODrive; empty '
                          'for the only or oldest one', default='')
-    scene: str = text('name of a scene in config/scenes, or a YAML file', default='doorstep')
+    scene: str = _file('scenes', 'doorstep')
     link: str = text('symbolic link to keep pointing to the serial device',
                      default='/tmp/ballbot_motor')
-    imu_rate: float = quantity('Hz', 'rate of imu', default=250.0, minimum=10.0, maximum=1000.0)
-    gyro_sd: float = quantity('rad/s', 'noise of the gyro per reading', default=0.005,
-                              minimum=0.0, maximum=10.0)
-    gyro_bias: float = quantity('rad/s', 'constant error of the gyro', default=0.005,
-                                minimum=-1.0, maximum=1.0)
-    force_sd: float = quantity('m/s2', 'noise of the accelerometer per reading', default=0.1,
-                               minimum=0.0, maximum=10.0)
+    imu_rate: float = _rate('imu', 250.0, minimum=10.0, maximum=1000.0)
+    gyro_sd: float = quantity(
+        'rad/s', 'noise of the gyro per reading', default=0.005, minimum=0.0, maximum=10.0)
+    gyro_bias: float = quantity(
+        'rad/s', 'constant error of the gyro', default=0.005, minimum=-1.0, maximum=1.0)
+    force_sd: float = quantity(
+        'm/s2', 'noise of the accelerometer per reading', default=0.1, minimum=0.0, maximum=10.0)

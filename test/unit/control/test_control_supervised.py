@@ -35,25 +35,25 @@ def test_without_a_set_point_there_is_no_torque():
     assert answer(made(), 0.0) == 0.0
 
 
-def test_states_that_come_too_rarely_get_no_torque_and_one_notice():
+def test_states_that_come_too_rarely_get_no_torque_and_one_warning(caplog):
     controller = made(lowest_rate=275.0)
     controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
     torques = [answer(controller, 0.01 * index) for index in range(40)]
     assert torques[-1] == 0.0 and controller.too_slow
-    assert len(controller.notices) == 1 and '100 Hz' in controller.notices[0]
+    assert len(caplog.messages) == 1 and '100 Hz' in caplog.messages[0]
     for index in range(400):
         torques.append(answer(controller, 1.0 + 0.002 * index))
     assert torques[-1] != 0.0 and not controller.too_slow
 
 
-def test_an_old_set_point_lets_the_pendulum_down_with_one_notice():
+def test_an_old_set_point_lets_the_pendulum_down_with_one_warning(caplog):
     controller = made(set_point_timeout=0.5)
     controller.give(SetPoint(Mode.HOLD, 1.0, 0.0))
     assert answer(controller, 0.4) > 0.0
     assert answer(controller, 0.6) < 0.0
     answer(controller, 0.7)
     assert controller.set_point == SetPoint(Mode.HOLD, 0.0, 0.0)
-    assert len(controller.notices) == 1 and 'let down' in controller.notices[0]
+    assert len(caplog.messages) == 1 and 'let down' in caplog.messages[0]
     controller.give(SetPoint(Mode.HOLD, 1.0, 0.71))
     assert answer(controller, 0.72) > 0.0
 
@@ -78,19 +78,19 @@ def test_in_lockstep_a_state_waits_for_the_set_point_of_its_period():
     assert controller.answer() is not None
 
 
-def test_when_time_goes_back_all_is_forgotten_and_told():
+def test_when_time_goes_back_all_is_forgotten_and_logged(caplog):
     controller = made()
     controller.give(SetPoint(Mode.HOLD, 1.0, 5.0))
     answer(controller, 5.0)
     assert answer(controller, 1.0) == 0.0
-    assert controller.set_point.mode is Mode.IDLE and 'time went back' in controller.notices[0]
+    assert controller.set_point.mode is Mode.IDLE and 'time went back' in caplog.messages[0]
 
 
-def test_one_state_lost_at_the_start_is_no_slow_rate():
+def test_one_state_lost_at_the_start_is_no_slow_rate(caplog):
     controller = made(lowest_rate=275.0)
     controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
     torques = [answer(controller, 0.002 * number) for number in (0, 2, 3, 4, 5, 6, 8, 9, 10, 11)]
-    assert 0.0 not in torques and not controller.notices and controller.rate is None
+    assert 0.0 not in torques and not caplog.messages and controller.rate is None
 
 
 @given(strategies.lists(strategies.sampled_from([1, 1, 1, 2, 3]), min_size=30, max_size=60))
@@ -106,30 +106,30 @@ def test_torque_depends_on_the_median_rate_of_the_last_states(gaps):
             assert (torque == 0.0) == slow == controller.too_slow
 
 
-def test_a_set_point_without_a_timeout_holds_for_ever():
+def test_a_set_point_without_a_timeout_holds_for_ever(caplog):
     controller = made(set_point_timeout=0.0)
     controller.give(SetPoint(Mode.HOLD, 1.0, 0.0))
-    assert answer(controller, 1e6) > 0.0 and not controller.notices
+    assert answer(controller, 1e6) > 0.0 and not caplog.messages
 
 
-def test_idle_needs_no_renewal_and_drive_is_let_down_too():
+def test_idle_needs_no_renewal_and_drive_is_let_down_too(caplog):
     controller = made(set_point_timeout=0.5)
     controller.give(SetPoint(Mode.IDLE, 0.0, 0.0))
-    assert answer(controller, 9.0) == 0.0 and not controller.notices
+    assert answer(controller, 9.0) == 0.0 and not caplog.messages
     controller.give(SetPoint(Mode.DRIVE, 3.0, 9.0))
     assert answer(controller, 9.4) > 0.0
     answer(controller, 9.6)
     assert controller.set_point == SetPoint(Mode.HOLD, 0.0, 9.0)
 
 
-def test_the_notice_of_each_silence_is_given_once():
+def test_each_silence_is_logged_once(caplog):
     controller = made(set_point_timeout=0.5)
     for begin in (0.0, 2.0):
         controller.give(SetPoint(Mode.HOLD, 1.0, begin))
         for number in range(20):
             answer(controller, begin + 0.1 * number)
-    assert len(controller.notices) == 2
-    assert 'publish set-points at 4 Hz or more' in controller.notices[0]
+    assert len(caplog.messages) == 2
+    assert 'publish set-points at 4 Hz or more' in caplog.messages[0]
 
 
 def test_a_set_point_may_be_ahead_a_little_and_before_the_first_state_at_any_time():

@@ -101,7 +101,7 @@ def test_every_decision_has_its_number_in_the_message(kind, reason):
                                  settings.DecisionSettings])
 def test_every_parameter_is_described_and_every_number_has_its_range(cls):
     for item in cls.__dataclass_fields__.values():
-        descriptor = parameters.describe(item.metadata, read_only=True)
+        descriptor = parameters.describe(item.metadata)
         assert len(descriptor.description) > 10 and descriptor.read_only, item.name
         if item.metadata['kind'] is not str and item.metadata['kind'] is not bool:
             assert (descriptor.floating_point_range or descriptor.integer_range

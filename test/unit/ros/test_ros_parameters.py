@@ -12,7 +12,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.obstacle_decision import ObstacleDecision
 from ballbot_ros.nodes.simulator import Simulator
-from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.parameters import BUILT_IN, declare
 
 
 @dataclass(frozen=True)
@@ -26,10 +26,10 @@ class Example(Checked):
     method: str = text('how', default='rk4', choices=('rk4', 'euler'))
 
 
-def given(make_node, live=(), apply=None, **overrides):
+def given(make_node, **overrides):
     """Return a node and its settings."""
     node = make_node(Node, 'example', **overrides)
-    return node, declare(node, Example, live, apply)
+    return node, declare(node, Example)
 
 
 def changed(node, name, value):
@@ -78,52 +78,16 @@ def test_refused_at_the_start_with_a_sentence_that_helps(make_node, overrides, s
         assert saying in str(caught.value)
 
 
-def test_what_is_not_live_cannot_be_changed(make_node):
+def test_a_parameter_cannot_be_changed_while_the_node_runs(make_node):
     node, _ = given(make_node)
     assert not changed(node, 'gain', 3.0).successful
     assert node.get_parameter('gain').value == 2.0
 
 
-def test_live_changes_are_applied_whole_and_keep_each_other(make_node):
-    applied = []
-    node, _ = given(make_node, ('gain', 'steps', 'method'), applied.append)
-    assert changed(node, 'gain', 3.0).successful
-    assert changed(node, 'steps', 5).successful
-    assert changed(node, 'gain', 4).successful
-    assert applied == [Example(gain=3.0), Example(gain=3.0, steps=5), Example(gain=4.0, steps=5)]
-    assert node.get_parameter('gain').value == 4
-
-
-@pytest.mark.parametrize('name, value', [
-    ('gain', 11.0), ('gain', 11), ('gain', math.nan), ('gain', 'stiff'), ('steps', 10),
-    ('method', 'rk5'), ('method', 4)])
-def test_live_changes_out_of_range_are_refused_and_nothing_is_applied(make_node, name, value):
-    applied = []
-    node, _ = given(make_node, ('gain', 'steps', 'method'), applied.append)
-    result = changed(node, name, value)
-    assert not result.successful and result.reason
-    assert not applied and node.get_parameter(name).value == getattr(Example(), name)
-
-
-def test_who_applies_may_refuse_and_the_old_stays(make_node):
-    seen = []
-
-    def apply(settings):
-        seen.append(settings)
-        if settings.gain > 3.0:
-            raise ConfigurationError('too stiff for this robot; 3 is the most')
-    node, _ = given(make_node, ('gain', 'ratio'), apply)
-    result = changed(node, 'gain', 4.0)
-    assert not result.successful and result.reason == 'too stiff for this robot; 3 is the most'
-    assert changed(node, 'ratio', 2.0).successful
-    assert seen[-1] == Example(ratio=2.0)  # not with the gain that was refused
-
-
 @pytest.mark.parametrize('cls', [Simulator, Controller, ObstacleDecision])
 def test_each_parameter_of_a_node_is_described_ranged_and_read_only(make_node, cls):
     node = make_node(cls)
-    own = [name for name in node._parameters if name not in (
-        'use_sim_time', 'start_type_description_service')]
+    own = set(node.get_parameters_by_prefix('')) - set(BUILT_IN)
     assert len(own) >= 3
     for name in own:
         described = node.describe_parameter(name)

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time that waits: how many periods may run, and for whose answer they wait."""
+"""Pause, resume and step: how many control periods a simulation may still run."""
 from typing import Optional
 
 from rclpy.task import Future
 
 
-class Allowance:
+class RunControl:
     """
-    How many control periods may still run: none (paused), some (stepping) or no end.
+    Paused, stepping through so many control periods, or running without end.
 
     Parameters
     ----------
@@ -16,39 +16,39 @@ class Allowance:
     """
 
     def __init__(self, paused: bool):
-        """Start running or paused."""
+        """Start paused or running."""
         self._left: Optional[int] = 0 if paused else None
         self._done: Optional[Future] = None
 
     @property
     def running(self) -> bool:
-        """Tell whether a period may run now."""
+        """Return whether a period may run now."""
         return self._left is None or self._left > 0
 
     @property
     def paused(self) -> bool:
-        """Tell whether time stands still until told otherwise."""
+        """Return whether no period may run until `resume` or `step`."""
         return self._left == 0
 
     def pause(self) -> None:
-        """Run no more."""
+        """Let no period run."""
         self._end(False)
         self._left = 0
 
     def resume(self) -> None:
-        """Run without end."""
+        """Let periods run without end."""
         self._end(False)
         self._left = None
 
     def step(self, periods: int) -> Future:
-        """Run so many periods, then pause; the future holds whether all were run."""
+        """Let so many periods run, then pause; the future holds whether all were run."""
         self._end(False)
         self._left = periods
         self._done = Future()
         return self._done
 
-    def spend(self) -> None:
-        """Note that a period has run."""
+    def count_period(self) -> None:
+        """Count a period that has run."""
         if self._left is not None:
             self._left -= 1
             if self._left == 0:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lets simulated time pass: by the clock, as fast as it goes, or in lockstep."""
+"""Runs the control periods of a simulation: in real time, as fast as it goes, or in lockstep."""
 import time
 from typing import Callable, Optional
 
@@ -9,8 +9,8 @@ from rclpy.task import Future
 from ballbot_ros.control import CommandGate
 from ballbot_ros.errors import SimulationError
 from ballbot_ros.plant import Pace, Plant, Speedometer
-from ballbot_ros.ros.lockstep import Allowance
 from ballbot_ros.ros.outputs import Outputs
+from ballbot_ros.ros.run_control import RunControl
 from ballbot_ros.ros.settings import SimulatorSettings
 
 # A state is repeated this often while nobody answers it: subscribers may not be there yet [s].
@@ -19,9 +19,9 @@ REPEAT = 0.2
 BATCH = 0.002
 
 
-class Timekeeper:
+class Scheduler:
     """
-    Runs the control periods of a plant when they are due and tells each new state.
+    Runs the control periods of a plant when they are due and publishes each new state.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class Timekeeper:
     gate : CommandGate
         Where the torque of a period comes from.
     outputs : Outputs
-        Where states are told.
+        Publishes the states.
     settings : SimulatorSettings
     logger : RcutilsLogger
     failed : callable
@@ -45,17 +45,17 @@ class Timekeeper:
     def __init__(self, plant: Plant, gate: CommandGate, outputs: Outputs,
                  settings: SimulatorSettings, logger: RcutilsLogger,
                  failed: Callable[[], None]):
-        """Tell the first state."""
+        """Publish the first state."""
         self._plant, self._gate, self._outputs = plant, gate, outputs
         self._settings, self._logger, self._failed = settings, logger, failed
-        self._allowance = Allowance(settings.start_paused)
+        self._control = RunControl(settings.start_paused)
         factor = settings.real_time_factor
         self._pace = Pace(plant.period, factor) if factor > 0.0 else None
         self._speed = Speedometer()
-        self._credit = 0  # periods that the clock allows and lockstep has not run yet
-        self._silent = True  # no command to miss
+        self._due = 0  # periods that the clock allows and lockstep has not run yet
+        self._expecting = False  # commands have come, and their end would be worth a warning
         self.failure: Optional[SimulationError] = None
-        self._ask()
+        self._publish()
 
     @property
     def interval(self) -> float:
@@ -66,8 +66,8 @@ class Timekeeper:
 
     @property
     def paused(self) -> bool:
-        """Tell whether time stands still until told otherwise."""
-        return self._allowance.paused
+        """Return whether time stands still until `resume` or `step`."""
+        return self._control.paused
 
     @property
     def real_time_factor(self) -> float:
@@ -80,46 +80,44 @@ class Timekeeper:
         return self._pace.dropped if self._pace else 0
 
     def tick(self) -> None:
-        """Let as much time pass as is due."""
+        """Run the periods that are due now."""
         now = time.monotonic()
         self._speed.note(self._plant.time, now)
-        if not self._allowance.running:
+        if not self._control.running:
             return
         if self._settings.lockstep:
             if self._pace:
-                self._credit = min(1, self._credit + self._pace.due(now))
+                self._due = min(1, self._due + self._pace.due(now))
             if not self._answered:
-                self._insist(now)
-            self._follow()
+                self._wait(now)
+            self._run_answered()
         elif self._pace:
-            self._keep_pace(self._pace, now)
+            self._run_due(self._pace, now)
         else:
-            while time.monotonic() - now < BATCH and self._allowance.running:
-                self._period()
+            while time.monotonic() - now < BATCH and self._control.running:
+                self._run_period()
 
-    def answer(self) -> None:
-        """Note that the present state has been answered; in lockstep time goes on."""
-        self._answered = True
-        if self._settings.lockstep:
-            self._follow()
-
-    def commanded(self) -> None:
-        """Note that commands come."""
-        self._silent = False
+    def command_accepted(self, answer: bool) -> None:
+        """Note a command; one that answers the present state ends its period in lockstep."""
+        self._expecting = True
+        if answer:
+            self._answered = True
+            if self._settings.lockstep:
+                self._run_answered()
 
     def pause(self) -> None:
         """Let no more time pass."""
-        self._allowance.pause()
+        self._control.pause()
 
     def resume(self) -> None:
         """Let time pass again."""
-        self._allowance.resume()
-        self._begin()
+        self._control.resume()
+        self._restart()
 
     def step(self, periods: int) -> Future:
         """Let some periods pass, then pause; the future holds whether all have passed."""
-        done = self._allowance.step(periods)
-        self._begin()
+        done = self._control.step(periods)
+        self._restart()
         return done
 
     def reset(self) -> None:
@@ -127,34 +125,34 @@ class Timekeeper:
         self.failure = None
         self._gate.clear()
         self._plant.reset()
-        self._ask(everything=True)
+        self._publish(everything=True)
 
-    def _begin(self) -> None:
+    def _restart(self) -> None:
         self._since = time.monotonic()
         if self._pace:
             self._pace.restart(self._since)
 
-    def _keep_pace(self, pace: Pace, now: float) -> None:
+    def _run_due(self, pace: Pace, now: float) -> None:
         dropped, wanted = pace.dropped, self._settings.real_time_factor
         for _ in range(pace.due(now)):
-            if self._allowance.running:  # a failure or the last step ends it in between
-                self._period()
+            if self._control.running:  # a failure or the last step ends it in between
+                self._run_period()
         if pace.dropped > dropped and self._speed.factor < 0.98 * wanted:
             self._logger.warning(
                 f'falling behind: real-time factor {self._speed.factor:.2f} instead of '
                 f'{wanted:g}', throttle_duration_sec=2.0)
 
-    def _follow(self) -> None:
-        """In lockstep: run the period whose state has been answered, if its time has come."""
-        if self._answered and self._allowance.running and (self._credit or not self._pace):
-            self._credit = 0
-            self._period()
+    def _run_answered(self) -> None:
+        """In lockstep: run the period whose state has been answered, if it is due."""
+        if self._answered and self._control.running and (self._due or not self._pace):
+            self._due = 0
+            self._run_period()
 
-    def _period(self) -> None:
-        """Run one control period and tell its end."""
+    def _run_period(self) -> None:
+        """Run one control period and publish the state at its end."""
         now = self._plant.time
-        if self._gate.expired(now) and not self._silent:
-            self._silent = True
+        if self._gate.expired(now) and self._expecting:
+            self._expecting = False
             self._logger.warning(
                 f'no command for {self._settings.command_timeout:g} s at t = {now:.3f} s: '
                 'torque is 0; is the controller running?')
@@ -162,23 +160,23 @@ class Timekeeper:
             self._plant.advance(self._gate.torque(now))
         except SimulationError as error:
             self.failure = error
-            self._allowance.pause()
+            self._control.pause()
             self._logger.fatal(f'{error}. Nothing is published until ~/reset.')
             self._failed()
             return
-        self._allowance.spend()
-        self._ask()
+        self._control.count_period()
+        self._publish()
 
-    def _ask(self, everything: bool = False) -> None:
+    def _publish(self, everything: bool = False) -> None:
         """Publish the state; in lockstep this asks for the command that answers it."""
         self._answered = False
-        self._asked = self._since = time.monotonic()
+        self._published = self._since = time.monotonic()
         self._outputs.publish(everything)
 
-    def _insist(self, now: float) -> None:
-        """Repeat a state that nobody answers, and say so when it lasts."""
-        if now - self._asked >= REPEAT:
-            self._asked = now
+    def _wait(self, now: float) -> None:
+        """Repeat a state that nobody answers, and warn when it lasts."""
+        if now - self._published >= REPEAT:
+            self._published = now
             self._outputs.repeat()
         if now - self._since >= self._settings.lockstep_patience:
             self._gate.clear()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whoever lets time pass never lets more pass than was allowed."""
+"""The scheduler never runs more control periods than are due and allowed."""
 from types import SimpleNamespace
 
 import pytest
@@ -8,8 +8,8 @@ from ballbot_ros.control import CommandGate
 from ballbot_ros.physics import load_scene
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Plant
-from ballbot_ros.ros import timekeeper
-from ballbot_ros.ros.lockstep import Allowance
+from ballbot_ros.ros import scheduler
+from ballbot_ros.ros.run_control import RunControl
 from ballbot_ros.ros.settings import SimulatorSettings
 
 
@@ -37,19 +37,19 @@ class Log(list):
 
 @pytest.fixture
 def clock(monkeypatch):
-    """Return a wall clock that goes when it is told to."""
+    """Return a wall clock that the test sets."""
     clock = SimpleNamespace(now=100.0)
-    monkeypatch.setattr(timekeeper.time, 'monotonic', lambda: clock.now)
+    monkeypatch.setattr(scheduler.time, 'monotonic', lambda: clock.now)
     return clock
 
 
-def keeper(scene=None, **parameters):
-    """Return a timekeeper with all around it."""
+def scheduled(scene=None, **parameters):
+    """Return a scheduler with all around it."""
     settings = SimulatorSettings(**parameters)
     plant = Plant(scene or load_scene('flat'), settings.control_rate)
     around = SimpleNamespace(plant=plant, gate=CommandGate(settings.command_timeout),
                              outputs=Outputs(), log=Log(), failures=[])
-    around.keeper = timekeeper.Timekeeper(
+    around.scheduler = scheduler.Scheduler(
         plant, around.gate, around.outputs, settings, around.log,
         lambda: around.failures.append(plant.time))
     return around
@@ -57,18 +57,18 @@ def keeper(scene=None, **parameters):
 
 def tick(around, clock, seconds):
     clock.now += seconds
-    around.keeper.tick()
+    around.scheduler.tick()
 
 
 def test_real_time_passes_with_the_clock_and_catches_up_so_far(clock):
-    around = keeper()
+    around = scheduled()
     tick(around, clock, 0.0)
     tick(around, clock, 0.0021)
     assert around.plant.periods == 1
     tick(around, clock, 0.0101)
     assert around.plant.periods == 6
     tick(around, clock, 5.0)
-    assert around.plant.periods == 16 and around.keeper.dropped == 2490
+    assert around.plant.periods == 16 and around.scheduler.dropped == 2490
     tick(around, clock, 1.0)
     assert around.log[-1].startswith('falling behind: real-time factor 0.0')
 
@@ -78,23 +78,23 @@ def test_real_time_passes_with_the_clock_and_catches_up_so_far(clock):
 @pytest.mark.parametrize('periods', [1, 3, 17])
 def test_a_step_is_so_many_periods_even_where_more_are_due(clock, monkeypatch, parameters,
                                                            periods):
-    around = keeper(start_paused=True, **parameters)
-    done = around.keeper.step(periods)
+    around = scheduled(start_paused=True, **parameters)
+    done = around.scheduler.step(periods)
     for _ in range(30):
         tick(around, clock, 0.01)
     assert around.plant.periods == periods and around.outputs.published == periods + 1
     assert done.done() and done.result() is True
-    assert around.keeper.paused
+    assert around.scheduler.paused
 
 
 def test_in_lockstep_time_waits_for_its_answer_and_asks_again(clock):
-    around = keeper(lockstep=True, real_time_factor=0.0, lockstep_patience=2.0)
+    around = scheduled(lockstep=True, real_time_factor=0.0, lockstep_patience=2.0)
     for _ in range(10):
         tick(around, clock, 0.05)
     assert around.plant.periods == 0 and around.outputs.repeated == 2
-    around.keeper.answer()
+    around.scheduler.command_accepted(answer=True)
     assert around.plant.periods == 1
-    around.keeper.answer()
+    around.scheduler.command_accepted(answer=True)
     assert around.plant.periods == 2
     around.gate.offer(1.0, 0.004, 0.004)
     for _ in range(50):
@@ -104,76 +104,76 @@ def test_in_lockstep_time_waits_for_its_answer_and_asks_again(clock):
 
 
 def test_in_lockstep_in_real_time_an_answer_waits_for_the_clock(clock):
-    around = keeper(lockstep=True, real_time_factor=1.0)
+    around = scheduled(lockstep=True, real_time_factor=1.0)
     tick(around, clock, 0.0)
-    around.keeper.answer()
+    around.scheduler.command_accepted(answer=True)
     assert around.plant.periods == 0
     tick(around, clock, 0.0021)
     assert around.plant.periods == 1
     tick(around, clock, 0.5)  # late answers are not caught up with
-    around.keeper.answer()
-    around.keeper.answer()
+    around.scheduler.command_accepted(answer=True)
+    around.scheduler.command_accepted(answer=True)
     assert around.plant.periods == 2
 
 
 def test_an_answer_that_came_while_paused_counts_after(clock):
-    around = keeper(lockstep=True, real_time_factor=0.0, start_paused=True)
-    around.keeper.answer()
+    around = scheduled(lockstep=True, real_time_factor=0.0, start_paused=True)
+    around.scheduler.command_accepted(answer=True)
     assert around.plant.periods == 0
-    around.keeper.resume()
+    around.scheduler.resume()
     tick(around, clock, 0.05)
     assert around.plant.periods == 1
 
 
-def test_a_failure_ends_the_step_is_told_once_and_reset_ends_it(clock):
+def test_a_failure_ends_the_step_is_logged_once_and_reset_ends_it(clock):
     falling = read_scene({
         'robot': 'gimball', 'robot_changes': {'contact_stiffness': 500.0}, 'duration': 1.0,
         'initial': {'y': 1.0, 'velocity_y': -10.0}}, 'test', 'test')
-    around = keeper(falling, start_paused=True)
-    done = around.keeper.step(1000)
+    around = scheduled(falling, start_paused=True)
+    done = around.scheduler.step(1000)
     for _ in range(100):
         tick(around, clock, 0.02)
     assert done.result() is False and len(around.failures) == 1
-    assert 'under the ground' in str(around.keeper.failure)
+    assert 'under the ground' in str(around.scheduler.failure)
     assert sum('Nothing is published until ~/reset' in text for text in around.log) == 1
     published = around.outputs.published
     assert published == around.plant.periods + 1
-    around.keeper.reset()
-    assert around.keeper.failure is None and around.outputs.published == published + 1
-    assert around.keeper.paused
+    around.scheduler.reset()
+    assert around.scheduler.failure is None and around.outputs.published == published + 1
+    assert around.scheduler.paused
 
 
-def test_missing_commands_are_told_once_for_each_silence(clock):
-    around = keeper(real_time_factor=0.0, start_paused=True, command_timeout=0.01)
+def test_missing_commands_are_logged_once_each_time(clock):
+    around = scheduled(real_time_factor=0.0, start_paused=True, command_timeout=0.01)
 
     def run(periods):
-        around.keeper.step(periods)
-        while not around.keeper.paused:
-            around.keeper.tick()
+        around.scheduler.step(periods)
+        while not around.scheduler.paused:
+            around.scheduler.tick()
     for _ in range(2):
         run(20)
         around.gate.offer(1.0, around.plant.time, around.plant.time)
-        around.keeper.commanded()
+        around.scheduler.command_accepted(answer=False)
         run(20)
     assert len(around.log) == 2
     assert 'no command for 0.01 s at t = 0.05' in around.log[0]
 
 
-def test_allowance_counts_down_and_then_is_paused():
-    allowance = Allowance(paused=True)
-    assert allowance.paused and not allowance.running
-    done = allowance.step(2)
-    allowance.spend()
-    assert allowance.running and not done.done()
-    allowance.spend()
-    assert allowance.paused and done.result() is True
-    allowance.resume()
+def test_a_step_counts_down_and_then_pauses_and_what_interrupts_it_leaves_it_incomplete():
+    control = RunControl(paused=True)
+    assert control.paused and not control.running
+    done = control.step(2)
+    control.count_period()
+    assert control.running and not done.done()
+    control.count_period()
+    assert control.paused and done.result() is True
+    control.resume()
     for _ in range(5):
-        allowance.spend()
-    assert allowance.running
-    ended = allowance.step(3)
-    allowance.pause()
+        control.count_period()
+    assert control.running
+    ended = control.step(3)
+    control.pause()
     assert ended.result() is False
-    ended = allowance.step(3)
-    allowance.resume()
-    assert ended.result() is False and allowance.running
+    ended = control.step(3)
+    control.resume()
+    assert ended.result() is False and control.running

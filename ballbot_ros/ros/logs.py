@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the layers without ROS log, in the log of ROS."""
+import logging
+
+from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.node import Node
+
+
+class RosHandler(logging.Handler):
+    """Passes the records of Python's `logging` on to the logger of a node."""
+
+    def __init__(self, logger: RcutilsLogger):
+        """Take records from INFO on."""
+        super().__init__(logging.INFO)
+        self._logger = logger
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Log a record; the logger of ROS wants a line of code for each severity."""
+        if record.levelno >= logging.ERROR:
+            self._logger.error(record.getMessage())
+        elif record.levelno >= logging.WARNING:
+            self._logger.warning(record.getMessage())
+        else:
+            self._logger.info(record.getMessage())
+
+
+def forward_logs(node: Node) -> None:
+    """Let a node log what the layers without ROS log in its process."""
+    log = logging.getLogger('ballbot_ros')
+    log.handlers = [RosHandler(node.get_logger())]
+    log.setLevel(logging.INFO)
