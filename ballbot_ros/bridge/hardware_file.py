@@ -6,13 +6,13 @@ from types import MappingProxyType
 from typing import Any, Mapping, Optional
 
 from ballbot_ros.config.fields import (
-    Checked, count, expect_mapping, flag, quantity, read_yaml, refuse_unknown, text)
-from ballbot_ros.config.files import find_config
+    build, Checked, count, expect_mapping, flag, quantity, refuse_unknown, text)
+from ballbot_ros.config.files import find_config, read_yaml
+from ballbot_ros.config.provenance import Provenance, read_values
 from ballbot_ros.drives import driver_class, DRIVERS, read_options
 from ballbot_ros.drives.driver import DriveOptions
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.estimation import FilterTuning, ImuMounting
-from ballbot_ros.physics.model.robot import Provenance, read_values
 
 # What the bridge does when commands stay away; see `supervisor`.
 ON_TIMEOUT = ('coast', 'brake', 'settle')
@@ -176,14 +176,12 @@ def read_hardware(content: Mapping[str, Any], where: str) -> Hardware:
     for name in ('name', 'robot'):
         if not isinstance(content.get(name), str):
             raise ConfigurationError(f'{where}: {name} must be text, got {content.get(name)!r}')
-    parts, provenance = {}, {}
+    parts: dict[str, Any] = {}
+    provenance = {}
     for name, cls in SECTIONS.items():
         place = f'{where}: {name}'
         values, sources = read_values(cls, expect_mapping(content.get(name, {}), place), place)
-        try:
-            parts[name] = cls(**values)
-        except ConfigurationError as error:
-            raise ConfigurationError(f'{place}: {error}') from error
+        parts[name] = build(cls, values, place)
         provenance.update({f'{name}.{key}': item for key, item in sources.items()})
     connection = parts['connection']
     drive, sources = read_values(

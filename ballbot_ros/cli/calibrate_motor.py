@@ -39,8 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.bridge.commissioning.calibration import Calibrator
     from ballbot_ros.bridge.connect import connector
     from ballbot_ros.bridge.hardware_file import load_hardware
-    from ballbot_ros.config.fields import read_yaml
-    from ballbot_ros.config.files import find_config
+    from ballbot_ros.config.files import find_config, read_yaml
     from ballbot_ros.errors import ConfigurationError
     from ballbot_ros.physics.model.robot import load_robot
     from ballbot_ros.results.files import check_writable

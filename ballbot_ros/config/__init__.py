@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What files say: described and ranged fields, and where the files are."""
+"""What files say: described and ranged fields, where a number comes from, and the files."""

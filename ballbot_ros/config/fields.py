@@ -17,11 +17,7 @@ description::
 from dataclasses import dataclass, field, fields, MISSING
 from difflib import get_close_matches
 import math
-from pathlib import Path
-import re
 from typing import Any, Iterable, Mapping, Type, TypeVar
-
-import yaml
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.renamed import new_name
@@ -187,7 +183,23 @@ class Checked:
             For anything missing, unknown, of the wrong type or out of range.
 
         """
-        return cls(**checked_values(cls, expect_mapping(mapping, where), where))
+        return build(cls, checked_values(cls, expect_mapping(mapping, where), where), where)
+
+
+def build(cls: Type[T], values: Mapping[str, Any], where: str) -> T:
+    """
+    Return ``cls(**values)``; what it refuses names the place.
+
+    Raises
+    ------
+    ConfigurationError
+        If the values contradict each other.
+
+    """
+    try:
+        return cls(**values)
+    except ConfigurationError as error:
+        raise ConfigurationError(f'{where}: {error}') from error
 
 
 def checked_values(cls: Type[Checked], entries: Mapping[str, Any], where: str) -> dict:
@@ -219,43 +231,3 @@ def expect_mapping(value: Any, where: str) -> Mapping[str, Any]:
         raise ConfigurationError(
             f'{where}: expected a mapping of names to values, got {value!r}')
     return value
-
-
-class _StrictLoader(yaml.SafeLoader):
-    """Refuses a key that is given twice, which YAML would silently let win."""
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
-        seen = set()
-        for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)
-            if isinstance(key, str) and key in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f'{key!r} is given twice', key_node.start_mark)
-            if isinstance(key, str):
-                seen.add(key)
-        return super().construct_mapping(node, deep)
-
-
-# YAML 1.1 reads '1e-4' as text because it has no dot; people write it, so read it as a number.
-_StrictLoader.add_implicit_resolver(
-    'tag:yaml.org,2002:float',
-    re.compile(r'^[-+]?[0-9]+[eE][-+]?[0-9]+$'), list('-+0123456789'))
-
-
-def read_yaml(path: Path) -> Mapping[str, Any]:
-    """
-    Read a YAML file that holds one mapping.
-
-    Raises
-    ------
-    ConfigurationError
-        If the file cannot be read, is not YAML, repeats a key or holds no mapping.
-
-    """
-    try:
-        content = yaml.load(path.read_text(encoding='utf-8'), Loader=_StrictLoader)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f'{path}: cannot be read: {error}') from error
-    except yaml.YAMLError as error:
-        raise ConfigurationError(f'{path}: is not valid YAML: {error}') from error
-    return expect_mapping(content, str(path))

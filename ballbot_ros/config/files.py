@@ -1,8 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Find the robots, scenes, curves and message files that come with the package."""
+"""Find and read the files that come with the package, and those of one's own."""
 from pathlib import Path
+import re
 import sys
+from typing import Any, Mapping, Type
 
+import yaml
+
+from ballbot_ros.config.fields import expect_mapping, T
 from ballbot_ros.errors import ConfigurationError
 
 PACKAGE = 'ballbot_ros'
@@ -71,3 +76,64 @@ def find_config(kind: str, name_or_path: str) -> Path:
     raise ConfigurationError(
         f'there is no {kind.removesuffix("s")} named {name_or_path!r}; known are {known}. '
         'A path to a YAML file of your own is accepted too.')
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """Refuses a key that is given twice, which YAML would silently let win."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        seen = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if isinstance(key, str) and key in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f'{key!r} is given twice', key_node.start_mark)
+            if isinstance(key, str):
+                seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+# YAML 1.1 reads '1e-4' as text because it has no dot; people write it, so read it as a number.
+_StrictLoader.add_implicit_resolver(
+    'tag:yaml.org,2002:float',
+    re.compile(r'^[-+]?[0-9]+[eE][-+]?[0-9]+$'), list('-+0123456789'))
+
+
+def load_config(cls: Type[T], kind: str, name_or_path: str) -> T:
+    """
+    Return what one YAML file says, as a checked dataclass.
+
+    Parameters
+    ----------
+    cls : type
+        Its ``from_mapping`` reads the content.
+    kind, name_or_path : str
+        See `find_config`.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file, field, value and allowed range.
+
+    """
+    path = find_config(kind, name_or_path)
+    return cls.from_mapping(read_yaml(path), str(path))
+
+
+def read_yaml(path: Path) -> Mapping[str, Any]:
+    """
+    Read a YAML file that holds one mapping.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be read, is not YAML, repeats a key or holds no mapping.
+
+    """
+    try:
+        content = yaml.load(path.read_text(encoding='utf-8'), Loader=_StrictLoader)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f'{path}: cannot be read: {error}') from error
+    except yaml.YAMLError as error:
+        raise ConfigurationError(f'{path}: is not valid YAML: {error}') from error
+    return expect_mapping(content, str(path))

@@ -2,8 +2,8 @@
 """Gains of the pendulum controller, described, ranged and read from YAML."""
 from dataclasses import dataclass
 
-from ballbot_ros.config.fields import Checked, flag, quantity, read_yaml
-from ballbot_ros.config.files import find_config
+from ballbot_ros.config.fields import Checked, flag, quantity
+from ballbot_ros.config.files import load_config
 
 
 @dataclass(frozen=True)
@@ -48,5 +48,4 @@ def load_tuning(name_or_path: str) -> ControlTuning:
         Naming file, field, value and allowed range.
 
     """
-    path = find_config('tunings', name_or_path)
-    return ControlTuning.from_mapping(read_yaml(path), str(path))
+    return load_config(ControlTuning, 'tunings', name_or_path)

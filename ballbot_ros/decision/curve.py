@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, Dict, Optional, Tuple, Type
 
 from ballbot_ros.config.fields import (
-    check_value, Checked, checked_values, count, quantity, read_yaml, text)
-from ballbot_ros.config.files import find_config
+    build, check_value, Checked, checked_values, count, quantity, text)
+from ballbot_ros.config.files import find_config, read_yaml
 from ballbot_ros.decision.band import Band
 from ballbot_ros.errors import ConfigurationError
 
@@ -195,15 +195,13 @@ def load_curve(name_or_path: str, variant: str = 'fit') -> HeightCurve:
     """
     path: Path = find_config('curves', name_or_path)
     content = dict(read_yaml(path))
-    lists = {name: content.pop(name) for name in ('coefficients', 'conservative', 'covariance')
-             if name in content}
+    lists: Dict[str, Any] = {
+        name: content.pop(name) for name in ('coefficients', 'conservative', 'covariance')
+        if name in content}
     parts: Dict[str, Any] = {name: cls.from_mapping(content.pop(name), f'{path}: {name}')
                              for name, cls in PARTS.items() if name in content}
     values = checked_values(HeightCurve, content, str(path))
-    try:
-        curve = HeightCurve(**values, **lists, **parts)
-    except ConfigurationError as error:
-        raise ConfigurationError(f'{path}: {error}') from error
+    curve = build(HeightCurve, {**values, **lists, **parts}, str(path))
     if check_value('variant', variant, _VARIANT, 'load_curve') == 'fit':
         return curve
     if not curve.conservative:

@@ -2,8 +2,8 @@
 """How boldly to drive at a step: speeds, margins and patience."""
 from dataclasses import dataclass
 
-from ballbot_ros.config.fields import Checked, count, quantity, read_yaml
-from ballbot_ros.config.files import find_config
+from ballbot_ros.config.fields import Checked, count, quantity
+from ballbot_ros.config.files import load_config
 from ballbot_ros.control import held_acceleration
 from ballbot_ros.decision.curve import HeightCurve
 from ballbot_ros.errors import ConfigurationError
@@ -82,8 +82,7 @@ def load_decision_tuning(name_or_path: str) -> DecisionTuning:
         Naming file, field, value and allowed range.
 
     """
-    path = find_config('tunings', name_or_path)
-    return DecisionTuning.from_mapping(read_yaml(path), str(path))
+    return load_config(DecisionTuning, 'tunings', name_or_path)
 
 
 def check_decision(robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> None:

@@ -4,39 +4,12 @@ from dataclasses import dataclass, field, fields
 import hashlib
 import math
 from types import MappingProxyType
-from typing import Any, Mapping, Optional, Type
+from typing import Any, Mapping, Optional
 
-from ballbot_ros.config.fields import (
-    allowed, check_value, Checked, checked_values, expect_mapping, quantity, read_yaml,
-    refuse_unknown, text)
-from ballbot_ros.config.files import find_config
+from ballbot_ros.config.fields import build, Checked, expect_mapping, quantity, text
+from ballbot_ros.config.files import load_config
+from ballbot_ros.config.provenance import Provenance, read_values
 from ballbot_ros.errors import ConfigurationError
-
-SOURCES = ('published', 'repaired', 'derived', 'assumed', 'measured')
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """
-    Where a number comes from and how sure it is.
-
-    Attributes
-    ----------
-    source : str
-        ``published``: printed in the paper.  ``repaired``: printed there, damaged in the
-        copy at hand and restored.  ``derived``: computed from other statements of the
-        paper.  ``assumed``: chosen here, nothing is published.  ``measured``: on one's own robot.
-    low, high : float or None
-        Range that the true value is believed to lie in, SI units.
-    note : str
-
-    """
-
-    source: str
-    low: Optional[float] = None
-    high: Optional[float] = None
-    note: str = ''
-
 
 @dataclass(frozen=True)
 class Motor(Checked):
@@ -123,9 +96,22 @@ class Robot(Checked):
                 f'Robot: pendulum_length must be at most ball_radius ({self.ball_radius:g} m), '
                 f'got {self.pendulum_length!r}')
 
+    @classmethod
+    def from_mapping(cls, mapping: Any, where: str) -> 'Robot':
+        """Build from the mapping of a YAML file, in which values may carry their `Provenance`."""
+        content = dict(expect_mapping(mapping, where))
+        motor = content.pop('motor', None)
+        values, provenance = read_values(cls, content, where)
+        if motor is not None:
+            part = f'{where}: motor'
+            given, sources = read_values(Motor, expect_mapping(motor, part), part)
+            values['motor'] = Motor(**given)
+            provenance.update({f'motor.{key}': item for key, item in sources.items()})
+        return build(cls, {**values, 'provenance': MappingProxyType(provenance)}, where)
+
     @property
     def has_pendulum(self) -> bool:
-        """Tell whether there is a pendulum inside the ball."""
+        """Return whether there is a pendulum inside the ball."""
         return self.pendulum_mass > 0.0
 
     @property
@@ -179,9 +165,8 @@ def load_robot(name_or_path: str) -> Robot:
     """
     Read a robot that comes with the package, by name, or a file of one's own.
 
-    A value in the file is a number, or a mapping that says more::
-
-        ball_mass: {value: 3.8, unit: kg, source: derived, range: [3.3, 4.15], note: ...}
+    >>> load_robot('gimball').provenance['ball_mass'].source
+    'derived'
 
     Raises
     ------
@@ -189,70 +174,4 @@ def load_robot(name_or_path: str) -> Robot:
         Naming file, field, value and allowed range.
 
     """
-    path = find_config('robots', name_or_path)
-    content = dict(read_yaml(path))
-    motor = content.pop('motor', None)
-    values, provenance = read_values(Robot, content, str(path))
-    if motor is not None:
-        where = f'{path}: motor'
-        motor_values, motor_provenance = read_values(
-            Motor, expect_mapping(motor, where), where)
-        values['motor'] = Motor(**motor_values)
-        provenance.update({f'motor.{key}': item for key, item in motor_provenance.items()})
-    try:
-        return Robot(**values, provenance=MappingProxyType(provenance))
-    except ConfigurationError as error:
-        raise ConfigurationError(f'{path}: {error}') from error
-
-
-def read_values(cls: Type[Checked], content: Mapping[str, Any], where: str) -> tuple:
-    """
-    Return the checked values of the fields of `cls`, and a `Provenance` for those that tell it.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming place, field, value and allowed range.
-
-    """
-    described = {item.name: item.metadata for item in fields(cls) if 'kind' in item.metadata}
-    refuse_unknown(content, described, where)
-    plain, provenance = {}, {}
-    for name, entry in content.items():
-        if isinstance(entry, dict):
-            plain[name], provenance[name] = _read_entry(name, entry, described[name], where)
-        else:
-            plain[name] = entry
-    return checked_values(cls, plain, where), provenance
-
-
-def _read_entry(name: str, entry: Mapping[str, Any], metadata: Mapping[str, Any],
-                where: str) -> tuple:
-    """Return the value and the `Provenance` of one described entry."""
-    place = f'{where}: {name}'
-    refuse_unknown(entry, ('value', 'unit', 'source', 'range', 'note'), place)
-    if 'value' not in entry:
-        raise ConfigurationError(f'{place}: value is missing ({metadata["doc"]})')
-    unit = entry.get('unit', metadata.get('unit'))
-    if unit != metadata.get('unit'):
-        raise ConfigurationError(
-            f'{place}: unit must be {metadata.get("unit")!r} (SI), got {unit!r}; '
-            'convert the value')
-    source = entry.get('source', 'published')
-    if source not in SOURCES:
-        raise ConfigurationError(
-            f'{place}: source must be one of {", ".join(SOURCES)}, got {source!r}')
-    value = check_value(name, entry['value'], metadata, where)
-    low = high = None
-    if 'range' in entry:
-        try:
-            low, high = (check_value(f'{name}: range', end, metadata, where)
-                         for end in entry['range'])
-        except (TypeError, ValueError) as error:
-            raise ConfigurationError(
-                f'{place}: range must be two numbers [low, high], {allowed(metadata)}, '
-                f'got {entry["range"]!r}') from error
-        if not low <= value <= high:
-            raise ConfigurationError(
-                f'{place}: value {value:g} lies outside its own range [{low:g}, {high:g}]')
-    return value, Provenance(source, low, high, str(entry.get('note', '')))
+    return load_config(Robot, 'robots', name_or_path)

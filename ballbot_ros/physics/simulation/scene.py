@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, Callable, Mapping, Optional, Type
 
 from ballbot_ros.config.fields import (
-    Checked, checked_values, expect_mapping, quantity, read_yaml, refuse_unknown, T)
-from ballbot_ros.config.files import find_config
+    Checked, checked_values, expect_mapping, quantity, refuse_unknown, T)
+from ballbot_ros.config.files import find_config, read_yaml
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.actuation import Actuation, set_rate_for_speed
 from ballbot_ros.physics.model.contact_options import ContactOptions

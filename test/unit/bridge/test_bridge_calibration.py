@@ -10,8 +10,7 @@ from virtual_robot import VirtualRobot
 from ballbot_ros.bridge.commissioning.calibration import Calibrator, fit
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.cli.calibrate_motor import write
-from ballbot_ros.config.fields import read_yaml
-from ballbot_ros.config.files import config_folder
+from ballbot_ros.config.files import config_folder, read_yaml
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.physics import load_robot
 

@@ -6,8 +6,7 @@ import pytest
 
 from ballbot_ros.bridge.feasibility import check_feasible, wire_budget
 from ballbot_ros.bridge.hardware_file import Joint, load_hardware, read_hardware
-from ballbot_ros.config.fields import read_yaml
-from ballbot_ros.config.files import config_folder
+from ballbot_ros.config.files import config_folder, read_yaml
 from ballbot_ros.control import load_tuning
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.physics import load_robot

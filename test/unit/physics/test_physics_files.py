@@ -9,10 +9,10 @@ import pytest
 import yaml
 
 from ballbot_ros.config.files import config_folder
+from ballbot_ros.config.provenance import SOURCES
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Robot, Solver, Terrain)
-from ballbot_ros.physics.model.robot import SOURCES
 from ballbot_ros.physics.model.terrain_file import PIECES, read_terrain
 
 ROBOT = (config_folder() / 'robots' / 'gimball.yaml').read_text(encoding='utf-8')
