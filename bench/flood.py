@@ -2,18 +2,14 @@
 """Measure what comes through a line on which random bytes come by themselves, in its own time."""
 import random
 
-from ballbot_ros.drives import driver_class, open_driver
+from ballbot_ros.drives import device_class, driver_class, DRIVES, open_driver
 from ballbot_ros.emulator.ball import settings_for
-from ballbot_ros.emulator.emulator import DEVICES
 from ballbot_ros.emulator.line import Direction, Trouble
 from ballbot_ros.physics.simulation.scene import load_scene
 
 GARBAGE = 2000.0  # random bytes per second, both ways
 RATE, SECONDS = 500.0, 20.0
 TICK = 1e-4  # the drive looks at its line so often [s]
-# Protocol, firmware where there is more than one, and the fastest baud rate of its manual.
-DRIVES = (('odrive', '0.5', 921600), ('odrive', '0.6', 921600), ('roboclaw', '', 460800),
-          ('vesc', '', 921600))
 # Positions that a reading may have: of the last so many periods.
 RECENT = 50
 
@@ -57,10 +53,11 @@ class FloodedLine:
             self.ways[1].put(reply, self.now + self.device.turnaround)
 
 
-def flood(protocol, firmware, baud):
+def flood(protocol, firmware):
     """Return the part of the periods with a position that is new, and how many were wrong [%]."""
     settings = settings_for(load_scene('flat').model.robot, firmware=firmware)
-    line = FloodedLine(DEVICES[protocol](settings), baud)
+    baud = max(driver_class(protocol).baud_rates)
+    line = FloodedLine(device_class(protocol)(settings), baud)
     driver = open_driver(protocol, line, driver_class(protocol).Options(
         torque_limit=settings.torque_limit), lambda: line.now)
     driver.identify()
@@ -83,8 +80,9 @@ def flood(protocol, firmware, baud):
 
 def measure():
     """Yield name, unit, values and target of each measurement."""
-    for protocol, firmware, baud in DRIVES:
+    for protocol, firmware in ((protocol, firmware) for protocol in sorted(DRIVES)
+                               for firmware in device_class(protocol).firmwares or ('',)):
         name = f'{protocol} {firmware}'.strip()
-        part, wrong = flood(protocol, firmware, baud)
+        part, wrong = flood(protocol, firmware)
         yield f'{name}: periods with a reading under garbage', '%', [part], None
         yield f'{name}: wrong readings among them', '', [wrong], 0.5

@@ -6,19 +6,16 @@ import random
 import threading
 import time
 
-from ballbot_ros.drives import driver_class, open_driver
-from ballbot_ros.drives.odrive import codec as odrive
-from ballbot_ros.drives.roboclaw import codec as roboclaw
+from ballbot_ros.drives import codec_of, device_class, driver_class, DRIVES, open_driver
 from ballbot_ros.drives.transport import Link
-from ballbot_ros.drives.vesc import codec as vesc
 from ballbot_ros.emulator.ball import settings_for
-from ballbot_ros.emulator.emulator import DEVICES, Emulator
+from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.errors import LinkError
 from ballbot_ros.physics.simulation.scene import load_scene
 
-PROTOCOLS = tuple(sorted(DEVICES))
+PROTOCOLS = tuple(sorted(DRIVES))
 # The fastest that each maker's manual names.
-FASTEST = {'odrive': 921600, 'roboclaw': 460800, 'vesc': 921600}
+FASTEST = {protocol: max(driver_class(protocol).baud_rates) for protocol in PROTOCOLS}
 RATE = 500.0
 FRAMES = 1_000_000
 CYCLES = 1_000
@@ -56,21 +53,13 @@ def budgets():
 
 def codecs():
     """Yield how many replies per second each parser takes."""
-    values = vesc.Values(35.0, 30.0, 1.0, 2000.0, 24.0, 1234, 0, 271.0, 0)
-    text = b'-12.345678 9.876543'
-    replies = {
-        'odrive': b'%s*%d\r\n' % (text, odrive.checksum(text)),
-        'vesc': vesc.frame(vesc.pack_values(values)),
-        'roboclaw': roboclaw.answer(0x80, 16, -5, 1) + roboclaw.answer(0x80, 30, -5, 1)}
     for protocol in PROTOCOLS:
-        rates = []
+        codec, rates = codec_of(protocol), []
+        reply = codec.reply_of(b'-12.345678 9.876543')
         for _ in range(5):
-            parser = {'odrive': odrive.LineParser, 'vesc': vesc.FrameParser,
-                      'roboclaw': lambda: roboclaw.ReplyParser(0x80)}[protocol]()
-            if protocol == 'roboclaw':
-                parser.groups = ((16, 30),)
+            parser = codec.parser()
             begin = time.perf_counter()
-            found = sum(len(parser.feed(replies[protocol])) for _ in range(20_000))
+            found = sum(len(parser.feed(reply)) for _ in range(20_000))
             rates.append(1e-3 * found / (time.perf_counter() - begin))
         yield f'{protocol}: thousand replies parsed per second', 'k/s', rates, None
 
@@ -155,7 +144,7 @@ class BadLine:
 def run_bad_line(protocol, frames, part):
     """Send torques over a bad line and return what the motor did after each."""
     settings = settings_for(load_scene('flat').model.robot)
-    line = BadLine(DEVICES[protocol](settings))
+    line = BadLine(device_class(protocol)(settings))
     driver = open_driver(protocol, line, options_for(protocol, settings), lambda: line.now)
     driver.identify()
     driver.arm()

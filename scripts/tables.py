@@ -11,7 +11,7 @@ import sys
 
 from ballbot_ros.config.fields import allowed
 from ballbot_ros.decision import DecisionTuning
-from ballbot_ros.drives import driver_class, DRIVERS
+from ballbot_ros.drives import driver_class, DRIVES
 from ballbot_ros.drives.odrive.firmware import GENERATIONS, WATCHDOG, WATCHDOG_TIMEOUT
 from ballbot_ros.emulator.control import FAULTS, LINE_FAULTS
 from ballbot_ros.ros.motor_health import TOLD
@@ -40,7 +40,7 @@ def drivers():
     """Return the Markdown table of the drivers."""
     lines = ['| protocol | makes the torque by | bytes out, in | rate at 115200 | '
              'rate at 460800 | rate at 921600 |', '|---|---|---|---|---|---|']
-    for name in sorted(DRIVERS):
+    for name in sorted(DRIVES):
         found = driver_class(name)
         budget = found(None, found.Options(torque_limit=0.08)).budget()
         rates = (f'{budget.highest_rate(baud):.0f} Hz' if baud in found.baud_rates else ''
@@ -49,6 +49,12 @@ def drivers():
         lines.append(f'| `{name}` | {way} | {budget.bytes_out}, {budget.bytes_in} | '
                      f'{" | ".join(rates)} |')
     return '\n'.join(lines)
+
+
+def options():
+    """Return the Markdown tables of the options of each drive."""
+    return '\n\n'.join(f'`{name}`\n\n{table(driver_class(name).Options)}'
+                       for name in sorted(DRIVES))
 
 
 def faults():
@@ -89,8 +95,8 @@ NODES = {'simulator': SimulatorSettings, 'controller': ControllerSettings,
          'obstacle_decision': DecisionSettings, 'decision tuning': DecisionTuning,
          'bridge': BridgeSettings, 'bridge health': told,
          'emulated_robot': EmulatedRobotSettings}
-HARDWARE = {'drivers': drivers, 'faults': faults, 'odrive settings': odrive_settings, **{
-    f'{name} options': driver_class(name).Options for name in sorted(DRIVERS)}}
+HARDWARE = {'drivers': drivers, 'faults': faults, 'odrive settings': odrive_settings,
+            'options': options}
 DOCUMENTS = {DOCS / 'nodes.md': NODES, DOCS / 'hardware.md': HARDWARE}
 
 

@@ -6,7 +6,8 @@ from typing import Callable, Optional, Tuple
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.drives import open_driver
 from ballbot_ros.drives.capture import Recorder
-from ballbot_ros.drives.driver import Driver, Identity, Setting
+from ballbot_ros.drives.contract import Identity, Setting
+from ballbot_ros.drives.driver import Driver
 from ballbot_ros.drives.transport import Link
 from ballbot_ros.errors import ConfigurationError
 

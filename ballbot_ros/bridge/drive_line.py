@@ -5,7 +5,8 @@ from typing import Callable, Optional, Tuple
 
 from ballbot_ros.bridge.connect import handshake
 from ballbot_ros.bridge.notices import Notices
-from ballbot_ros.drives.driver import Driver, Identity, Setting
+from ballbot_ros.drives.contract import Identity, Setting
+from ballbot_ros.drives.driver import Driver
 from ballbot_ros.errors import BallbotError
 
 # Between two attempts to find a drive that was lost [s].

@@ -9,8 +9,8 @@ from ballbot_ros.config.fields import (
     build, Checked, count, expect_mapping, flag, quantity, refuse_unknown, text)
 from ballbot_ros.config.files import find_config, read_yaml
 from ballbot_ros.config.provenance import Provenance, read_values
-from ballbot_ros.drives import driver_class, DRIVERS, read_options
-from ballbot_ros.drives.driver import DriveOptions
+from ballbot_ros.drives import driver_class, DRIVES, read_options
+from ballbot_ros.drives.contract import DriveOptions
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.estimation import FilterTuning, ImuMounting
 
@@ -94,7 +94,7 @@ class Limits(Checked):
 class Connection(Checked):
     """Where the drive is, and how often it is talked to."""
 
-    protocol: str = text('what the drive speaks', choices=tuple(DRIVERS))
+    protocol: str = text('what the drive speaks', choices=tuple(DRIVES))
     port: str = text('serial device or URL of pyserial; best a name in /dev/serial/by-id')
     baud: int = count('bits per second', default=115200, minimum=300, maximum=20_000_000)
     loop_rate: float = quantity(

@@ -3,7 +3,7 @@
 from enum import Enum
 from typing import NamedTuple, Optional
 
-from ballbot_ros.drives.driver import Telemetry
+from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.estimation import Estimate
 
 

@@ -5,7 +5,7 @@ from typing import Optional
 
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.supervisor import Motion
-from ballbot_ros.drives.driver import Telemetry
+from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.estimation import Estimate, Fusion
 from ballbot_ros.physics.model.robot import Robot
 

@@ -17,7 +17,8 @@ from ballbot_ros.bridge.notices import Notices
 from ballbot_ros.bridge.report import Power, Report
 from ballbot_ros.bridge.sensing import Sensing, SILENCE
 from ballbot_ros.bridge.supervisor import Supervisor
-from ballbot_ros.drives.driver import Driver, Identity, Setting, Telemetry
+from ballbot_ros.drives.contract import Identity, Setting, Telemetry
+from ballbot_ros.drives.driver import Driver
 from ballbot_ros.errors import BallbotError, DriveError, EstimateLostError, LinkError, RefusedError
 from ballbot_ros.estimation import Estimate, Fusion, ImuReading
 from ballbot_ros.physics.model.robot import Robot

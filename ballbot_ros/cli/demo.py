@@ -3,6 +3,8 @@
 import argparse
 from pathlib import Path
 
+from ballbot_ros.drives import DRIVES
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the demo can be told."""
@@ -14,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--hardware', action='store_true',
                         help='with an emulated motor controller behind a serial line and the '
                         'bridge, in real time')
-    parser.add_argument('--protocol', choices=('odrive', 'vesc', 'roboclaw'),
+    parser.add_argument('--protocol', choices=tuple(DRIVES),
                         help='of that motor controller (default: odrive)')
     parser.add_argument('--firmware', default='', metavar='GENERATION',
                         help='of an odrive: 0.5 (default) or 0.6')
@@ -34,19 +36,19 @@ def run(arguments: argparse.Namespace) -> int:
         controller, the folder cannot be written, or ROS cannot be found.
 
     """
-    from ballbot_ros.drives.odrive.emulated import ODriveDevice
+    from ballbot_ros.drives import device_class
     from ballbot_ros.errors import ConfigurationError
     if not 0.0 < arguments.timeout < float('inf'):
         raise ConfigurationError(
             f'--timeout must be more than 0 s and finite, got {arguments.timeout!r}')
     if arguments.protocol is not None and not arguments.hardware:
         raise ConfigurationError('--protocol goes with --hardware')
-    known = ODriveDevice.firmwares
-    if arguments.firmware and (not arguments.hardware or arguments.firmware not in known
-                               or (arguments.protocol or 'odrive') != 'odrive'):
+    protocol = arguments.protocol or 'odrive'
+    known = device_class(protocol).firmwares
+    if arguments.firmware and (not arguments.hardware or arguments.firmware not in known):
         raise ConfigurationError(
-            f'--firmware must be {" or ".join(known)} and goes with --hardware --protocol '
-            f'odrive, got {arguments.firmware!r}')
+            f'--firmware goes with --hardware, and must be {" or ".join(known) or "left out"} '
+            f'with --protocol {protocol}, got {arguments.firmware!r}')
     try:
         from ballbot_ros.demo import run_demo, run_hardware_demo
     except ImportError as error:
@@ -59,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.results.files import check_writable
     check_writable(out / 'crossing.png')
     if arguments.hardware:
-        code: int = run_hardware_demo(out=out, protocol=arguments.protocol or 'odrive',
+        code: int = run_hardware_demo(out=out, protocol=protocol,
                                       firmware=arguments.firmware, quiet=arguments.quiet,
                                       timeout=arguments.timeout)
     else:

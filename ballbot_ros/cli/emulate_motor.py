@@ -7,11 +7,12 @@ import sys
 from typing import Any
 
 from ballbot_ros.cli.command import complain, DONE, FAILED
+from ballbot_ros.drives import DRIVES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add drive, ball and faults."""
-    parser.add_argument('--protocol', required=True, help='odrive, vesc or roboclaw')
+    parser.add_argument('--protocol', required=True, help=' or '.join(DRIVES))
     parser.add_argument('--firmware', default='', help='generation of the drive, for odrive 0.5 '
                         '(default) or 0.6')
     parser.add_argument('--robot', help='name or file of a robot with a motor, instead of that '

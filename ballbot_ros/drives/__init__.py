@@ -1,23 +1,53 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The drivers, one file each, and the only table of them.
+The motor controllers: a folder for each vendor, and the only table of them.
 
-A further one needs a module with a class made from `hardware.driver.Driver`, and a line here.
+To add one, copy the folder `vesc` (the simplest) and add a line to `DRIVES`.  The driver, the
+emulated device, the choices of the command line and of hardware files, the fuzz targets, the
+benchmarks and the tables of docs/hardware.md follow from that line.  Its folder has three modules:
+
+``codec``
+    Bytes to messages and back, without state but that of the parser.  `parser()` returns a new
+    one, whose `feed(data)` returns the replies that bytes complete.  `frame_reply(message)`
+    returns the bytes that the drive sends such a reply in, and `reply_of(data)` makes a valid
+    frame of any bytes; what the parser returns must stand in the stream, and `make fuzz` holds
+    it to that.
+``driver``
+    A class made from `driver.Driver`; contract.py says what it must keep.
+``emulated``
+    A class made from `emulated_device.Device`: the firmware in software, for tests and demos.
 """
 from importlib import import_module
 import time
-from typing import Any, Callable, Mapping, Type
+from types import ModuleType
+from typing import Any, Callable, Mapping, NamedTuple, Type
 
 from ballbot_ros.config.fields import suggestion
-from ballbot_ros.drives.driver import DriveOptions, Driver, Line
+from ballbot_ros.drives.contract import DriveOptions, SerialLine
+from ballbot_ros.drives.driver import Driver
+from ballbot_ros.drives.emulated_device import Device
 from ballbot_ros.errors import ConfigurationError
 
-# Protocol -> module and class.
-DRIVERS = {
-    'odrive': ('ballbot_ros.drives.odrive.driver', 'ODrive'),
-    'roboclaw': ('ballbot_ros.drives.roboclaw.driver', 'RoboClaw'),
-    'vesc': ('ballbot_ros.drives.vesc.driver', 'Vesc'),
+
+class Vendor(NamedTuple):
+    """Where the parts of a drive are; each is imported when it is first asked for."""
+
+    folder: str  # with the modules codec, driver and emulated
+    driver: str  # class in driver
+    device: str  # class in emulated
+
+
+# Protocol -> vendor.
+DRIVES = {
+    'odrive': Vendor('ballbot_ros.drives.odrive', 'ODrive', 'ODriveDevice'),
+    'roboclaw': Vendor('ballbot_ros.drives.roboclaw', 'RoboClaw', 'RoboClawDevice'),
+    'vesc': Vendor('ballbot_ros.drives.vesc', 'Vesc', 'VescDevice'),
 }
+
+
+def codec_of(protocol: str) -> ModuleType:
+    """Return the codec of a protocol; raises like `driver_class`."""
+    return import_module(f'{_vendor(protocol).folder}.codec')
 
 
 def driver_class(protocol: str) -> Type[Driver]:
@@ -30,12 +60,23 @@ def driver_class(protocol: str) -> Type[Driver]:
         Naming the protocols that there are.
 
     """
-    if protocol not in DRIVERS:
-        raise ConfigurationError(
-            f'{protocol!r} is not a protocol{suggestion(str(protocol), DRIVERS)}')
-    module, name = DRIVERS[protocol]
-    found: Type[Driver] = getattr(import_module(module), name)
+    vendor = _vendor(protocol)
+    found: Type[Driver] = getattr(import_module(f'{vendor.folder}.driver'), vendor.driver)
     return found
+
+
+def device_class(protocol: str) -> Type[Device]:
+    """Return the emulated device of a protocol; raises like `driver_class`."""
+    vendor = _vendor(protocol)
+    found: Type[Device] = getattr(import_module(f'{vendor.folder}.emulated'), vendor.device)
+    return found
+
+
+def _vendor(protocol: str) -> Vendor:
+    if protocol not in DRIVES:
+        raise ConfigurationError(
+            f'{protocol!r} is not a protocol{suggestion(str(protocol), DRIVES)}')
+    return DRIVES[protocol]
 
 
 def read_options(protocol: str, mapping: Mapping[str, Any], where: str) -> DriveOptions:
@@ -51,7 +92,7 @@ def read_options(protocol: str, mapping: Mapping[str, Any], where: str) -> Drive
     return driver_class(protocol).Options.from_mapping(mapping, where)
 
 
-def open_driver(protocol: str, line: Line, options: DriveOptions,
+def open_driver(protocol: str, line: SerialLine, options: DriveOptions,
                 clock: Callable[[], float] = time.monotonic) -> Driver:
     """
     Return a driver on an open line; nothing is sent yet.

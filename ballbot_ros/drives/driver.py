@@ -1,130 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-What every motor controller looks like to the rest of the package.
-
-All quantities are those of the motor shaft, SI: torque [N m], position [rad], velocity [rad/s];
-gear, direction and zero of the pendulum joint are the caller's.  A session goes::
-
-    driver = open_driver(options, link)
-    driver.identify()                   # who is there; raises DriveError if nobody is
-    driver.read_settings()              # what it is set to, and whether that will do
-    driver.arm()
-    each period:
-        telemetry = driver.poll()       # what has arrived; never waits
-        driver.send_torque(torque)      # one write: the command and the next questions
-    driver.stop()                       # repeated until the drive confirms
-
-`identify`, `read_settings`, `arm` and `stop` wait for answers, never longer than their
-``patience``.  `poll`, `send_torque`, `send_stop`, `ask` and `feed` do not wait: a reply that is
-late or lost is counted and asked for again.  Any of them raises `LinkError` when the line is
-gone; the link is then to be closed and opened again.
-"""
+"""The base class of every driver, which keeps the contract; see contract.py."""
 from abc import ABC, abstractmethod
 from collections import Counter
-from dataclasses import dataclass
 import math
 import time
-from typing import Any, Callable, ClassVar, NamedTuple, Optional, Protocol, Type
+from typing import Callable, ClassVar, Type
 
-from ballbot_ros.config.fields import Checked, quantity
+from ballbot_ros.drives.contract import DriveOptions, Identity, SerialLine, Setting, Telemetry
 from ballbot_ros.drives.wire import WireBudget
 from ballbot_ros.errors import DriveError, MessageError
 
-
 # A stop that is not confirmed is repeated after this time [s].
 STOP_PERIOD = 0.02
-
-
-class Line(Protocol):
-    """What a driver needs of a `Link`; a `Replay` has it too."""
-
-    port: str
-
-    def write(self, data: bytes) -> None:
-        """Write all."""
-
-    def read(self) -> bytes:
-        """Return what has arrived, without waiting."""
-
-    def wait(self, seconds: float) -> bool:
-        """Wait for bytes and tell whether there are any."""
-
-    def close(self) -> None:
-        """Let go of the line; twice does no harm."""
-
-
-class Identity(NamedTuple):
-    """Who answered the handshake."""
-
-    protocol: str
-    hardware: str
-    firmware: str
-    serial_number: str = ''
-    generation: str = ''  # of the firmware, where it decides how the drive is talked to
-
-    @property
-    def in_words(self) -> str:
-        """Return all of it as people write it."""
-        with_serial = f' {self.serial_number}' if self.serial_number else ''
-        generation = f', generation {self.generation}' if self.generation else ''
-        return (f'{self.protocol} {self.hardware}{with_serial}, firmware {self.firmware}'
-                f'{generation}')
-
-
-class Setting(NamedTuple):
-    """
-    A setting of the drive that matters for safety, as it is and as it must be.
-
-    Attributes
-    ----------
-    name : str
-    value : str
-        As read, with its unit; ``'unknown'`` where the drive cannot be asked.
-    wanted : str
-        In words.
-    acceptable : bool
-    remedy : str
-        What to do where it is not.
-
-    """
-
-    name: str
-    value: str
-    wanted: str
-    acceptable: bool
-    remedy: str = ''
-
-
-class Telemetry(NamedTuple):
-    """
-    What the drive has told so far; None where it has not, or cannot.
-
-    A value appears here only after a reply that passed every check of its protocol.
-    """
-
-    time: Optional[float] = None  # of the driver's clock, when the position arrived [s]
-    position: Optional[float] = None  # of the motor shaft, goes on over full turns [rad]
-    velocity: Optional[float] = None  # of the motor shaft [rad/s]
-    current: Optional[float] = None  # that makes torque [A]
-    bus_voltage: Optional[float] = None  # [V]
-    temperature: Optional[float] = None  # of the power stage [degC]
-    motor_temperature: Optional[float] = None  # [degC]
-    status_time: Optional[float] = None  # when armed and faults arrived [s]
-    armed: Optional[bool] = None  # the motor is under power
-    faults: tuple[str, ...] = ()  # names that the maker gives them
-
-
-@dataclass(frozen=True)
-class DriveOptions(Checked):
-    """What every driver is told; each protocol adds its own."""
-
-    torque_limit: float = quantity(
-        'N m', 'largest torque ever sent, at the motor shaft', above=0.0)
-    watchdog: float = quantity(
-        's', 'time without a command after which the drive must let go by itself', default=0.1,
-        above=0.0, maximum=10.0)
-    reply_timeout: float = quantity(
-        's', 'after which a reply counts as lost', default=0.05, above=0.0, maximum=10.0)
 
 
 class Driver(ABC):
@@ -133,7 +20,8 @@ class Driver(ABC):
 
     Parameters
     ----------
-    line : Link or Replay
+    line : SerialLine
+        A `Link` or a `Replay`.
     options : DriveOptions
         Of the class `Options` of this driver.
     clock : callable
@@ -151,20 +39,21 @@ class Driver(ABC):
     """
 
     protocol: ClassVar[str]
+    maker: ClassVar[str]  # as error messages name it
     Options: ClassVar[Type[DriveOptions]] = DriveOptions
     # Baud rates to try when looking for such a drive, the maker's default first.
     baud_rates: ClassVar[tuple[int, ...]] = (115200,)
     # Whether the drive makes the torque by measuring current, or a voltage is computed for it.
     closes_torque_loop: ClassVar[bool] = True
 
-    def __init__(self, line: Line, options: Any,
+    def __init__(self, line: SerialLine, options: DriveOptions,
                  clock: Callable[[], float] = time.monotonic):
         """Take the line; nothing is sent yet."""
         self.line = line
         self.options = options
         self.clock = clock
         self.telemetry = Telemetry()
-        self.counts: Counter = Counter()
+        self.counts: Counter[str] = Counter()
         self._armed = False  # by us, and not stopped since
 
     # What waits
@@ -227,7 +116,7 @@ class Driver(ABC):
             if self.clock() >= begin + patience:
                 raise DriveError('not_stopped', (
                     f'{self.line.port}: the drive did not confirm the stop within '
-                    f'{patience:g} s; its own watchdog lets go after '
+                    f'{patience:g} s; its own watchdog disarms it after '
                     f'{self.options.watchdog:g} s'))
 
     # What does not wait
@@ -275,7 +164,7 @@ class Driver(ABC):
 
     @abstractmethod
     def stopped_since(self, time: float) -> bool:
-        """Tell whether the drive confirmed, after `time`, that the motor has no power."""
+        """Return whether the drive confirmed, after `time`, that the motor has no power."""
 
     def poll(self) -> Telemetry:
         """Read what has arrived and return the newest telemetry."""
@@ -290,7 +179,7 @@ class Driver(ABC):
     # For drivers
 
     def _until(self, condition: Callable[[], bool], deadline: float) -> bool:
-        """Poll until a condition holds or the deadline has come, and tell whether it holds."""
+        """Poll until a condition holds or the deadline has come; return whether it holds."""
         while True:
             self.poll()
             if condition():
@@ -304,14 +193,45 @@ class Driver(ABC):
         """Return when a reply to what is asked now is overdue, at most a deadline."""
         return min(deadline, self.clock() + self.options.reply_timeout)
 
-    def _nobody(self, received: int, maker: str) -> DriveError:
-        """Return why a handshake failed in which so many bytes were received."""
+    def _ask_until(self, answered: Callable[[], bool], question: Callable[[], bytes],
+                   deadline: float, what: str = '') -> None:
+        """
+        Ask again and again until there is an answer.
+
+        Parameters
+        ----------
+        answered : callable
+            Returns whether there is one.
+        question : callable
+            Returns the bytes to send.
+        deadline : float
+            [s]
+        what : str
+            What does not answer, for the error; empty in a handshake.
+
+        Raises
+        ------
+        DriveError
+            ``silent``; in a handshake what `_nobody` says.
+
+        """
+        before = self.counts.copy()
+        while not answered():
+            self._send(question())
+            if not self._until(answered, self._soon(deadline)) and self.clock() >= deadline:
+                raise DriveError('silent', (
+                    f'{self.line.port}: the {self.maker} does not answer {what}')
+                ) if what else self._nobody(before)
+
+    def _nobody(self, before: Counter[str]) -> DriveError:
+        """Return why a handshake failed; `before` are the counts from its beginning."""
+        received = self.counts['bytes'] - before['bytes']
         if not received:
             return DriveError('silent', (
-                f'{self.line.port}: no {maker} answers; is it powered, are RX and TX crossed, is '
-                'its serial port set to this protocol?'))
+                f'{self.line.port}: no {self.maker} answers; is it powered, are RX and TX '
+                'crossed, is its serial port set to this protocol?'))
         return DriveError('garbled', (
-            f'{self.line.port}: {received} bytes came that no {maker} would send: wrong baud '
+            f'{self.line.port}: {received} bytes came that no {self.maker} would send: wrong baud '
             'rate, another protocol, or noise'))
 
     @abstractmethod

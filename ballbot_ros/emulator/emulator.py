@@ -9,21 +9,16 @@ from threading import Event, Thread
 import time
 from typing import Callable, Deque, NamedTuple, Optional
 
-from ballbot_ros.config.fields import suggestion
-from ballbot_ros.drives.emulated_device import Device, DriveSettings
-from ballbot_ros.drives.odrive.emulated import ODriveDevice
-from ballbot_ros.drives.roboclaw.emulated import RoboClawDevice
-from ballbot_ros.drives.vesc.emulated import VescDevice
+from ballbot_ros.drives import device_class
+from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.emulator.ball import Ball, settings_for
 from ballbot_ros.emulator.line import Direction
 from ballbot_ros.emulator.terminal import Terminal
-from ballbot_ros.errors import BallbotError, ConfigurationError
+from ballbot_ros.errors import BallbotError
 from ballbot_ros.physics.simulation.model import State
 from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.plant import Imu, ImuSample, Pace
 
-DEVICES: dict[str, type[Device]] = {
-    'odrive': ODriveDevice, 'roboclaw': RoboClawDevice, 'vesc': VescDevice}
 # The torque is constant over a period, and the ball is simulated by periods [s].
 PERIOD = 1e-3
 # Periods to catch up with at once; after a longer stop the ball loses the rest.
@@ -51,7 +46,7 @@ class Emulator:
     Parameters
     ----------
     protocol : str
-        Of the drive: odrive, roboclaw or vesc.
+        Of the drive; see `drives.DRIVES`.
     scene : Scene
         Robot, ground and start; the robot must have a motor.
     baud : int
@@ -83,12 +78,10 @@ class Emulator:
                  settings: Optional[DriveSettings] = None, link: Optional[Path] = None,
                  seed: int = 0, imu: Optional[Imu] = None):
         """Plug the device in; time does not run before `start`."""
-        if protocol not in DEVICES:
-            raise ConfigurationError(
-                f'{protocol!r} is no protocol{suggestion(protocol, DEVICES)}')
+        device = device_class(protocol)
         self.settings = settings or settings_for(scene.model.robot)
         self.ball = Ball(scene, self.settings, PERIOD, imu)
-        self.device = DEVICES[protocol](self.settings)
+        self.device = device(self.settings)
         self.device.baud = baud
         self.device.sensed = self.device.sensed._replace(
             bus_voltage=self.ball.motor.maximum_voltage)

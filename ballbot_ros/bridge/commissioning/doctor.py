@@ -8,8 +8,9 @@ from typing import Callable, Iterator, List, Mapping, NamedTuple, Optional, Tupl
 
 from ballbot_ros.bridge.connect import connector
 from ballbot_ros.bridge.hardware_file import Hardware, load_hardware
-from ballbot_ros.drives import driver_class, DRIVERS, open_driver, read_options
-from ballbot_ros.drives.driver import DriveOptions, Driver
+from ballbot_ros.drives import driver_class, DRIVES, open_driver, read_options
+from ballbot_ros.drives.contract import DriveOptions
+from ballbot_ros.drives.driver import Driver
 from ballbot_ros.drives.transport import Link, ports
 from ballbot_ros.errors import BallbotError, DriveError, LinkError
 
@@ -202,7 +203,7 @@ def probe(port: str, protocol: str = '', baud: int = 0,
 
 
 def _guesses(protocol: str, baud: int) -> List[Tuple[str, int]]:
-    names = sorted(DRIVERS, key=lambda name: name != protocol)
+    names = sorted(DRIVES, key=lambda name: name != protocol)
     guesses = [(name, baud) for name in names if baud]
     rates = {name: driver_class(name).baud_rates for name in names}
     for turn in range(max(len(each) for each in rates.values())):

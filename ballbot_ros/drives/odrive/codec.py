@@ -155,6 +155,23 @@ class LineParser:
         return None
 
 
+def parser() -> LineParser:
+    """Return a parser of replies."""
+    return LineParser()
+
+
+def frame_reply(text: str) -> bytes:
+    """Return a reply with its checksum and line end, as the drive sends it."""
+    body = text.encode('ascii')
+    return b'%s*%d\r\n' % (body, checksum(body))
+
+
+def reply_of(data: bytes) -> bytes:
+    """Return a reply with a valid checksum, made of any bytes."""
+    text = bytes(byte & 0x7F for byte in data if byte & 0x7F not in b'*' + LINE_END)
+    return frame_reply(text.decode('ascii'))
+
+
 def parse_feedback(text: str) -> Optional[Feedback]:
     """Return the two numbers of a reply to ``f``, None if it is not one."""
     match = _FEEDBACK.fullmatch(text)

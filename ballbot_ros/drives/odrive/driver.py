@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """ODrive with firmware 0.5 or 0.6, by its ASCII protocol: torque mode, current measured there."""
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass
 import math
 import time
-from typing import Any, Callable, Optional
+from typing import Callable, Optional
 
 from ballbot_ros.config.fields import count, quantity
-from ballbot_ros.drives.driver import DriveOptions, Driver, Identity, Line, Setting
-from ballbot_ros.drives.odrive import codec as codec
+from ballbot_ros.drives.contract import DriveOptions, Identity, SerialLine, Setting
+from ballbot_ros.drives.driver import Driver
+from ballbot_ros.drives.odrive import codec
 from ballbot_ros.drives.odrive.firmware import (
     CONTROL_MODE, generation_of, GENERATIONS, HARDWARE, hardware_name, in_words, REQUESTED_STATE,
     SERIAL_NUMBER, STATE, VERSION)
@@ -25,7 +26,7 @@ LEAST_SERIAL_NUMBER = 10**9
 
 @dataclass(frozen=True)
 class ODriveOptions(DriveOptions):
-    """What an ODrive driver is told."""
+    """The options of an ODrive driver."""
 
     axis: int = count('motor output of the board', default=0, maximum=1)
     status_period: float = quantity(
@@ -41,11 +42,13 @@ class ODrive(Driver):
     gives one reply at a time, a property is asked for when the position has come.
     """
 
-    protocol = 'odrive'
+    options: ODriveOptions
+    protocol, maker = 'odrive', 'ODrive'
     Options = ODriveOptions
     baud_rates = (115200, 921600, 460800, 230400, 57600)
 
-    def __init__(self, line: Line, options: Any, clock: Callable[[], float] = time.monotonic):
+    def __init__(self, line: SerialLine, options: ODriveOptions,
+                 clock: Callable[[], float] = time.monotonic):
         """Take the line; nothing is sent yet."""
         super().__init__(line, options, clock)
         self._parser = codec.LineParser()
@@ -148,7 +151,7 @@ class ODrive(Driver):
                 + self._property_question(STATE))
 
     def stopped_since(self, time: float) -> bool:
-        """Tell whether the state, asked for after `time`, was idle; see `Driver`."""
+        """Return whether the state, asked for after `time`, was idle; see `Driver`."""
         return self._idle_asked_at >= time
 
     def budget(self) -> WireBudget:
@@ -203,16 +206,15 @@ class ODrive(Driver):
 
         """
         self._asking.fall_out_of_step()
-        received, texts = self.counts['bytes'], self._parser.unchecked
-        while not self._asking.in_step:
-            self._send(self._property_question(STATE))
-            self._until(lambda: self._asking.in_step, self._soon(deadline))
-            if not self._asking.in_step and self.clock() >= deadline:
-                if self._parser.unchecked > texts:
-                    raise DriveError('wrong_protocol', (
-                        f'{self.line.port}: text comes back, but not that of an ODrive, whose '
-                        'replies have a checksum'))
-                raise self._nobody(self.counts['bytes'] - received, 'ODrive')
+        self._ask_until(lambda: self._asking.in_step, lambda: self._property_question(STATE),
+                        deadline)
+
+    def _nobody(self, before: Counter[str]) -> DriveError:
+        if self.counts['unchecked'] > before['unchecked']:
+            return DriveError('wrong_protocol', (
+                f'{self.line.port}: text comes back, but not that of an ODrive, whose replies '
+                'have a checksum'))
+        return super()._nobody(before)
 
     def _read(self, name: str, deadline: float) -> float:
         """

@@ -19,7 +19,7 @@ from typing import Callable, Optional
 
 from ballbot_ros.drives.emulated_device import Device, DriveSettings
 from ballbot_ros.drives.odrive.codec import (
-    checksum, CLOSED_LOOP_CONTROL, IDLE, LONGEST_LINE, TORQUE_CONTROL)
+    checksum, CLOSED_LOOP_CONTROL, frame_reply, IDLE, LINE_END, LONGEST_LINE, TORQUE_CONTROL)
 from ballbot_ros.drives.odrive.emulated_names import NAMES, Names
 from ballbot_ros.drives.wire import BITS_PER_BYTE
 
@@ -208,6 +208,4 @@ class ODriveDevice(Device):
 
 def _respond(text: str, checked: bool) -> bytes:
     """Return a reply as the drive sends it, cut to its buffer."""
-    body = text.encode('latin-1')
-    tail = b'*%d\r\n' % checksum(body) if checked else b'\r\n'
-    return (body + tail)[:LONGEST_LINE]
+    return (frame_reply(text) if checked else text.encode('ascii') + LINE_END)[:LONGEST_LINE]

@@ -20,8 +20,8 @@ import math
 from types import MappingProxyType
 from typing import Any, Callable, Mapping, NamedTuple, Sequence
 
-from ballbot_ros.drives.driver import DriveOptions, Setting, Telemetry
-from ballbot_ros.drives.odrive import codec as codec
+from ballbot_ros.drives.contract import DriveOptions, Setting, Telemetry
+from ballbot_ros.drives.odrive import codec
 from ballbot_ros.errors import DriveError
 
 # The same in both generations.  `axis0` stands for the motor output in use.

@@ -3,7 +3,7 @@
 import math
 from typing import Optional
 
-from ballbot_ros.drives.odrive import codec as codec
+from ballbot_ros.drives.odrive import codec
 
 MARKER = 'marker'
 

@@ -180,7 +180,28 @@ class ReplyParser:
             return None, 0
         if form is not None:
             return Reply(number, form.unpack(data)), end + 2
-        return Reply(number, (), data[:-1].decode('ascii').strip()), end + 2
+        return Reply(number, (), data[:-1].decode('ascii')), end + 2
+
+
+def parser() -> ReplyParser:
+    """Return a parser of the replies to questions about motor 1."""
+    found = ReplyParser(ADDRESSES[0])
+    motion = (GET_ENCODER[0], GET_SPEED[0])
+    found.groups = (motion, *((number, *motion) for number in (GET_STATUS, GET_VERSION)))
+    return found
+
+
+def frame_reply(group: Sequence[Reply]) -> bytes:
+    """Return the answers to a group of questions, as the drive sends them."""
+    return b''.join(answer(ADDRESSES[0], reply.command, *reply.values, text=reply.text)
+                    for reply in group)
+
+
+def reply_of(data: bytes) -> bytes:
+    """Return answers for status, encoder and speed, made of any bytes."""
+    values = struct.unpack('>IiBiB', data[:14].ljust(14, b'\0'))
+    return frame_reply((Reply(GET_STATUS, values[:1]), Reply(GET_ENCODER[0], values[1:3]),
+                        Reply(GET_SPEED[0], values[3:])))
 
 
 def status_names(bits: int) -> tuple[str, ...]:

@@ -9,11 +9,12 @@ from collections import deque
 from dataclasses import dataclass
 import math
 import time
-from typing import Any, Callable
+from typing import Callable
 
 from ballbot_ros.config.fields import count, quantity
-from ballbot_ros.drives.driver import DriveOptions, Driver, Identity, Line, Setting
-from ballbot_ros.drives.roboclaw import codec as codec
+from ballbot_ros.drives.contract import DriveOptions, Identity, SerialLine, Setting
+from ballbot_ros.drives.driver import Driver
+from ballbot_ros.drives.roboclaw import codec
 from ballbot_ros.drives.wire import WireBudget
 from ballbot_ros.errors import DriveError
 
@@ -29,7 +30,7 @@ ROUND = tuple(number for slow in SLOW for number in (codec.GET_STATUS, slow))
 
 @dataclass(frozen=True)
 class RoboClawOptions(DriveOptions):
-    """What a RoboClaw driver is told."""
+    """The options of a RoboClaw driver."""
 
     address: int = count('of the controller', default=0x80, minimum=0x80, maximum=0x87)
     motor: int = count('motor output', default=1, minimum=1, maximum=2)
@@ -54,12 +55,14 @@ class RoboClaw(Driver):
     duty with the questions once the last command is older than the watchdog time.
     """
 
-    protocol = 'roboclaw'
+    options: RoboClawOptions
+    protocol, maker = 'roboclaw', 'RoboClaw'
     Options = RoboClawOptions
     baud_rates = (38400, 115200, 460800, 230400, 57600, 19200, 9600, 2400)
     closes_torque_loop = False
 
-    def __init__(self, line: Line, options: Any, clock: Callable[[], float] = time.monotonic):
+    def __init__(self, line: SerialLine, options: RoboClawOptions,
+                 clock: Callable[[], float] = time.monotonic):
         """Take the line; nothing is sent yet."""
         super().__init__(line, options, clock)
         motor = options.motor - 1
@@ -80,7 +83,7 @@ class RoboClaw(Driver):
     def identify(self, patience: float = 0.5) -> Identity:
         """Ask who is there; see `Driver`."""
         deadline = self.clock() + patience
-        text = self._ask(codec.GET_VERSION, deadline, greeting=True).text
+        text = self._ask(codec.GET_VERSION, deadline, handshake=True).text.strip()
         self._ask(codec.GET_BATTERY, deadline)
         name, _, version = text.rpartition(' ')
         return Identity(self.protocol, name, version.removeprefix('v'))
@@ -140,7 +143,7 @@ class RoboClaw(Driver):
         self._send((self._duty_message(0.0) if stale else b'') + self._questions())
 
     def stopped_since(self, time: float) -> bool:
-        """Tell whether the duty, asked for after `time`, was zero; see `Driver`."""
+        """Return whether the duty, asked for after `time`, was zero; see `Driver`."""
         return self._still_asked_at >= time
 
     def budget(self) -> WireBudget:
@@ -180,26 +183,12 @@ class RoboClaw(Driver):
         self._parser.groups = tuple({group for _, group in self._groups})
         return b''.join(codec.ask(self.options.address, number) for number in numbers)
 
-    def _ask(self, number: int, deadline: float, greeting: bool = False) -> codec.Reply:
-        """
-        Ask until there is an answer and return it.
-
-        Raises
-        ------
-        DriveError
-            ``silent`` or, where this is the first question, ``garbled``.
-
-        """
+    def _ask(self, number: int, deadline: float, handshake: bool = False) -> codec.Reply:
+        """Ask until there is an answer and return it; see `_ask_until`."""
         self._answers.pop(number, None)
-        received = self.counts['bytes']
-        while number not in self._answers:
-            self._send(self._group(number, *self._motion))
-            self._until(lambda: number in self._answers, self._soon(deadline))
-            if number not in self._answers and self.clock() >= deadline:
-                if greeting:
-                    raise self._nobody(self.counts['bytes'] - received, 'RoboClaw')
-                raise DriveError('silent', (
-                    f'{self.line.port}: the RoboClaw does not answer command {number}'))
+        self._ask_until(lambda: number in self._answers,
+                        lambda: self._group(number, *self._motion), deadline,
+                        '' if handshake else f'command {number}')
         return self._answers[number]
 
     # Answers

@@ -12,7 +12,7 @@ import struct
 from typing import Callable, Optional
 
 from ballbot_ros.drives.emulated_device import Device, DriveSettings
-from ballbot_ros.drives.roboclaw import codec as codec
+from ballbot_ros.drives.roboclaw import codec
 
 PAUSE = 0.010
 TIMEOUT_UNIT = 0.1

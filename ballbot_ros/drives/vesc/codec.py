@@ -175,6 +175,20 @@ class FrameParser:
         return end
 
 
+def parser() -> FrameParser:
+    """Return a parser of replies."""
+    return FrameParser()
+
+
+# Both directions have the same form.
+frame_reply = frame
+
+
+def reply_of(data: bytes) -> bytes:
+    """Return a packet made of any bytes; of none there is none."""
+    return frame(data[:LONGEST_PAYLOAD]) if data else b''
+
+
 def parse_values(payload: bytes) -> Optional[Values]:
     """Return the values of a reply to `get_values`, None if it is not one."""
     if len(payload) != _VALUES.size:

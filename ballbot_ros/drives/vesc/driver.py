@@ -3,11 +3,12 @@
 from dataclasses import dataclass
 import math
 import time
-from typing import Any, Callable, Optional
+from typing import Callable, Optional
 
 from ballbot_ros.config.fields import count, flag, quantity
-from ballbot_ros.drives.driver import DriveOptions, Driver, Identity, Line, Setting
-from ballbot_ros.drives.vesc import codec as codec
+from ballbot_ros.drives.contract import DriveOptions, Identity, SerialLine, Setting
+from ballbot_ros.drives.driver import Driver
+from ballbot_ros.drives.vesc import codec
 from ballbot_ros.drives.wire import WireBudget
 from ballbot_ros.errors import DriveError
 
@@ -19,7 +20,7 @@ NO_CURRENT = 0.05
 
 @dataclass(frozen=True)
 class VescOptions(DriveOptions):
-    """What a VESC driver is told."""
+    """The options of a VESC driver."""
 
     torque_constant: float = quantity(
         'N m/A', 'motor torque per ampere; of a brushless motor 1.5 pole pairs x flux linkage',
@@ -37,11 +38,13 @@ class Vesc(Driver):
     stop, this driver sends none.
     """
 
-    protocol = 'vesc'
+    options: VescOptions
+    protocol, maker = 'vesc', 'VESC'
     Options = VescOptions
     baud_rates = (115200, 921600, 460800, 230400, 57600)
 
-    def __init__(self, line: Line, options: Any, clock: Callable[[], float] = time.monotonic):
+    def __init__(self, line: SerialLine, options: VescOptions,
+                 clock: Callable[[], float] = time.monotonic):
         """Take the line; nothing is sent yet."""
         super().__init__(line, options, clock)
         self._parser = codec.FrameParser()
@@ -55,7 +58,7 @@ class Vesc(Driver):
     def identify(self, patience: float = 0.5) -> Identity:
         """Ask who is there; see `Driver`."""
         firmware = codec.parse_firmware(self._ask(
-            codec.FW_VERSION, self.clock() + patience, greeting=True))
+            codec.FW_VERSION, self.clock() + patience, handshake=True))
         if firmware is None or firmware.major not in FIRMWARE:
             raise DriveError('firmware', (
                 f'{self.line.port}: VESC firmware must be {FIRMWARE[0]} to {FIRMWARE[-1]}, got '
@@ -107,7 +110,7 @@ class Vesc(Driver):
         self._send(codec.feed_watchdog())
 
     def stopped_since(self, time: float) -> bool:
-        """Tell whether values asked for after `time` had no current; see `Driver`."""
+        """Return whether values asked for after `time` had no current; see `Driver`."""
         return self._still_asked_at >= time
 
     def budget(self) -> WireBudget:
@@ -125,26 +128,12 @@ class Vesc(Driver):
         self._asked.append(self.clock())
         return codec.get_values()
 
-    def _ask(self, message: int, deadline: float, greeting: bool = False) -> bytes:
-        """
-        Ask until there is a reply and return it.
-
-        Raises
-        ------
-        DriveError
-            ``silent`` or, where this is the first question, ``garbled``.
-
-        """
+    def _ask(self, message: int, deadline: float, handshake: bool = False) -> bytes:
+        """Ask until there is a reply and return it; see `_ask_until`."""
         self._replies.pop(message, None)
-        received = self.counts['bytes']
-        while message not in self._replies:
-            self._send(codec.ask(message))
-            self._until(lambda: message in self._replies, self._soon(deadline))
-            if message not in self._replies and self.clock() >= deadline:
-                if greeting:
-                    raise self._nobody(self.counts['bytes'] - received, 'VESC')
-                raise DriveError('silent', (
-                    f'{self.line.port}: the VESC does not answer message {message}'))
+        self._ask_until(
+            lambda: message in self._replies, lambda: codec.ask(message), deadline,
+            '' if handshake else f'message {message}')
         return self._replies[message]
 
     # Replies

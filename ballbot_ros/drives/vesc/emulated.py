@@ -11,7 +11,7 @@ import struct
 from typing import Optional
 
 from ballbot_ros.drives.emulated_device import Device, DriveSettings
-from ballbot_ros.drives.vesc import codec as codec
+from ballbot_ros.drives.vesc import codec
 
 FAULT_TIME = 0.5  # m_fault_stop_time_ms [s]
 ABS_OVER_CURRENT, OVER_TEMP_FET = 4, 5

@@ -2,13 +2,9 @@
 """A drive at the other end of a line that is nothing but memory, with a clock of its own."""
 from dataclasses import replace
 
-from ballbot_ros.drives import open_driver, read_options
+from ballbot_ros.drives import device_class, open_driver, read_options
 from ballbot_ros.drives.emulated_device import DriveSettings
-from ballbot_ros.drives.odrive.emulated import ODriveDevice
-from ballbot_ros.drives.roboclaw.emulated import RoboClawDevice
-from ballbot_ros.drives.vesc.emulated import VescDevice
 
-DEVICES = {'odrive': ODriveDevice, 'roboclaw': RoboClawDevice, 'vesc': VescDevice}
 # Protocol, and the firmware where that makes a difference.
 KINDS = ('odrive 0.5', 'odrive 0.6', 'roboclaw', 'vesc')
 # How long a reply is under way [s]; the longest of an ODrive takes less at its 921600 baud.
@@ -28,7 +24,8 @@ class Bench:
     def __init__(self, kind, settings=None, **options):
         protocol, _, firmware = kind.partition(' ')
         self.now = 0.0
-        self.device = DEVICES[protocol](replace(settings or DriveSettings(), firmware=firmware))
+        self.device = device_class(protocol)(
+            replace(settings or DriveSettings(), firmware=firmware))
         self.to_drive = self.from_drive = lambda data: data
         self.waiting = []  # when it has arrived, what
         self.driver = open_driver(

@@ -264,7 +264,7 @@ def test_a_roboclaw_version_is_text():
     parser.groups = ((21, 90),)
     found = parser.feed(roboclaw.answer(0x80, 21, text='USB Roboclaw 2x30a v4.2.8\n')
                         + roboclaw.answer(0x80, 90, 0))
-    assert found == [[roboclaw.Reply(21, (), 'USB Roboclaw 2x30a v4.2.8'),
+    assert found == [[roboclaw.Reply(21, (), 'USB Roboclaw 2x30a v4.2.8\n'),
                       roboclaw.Reply(90, (0,))]]
 
 

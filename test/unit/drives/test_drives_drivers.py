@@ -5,10 +5,8 @@ import math
 from drive_bench import Bench
 import pytest
 
-from ballbot_ros import drives
-from ballbot_ros.drives import driver_class, open_driver, read_options
 from ballbot_ros.drives.emulated_device import DriveSettings
-from ballbot_ros.errors import ConfigurationError, DriveError, MessageError
+from ballbot_ros.errors import DriveError, MessageError
 
 
 def test_a_drive_tells_who_it_is(bench, kind):
@@ -200,22 +198,3 @@ def test_the_budget_covers_what_really_goes_over_the_line(bench):
     budget = bench.driver.budget()
     assert 0.5 * budget.bytes_out < max(written) <= budget.bytes_out
     assert 0.5 * budget.bytes_in < max(received) <= budget.bytes_in
-
-
-def test_an_unknown_protocol_gets_a_suggestion():
-    with pytest.raises(ConfigurationError, match="did you mean 'odrive'"):
-        driver_class('odriv')
-
-
-def test_an_unknown_option_is_named():
-    with pytest.raises(ConfigurationError, match='axes'):
-        read_options('odrive', {'torque_limit': 0.1, 'axes': 0}, 'hardware.yaml')
-
-
-def test_a_fourth_driver_needs_one_line_in_the_table(monkeypatch):
-    monkeypatch.setitem(drives.DRIVERS, 'toy', ('toy_driver', 'Toy'))
-    options = read_options('toy', {'torque_limit': 1.0}, 'test')
-    bench = Bench.__new__(Bench)
-    toy = open_driver('toy', bench, options)
-    assert toy.protocol == 'toy' and toy.identify().firmware == '1'
-    assert toy.budget().highest_rate(115200) > 1000.0

@@ -7,7 +7,7 @@ from drive_bench import Bench
 import pytest
 
 from ballbot_ros.drives.emulated_device import DriveSettings
-from ballbot_ros.drives.odrive import codec as codec
+from ballbot_ros.drives.odrive import codec
 from ballbot_ros.drives.odrive.firmware import (
     GENERATION_5, GENERATION_6, GENERATIONS, hardware_name)
 from ballbot_ros.errors import ConfigurationError, DriveError

@@ -10,11 +10,11 @@ import time
 
 import pytest
 
-from ballbot_ros.drives import open_driver, read_options
+from ballbot_ros.drives import DRIVES, open_driver, read_options
 from ballbot_ros.drives.transport import Link
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.control import answer, Channel, FAULTS, LINE_FAULTS, obey
-from ballbot_ros.emulator.emulator import DEVICES, Emulator
+from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.errors import ConfigurationError, DriveError, LinkError
 from ballbot_ros.physics.simulation.scene import load_scene
 
@@ -70,7 +70,7 @@ def until(condition, seconds=5.0):
         time.sleep(0.005)
 
 
-@pytest.mark.parametrize('protocol', sorted(DEVICES))
+@pytest.mark.parametrize('protocol', sorted(DRIVES))
 def test_a_torque_over_the_line_swings_the_pendulum_and_rolls_the_ball(scene, protocol):
     with made(protocol, scene) as emulator:
         link, driver = connect(emulator, protocol)
@@ -89,7 +89,7 @@ def test_a_torque_over_the_line_swings_the_pendulum_and_rolls_the_ball(scene, pr
         assert emulator.log[-1].torque == 0.0
 
 
-@pytest.mark.parametrize('protocol', sorted(DEVICES))
+@pytest.mark.parametrize('protocol', sorted(DRIVES))
 def test_a_wrong_baud_rate_is_told_from_silence(scene, protocol):
     with Emulator(protocol, scene, 115200) as emulator:
         with Link(emulator.path, 57600) as link:
@@ -100,7 +100,7 @@ def test_a_wrong_baud_rate_is_told_from_silence(scene, protocol):
     assert raised.value.reason in ('silent', 'garbled')
 
 
-@pytest.mark.parametrize('wrong', sorted(DEVICES))
+@pytest.mark.parametrize('wrong', sorted(DRIVES))
 def test_another_protocol_does_not_pass_the_handshake(scene, wrong):
     right = 'vesc' if wrong == 'odrive' else 'odrive'
     with Emulator(right, scene, BAUD) as emulator, Link(emulator.path, BAUD) as link:
@@ -215,7 +215,7 @@ def test_a_drive_that_does_not_read_makes_the_line_stuck(emulator):
     assert raised.value.reason == 'stuck'
 
 
-@pytest.mark.parametrize('protocol', sorted(DEVICES))
+@pytest.mark.parametrize('protocol', sorted(DRIVES))
 @pytest.mark.parametrize('fault', ['corrupt 0.02', 'drop 0.02', 'duplicate 0.02', 'delay 0.02',
                                    'garbage 200 from'])
 def test_telemetry_stays_true_on_a_bad_line(scene, protocol, fault):

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The contract between a motor controller's driver and the rest of the package.
+
+All quantities are those of the motor shaft, SI: torque [N m], position [rad], velocity [rad/s];
+gear, direction and zero of the pendulum joint are the caller's.  A session goes::
+
+    driver = open_driver(protocol, link, options)
+    driver.identify()                   # the handshake; raises DriveError if nobody answers
+    driver.read_settings()              # what the drive is set to, and whether that is acceptable
+    driver.arm()
+    each period:
+        telemetry = driver.poll()       # what has arrived; never waits
+        driver.send_torque(torque)      # one write: the command and the next questions
+    driver.stop()                       # repeated until the drive confirms
+
+`identify`, `read_settings`, `arm` and `stop` wait for answers, never longer than their
+``patience``.  `poll`, `send_torque`, `send_stop`, `ask` and `feed` do not wait: a reply that is
+late or lost is counted and asked for again.  Any of them raises `LinkError` when the line is
+gone; the link is then to be closed and opened again.
+
+`Driver` in driver.py is the base class that keeps this contract, whatever the protocol: torque
+only while armed, finite and within the limit; a stop repeated until it is confirmed.
+"""
+from dataclasses import dataclass
+from typing import NamedTuple, Optional, Protocol
+
+from ballbot_ros.config.fields import Checked, quantity
+
+
+class SerialLine(Protocol):
+    """What a driver needs of a `Link`; a `Replay` has it too."""
+
+    port: str
+
+    def write(self, data: bytes) -> None:
+        """Write all."""
+
+    def read(self) -> bytes:
+        """Return what has arrived, without waiting."""
+
+    def wait(self, seconds: float) -> bool:
+        """Wait for bytes and return whether there are any."""
+
+    def close(self) -> None:
+        """Close the line; closing twice is no error."""
+
+
+class Identity(NamedTuple):
+    """Who answered the handshake."""
+
+    protocol: str
+    hardware: str
+    firmware: str
+    serial_number: str = ''
+    generation: str = ''  # of the firmware, where it decides how the drive is talked to
+
+    @property
+    def in_words(self) -> str:
+        """Return all of it as people write it."""
+        with_serial = f' {self.serial_number}' if self.serial_number else ''
+        generation = f', generation {self.generation}' if self.generation else ''
+        return (f'{self.protocol} {self.hardware}{with_serial}, firmware {self.firmware}'
+                f'{generation}')
+
+
+class Setting(NamedTuple):
+    """
+    A setting of the drive that matters for safety, as it is and as it must be.
+
+    Attributes
+    ----------
+    name : str
+    value : str
+        As read, with its unit; ``'unknown'`` where the drive cannot be asked.
+    wanted : str
+        In words.
+    acceptable : bool
+    remedy : str
+        What to do where it is not.
+
+    """
+
+    name: str
+    value: str
+    wanted: str
+    acceptable: bool
+    remedy: str = ''
+
+
+class Telemetry(NamedTuple):
+    """
+    What the drive has reported so far; None where it has not, or cannot.
+
+    A value appears here only after a reply that passed every check of its protocol.
+    """
+
+    time: Optional[float] = None  # of the driver's clock, when the position arrived [s]
+    position: Optional[float] = None  # of the motor shaft, goes on over full turns [rad]
+    velocity: Optional[float] = None  # of the motor shaft [rad/s]
+    current: Optional[float] = None  # that makes torque [A]
+    bus_voltage: Optional[float] = None  # [V]
+    temperature: Optional[float] = None  # of the power stage [degC]
+    motor_temperature: Optional[float] = None  # [degC]
+    status_time: Optional[float] = None  # when armed and faults arrived [s]
+    armed: Optional[bool] = None  # the motor is under power
+    faults: tuple[str, ...] = ()  # names that the maker gives them
+
+
+@dataclass(frozen=True)
+class DriveOptions(Checked):
+    """The options of every driver; each protocol adds its own."""
+
+    torque_limit: float = quantity(
+        'N m', 'largest torque ever sent, at the motor shaft', above=0.0)
+    watchdog: float = quantity(
+        's', 'time without a command after which the drive must disarm by itself', default=0.1,
+        above=0.0, maximum=10.0)
+    reply_timeout: float = quantity(
+        's', 'after which a reply counts as lost', default=0.05, above=0.0, maximum=10.0)

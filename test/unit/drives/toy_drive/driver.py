@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The driver of the toy."""
+from toy_drive import codec
+
+from ballbot_ros.drives.contract import Identity
+from ballbot_ros.drives.driver import Driver
+from ballbot_ros.drives.wire import WireBudget
+
+
+class Toy(Driver):
+    """Believes every reply."""
+
+    protocol = maker = 'toy'
+
+    def __init__(self, line, options, clock):
+        super().__init__(line, options, clock)
+        self._parser = codec.parser()
+        self._disarmed_at = float('-inf')
+
+    def identify(self, patience=0.5):
+        """Return what it always is."""
+        self._ask_until(lambda: self.counts['replies'] > 0, self._questions,
+                        self.clock() + patience)
+        return Identity('toy', 'none', '1')
+
+    def read_settings(self, patience=0.5):
+        """Return none."""
+        return ()
+
+    def feed(self):
+        """Do nothing."""
+
+    def stopped_since(self, time):
+        """Return whether it was disarmed when it replied last."""
+        return self._disarmed_at >= time
+
+    def budget(self):
+        """Return two frames and one."""
+        return WireBudget(10, 5)
+
+    def _arm(self, deadline):
+        self._send(codec.frame(codec.TORQUE))
+
+    def _stop_message(self):
+        return codec.frame(codec.STOP) + self._questions()
+
+    def _torque_message(self, torque):
+        return codec.frame(codec.TORQUE, round(torque / codec.UNIT))
+
+    def _questions(self):
+        return codec.frame(codec.QUESTION)
+
+    def _take(self, data, now):
+        self.counts['bytes'] += len(data)
+        for letter, number in self._parser.feed(data):
+            self.counts['replies'] += 1
+            self._disarmed_at = now if letter == codec.DISARMED else float('-inf')
+            self.telemetry = self.telemetry._replace(
+                time=now, current=number * codec.UNIT, armed=letter == codec.ARMED)
