@@ -20,7 +20,6 @@ from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import command_message, readings, set_point, to_seconds
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription, wait_until_received
-from ballbot_ros.ros.logs import forward_logs
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import ControllerSettings
@@ -32,7 +31,6 @@ class Controller(Node):
     def __init__(self, **kwargs: Any):
         """Refuse a loop that would diverge, then wait for joint states."""
         super().__init__('controller', **kwargs)
-        forward_logs(self)
         settings = declare(self, ControllerSettings)
         self._robot = load_robot(settings.robot)
         tuning = load_tuning(settings.tuning)

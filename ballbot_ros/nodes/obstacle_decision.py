@@ -28,7 +28,7 @@ KEPT = 50
 
 class ObstacleDecision(Node):
     """
-    Decides and drives; see `DecisionSettings` for what can be set.
+    Decides and publishes set-points; see `DecisionSettings` for what can be set.
 
     An observation is judged with the first odometry that is not older than it, so that the
     answer depends on stamps alone and not on which message happened to arrive first.
@@ -47,74 +47,74 @@ class ObstacleDecision(Node):
         self._sighting: Optional[Sighting] = None
         self._decision: Optional[Decision] = None
         self._odometry: Deque[Odometry] = deque(maxlen=KEPT)
-        self._waiting: Deque[StepObservation] = deque(maxlen=KEPT)
-        self._answers: Counter = Counter()
-        self._told: Optional[Tuple[StepDecision, JointState]] = None
+        self._pending: Deque[StepObservation] = deque(maxlen=KEPT)
+        self._counts: Counter = Counter()
+        self._answer: Optional[Tuple[StepDecision, JointState]] = None
         self._decisions = create_publisher(self, StepDecision, 'step_decision', qos.LATCHED)
         self._set_points = create_publisher(self, JointState, 'set_point', qos.NEWEST)
-        create_subscription(
-            self, StepObservation, 'step_observation', self._on_observation, qos.SHORT)
+        create_subscription(self, StepObservation, 'step_observation', self._on_observation,
+                            qos.SHORT)
         create_subscription(self, Odometry, 'odom', self._on_odometry, qos.SHORT)
         self._diagnostics = diagnostics.Diagnostics(self, 'decision', self._health)
 
     def _on_observation(self, message: StepObservation) -> None:
-        if self._told is not None and _key(message) == _key(self._told[0]):
-            # Asked again: to decide again might give another answer.
+        if self._answer is not None and _key(message) == _key(self._answer[0]):
+            # The observation is repeated: to decide again might give another answer.
             self._publish()
             return
-        self._waiting.append(message)
-        self._work()
+        self._pending.append(message)
+        self._decide_pending()
 
     def _on_odometry(self, message: Odometry) -> None:
         if self._odometry and _key(message) < _key(self._odometry[-1]):
-            self.get_logger().warning('time went back: everything seen so far is forgotten')
+            self.get_logger().warning('time went back: all observations so far are dropped')
             self._odometry.clear()
-            self._waiting.clear()
+            self._pending.clear()
             self._tracker.reset()
-            self._sighting = self._decision = self._told = None
+            self._sighting = self._decision = self._answer = None
         self._odometry.append(message)
-        self._work()
-        self._notice_silence(message)
+        self._decide_pending()
+        self._check_silence(message)
 
-    def _work(self) -> None:
-        """Answer each observation for which there is odometry."""
-        while self._waiting:
-            seen = self._waiting[0]
+    def _decide_pending(self) -> None:
+        """Decide on each observation for which there is odometry."""
+        while self._pending:
+            seen = self._pending[0]
             after = [item for item in self._odometry if _key(item) >= _key(seen)]
             if not after:
                 return
-            self._waiting.popleft()
+            self._pending.popleft()
             now = motion(after[0])
             self._sighting = self._tracker.update(observation(seen), now.position)
             self._decide(seen.header.stamp, now)
 
-    def _notice_silence(self, message: Odometry) -> None:
-        """Stop when observations stay away while odometry goes on."""
-        if self._waiting or self._decision is None or self._sighting is None:
+    def _check_silence(self, message: Odometry) -> None:
+        """Decide again when observations have timed out while odometry goes on."""
+        if self._pending or self._decision is None or self._sighting is None:
             return
         silence = to_seconds(message.header.stamp) - self._sighting.stamp
         if silence > self._tuning.observation_timeout:
             self._decide(message.header.stamp, motion(message))
 
     def _decide(self, stamp: Time, now: Motion) -> None:
-        """Decide, say so, and drive accordingly."""
+        """Publish a decision and the set-point that follows from it."""
         before = self._decision
         self._decision = decision = self._decide_on(
             self._sighting, now, before, robot=self._robot, curve=self._curve,
             tuning=self._tuning)
-        self._answers[decision.kind.value] += 1
+        self._counts[decision.kind.value] += 1
         angle = lean(decision, now.speed, self._robot, self._tuning)
-        # Stamped with the observation: in lockstep this tells which period it is for.
-        self._told = decision_message(stamp, decision), set_point_message(stamp, angle)
+        # Stamped with the observation: in lockstep this names the period that it is for.
+        self._answer = decision_message(stamp, decision), set_point_message(stamp, angle)
         self._publish()
         if before is None or (before.kind, before.reason) != (decision.kind, decision.reason):
             self.get_logger().info(f'{decision.kind.name}: {decision.explanation}')
 
     def _publish(self) -> None:
-        """Tell decision and set-point."""
-        if self._told is not None:
-            self._decisions.publish(self._told[0])
-            self._set_points.publish(self._told[1])
+        """Publish the newest decision and its set-point."""
+        if self._answer is not None:
+            self._decisions.publish(self._answer[0])
+            self._set_points.publish(self._answer[1])
 
     def make_safe(self) -> None:
         """Let the pendulum down."""
@@ -126,7 +126,7 @@ class ObstacleDecision(Node):
     def _health(self) -> Tuple[bytes, str, dict]:
         """Return level, message and numbers for /diagnostics."""
         values: Dict[str, object] = {
-            f'decided_{kind}': number for kind, number in self._answers.items()}
+            f'decided_{kind}': number for kind, number in self._counts.items()}
         if self._decision is None:
             return diagnostics.WARN, 'waiting for step_observation and odom', values
         values['set_speed'] = f'{self._decision.set_speed:.3f}'

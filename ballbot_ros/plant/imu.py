@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated IMU: what a gyro and an accelerometer in the shell would have told."""
+"""The simulated IMU: what a gyro and an accelerometer in the shell would read."""
 import math
 from typing import NamedTuple
 
@@ -51,7 +51,7 @@ class Imu:
 
     def __init__(self, gravity: float, place: tuple = (0.0, 0.0), gyro_sd: float = 0.0,
                  force_sd: float = 0.0, bias: float = 0.0, seed: int = 0):
-        """Take note of the imperfections."""
+        """Keep place and errors of the sensor."""
         self._gravity, self._place = gravity, place
         self._gyro_sd, self._force_sd, self._bias, self._seed = gyro_sd, force_sd, bias, seed
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Keep simulated time beside wall time, and say so honestly when that fails."""
+"""Keep simulated time beside wall time, and count what a slow machine gives up."""
 import math
 
 from ballbot_ros.errors import ConfigurationError
@@ -28,7 +28,7 @@ def periods_per(slow_rate: float, base_rate: float, name: str) -> int:
 
 class Pace:
     """
-    Tells how many control periods are due by the wall clock.
+    Returns how many control periods are due by the wall clock.
 
     When the machine is too slow, at most `most` periods are caught up per call; the rest is
     given up and counted, so that simulated time falls behind instead of spiralling.
@@ -50,7 +50,7 @@ class Pace:
     """
 
     def __init__(self, period: float, factor: float, most: int = 10):
-        """Start unhurried: nothing is due before the first `restart`."""
+        """Start counting at the first `restart` or `due`; nothing is due before."""
         self._wall_period = period / factor
         self._most = most
         self._origin = math.inf

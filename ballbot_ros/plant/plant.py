@@ -10,14 +10,21 @@ from ballbot_ros.physics.simulation.accuracy import solvers_for
 from ballbot_ros.physics.simulation.model import Model, State
 from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.physics.simulation.simulate import steps_in
+from ballbot_ros.plant.error_monitor import ErrorMonitor
 
 
 class Plant:
     """
     A scene whose motor takes a torque per control period.
 
-    Time is the number of periods done times their length, so it carries no accumulated
-    rounding; it goes on through a reset.
+    What it promises, as the Physics of dm_control does, to an owner who brings what there is
+    Task and Environment (when a period runs, which torque, what is measured and published):
+
+    * `advance` runs exactly one period under one torque, or raises and changes nothing.
+    * `state` is a value: nobody can change the plant through it, and the same torques from the
+      same start give the same states to the bit, whatever the clock.
+    * `time` is the number of periods done times their length, so it carries no accumulated
+      rounding; `reset` brings back the first state, and time goes on.
 
     Parameters
     ----------
@@ -28,15 +35,7 @@ class Plant:
     torque_limit : float, optional
         [N m]; that of the robot's motor if not given, none without a motor.
     accuracy : float, optional
-        Chooses the solver by itself [m].  A shadow with a coarser one then runs along under
-        the same torques, and how far the two are apart estimates the error.
-
-    Attributes
-    ----------
-    error_estimate : float
-        Largest distance between the two so far [m]; NaN without an accuracy.
-    lost_at : float
-        Time since which the accuracy does not hold any more [s], infinite while it does.
+        Chooses the solver by itself [m], and lets an `ErrorMonitor` run along.
 
     Raises
     ------
@@ -51,12 +50,12 @@ class Plant:
         if not (control_rate > 0.0 and math.isfinite(control_rate)):
             raise ConfigurationError(f'control_rate must be above 0 Hz, got {control_rate!r}')
         self.model: Model = scene.model
-        self._accuracy = math.nan if accuracy is None else accuracy
-        self._shadow: Optional[Model] = None
+        self._monitor: Optional[ErrorMonitor] = None
         if accuracy is not None:
             coarse, fine = solvers_for(accuracy, scene.model.solver.step)
             self.model = replace(scene.model, solver=fine)
-            self._shadow = replace(scene.model, solver=coarse)
+            self._monitor = ErrorMonitor(
+                replace(scene.model, solver=coarse), scene.start, accuracy)
         self.period = 1.0 / control_rate
         self._steps = steps_in(self.period, scene.model.solver.step,
                                f'a control period (control_rate {control_rate:g} Hz)')
@@ -64,21 +63,28 @@ class Plant:
             motor = scene.model.robot.motor
             torque_limit = motor.maximum_torque if motor else 1e9
         self.torque_limit = torque_limit
-        self._start = scene.start
+        self._start = self.state = scene.start
         self.periods = 0
-        self.torque = 0.0
-        self.state = self._shade = self._start
-        self.error_estimate = math.nan if accuracy is None else 0.0
-        self.lost_at = math.inf
         # Compile now: the first control period must not wait for it.
-        for model in (self.model, self._shadow):
-            if model is not None:
-                model.advance(self._start, equations.Drive(equations.TORQUE), 1)
+        self.model.advance(self._start, equations.Drive(equations.TORQUE), 1)
+        if self._monitor:
+            self._monitor.advance(self._start, equations.Drive(equations.TORQUE), 1)
+        self.reset()
 
     @property
     def time(self) -> float:
         """Return the simulated time [s]."""
         return self.periods * self.period
+
+    @property
+    def error_estimate(self) -> float:
+        """Return the largest error of position so far [m], NaN without an accuracy."""
+        return self._monitor.error if self._monitor else math.nan
+
+    @property
+    def lost_at(self) -> float:
+        """Return since when the accuracy does not hold any more [s], infinite while it does."""
+        return self._monitor.lost_at if self._monitor else math.inf
 
     def advance(self, torque: float) -> State:
         """
@@ -98,26 +104,17 @@ class Plant:
         cut = min(max(torque, -self.torque_limit), self.torque_limit)
         drive = equations.Drive(equations.TORQUE, cut, limit=self.torque_limit)
         after = self.model.advance(self.state, drive, self._steps)
-        shade = self._shadow.advance(self._shade, drive, self._steps) if self._shadow else None
+        after = after._replace(time=(self.periods + 1) * self.period)
+        if self._monitor:
+            self._monitor.advance(after, drive, self._steps)
         self.periods += 1
         self.torque = cut if self.model.robot.has_pendulum else 0.0
-        if shade is not None:
-            self._shade = shade._replace(time=self.time)
-            self._compare(after)
-        self.state = after._replace(time=self.time)
-        return self.state
-
-    def _compare(self, after: State) -> None:
-        """Note how far the shadow is away."""
-        gap = math.hypot(after.x - self._shade.x, after.y - self._shade.y)
-        self.error_estimate = max(self.error_estimate, gap)
-        if self.lost_at == math.inf and not gap <= self._accuracy:
-            self.lost_at = self.time
+        self.state = after
+        return after
 
     def reset(self) -> State:
         """Go back to the start of the scene; time goes on."""
-        self.state = self._shade = self._start._replace(time=self.time)
-        self.torque = 0.0
-        self.error_estimate = math.nan if self._shadow is None else 0.0
-        self.lost_at = math.inf
+        self.state, self.torque = self._start._replace(time=self.time), 0.0
+        if self._monitor:
+            self._monitor.reset(self.state)
         return self.state

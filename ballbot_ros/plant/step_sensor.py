@@ -77,7 +77,7 @@ class Sensor:
 
     def __init__(self, terrain: Terrain, reach: float, distance_sd: float = 0.0,
                  height_sd: float = 0.0, seed: int = 0):
-        """Find the faces once."""
+        """Find the faces of the terrain."""
         for name, value in (('distance_sd', distance_sd), ('height_sd', height_sd)):
             if not (value >= 0.0 and math.isfinite(value)):
                 raise ConfigurationError(f'{name} must be at least 0 m, got {value!r}')

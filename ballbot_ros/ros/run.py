@@ -12,6 +12,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.logs import forward_logs
 
 # How long a stop signal may wait for the executor to wake up [s].
 WAKE = 0.1
@@ -57,6 +58,7 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
     executor = new_executor()
     try:
         node = make_node()
+        forward_logs(node)
         executor.add_node(node)
         # All that is there now lives as long as the node: looking through it again and again for
         # garbage would cost milliseconds in the middle of a control period.

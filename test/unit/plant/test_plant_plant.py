@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plant: whole periods, time without rounding, torque within its limit."""
-from dataclasses import replace
 import math
 
 import pytest
 
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import load_scene
-from ballbot_ros.physics.model.contact_options import ContactOptions
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Plant
 
@@ -88,25 +86,3 @@ def test_a_run_that_fails_stays_at_the_last_good_state():
     with pytest.raises(SimulationError):
         plant.advance(0.0)
     assert plant.state == before and plant.time == before.time
-
-
-def test_accuracy_is_watched_and_told():
-    plant = flat(accuracy=1e-6)
-    for _ in range(50):
-        plant.advance(0.5)
-    assert 0.0 <= plant.error_estimate < 1e-6 and plant.lost_at == math.inf
-    assert math.isnan(flat().error_estimate)
-
-
-def test_shadow_that_fails_leaves_the_state_as_it_was():
-    plant = flat(accuracy=1e-6)
-    plant.advance(0.5)
-    before = plant.state, plant.time, plant.torque
-    # Its ground gives way: the shadow sinks, the plant itself would not.
-    plant._shadow = replace(plant._shadow, robot=replace(
-        plant._shadow.robot, contact_stiffness=1e-6), options=ContactOptions())
-    with pytest.raises(SimulationError):
-        for _ in range(1000):
-            before = plant.state, plant.time, plant.torque
-            plant.advance(0.25)
-    assert (plant.state, plant.time, plant.torque) == before

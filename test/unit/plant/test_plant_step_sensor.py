@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics import load_scene, Terrain
+from ballbot_ros.physics import Terrain
 from ballbot_ros.physics.model.terrain_file import read_terrain
-from ballbot_ros.plant import Plant, Sensor
+from ballbot_ros.plant import Sensor
 from ballbot_ros.plant.step_sensor import faces
 
 
@@ -59,24 +59,3 @@ def test_the_noise_has_the_stated_deviations_and_no_bias():
 def test_a_deviation_that_is_none_is_refused(deviation):
     with pytest.raises(ConfigurationError, match='height_sd must be at least 0 m'):
         Sensor(Terrain.flat(), 3.0, 0.0, deviation)
-
-
-def test_time_carries_no_rounding_and_goes_on_through_a_reset():
-    plant = Plant(load_scene('flat'), 500.0)
-    for _ in range(1000):
-        plant.advance(0.2)
-    moved = plant.state
-    assert plant.time == moved.time == 2.0 and moved.x > 0.01
-    assert plant.reset().time == 2.0 and plant.state.x == 0.0 and plant.state.motor_work == 0.0
-
-
-def test_the_torque_is_cut_to_that_of_the_motor():
-    plant = Plant(load_scene('flat'), 500.0)
-    plant.advance(100.0)
-    assert plant.torque == plant.torque_limit == 4.0
-    assert Plant(load_scene('flat'), 500.0, torque_limit=1.0).torque_limit == 1.0
-
-
-def test_a_period_that_is_no_whole_number_of_steps_is_refused():
-    with pytest.raises(ConfigurationError, match='a control period .* whole number of steps'):
-        Plant(load_scene('flat'), 30_000.0)

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How wrong a plant may be, while it runs: a coarser solver runs along under the same torques."""
+import math
+
+from ballbot_ros.physics.mechanics import equations
+from ballbot_ros.physics.simulation.model import Model, State
+
+
+class ErrorMonitor:
+    """
+    Estimates the error of position of a plant by its distance to a coarser run.
+
+    Parameters
+    ----------
+    model : Model
+        That of the plant, with a coarser solver.
+    start : State
+        Of the plant.
+    accuracy : float
+        Error that is allowed [m].
+
+    Attributes
+    ----------
+    error : float
+        Largest distance so far [m].
+    lost_at : float
+        Time since which the accuracy does not hold any more [s], infinite while it does.
+
+    """
+
+    def __init__(self, model: Model, start: State, accuracy: float):
+        """Start where the plant starts."""
+        self._model, self._accuracy = model, accuracy
+        self.reset(start)
+
+    def reset(self, start: State) -> None:
+        """Start again."""
+        self._state = start
+        self.error, self.lost_at = 0.0, math.inf
+
+    def advance(self, after: State, drive: equations.Drive, steps: int) -> None:
+        """
+        Run along with the plant.
+
+        Parameters
+        ----------
+        after : State
+            That the plant came to.
+        drive : Drive
+            What moved it.
+        steps : int
+            Of its solver.
+
+        Raises
+        ------
+        SimulationError
+            If the coarser run cannot go on; nothing has changed then.
+
+        """
+        coarse = self._model.advance(self._state, drive, steps)
+        self._state = coarse._replace(time=after.time)
+        distance = math.hypot(after.x - coarse.x, after.y - coarse.y)
+        self.error = max(self.error, distance)
+        if self.lost_at == math.inf and not distance <= self._accuracy:
+            self.lost_at = after.time
