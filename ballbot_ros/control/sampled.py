@@ -3,7 +3,7 @@
 Stability of a control law that is closed at a rate and with a delay.
 
 A gain that is harmless in continuous time amplifies when it acts too rarely or too late.
-The rolling model of `linear` is discretised exactly under a zero-order hold and closed
+The rolling model of `rolling_model` is discretised exactly under a zero-order hold and closed
 with the linearised law; the poles of the result tell.  The published gains on GimBall
 need, to hold the pendulum down, 234 Hz without delay and 468 Hz with one sample of it; to
 hold it at any angle, 275 and 548 Hz.
@@ -18,7 +18,7 @@ from typing import Any, Optional, Sequence, Union
 import numpy as np
 from scipy.linalg import expm
 
-from ballbot_ros.control.linear import linear_rolling
+from ballbot_ros.control.rolling_model import Array, RollingModel
 from ballbot_ros.control.signals import Mode
 from ballbot_ros.control.tuning import ControlTuning
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
@@ -52,7 +52,7 @@ def _check(law: Union[Mode, str], rate: float, delay: int) -> Mode:
     return Mode(law)
 
 
-def _feedback(robot: Robot, tuning: ControlTuning, law: Mode, angle: float) -> np.ndarray:
+def _feedback(robot: Robot, tuning: ControlTuning, law: Mode, angle: float) -> Array:
     """Return d(torque)/d(phi, phi', theta1', theta2) of the law."""
     gravity = robot.largest_gravity_torque * math.cos(angle) * tuning.gravity_compensation
     if law is Mode.HOLD:
@@ -61,7 +61,7 @@ def _feedback(robot: Robot, tuning: ControlTuning, law: Mode, angle: float) -> n
 
 
 def loop_poles(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate: float,
-               delay: int = 0, set_angle: float = 0.0) -> np.ndarray:
+               delay: int = 0, set_angle: float = 0.0) -> Array:
     """
     Return the poles of the sampled loop, inside the unit circle where it is damped.
 
@@ -85,7 +85,7 @@ def loop_poles(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
 
     """
     law = _check(law, rate, delay)
-    matrix, column = linear_rolling(robot, set_angle)
+    matrix, column = RollingModel(robot).about_held(set_angle)
     # theta2 is a state only where the law looks at it: elsewhere it would be a pole at 1
     # that says no more than that positions do not matter.
     size = 4 if law is Mode.DRIVE and tuning.velocity_ki > 0.0 else 3

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What goes into the controller: set-points and joint readings, checked when made."""
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import Enum
 import math
 
@@ -8,7 +8,7 @@ from ballbot_ros.errors import MessageError
 
 
 class Mode(str, Enum):
-    """What the pendulum motor does; the values are what messages and files say."""
+    """What the pendulum motor does; the values stand in messages and files."""
 
     IDLE = 'idle'
     HOLD = 'hold'
@@ -57,7 +57,7 @@ class SetPoint:
             raise MessageError(
                 'unknown_mode',
                 f'set-point mode must be one of {known}, got {self.mode!r}') from error
-        refuse_not_finite(self, 'set-point', ('value', 'stamp'))
+        refuse_not_finite('set-point', value=self.value, stamp=self.stamp)
 
 
 @dataclass(frozen=True)
@@ -90,10 +90,10 @@ class JointReadings:
 
     def __post_init__(self) -> None:
         """Refuse readings that are not finite."""
-        # One sum is quick, and not finite if a term is not; which one, is looked up then only.
+        # One sum is quick, and not finite if a term is not; which one is looked up only then.
         if not math.isfinite(self.stamp + self.ball_angle + self.joint_angle + self.ball_rate
                              + self.joint_rate):
-            refuse_not_finite(self, 'joint reading', tuple(item.name for item in fields(self)))
+            refuse_not_finite('joint reading', **vars(self))
 
     @property
     def pendulum_angle(self) -> float:
@@ -106,18 +106,17 @@ class JointReadings:
         return self.ball_rate + self.joint_rate
 
 
-def refuse_not_finite(message: object, what: str, names: tuple) -> None:
+def refuse_not_finite(what: str, **numbers: float) -> None:
     """
-    Check that the named numbers of a message are finite.
+    Check that all numbers of a message are finite.
 
     Raises
     ------
     MessageError
-        With reason ``not_finite``, naming the field.
+        With reason ``not_finite``, naming the first that is not.
 
     """
-    for name in names:
-        number = getattr(message, name)
+    for name, number in numbers.items():
         if not math.isfinite(number):
             raise MessageError(
                 'not_finite', f'{what} refused: {name} must be finite, got {number!r}')

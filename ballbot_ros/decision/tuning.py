@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from ballbot_ros.config.fields import Checked, count, quantity
 from ballbot_ros.config.files import load_config
-from ballbot_ros.control import held_acceleration
+from ballbot_ros.control import RollingModel
 from ballbot_ros.decision.curve import HeightCurve
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import Robot
@@ -113,7 +113,7 @@ def check_decision(robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> 
         raise ConfigurationError(
             f'height_margin must be at least the residual of curve {curve.name} '
             f'({curve.residual:g} m), got {tuning.height_margin:g} m')
-    possible = held_acceleration(robot, tuning.largest_lean)
+    possible = RollingModel(robot).held_acceleration(tuning.largest_lean)
     for name in ('acceleration', 'deceleration'):
         if getattr(tuning, name) > possible:
             raise ConfigurationError(

@@ -9,15 +9,15 @@ counter-clockwise positive with +x to the right, so the ball rate is *minus* the
     ball_rate = -angular_velocity.y      (turn_rate below)
     forward, upward = linear_acceleration.x, linear_acceleration.z
 
-What an accelerometer tells is specific force: acceleration minus gravity, so at rest it shows
+An accelerometer measures specific force: acceleration minus gravity, so at rest it shows
 g upwards, and nothing in free fall.
 """
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 import math
 from typing import Tuple
 
 from ballbot_ros.config.fields import Checked, quantity
-from ballbot_ros.errors import MessageError
+from ballbot_ros.control.signals import refuse_not_finite
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class ImuMounting(Checked):
     """
     Where in the shell the IMU sits and how it is turned.
 
-    An IMU away from the centre feels the shell turn: 0.2 m out at 5 rad/s it feels 5 m/s2.
+    An IMU away from the centre measures the turning, too: 0.2 m out at 5 rad/s it is 5 m/s2.
     """
 
     imu_forward: float = quantity(
@@ -80,12 +80,7 @@ class ImuReading:
 
     def __post_init__(self) -> None:
         """Refuse what is not finite: one NaN would spoil the estimate for good."""
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if not math.isfinite(value):
-                raise MessageError(
-                    'not_finite', f'IMU reading refused: {item.name} must be finite, got '
-                    f'{value!r}')
+        refuse_not_finite('IMU reading', **vars(self))
 
 
 def turned(x: float, y: float, angle: float) -> Tuple[float, float]:

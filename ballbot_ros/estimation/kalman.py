@@ -15,16 +15,15 @@ holds while rolling, slipping, climbing, falling.  What remains is which way is 
 carries that on, and the direction of gravity in the accelerometer corrects its drift, unless
 the force differs so much from g that the ball must be falling or hitting something.
 """
-from dataclasses import dataclass
 import math
-from typing import Any, NamedTuple, Optional
+from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from ballbot_ros.config.fields import Checked, quantity
+from ballbot_ros.control.rolling_model import Acceleration, Array, RollingModel
 from ballbot_ros.control.signals import JointReadings
 from ballbot_ros.estimation.imu import ImuReading, turned
-from ballbot_ros.estimation.rolling import Rolling, Slopes
+from ballbot_ros.estimation.tuning import FilterTuning
 from ballbot_ros.physics.model.robot import Robot
 
 # Order of the state.
@@ -33,45 +32,8 @@ SIZE = 5
 
 # Longer pauses than this are bridged in several steps [s].
 LONGEST_STEP = 0.005
-
-
-@dataclass(frozen=True)
-class FilterTuning(Checked):
-    """How far each source of information is trusted."""
-
-    encoder_sd: float = quantity(
-        'rad', 'standard deviation of an encoder reading, at the joint', default=5e-4, above=0.0)
-    timing_sd: float = quantity(
-        's', 'standard deviation of the time at which an encoder reading was taken',
-        default=3e-4, minimum=0.0)
-    gyro_sd: float = quantity(
-        'rad/s', 'standard deviation of a gyro reading', default=0.01, above=0.0)
-    gyro_drift: float = quantity(
-        'rad/s/sqrt(s)', 'how fast the bias of the gyro wanders', default=1e-4, minimum=0.0)
-    gravity_sd: float = quantity(
-        'm/s2', 'how far the forward specific force strays from that of rolling, for 0.1 s',
-        default=3.0, above=0.0)
-    gravity_gate: float = quantity(
-        'm/s2', 'difference of the specific force from g beyond which it does not tell what is '
-        'down', default=2.0, above=0.0)
-    pendulum_noise: float = quantity(
-        'rad/s2/sqrt(Hz)', 'acceleration of the pendulum that no model knows, per root of '
-        'bandwidth', default=0.5, above=0.0)
-    ball_noise: float = quantity(
-        'rad/s2/sqrt(Hz)', 'the same of the ball', default=0.5, above=0.0)
-    ball_noise_with_imu: float = quantity(
-        'rad/s2/sqrt(Hz)', 'the same where a gyro watches the ball, and slip is to be followed',
-        default=30.0, above=0.0)
-    pendulum_noise_with_imu: float = quantity(
-        'rad/s2/sqrt(Hz)', 'the same of a pendulum whose support is measured', default=20.0,
-        above=0.0)
-    start_sd: float = quantity(
-        'rad', 'how far from straight down a pendulum at rest may hang', default=0.03, above=0.0)
-    bias_sd: float = quantity(
-        'rad/s', 'standard deviation of the bias of the gyro at the start', default=0.01,
-        above=0.0)
-
-
+# How well a robot at rest is known to be at rest: standard deviation of both rates [rad/s].
+START_RATE_SD = 0.01
 # How long the forward specific force strays in one direction [s].
 STRAY_TIME = 0.1
 
@@ -93,8 +55,8 @@ class Estimate(NamedTuple):
     """
 
     stamp: float
-    mean: Any
-    covariance: Any
+    mean: Array
+    covariance: Array
     encoder_zero: float
 
     @property
@@ -133,7 +95,7 @@ class PendulumFilter:
 
     def __init__(self, robot: Robot, tuning: FilterTuning = FilterTuning()):
         """Work out what does not change."""
-        self._rolling = Rolling(robot)
+        self._model = RollingModel(robot)
         self._tuning = tuning
 
     def start(self, stamp: float, encoder: float, imu: Optional[ImuReading] = None,
@@ -152,18 +114,17 @@ class PendulumFilter:
         encoder : float
             Joint angle from an arbitrary zero [rad].
         imu : ImuReading, optional
-            At the ball centre; tells the ball angle, which otherwise is called 0.
+            At the ball centre; gives the ball angle, which otherwise is called 0.
         encoder_zero : float, optional
             Encoder angle at joint angle 0 [rad], of an encoder that remembers it.
 
         """
         ball = 0.0 if imu is None else math.atan2(imu.forward, imu.upward)
-        known = imu is not None and encoder_zero is not None
-        joint = encoder - encoder_zero if known and encoder_zero is not None else -ball
+        joint = encoder - encoder_zero if imu is not None and encoder_zero is not None else -ball
         mean = np.array([ball + joint, joint, 0.0, 0.0, 0.0 if imu is None else imu.turn_rate])
         tuning = self._tuning
         return Estimate(stamp, mean, np.diag([
-            tuning.start_sd**2, tuning.encoder_sd**2, 1e-4, 1e-4,
+            tuning.start_sd**2, tuning.encoder_sd**2, START_RATE_SD**2, START_RATE_SD**2,
             tuning.bias_sd**2]), encoder - joint)
 
     def predict(self, estimate: Estimate, stamp: float, torque: float,
@@ -189,56 +150,55 @@ class PendulumFilter:
 
     def _step(self, estimate: Estimate, step: float, torque: float,
               imu: Optional[ImuReading]) -> Estimate:
-        tuning, mean = self._tuning, estimate.mean
-        angle, joint, rate, ball_rate, bias = mean.tolist()
-        swing, roll, by_swing, by_roll = self._rolling.accelerations(
-            angle, rate, ball_rate, torque)
+        """Return the estimate one step later [s]: trapezoidal in the angles, Euler in the rest."""
+        tuning = self._tuning
+        angle, joint, rate, ball_rate, bias = estimate.mean.tolist()
+        pendulum, ball = self._model.linearised(angle, rate, ball_rate, torque)
         by_joint, noises = 0.0, (tuning.pendulum_noise, tuning.ball_noise)
         if imu is not None:
-            swing, by_swing, by_joint = self._carried(joint, rate, ball_rate, torque, imu)
+            pendulum, by_joint = self._carried(joint, rate - ball_rate, torque, imu)
             noises = tuning.pendulum_noise_with_imu, tuning.ball_noise_with_imu
-        rate_after, ball_after = rate + step * swing, ball_rate + step * roll
+        rate_after, ball_after = rate + step * pendulum.value, ball_rate + step * ball.value
         half = 0.5 * step
-        later = np.array([
+        mean = np.array([
             angle + half * (rate + rate_after),
             joint + half * (rate + rate_after - ball_rate - ball_after),
             rate_after, ball_after, bias])
         transition = np.eye(SIZE)
         transition[PENDULUM, PENDULUM_RATE] = transition[JOINT, PENDULUM_RATE] = step
         transition[JOINT, BALL_RATE] = -step
-        for row, slopes in ((PENDULUM_RATE, by_swing), (BALL_RATE, by_roll)):
-            transition[row, PENDULUM] += step * slopes.angle
-            transition[row, PENDULUM_RATE] += step * slopes.rate
-            transition[row, BALL_RATE] += step * slopes.ball_rate
+        for row, acceleration in ((PENDULUM_RATE, pendulum), (BALL_RATE, ball)):
+            transition[row, PENDULUM] += step * acceleration.by_angle
+            transition[row, PENDULUM_RATE] += step * acceleration.by_rate
+            transition[row, BALL_RATE] += step * acceleration.by_ball_rate
         transition[PENDULUM_RATE, JOINT] = step * by_joint
         covariance = transition @ estimate.covariance @ transition.T
         covariance[PENDULUM_RATE, PENDULUM_RATE] += step * noises[0]**2
         covariance[BALL_RATE, BALL_RATE] += step * noises[1]**2
         covariance[BIAS, BIAS] += step * tuning.gyro_drift**2
-        return Estimate(estimate.stamp + step, later, covariance, estimate.encoder_zero)
+        return Estimate(estimate.stamp + step, mean, covariance, estimate.encoder_zero)
 
-    def _carried(self, joint: float, rate: float, ball_rate: float, torque: float,
-                 imu: ImuReading) -> Any:
-        """Return phi'' where the force on the support is measured, and its derivatives."""
-        rolling = self._rolling
-        moment, inertia = rolling.pendulum_moment, rolling.pendulum_inertia
+    def _carried(self, joint: float, joint_rate: float, torque: float, imu: ImuReading
+                 ) -> Tuple[Acceleration, float]:
+        """Return phi'' where the force on the support is measured, and its slope by the joint."""
+        moment, inertia = self._model.pendulum_moment, self._model.pendulum_inertia
+        friction = self._model.robot.joint_friction
         # Turned by minus the joint angle, the force is along and across the pendulum.
         across, along = turned(imu.forward, imu.upward, -joint)
-        friction = rolling.joint_friction
-        swing = (torque - friction * (rate - ball_rate) - moment * across) / inertia
-        slopes = Slopes(0.0, -friction / inertia, friction / inertia)
-        return swing, slopes, -moment * along / inertia
+        value = (torque - friction * joint_rate - moment * across) / inertia
+        return (Acceleration(value, 0.0, -friction / inertia, friction / inertia, 1.0 / inertia),
+                -moment * along / inertia)
 
     def with_encoder(self, estimate: Estimate, encoder: float) -> Estimate:
         """Return the estimate improved by an encoder angle [rad]."""
         turned_meanwhile = self._tuning.timing_sd * float(
             estimate.mean[PENDULUM_RATE] - estimate.mean[BALL_RATE])
-        return _improved(estimate, np.array([0.0, 1.0, 0.0, 0.0, 0.0]),
-                         self.surprise(estimate, encoder),
-                         self._tuning.encoder_sd**2 + turned_meanwhile**2)
+        return _updated(estimate, np.array([0.0, 1.0, 0.0, 0.0, 0.0]),
+                        self.innovation(estimate, encoder),
+                        self._tuning.encoder_sd**2 + turned_meanwhile**2)
 
-    def surprise(self, estimate: Estimate, encoder: float) -> float:
-        """Return how far an encoder angle is from the one expected [rad]."""
+    def innovation(self, estimate: Estimate, encoder: float) -> float:
+        """Return how far an encoder angle is from the one predicted [rad]."""
         return encoder - estimate.encoder_zero - float(estimate.mean[JOINT])
 
     def with_imu(self, estimate: Estimate, imu: ImuReading, period: float) -> Estimate:
@@ -255,26 +215,25 @@ class PendulumFilter:
             Since the reading before [s].
 
         """
-        tuning = self._tuning
-        estimate = _improved(
+        tuning, robot = self._tuning, self._model.robot
+        estimate = _updated(
             estimate, np.array([0.0, 0.0, 0.0, 1.0, 1.0]),
             imu.turn_rate - float(estimate.mean[BALL_RATE] + estimate.mean[BIAS]),
             tuning.gyro_sd**2)
-        gravity = self._rolling.gravity
-        if abs(math.hypot(imu.forward, imu.upward) - gravity) > tuning.gravity_gate:
+        if abs(math.hypot(imu.forward, imu.upward) - robot.gravity) > tuning.gravity_gate:
             return estimate
         angle, joint = estimate.mean[:2].tolist()
         forward, upward = turned(imu.forward, imu.upward, angle - joint)
         # Straying is slow: many readings in a row stray together and count as one.
         variance = tuning.gravity_sd**2 * max(1.0, STRAY_TIME / max(period, 1e-6))
-        return _improved(
+        return _updated(
             estimate, np.array([-upward, upward, 0.0, 0.0, 0.0]),
-            -self._rolling.radius * imu.turn_acceleration - forward, variance)
+            -robot.ball_radius * imu.turn_acceleration - forward, variance)
 
 
-def _improved(estimate: Estimate, row: Any, surprise: float, variance: float) -> Estimate:
-    """Return the estimate after a measurement: its row, surprise and variance."""
+def _updated(estimate: Estimate, row: Array, innovation: float, variance: float) -> Estimate:
+    """Return the estimate after a scalar measurement: its row, innovation and variance."""
     across = estimate.covariance @ row
     gain = across / (float(row @ across) + variance)
-    return estimate._replace(mean=estimate.mean + gain * surprise,
+    return estimate._replace(mean=estimate.mean + gain * innovation,
                              covariance=estimate.covariance - np.outer(gain, across))

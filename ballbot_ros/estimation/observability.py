@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the sensors cannot tell, found from the model instead of claimed."""
+"""What the sensors leave undecided: the null space of the observability matrix."""
 from typing import List
 
 import numpy as np
 
-from ballbot_ros.control.linear import linear_rolling
+from ballbot_ros.control.rolling_model import RollingModel
 from ballbot_ros.physics.model.robot import Robot
 
-# Columns of the matrix below, in the words of people.
+# Columns of the matrix below.
 NAMES = ('pendulum angle', 'pendulum rate', 'ball rate', 'joint angle', 'constant torque',
          'slope of the floor')
-# A direction that readings change by less than this part of the strongest is not told.
+# A direction that changes readings by less than this part of the strongest is unobservable.
 THRESHOLD = 1e-9
 
 
@@ -35,17 +35,12 @@ def unobservable(robot: Robot, imu: bool, angle: float = 0.0) -> List[str]:
         Quantities that take part in a combination that cannot be told apart.
 
     """
-    matrix, column = linear_rolling(robot, angle)
+    model = RollingModel(robot)
     size = len(NAMES)
     motion = np.zeros((size, size))
-    motion[:3, :3], motion[:3, 4] = matrix, column
+    motion[:3, :3], motion[:3, 4] = model.about_held(angle)
     # On a slope the whole weight pulls along it: a torque M g R about the contact point.
-    pull = robot.weight * robot.ball_radius
-    pendulum = robot.pendulum_inertia + robot.pendulum_mass * robot.pendulum_length**2
-    ball = robot.ball_inertia + robot.total_mass * robot.ball_radius**2
-    coupling = (robot.pendulum_mass * robot.pendulum_length * robot.ball_radius * np.cos(angle))
-    inertia = np.array([[pendulum, -coupling], [-coupling, ball]])
-    motion[1:3, 5] = np.linalg.solve(inertia, [0.0, pull])
+    motion[1:3, 5] = model.response(angle, 0.0, robot.weight * robot.ball_radius)
     motion[3, 1], motion[3, 2] = 1.0, -1.0
     readings = [np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0])]
     if imu:

@@ -8,7 +8,7 @@ import pytest
 
 from ballbot_ros.control import (
     check_loop, ControlTuning, is_stable, JointReadings, load_tuning, loop_poles,
-    lowest_stable_rate, PendulumController, rolling_accelerations, SetPoint)
+    lowest_stable_rate, PendulumController, RollingModel, SetPoint)
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.physics.model.robot import load_robot
 
@@ -96,7 +96,7 @@ def test_meaningless_loops_are_refused(law, rate, delay):
 
 def roll(tuning, set_point, rate, delay, *, seconds=1.0, substeps=20):
     """Return the pendulum angles of the exact rolling model under the sampled controller."""
-    controller = PendulumController(GIMBALL, tuning)
+    controller, model = PendulumController(GIMBALL, tuning), RollingModel(GIMBALL)
     controller.give(set_point)
     state = np.array([0.01, 0.0, 0.0, 0.0])   # phi, phi', theta1, theta1'
     waiting = [0.0] * delay
@@ -104,7 +104,7 @@ def roll(tuning, set_point, rate, delay, *, seconds=1.0, substeps=20):
     angles = []
 
     def slope(now, torque):
-        pendulum, ball = rolling_accelerations(GIMBALL, now[0], now[1], now[3], torque)
+        pendulum, ball = model.accelerations(now[0], now[1], now[3], torque)
         return np.array([now[1], pendulum, now[3], ball])
 
     for index in range(int(seconds * rate)):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ballbot_ros.control import (
-    JointReadings, load_tuning, PendulumController, rolling_accelerations, SetPoint)
+    JointReadings, load_tuning, PendulumController, RollingModel, SetPoint)
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import (
     decide, Decision, Kind, lean, load_curve, load_decision_tuning, Motion, Reason,
@@ -59,7 +59,7 @@ def drive(height, face, *, seconds=15.0, gains='published', rate=500, speed=0.0,
 
     The rolling model under law (11) at `rate`, decisions at 50 Hz.
     """
-    random = np.random.default_rng(5)
+    random, model = np.random.default_rng(5), RollingModel(GIMBALL)
     controller = PendulumController(GIMBALL, load_tuning(gains))
     tracker = StepTracker(GIMBALL, TUNING)
     state = np.array([0.0, 0.0, 0.0, -speed / RADIUS])   # phi, phi', theta1, theta1'
@@ -67,7 +67,7 @@ def drive(height, face, *, seconds=15.0, gains='published', rate=500, speed=0.0,
     rows, decisions = [], []
 
     def slope(now, torque):
-        pendulum, ball = rolling_accelerations(GIMBALL, now[0], now[1], now[3], torque)
+        pendulum, ball = model.accelerations(now[0], now[1], now[3], torque)
         return np.array([now[1], pendulum, now[3], ball])
 
     for index in range(int(seconds * rate)):
