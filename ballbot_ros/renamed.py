@@ -26,6 +26,13 @@ PYTHON = {
     'ballbot_ros.decision.fitting': 'ballbot_ros.studies.curve_fit',
     'ballbot_ros.plant.commands': 'ballbot_ros.control.command_gate',
     'ballbot_ros.plant.CommandGate': 'ballbot_ros.control.CommandGate',
+    'ballbot_ros.control.linear': 'ballbot_ros.control.rolling_model',
+    **{f'ballbot_ros.control.{old}': f'ballbot_ros.control.RollingModel, method {new}'
+       for old, new in (('held_acceleration', 'held_acceleration'),
+                        ('linear_rolling', 'about_held'),
+                        ('rolling_accelerations', 'accelerations'))},
+    'ballbot_ros.estimation.Rolling': 'ballbot_ros.control.RollingModel',
+    'ballbot_ros.estimation.rolling': 'ballbot_ros.control.rolling_model',
     'ballbot_ros.plant.pace': 'ballbot_ros.plant.pacing',
     'ballbot_ros.plant.sensor': 'ballbot_ros.plant.step_sensor',
     'ballbot_ros.physics.crossing': 'ballbot_ros.crossing',

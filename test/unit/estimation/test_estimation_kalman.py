@@ -1,0 +1,294 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The filter alone: prediction against the model, updates and steady state in closed form."""
+from dataclasses import replace
+import math
+
+from hypothesis import given, strategies
+import numpy as np
+import pytest
+from scipy.linalg import expm, solve_discrete_are
+
+from ballbot_ros.control import RollingModel
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.estimation import Estimate, FilterTuning, ImuReading, PendulumFilter
+from ballbot_ros.physics import load_robot
+
+GIMBALL = load_robot('gimball')
+MODEL = RollingModel(GIMBALL)
+TUNING = FilterTuning()
+G = GIMBALL.gravity
+FILTER = PendulumFilter(GIMBALL)
+EXACT = np.zeros((5, 5))
+UPRIGHT = ImuReading(0.0, 0.0, 0.0, G)
+angles = strategies.floats(-3.0, 3.0)
+rates = strategies.floats(-10.0, 10.0)
+torques = strategies.floats(-4.0, 4.0)
+
+
+def known(mean, covariance=EXACT, zero=0.0):
+    """Return an estimate at time 0."""
+    return Estimate(0.0, np.array(mean, dtype=float), np.array(covariance, dtype=float), zero)
+
+
+def uncertain(seed):
+    """Return any covariance."""
+    root = np.random.default_rng(seed).normal(size=(5, 5))
+    return root @ root.T + np.eye(5)
+
+
+def felt_while_rolling(angle, joint, rate, ball_rate, torque):
+    """Return what an IMU at the centre measures of a ball that rolls on a level floor."""
+    _, roll = MODEL.accelerations(angle, rate, ball_rate, torque)
+    turn = joint - angle  # from the world to the shell
+    forward, upward = -GIMBALL.ball_radius * roll, G
+    return ImuReading(0.0, ball_rate, forward * math.cos(turn) - upward * math.sin(turn),
+                      forward * math.sin(turn) + upward * math.cos(turn), roll)
+
+
+def told(estimate, row, variance, found):
+    """Return mean and covariance after a scalar measurement, from the sum of informations."""
+    row = np.array(row, dtype=float)
+    before = np.linalg.inv(estimate.covariance)
+    covariance = np.linalg.inv(before + np.outer(row, row) / variance)
+    return covariance @ (before @ estimate.mean + row * found / variance), covariance
+
+
+# The start
+
+def test_a_robot_at_rest_lets_its_pendulum_hang_whatever_the_encoder_shows():
+    estimate = FILTER.start(3.0, 12.5)
+    assert estimate.stamp == 3.0 and estimate.encoder_zero == 12.5
+    assert estimate.mean.tolist() == [0.0] * 5
+    assert estimate.readings.joint_angle == 0.0
+
+
+def test_at_the_start_each_uncertainty_is_the_stated_one():
+    tuning = FilterTuning(start_sd=0.2, encoder_sd=0.03, bias_sd=0.05)
+    estimate = PendulumFilter(GIMBALL, tuning).start(0.0, 1.0)
+    assert estimate.angle_sd == pytest.approx(0.2)
+    assert estimate.rate_sd == pytest.approx(0.01)
+    np.testing.assert_allclose(estimate.covariance, np.diag(
+        [0.2**2, 0.03**2, 0.01**2, 0.01**2, 0.05**2]), rtol=1e-12)
+
+
+def test_at_the_start_an_imu_gives_the_ball_angle_and_the_bias():
+    imu = ImuReading(0.0, 0.02, G * math.sin(0.4), G * math.cos(0.4))
+    estimate = FILTER.start(0.0, 12.0, imu)
+    assert estimate.mean == pytest.approx([0.0, -0.4, 0.0, 0.0, 0.02], abs=1e-12)
+    assert estimate.readings.ball_angle == pytest.approx(0.4)
+    assert estimate.encoder_zero == pytest.approx(12.4)
+
+
+def test_only_an_imu_and_a_remembered_zero_together_show_a_pendulum_that_leans():
+    imu = ImuReading(0.0, 0.0, G * math.sin(-0.2), G * math.cos(-0.2))
+    both = FILTER.start(0.0, 12.0, imu, encoder_zero=11.5)
+    assert both.mean[:2] == pytest.approx([0.3, 0.5]) and both.encoder_zero == 11.5
+    for estimate in (FILTER.start(0.0, 12.0, imu), FILTER.start(0.0, 12.0, None, 11.5)):
+        assert estimate.mean[0] == pytest.approx(0.0, abs=1e-15)
+
+
+def test_a_ball_without_a_pendulum_is_refused():
+    with pytest.raises(ConfigurationError, match='no pendulum'):
+        PendulumFilter(load_robot('shellball'))
+
+
+# Prediction
+
+@given(angles, angles, rates, rates, torques)
+def test_without_an_imu_the_ball_rolls_as_the_model_does(angle, joint, rate, ball_rate, torque):
+    step = 1e-3
+    later = FILTER.predict(known([angle, joint, rate, ball_rate, 0.3]), step, torque)
+    pendulum, ball = MODEL.accelerations(angle, rate, ball_rate, torque)
+    assert later.stamp == step
+    assert later.mean == pytest.approx([
+        angle + step * rate + 0.5 * step**2 * pendulum,
+        joint + step * (rate - ball_rate) + 0.5 * step**2 * (pendulum - ball),
+        rate + step * pendulum, ball_rate + step * ball, 0.3], abs=1e-12)
+
+
+@given(angles, angles, rates, rates, torques)
+def test_an_imu_of_a_rolling_ball_gives_the_same_prediction(
+        angle, joint, rate, ball_rate, torque):
+    estimate = known([angle, joint, rate, ball_rate, 0.0])
+    imu = felt_while_rolling(angle, joint, rate, ball_rate, torque)
+    assert FILTER.predict(estimate, 0.002, torque, imu).mean == pytest.approx(
+        FILTER.predict(estimate, 0.002, torque).mean, abs=1e-9)
+
+
+@pytest.mark.parametrize('with_imu', [False, True])
+@given(angles, angles, rates, rates, torques)
+def test_uncertainty_moves_as_the_prediction_does(with_imu, angle, joint, rate, ball_rate,
+                                                  torque):
+    step, mean = 1e-5, np.array([angle, joint, rate, ball_rate, 0.0])
+    imu = felt_while_rolling(*mean[:4], torque) if with_imu else None
+    silent = replace(TUNING, pendulum_noise=1e-9, ball_noise=1e-9, gyro_drift=0.0,
+                     pendulum_noise_with_imu=1e-9, ball_noise_with_imu=1e-9)
+    predict = PendulumFilter(GIMBALL, silent).predict
+
+    def per_second(shift):
+        ahead, behind = (predict(known(mean + sign * shift), step, torque, imu).mean
+                         for sign in (1, -1))
+        return ((ahead - behind) / 2e-4 - shift / 1e-4) / step
+
+    motion = np.array([per_second(1e-4 * unit) for unit in np.eye(5)]).T
+    covariance = uncertain(1)
+    change = (predict(known(mean, covariance), step, torque, imu).covariance - covariance) / step
+    expected = motion @ covariance + covariance @ motion.T
+    np.testing.assert_allclose(change, expected, rtol=1e-2, atol=1e-2 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize('imu, noises', [(None, (0.7, 0.4)), (UPRIGHT, (11.0, 13.0))])
+def test_what_was_certain_becomes_as_uncertain_as_the_noises_say(imu, noises):
+    tuning = replace(TUNING, pendulum_noise=0.7, ball_noise=0.4, gyro_drift=0.2,
+                     pendulum_noise_with_imu=11.0, ball_noise_with_imu=13.0)
+    later = PendulumFilter(GIMBALL, tuning).predict(known([0.0] * 5), 0.004, 0.0, imu)
+    np.testing.assert_allclose(
+        later.covariance, 0.004 * np.diag([0.0, 0.0, noises[0]**2, noises[1]**2, 0.2**2]))
+
+
+def test_a_long_pause_is_bridged_in_steps_of_five_milliseconds():
+    estimate = known([0.5, -0.3, 1.0, -2.0, 0.01], uncertain(2))
+    at_once = FILTER.predict(estimate, 0.018, 0.7)
+    for stamp in (0.005, 0.010, 0.015, 0.018):
+        estimate = FILTER.predict(estimate, stamp, 0.7)
+    assert at_once.stamp == pytest.approx(0.018, abs=1e-12)
+    np.testing.assert_allclose(at_once.mean, estimate.mean, rtol=1e-9)
+    np.testing.assert_allclose(at_once.covariance, estimate.covariance, rtol=1e-9)
+    one_step = known([0.5, -0.3, 1.0, -2.0, 0.01], uncertain(2))
+    pendulum, _ = MODEL.accelerations(0.5, 1.0, -2.0, 0.7)
+    assert FILTER.predict(one_step, 0.005, 0.7).mean[2] == pytest.approx(1.0 + 0.005 * pendulum)
+
+
+@pytest.mark.parametrize('stamp', [-1.0, 0.0, 1e-10])
+def test_there_is_nothing_to_predict_for_an_earlier_time(stamp):
+    estimate = known([0.5, -0.3, 1.0, -2.0, 0.01])
+    assert FILTER.predict(estimate, stamp, 1.0) is estimate
+
+
+# Updates
+
+@given(strategies.integers(0, 2**32 - 1), angles, rates)
+def test_an_encoder_angle_adds_its_information(seed, angle, joint_rate):
+    tuning = FilterTuning(encoder_sd=0.02, timing_sd=0.003)
+    estimate = known([0.1, 0.2, 1.5 + joint_rate, 1.5, 0.0], uncertain(seed), zero=7.0)
+    updated = PendulumFilter(GIMBALL, tuning).with_encoder(estimate, 7.0 + angle)
+    mean, covariance = told(
+        estimate, [0, 1, 0, 0, 0], 0.02**2 + (0.003 * joint_rate)**2, angle)
+    np.testing.assert_allclose(updated.mean, mean, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(updated.covariance, covariance, rtol=1e-5, atol=1e-5)
+    assert updated.stamp == 0.0 and updated.encoder_zero == 7.0
+
+
+def test_the_innovation_is_what_the_encoder_shows_beyond_the_predicted():
+    assert FILTER.innovation(known([0.1, 0.2, 0, 0, 0], zero=7.0), 7.5) == pytest.approx(0.3)
+
+
+@given(strategies.integers(0, 2**32 - 1), rates)
+def test_in_free_fall_or_impact_an_imu_adds_only_its_turn_rate(seed, turn_rate):
+    estimate = known([0.1, 0.2, 1.5, 0.5, 0.01], uncertain(seed))
+    mean, covariance = told(estimate, [0, 0, 0, 1, 1], TUNING.gyro_sd**2, turn_rate)
+    for upward in (0.0, 40.0):
+        updated = FILTER.with_imu(estimate, ImuReading(0.0, turn_rate, 0.0, upward), 0.002)
+        np.testing.assert_allclose(updated.mean, mean, rtol=1e-5, atol=1e-5)
+        np.testing.assert_allclose(updated.covariance, covariance, rtol=1e-5, atol=1e-5)
+
+
+@given(strategies.integers(0, 2**32 - 1), angles)
+def test_gravity_adds_its_information_about_the_ball_angle(seed, ball_angle):
+    # The gyro reads what is expected with hardly any information of its own.
+    tuning = FilterTuning(gyro_sd=1e6, gravity_sd=2.0)
+    estimate = known([0.3 + ball_angle, 0.3, 0.0, 0.0, 0.0], uncertain(seed))
+    imu = ImuReading(0.0, 0.0, 0.6, G)
+    updated = PendulumFilter(GIMBALL, tuning).with_imu(estimate, imu, 1.0)
+    sine, cosine = math.sin(ball_angle), math.cos(ball_angle)
+    forward, upward = 0.6 * cosine - G * sine, 0.6 * sine + G * cosine
+    # forward(ball angle) = 0 without acceleration; d forward / d ball angle = -upward.
+    mean, covariance = told(
+        estimate, [-upward, upward, 0, 0, 0], 2.0**2, -forward - upward * ball_angle)
+    np.testing.assert_allclose(updated.mean, mean, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(updated.covariance, covariance, rtol=1e-5, atol=1e-5)
+
+
+@given(angles, angles, rates, rates, torques)
+def test_an_imu_that_measures_what_is_expected_changes_no_angle(
+        angle, joint, rate, ball_rate, torque):
+    estimate = known([angle, joint, rate, ball_rate, 0.0], uncertain(3))
+    believing = PendulumFilter(GIMBALL, FilterTuning(gravity_gate=1e9))
+    imu = felt_while_rolling(angle, joint, rate, ball_rate, torque)
+    assert believing.with_imu(estimate, imu, 0.002).mean == pytest.approx(
+        estimate.mean, abs=1e-9)
+
+
+@pytest.mark.parametrize('force, used', [(8.0, True), (7.9, False), (12.0, True), (12.1, False)])
+def test_gravity_is_used_where_the_force_differs_from_it_by_at_most_the_gate(force, used):
+    ten = PendulumFilter(replace(GIMBALL, gravity=10.0), FilterTuning(gravity_gate=2.0))
+    estimate = known([0.1, 0.0, 0.0, 0.0, 0.0], np.eye(5))
+    updated = ten.with_imu(estimate, ImuReading(0.0, 0.0, 0.0, force), 0.1)
+    assert (updated.mean[0] != 0.1) == used
+
+
+def test_readings_in_a_row_stray_together_and_count_as_one_in_a_tenth_of_a_second():
+    estimate = known([0.1, 0.0, 0.0, 0.0, 0.0], np.eye(5))
+    tuning = FilterTuning(gyro_sd=1e6, gravity_sd=5.0)
+
+    def information(period):
+        """Return what is known of the ball angle more than before."""
+        updated = PendulumFilter(GIMBALL, tuning).with_imu(estimate, UPRIGHT, period)
+        lean = np.array([1.0, -1.0, 0.0, 0.0, 0.0])
+        return 1.0 / (lean @ updated.covariance @ lean) - 0.5
+
+    whole = (G * math.cos(0.1) / 5.0)**2
+    assert information(0.1) == pytest.approx(whole, rel=1e-6)
+    assert information(0.01) == pytest.approx(whole / 10.0, rel=1e-6)
+    assert information(0.5) == pytest.approx(whole, rel=1e-6)
+    assert 0.0 <= information(0.0) < 1e-3 * whole
+
+
+# Over time
+
+def test_resting_the_encoder_s_filter_settles_at_the_steady_state_of_riccati():
+    step, tuning = 0.002, FilterTuning(encoder_sd=0.01)
+    matrix, _ = MODEL.about_held(0.0)
+    motion = np.zeros((4, 4))  # pendulum angle, joint angle, pendulum rate, ball rate
+    motion[0, 2] = motion[1, 2] = 1.0
+    motion[1, 3] = -1.0
+    motion[np.ix_([2, 3], [0, 2, 3])] = matrix[1:]
+    transition = np.eye(4) + step * motion
+    assert transition == pytest.approx(expm(step * motion), abs=0.02)
+    noise = step * np.diag([0.0, 0.0, tuning.pendulum_noise**2, tuning.ball_noise**2])
+    look = np.array([[0.0], [1.0], [0.0], [0.0]])
+    predicted = solve_discrete_are(transition.T, look, noise, [[0.01**2]])
+    kalman = PendulumFilter(GIMBALL, tuning)
+    estimate = kalman.start(0.0, 0.0)
+    for number in range(1, 20001):
+        before = kalman.predict(estimate, number * step, 0.0)
+        estimate = kalman.with_encoder(before, 0.0)
+    np.testing.assert_allclose(before.covariance[:4, :4], predicted, rtol=1e-3, atol=1e-9)
+    assert np.abs(estimate.mean).max() == 0.0
+
+
+def test_the_bias_of_a_gyro_is_learned_at_rest():
+    kalman = PendulumFilter(GIMBALL, FilterTuning(gravity_sd=0.1))
+    estimate = kalman.start(0.0, 0.0, UPRIGHT)
+    for number in range(1, 2001):
+        imu = ImuReading(0.002 * number, 0.01, 0.0, G)
+        estimate = kalman.with_imu(
+            kalman.predict(estimate, imu.stamp, 0.0, imu), imu, 0.002)
+        estimate = kalman.with_encoder(estimate, 0.0)
+    assert estimate.mean[4] == pytest.approx(0.01, abs=2e-3)
+    assert estimate.covariance[4, 4] < 0.1 * TUNING.bias_sd**2
+
+
+# What an estimate says
+
+def test_the_readings_of_an_estimate_are_those_of_ball_and_joint():
+    readings = Estimate(2.5, np.array([0.7, 0.3, 5.0, 2.0, 9.0]), EXACT, 0.0).readings
+    assert readings.stamp == 2.5
+    assert (readings.ball_angle, readings.joint_angle) == pytest.approx((0.4, 0.3))
+    assert (readings.ball_rate, readings.joint_rate) == pytest.approx((2.0, 3.0))
+
+
+def test_a_variance_that_rounding_made_negative_is_a_deviation_of_nothing():
+    estimate = known([0.0] * 5, np.diag([-1e-18, 1.0, -1e-18, 1.0, 1.0]))
+    assert estimate.angle_sd == estimate.rate_sd == 0.0
+    assert known([0.0] * 5, np.diag([4.0, 1.0, 9.0, 1.0, 1.0])).rate_sd == 3.0

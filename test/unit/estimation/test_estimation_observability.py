@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What sensors leave undecided, against ranks that are worked out by hand."""
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from ballbot_ros.control import RollingModel
+from ballbot_ros.estimation import unobservable
+from ballbot_ros.physics import load_robot
+
+GIMBALL = load_robot('gimball')
+EVERY_ANGLE = [0.0, 0.2, 1.0, -1.3, 2.8]
+
+
+@pytest.mark.parametrize('angle', EVERY_ANGLE)
+def test_slope_lean_and_torque_error_are_told_apart_by_an_imu_only(angle):
+    assert unobservable(GIMBALL, imu=True, angle=angle) == []
+    assert unobservable(GIMBALL, imu=False, angle=angle) == [
+        'pendulum angle', 'constant torque', 'slope of the floor']
+
+
+@pytest.mark.parametrize('imu', [False, True])
+def test_without_gravity_nothing_shows_where_down_is(imu):
+    weightless = replace(GIMBALL, gravity=1e-12)
+    assert unobservable(weightless, imu) == ['pendulum angle', 'slope of the floor']
+
+
+@pytest.mark.parametrize('imu', [False, True])
+@pytest.mark.parametrize('angle', EVERY_ANGLE)
+def test_readings_of_a_second_have_the_same_rank(imu, angle):
+    # Small motion about the held pendulum, from each unknown alone: angles, rates, a torque, a
+    # slope; what readings of a second say of them is the Gramian's null space.
+    model, bot = RollingModel(GIMBALL), GIMBALL
+    matrix, column = model.about_held(angle)
+    motion = np.zeros((6, 6))
+    motion[:3, :3], motion[:3, 4] = matrix, column
+    on_slope = 1e-6  # [rad]: gravity turned, so that phi counts from the normal of the floor
+    weight = bot.total_mass * bot.gravity * math.sin(on_slope) * bot.ball_radius
+    motion[1:3, 5] = np.array(model.response(angle, 0.0, weight)) / on_slope
+    motion[3, 1:3] = 1.0, -1.0
+    looks = [[0, 0, 0, 1, 0, 0]]
+    if imu:
+        looks += [[0, 0, 1, 0, 0, 0],
+                  np.array([bot.gravity, 0, 0, -bot.gravity, 0, 0]) - bot.ball_radius * motion[2]]
+    rows = np.vstack([looks @ expm(motion * time) for time in np.linspace(0.0, 1.0, 60)])
+    _, strengths, directions = np.linalg.svd(rows)
+    rank = int((strengths > 1e-8 * strengths[0]).sum())
+    assert rank == (6 if imu else 5)
+    if not imu:
+        assert (np.abs(directions[-1]) > 1e-6).tolist() == [True, False, False, False, True, True]
