@@ -22,8 +22,8 @@ class FilterTuning(Checked):
         'm/s2', 'how far the forward specific force strays from that of rolling, for 0.1 s',
         default=3.0, above=0.0)
     gravity_gate: float = quantity(
-        'm/s2', 'difference of the specific force from g beyond which it does not show which way is '
-        'down', default=2.0, above=0.0)
+        'm/s2', 'difference of the specific force from g beyond which it does not show where down '
+        'is', default=2.0, above=0.0)
     pendulum_noise: float = quantity(
         'rad/s2/sqrt(Hz)', 'acceleration of the pendulum that no model knows, per root of '
         'bandwidth', default=0.5, above=0.0)
