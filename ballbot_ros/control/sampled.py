@@ -16,6 +16,7 @@ import math
 from typing import Any, Optional, Sequence, Union
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from ballbot_ros.control.rolling_model import Array, RollingModel
@@ -61,7 +62,7 @@ def _feedback(robot: Robot, tuning: ControlTuning, law: Mode, angle: float) -> A
 
 
 def loop_poles(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate: float,
-               delay: int = 0, set_angle: float = 0.0) -> Array:
+               delay: int = 0, set_angle: float = 0.0) -> NDArray[np.complex128]:
     """
     Return the poles of the sampled loop, inside the unit circle where it is damped.
 
@@ -103,7 +104,7 @@ def loop_poles(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
         loop[:size, size] = held[:size, size]
         loop[size:-1, size + 1:] = np.eye(delay - 1)
         loop[-1, :size] = feedback
-    return np.linalg.eigvals(loop)
+    return np.linalg.eigvals(loop).astype(np.complex128)
 
 
 def growth_rate(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate: float,

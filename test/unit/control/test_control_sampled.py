@@ -22,7 +22,7 @@ DOWN = (0.0,)
     ('drive', [-464.9, -0.00906 - 1.962j, -0.00906 + 1.962j])])
 def test_poles_tend_to_the_continuous_ones(law, expected):
     rate = 1e5
-    poles = np.log(loop_poles(GIMBALL, PUBLISHED, law, rate).astype(complex)) * rate
+    poles = np.log(loop_poles(GIMBALL, PUBLISHED, law, rate)) * rate
     # Sampling at 100 kHz still moves the fast pole by 470^2 / 2e5, some 0.25 %.
     assert np.sort_complex(poles) == pytest.approx(np.sort_complex(expected), rel=4e-3)
 
