@@ -9,10 +9,8 @@ import numpy as np
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.terrain import Terrain
 
-# What is lower than this is an unevenness, not a step [m].
-LOWEST = 0.002
-# What is less steep than 45 degrees is a slope, not a face.
-STEEPEST_SLOPE = 1.0
+# What a sensor takes for a step: at least so high [m], and steeper than 45 degrees.
+LEAST_HEIGHT, LEAST_SLOPE = 0.002, 1.0
 
 
 @dataclass(frozen=True)
@@ -40,21 +38,10 @@ def faces(terrain: Terrain) -> Tuple[Tuple[float, float], ...]:
     """
     Return x and height of every step of a terrain, from left to right [m].
 
-    Consecutive steep segments of one direction are one face, at the x of its foot.
+    At the x of its foot, or of its upper edge where it drops.
     """
-    found = []
-    foot = None
-    for (x, y), (end_x, end_y) in zip(terrain.vertices[:-1], terrain.vertices[1:]):
-        rise = end_y - y
-        steep = abs(rise) > STEEPEST_SLOPE * (end_x - x)
-        if foot is not None and (not steep or (rise > 0.0) != (foot[2] > 0.0)):
-            found.append((foot[0], y - foot[1]))
-            foot = None
-        if steep and foot is None:
-            foot = (x, y, rise)
-    if foot is not None:  # the last segment is steep, and goes on for ever
-        found.append((foot[0], terrain.vertices[-1][1] - foot[1]))
-    return tuple((float(x), float(height)) for x, height in found if abs(height) >= LOWEST)
+    found = terrain.faces(LEAST_SLOPE, LEAST_HEIGHT)
+    return tuple((float(face[0, 0]), float(face[-1, 1] - face[0, 1])) for face in found)
 
 
 class Sensor:

@@ -48,7 +48,7 @@ class Face:
 
 def rising_faces(terrain: Terrain, radius: float) -> list[Array]:
     """
-    Return the vertices of every rising face higher than `LEAST_HEIGHT`, from left to right.
+    Return the vertices of every rising face of at least `LEAST_HEIGHT`, from left to right.
 
     Parameters
     ----------
@@ -57,23 +57,8 @@ def rising_faces(terrain: Terrain, radius: float) -> list[Array]:
         Of the ball [m]: what is short beside it is not a slope.
 
     """
-    vertices = terrain.vertices
-    run, rise = np.diff(vertices, axis=0).T
-    steep = rise > LEAST_SLOPE * run
-    belongs = (rise > 0.0) & (steep | (np.hypot(run, rise) < SHORT * radius))
-    belongs[[0, -1]] = False  # these go on for ever
-    faces = []
-    begin = None
-    for index, inside in enumerate([*belongs, False]):
-        if inside and begin is None:
-            begin = index
-        elif not inside and begin is not None:
-            face = vertices[begin:index + 1]
-            width, height = face[-1] - face[0]
-            if height > LEAST_HEIGHT and height > LEAST_SLOPE * width:
-                faces.append(face)
-            begin = None
-    return faces
+    return [face for face in terrain.faces(
+        LEAST_SLOPE, LEAST_HEIGHT, SHORT * radius, endless=False) if face[-1, 1] > face[0, 1]]
 
 
 def meet_faces(trajectory: Trajectory) -> list[Face]:

@@ -122,6 +122,39 @@ class Terrain:
         step = np.diff(self.vertices[[0, 1, -2, -1]], axis=0)[[0, 2]]
         return step[:, 1] / step[:, 0]
 
+    def faces(self, least_slope: float, least_height: float, short: float = 0.0,
+              endless: bool = True) -> list[Array]:
+        """
+        Return the vertices of each face that rises or drops, from left to right.
+
+        Parameters
+        ----------
+        least_slope : float
+            Rise over run; what is less steep is a ramp.
+        least_height : float
+            [m]; what is lower is an unevenness.
+        short : float
+            A less steep segment within a face that is shorter belongs to it [m].
+        endless : bool
+            Whether the ends of the ground, which go on for ever, may be faces.
+
+        """
+        run, rise = np.diff(self.vertices, axis=0).T
+        found = {}
+        for sign in (1.0, -1.0):
+            climb = sign * rise
+            belongs = (climb > 0.0) & (
+                (climb > least_slope * run) | (np.hypot(run, rise) < short))
+            if not endless:
+                belongs[[0, -1]] = False
+            ends = np.flatnonzero(np.diff(np.concatenate([[0], belongs.astype(int), [0]])))
+            for begin, end in zip(ends[::2], ends[1::2]):
+                face = self.vertices[begin:end + 1]
+                width, height = face[-1] - face[0]
+                if sign * height >= least_height and sign * height > least_slope * width:
+                    found[begin] = face
+        return [found[begin] for begin in sorted(found)]
+
     def height(self, x: ArrayLike) -> Array:
         """Return the height of the ground at `x` [m]; the upper one at a vertical face."""
         where = np.asarray(x, dtype=float)
