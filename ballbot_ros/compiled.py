@@ -18,7 +18,9 @@ import os
 from pathlib import Path
 import shutil
 import tempfile
-from typing import Any, Callable
+from typing import Any, Callable, cast, TypeVar
+
+F = TypeVar('F', bound=Callable[..., Any])
 
 try:
     if os.environ.get('BALLBOT_UNCOMPILED', '0') not in ('', '0'):
@@ -59,7 +61,7 @@ def _cache_folder() -> str:
 _FOLDER = _cache_folder() if COMPILED else ''
 
 
-def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+def compiled(function: F) -> F:
     """
     Mark a kernel for compilation.
 
@@ -68,7 +70,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     return _compile(function, inline='never')
 
 
-def unlocked(function: Callable[..., Any]) -> Callable[..., Any]:
+def unlocked(function: F) -> F:
     """
     Mark a long-running kernel for compilation that lets other threads of Python run meanwhile.
 
@@ -78,7 +80,7 @@ def unlocked(function: Callable[..., Any]) -> Callable[..., Any]:
     return _compile(function, inline='never', nogil=True, forceinline=False)
 
 
-def outlined(function: Callable[..., Any]) -> Callable[..., Any]:
+def outlined(function: F) -> F:
     """
     Mark a kernel that is compiled once and called, not copied into those that call it.
 
@@ -87,7 +89,7 @@ def outlined(function: Callable[..., Any]) -> Callable[..., Any]:
     return _compile(function, inline='never', forceinline=False)
 
 
-def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+def inlined(function: F) -> F:
     """
     Mark a kernel that is pasted into the kernels that call it.
 
@@ -96,8 +98,8 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     return _compile(function, inline='always')
 
 
-def _compile(function: Callable[..., Any], inline: str,
-             nogil: bool = False, forceinline: bool = True) -> Callable[..., Any]:
+def _compile(function: F, inline: str,
+             nogil: bool = False, forceinline: bool = True) -> F:
     if not COMPILED:
         return function
     before = numba_config.CACHE_DIR
@@ -105,13 +107,14 @@ def _compile(function: Callable[..., Any], inline: str,
     try:
         # Without numba's counting of references (_nrt): kernels neither make nor keep arrays,
         # whoever calls holds them, and the counting took twice as long as the mechanics.
-        kernel = numba.njit(cache=True, error_model='numpy', forceinline=forceinline, _nrt=False,
-                            inline=inline, nogil=nogil)(function)
+        kernel: Any = numba.njit(
+            cache=True, error_model='numpy', forceinline=forceinline, _nrt=False, inline=inline,
+            nogil=nogil)(function)
     finally:
         numba_config.CACHE_DIR = before
     cache = kernel._cache
     cache.save_overload = _one_at_a_time(cache.save_overload)
-    return kernel
+    return cast(F, kernel)
 
 
 def _one_at_a_time(save: Callable[..., None]) -> Callable[..., None]:

@@ -41,7 +41,7 @@ class DriveLine:
     """
 
     def __init__(self, connect: Callable[[], Driver], clock: Callable[[], float],
-                 counts: Counter, notices: Notices):
+                 counts: Counter[str], notices: Notices):
         """Open nothing yet."""
         self._connect, self._clock = connect, clock
         self._counts, self._notices = counts, notices

@@ -74,7 +74,7 @@ class Session:
         """Start without a line, not active, the e-stop engaged."""
         self._hardware, self.clock = hardware, clock
         self._period = 1.0 / hardware.connection.loop_rate
-        self.counts: Counter = Counter()
+        self.counts: Counter[str] = Counter()
         self.notices = Notices()
         self.refusal = ''
         self.line = DriveLine(connect, clock, self.counts, self.notices)

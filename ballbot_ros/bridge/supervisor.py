@@ -67,10 +67,10 @@ class Supervisor:
         self._fast_since = math.inf
         self._since: Optional[float] = None  # when commands began to stay away
         self.e_stop = 'engaged at start'
-        self.counts: Counter = Counter()
+        self.counts: Counter[str] = Counter()
 
     @property
-    def refused(self) -> Counter:
+    def refused(self) -> Counter[str]:
         """Return the commands refused, by reason."""
         return self._gate.refused
 

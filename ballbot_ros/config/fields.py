@@ -202,7 +202,8 @@ def build(cls: Type[T], values: Mapping[str, Any], where: str) -> T:
         raise ConfigurationError(f'{where}: {error}') from error
 
 
-def checked_values(cls: Type[Checked], entries: Mapping[str, Any], where: str) -> dict:
+def checked_values(cls: Type[Checked], entries: Mapping[str, Any],
+                   where: str) -> dict[str, Any]:
     """
     Return the values of `entries` for the described fields of `cls`, checked.
 

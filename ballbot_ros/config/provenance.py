@@ -33,7 +33,8 @@ class Provenance:
     note: str = ''
 
 
-def read_values(cls: Type[Checked], content: Mapping[str, Any], where: str) -> tuple:
+def read_values(cls: Type[Checked], content: Mapping[str, Any],
+                where: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """
     Return the checked values of the fields of `cls`, and the `Provenance` of those that have one.
 
@@ -59,7 +60,7 @@ def read_values(cls: Type[Checked], content: Mapping[str, Any], where: str) -> t
 
 
 def _read_entry(name: str, entry: Mapping[str, Any], metadata: Mapping[str, Any],
-                where: str) -> tuple:
+                where: str) -> tuple[Any, Any]:
     """Return the value and the `Provenance` of one described entry."""
     place = f'{where}: {name}'
     refuse_unknown(entry, ('value', 'unit', 'source', 'range', 'note'), place)

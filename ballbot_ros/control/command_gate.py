@@ -37,7 +37,7 @@ class CommandGate:
                 f'command_timeout must be above 0 s and finite, got {timeout!r}')
         self.timeout = timeout
         self.accepted = 0
-        self.refused: Counter = Counter()
+        self.refused: Counter[str] = Counter()
         self.stamp: Optional[float] = None
         self._torque = 0.0
 

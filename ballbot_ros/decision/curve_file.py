@@ -36,7 +36,7 @@ def curve_text(curve: HeightCurve, what: str, writer: str) -> str:
     comment = '\n#\n'.join('# ' + '\n# '.join(textwrap.wrap(part, 95))
                            for part in text.split('\n\n'))
     content = {name: value for name, value in asdict(curve).items() if value not in (None, ())}
-    coefficients: Dict[str, list] = {name: [round(number, 9) for number in content.pop(name)]
+    coefficients: Dict[str, list[Any]] = {name: [round(number, 9) for number in content.pop(name)]
                                      for name in ('coefficients', 'conservative')
                                      if name in content}
     if 'covariance' in content:

@@ -186,13 +186,14 @@ def _fault(observation: StepObservation, position: float) -> str:
     return ''
 
 
-def _deviations(observation: StepObservation) -> tuple:
+def _deviations(observation: StepObservation) -> tuple[float, float]:
     """Return the deviations of distance and height that are believed [m]."""
     return (max(observation.distance_sd, DISTANCE_FLOOR),
             max(observation.height_sd, HEIGHT_FLOOR))
 
 
-def _average(first: float, first_sd: float, second: float, second_sd: float) -> tuple:
+def _average(first: float, first_sd: float, second: float,
+             second_sd: float) -> tuple[float, float]:
     """Return mean and deviation of two values weighted by 1 / variance."""
     one, two = first_sd**-2, second_sd**-2
     return (one * first + two * second) / (one + two), (one + two)**-0.5

@@ -62,7 +62,7 @@ class DecisionTuning(Checked):
                 f'({self.highest_speed:g} m/s), got {self.cruise_speed:g} m/s')
 
     @property
-    def halved(self) -> tuple:
+    def halved(self) -> tuple[float, float, float]:
         """Return half of (speed_margin, height_margin, sigma_margin)."""
         return self.speed_margin / 2, self.height_margin / 2, self.sigma_margin / 2
 

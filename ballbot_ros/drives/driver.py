@@ -191,7 +191,8 @@ class Driver(ABC):
 
     def _soon(self, deadline: float) -> float:
         """Return when a reply to what is asked now is overdue, at most a deadline."""
-        return min(deadline, self.clock() + self.options.reply_timeout)
+        patience: float = self.options.reply_timeout
+        return min(deadline, self.clock() + patience)
 
     def _ask_until(self, answered: Callable[[], bool], question: Callable[[], bytes],
                    deadline: float, what: str = '') -> None:

@@ -215,7 +215,7 @@ def _bounds(names: Sequence[str], starts: Array, scales: Array) -> Tuple[Array, 
 
 
 def _judge(names: Sequence[str], starts: Array, scales: Array, shift: Array, jacobian: Array,
-           misfit: float) -> tuple:
+           misfit: float) -> tuple[Any, ...]:
     """Return estimates with intervals, vague combinations and singular values."""
     values = starts + scales * shift
     # Per relative change of the number found; of one that is 0, per unit.

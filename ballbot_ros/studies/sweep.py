@@ -98,7 +98,7 @@ def run_sweep(plan: Plan, out: Path, pool: Executor, workers: int,
     left = [first for first in starts if not _part(folder, first).is_file()]
     found = done = sum(min(block, plan.size - first)
                        for first in starts if _part(folder, first).is_file())
-    waiting: Set[Future] = set()
+    waiting: Set[Future[Any]] = set()
     pending = iter(left)
     if progress is not None:
         progress(done)

@@ -155,7 +155,7 @@ class Plan(Checked):
             points = np.random.Generator(bits).random((behind - first, len(low)))
         return np.array(low + points * (high - low), dtype=float)
 
-    def case(self, values: Mapping[str, float]) -> tuple:
+    def case(self, values: Mapping[str, float]) -> tuple[Any, ...]:
         """Return robot, speed, height (None to search), actuation, site and rules of a case."""
         values = {**self.fixed, **values}
 

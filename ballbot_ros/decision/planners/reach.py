@@ -45,8 +45,8 @@ class Reach:
     spare: float
 
 
-def reach(step: TrackedStep, distance: float, speed: float, margins: tuple, robot: Robot,
-             curve: HeightCurve, tuning: DecisionTuning) -> Reach:
+def reach(step: TrackedStep, distance: float, speed: float, margins: tuple[float, float, float],
+          robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> Reach:
     """
     Return what the step asks for and what can be had.
 

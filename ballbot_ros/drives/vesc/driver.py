@@ -179,7 +179,7 @@ class Vesc(Driver):
         encoder is fine but starts again every turn.  The one tells which turn of the other it is,
         however many replies were lost in between.
         """
-        turns = values.tachometer / (6.0 * self.options.pole_pairs)
+        turns: float = values.tachometer / (6.0 * self.options.pole_pairs)
         if not self.options.encoder:
             return turns * math.tau
         part = values.angle_deg / 360.0
