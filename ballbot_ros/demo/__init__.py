@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The demo: three processes, two door-steps, and the story of what happened."""
+"""The demo: all nodes as processes, two door-steps, and a timeline of what happened."""
 from ballbot_ros.demo.demo import run_demo
 from ballbot_ros.demo.hardware import run_hardware_demo
 

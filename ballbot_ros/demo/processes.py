@@ -22,7 +22,7 @@ def own_domain() -> int:
     return int(given) if given else 1 + os.getpid() % 101
 
 
-# Fast DDS tells of a new participant five times in half a second, then every three seconds.
+# Fast DDS announces a new participant five times in half a second, then every three seconds.
 # Two that start together miss those five every other time, and three seconds pass unused.
 _PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
 <profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
@@ -35,9 +35,9 @@ _PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
 """
 
 
-def stay_here(folder: Path) -> Dict[str, str]:
+def local_discovery(folder: Path) -> Dict[str, str]:
     """
-    Return the environment of nodes that talk on this machine only, and find each other fast.
+    Return the environment of nodes that communicate on this machine only and are discovered fast.
 
     Parameters
     ----------
@@ -54,8 +54,8 @@ def stay_here(folder: Path) -> Dict[str, str]:
 
 
 def environment(domain: int, folder: Path) -> Dict[str, str]:
-    """Return the environment of the nodes of a domain; see `stay_here`."""
-    return {**os.environ, **stay_here(folder), 'ROS_DOMAIN_ID': str(domain),
+    """Return the environment of the nodes of a domain; see `local_discovery`."""
+    return {**os.environ, **local_discovery(folder), 'ROS_DOMAIN_ID': str(domain),
             'RCUTILS_COLORIZED_OUTPUT': '0', 'PYTHONUNBUFFERED': '1'}
 
 

@@ -10,7 +10,7 @@ import tempfile
 from graph import Graph
 import pytest
 
-from ballbot_ros.demo.processes import stay_here
+from ballbot_ros.demo.processes import local_discovery
 
 # Ports of the first lie beside those that Linux gives to programs, and the demo takes none of
 # them.  The others are for a machine on which many tests run at once.
@@ -60,7 +60,7 @@ def own_domain():
 @pytest.fixture(autouse=True)
 def this_machine_only(monkeypatch, tmp_path_factory):
     """Keep all talk on this machine, and let it begin at once."""
-    for name, value in stay_here(tmp_path_factory.mktemp('settings')).items():
+    for name, value in local_discovery(tmp_path_factory.mktemp('settings')).items():
         monkeypatch.setenv(name, value)
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What happened, told from the topics: a timeline for people and a verdict for machines."""
+"""What happened, from the topics: a timeline for people and a verdict for programs."""
 from dataclasses import dataclass, field
 import math
-from typing import Callable, List, Optional, Sequence, Tuple
+from typing import Any, Callable, List, Optional, Sequence, Tuple
 
 from ballbot_ros.decision import HeightCurve
 from ballbot_ros.msg import BallState, Contact, StepDecision
@@ -30,9 +30,11 @@ class Passage:
     crossed: Optional[float] = None
 
 
-class Story:
+class Timeline:
     """
-    Listens to ball states and decisions, tells a timeline, and knows the end.
+    Takes ball states and decisions, reports the events, and knows the end.
+
+    Times count from the first state [s].
 
     Parameters
     ----------
@@ -41,18 +43,23 @@ class Story:
     robot : Robot
     curve : HeightCurve
         To say how much was to spare.
-    tell : callable
+    report : callable
         Called with time [s], a mark and a sentence.
+
+    Attributes
+    ----------
+    rested : float or None
+        When the ball came to rest behind the first step [s].
 
     """
 
     def __init__(self, steps: Sequence[Tuple[float, float]], robot: Robot, curve: HeightCurve,
-                 tell: Callable[[float, str, str], None]):
-        """Begin."""
+                 report: Callable[[float, str, str], None]):
+        """Start without an event."""
         self.passages = [Passage(x, height) for x, height in steps]
         self.states: List[BallState] = []
-        self._waiting: List[StepDecision] = []
-        self._robot, self._curve, self._tell = robot, curve, tell
+        self._pending: List[StepDecision] = []
+        self._robot, self._curve, self._report = robot, curve, report
         self._last: Optional[Tuple[int, int, int]] = None
         self._resting: Optional[float] = None
         self.rested: Optional[float] = None
@@ -62,19 +69,36 @@ class Story:
         """Return the index of the step ahead of the ball."""
         return sum(passage.crossed is not None for passage in self.passages)
 
-    def decision(self, message: StepDecision) -> None:
-        """Take a decision; it is told when the states have come as far as its stamp."""
-        self._waiting.append(message)
-        self._catch_up()
+    @property
+    def now(self) -> float:
+        """Return the time of the newest state [s], minus infinity before the first."""
+        return self.time_of(self.states[-1]) if self.states else -math.inf
 
-    def _catch_up(self) -> None:
-        now = to_seconds(self.states[-1].header.stamp) if self.states else -math.inf
-        while self._waiting and to_seconds(self._waiting[0].header.stamp) <= now:
-            self._decided(self._waiting.pop(0))
+    def time_of(self, message: Any) -> float:
+        """Return the time of a message since the first state [s]."""
+        return to_seconds(message.header.stamp) - to_seconds(self.states[0].header.stamp)
+
+    def add_decision(self, message: StepDecision) -> None:
+        """Take a decision; it is reported when the states have come as far as its stamp."""
+        self._pending.append(message)
+        self._report_pending()
+
+    def add_state(self, message: BallState) -> None:
+        """Take a state; touches, crossings and rest are reported."""
+        before = self.states[-1] if self.states else message
+        self.states.append(message)
+        for passage in self.passages:
+            self._follow(passage, message, before)
+        self._watch_rest(message)
+        self._report_pending()
+
+    def _report_pending(self) -> None:
+        while self._pending and self.states and self.time_of(self._pending[0]) <= self.now:
+            self._decided(self._pending.pop(0))
 
     def _decided(self, message: StepDecision) -> None:
-        """Tell a decision if it is a change of mind."""
-        time = to_seconds(message.header.stamp)
+        """Report a decision if it differs from the last one."""
+        time = self.time_of(message)
         # Topics overtake each other: what counts is which step was ahead at that time.
         index = sum(passage.crossed is not None and passage.crossed <= time
                     for passage in self.passages)
@@ -85,37 +109,27 @@ class Story:
         self._last = key
         if index < len(self.passages) and message.decision != StepDecision.CLEAR:
             if not seen_before:
-                self._tell(time, 'sees', f'a step of {1e3 * message.height:.0f} mm, '
-                           f'{message.distance:.2f} m ahead of its centre')
+                self._report(time, 'sees', f'a step of {1e3 * message.height:.0f} mm, '
+                             f'{message.distance:.2f} m ahead of its centre')
             if message.decision not in self.passages[index].decided:
                 self.passages[index].decided.append(message.decision)
         late = 'too late to stop: ' if message.reason == StepDecision.COMMITTED else ''
-        self._tell(time, NAMES.get(message.decision, '?'), late + message.explanation)
+        self._report(time, NAMES.get(message.decision, '?'), late + message.explanation)
 
-    def ball(self, message: BallState) -> None:
-        """Take a state; touches, crossings and rest are told."""
-        before = self.states[-1] if self.states else message
-        self.states.append(message)
-        time = to_seconds(message.header.stamp)
-        for passage in self.passages:
-            self._follow(passage, message, before, time)
-        self._watch_rest(message, time)
-        self._catch_up()
-
-    def _follow(self, passage: Passage, message: BallState, before: BallState,
-                time: float) -> None:
+    def _follow(self, passage: Passage, message: BallState, before: BallState) -> None:
+        """Report when the ball touches a step, and when it has crossed it."""
         if passage.touched is None and any(
                 touch.kind == Contact.EDGE and abs(touch.x - passage.x) < NEAR
                 for touch in message.contacts):
-            passage.touched, passage.touch_speed = time, before.velocity_x
-            self._tell(time, 'touches', f'the {1e3 * passage.height:.0f} mm step at '
-                       f'{before.velocity_x:.2f} m/s{self._spare(passage)}')
+            passage.touched, passage.touch_speed = self.now, before.velocity_x
+            self._report(self.now, 'touches', f'the {1e3 * passage.height:.0f} mm step at '
+                         f'{before.velocity_x:.2f} m/s{self._spare(passage)}')
         radius = self._robot.ball_radius
         if passage.crossed is None and message.x > passage.x \
                 and message.y > passage.height + 0.5 * radius:
-            passage.crossed = time
-            self._tell(time, 'crossed', f'over it, now at {message.velocity_x:.2f} m/s, pendulum '
-                       f'at {math.degrees(message.pendulum_angle):.0f} degrees')
+            passage.crossed = self.now
+            self._report(self.now, 'crossed', f'over it, now at {message.velocity_x:.2f} m/s, '
+                         f'pendulum at {math.degrees(message.pendulum_angle):.0f} degrees')
 
     def _spare(self, passage: Passage) -> str:
         speed = min(max(passage.touch_speed, self._curve.lowest_speed),
@@ -124,21 +138,21 @@ class Story:
         word = 'to spare' if spare >= 0.0 else 'short'
         return f': {1e3 * abs(spare):.0f} mm {word} on the curve'
 
-    def _watch_rest(self, message: BallState, time: float) -> None:
-        """Note when the ball has come to rest after the first step."""
+    def _watch_rest(self, message: BallState) -> None:
+        """Report when the ball has come to rest after the first step."""
         if self.next_step == 0 or abs(message.velocity_x) > REST_SPEED:
             self._resting = None
             return
         if self._resting is None:
-            self._resting = time
-        elif self.rested is None and time - self._resting >= REST_TIME:
+            self._resting = self.now
+        elif self.rested is None and self.now - self._resting >= REST_TIME:
             self.rested = self._resting
             gap = self._gap(message)
-            self._tell(self._resting, 'rests', 'still' if math.isnan(gap) else
-                       f'{gap:.2f} m before the next step')
+            self._report(self._resting, 'rests', 'still' if math.isnan(gap) else
+                         f'{gap:.2f} m before the next step')
 
     def _gap(self, message: BallState) -> float:
-        """Return the way from the front of the ball to the next face [m], NaN if none."""
+        """Return the distance from the front of the ball to the next face [m], NaN if none."""
         if self.next_step >= len(self.passages):
             return math.nan
         return self.passages[self.next_step].x - message.x - self._robot.ball_radius

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A ROS graph for a demo: nodes as processes, and a recorder of their topics."""
+from contextlib import contextmanager
+from dataclasses import dataclass
+import os
+from pathlib import Path
+import time
+from typing import Any, Callable, Iterator, List, Sequence, Tuple
+
+import rclpy
+from rclpy.executors import Executor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+from rclpy.signals import SignalHandlerOptions
+
+from ballbot_ros.demo.processes import local_discovery, NodeProcesses, own_domain
+from ballbot_ros.demo.timeline import Timeline
+from ballbot_ros.msg import BallState, StepDecision
+from ballbot_ros.ros.bag import BagRecorder
+from ballbot_ros.ros.executor import new_executor
+
+
+@dataclass(frozen=True)
+class RecordedGraph:
+    """The nodes of a demo, and the node that records them; made by `recorded_graph`."""
+
+    node: Node
+    executor: Executor
+    bag: BagRecorder
+    nodes: NodeProcesses
+    timeline: Timeline
+
+    def run(self, poll: Callable[[], None], timeout: float, longest: float) -> List[str]:
+        """
+        Record until the ball rests, end the nodes, and return what went wrong.
+
+        Calls `poll` often; gives up after `timeout` of wall time [s], and ends after `longest` on
+        the timeline [s], when the robot has had its chance.
+        """
+        deadline = time.monotonic() + timeout
+        while self.timeline.rested is None and self.timeline.now <= longest:
+            self.executor.spin_once(timeout_sec=0.1)
+            self.bag.take_all()
+            poll()
+            ended = self.nodes.ended()
+            if ended is not None:
+                return [self._badly(*ended)]
+            if time.monotonic() > deadline:
+                return [f'given up after {timeout:g} s; where the machine was just too slow, '
+                        'allow more (--timeout)']
+        codes = self.nodes.stop()
+        self.bag.take_all()
+        return [self._badly(name, code) for name, code in codes.items() if code]
+
+    def _badly(self, name: str, code: int) -> str:
+        return f'node {name} ended with code {code}, see {self.nodes.log(name)}'
+
+
+@contextmanager
+def recorded_graph(out: Path, topics: Sequence[Tuple[str, Any, QoSProfile]],
+                   timeline: Timeline) -> Iterator[RecordedGraph]:
+    """
+    Give a graph without nodes yet; whatever happens, no process is left behind.
+
+    The topics are recorded to a bag in the folder `out`; those named ``ball_state`` and
+    ``step_decision`` go to the timeline, too.
+    """
+    domain = own_domain()
+    os.environ.update(local_discovery(out / 'logs'))
+    rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+    node, executor = Node('ballbot_demo'), new_executor()
+    executor.add_node(node)
+    try:
+        with BagRecorder(out / 'bag') as bag, NodeProcesses(out / 'logs', domain) as nodes:
+            bag.subscribe(node, topics, {
+                'ball_state':
+                    lambda data: timeline.add_state(deserialize_message(data, BallState)),
+                'step_decision':
+                    lambda data: timeline.add_decision(deserialize_message(data, StepDecision))})
+            yield RecordedGraph(node, executor, bag, nodes, timeline)
+    finally:
+        executor.remove_node(node)
+        node.destroy_node()
+        rclpy.try_shutdown()

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The timeline of a demo: which events, in which order, and what counts as a success."""
+import pytest
+
+from ballbot_ros.decision import load_curve
+from ballbot_ros.demo.timeline import Timeline
+from ballbot_ros.msg import BallState, Contact, StepDecision
+from ballbot_ros.ros.conversions import to_time
+
+STEPS = ((1.426, 0.031), (4.426, 0.080))
+RADIUS = 0.226
+CROSS = (StepDecision.CROSS, StepDecision.WITHIN_CURVE)
+GO_ROUND = (StepDecision.GO_ROUND, StepDecision.TOO_HIGH)
+
+
+@pytest.fixture
+def timeline(gimball):
+    """Return a timeline that keeps what it reports."""
+    timeline = Timeline(STEPS, gimball, load_curve('gimball_down'),
+                  lambda *event: timeline.events.append(event))
+    timeline.events = []
+    return timeline
+
+
+def ball(stamp, x, y=RADIUS, speed=0.5, touching=()):
+    message = BallState(x=x, y=y, velocity_x=speed, contacts=[
+        Contact(kind=Contact.EDGE, x=place) for place in touching])
+    message.header.stamp = to_time(stamp)
+    return message
+
+
+def decided(stamp, kind, height=0.031, explanation='because'):
+    message = StepDecision(decision=kind[0], reason=kind[1], height=height, distance=1.0,
+                           explanation=explanation)
+    message.header.stamp = to_time(stamp)
+    return message
+
+
+def marks(timeline):
+    return [mark for _, mark, _ in timeline.events]
+
+
+def play(timeline, until='rests'):
+    """Report a run as it should be, up to one of its events."""
+    events = [
+        ('starts', [ball(0.0, 0.0, speed=0.0)]),
+        ('CROSS', [decided(0.0, CROSS)]),
+        ('rolls', [ball(1.0, 1.0, speed=0.9)]),
+        ('touches', [ball(1.5, 1.31, touching=[1.426])]),
+        ('crossed', [ball(2.0, 1.43, y=RADIUS + 0.031)]),
+        ('GO ROUND', [decided(2.0, GO_ROUND, 0.08)]),
+        ('rests', [ball(5.0 + 0.1 * number, 3.9, y=RADIUS + 0.031, speed=0.0)
+                   for number in range(12)]),
+    ]
+    for name, messages in events:
+        for message in messages:
+            is_state = isinstance(message, BallState)
+            (timeline.add_state if is_state else timeline.add_decision)(message)
+        if name == until:
+            return
+
+
+def test_a_run_as_it_should_be_is_reported_and_has_nothing_wrong(timeline):
+    play(timeline)
+    assert marks(timeline) == ['sees', 'CROSS', 'touches', 'crossed', 'sees', 'GO ROUND', 'rests']
+    sentences = {mark: sentence for _, mark, sentence in timeline.events}
+    assert sentences['touches'] == 'the 31 mm step at 0.90 m/s: 6 mm to spare on the curve'
+    assert sentences['rests'] == '0.30 m before the next step'
+    assert [time for time, *_ in timeline.events] == [0.0, 0.0, 1.5, 2.0, 2.0, 2.0, 5.0]
+    assert timeline.rested == 5.0 and timeline.verdict() == []
+
+
+@pytest.mark.parametrize('until, missing', [
+    ('starts', ['the 31 mm step was never accepted', 'the 31 mm step was not crossed',
+                'the 80 mm step was never refused', 'the robot did not come to rest']),
+    ('touches', ['the 31 mm step was not crossed', 'the 80 mm step was never refused',
+                 'the robot did not come to rest']),
+    ('crossed', ['the 80 mm step was never refused', 'the robot did not come to rest']),
+    ('GO ROUND', ['the robot did not come to rest']),
+])
+def test_what_did_not_happen_is_wrong(timeline, until, missing):
+    play(timeline, until)
+    assert timeline.verdict() == missing
+
+
+def test_nothing_at_all_is_no_success(timeline):
+    assert len(timeline.verdict()) == 4
+
+
+def test_the_second_step_must_be_neither_accepted_nor_touched(timeline):
+    play(timeline)
+    timeline.add_decision(decided(5.5, CROSS, 0.08))
+    timeline.add_state(ball(9.0, 4.3, touching=[4.426]))
+    assert timeline.verdict() == ['the 80 mm step was accepted, and cannot be crossed',
+                               'the 80 mm step was touched']
+
+
+def test_to_rest_before_the_first_step_is_not_the_end(timeline):
+    for number in range(30):
+        timeline.add_state(ball(0.1 * number, 0.0, speed=0.0))
+    assert timeline.rested is None
+
+
+def test_to_stand_still_for_a_moment_is_no_rest(timeline):
+    play(timeline, 'GO ROUND')
+    for number, speed in enumerate((0.0, 0.01, 0.5, 0.0, -0.01)):
+        timeline.add_state(ball(3.0 + 0.4 * number, 3.0, y=RADIUS + 0.031, speed=speed))
+    assert timeline.rested is None
+
+
+def test_only_a_change_of_decision_is_reported(timeline):
+    for stamp in (0.0, 9.0):
+        timeline.add_state(ball(stamp, 0.0))
+    for number in range(50):
+        timeline.add_decision(decided(0.02 * number, CROSS, explanation=f'look {number}'))
+    timeline.add_decision(decided(1.0, (StepDecision.CROSS, StepDecision.COMMITTED)))
+    assert marks(timeline) == ['sees', 'CROSS', 'CROSS']
+    assert timeline.events[-1][2] == 'too late to stop: because'
+
+
+def test_a_decision_that_overtakes_the_states_waits_for_them(timeline):
+    play(timeline, 'touches')
+    timeline.add_decision(decided(2.02, GO_ROUND, 0.08))
+    assert marks(timeline)[-1] == 'touches'
+    timeline.add_state(ball(2.0, 1.43, y=RADIUS + 0.031))
+    assert marks(timeline)[-1] == 'crossed'
+    timeline.add_state(ball(2.02, 1.44, y=RADIUS + 0.031))
+    assert marks(timeline)[-3:] == ['crossed', 'sees', 'GO ROUND']
+    assert timeline.passages[0].decided == [StepDecision.CROSS]
+
+
+def test_a_decision_that_comes_late_belongs_to_the_step_of_its_time(timeline):
+    play(timeline, 'crossed')
+    timeline.add_decision(decided(1.98, (StepDecision.CROSS, StepDecision.COMMITTED)))
+    assert timeline.passages[1].decided == []
+
+
+def test_a_touch_is_reported_once_and_an_edge_elsewhere_is_none(timeline):
+    play(timeline, 'rolls')
+    timeline.add_state(ball(1.1, 1.1, touching=[1.2]))
+    assert timeline.passages[0].touched is None
+    for stamp in (1.5, 1.6):
+        timeline.add_state(ball(stamp, 1.31, touching=[1.426]))
+    assert marks(timeline).count('touches') == 1
+    assert timeline.passages[0].touch_speed == 0.5
+
+
+def test_a_ball_above_the_face_but_not_up_has_not_crossed(timeline):
+    play(timeline, 'rolls')
+    timeline.add_state(ball(2.0, 1.43, y=0.1))
+    assert timeline.next_step == 0
+
+
+def test_times_count_from_the_first_state(timeline):
+    timeline.add_decision(decided(1000.5, CROSS))
+    timeline.add_state(ball(1000.0, 0.0))
+    assert timeline.now == 0.0 and not timeline.events
+    timeline.add_state(ball(1001.0, 0.4))
+    assert [(time, mark) for time, mark, _ in timeline.events] == [(0.5, 'sees'), (0.5, 'CROSS')]
