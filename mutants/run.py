@@ -4,7 +4,7 @@ Change the code a little, many times, and see whether the unit tests of its pack
 
     make mutants                                   # a sample of each package, some minutes
     make mutants ARGS='--package control --count 100 --seed 2'
-    make mutants ARGS='--package hardware --module vesc --count 0'    # all there are
+    make mutants ARGS='--package drives --module vesc --count 0'    # all there are
     make mutants ARGS=--survivors                  # again, those that survived the last time
 
 Ctrl-C prints what is done so far; the same command resumes there, for the outcomes are kept in
@@ -20,7 +20,6 @@ import sys
 import time
 
 HERE = Path(__file__).resolve().parent
-HOW_TO_INSTALL = '.venv/bin/python -m pip install --no-deps -r requirements/mutants.txt'
 WANTED = 90.0  # per cent
 
 # Each package: its folder, and the tests that guard it.  Nothing else knows where they are.
@@ -29,7 +28,7 @@ PACKAGES = {
     'control': ('ballbot_ros/control', ['test/unit/control']),
     'estimation': ('ballbot_ros/estimation', ['test/unit/estimation']),
     'decision': ('ballbot_ros/decision', ['test/unit/decision']),
-    'hardware': ('ballbot_ros/hardware', ['test/unit/hardware']),
+    'drives': ('ballbot_ros/drives', ['test/unit/drives']),
 }
 # Imported before the fork; nothing above may be imported by it.
 PRELOADED = ['ballbot_ros.physics']
@@ -71,7 +70,7 @@ class Tally:
             self.survivors.append(mutant)
         done = sum(self.outcomes.values())
         print(f'{self.package} {done}/{self.total} {time.monotonic() - self._begin:.0f}s '
-              f'{outcome:10} {mutant.path}:{mutant.number} {mutant.operator}  '
+              f'{outcome:10} {mutant.path}:{mutant.number} {mutant.way}  '
               f'{killer.split("/")[-1]}', flush=True)
 
     def share(self):
@@ -96,11 +95,8 @@ def main():
     for name in arguments.package or ():
         if name not in packages:
             sys.exit(f'no package {name!r}; there are: {", ".join(packages)}')
-    try:
-        import sample
-    except ImportError as error:
-        sys.exit(f'{error}: {HOW_TO_INSTALL}')
     import records
+    import sample
     root, out = arguments.root.resolve(), arguments.out.resolve()
     chosen = {name: packages[name] for name in arguments.package or packages}
     if arguments.list:
