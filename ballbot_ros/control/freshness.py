@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Is there still someone there, and how often: watchdog and rate, with time passed in."""
+"""Watchdog and rate monitor; time is passed in."""
 from collections import deque
 import math
 from statistics import median
@@ -17,7 +17,7 @@ def _finite(now: float) -> float:
 
 class Watchdog:
     """
-    Tells when something that should come regularly stays away.
+    Expires when something that should come regularly has timed out.
 
     Feed it with what it watches, a command for instance, never from one's own timer.  It
     errs on the safe side: never fed is expired, and so is a clock that jumped back, until
@@ -36,7 +36,7 @@ class Watchdog:
     """
 
     def __init__(self, timeout: float):
-        """Start hungry."""
+        """Start expired."""
         if not (math.isfinite(timeout) and timeout > 0.0):
             raise ConfigurationError(
                 f'watchdog timeout must be more than 0 s and finite, got {timeout!r}; '
@@ -51,7 +51,7 @@ class Watchdog:
 
     @property
     def fed(self) -> bool:
-        """Tell whether it was ever fed: tells 'not yet there' from 'gone'."""
+        """Return whether it was ever fed: 'not yet there' is not 'gone'."""
         return self._last is not None
 
     def feed(self, now: float) -> None:
@@ -67,7 +67,7 @@ class Watchdog:
         return math.inf if self._last is None else _finite(now) - self._last
 
     def expired(self, now: float) -> bool:
-        """Tell whether the silence at `now` [s] is too long, or time ran backwards."""
+        """Return whether the silence at `now` [s] is too long, or time ran backwards."""
         return not 0.0 <= self.silence(now) <= self._timeout
 
 
@@ -75,15 +75,15 @@ class RateMonitor:
     """
     Measures how often something comes: the median period of the last stamps.
 
-    The median shrugs off a single late message, which is not a slow publisher.
+    The median ignores a single late message, which is not a slow publisher.
 
     Parameters
     ----------
     size : int
         Number of stamps looked at, at least 2.
     least : int
-        Number of stamps before which nothing is told, from 2 to `size`: the median of one
-        or two periods shrugs off nothing.
+        Number of stamps before which there is no rate, from 2 to `size`: the median of one
+        or two periods ignores nothing.
 
     Raises
     ------

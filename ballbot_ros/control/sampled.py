@@ -4,16 +4,15 @@ Stability of a control law that is closed at a rate and with a delay.
 
 A gain that is harmless in continuous time amplifies when it acts too rarely or too late.
 The rolling model of `rolling_model` is discretised exactly under a zero-order hold and closed
-with the linearised law; the poles of the result tell.  The published gains on GimBall
-need, to hold the pendulum down, 234 Hz without delay and 468 Hz with one sample of it; to
-hold it at any angle, 275 and 548 Hz.
+with the linearised law; it is stable if the poles of the result are.  The published gains on
+GimBall need, to hold the pendulum down, 234 Hz without delay and 468 Hz with one sample of it;
+to hold it at any angle, 275 and 548 Hz.
 
 What divergence looks like: the torque limit turns exponential growth into a limit cycle,
 a pendulum that rattles with full torque back and forth.  It does not turn it into control.
 """
-from dataclasses import replace
 import math
-from typing import Any, Optional, Sequence, Union
+from typing import Optional, Sequence, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,7 +123,7 @@ def growth_rate(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate
 
 def is_stable(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate: float,
               delay: int = 0, set_angles: Optional[Sequence[float]] = None) -> bool:
-    """Tell whether nothing grows faster than drift; parameters as in `growth_rate`."""
+    """Return whether nothing grows faster than drift; parameters as in `growth_rate`."""
     return growth_rate(robot, tuning, law, rate, delay, set_angles) < DRIFT_LIMIT
 
 
@@ -179,16 +178,17 @@ def check_loop(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
 
 def _remedy(robot: Robot, tuning: ControlTuning, law: Mode, rate: float, delay: int) -> str:
     """Return what to do instead: a rate, a gain, or a look at the gains."""
-    ways = []
+    remedies = []
     lowest = lowest_stable_rate(robot, tuning, law, delay)
     if math.isfinite(lowest):
-        ways.append(f'run it at {math.ceil(lowest)} Hz or more')
+        remedies.append(f'run it at {math.ceil(lowest)} Hz or more')
     # The gain on rates is what diverges first: it meets the small pendulum inertia alone.
     name = 'position_kd' if law is Mode.HOLD else 'velocity_kp'
     for percent in range(95, 0, -1):
-        gain: Any = float(f'{percent / 100 * getattr(tuning, name):.2g}')
+        gain = float(f'{percent / 100 * getattr(tuning, name):.2g}')
+        lowered = ControlTuning(**{**vars(tuning), name: gain})
         # A tenth of the rate to spare: a gain at its very limit would ring for ever.
-        if is_stable(robot, replace(tuning, **{name: gain}), law, 0.9 * rate, delay):
-            ways.append(f'lower {name} to {gain:g}')
+        if is_stable(robot, lowered, law, 0.9 * rate, delay):
+            remedies.append(f'lower {name} to {gain:g}')
             break
-    return ' or '.join(ways) or 'no rate saves these gains: see config/tunings'
+    return ' or '.join(remedies) or 'no rate saves these gains: see config/tunings'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pendulum controller among unreliable neighbours: old set-points, slow states, new time."""
+"""The controller among unreliable publishers: old set-points, slow joint states, new time."""
 from dataclasses import dataclass
 import logging
 from typing import Optional
@@ -25,7 +25,7 @@ ROUNDING = 1e-6
 @dataclass(frozen=True)
 class Supervision:
     """
-    What is expected of the neighbours.
+    What is expected of those that publish joint states and set-points.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class SupervisedController:
         self._let_down = False
 
     def take(self, readings: JointReadings) -> None:
-        """Note a joint state; `answer` then tells the torque for it."""
+        """Note a joint state; `answer` then gives the torque for it."""
         if self._newest is not None and readings.stamp < self._newest.stamp:
             LOG.warning(
                 f'time went back from {self._newest.stamp:.3f} s to {readings.stamp:.3f} s: '
@@ -146,7 +146,7 @@ class SupervisedController:
         return 0.0 if slow else torque
 
     def _too_early(self, stamp: float) -> bool:
-        """In lockstep: tell whether the set-point of this state's period is missing."""
+        """In lockstep, return whether the set-point of this state's period is missing."""
         period = self._expected.set_point_period
         if not period:
             return False

@@ -67,7 +67,6 @@ class Fusion:
         self._imu: Optional[ImuReading] = None
         self._upright = False  # ball angle 0 is where the IMU is upright
         self._in_a_row = 0
-        self._torque = 0.0
 
     def has_imu(self, now: float) -> bool:
         """Return whether there is an IMU reading not older than its timeout."""
@@ -90,8 +89,8 @@ class Fusion:
         self._newest = reading.stamp
         self._waiting.append(reading)
 
-    def _use(self, reading: ImuReading) -> None:
-        """Update the estimate with an IMU reading."""
+    def _use(self, reading: ImuReading, torque: float) -> None:
+        """Update the estimate with an IMU reading, reached under a torque."""
         before, period, turning = self._imu, math.inf, 0.0
         if before is not None:
             period, turning = reading.stamp - before.stamp, before.turn_acceleration
@@ -105,7 +104,7 @@ class Fusion:
         if not self._upright:
             self._upright = True
             self.estimate = _with_upright(self.estimate, imu)
-        estimate = self._filter.predict(self.estimate, imu.stamp, self._torque, imu)
+        estimate = self._filter.predict(self.estimate, imu.stamp, torque, imu)
         self.estimate = self._filter.with_imu(estimate, imu, min(period, IMU_TIMEOUT))
 
     def encoder(self, stamp: float, angle: float, torque: float) -> Estimate:
@@ -130,9 +129,8 @@ class Fusion:
 
         """
         refuse_not_finite('encoder reading', stamp=stamp, angle=angle, torque=torque)
-        self._torque = torque
         while self._waiting and self._waiting[0].stamp <= stamp:
-            self._use(self._waiting.popleft())
+            self._use(self._waiting.popleft(), torque)
         imu = self._imu
         if imu is not None and stamp - imu.stamp > IMU_TIMEOUT:
             imu = None

@@ -41,15 +41,15 @@ def unobservable(robot: Robot, imu: bool, angle: float = 0.0) -> List[str]:
     motion[:3, :3], motion[:3, 4] = model.about_held(angle)
     # On a slope the whole weight pulls along it: a torque M g R about the contact point.
     motion[1:3, 5] = model.response(angle, 0.0, robot.weight * robot.ball_radius)
-    motion[3, 1], motion[3, 2] = 1.0, -1.0
-    readings = [np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0])]
+    pendulum_angle, pendulum_rate, ball_rate, joint_angle, _, _ = np.eye(size)
+    motion[3] = pendulum_rate - ball_rate
+    readings = [joint_angle]
     if imu:
-        readings.append(np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
         # Direction of the specific force: ball angle times g, and the acceleration of rolling.
-        readings.append(np.array([robot.gravity, 0.0, 0.0, -robot.gravity, 0.0, 0.0])
-                        - robot.ball_radius * motion[2])
-    rows = np.array(readings)
-    rows = np.vstack([rows @ np.linalg.matrix_power(motion / 10.0, power)
+        readings += [ball_rate, robot.gravity * (pendulum_angle - joint_angle)
+                     - robot.ball_radius * motion[2]]
+    # In tenths of a second, so that high powers stay within the range of numbers.
+    rows = np.vstack([readings @ np.linalg.matrix_power(motion / 10.0, power)
                       for power in range(size)])
     _, strengths, directions = np.linalg.svd(rows)
     missing = directions[strengths < THRESHOLD * strengths[0]]

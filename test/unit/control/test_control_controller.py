@@ -26,7 +26,7 @@ def controller_for(set_point, tuning=FREE):
     return controller
 
 
-def test_idle_until_told_otherwise():
+def test_without_a_set_point_there_is_no_torque():
     assert PendulumController(GIMBALL, FREE).torque(at(0.0, 1.0, 1.0, 5.0, 5.0)) == 0.0
 
 
@@ -70,7 +70,7 @@ def test_same_stamp_gives_the_same_answer():
     controller.torque(at(0.0))
     first = controller.torque(at(0.1, joint_rate=0.5))
     assert controller.torque(at(0.1, joint_rate=0.5)) == first
-    assert controller.torque(at(0.1, joint_rate=0.5)) == first
+    assert controller.torque(at(0.1, joint_angle=1.0, joint_rate=9.0)) == first
 
 
 def test_new_set_point_is_answered_even_on_a_repeated_stamp():
@@ -97,8 +97,40 @@ def test_integral_does_not_wind_up_behind_the_limit():
     for index in range(1000):   # ten seconds against a wall
         torque = controller.torque(at(0.01 * index))
     assert torque == pytest.approx(4.0, abs=0.1)
-    # Let go and too fast by half: without anti-windup the torque would stay at the limit.
+    # Released and too fast by half: without anti-windup the torque would stay at the limit.
     assert controller.torque(at(10.0, joint_rate=6.0)) < 0.0
+
+
+@given(strategies.floats(-3.0, 3.0), strategies.lists(
+    strategies.tuples(strategies.floats(0.01, 1.0), strategies.floats(-3.0, 3.0)),
+    min_size=1, max_size=20))
+def test_behind_the_limit_the_integral_moves_only_out_of_it(set_rate, motion):
+    limit, kp, ki = 4.0, 1.0, 2.0
+    controller = controller_for(SetPoint('drive', set_rate), ControlTuning(
+        velocity_kp=kp, velocity_ki=ki, torque_limit=limit, gravity_compensation=False))
+    stamp = joint = lag = 0.0
+    assert controller.torque(at(0.0)) == pytest.approx(max(-limit, min(limit, kp * set_rate)))
+    for period, rate in motion:
+        stamp, joint = stamp + period, joint + rate * period
+        moved = (set_rate - rate) * period
+        law = kp * (set_rate - rate) + ki * (lag + moved)
+        if not (abs(law) > limit and moved * law > 0.0):
+            lag += moved
+        law = kp * (set_rate - rate) + ki * lag
+        if abs(abs(law) - limit) > 1e-6:  # where rounding does not decide
+            assert controller.torque(at(stamp, 0.0, joint, 0.0, rate)) == pytest.approx(
+                max(-limit, min(limit, law)), abs=1e-6)
+        else:
+            return
+
+
+@pytest.mark.parametrize('rate', [9.0, -9.0])
+def test_a_set_point_that_starts_at_the_limit_starts_without_a_lag(rate):
+    controller = controller_for(SetPoint('drive', rate), ControlTuning(
+        velocity_kp=1.0, velocity_ki=2.0, torque_limit=4.0, gravity_compensation=False))
+    assert controller.torque(at(0.0)) == math.copysign(4.0, rate)
+    assert controller.torque(at(1.0, joint_angle=rate, joint_rate=rate)) == pytest.approx(
+        0.0, abs=1e-12)
 
 
 def test_reset_forgets_everything():
@@ -116,8 +148,9 @@ def test_the_past_is_refused():
         controller.give(SetPoint('hold', 1.0, 1.0))
     assert caught.value.reason == 'stale'
     controller.torque(at(2.0))
-    with pytest.raises(MessageError, match='readings of 1.5 s'):
+    with pytest.raises(MessageError, match='readings of 1.5 s') as caught:
         controller.torque(at(1.5))
+    assert caught.value.reason == 'stale'
     assert controller.set_point.value == 0.0
 
 

@@ -5,9 +5,10 @@ import math
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from ballbot_ros.control import (
-    check_loop, ControlTuning, is_stable, JointReadings, load_tuning, loop_poles,
+    check_loop, ControlTuning, growth_rate, is_stable, JointReadings, load_tuning, loop_poles,
     lowest_stable_rate, PendulumController, RollingModel, SetPoint)
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.physics.model.robot import load_robot
@@ -78,6 +79,80 @@ def test_gains_that_no_rate_saves_are_told_so():
     assert lowest_stable_rate(GIMBALL, tuning, 'hold') == math.inf
     with pytest.raises(UnstableLoopError, match='no rate saves'):
         check_loop(GIMBALL, tuning, 'hold', 1000.0, 0)
+
+
+@pytest.mark.parametrize('law', ['hold', 'drive'])
+@pytest.mark.parametrize('delay', [1, 2, 3])
+@pytest.mark.parametrize('velocity_ki', [0.0, 5.0])
+def test_the_poles_are_those_of_a_loop_that_is_stepped_by_hand(law, delay, velocity_ki):
+    rate, angle = 300.0, 0.7
+    tuning = ControlTuning(position_kp=6.0, position_kd=0.8, velocity_kp=0.8,
+                           velocity_ki=velocity_ki)
+    matrix, column = RollingModel(GIMBALL).about_held(angle)
+    flow = np.zeros((5, 5))  # phi, phi', theta1', theta2, torque
+    flow[:3, :3], flow[:3, 4], flow[3, 1:3] = matrix, column, (1.0, -1.0)
+    held = expm(flow / rate)
+    gravity = GIMBALL.largest_gravity_torque * math.cos(angle)
+    gains = {'hold': [gravity - 6.0, -0.8, 0.0, 0.0],
+             'drive': [gravity, -0.8, 0.8, -velocity_ki]}[law]
+
+    def stepped(start):
+        """Return state and waiting torques one sample later."""
+        state, waiting = start[:4], [*start[4:], np.dot(gains, start[:4])]
+        return np.concatenate([held[:4, :4] @ state + held[:4, 4] * waiting[0], waiting[1:]])
+
+    loop = np.array([stepped(unit) for unit in np.eye(4 + delay)]).T
+    expected = np.linalg.eigvals(loop)
+    if law == 'hold' or not velocity_ki:  # where the joint angle does not matter it is left out
+        expected = np.delete(expected, np.abs(expected - 1.0).argmin())
+    found = loop_poles(GIMBALL, tuning, law, rate, delay, angle)
+    assert np.sort(np.abs(found)) == pytest.approx(np.sort(np.abs(expected)), abs=1e-6)
+
+
+def test_growth_is_that_of_the_worst_pole_at_the_worst_angle():
+    found = growth_rate(GIMBALL, PUBLISHED, 'hold', 500.0, 1, (0.0, 3.0))
+    worst = max(np.abs(loop_poles(GIMBALL, PUBLISHED, 'hold', 500.0, 1, angle)).max()
+                for angle in (0.0, 3.0))
+    assert found == pytest.approx(500.0 * math.log(worst)) and found > 0.0
+
+
+@pytest.mark.parametrize('growth, stable', [(0.19, True), (0.21, False)])
+def test_slow_drift_is_not_called_unstable_and_growth_is(growth, stable):
+    # A raised pendulum falls slowly where the law is hardly too weak for its weight.
+    def held_with(gain):
+        return replace(tuning, position_kp=gain), 'hold', 1000.0, 0, (math.pi,)
+
+    tuning = ControlTuning(position_kd=1.0, gravity_compensation=False)
+    falls, stands = 0.5, 10.0
+    for _ in range(40):
+        gain = 0.5 * (falls + stands)
+        weak = growth_rate(GIMBALL, *held_with(gain)) > growth
+        falls, stands = (gain, stands) if weak else (falls, gain)
+    assert growth_rate(GIMBALL, *held_with(gain)) == pytest.approx(growth)
+    assert is_stable(GIMBALL, *held_with(gain)) == stable
+
+
+def test_without_a_delay_given_there_is_none_but_a_loop_is_checked_with_one():
+    assert growth_rate(GIMBALL, PUBLISHED, 'drive', 300.0) == growth_rate(
+        GIMBALL, PUBLISHED, 'drive', 300.0, 0)
+    assert is_stable(GIMBALL, PUBLISHED, 'drive', 300.0)
+    assert not is_stable(GIMBALL, PUBLISHED, 'drive', 300.0, 1)
+    assert lowest_stable_rate(GIMBALL, PUBLISHED, 'drive') < 230.0
+    assert len(loop_poles(GIMBALL, PUBLISHED, 'hold', 500.0)) == 3
+    with pytest.raises(UnstableLoopError, match='1 sample of delay'):
+        check_loop(GIMBALL, PUBLISHED, 'drive', 300.0)
+    check_loop(GIMBALL, PUBLISHED, 'drive', 300.0, 0)
+
+
+def test_a_loop_without_torque_is_stable_at_any_rate():
+    idle = ControlTuning(position_kp=0.0, position_kd=0.0, gravity_compensation=False)
+    assert lowest_stable_rate(GIMBALL, idle, 'hold', 0, DOWN) == 1.0
+
+
+def test_the_lowest_rate_is_found_to_a_tenth_of_a_per_mille():
+    lowest = lowest_stable_rate(GIMBALL, PUBLISHED, 'hold', 1, DOWN)
+    assert is_stable(GIMBALL, PUBLISHED, 'hold', lowest, 1, DOWN)
+    assert not is_stable(GIMBALL, PUBLISHED, 'hold', lowest / 1.0001, 1, DOWN)
 
 
 def test_integral_adds_a_state_but_no_neutral_pole():

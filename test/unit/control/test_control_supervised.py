@@ -67,6 +67,65 @@ def test_a_set_point_of_another_time_is_refused(stamp, reason):
     assert caught.value.reason == reason
 
 
+@pytest.mark.parametrize('stamp', [11.0, 10.9, 9.5])
+def test_a_set_point_may_be_a_second_ahead_and_as_old_as_the_timeout(stamp):
+    controller = made(set_point_timeout=0.5)
+    controller.take(at(10.0))
+    controller.give(SetPoint(Mode.HOLD, 1.0, stamp))
+    assert controller.set_point.stamp == stamp
+
+
+@pytest.mark.parametrize('stamp', [11.01, 9.49])
+def test_a_set_point_further_off_leaves_the_one_in_force(stamp):
+    controller = made(set_point_timeout=0.5)
+    controller.take(at(10.0))
+    with pytest.raises(MessageError):
+        controller.give(SetPoint(Mode.HOLD, 1.0, stamp))
+    assert controller.set_point.mode is Mode.IDLE
+
+
+def test_from_the_eleventh_state_on_the_rate_is_judged():
+    controller = made(lowest_rate=275.0)
+    controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
+    assert not controller.too_slow
+    for number in range(10):
+        assert answer(controller, 0.01 * number) != 0.0
+        assert controller.rate is None and not controller.too_slow
+    assert answer(controller, 0.1) == 0.0 and controller.too_slow
+    assert controller.rate == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize('lowest, slow', [(8.0 / 0.98, False), (8.1 / 0.98, True)])
+def test_measured_rates_may_be_two_per_cent_too_low(lowest, slow):
+    controller = made(lowest_rate=lowest)
+    controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
+    for number in range(12):
+        answer(controller, 0.125 * number)
+    assert controller.too_slow == slow
+
+
+def test_nothing_is_expected_unless_it_is_said():
+    controller = made()
+    controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
+    torques = [answer(controller, 1e3 * number) for number in range(1, 40)]
+    assert None not in torques and 0.0 not in torques
+
+
+def test_before_the_first_state_it_is_time_0():
+    controller = made()
+    assert controller.time == 0.0
+    controller.take(at(7.0))
+    assert controller.time == 7.0
+
+
+def test_a_set_point_is_followed_until_just_after_its_timeout(caplog):
+    controller = made(set_point_timeout=0.5)
+    controller.give(SetPoint(Mode.HOLD, 1.0, 1.0))
+    assert answer(controller, 1.5) > 0.0 and answer(controller, 1.5 + 5e-7) > 0.0
+    assert not caplog.messages
+    assert answer(controller, 1.5 + 5e-6) < 0.0 and caplog.messages
+
+
 def test_in_lockstep_a_state_waits_for_the_set_point_of_its_period():
     controller = made(set_point_period=0.02)
     assert answer(controller, 0.0) is None

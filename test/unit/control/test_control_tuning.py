@@ -22,6 +22,17 @@ def test_impossible_gains_are_refused_by_name(name, value):
         ControlTuning(**{name: value})
 
 
+@pytest.mark.parametrize('name', ['position_kp', 'position_kd', 'velocity_kp', 'velocity_ki'])
+def test_a_gain_may_be_zero_and_not_negative(name):
+    assert getattr(ControlTuning(**{name: 0.0}), name) == 0.0
+    with pytest.raises(ConfigurationError, match=name):
+        ControlTuning(**{name: -1e-9})
+
+
+def test_a_torque_limit_may_be_small():
+    assert ControlTuning(torque_limit=1e-9).torque_limit == 1e-9
+
+
 def test_misspelt_gain_gets_a_suggestion(tmp_path):
     path = tmp_path / 'mine.yaml'
     path.write_text('positon_kp: 3.0\n')

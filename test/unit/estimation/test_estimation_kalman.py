@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The filter alone: prediction against the model, updates and steady state in closed form."""
-from dataclasses import replace
+from dataclasses import fields, replace
 import math
 
 from hypothesis import given, strategies
@@ -92,6 +92,18 @@ def test_a_ball_without_a_pendulum_is_refused():
         PendulumFilter(load_robot('shellball'))
 
 
+@pytest.mark.parametrize('name', [field.name for field in fields(FilterTuning)])
+def test_no_source_is_trusted_without_limit_but_a_clock_and_a_steady_bias(name):
+    with pytest.raises(ConfigurationError, match=name):
+        FilterTuning(**{name: -1e-3})
+    if name in ('timing_sd', 'gyro_drift'):
+        assert getattr(FilterTuning(**{name: 0.0}), name) == 0.0
+    else:
+        with pytest.raises(ConfigurationError, match=name):
+            FilterTuning(**{name: 0.0})
+        assert getattr(FilterTuning(**{name: 1e-9}), name) == 1e-9
+
+
 # Prediction
 
 @given(angles, angles, rates, rates, torques)
@@ -159,7 +171,7 @@ def test_a_long_pause_is_bridged_in_steps_of_five_milliseconds():
     assert FILTER.predict(one_step, 0.005, 0.7).mean[2] == pytest.approx(1.0 + 0.005 * pendulum)
 
 
-@pytest.mark.parametrize('stamp', [-1.0, 0.0, 1e-10])
+@pytest.mark.parametrize('stamp', [-1.0, 0.0, 1e-10, 1e-9])
 def test_there_is_nothing_to_predict_for_an_earlier_time(stamp):
     estimate = known([0.5, -0.3, 1.0, -2.0, 0.01])
     assert FILTER.predict(estimate, stamp, 1.0) is estimate
