@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 SPDX = '# SPDX-License-Identifier: Apache-2.0'
 
-# The layers that work without ROS carry type hints. In this order: lowest first.
+# The layers that work without ROS carry type hints, in this order: lowest first.
 TYPED = ('errors.py', 'renamed.py', 'compiled.py', 'config', 'physics', 'crossing', 'control',
          'estimation', 'plant', 'drives', 'decision', 'emulator', 'bridge', 'studies', 'results',
          'figures')
@@ -25,7 +25,7 @@ def project_files(*suffixes):
             cwd=ROOT, check=True, capture_output=True, text=True).stdout.splitlines()
         files = [ROOT / name for name in listed]
     except (OSError, subprocess.CalledProcessError):  # An archive without git history
-        folders = ('ballbot_ros', 'bench', 'launch', 'scripts', 'test', 'tools', '.ci')
+        folders = ('ballbot_ros', 'bench', 'examples', 'launch', 'scripts', 'test', 'tools', '.ci')
         files = [path for folder in folders for path in (ROOT / folder).rglob('*')]
         files += list(ROOT.glob('*.py'))
     return [path for path in files if path.is_file() and path.suffix in suffixes]
@@ -65,6 +65,7 @@ def test_types_of_the_layers_without_ros_hold():
     # Those of the checkout, each by its path: an installed copy must not be checked instead.
     paths = [ROOT / 'ballbot_ros' / name for name in TYPED]
     paths = [path for path in paths if path.is_file() or any(path.glob('*.py'))]
+    paths += (ROOT / 'examples').glob('*.py')
     assert not (report := run_module('mypy', '--no-error-summary', *paths)), report
 
 

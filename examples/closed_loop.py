@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Close the loop in one process: robot, step sensor, decision and controller, without ROS.
+
+The nodes do the same with topics in between.
+
+    python examples/closed_loop.py
+"""
+from ballbot_ros.control import JointReadings, load_tuning, Mode, PendulumController, SetPoint
+from ballbot_ros.decision import (
+    check_decision, lean, load_curve, load_decision_tuning, Motion, PLANNERS, StepObservation,
+    StepTracker)
+from ballbot_ros.physics import load_scene
+from ballbot_ros.plant import Plant, Sensor
+
+RATE, LOOK_EVERY = 1000, 50  # periods per second, periods from one look ahead to the next
+
+
+def main() -> None:
+    """Drive towards a door-step, and say each time another decision is made."""
+    scene = load_scene('doorstep')
+    robot, tuning = scene.model.robot, load_decision_tuning('decision_default')
+    curve = load_curve('gimball_down')
+    check_decision(robot, curve, tuning)
+    plant = Plant(scene, RATE)
+    controller = PendulumController(robot, load_tuning('published'))
+    sensor = Sensor(scene.model.terrain, reach=3.0, distance_sd=0.01, height_sd=0.001)
+    tracker = StepTracker(robot, tuning)
+    decision, said = None, ''
+
+    for period in range(12 * RATE):
+        state = plant.state
+        if period % LOOK_EVERY == 0:
+            seen = sensor.look(state.x, period // LOOK_EVERY)
+            sighting = tracker.update(StepObservation(
+                plant.time, seen.detected, seen.distance, seen.height, 0.01, 0.001), state.x)
+            decision = PLANNERS['cubic'](
+                sighting, Motion(plant.time, state.x, state.velocity_x), decision,
+                robot=robot, curve=curve, tuning=tuning)
+            angle = lean(decision, state.velocity_x, robot, tuning)
+            controller.give(SetPoint(Mode.HOLD, angle, plant.time))
+            if decision.reason.value != said:
+                said = decision.reason.value
+                print(f'{plant.time:5.2f} s  {decision.kind.name:8}  {decision.explanation}')
+        readings = JointReadings(plant.time, state.ball_angle, state.joint_angle,
+                                 state.ball_rate, state.joint_rate)
+        plant.advance(controller.torque(readings))
+    print(f'{plant.time:5.2f} s  at x = {plant.state.x:.2f} m, '
+          f'{plant.state.velocity_x:.2f} m/s')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What runs for every change: the workflow, the hooks before a commit, and the changelog."""
+from pathlib import Path
+import re
+import shlex
+import subprocess
+import sys
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / 'scripts'))
+
+from host import NEWEST, OLDEST  # noqa: E402, I100, I202
+
+
+def read(name):
+    """Return the content of a YAML file of the repository."""
+    return yaml.safe_load((ROOT / name).read_text(encoding='utf-8'))
+
+
+@pytest.fixture
+def workflow():
+    """Return the workflow."""
+    return read('.github/workflows/ci.yml')
+
+
+def test_the_workflow_tests_every_python_that_make_setup_accepts(workflow):
+    pythons = workflow['jobs']['wheels']['strategy']['matrix']['python']
+    assert pythons == [f'3.{minor}' for minor in range(OLDEST[1], NEWEST[1] + 1)]
+
+
+def test_the_workflow_calls_nothing_but_what_is_there(workflow):
+    commands = [step['run'] for job in workflow['jobs'].values() for step in job['steps']
+                if 'run' in step]
+    assert '.ci/run' in commands
+    paths = re.findall(r'src/ballbot_ros/(\S+)', ' '.join(commands)) + ['.ci/run']
+    assert len(paths) > 2 and all((ROOT / path).exists() for path in paths), paths
+    for command in commands:
+        assert subprocess.run(['bash', '-n'], input=command, text=True).returncode == 0
+
+
+def test_every_step_of_the_workflow_runs_or_uses_something(workflow):
+    for job in workflow['jobs'].values():
+        assert job['runs-on'] and job['timeout-minutes'] <= 60
+        assert all(('run' in step) != ('uses' in step) for step in job['steps'])
+
+
+@pytest.mark.skipif(not (ROOT / '.venv' / 'bin' / 'python').exists(), reason='no .venv here')
+@pytest.mark.parametrize('hook', read('.pre-commit-config.yaml')['repos'][0]['hooks'],
+                         ids=lambda hook: hook['id'])
+def test_a_hook_calls_a_tool_that_is_there_and_refuses_what_lint_refuses(hook, tmp_path):
+    def ends_well(text):
+        path = tmp_path / 'changed.py'
+        path.write_text(text, encoding='utf-8')
+        done = subprocess.run([*shlex.split(hook['entry']), path], cwd=ROOT, capture_output=True)
+        return done.returncode == 0
+    if hook.get('pass_filenames', True):
+        assert ends_well('import math\nimport os\n\nprint(math.pi, os.sep)\n')
+        assert not ends_well('import os\nimport math\n\nprint( "a")\n')
+    else:
+        files = [word for word in shlex.split(hook['entry']) if word.endswith('.py')]
+        assert files and all((ROOT / name).is_file() for name in files)
+
+
+def test_the_changelog_is_well_formed_and_has_a_place_for_what_comes():
+    core = pytest.importorskip('docutils.core')
+    text = (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')
+    tree = core.publish_doctree(text, settings_overrides={'report_level': 5})
+    complaints = [node.astext() for node in tree.findall() if node.tagname == 'system_message']
+    assert not complaints, complaints
+    titles = [node.astext() for node in tree.findall() if node.tagname in ('title', 'subtitle')]
+    assert titles[:2] == ['Changelog for package ballbot_ros', 'Forthcoming']
