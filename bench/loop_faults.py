@@ -17,6 +17,7 @@ from wire import quantile, used
 from ballbot_ros.bridge.connect import connector
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.loop import Loop
+from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.control import LINE_FAULTS, obey
@@ -47,7 +48,7 @@ class Watcher:
             self.periods[self.count] = 1e3 * (report.time - self.before)
             self.count += 1
         self.before = report.time
-        if report.power.value == 'on':
+        if report.state is MotorState.ARMED:
             if self.on_until is not None and report.time - self.on_until > 0.1:
                 self.gaps.append(report.time - self.on_until)
             self.on_until = report.time
@@ -83,7 +84,6 @@ def measure():
         first = None
         while time.monotonic() - begin < DURATION and loop.running:
             time.sleep(dice.uniform(*PAUSE))
-            session.notices.take()
             refused += bool(session.supervisor.e_stop)
             try:
                 session.release()

@@ -14,7 +14,7 @@ from ballbot_ros.decision import DecisionTuning
 from ballbot_ros.drives import driver_class, DRIVES
 from ballbot_ros.drives.odrive.firmware import GENERATIONS, WATCHDOG, WATCHDOG_TIMEOUT
 from ballbot_ros.emulator.control import FAULTS, LINE_FAULTS
-from ballbot_ros.ros.motor_health import TOLD
+from ballbot_ros.ros.motor_health import VALUES
 from ballbot_ros.ros.settings import (
     BridgeSettings, ControllerSettings, DecisionSettings, EmulatedRobotSettings, SimulatorSettings)
 
@@ -85,15 +85,15 @@ def odrive_settings():
     return '\n'.join(lines)
 
 
-def told():
-    """Return the Markdown table of what the bridge tells on /diagnostics."""
+def health_values():
+    """Return the Markdown table of what the bridge publishes on /diagnostics."""
     return '\n'.join(['| key | value |', '|---|---|',
-                      *(f'| `{key}` | {meaning} |' for key, meaning in TOLD.items())])
+                      *(f'| `{key}` | {meaning} |' for key, meaning in VALUES.items())])
 
 
 NODES = {'simulator': SimulatorSettings, 'controller': ControllerSettings,
          'obstacle_decision': DecisionSettings, 'decision tuning': DecisionTuning,
-         'bridge': BridgeSettings, 'bridge health': told,
+         'bridge': BridgeSettings, 'bridge health': health_values,
          'emulated_robot': EmulatedRobotSettings}
 HARDWARE = {'drivers': drivers, 'faults': faults, 'odrive settings': odrive_settings,
             'options': options}

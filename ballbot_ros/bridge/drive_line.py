@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The line to a drive: opened, lost, and opened again."""
-from collections import Counter
+import logging
 from typing import Callable, Optional, Tuple
 
 from ballbot_ros.bridge.connect import handshake
-from ballbot_ros.bridge.notices import Notices
 from ballbot_ros.drives.contract import Identity, Setting
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.errors import BallbotError
+
+LOG = logging.getLogger(__name__)
 
 # Between two attempts to find a drive that was lost [s].
 RETRY = 0.1
@@ -26,9 +27,6 @@ class DriveLine:
         Opens the line and returns a driver on it.
     clock : callable
         Gives seconds and never goes back.
-    counts : Counter
-        ``links_lost`` and ``reconnects`` are kept here.
-    notices : Notices
 
     Attributes
     ----------
@@ -37,19 +35,20 @@ class DriveLine:
         Of the drive that answered last.
     trouble : str
         Why there is no drive at the moment; empty when there is.
+    reconnects : int
+        Times that a drive which was lost was found again.
 
     """
 
-    def __init__(self, connect: Callable[[], Driver], clock: Callable[[], float],
-                 counts: Counter[str], notices: Notices):
+    def __init__(self, connect: Callable[[], Driver], clock: Callable[[], float]):
         """Open nothing yet."""
         self._connect, self._clock = connect, clock
-        self._counts, self._notices = counts, notices
         self._next_try = 0.0
         self._failures = 0  # of looking for the drive, in a row
         self.driver: Optional[Driver] = None
         self.identity: Optional[Identity] = None
         self.trouble = ''
+        self.reconnects = 0
 
     def open(self, patience: float) -> Tuple[Identity, Tuple[Setting, ...]]:
         """Open the line, find the drive and check it; raises as `handshake` does."""
@@ -63,7 +62,7 @@ class DriveLine:
         return self.identity, settings
 
     def look(self) -> bool:
-        """Look for a drive that was lost, unless that was just done; tell whether it is back."""
+        """Look for a drive that was lost, unless that was just done; return whether it is back."""
         if self._clock() < self._next_try:
             return False
         known = self.trouble
@@ -73,19 +72,18 @@ class DriveLine:
             self._failures += 1
             self._next_try = self._clock() + RETRY
             if self.trouble != known:
-                self._notices.add(f'looking for the drive: {error}')
+                LOG.warning('looking for the drive: %s', error)
             return False
         self._failures = 0
-        self._counts['reconnects'] += 1
-        self._notices.add('the drive is back')
+        self.reconnects += 1
+        LOG.warning('the drive is back')
         return True
 
     def lose(self, error: BallbotError) -> None:
         """Take note that the drive is gone; it may be looked for at once."""
-        self._counts['links_lost'] += 1
         self.trouble, self._next_try = str(error), self._clock()
         self.close()
-        self._notices.add(f'lost the drive: {error}')
+        LOG.warning('lost the drive: %s', error)
 
     def close(self) -> None:
         """Close the line, if it is open."""

@@ -6,6 +6,7 @@ from typing import List
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.control import check_loop, ControlTuning, lowest_stable_rate, Mode
 from ballbot_ros.drives import open_driver
+from ballbot_ros.drives.capture import Replay
 from ballbot_ros.drives.wire import WireBudget
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.physics.model.robot import Robot
@@ -15,27 +16,9 @@ BAUD_RATES = (57600, 115200, 230400, 460800, 500000, 921600, 1000000, 2000000)
 LAWS = (Mode.HOLD, Mode.DRIVE)
 
 
-class _Nowhere:
-    """A line that is not there: a driver is asked for its budget before a port is opened."""
-
-    port = 'nowhere'
-
-    def write(self, data: bytes) -> None:
-        raise NotImplementedError
-
-    def read(self) -> bytes:
-        raise NotImplementedError
-
-    def wait(self, seconds: float) -> bool:
-        raise NotImplementedError
-
-    def close(self) -> None:
-        """Do nothing."""
-
-
 def wire_budget(hardware: Hardware) -> WireBudget:
     """Return what one period of the loop puts on the line at most."""
-    return open_driver(hardware.connection.protocol, _Nowhere(), hardware.options()).budget()
+    return open_driver(hardware.connection.protocol, Replay([]), hardware.options()).budget()
 
 
 def check_feasible(hardware: Hardware, robot: Robot, tuning: ControlTuning,
@@ -55,7 +38,7 @@ def check_feasible(hardware: Hardware, robot: Robot, tuning: ControlTuning,
     Raises
     ------
     ConfigurationError
-        If the line does not carry the rate, or the drive would let go between two commands.
+        If the line does not carry the rate, or the drive would disarm between two commands.
     UnstableLoopError
         If the gains diverge at that rate.
 
@@ -74,7 +57,7 @@ def check_feasible(hardware: Hardware, robot: Robot, tuning: ControlTuning,
         raise ConfigurationError(
             f'{hardware.name}: watchdog must be at least three periods of the loop '
             f'({3.0 / rate:.3g} s at {rate:g} Hz), got {connection.watchdog:g} s: the drive would '
-            'let go at the first late command')
+            'disarm at the first late command')
     try:
         for law in LAWS:
             check_loop(robot, tuning, law, rate, delay)

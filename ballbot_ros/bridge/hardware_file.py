@@ -14,7 +14,7 @@ from ballbot_ros.drives.contract import DriveOptions
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.estimation import FilterTuning, ImuMounting
 
-# What the bridge does when commands stay away; see `supervisor`.
+# What the bridge does when commands have timed out; see `supervisor`.
 ON_TIMEOUT = ('coast', 'brake', 'settle')
 
 
@@ -62,7 +62,7 @@ class Joint(Checked):
 
 @dataclass(frozen=True)
 class Limits(Checked):
-    """What is never exceeded, and what happens when commands stay away."""
+    """What is never exceeded, and what happens when commands time out."""
 
     torque_limit: float = quantity(
         'N m', 'largest torque at the pendulum', above=0.0, maximum=1000.0)
@@ -79,15 +79,15 @@ class Limits(Checked):
         's', 'the motor is at zero this long after the last fresh command at the latest',
         minimum=0.01, maximum=10.0, default=0.1)
     on_timeout: str = text(
-        'what the motor does when commands stay away', default='coast', choices=ON_TIMEOUT)
+        'what the motor does when commands time out', default='coast', choices=ON_TIMEOUT)
     damping: float = quantity(
         'N m s/rad', 'torque per rate of brake and settle', minimum=0.0, default=0.3)
     damping_time: float = quantity(
         's', 'how long brake and settle last; zero torque after', minimum=0.0, maximum=60.0,
         default=2.0)
     rearm: bool = flag(
-        'after a lost line, a reboot or a let-go of the drive go on by itself; if not, the '
-        'e-stop engages and a person must reset it', default=False)
+        'after a lost line, a reboot or a drive that disarmed by itself go on; if not, the '
+        'e-stop engages and a person must release it', default=False)
 
 
 @dataclass(frozen=True)
@@ -101,10 +101,10 @@ class Connection(Checked):
         'Hz', 'rate of commands to the drive and of joint_states', minimum=1.0, maximum=5000.0,
         default=500.0)
     watchdog: float = quantity(
-        's', 'time without a command after which the drive lets go by itself', minimum=0.01,
+        's', 'time without a command after which the drive disarms by itself', minimum=0.01,
         maximum=1.0, default=0.1)
     imu_required: bool = flag(
-        'give no torque while no IMU is heard: without one the angle is a guess off level floor',
+        'give no torque while no IMU reading arrives: without one the angle is a guess off level floor',
         default=True)
 
 
@@ -149,7 +149,7 @@ class Hardware:
 
     def options(self) -> DriveOptions:
         """
-        Return what the driver is told.
+        Return the options of the driver.
 
         Raises
         ------

@@ -3,8 +3,8 @@
 import threading
 from typing import Callable, Optional
 
-from ballbot_ros.bridge.report import Report
-from ballbot_ros.bridge.session import Session
+from ballbot_ros.bridge.pacer import Periods
+from ballbot_ros.bridge.session import Report, Session
 
 # How long the end of the thread is waited for; a handshake may be under way [s].
 JOIN = 3.0
@@ -19,31 +19,34 @@ class Loop:
     session : Session
     rate : float
         [Hz]
-    tell : callable
+    publish : callable
         Called in the thread with each `Report`.
 
     Attributes
     ----------
     failure : Exception or None
         What ended the loop, if nobody asked for its end.
-    late : int
-        Periods that were missed.
 
     """
 
-    def __init__(self, session: Session, rate: float, tell: Callable[[Report], None]):
+    def __init__(self, session: Session, rate: float, publish: Callable[[Report], None]):
         """Start at once."""
-        self._session, self._period, self._tell = session, 1.0 / rate, tell
+        self._session, self._publish = session, publish
+        self._periods = Periods(1.0 / rate, session.clock())
         self._ending = threading.Event()
         self.failure: Optional[Exception] = None
-        self.late = 0
         self._thread = threading.Thread(target=self._run, name='motor loop', daemon=True)
         self._thread.start()
 
     @property
     def running(self) -> bool:
-        """Tell whether the thread is alive."""
+        """Return whether the thread is alive."""
         return self._thread.is_alive()
+
+    @property
+    def late(self) -> int:
+        """Return the number of periods that were missed."""
+        return self._periods.late
 
     def end(self) -> None:
         """Stop the motor, close the line and end the thread; a second time does no harm."""
@@ -53,20 +56,17 @@ class Loop:
 
     def _hand_on(self, report: Optional[Report]) -> None:
         if report is not None:
-            self._tell(report)
+            self._publish(report)
 
     def _run(self) -> None:
-        clock, due = self._session.clock, self._session.clock()
+        clock = self._session.clock
         try:
             while True:
                 self._hand_on(self._session.tick())
-                due += self._period
-                if due < clock():
-                    # Late: go on from here, never two ticks at once.
-                    self.late += 1
-                    due = clock()
+                self._periods = self._periods.next(clock())
+                due = self._periods.due
                 while self._session.expecting and clock() < due:
-                    self._hand_on(self._session.hear(due - clock()))
+                    self._hand_on(self._session.await_answer(due - clock()))
                 if self._ending.wait(max(0.0, due - clock())):
                     return
         except Exception as error:  # noqa: BLE001 whatever it is, the owner must hear of it

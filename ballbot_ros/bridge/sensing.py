@@ -4,13 +4,11 @@ import math
 from typing import Optional
 
 from ballbot_ros.bridge.hardware_file import Hardware
-from ballbot_ros.bridge.supervisor import Motion
+from ballbot_ros.bridge.motor_state import SILENCE
+from ballbot_ros.bridge.supervisor import PendulumMotion
 from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.estimation import Estimate, Fusion
 from ballbot_ros.physics.model.robot import Robot
-
-# Without a measurement for so long there is no torque [s].
-SILENCE = 0.1
 
 
 class Sensing:
@@ -50,6 +48,10 @@ class Sensing:
             self._waiting_since = now
         self._asked, self.expecting = now, True
 
+    def restart(self, now: float) -> None:
+        """Count silence anew: what was just done has taken its time."""
+        self._waiting_since = now
+
     def silence(self, now: float) -> float:
         """Return how long the drive has owed an answer [s]; without a question it owes none."""
         return now - self._waiting_since if self.expecting else 0.0
@@ -75,14 +77,15 @@ class Sensing:
         return self.fusion.encoder(
             self._stamp, self._joint.joint_angle(telemetry.position), torque)
 
-    def motion(self, now: float) -> Optional[Motion]:
+    def motion(self, now: float) -> Optional[PendulumMotion]:
         """Return how the robot moves, None where that is not known well enough for torque."""
         estimate = self.fusion.estimate
         if estimate is None or now - self._answered > SILENCE or self.needs_imu(now):
             return None
         readings = estimate.readings
-        return Motion(readings.pendulum_angle, readings.pendulum_rate, readings.joint_rate)
+        return PendulumMotion(
+            readings.pendulum_angle, readings.pendulum_rate, readings.joint_rate)
 
     def needs_imu(self, now: float) -> bool:
-        """Tell whether there must be an IMU and none is heard."""
+        """Return whether there must be an IMU, and no reading of one arrives."""
         return self._imu_required and not self.fusion.has_imu(now)

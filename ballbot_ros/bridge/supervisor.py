@@ -5,10 +5,10 @@ What the motor may do: fresh commands within limits, or nothing.
 All times are of one steady clock and passed in, so that nothing here needs to sleep to be
 tested.
 
-When commands stay away, `on_timeout` says what takes their place until `damping_time` is over:
-nothing (``coast``), torque against the rate of the joint (``brake``), or torque against the
+When commands have timed out, `on_timeout` says what takes their place until `damping_time` is
+over: nothing (``coast``), torque against the rate of the joint (``brake``), or torque against the
 absolute rate of the pendulum (``settle``).  What a ball does then, on a slope and on the level, is
-measured by `timeouts` and told in docs/hardware_bridge.md.
+computed by `studies.command_loss` and stands in docs/hardware_bridge.md.
 """
 from collections import Counter
 import math
@@ -26,7 +26,7 @@ NOTHING = 1e-6
 RUNAWAY, RUNAWAY_TIME = 1.5, 0.02
 
 
-class Motion(NamedTuple):
+class PendulumMotion(NamedTuple):
     """What the supervisor must know of the robot; see `estimation.Estimate`."""
 
     pendulum_angle: float  # absolute [rad]
@@ -51,8 +51,8 @@ class Supervisor:
     counts : Counter
         ``timeouts``, ``limited_torque``, ``limited_rate``, ``limited_angle``,
         ``limited_speed``, ``e_stops``.
-    timed_out : bool
-        Commands came once, and stay away.
+    gate : CommandGate
+        With the command in force, and the counts of those accepted and refused.
 
     """
 
@@ -60,24 +60,14 @@ class Supervisor:
         """Start with the e-stop engaged."""
         self._limits, self._period = limits, period
         # What arrives just after a decision is acted on a period later.
-        self._gate = CommandGate(max(limits.command_timeout - period, 0.5 * period))
+        self.gate = CommandGate(max(limits.command_timeout - period, 0.5 * period))
         self._pushed = -math.inf  # when a command other than zero last came
         self._torque = 0.0
         self._decided: Optional[float] = None
         self._fast_since = math.inf
-        self._since: Optional[float] = None  # when commands began to stay away
+        self._since: Optional[float] = None  # when commands timed out
         self.e_stop = 'engaged at start'
         self.counts: Counter[str] = Counter()
-
-    @property
-    def refused(self) -> Counter[str]:
-        """Return the commands refused, by reason."""
-        return self._gate.refused
-
-    @property
-    def accepted(self) -> int:
-        """Return the number of commands accepted."""
-        return self._gate.accepted
 
     @property
     def torque(self) -> float:
@@ -86,40 +76,19 @@ class Supervisor:
 
     @property
     def commanded(self) -> bool:
-        """Tell whether there is a command in force, be it zero."""
-        return self._gate.stamp is not None and self._since is None
+        """Return whether there is a command in force, be it zero."""
+        return self.gate.stamp is not None and self._since is None
 
     @property
     def timed_out(self) -> bool:
-        """Tell whether commands came and stay away."""
+        """Return whether commands came and have timed out."""
         return self._since is not None
 
     def offer(self, torque: float, stamp: float, now: float) -> None:
-        """
-        Take a command.
-
-        Parameters
-        ----------
-        torque : float
-            At the pendulum [N m].
-        stamp : float
-            Of the state that it answers [s].
-        now : float
-            [s]
-
-        Raises
-        ------
-        MessageError
-            With the reasons of `CommandGate`.
-
-        """
+        """Take a command of a torque at the pendulum, as `CommandGate.offer` does."""
         if math.isfinite(torque) and abs(torque) > NOTHING:
             self._pushed = now
-        self._gate.offer(torque, stamp, now)
-
-    def refuse(self, reason: str) -> None:
-        """Count a command that could not even be read."""
-        self._gate.refuse(reason)
+        self.gate.offer(torque, stamp, now)
 
     def trigger(self, reason: str) -> None:
         """Engage the e-stop; the first reason stays."""
@@ -128,7 +97,7 @@ class Supervisor:
             self.e_stop = reason
         self.quiet()
 
-    def reset(self, now: float, obstacle: str = '') -> None:
+    def reset(self, now: float, inhibit: str = '') -> None:
         """
         Release the e-stop.
 
@@ -136,8 +105,8 @@ class Supervisor:
         ----------
         now : float
             [s]
-        obstacle : str
-            What else speaks against it: the line is down, the drive tells of a fault.
+        inhibit : str
+            What else keeps it engaged, as that the line is down.
 
         Raises
         ------
@@ -145,8 +114,8 @@ class Supervisor:
             With the reason.
 
         """
-        if obstacle:
-            raise RefusedError(f'the e-stop stays engaged: {obstacle}')
+        if inhibit:
+            raise RefusedError(f'the e-stop stays engaged: {inhibit}')
         if now - self._pushed < QUIET:
             raise RefusedError(
                 'the e-stop stays engaged: commands other than zero are arriving, and the robot '
@@ -156,11 +125,11 @@ class Supervisor:
 
     def quiet(self) -> None:
         """Forget the command in force and the torque: the motor has no power."""
-        self._gate.clear()
+        self.gate.clear()
         self._torque = 0.0
         self._decided = self._since = None
 
-    def decide(self, now: float, motion: Optional[Motion]) -> float:
+    def decide(self, now: float, motion: Optional[PendulumMotion]) -> float:
         """
         Return the torque from now on [N m].
 
@@ -168,7 +137,7 @@ class Supervisor:
         ----------
         now : float
             [s]
-        motion : Motion or None
+        motion : PendulumMotion or None
             None while it is not known: then there is no torque.
 
         """
@@ -180,11 +149,11 @@ class Supervisor:
         self._torque, self._decided = torque, now
         return torque
 
-    def _wanted(self, now: float, motion: Optional[Motion]) -> float:
+    def _wanted(self, now: float, motion: Optional[PendulumMotion]) -> float:
         """Return what is commanded, or what takes its place."""
-        if not self._gate.expired(now):
+        if not self.gate.expired(now):
             self._since = None
-            return self._gate.torque(now)
+            return self.gate.torque(now)
         if self._since is None:
             self._since = now
             self.counts['timeouts'] += 1
@@ -195,7 +164,7 @@ class Supervisor:
         rate = motion.joint_rate if limits.on_timeout == 'brake' else motion.pendulum_rate
         return -limits.damping * rate
 
-    def _within(self, wanted: float, now: float, motion: Motion) -> float:
+    def _within(self, wanted: float, now: float, motion: PendulumMotion) -> float:
         """Return the torque cut to all limits."""
         limits = self._limits
         fast = abs(motion.joint_rate) > RUNAWAY * limits.speed_limit

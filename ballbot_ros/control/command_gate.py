@@ -93,12 +93,10 @@ class CommandGate:
 
     def torque(self, now: float) -> float:
         """Return the torque to apply at `now` [N m]: 0 without a fresh command."""
-        if self.stamp is None or now - self.stamp > self.timeout:
-            return 0.0
-        return self._torque
+        return 0.0 if self.stamp is None or self.expired(now) else self._torque
 
     def expired(self, now: float) -> bool:
-        """Tell whether there was a command and it has become too old."""
+        """Return whether there was a command and it has become too old."""
         return self.stamp is not None and now - self.stamp > self.timeout
 
     def clear(self) -> None:

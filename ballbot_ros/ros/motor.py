@@ -2,13 +2,14 @@
 """The messages of the motor bridge, and the clock that they are stamped with."""
 import math
 import time
-from typing import List, Optional
+from typing import Optional
 
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Bool
 
-from ballbot_ros.bridge.report import Power, Report
+from ballbot_ros.bridge.motor_state import MotorState
+from ballbot_ros.bridge.session import Report
 from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import Estimate, ImuReading
 from ballbot_ros.msg import MotorStatus
@@ -94,7 +95,7 @@ def imu_message(stamp: float, turn_rate: float, forward: float, upward: float) -
 
 class MotorOutputs:
     """
-    Tells joint_states, motor_status and the e-stop; may be called from any one thread.
+    Publishes joint_states, motor_status and e_stop; may be called from any one thread.
 
     Parameters
     ----------
@@ -111,23 +112,23 @@ class MotorOutputs:
         self._joints = create_publisher(node, JointState, 'joint_states', qos.STATE)
         self._status = create_publisher(node, MotorStatus, 'motor_status', qos.STATE)
         self._e_stop = create_publisher(node, Bool, 'e_stop', qos.LATCHED)
-        self._told: Optional[bool] = None
+        self._published: Optional[bool] = None
         self._next, self._state = 0.0, ''
         self._estimate: Optional[Estimate] = None
-        self.tell_e_stop(True)
+        self.publish_e_stop(True)
 
-    def tell_e_stop(self, engaged: bool) -> None:
-        """Tell the e-stop, if it has changed."""
-        if engaged is not self._told:
-            self._told = engaged
+    def publish_e_stop(self, engaged: bool) -> None:
+        """Publish whether the e-stop is engaged, if that has changed."""
+        if engaged is not self._published:
+            self._published = engaged
             self._e_stop.publish(Bool(data=engaged))
 
-    def tell(self, report: Report) -> None:
-        """Tell what a period of the loop has found."""
+    def publish(self, report: Report) -> None:
+        """Publish what a period of the loop has found."""
         self._estimate = report.estimate or self._estimate
         if report.estimate is not None:
             self._joints.publish(self._joint_states(report.estimate, report.torque))
-        self.tell_e_stop(bool(report.e_stop))
+        self.publish_e_stop(bool(report.e_stop))
         state = state_of(report)
         if report.time >= self._next or state != self._state:
             self._next, self._state = report.time + self._status_period, state
@@ -148,31 +149,27 @@ class MotorOutputs:
             pendulum_angle=estimate.readings.pendulum_angle if estimate else math.nan,
             pendulum_angle_sd=estimate.angle_sd if estimate else math.nan,
             pendulum_rate_sd=estimate.rate_sd if estimate else math.nan,
-            current=_told(drive.current), bus_voltage=_told(drive.bus_voltage),
-            temperature=_told(drive.temperature),
-            motor_temperature=_told(drive.motor_temperature), faults=_faults(report))
+            current=_number(drive.current), bus_voltage=_number(drive.bus_voltage),
+            temperature=_number(drive.temperature),
+            motor_temperature=_number(drive.motor_temperature), faults=drive.faults)
         message.header.stamp = to_time(self._clocks.stamp(report.time))
         return message
 
 
 def state_of(report: Report) -> str:
     """Return the state of a report, as in MotorStatus."""
-    if not report.link_up:
+    if report.state is MotorState.DISCONNECTED:
         return MotorStatus.LOST
-    if report.power is Power.STOPPING:
+    if report.state is MotorState.STOPPING:
         return MotorStatus.STOPPING
     if report.e_stop:
         return MotorStatus.E_STOP
-    if report.power is Power.OFF:
+    if report.state is MotorState.DISARMED:
         return MotorStatus.OFF
     if report.timed_out:
         return MotorStatus.TIMED_OUT
     return MotorStatus.FOLLOWING if report.commanded else MotorStatus.WAITING
 
 
-def _told(value: Optional[float]) -> float:
+def _number(value: Optional[float]) -> float:
     return math.nan if value is None else value
-
-
-def _faults(report: Report) -> List[str]:
-    return list(report.telemetry.faults)

@@ -7,29 +7,29 @@ from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.ros import diagnostics
 
-# What is told, and what it means: the table of docs/nodes.md.  A capital word stands for many.
-TOLD: Mapping[str, str] = {
+# What is published: the table of docs/nodes.md.  A word in capitals stands for many.
+VALUES: Mapping[str, str] = {
     'port': 'serial device or URL',
     'protocol': 'that the drive speaks',
     'firmware': 'of the drive; empty before it was found',
-    'serial_number': 'of the drive; empty where it tells none',
+    'serial_number': 'of the drive; empty where it reports none',
     'e_stop': 'why it is engaged; empty when it is not',
     'faults': 'that the drive names; empty for none, or while it is away',
     'torque': 'in force at the pendulum [N m]',
-    'imu': '`heard` or `silent`',
+    'imu': '`received` or `silent`',
     'commands_accepted': 'joint_commands that came fresh and in order',
     'commands_refused': 'and that were not',
     'refused_REASON': 'of these, for one reason: `stale`, `not_finite`, `out_of_order`, '
                       '`from_the_future`, `unknown_joint`, `wrong_length`, `unsupported`',
     'imu_refused': 'IMU readings that were not used',
-    'timeouts': 'times that commands came and then stayed away',
+    'timeouts': 'times that commands came and then timed out',
     'e_stops': 'times that the e-stop engaged after the start',
     'limited_torque': 'times that torque_limit cut a torque',
     'limited_rate': 'likewise torque_rate_limit',
     'limited_angle': 'likewise angle_limit',
     'limited_speed': 'likewise speed_limit',
     'armed': 'times that the motor was put under power',
-    'let_go': 'times that the drive took it off by itself',
+    'disarmed_by_drive': 'times that the drive took it off by itself',
     'links_lost': 'times that the drive was lost',
     'reconnects': 'times that it was found again',
     'encoder_jumps': 'encoder readings that were not believed',
@@ -41,34 +41,35 @@ TOLD: Mapping[str, str] = {
                   'message), `unchecked` (lines without a checksum)'}
 SUPERVISED = ('timeouts', 'e_stops', 'limited_torque', 'limited_rate', 'limited_angle',
               'limited_speed')
-KEPT = ('armed', 'let_go', 'links_lost', 'reconnects')
+EVENTS = ('armed', 'disarmed_by_drive', 'links_lost')
 
 
 def health(session: Session, loop: Optional[Loop], hardware: Hardware,
            imu_refused: int) -> diagnostics.Health:
     """
-    Return level, message and the values of `TOLD`.
+    Return level, message and the values of `VALUES`.
 
     May be called while the loop runs in another thread.
     """
     supervisor, fusion = session.supervisor, session.fusion
     driver, identity = session.line.driver, session.line.identity
     has_imu = fusion.has_imu(session.clock())
-    # Without power most drives tell of their watchdog; arming clears that.
+    # Without power most drives report their watchdog; arming clears that.
     faults = ', '.join(driver.telemetry.faults) if driver else ''
     # Copied in one go: the loop may count something for the first time meanwhile.
-    refused, wire = dict(supervisor.refused), dict(driver.counts) if driver else {}
+    refused, wire = dict(supervisor.gate.refused), dict(driver.counts) if driver else {}
     values = {
         'port': hardware.connection.port, 'protocol': hardware.connection.protocol,
         'firmware': identity.firmware if identity else '',
         'serial_number': identity.serial_number if identity else '',
         'e_stop': supervisor.e_stop, 'faults': faults, 'torque': f'{supervisor.torque:.4f}',
-        'imu': 'heard' if has_imu else 'silent',
-        'commands_accepted': supervisor.accepted, 'commands_refused': sum(refused.values()),
+        'imu': 'received' if has_imu else 'silent',
+        'commands_accepted': supervisor.gate.accepted, 'commands_refused': sum(refused.values()),
         **{f'refused_{reason}': number for reason, number in refused.items()},
         'imu_refused': imu_refused,
         **{name: supervisor.counts[name] for name in SUPERVISED},
-        **{name: session.counts[name] for name in KEPT},
+        **{name: session.control.counts[name] for name in EVENTS},
+        'reconnects': session.line.reconnects,
         'encoder_jumps': fusion.jumps, 'encoder_rezeroed': fusion.rezeroed,
         'late_periods': loop.late if loop else 0,
         **{f'wire_{what}': number for what, number in wire.items()}}
@@ -80,11 +81,11 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
     if supervisor.e_stop:
         return diagnostics.WARN, f'e-stop: {supervisor.e_stop}', values
     if faults:
-        return diagnostics.ERROR, f'the drive tells of {faults}', values
-    if session.refusal:
-        return diagnostics.ERROR, session.refusal, values
+        return diagnostics.ERROR, f'the drive reports {faults}', values
+    if session.control.refusal:
+        return diagnostics.ERROR, session.control.refusal, values
     if supervisor.timed_out:
-        return diagnostics.WARN, 'commands stay away', values
+        return diagnostics.WARN, 'commands timed out', values
     if not has_imu:
         return diagnostics.WARN, 'no IMU: the pendulum angle is a guess off level floor', values
     return diagnostics.OK, 'running', values

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the motor bridge hears: commands, the IMU, and requests about the e-stop."""
+"""What the motor bridge subscribes to and serves: commands, the IMU, and the e-stop."""
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState
 
@@ -13,7 +13,7 @@ from ballbot_ros.ros.motor import Clocks, imu_reading
 
 class MotorInputs:
     """
-    Hands messages on to a session, and counts and tells those that are refused.
+    Hands messages on to a session, and counts and logs those that are refused.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class MotorInputs:
     """
 
     def __init__(self, node: Node, session: Session, clocks: Clocks):
-        """Listen."""
+        """Create subscriptions and services."""
         self._session, self._clocks, self._logger = session, clocks, node.get_logger()
         self.imu_refused = 0
         create_subscription(node, JointState, 'joint_commands', self.command, qos.NEWEST)
@@ -41,7 +41,7 @@ class MotorInputs:
         try:
             torque = command_torque(message)
         except MessageError as error:
-            self._session.supervisor.refuse(error.reason)
+            self._session.supervisor.gate.refuse(error.reason)
             return self._refused(f'command refused: {error}')
         try:
             self._session.command(torque, self._clocks.steady(to_seconds(message.header.stamp)))

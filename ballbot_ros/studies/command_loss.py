@@ -13,7 +13,7 @@ from typing import Iterable, Iterator, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 
 from ballbot_ros.bridge.hardware_file import Hardware, ON_TIMEOUT
-from ballbot_ros.bridge.supervisor import Motion, Supervisor
+from ballbot_ros.bridge.supervisor import PendulumMotion, Supervisor
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_robot, Model, Terrain
 from ballbot_ros.physics.mechanics.laws import velocity_torque
@@ -164,7 +164,7 @@ def let_go(hardware: Hardware, case: Case, lasts: float = LASTS) -> Course:
             supervisor.offer(velocity_torque(
                 state.pendulum_angle, state.joint_rate, 0.0, set_rate, GAIN, 0.0,
                 robot.largest_gravity_torque), plant.time, plant.time)
-        plant.advance(supervisor.decide(plant.time, Motion(
+        plant.advance(supervisor.decide(plant.time, PendulumMotion(
             state.pendulum_angle, state.pendulum_rate, state.joint_rate)))
     return _course(case, states, given, plant.error_estimate)
 

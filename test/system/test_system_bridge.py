@@ -85,12 +85,12 @@ class Driving:
             if found == 'torque':
                 return
             self.release()
-        pytest.fail(f'the drive lets go each time: {found}')
+        pytest.fail(f'the drive disarms each time: {found}')
 
     def held_up(self):
         """Return the reason of an e-stop that a machine busy for longer than WATCHDOG explains."""
         reason = self.status[-1].e_stop if self.status else ''
-        return reason if any(word in reason for word in ('let go', 'line', 'silent')) else ''
+        return reason if any(word in reason for word in ('disarmed', 'line', 'silent')) else ''
 
     def wait_until_told(self, state):
         """Wait until the bridge has told a state since the motor pulled."""
@@ -241,7 +241,7 @@ def test_an_error_in_the_loop_ends_in_a_stop_and_is_told(domain, hardware, motor
 
         def fail(report):
             raise ZeroDivisionError('planted')
-        node._loop._tell = fail
+        node._loop._publish = fail
         deadline = time.monotonic() + 5.0
         while node._loop.running:
             assert time.monotonic() < deadline

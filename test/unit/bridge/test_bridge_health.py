@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the bridge tells on /diagnostics: each level with its message, and every count."""
+"""What the bridge publishes on /diagnostics: each level with its message, and every count."""
 from collections import Counter
 from pathlib import Path
 import re
@@ -12,7 +12,7 @@ from ballbot_ros.errors import LinkError, MessageError
 
 pytest.importorskip('rclpy')
 from ballbot_ros.ros import diagnostics
-from ballbot_ros.ros.motor_health import health, TOLD
+from ballbot_ros.ros.motor_health import health, VALUES
 
 LOOP = SimpleNamespace(late=7)
 DOCUMENT = Path(__file__).resolve().parents[3] / 'docs' / 'nodes.md'
@@ -105,20 +105,20 @@ def test_faults_of_the_drive_are_an_error_where_no_e_stop_says_more():
     robot.run(0.3, torque=0.2)
     level, message, found = told(robot)
     assert level == diagnostics.ERROR and found['e_stop'] == ''
-    assert 'MOTOR_FAILED' in found['faults'] and message == f'the drive tells of {found["faults"]}'
+    assert 'MOTOR_FAILED' in found['faults'] and message == f'the drive reports {found["faults"]}'
     # With the e-stop, which is not released by itself, that is the message.
     robot = driving()
     robot.device.over_current()
     robot.run(0.1, torque=0.2)
     level, message, found = told(robot)
     assert level == diagnostics.WARN and message.startswith('e-stop: ') and found['faults']
-    assert found['let_go'] == 1
+    assert found['disarmed_by_drive'] == 1
 
 
-def test_commands_that_stay_away_are_a_warning_until_they_come_again():
+def test_commands_that_timed_out_are_a_warning_until_they_come_again():
     robot = driving()
     robot.run(0.2)
-    assert told(robot)[:2] == (diagnostics.WARN, 'commands stay away')
+    assert told(robot)[:2] == (diagnostics.WARN, 'commands timed out')
     assert values(robot)['timeouts'] == 1
     robot.run(0.02, torque=0.2)
     assert told(robot)[:2] == (diagnostics.OK, 'running')
@@ -135,7 +135,7 @@ def test_a_robot_that_follows_commands_is_well():
     robot = driving()
     level, message, found = told(robot)
     assert (level, message) == (diagnostics.OK, 'running')
-    assert found['imu'] == 'heard' and found['e_stop'] == found['faults'] == ''
+    assert found['imu'] == 'received' and found['e_stop'] == found['faults'] == ''
     assert float(found['torque']) == pytest.approx(0.2, abs=1e-4)
 
 
@@ -153,7 +153,7 @@ def test_it_tells_which_drive_on_which_port(protocol):
 
 def test_every_count_is_there_from_the_start_and_is_zero():
     found = values(VirtualRobot(), loop=None)
-    fixed = {key for key in TOLD if key == key.lower()}
+    fixed = {key for key in VALUES if key == key.lower()}
     assert set(found) == fixed
     counted = fixed - {'port', 'protocol', 'firmware', 'serial_number', 'e_stop', 'faults',
                        'torque', 'imu'}
@@ -170,7 +170,7 @@ def test_commands_are_counted_those_refused_by_reason():
         assert refusal.value.reason == reason
     with pytest.raises(MessageError):
         robot.session.command(float('nan'), robot.now)
-    robot.session.supervisor.refuse('unknown_joint')
+    robot.session.supervisor.gate.refuse('unknown_joint')
     robot.session.command(0.1, robot.now)
     found = values(robot)
     assert found['commands_accepted'] == before['commands_accepted'] + 1
@@ -250,7 +250,7 @@ def test_every_message_stands_in_the_document():
     for level, message in (
             ('WARN', 'not configured'), ('ERROR', 'cannot arm: WHY'),
             ('ERROR', 'looking for the drive: WHY'),
-            ('WARN', 'e-stop: WHY'), ('ERROR', 'the drive tells of FAULTS'),
-            ('WARN', 'commands stay away'),
+            ('WARN', 'e-stop: WHY'), ('ERROR', 'the drive reports FAULTS'),
+            ('WARN', 'commands timed out'),
             ('WARN', 'no IMU: the pendulum angle is a guess off level floor'), ('OK', 'running')):
         assert f'| {level} | `{message}` |' in text

@@ -6,14 +6,22 @@ import math
 import pytest
 from virtual_robot import STEP, VirtualRobot
 
-from ballbot_ros.bridge.report import Power
+from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.control import load_tuning, Mode, PendulumController, SetPoint
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.errors import ConfigurationError, DriveError, LinkError, RefusedError
 from ballbot_ros.physics import load_robot
-
+from ballbot_ros.ros.log_buffer import LogBuffer
 
 PROTOCOLS = ('odrive 0.5', 'odrive 0.6', 'vesc', 'roboclaw')
+
+
+@pytest.fixture
+def log():
+    """Return what the bridge logs."""
+    buffer = LogBuffer('ballbot_ros.bridge')
+    yield buffer
+    buffer.close()
 
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)
@@ -49,8 +57,8 @@ def test_bridge_and_controller_take_the_ball_over_a_step(kind):
         if report.estimate is not None:
             torque = controller.torque(report.estimate.readings)
     assert robot.plant.state.x >= 2.0  # its centre is past the edge, by half a metre
-    assert report.power is Power.ON and not report.e_stop
-    assert robot.session.counts['let_go'] == robot.session.counts['links_lost'] == 0
+    assert report.state is MotorState.ARMED and not report.e_stop
+    assert robot.session.control.counts['links_lost'] == 0
 
 
 def test_a_joint_of_the_other_direction_gives_the_same_pendulum():
@@ -58,7 +66,8 @@ def test_a_joint_of_the_other_direction_gives_the_same_pendulum():
     for direction in (1, -1):
         robot = VirtualRobot()
         robot.joint = replace(robot.hardware.joint, direction=direction)
-        robot.session._hardware = robot.hardware = replace(robot.hardware, joint=robot.joint)
+        robot.hardware = replace(robot.hardware, joint=robot.joint)
+        robot.start()
         robot.ready()
         report = robot.run(0.3, torque=0.8)
         angles.append((robot.plant.state.pendulum_angle, report.torque))
@@ -99,7 +108,7 @@ def test_the_motor_has_no_power_before_the_e_stop_is_released():
     robot.session.configure()
     robot.session.activate()
     report = robot.run(0.2, torque=1.0)
-    assert report.power is Power.OFF and not robot.device.armed
+    assert report.state is MotorState.DISARMED and not robot.device.armed
     with pytest.raises(RefusedError, match='other than zero'):
         robot.session.release()
 
@@ -128,13 +137,13 @@ def test_without_an_imu_there_is_no_torque_unless_the_file_says_so():
 
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)
-def test_the_answer_to_the_question_of_a_period_is_heard_within_it(protocol):
+def test_the_answer_to_the_question_of_a_period_arrives_within_it(protocol):
     robot = VirtualRobot(protocol).ready()
     for _ in range(100):
         robot.session.tick()
         asked = robot.now
         assert robot.session.expecting
-        report = robot.session.hear(STEP)
+        report = robot.session.await_answer(STEP)
         assert report.estimate.stamp == pytest.approx(asked) and not robot.session.expecting
         robot.session.command(0.5, robot.now)
         robot.pass_time(STEP)  # the rest of the period
@@ -144,7 +153,7 @@ def test_the_answer_to_the_question_of_a_period_is_heard_within_it(protocol):
 def test_a_bridge_that_was_held_up_does_not_take_the_drive_for_silent():
     robot = VirtualRobot().ready()
     robot.session.tick()
-    robot.session.hear(STEP)
+    robot.session.await_answer(STEP)
     robot.now += 0.25
     robot.session.tick()
     assert 'silent' not in robot.session.supervisor.e_stop
@@ -161,7 +170,7 @@ def test_a_command_that_cannot_be_sent_is_a_lost_line_and_no_error_of_who_gave_i
     robot.pass_time(STEP)
     robot.session.tick()  # which only asks
     robot.session.command(0.5, robot.now)
-    assert robot.session.line.driver is None and robot.session.counts['links_lost'] == 1
+    assert robot.session.line.driver is None and robot.session.control.counts['links_lost'] == 1
     assert robot.session.supervisor.e_stop == 'the line was lost: planted'
 
 
@@ -172,7 +181,7 @@ def test_a_line_that_breaks_during_a_stop_is_lost_once():
     robot.session.supervisor.trigger('button')
     robot.plugged = False  # noticed when the stop is written
     robot.session.tick()
-    assert robot.session.line.driver is None and robot.session.counts['links_lost'] == 1
+    assert robot.session.line.driver is None and robot.session.control.counts['links_lost'] == 1
 
 
 def test_more_commands_than_periods_do_not_crowd_the_line():
@@ -245,9 +254,9 @@ def test_a_stop_is_repeated_until_the_drive_confirms_it():
         return receive(data, now)
     robot.device.receive = deaf
     robot.session.engage('button')
-    assert robot.run(STEP).power is Power.STOPPING
+    assert robot.run(STEP).state is MotorState.STOPPING
     report = robot.run(0.15)
-    assert report.power is Power.OFF and not robot.device.armed
+    assert report.state is MotorState.DISARMED and not robot.device.armed
     assert len(lost) == 8
 
 
@@ -262,7 +271,7 @@ def test_after_unplugging_it_is_back_within_a_second_and_armed_only_by_policy(re
     robot.plugged = True
     robot.run(1.0, torque=0.5)
     assert robot.session.line.driver and robot.lines == 1
-    assert robot.session.counts['links_lost'] == robot.session.counts['reconnects'] == 1
+    assert robot.session.control.counts['links_lost'] == robot.session.line.reconnects == 1
     assert (robot.motor != 0.0) is rearm
     assert bool(robot.session.supervisor.e_stop) is not rearm
 
@@ -279,17 +288,17 @@ def test_after_a_reboot_of_the_drive_likewise(rearm, protocol):
 
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)
-def test_a_drive_that_lets_go_by_itself_is_noticed(protocol):
+def test_a_drive_that_disarms_by_itself_is_noticed(protocol):
     robot = VirtualRobot(protocol).ready()
     robot.run(0.2, torque=0.5)
     robot.device.over_current()
     robot.run(0.3, torque=0.5)
-    assert 'let go' in robot.session.supervisor.e_stop
-    assert robot.session.counts['let_go'] == 1
+    assert 'the drive disarmed the motor' in robot.session.supervisor.e_stop
+    assert robot.session.control.counts['disarmed_by_drive'] == 1
 
 
 @pytest.mark.parametrize('rearm', [False, True])
-def test_a_motor_that_cannot_be_armed_is_tried_again_only_by_policy(rearm):
+def test_a_motor_that_cannot_be_armed_is_tried_again_only_by_policy(rearm, log):
     robot = VirtualRobot(rearm=rearm)
     robot.session.configure()
     robot.run(0.1)
@@ -298,13 +307,13 @@ def test_a_motor_that_cannot_be_armed_is_tried_again_only_by_policy(rearm):
     robot.session.release()
     robot.run(1.0, torque=0.5)
     assert not any(robot.torques)
-    assert len([text for text in robot.session.notices.waiting if 'cannot arm' in text]) == 1
+    assert len([text for text in log.take() if 'cannot arm' in text]) == 1
     robot.temperature = normal
     robot.run(1.0, torque=0.5)
     assert (robot.motor != 0.0) is rearm
 
 
-def test_fifty_unplugs_leave_no_line_open_and_no_flood_of_notices():
+def test_fifty_unplugs_leave_no_line_open_and_no_flood_in_the_log(log):
     robot = VirtualRobot()
     robot.session.configure()
     for _ in range(50):
@@ -312,5 +321,5 @@ def test_fifty_unplugs_leave_no_line_open_and_no_flood_of_notices():
         robot.run(0.02)
         robot.plugged = True
         robot.run(0.2)
-    assert robot.lines == 1 and len(robot.session.notices.waiting) <= 20
-    assert robot.session.counts['reconnects'] == 50
+    assert robot.lines == 1 and len(log.take()) <= 20
+    assert robot.session.line.reconnects == 50

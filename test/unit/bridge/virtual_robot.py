@@ -78,8 +78,12 @@ class VirtualRobot:
         self.plugged = True
         self.temperature = self.device.sensed.temperature
         self.lines = 0  # opened and not closed
-        self.session = Session(self.hardware, load_robot('gimball'), self.connect, self.clock)
         self.torques = []  # at the motor, at each step
+        self.start()
+
+    def start(self):
+        """Begin a new session."""
+        self.session = Session(self.hardware, load_robot('gimball'), self.connect, self.clock)
 
     def clock(self):
         """Return the time."""

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is done to a drive: measured, armed, given torque, stopped, lost and found again."""
+from collections import Counter
+import logging
+from typing import Callable, Optional
+
+from ballbot_ros.bridge.drive_line import DriveLine, HANDSHAKE
+from ballbot_ros.bridge.hardware_file import Hardware
+from ballbot_ros.bridge.motor_state import Event, LOST, Motor, MotorState
+from ballbot_ros.bridge.pacer import DECIDED, Pacer
+from ballbot_ros.bridge.sensing import Sensing
+from ballbot_ros.bridge.supervisor import Supervisor
+from ballbot_ros.drives.contract import Telemetry
+from ballbot_ros.drives.driver import Driver
+from ballbot_ros.errors import BallbotError, DriveError, EstimateLostError, LinkError
+from ballbot_ros.estimation import Estimate
+from ballbot_ros.physics.model.robot import Robot
+
+LOG = logging.getLogger(__name__)
+
+# Patience with the stop at the end; the drive's watchdog does the rest [s].
+LAST_STOP = 0.5
+
+
+class DriveControl:
+    """
+    Carries out what the state of the motor and the pacer ask for; for one thread at a time.
+
+    Parameters
+    ----------
+    hardware, robot, connect, clock
+        See `Session`.
+
+    Attributes
+    ----------
+    motor : Motor
+    counts : Counter
+        Of events, by their name for the diagnostics.
+    refusal : str
+        Why the motor could not be put under power when that was last tried; else empty.
+
+    """
+
+    def __init__(self, hardware: Hardware, robot: Robot, connect: Callable[[], Driver],
+                 clock: Callable[[], float]):
+        """Start without a line."""
+        self._hardware, self._clock = hardware, clock
+        period = 1.0 / hardware.connection.loop_rate
+        self.line = DriveLine(connect, clock)
+        self.supervisor = Supervisor(hardware.limits, DECIDED * period)
+        self.sensing = Sensing(hardware, robot)
+        self.motor, self._pacer = Motor(), Pacer(period)
+        self.counts: Counter = Counter()
+        self.refusal = ''
+
+    def begin(self) -> None:
+        """Start with a drive that has just answered the handshake, its motor stopped."""
+        self._change(Event.FOUND)
+        self.sensing.begin(self.motor.since)
+
+    def tick(self, active: bool) -> Optional[Estimate]:
+        """Do what this period asks for, and return what was measured."""
+        if self.line.driver is None and self.line.look():
+            self.begin()
+        driver, estimate = self.line.driver, None
+        if driver is not None:
+            try:
+                estimate = self.measure(driver)
+                now = self._clock()
+                self._watch(driver.telemetry, now)
+                self._act(driver, now, active and not self.supervisor.e_stop)
+            except (LinkError, DriveError) as error:
+                self.lose(driver, error)
+        return estimate
+
+    def measure(self, driver: Driver) -> Optional[Estimate]:
+        """Take a new measurement, if there is one."""
+        try:
+            return self.sensing.take(driver.poll(), self.supervisor.torque)
+        except EstimateLostError as error:
+            # No policy goes on by itself from here: the next estimate takes rest for granted.
+            self.supervisor.trigger(str(error))
+            LOG.warning('%s', error)
+            return None
+
+    def follow(self, now: float) -> None:
+        """Send the torque of a command that has just come, or let the next tick do it."""
+        driver = self.line.driver
+        if driver is None or self.motor.state is not MotorState.ARMED:
+            return
+        self._pacer = self._pacer.commanded()
+        if self._pacer.has_room(now):
+            try:
+                self._send_torque(driver, now, ask=False)
+            except (LinkError, DriveError) as error:
+                self.lose(driver, error)
+
+    def withdraw(self) -> None:
+        """Begin a stop, if the motor is under power."""
+        driver = self.line.driver
+        if driver is not None and self.motor.state is MotorState.ARMED:
+            self._begin_stop(driver, Event.WITHDRAWN)
+
+    def stop(self) -> None:
+        """Stop and wait for the confirmation, where there is a drive."""
+        if self.motor.state is MotorState.ARMED:
+            self._change(Event.WITHDRAWN)
+        if self.line.driver is not None:
+            try:
+                self.line.driver.stop(LAST_STOP)
+            except BallbotError as error:
+                LOG.warning('the stop was not confirmed: %s', error)
+                return
+        if self.motor.state is MotorState.STOPPING:
+            self._change(Event.STOPPED)
+
+    def close(self) -> None:
+        """Stop the motor and close the line."""
+        self.stop()
+        self._change(Event.CLOSED)
+        self.line.close()
+
+    def lose(self, driver: Driver, error: BallbotError) -> None:
+        """Go on without the drive, unless it is known already that it is away."""
+        if self.line.driver is driver:
+            self._change(Event.LOST, f'the line was lost: {error}')
+            self.line.lose(error)
+
+    def _watch(self, telemetry: Telemetry, now: float) -> None:
+        """Notice a drive that fell silent, or disarmed the motor by itself."""
+        silence = self.sensing.silence(now)
+        if silence > LOST:
+            raise DriveError('silent', f'the drive has not answered for {LOST:g} s')
+        observed = self.motor.observe(telemetry, silence)
+        if observed is not None and self.line.driver is not None:
+            self._begin_stop(self.line.driver, *observed)
+
+    def _act(self, driver: Driver, now: float, allowed: bool) -> None:
+        if self.motor.state is MotorState.ARMED and not allowed:
+            self._begin_stop(driver, Event.WITHDRAWN)
+        elif self.motor.state is MotorState.ARMED and self._pacer.is_torque_due(now):
+            self._send_torque(driver, now, ask=True)
+            return
+        elif self.motor.state is MotorState.DISARMED and allowed and self._pacer.may_arm(now):
+            self._arm(driver)
+        if self.motor.state is MotorState.STOPPING:
+            if driver.stopped_since(self.motor.since):
+                self._change(Event.STOPPED)
+            elif self._pacer.is_stop_due(now):
+                self._pacer = self._pacer.sent_stop(now)
+                self.sensing.ask(now)
+                driver.send_stop()
+                return
+        self.sensing.ask(self._clock())
+        driver.ask()
+
+    def _send_torque(self, driver: Driver, now: float, ask: bool) -> None:
+        torque = self.supervisor.decide(now, self.sensing.motion(now))
+        self._pacer = self._pacer.sent_torque(now)
+        if ask:
+            self.sensing.ask(now)
+        driver.send_torque(self._hardware.joint.motor_torque(torque), ask)
+
+    def _arm(self, driver: Driver) -> None:
+        try:
+            driver.arm(HANDSHAKE)
+        except DriveError as error:
+            self._pacer = self._pacer.not_armed(self._clock())
+            self.refusal = f'cannot arm: {error}'
+            self._begin_stop(driver, Event.NOT_ARMED, self.refusal)
+            return
+        self.refusal = ''
+        self._change(Event.ARMED)
+        self.sensing.restart(self.motor.since)
+        LOG.warning('the motor is under power')
+
+    def _begin_stop(self, driver: Driver, event: Event, why: str = '') -> None:
+        """Write a stop; it is repeated until the drive confirms it."""
+        self._change(event, why)
+        self._pacer = self._pacer.sent_stop(self.motor.since)
+        try:
+            driver.send_stop()
+        except LinkError as error:
+            self.lose(driver, error)
+
+    def _change(self, event: Event, why: str = '') -> None:
+        """Change the state of the motor; a command from before is not followed after it."""
+        if self.motor.is_fault(event):
+            if not self._hardware.limits.rearm:
+                self.supervisor.trigger(why)
+            LOG.warning('%s', why)
+        self.supervisor.quiet()
+        self.counts[event.value] += 1
+        self.motor = self.motor.after(event, self._clock())
