@@ -55,11 +55,10 @@ SHARED_NAMES = {}
 PENDING = {
     'ballbot_ros.physics.model.actuation: up to mechanics.equations',
     'ballbot_ros.physics.matrices: on no floor',
-    'ballbot_ros.bridge.session: long', 'ballbot_ros.drives.driver: long',
+    'ballbot_ros.drives.driver: long',
     'ballbot_ros.physics.solvers.adaptive: long', 'ballbot_ros.physics.solvers.flight: long',
     'ballbot_ros.nodes.controller: long',
-    *(f'{name}: twice' for name in ('Case', 'Course', 'Estimate', 'HeightCurve', 'Line',
-                                    'Motion', 'Plan', 'Terminal'))}
+    *(f'{name}: twice' for name in ('Case', 'Course', 'Estimate', 'HeightCurve', 'Line','Plan'))}
 
 # Who may import ROS. A name ending in _msgs counts as ROS too.
 ROS = {'ament_index_python', 'ballbot_ros.msg', 'ballbot_ros.srv', 'builtin_interfaces',

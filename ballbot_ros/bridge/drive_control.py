@@ -6,7 +6,7 @@ from typing import Callable, Optional
 
 from ballbot_ros.bridge.drive_line import DriveLine, HANDSHAKE
 from ballbot_ros.bridge.hardware_file import Hardware
-from ballbot_ros.bridge.motor_state import Event, LOST, Motor, MotorState
+from ballbot_ros.bridge.motor_state import Event, LOST, MotorState, Power
 from ballbot_ros.bridge.pacer import DECIDED, Pacer
 from ballbot_ros.bridge.sensing import Sensing
 from ballbot_ros.bridge.supervisor import Supervisor
@@ -33,7 +33,7 @@ class DriveControl:
 
     Attributes
     ----------
-    motor : Motor
+    power : Power
     counts : Counter
         Of events, by their name for the diagnostics.
     refusal : str
@@ -49,14 +49,14 @@ class DriveControl:
         self.line = DriveLine(connect, clock)
         self.supervisor = Supervisor(hardware.limits, DECIDED * period)
         self.sensing = Sensing(hardware, robot)
-        self.motor, self._pacer = Motor(), Pacer(period)
+        self.power, self._pacer = Power(), Pacer(period)
         self.counts: Counter = Counter()
         self.refusal = ''
 
     def begin(self) -> None:
         """Start with a drive that has just answered the handshake, its motor stopped."""
         self._change(Event.FOUND)
-        self.sensing.begin(self.motor.since)
+        self.sensing.begin(self.power.since)
 
     def tick(self, active: bool) -> Optional[Estimate]:
         """Do what this period asks for, and return what was measured."""
@@ -86,7 +86,7 @@ class DriveControl:
     def follow(self, now: float) -> None:
         """Send the torque of a command that has just come, or let the next tick do it."""
         driver = self.line.driver
-        if driver is None or self.motor.state is not MotorState.ARMED:
+        if driver is None or self.power.state is not MotorState.ARMED:
             return
         self._pacer = self._pacer.commanded()
         if self._pacer.has_room(now):
@@ -98,12 +98,12 @@ class DriveControl:
     def withdraw(self) -> None:
         """Begin a stop, if the motor is under power."""
         driver = self.line.driver
-        if driver is not None and self.motor.state is MotorState.ARMED:
+        if driver is not None and self.power.state is MotorState.ARMED:
             self._begin_stop(driver, Event.WITHDRAWN)
 
     def stop(self) -> None:
         """Stop and wait for the confirmation, where there is a drive."""
-        if self.motor.state is MotorState.ARMED:
+        if self.power.state is MotorState.ARMED:
             self._change(Event.WITHDRAWN)
         if self.line.driver is not None:
             try:
@@ -111,7 +111,7 @@ class DriveControl:
             except BallbotError as error:
                 LOG.warning('the stop was not confirmed: %s', error)
                 return
-        if self.motor.state is MotorState.STOPPING:
+        if self.power.state is MotorState.STOPPING:
             self._change(Event.STOPPED)
 
     def close(self) -> None:
@@ -131,20 +131,20 @@ class DriveControl:
         silence = self.sensing.silence(now)
         if silence > LOST:
             raise DriveError('silent', f'the drive has not answered for {LOST:g} s')
-        observed = self.motor.observe(telemetry, silence)
+        observed = self.power.observe(telemetry, silence)
         if observed is not None and self.line.driver is not None:
             self._begin_stop(self.line.driver, *observed)
 
     def _act(self, driver: Driver, now: float, allowed: bool) -> None:
-        if self.motor.state is MotorState.ARMED and not allowed:
+        if self.power.state is MotorState.ARMED and not allowed:
             self._begin_stop(driver, Event.WITHDRAWN)
-        elif self.motor.state is MotorState.ARMED and self._pacer.is_torque_due(now):
+        elif self.power.state is MotorState.ARMED and self._pacer.is_torque_due(now):
             self._send_torque(driver, now, ask=True)
             return
-        elif self.motor.state is MotorState.DISARMED and allowed and self._pacer.may_arm(now):
+        elif self.power.state is MotorState.DISARMED and allowed and self._pacer.may_arm(now):
             self._arm(driver)
-        if self.motor.state is MotorState.STOPPING:
-            if driver.stopped_since(self.motor.since):
+        if self.power.state is MotorState.STOPPING:
+            if driver.stopped_since(self.power.since):
                 self._change(Event.STOPPED)
             elif self._pacer.is_stop_due(now):
                 self._pacer = self._pacer.sent_stop(now)
@@ -166,18 +166,19 @@ class DriveControl:
             driver.arm(HANDSHAKE)
         except DriveError as error:
             self._pacer = self._pacer.not_armed(self._clock())
-            self.refusal = f'cannot arm: {error}'
-            self._begin_stop(driver, Event.NOT_ARMED, self.refusal)
+            refusal = f'cannot arm: {error}'
+            self._begin_stop(driver, Event.NOT_ARMED, refusal)
+            self.refusal = refusal
             return
         self.refusal = ''
         self._change(Event.ARMED)
-        self.sensing.restart(self.motor.since)
-        LOG.warning('the motor is under power')
+        self.sensing.restart(self.power.since)
+        LOG.info('the motor is under power')
 
     def _begin_stop(self, driver: Driver, event: Event, why: str = '') -> None:
         """Write a stop; it is repeated until the drive confirms it."""
         self._change(event, why)
-        self._pacer = self._pacer.sent_stop(self.motor.since)
+        self._pacer = self._pacer.sent_stop(self.power.since)
         try:
             driver.send_stop()
         except LinkError as error:
@@ -185,10 +186,11 @@ class DriveControl:
 
     def _change(self, event: Event, why: str = '') -> None:
         """Change the state of the motor; a command from before is not followed after it."""
-        if self.motor.is_fault(event):
+        if self.power.is_fault(event):
             if not self._hardware.limits.rearm:
                 self.supervisor.trigger(why)
-            LOG.warning('%s', why)
+            if why != self.refusal:  # tried again and again, it is logged once
+                LOG.warning('%s', why)
         self.supervisor.quiet()
         self.counts[event.value] += 1
-        self.motor = self.motor.after(event, self._clock())
+        self.power = self.power.after(event, self._clock())

@@ -76,7 +76,7 @@ class DriveLine:
             return False
         self._failures = 0
         self.reconnects += 1
-        LOG.warning('the drive is back')
+        LOG.info('the drive is back')
         return True
 
     def lose(self, error: BallbotError) -> None:

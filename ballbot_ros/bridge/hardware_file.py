@@ -104,7 +104,8 @@ class Connection(Checked):
         's', 'time without a command after which the drive disarms by itself', minimum=0.01,
         maximum=1.0, default=0.1)
     imu_required: bool = flag(
-        'give no torque while no IMU reading arrives: without one the angle is a guess off level floor',
+        'give no torque while no IMU reading arrives: without one the angle is a guess off level '
+        'floor',
         default=True)
 
 

@@ -65,15 +65,15 @@ TRANSITIONS: Mapping[Tuple[MotorState, Event], Transition] = MappingProxyType({
 })
 
 
-class Motor(NamedTuple):
-    """The state of the motor; each event gives the next."""
+class Power(NamedTuple):
+    """The state of the motor and since when; each event gives the next."""
 
     state: MotorState = MotorState.DISCONNECTED
     since: float = 0.0  # [s]
 
-    def after(self, event: Event, now: float) -> 'Motor':
-        """Return the motor after an event; raise `KeyError` for one that cannot happen here."""
-        return Motor(TRANSITIONS[self.state, event].to, now)
+    def after(self, event: Event, now: float) -> 'Power':
+        """Return the power after an event; raise `KeyError` for one that cannot happen here."""
+        return Power(TRANSITIONS[self.state, event].to, now)
 
     def is_fault(self, event: Event) -> bool:
         """Return whether the e-stop is to engage with an event."""

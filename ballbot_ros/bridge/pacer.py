@@ -28,7 +28,7 @@ class Periods(NamedTuple):
     late: int = 0
 
     def next(self, now: float) -> 'Periods':
-        """Return the periods after a tick; one that is late goes on from now, never two at once."""
+        """Return the periods after a tick; where that is late, they go on from now."""
         due = self.due + self.period
         return self._replace(due=due) if due >= now else self._replace(
             due=now, late=self.late + 1)

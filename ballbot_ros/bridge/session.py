@@ -89,7 +89,7 @@ class Session:
             return found
 
     def activate(self) -> None:
-        """Let the motor have power, once the e-stop is released; `RefusedError` without a drive."""
+        """Allow power, once the e-stop is released; raise `RefusedError` without a drive."""
         with self._lock:
             if self.line.driver is None:
                 raise RefusedError(f'there is no drive: {self.line.trouble or "not configured"}')
@@ -145,7 +145,7 @@ class Session:
             return 'the bridge is not active; activate it first'
         if now - (driver.telemetry.time or 0.0) > SILENCE:
             return 'the drive does not report where the motor is'
-        if self.control.motor.state is MotorState.STOPPING:
+        if self.control.power.state is MotorState.STOPPING:
             return 'the drive has not confirmed the stop yet'
         if self._sensing.needs_imu(now):
             return ('no IMU reading arrives, and without one the pendulum angle is a guess; '
@@ -191,5 +191,5 @@ class Session:
         supervisor, driver = self.supervisor, self.line.driver
         return Report(self.clock(), estimate, supervisor.torque,
                       Telemetry() if driver is None else driver.telemetry,
-                      self.control.motor.state, supervisor.e_stop, supervisor.timed_out,
+                      self.control.power.state, supervisor.e_stop, supervisor.timed_out,
                       supervisor.commanded)

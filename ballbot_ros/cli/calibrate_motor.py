@@ -4,6 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any, Mapping
 
+PATIENCE = 0.5  # with each answer of the handshake [s]
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what is calibrated and where the result goes."""
@@ -15,8 +17,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='hardware file to write (default: %(default)s)')
 
 
-class Terminal:
-    """Talks with a person at a terminal."""
+class Console:
+    """The dialogue with a person at a terminal."""
 
     def say(self, text: str) -> None:
         """Print."""
@@ -37,7 +39,7 @@ class Terminal:
 def run(arguments: argparse.Namespace) -> int:
     """Guide, measure, write."""
     from ballbot_ros.bridge.commissioning.calibration import Calibrator
-    from ballbot_ros.bridge.connect import connector
+    from ballbot_ros.bridge.connect import connector, handshake
     from ballbot_ros.bridge.hardware_file import load_hardware
     from ballbot_ros.config.files import find_config, read_yaml
     from ballbot_ros.errors import ConfigurationError
@@ -47,16 +49,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(f'{arguments.out} exists; move it away or give another --out')
     check_writable(arguments.out)
     hardware = load_hardware(arguments.hardware).at(arguments.port)
-    driver = connector(hardware)()
+    driver, identity, _ = handshake(connector(hardware), PATIENCE)
     try:
-        print(f'{driver.identify().in_words} on {hardware.connection.port}')
-        driver.stop()
-        for item in driver.read_settings():
-            if not item.acceptable:
-                raise ConfigurationError(
-                    f'{item.name} is {item.value}, must be {item.wanted}: {item.remedy}')
-        found = Calibrator(
-            hardware, load_robot(hardware.robot), driver, Terminal()).run()
+        print(f'{identity.in_words} on {hardware.connection.port}')
+        found = Calibrator(hardware, load_robot(hardware.robot), driver, Console()).run()
     finally:
         driver.line.close()
     content = dict(read_yaml(find_config('hardware', arguments.hardware)))

@@ -16,7 +16,7 @@ from ballbot_ros.control import load_tuning
 from ballbot_ros.errors import BallbotError, DriveError
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics
-from ballbot_ros.ros.log_buffer import LogBuffer
+from ballbot_ros.ros.logs import DeferredLogs
 from ballbot_ros.ros.motor import Clocks, MotorOutputs
 from ballbot_ros.ros.motor_health import health
 from ballbot_ros.ros.motor_inputs import MotorInputs
@@ -49,7 +49,7 @@ class Bridge(LifecycleNode):
         check_feasible(hardware, robot, load_tuning(settings.tuning), settings.delay)
         self._hardware = hardware
         clocks = Clocks(self)
-        self._log = LogBuffer('ballbot_ros.bridge')
+        self._logs = DeferredLogs('ballbot_ros.bridge')
         self._outputs = MotorOutputs(self, clocks, settings.status_rate)
         self._session = Session(hardware, robot, connector(
             hardware, Path(settings.capture) if settings.capture else None))
@@ -79,7 +79,8 @@ class Bridge(LifecycleNode):
         self.get_logger().info(
             f'{identity.in_words}, on {self._hardware.connection.port}; '
             + ', '.join(f'{item.name} {item.value}' for item in settings))
-        self._loop = Loop(self._session, self._hardware.connection.loop_rate, self._outputs.publish)
+        self._loop = Loop(
+            self._session, self._hardware.connection.loop_rate, self._outputs.publish)
         return SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -110,11 +111,7 @@ class Bridge(LifecycleNode):
         if loop is not None:
             loop.end()
         self._session.close()
-
-    def destroy_node(self) -> None:
-        """Take no more of the log."""
-        self._log.close()
-        super().destroy_node()
+        self._logs.forward()
 
     def _start(self) -> None:
         if self.trigger_configure() is SUCCESS and self.trigger_activate() is SUCCESS:
@@ -122,8 +119,7 @@ class Bridge(LifecycleNode):
 
     def _look_after(self) -> None:
         """Log what the loop has logged, and end when it has ended."""
-        for sentence in self._log.take():
-            self.get_logger().warning(sentence)
+        self._logs.forward()
         self._outputs.publish_e_stop(bool(self._session.supervisor.e_stop))
         if self._loop is not None and self._loop.failure is not None:
             self.failure = DriveError('loop_failed', f'the loop ended: {self._loop.failure!r}')

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the layers without ROS log, in the log of ROS."""
 import logging
+from logging.handlers import QueueHandler
+from queue import SimpleQueue
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
@@ -29,3 +31,28 @@ def forward_logs(node: Node) -> None:
     log = logging.getLogger('ballbot_ros')
     log.handlers = [RosHandler(node.get_logger())]
     log.setLevel(logging.INFO)
+
+
+class DeferredLogs:
+    """
+    Holds back what is logged: a loop that drives a motor does not wait for a terminal.
+
+    Parameters
+    ----------
+    name : str
+        Of a logger; those below it count, too.
+
+    """
+
+    def __init__(self, name: str):
+        """Hold back from now on."""
+        self._logger = logging.getLogger(name)
+        self._queue: SimpleQueue[logging.LogRecord] = SimpleQueue()
+        self._logger.handlers, self._logger.propagate = [QueueHandler(self._queue)], False
+
+    def forward(self) -> None:
+        """Log what was held back."""
+        while not self._queue.empty():
+            record = self._queue.get()
+            if self._logger.parent is not None:
+                self._logger.parent.handle(record)

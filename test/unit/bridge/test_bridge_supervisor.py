@@ -6,11 +6,11 @@ from hypothesis import given, strategies
 import pytest
 
 from ballbot_ros.bridge.hardware_file import Limits
-from ballbot_ros.bridge.supervisor import PendulumMotion, Supervisor
+from ballbot_ros.bridge.supervisor import PendulumMotion as Motion, Supervisor
 from ballbot_ros.errors import MessageError, RefusedError
 
 PERIOD = 0.002
-STILL = PendulumMotion(0.0, 0.0, 0.0)
+STILL = Motion(0.0, 0.0, 0.0)
 
 
 def released(**limits):
@@ -66,8 +66,8 @@ def test_after_a_timeout_the_next_command_is_followed_again():
 
 
 @pytest.mark.parametrize('policy, motion, expected', [
-    ('coast', PendulumMotion(0.5, 2.0, 3.0), 0.0), ('brake', PendulumMotion(0.5, 2.0, 3.0), -0.9),
-    ('settle', PendulumMotion(0.5, 2.0, 3.0), -0.6)])
+    ('coast', Motion(0.5, 2.0, 3.0), 0.0), ('brake', Motion(0.5, 2.0, 3.0), -0.9),
+    ('settle', Motion(0.5, 2.0, 3.0), -0.6)])
 def test_what_follows_a_timeout_is_chosen_and_ends(policy, motion, expected):
     supervisor = released(on_timeout=policy, damping=0.3, damping_time=1.0,
                           torque_rate_limit=1e6)
@@ -134,7 +134,7 @@ def test_torque_and_its_rate_are_limited_and_counted():
 
 @pytest.mark.parametrize('torque, passes', [(1.0, False), (-1.0, True)])
 @pytest.mark.parametrize('motion, counter', [
-    (PendulumMotion(1.7, 0.0, 0.0), 'limited_angle'), (PendulumMotion(0.0, 13.0, 13.0), 'limited_speed')])
+    (Motion(1.7, 0.0, 0.0), 'limited_angle'), (Motion(0.0, 13.0, 13.0), 'limited_speed')])
 def test_beyond_angle_and_speed_only_torque_back_is_let_through(motion, counter, torque, passes):
     supervisor = released()
     decided = follow(supervisor, torque, 0.0, 0.1, motion)
@@ -144,9 +144,9 @@ def test_beyond_angle_and_speed_only_torque_back_is_let_through(motion, counter,
 
 def test_a_runaway_engages_the_e_stop():
     supervisor = released()
-    follow(supervisor, 1.0, 0.0, 0.01, PendulumMotion(0.0, 19.0, 19.0))
+    follow(supervisor, 1.0, 0.0, 0.01, Motion(0.0, 19.0, 19.0))
     assert not supervisor.e_stop  # one wrong reading is none
-    assert follow(supervisor, 1.0, 0.01, 0.02, PendulumMotion(0.0, 19.0, 19.0)) == 0.0
+    assert follow(supervisor, 1.0, 0.01, 0.02, Motion(0.0, 19.0, 19.0)) == 0.0
     assert 'runaway' in supervisor.e_stop
 
 
@@ -179,7 +179,7 @@ def test_whatever_comes_torque_is_finite_limited_and_only_after_a_fresh_command(
                 supervisor.reset(now)
             except RefusedError:
                 pass
-        torque = supervisor.decide(now, PendulumMotion(angle, rate, rate))
+        torque = supervisor.decide(now, Motion(angle, rate, rate))
         assert math.isfinite(torque) and abs(torque) <= 4.0
         if supervisor.e_stop or (policy == 'coast' and now - fresh >= 0.1):
             assert torque == 0.0
