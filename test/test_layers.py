@@ -58,7 +58,7 @@ PENDING = {
     'ballbot_ros.drives.driver: long',
     'ballbot_ros.physics.solvers.adaptive: long', 'ballbot_ros.physics.solvers.flight: long',
     'ballbot_ros.nodes.controller: long',
-    *(f'{name}: twice' for name in ('Case', 'Course', 'Estimate', 'HeightCurve', 'Line','Plan'))}
+    *(f'{name}: twice' for name in ('Case', 'Course', 'Estimate', 'HeightCurve', 'Line', 'Plan'))}
 
 # Who may import ROS. A name ending in _msgs counts as ROS too.
 ROS = {'ament_index_python', 'ballbot_ros.msg', 'ballbot_ros.srv', 'builtin_interfaces',

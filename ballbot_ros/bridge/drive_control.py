@@ -50,7 +50,7 @@ class DriveControl:
         self.supervisor = Supervisor(hardware.limits, DECIDED * period)
         self.sensing = Sensing(hardware, robot)
         self.power, self._pacer = Power(), Pacer(period)
-        self.counts: Counter = Counter()
+        self.counts: Counter[str] = Counter()
         self.refusal = ''
 
     def begin(self) -> None:
