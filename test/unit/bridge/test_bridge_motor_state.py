@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The table of motor states: what leads to power, and where every way from it leads."""
+from itertools import product
+
+from hypothesis import given, strategies
+import pytest
+
+from ballbot_ros.bridge.motor_state import Event, MotorState, Power, SILENCE, TRANSITIONS
+from ballbot_ros.drives.contract import Telemetry
+
+DISCONNECTED, DISARMED, ARMED, STOPPING = MotorState
+# What a drive, or the lack of one, may do at any moment.
+UNASKED = {Event.SILENT, Event.DISARMED_BY_DRIVE, Event.LOST}
+
+
+def ways(to=None, by=None):
+    """Return (state, event) of the transitions to a state, or by an event."""
+    return {way for way, (after, _) in TRANSITIONS.items()
+            if to in (None, after) and by in (None, way[1])}
+
+
+def test_only_a_drive_that_confirmed_it_is_armed_and_only_from_disarmed():
+    assert ways(to=ARMED) == {(DISARMED, Event.ARMED)}
+
+
+def test_disarmed_is_only_what_a_drive_has_confirmed():
+    assert ways(to=DISARMED) == {(DISCONNECTED, Event.FOUND), (STOPPING, Event.STOPPED)}
+
+
+def test_every_way_from_power_leads_to_a_stop_or_to_a_drive_that_is_away():
+    assert {TRANSITIONS[way].to for way in TRANSITIONS if way[0] is ARMED} == {
+        STOPPING, DISCONNECTED}
+    assert ways(to=DISCONNECTED) & {(ARMED, event) for event in Event} == {(ARMED, Event.LOST)}
+
+
+def test_a_line_may_be_lost_wherever_there_is_one_and_closed_wherever_there_is_no_power():
+    assert ways(by=Event.LOST) == {(state, Event.LOST) for state in (DISARMED, ARMED, STOPPING)}
+    assert ways(by=Event.CLOSED) == {
+        (state, Event.CLOSED) for state in (DISCONNECTED, DISARMED, STOPPING)}
+    assert ways(to=DISCONNECTED) == ways(by=Event.LOST) | ways(by=Event.CLOSED)
+
+
+def test_what_nobody_asked_for_is_a_fault_where_the_motor_had_power():
+    faults = {way for way, (_, fault) in TRANSITIONS.items() if fault}
+    assert faults == {(ARMED, event) for event in UNASKED} | {
+        (STOPPING, Event.LOST), (DISARMED, Event.NOT_ARMED)}
+    assert all(Power(state).is_fault(event) for state, event in faults)
+
+
+def test_what_cannot_happen_is_an_error_and_no_silent_change():
+    for state, event in product(MotorState, Event):
+        if (state, event) not in TRANSITIONS:
+            with pytest.raises(KeyError):
+                Power(state).after(event, 1.0)
+
+
+@given(strategies.lists(strategies.sampled_from(Event)))
+def test_after_any_events_power_began_with_the_last_of_them_that_counted(events):
+    power, began = Power(), 0.0
+    for number, event in enumerate(events, 1):
+        if (power.state, event) in TRANSITIONS:
+            power, began = power.after(event, float(number)), float(number)
+            assert (power.state is ARMED) is (event is Event.ARMED)
+    assert power.since == began
+
+
+# What a drive does by itself --------------------------------------------------------------
+
+WELL = Telemetry(status_time=11.0, armed=True)
+
+
+def observed(silence=0.0, state=ARMED, **told):
+    """Return the event that a power since 10 s observes, None for none."""
+    found = Power(state, 10.0).observe(WELL._replace(**told), silence)
+    return None if found is None else found[0]
+
+
+def test_a_drive_that_answers_and_says_that_all_is_well_has_done_nothing():
+    assert observed() is None and observed(armed=None) is None
+
+
+@pytest.mark.parametrize('told', [{'armed': False}, {'faults': ('HOT',)},
+                                  {'faults': ('HOT',), 'armed': None}])
+def test_a_drive_that_says_so_has_disarmed(told):
+    assert observed(**told) is Event.DISARMED_BY_DRIVE
+
+
+@pytest.mark.parametrize('status_time', [None, 9.0, 10.0])
+def test_what_it_said_before_it_was_armed_does_not_count(status_time):
+    assert observed(status_time=status_time, armed=False, faults=('HOT',)) is None
+
+
+def test_a_drive_that_owes_an_answer_for_long_is_silent_whatever_it_said_before():
+    assert observed(SILENCE) is None
+    assert observed(SILENCE + 1e-6) is Event.SILENT
+    assert observed(SILENCE + 1e-6, armed=False) is Event.SILENT
+
+
+@pytest.mark.parametrize('state', [DISCONNECTED, DISARMED, STOPPING])
+def test_without_power_there_is_nothing_to_lose(state):
+    assert observed(1.0, state, armed=False, faults=('HOT',)) is None
+
+
+def test_the_faults_are_named_and_their_lack_too():
+    def why(**told):
+        return Power(ARMED).observe(WELL._replace(armed=False, **told), 0.0)[1]
+    assert 'HOT, OVER_CURRENT' in why(faults=('HOT', 'OVER_CURRENT'))
+    assert why() != why(faults=('HOT',)) and why().strip(': ') == why()

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When a loop is late, and when torques, stops and attempts to arm go out."""
+import pytest
+
+from ballbot_ros.bridge.pacer import DECIDED, Pacer, Periods
+
+PERIOD = 0.002
+NEW = Pacer(PERIOD)
+
+
+# Periods ----------------------------------------------------------------------------------
+
+def test_a_loop_that_is_quick_enough_begins_a_period_after_a_period():
+    periods = Periods(PERIOD, 10.0)
+    for number in range(1, 5):
+        periods = periods.next(10.0 + (number - 0.1) * PERIOD)
+        assert periods.due == pytest.approx(10.0 + number * PERIOD)
+    assert periods.late == 0
+
+
+def test_a_tick_that_ends_when_the_next_is_due_is_in_time():
+    assert Periods(1.0, 10.0).next(11.0) == Periods(1.0, 11.0)
+
+
+def test_after_a_late_one_periods_go_on_from_there_and_are_never_made_up_for():
+    late = Periods(PERIOD, 10.0).next(10.1)
+    assert (late.due, late.late) == (10.1, 1)
+    assert late.next(10.1).due == pytest.approx(10.1 + PERIOD)
+    assert late.next(10.2).late == 2
+
+
+# Torques ----------------------------------------------------------------------------------
+
+def test_the_first_torque_is_due_at_once():
+    assert NEW.is_torque_due(0.0) and NEW.has_room(0.0)
+
+
+def test_torque_is_repeated_after_one_and_a_half_periods_and_then_in_each():
+    sent = NEW.commanded().sent_torque(10.0)
+    assert not sent.is_torque_due(10.0 + PERIOD)
+    assert sent.is_torque_due(10.0 + 1.51 * PERIOD)
+    repeated = sent.sent_torque(10.0 + 1.51 * PERIOD)
+    assert repeated.is_torque_due(10.0 + 1.52 * PERIOD)
+    assert repeated.sent_torque(10.1).is_torque_due(10.1)
+
+
+def test_a_command_ends_the_repeating():
+    repeated = NEW.sent_torque(10.0).commanded().sent_torque(10.0 + PERIOD)
+    assert not repeated.is_torque_due(10.0 + 2.0 * PERIOD)
+
+
+def test_a_command_that_found_no_room_is_due_with_the_next_tick_and_goes_out_once():
+    sent = NEW.commanded().sent_torque(10.0)
+    waiting = sent.commanded()
+    assert waiting.is_torque_due(10.0)
+    assert not waiting.sent_torque(10.0).is_torque_due(10.0 + PERIOD)
+
+
+def test_two_torques_go_out_in_a_short_time_and_one_per_period_on_average():
+    pacer, sent = NEW, []
+    for number in range(1000):
+        now = 10.0 + 0.1 * number * PERIOD
+        if pacer.has_room(now):
+            pacer = pacer.commanded().sent_torque(now)
+            sent.append(now)
+    assert len(sent) == pytest.approx(100, abs=2)
+    assert sum(now < 10.0 + 0.49 * PERIOD for now in sent) == 2  # and not three
+
+
+def test_a_share_of_the_line_that_was_not_used_is_not_saved_up():
+    later = NEW.commanded().sent_torque(10.0).commanded().sent_torque(20.0)
+    assert later.has_room(20.0) and not later.commanded().sent_torque(20.0).has_room(20.0)
+
+
+def test_decisions_are_never_further_apart_than_the_supervisor_is_told():
+    # A repetition is due at the first tick after one and a half periods.
+    sent, ticks = NEW.commanded().sent_torque(10.0), [10.0 + 0.49 * PERIOD]
+    while not sent.is_torque_due(ticks[-1]):
+        ticks.append(ticks[-1] + PERIOD)
+    assert ticks[-1] - 10.0 <= DECIDED * PERIOD
+
+
+# Stops and arming -------------------------------------------------------------------------
+
+def test_a_stop_is_repeated_every_ten_milliseconds():
+    assert NEW.is_stop_due(0.0)
+    sent = NEW.sent_stop(10.0)
+    assert not sent.is_stop_due(10.009) and sent.is_stop_due(10.0101)
+
+
+def test_a_stop_outdates_a_command_that_waited():
+    sent = NEW.commanded().sent_torque(10.0).commanded()
+    assert not sent.sent_stop(10.0).is_torque_due(10.0)
+
+
+def test_arming_is_tried_at_once_and_after_a_failure_three_tenths_of_a_second_later():
+    assert NEW.may_arm(0.0)
+    failed = NEW.not_armed(10.0)
+    assert not failed.may_arm(10.29) and failed.may_arm(10.31)
