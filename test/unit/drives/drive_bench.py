@@ -54,9 +54,12 @@ class Bench:
         self.device.tick(self.now)
 
     def cycles(self, number, torque=0.0, period=0.002):
-        """Run control periods and return the last telemetry."""
+        """Run control periods, of questions only if no torque is given; return the telemetry."""
         for _ in range(number):
             self.pass_time(period)
             self.driver.poll()
-            self.driver.send_torque(torque)
+            if torque is None:
+                self.driver.ask()
+            else:
+                self.driver.send_torque(torque)
         return self.driver.poll()

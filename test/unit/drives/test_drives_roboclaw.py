@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""RoboClaws: a voltage in place of a torque, and what is asked of one that buffers questions."""
+import math
+
+from drive_bench import Bench
+import pytest
+
+from ballbot_ros.drives.emulated_device import DriveSettings
+from ballbot_ros.drives.roboclaw import codec
+from ballbot_ros.errors import ConfigurationError, DriveError
+
+
+@pytest.fixture
+def bench():
+    """Return a bench whose driver has armed the motor."""
+    made = Bench('roboclaw')
+    made.driver.arm()
+    return made
+
+
+def written(bench):
+    """Return a list that the driver's writes are added to from now on."""
+    kept = []
+    bench.to_drive = lambda data: kept.append(data) or data
+    return kept
+
+
+def told(bench, number, *values):
+    """Let the drive answer a question with other values."""
+    right = codec.answer(0x80, number, *bench.device._answers[number]())
+    bench.from_drive = lambda data: data.replace(right, codec.answer(0x80, number, *values))
+
+
+def test_commands_have_the_numbers_of_the_manual():
+    assert (codec.SET_TIMEOUT, codec.GET_TIMEOUT, codec.GET_VERSION, codec.GET_BATTERY) == (
+        14, 15, 21, 24)
+    assert (codec.GET_ENCODER, codec.GET_SPEED, codec.SET_DUTY) == ((16, 17), (30, 31), (32, 33))
+    assert (codec.GET_PWMS, codec.GET_CURRENTS, codec.GET_TEMPERATURE, codec.GET_STATUS,
+            codec.GET_MAX_CURRENT) == (48, 49, 82, 90, (135, 136))
+
+
+def test_answers_have_the_lengths_of_the_manual():
+    # Data and CRC; text up to 48 bytes.
+    lengths = {15: 1, 16: 5, 17: 5, 21: 48, 24: 2, 30: 5, 31: 5, 48: 4, 49: 4, 82: 2, 90: 4,
+               135: 8, 136: 8}
+    assert {number: codec.answer_length(number) - 2 for number in codec.ANSWERS} == lengths
+
+
+def test_the_other_motor_has_commands_of_its_own():
+    bench = Bench('roboclaw', motor=2, address=0x80)
+    kept = written(bench)
+    bench.driver.identify()
+    bench.driver.read_settings()
+    bench.driver.arm()
+    bench.cycles(40)
+    bench.driver.stop()
+    stream = b''.join(kept)
+    assert {number for number in range(256) if bytes((0x80, number)) in stream} == {
+        15, 17, 21, 24, 31, 33, 48, 49, 82, 90, 136}
+
+
+def test_a_version_has_a_name_and_a_number():
+    identity = Bench('roboclaw').driver.identify()
+    assert (identity.hardware, identity.firmware) == ('USB Roboclaw 2x30a', '4.2.8')
+
+
+@pytest.mark.parametrize('address', [0x7F, 0x88])
+def test_an_address_that_no_controller_has_is_refused(address):
+    with pytest.raises(ConfigurationError, match='address'):
+        Bench('roboclaw', address=address)
+
+
+def test_no_torque_is_no_voltage_however_fast_the_shaft_turns(bench):
+    bench.device.sensed = bench.device.sensed._replace(velocity=200.0)
+    bench.cycles(20, torque=0.05)
+    bench.cycles(1, torque=0.0)
+    assert bench.device.torque() == 0.0
+
+
+def test_the_voltage_of_a_torque_is_that_of_resistance_and_speed(bench):
+    for velocity in (-150.0, 0.0, 120.0):
+        bench.device.sensed = bench.device.sensed._replace(velocity=velocity)
+        bench.cycles(20, torque=-0.03)
+        assert bench.device.torque() == pytest.approx(-0.03, abs=5e-4)
+
+
+def test_a_supply_voltage_of_a_second_ago_scales_no_torque(bench):
+    bench.cycles(20, torque=0.02)
+    bench.from_drive = lambda data: b''
+    begin = bench.now
+    with pytest.raises(DriveError) as raised:
+        bench.cycles(1000, torque=0.02)
+    assert raised.value.reason == 'no_voltage'
+    assert bench.now - begin == pytest.approx(1.0, abs=0.1)
+    bench.driver.send_stop()
+    assert bench.device.torque() == 0.0
+
+
+def test_questions_repeat_no_command_that_is_fresh_and_release_one_that_is_old(bench):
+    bench.cycles(5, torque=0.02)
+    kept, duty = written(bench), codec.set_duty(0x80, 1, 0.0)
+    bench.driver.ask()
+    assert len(kept) == 1 and duty[:2] not in kept[0]
+    bench.pass_time(0.11)
+    bench.driver.ask()
+    bench.driver.ask()
+    assert kept[1].startswith(duty) and duty not in kept[2]
+
+
+def test_feeding_counts_as_a_command_for_the_questions(bench):
+    bench.cycles(20, torque=0.05)
+    for _ in range(150):
+        bench.pass_time(0.002)
+        bench.driver.feed()
+        bench.driver.ask()
+        bench.driver.poll()
+    assert bench.device.torque() == pytest.approx(0.05, abs=2e-3)
+
+
+def test_every_slow_value_is_asked_for_in_turn_and_the_status_every_other_time(bench):
+    kept = written(bench)
+    bench.cycles(600)
+    firsts = [frame[6:8] for frame in kept if frame[7] not in (16, 30)]
+    assert len(firsts) == pytest.approx(120, abs=2)  # one in 10 ms
+    assert {frame[1] for frame in firsts[::2]} in ({90}, {24, 49, 82})
+    for number, times in ((90, 60), (24, 20), (49, 20), (82, 20)):
+        assert sum(frame[1] == number for frame in firsts) == pytest.approx(times, abs=1)
+
+
+@pytest.mark.parametrize('turns', [1, -1])
+def test_the_position_goes_on_where_the_counter_of_the_encoder_wraps(bench, turns):
+    start = bench.cycles(10).position
+    for position in (2.0e6, 4.0e6, 6.0e6, 3.5e6):  # the counter wraps at 3.29e6 rad
+        bench.device.sensed = bench.device.sensed._replace(position=turns * position)
+        assert bench.cycles(10).position - start == pytest.approx(turns * position, abs=2e-3)
+
+
+@pytest.mark.parametrize('bit', range(32))
+def test_only_errors_take_the_power_off_and_every_bit_has_one_name(bench, bit):
+    told(bench, codec.GET_STATUS, 1 << bit)
+    telemetry = bench.cycles(30)
+    assert len(telemetry.faults) == 1
+    # The manual lists errors in the lower half, warnings in the upper one.
+    assert telemetry.armed is (bit >= 16)
+
+
+@pytest.mark.parametrize('bits, name', [
+    (0x1, 'E_STOP'), (0x2, 'TEMPERATURE_ERROR'), (0x4, 'TEMPERATURE_2_ERROR'),
+    (0x8, 'MAIN_VOLTAGE_HIGH_ERROR'), (0x10, 'LOGIC_VOLTAGE_HIGH_ERROR'),
+    (0x20, 'LOGIC_VOLTAGE_LOW_ERROR'), (0x40, 'M1_DRIVER_FAULT_ERROR'),
+    (0x80, 'M2_DRIVER_FAULT_ERROR'), (0x100, 'M1_SPEED_ERROR'), (0x200, 'M2_SPEED_ERROR'),
+    (0x400, 'M1_POSITION_ERROR'), (0x800, 'M2_POSITION_ERROR'), (0x1000, 'M1_CURRENT_ERROR'),
+    (0x2000, 'M2_CURRENT_ERROR'), (0x10000, 'M1_OVER_CURRENT_WARNING'),
+    (0x20000, 'M2_OVER_CURRENT_WARNING'), (0x40000, 'MAIN_VOLTAGE_HIGH_WARNING'),
+    (0x80000, 'MAIN_VOLTAGE_LOW_WARNING'), (0x100000, 'TEMPERATURE_WARNING'),
+    (0x200000, 'TEMPERATURE_2_WARNING'), (0x400000, 'S4_SIGNAL_TRIGGERED'),
+    (0x800000, 'S5_SIGNAL_TRIGGERED'), (0x1000000, 'SPEED_ERROR_LIMIT_WARNING'),
+    (0x2000000, 'POSITION_ERROR_LIMIT_WARNING')])
+def test_status_bits_have_the_names_of_the_library_of_the_maker(bits, name):
+    assert codec.status_names(bits) == (name,)
+
+
+def test_a_warning_does_not_keep_the_motor_from_being_armed():
+    bench = Bench('roboclaw')
+    told(bench, codec.GET_STATUS, 0x10000)
+    bench.driver.arm()
+    told(bench, codec.GET_STATUS, 0x8000)
+    with pytest.raises(DriveError, match='0x8000'):
+        bench.driver.arm()
+
+
+@pytest.mark.parametrize('watchdog, timeout, acceptable', [
+    (0.1, 0.1, True), (0.1, 0.2, False), (0.24, 0.2, True), (0.26, 0.3, True), (0.24, 0.3, False),
+    (0.02, 0.1, True), (0.02, 0.2, False), (0.1, 0.0, False)])
+def test_the_serial_timeout_is_judged_in_its_tenths_of_a_second(watchdog, timeout, acceptable):
+    bench = Bench('roboclaw', DriveSettings(watchdog=timeout), watchdog=watchdog)
+    judged = {item.name: item.acceptable for item in bench.driver.read_settings()}
+    assert judged['watchdog'] is acceptable
+
+
+def test_answers_to_a_lost_group_do_not_confirm_a_stop(bench):
+    # Two stops: the first is lost on the way, but not its questions; the second is lost whole.
+    bench.cycles(20, torque=0.05)
+    bench.to_drive = lambda data: data[6:]
+    bench.driver.send_stop()
+    bench.to_drive = lambda data: b''
+    with pytest.raises(DriveError, match='did not confirm'):
+        bench.driver.stop(patience=0.1)
+
+
+def test_a_duty_beyond_full_is_full():
+    for motor in (1, 2):
+        assert codec.set_duty(0x80, motor, 7.0) == codec.set_duty(0x80, motor, 1.0)
+        assert codec.set_duty(0x80, motor, -7.0) == codec.set_duty(0x80, motor, -1.0)
+    assert codec.set_duty(0x80, 1, math.inf)[2:4] == b'\x7f\xff'
+
+
+def test_bytes_that_belong_to_no_answer_are_counted_but_acknowledgements():
+    parser = codec.parser()
+    reply = codec.reply_of(b'')
+    parser.feed(b'\xff\x07\x07\xff' + reply + b'\xff\x07' + reply)
+    assert parser.skipped == 3
+
+
+def test_a_text_that_does_not_end_is_no_answer():
+    parser = codec.parser()
+    assert parser.feed(b'a' * 200) == [] and parser.skipped >= 150
+    assert parser.feed(codec.reply_of(b'')) != []

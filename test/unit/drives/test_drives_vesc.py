@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""VESCs: a current in place of a torque, settings at their places, two sources of the position."""
+import math
+import struct
+
+from drive_bench import Bench
+import pytest
+
+from ballbot_ros.drives.emulated_device import DriveSettings
+from ballbot_ros.drives.vesc import codec
+from ballbot_ros.errors import DriveError
+
+VALUES = codec.Values(35.2, 30.1, -3.45, -4210.0, 23.9, -123456, 0, 271.123456, 0)
+
+
+@pytest.fixture
+def bench():
+    """Return a bench whose driver has armed the motor."""
+    made = Bench('vesc')
+    made.driver.arm()
+    return made
+
+
+def change(bench, message, alter):
+    """Alter the payload of the replies to a message on their way."""
+    def altered(data):
+        payloads = codec.parser().feed(data)
+        return b''.join(codec.frame(alter(payload) if payload[0] == message else payload)
+                        for payload in payloads)
+    bench.from_drive = altered
+
+
+def reporting(bench, **fields):
+    """Let the drive report other values."""
+    change(bench, codec.GET_VALUES_SELECTIVE, lambda payload: codec.pack_values(
+        codec.parse_values(payload)._replace(**fields)))
+
+
+def test_messages_have_the_numbers_of_the_firmware():
+    # COMM_PACKET_ID in datatypes.h
+    assert (codec.FW_VERSION, codec.GET_VALUES, codec.SET_CURRENT, codec.GET_MCCONF,
+            codec.GET_APPCONF, codec.ALIVE, codec.GET_VALUES_SELECTIVE) == (
+                0, 4, 6, 14, 17, 30, 50)
+    assert codec.feed_watchdog() == codec.ask(30)
+
+
+def test_values_stand_where_the_firmware_puts_them():
+    # COMM_GET_VALUES_SELECTIVE in comm/commands.c: the bits of the mask and how each is appended
+    bits = (0, 1, 2, 7, 8, 13, 15, 16, 21)
+    assert codec.get_values()[2:7] == struct.pack('>BI', 50, sum(2**bit for bit in bits))
+    payload = struct.pack('>BIhhiihiBiB', 50, sum(2**bit for bit in bits), 352, 301, -345, -4210,
+                          239, -123456, 0, 271123456, 0)
+    assert codec.parse_values(payload) == pytest.approx(VALUES)
+    assert codec.pack_values(VALUES) == payload
+
+
+@pytest.mark.parametrize('parse, message, length', [
+    (codec.parse_values, 50, 29), (codec.parse_timeout, 17, 14),
+    (codec.parse_current_limits, 14, 17), (codec.parse_firmware, 0, 19)])
+def test_a_reply_that_is_too_short_or_to_another_message_is_not_read(parse, message, length):
+    payload = {50: codec.pack_values(VALUES), 0: bytes((0, 6, 2)) + b'abc\0' + bytes(12)}.get(
+        message, bytes((message,)) + bytes(length - 1))
+    assert len(payload) == length and parse(payload) is not None
+    assert all(parse(payload[:end]) is None for end in range(length))
+    assert parse(bytes((99,)) + payload[1:]) is None
+
+
+def test_settings_stand_where_the_firmware_puts_them():
+    # confgenerator_serialize_appconf and _mcconf: signature, then the fields
+    number = codec.pack_float
+    assert codec.parse_timeout(struct.pack('>BIBII', 17, 1, 2, 250, number(0.5))) == (0.25, 0.5)
+    assert codec.parse_current_limits(
+        struct.pack('>BIBBBBII', 14, 1, 2, 3, 4, 5, number(6.0), number(-7.0))) == (6.0, -7.0)
+
+
+def test_a_firmware_has_version_board_and_serial_number():
+    payload = bytes((0, 6, 2)) + b'60_MK6\0' + bytes(range(12)) + b'\0\0'
+    assert codec.parse_firmware(payload) == codec.Firmware(
+        6, 2, '60_MK6', '000102030405060708090a0b')
+
+
+@pytest.mark.parametrize('major, known', [(4, False), (5, True), (7, True), (8, False)])
+def test_only_firmware_whose_settings_are_known_is_spoken_to(monkeypatch, major, known):
+    monkeypatch.setattr('ballbot_ros.drives.vesc.emulated.FIRMWARE', (major, 3))
+    bench = Bench('vesc')
+    if known:
+        assert bench.driver.identify().firmware == f'{major}.03'
+    else:
+        with pytest.raises(DriveError, match=f'5 to 7, got {major}.3'):
+            bench.driver.identify()
+
+
+def test_faults_have_the_names_of_the_firmware():
+    # mc_fault_code in datatypes.h
+    for number, name in ((1, 'OVER_VOLTAGE'), (4, 'ABS_OVER_CURRENT'), (33, 'ABS_OVERSPEED')):
+        assert codec.fault_names(number) == (name,)
+    assert codec.fault_names(34) == ('FAULT_34',)
+
+
+def test_skipped_bytes_and_wrong_checksums_are_counted():
+    parser, packet = codec.parser(), codec.get_values()
+    assert parser.feed(b'\x07\x07' + packet + b'\x00' + packet[:-2] + b'\x00\x03' + packet) == [
+        packet[2:-3]] * 2
+    assert (parser.skipped, parser.refused) == (3 + len(packet), 1)
+
+
+def test_a_drive_whose_watchdog_expired_is_disarmed_although_it_names_no_fault(bench):
+    bench.cycles(20, torque=0.05)
+    assert bench.driver.poll().armed is True
+    bench.pass_time(0.2)
+    bench.driver.ask()
+    bench.pass_time(0.002)
+    telemetry = bench.driver.poll()
+    assert telemetry.armed is False and telemetry.faults == ()
+    assert bench.cycles(20, torque=0.05).armed is True  # it follows the next command
+
+
+@pytest.mark.parametrize('part, confirmed', [(0.04, True), (-0.04, True), (0.06, False),
+                                             (-0.06, False)])
+def test_a_stop_is_confirmed_where_no_more_current_flows_than_the_sensors_may_err(
+        bench, part, confirmed):
+    reporting(bench, current=part * 4.0)  # of the current of the torque limit
+    if confirmed:
+        bench.driver.stop()
+    else:
+        with pytest.raises(DriveError, match='did not confirm'):
+            bench.driver.stop(patience=0.1)
+
+
+def test_values_that_were_asked_for_before_a_stop_do_not_confirm_it(bench):
+    bench.cycles(20)
+    bench.driver.ask()  # of a motor without current; its reply is under way
+    bench.pass_time(0.0005)
+    bench.to_drive = lambda data: b''
+    with pytest.raises(DriveError, match='did not confirm'):
+        bench.driver.stop(patience=0.1)
+
+
+def test_a_motor_without_encoder_has_the_position_of_its_commutation():
+    bench = Bench('vesc', encoder=False)
+    bench.driver.arm()
+    start = bench.cycles(10).position
+    for position in (0.5, 7.0, -40.0):
+        bench.device.sensed = bench.device.sensed._replace(position=position)
+        assert bench.cycles(10).position - start == pytest.approx(position, abs=math.tau / 42)
+    assert len({bench.cycles(1).position for bench.device.sensed in (
+        bench.device.sensed._replace(position=0.01 * step) for step in range(15))}) <= 2
+
+
+@pytest.mark.parametrize('pairs', [4, 7])
+def test_the_speed_is_that_of_the_shaft_and_not_the_electrical_one(pairs):
+    bench = Bench('vesc', DriveSettings(pole_pairs=pairs), pole_pairs=pairs)
+    bench.driver.arm()
+    bench.device.sensed = bench.device.sensed._replace(velocity=90.0)
+    assert bench.cycles(10).velocity == pytest.approx(90.0, rel=1e-3)
+
+
+@pytest.mark.parametrize('message, layout, offset, value, name', [
+    (codec.GET_MCCONF, '>I', 9, 4.2, 'torque limit'),
+    (codec.GET_MCCONF, '>I', 13, -4.2, 'torque limit'),
+    (codec.GET_APPCONF, '>I', 10, 0.5, 'brake current on timeout')])
+def test_a_setting_that_is_not_safe_is_refused(message, layout, offset, value, name):
+    bench = Bench('vesc')
+
+    def set_to(payload):
+        changed = bytearray(payload)
+        struct.pack_into(layout, changed, offset, codec.pack_float(value))
+        return bytes(changed)
+    change(bench, message, set_to)
+    assert [item.name for item in bench.driver.read_settings() if not item.acceptable] == [name]
+
+
+@pytest.mark.parametrize('message, names', [
+    (codec.GET_MCCONF, ['torque limit']),
+    (codec.GET_APPCONF, ['watchdog', 'brake current on timeout'])])
+def test_settings_that_are_cut_off_are_refused(message, names):
+    bench = Bench('vesc')
+    change(bench, message, lambda payload: payload[:8])
+    assert [item.name for item in bench.driver.read_settings() if not item.acceptable] == names
