@@ -4,7 +4,7 @@ import random
 
 from ballbot_ros.drives import device_class, driver_class, DRIVES, open_driver
 from ballbot_ros.emulator.ball import settings_for
-from ballbot_ros.emulator.line import Direction, Trouble
+from ballbot_ros.emulator.line import Direction, LineFaults
 from ballbot_ros.physics.simulation.scene import load_scene
 
 GARBAGE = 2000.0  # random bytes per second, both ways
@@ -20,23 +20,23 @@ class FloodedLine:
     port = 'flood'
 
     def __init__(self, device, baud):
-        dice = random.Random(7)
+        rng = random.Random(7)
         self.device, self.now = device, 0.0
         device.baud = baud
-        self.ways = (Direction(baud, dice), Direction(baud, dice))
+        self.directions = (Direction(baud, rng), Direction(baud, rng))
 
     def flood(self, rate):
-        """Let so many random bytes come per second, each way."""
-        for way in self.ways:
-            way.trouble = Trouble(garbage=rate)
+        """Let so many random bytes come per second, in each direction."""
+        for direction in self.directions:
+            direction.faults = LineFaults(garbage=rate)
 
     def write(self, data):
         """Send to the drive."""
-        self.ways[0].put(data, self.now)
+        self.directions[0].put(data, self.now)
 
     def read(self):
         """Return what has arrived."""
-        return self.ways[1].take(self.now)
+        return self.directions[1].take(self.now)
 
     def wait(self, seconds):
         """Let time pass."""
@@ -49,8 +49,8 @@ class FloodedLine:
         while self.now < end:
             self.now += TICK
             self.device.tick(self.now)
-            reply = self.device.receive(self.ways[0].take(self.now), self.now)
-            self.ways[1].put(reply, self.now + self.device.turnaround)
+            reply = self.device.receive(self.directions[0].take(self.now), self.now)
+            self.directions[1].put(reply, self.now + self.device.turnaround)
 
 
 def flood(protocol, firmware):

@@ -72,7 +72,7 @@ def measure():
         hardware, limits=replace(hardware.limits, rearm=True),
         connection=replace(hardware.connection, imu_required=False, port=str(link)))
     emulator = Emulator('odrive', scene, hardware.connection.baud, settings, link=link)
-    dice, watcher = random.Random(3), Watcher()
+    rng, watcher = random.Random(3), Watcher()
     events = refused = above = 0
     with emulator:
         session = Session(hardware, scene.model.robot, connector(hardware))
@@ -83,13 +83,13 @@ def measure():
         begin, processor = time.monotonic(), time.process_time()
         first = None
         while time.monotonic() - begin < DURATION and loop.running:
-            time.sleep(dice.uniform(*PAUSE))
+            time.sleep(rng.uniform(*PAUSE))
             refused += bool(session.supervisor.e_stop)
             try:
                 session.release()
             except RefusedError:
                 pass
-            event = dice.choice(EVENTS)
+            event = rng.choice(EVENTS)
             obey(emulator, event)
             if event.split()[0] in LINE_FAULTS:
                 time.sleep(BAD_LINE)

@@ -115,7 +115,7 @@ class BadLine:
 
     def __init__(self, device):
         self.device, self.now, self.part = device, 0.0, 0.0
-        self._dice = random.Random(7)
+        self._rng = random.Random(7)
         self._waiting = b''
 
     def write(self, data):
@@ -134,10 +134,10 @@ class BadLine:
         return bool(self._waiting)
 
     def _damaged(self, data):
-        if not data or self._dice.random() >= self.part:
+        if not data or self._rng.random() >= self.part:
             return data
         changed = bytearray(data)
-        changed[self._dice.randrange(len(data))] ^= self._dice.randrange(1, 256)
+        changed[self._rng.randrange(len(data))] ^= self._rng.randrange(1, 256)
         return bytes(changed)
 
 

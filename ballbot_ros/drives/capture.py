@@ -61,8 +61,8 @@ class Recorder:
         except OSError as error:
             raise ConfigurationError(f'cannot record to {path}: {error}') from error
 
-    def note(self, direction: str, data: bytes) -> None:
-        """Write a piece of traffic down."""
+    def record(self, direction: str, data: bytes) -> None:
+        """Write a piece of traffic."""
         if self.failure is None:
             try:
                 self._file.write(f'{self._clock() - self._begin:.6f} {direction} {data.hex()}\n')
@@ -131,7 +131,7 @@ class Replay:
 
     @property
     def finished(self) -> bool:
-        """Tell whether all of it was read."""
+        """Return whether all of it was read."""
         return self._next >= len(self._pieces)
 
     def write(self, data: bytes) -> None:
@@ -156,7 +156,7 @@ class Replay:
         return self._pieces[self._next - 1]
 
     def wait(self, seconds: float) -> bool:
-        """Tell whether there is more."""
+        """Return whether there is more."""
         return not self.finished
 
     def close(self) -> None:

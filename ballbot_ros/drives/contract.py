@@ -11,7 +11,7 @@ gear, direction and zero of the pendulum joint are the caller's.  A session goes
     driver.arm()
     each period:
         telemetry = driver.poll()       # what has arrived; never waits
-        driver.send_torque(torque)      # one write: the command and the next questions
+        driver.send_torque(torque)      # one write: the command and the next requests
     driver.stop()                       # repeated until the drive confirms
 
 `identify`, `read_settings`, `arm` and `stop` wait for answers, never longer than their

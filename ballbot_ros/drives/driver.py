@@ -34,7 +34,7 @@ class Driver(ABC):
     counts : Counter
         ``sent`` (writes), ``bytes`` (received), ``replies``, ``lost`` (asked and not answered
         in time), ``unexpected`` (not asked for), ``refused`` (checksum or form is wrong),
-        ``skipped`` (bytes that belong to no message), as far as a protocol can tell them.
+        ``skipped`` (bytes that belong to no message), as far as a protocol shows them.
 
     """
 
@@ -61,7 +61,7 @@ class Driver(ABC):
     @abstractmethod
     def identify(self, patience: float = 0.5) -> Identity:
         """
-        Ask who is there.
+        Do the handshake and return who answered.
 
         Raises
         ------
@@ -79,7 +79,7 @@ class Driver(ABC):
         Raises
         ------
         DriveError
-            ``silent`` if the drive does not tell.
+            ``silent`` if the drive does not reply.
 
         """
 
@@ -130,7 +130,7 @@ class Driver(ABC):
         torque : float
             At the motor shaft [N m]; cut to the torque limit.
         ask : bool
-            Send the questions of this period, too, in the same write.
+            Send the requests of this period, too, in the same write.
 
         Raises
         ------
@@ -147,18 +147,18 @@ class Driver(ABC):
             raise MessageError('not_finite', f'torque must be finite, got {torque!r}')
         limit = self.options.torque_limit
         self._send(self._torque_message(min(max(torque, -limit), limit))
-                   + (self._questions() if ask else b''))
+                   + (self._requests() if ask else b''))
 
     def ask(self) -> None:
-        """Send the questions of this period only; this keeps no torque alive."""
-        self._send(self._questions())
+        """Send the requests of this period only; this keeps no torque alive."""
+        self._send(self._requests())
 
     @abstractmethod
     def feed(self) -> None:
         """Feed the watchdog of the drive and leave its torque as it is."""
 
     def send_stop(self) -> None:
-        """Write zero torque, power off, and the questions whose answers confirm it."""
+        """Write zero torque, power off, and the requests whose answers confirm it."""
         self._armed = False
         self._send(self._stop_message())
 
@@ -194,7 +194,7 @@ class Driver(ABC):
         patience: float = self.options.reply_timeout
         return min(deadline, self.clock() + patience)
 
-    def _ask_until(self, answered: Callable[[], bool], question: Callable[[], bytes],
+    def _ask_until(self, answered: Callable[[], bool], request: Callable[[], bytes],
                    deadline: float, what: str = '') -> None:
         """
         Ask again and again until there is an answer.
@@ -203,7 +203,7 @@ class Driver(ABC):
         ----------
         answered : callable
             Returns whether there is one.
-        question : callable
+        request : callable
             Returns the bytes to send.
         deadline : float
             [s]
@@ -218,7 +218,7 @@ class Driver(ABC):
         """
         before = self.counts.copy()
         while not answered():
-            self._send(question())
+            self._send(request())
             if not self._until(answered, self._soon(deadline)) and self.clock() >= deadline:
                 raise DriveError('silent', (
                     f'{self.line.port}: the {self.maker} does not answer {what}')
@@ -253,7 +253,7 @@ class Driver(ABC):
         """Return the bytes that command a torque [N m]."""
 
     @abstractmethod
-    def _questions(self) -> bytes:
+    def _requests(self) -> bytes:
         """Return the bytes that ask for the telemetry of this period."""
 
     @abstractmethod

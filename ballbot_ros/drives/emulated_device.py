@@ -29,8 +29,8 @@ class DriveSettings(Checked):
     resistance: float = quantity('ohm', 'armature resistance', default=3.125, above=0.0)
     current_limit: float = quantity('A', 'largest motor current', default=4.0, above=0.0)
     torque_limit: float = quantity('N m', 'largest motor torque', default=0.1, above=0.0)
-    watchdog: float = quantity('s', 'time without a command after which the motor is let go; 0 '
-                               'for never', default=0.1, minimum=0.0, maximum=25.0)
+    watchdog: float = quantity('s', 'time without a command after which the motor is '
+                               'disarmed; 0 for never', default=0.1, minimum=0.0, maximum=25.0)
     counts_per_turn: int = count('encoder counts per motor turn', default=4096, minimum=4)
     pole_pairs: int = count('of the motor', default=7, minimum=1)
     highest_temperature: float = quantity('degC', 'at which the power stage gives up',
@@ -88,7 +88,7 @@ class Device(ABC):
         return self._receive(data, now) if now >= self.booted_at else b''
 
     def reboot(self, now: float) -> None:
-        """Lose all state and be deaf for the boot time."""
+        """Lose all state and receive nothing for the boot time."""
         self.booted_at = now + self.settings.boot_time
         self._boot()
 

@@ -27,7 +27,7 @@ from ballbot_ros.errors import LinkError
 # so long is one that nobody drains [s].
 PATIENCE = 0.02
 # pyserial looks at its clock after the bytes have gone, so that a process that was held up would
-# be told of a stuck line: this is for ports whose room cannot be asked for, and for the worst [s].
+# see a stuck line: this is for ports whose room cannot be asked for, and for the worst [s].
 WRITE_TIMEOUT = 0.5
 LARGEST_READ = 4096
 # How often a port without a file descriptor (loop://) is looked at while waiting [s].
@@ -57,8 +57,8 @@ class Link:
     Raises
     ------
     LinkError
-        If the port cannot be opened; its ``reason`` tells missing, busy, not permitted and
-        misspelt ports apart.
+        If the port cannot be opened; its ``reason`` is one of missing, busy, permission,
+        not_a_port, bad_address and bad_baud.
 
     """
 
@@ -98,7 +98,7 @@ class Link:
             port.write(data)
         self.bytes_out += len(data)
         if self._recorder is not None:
-            self._recorder.note('>', data)
+            self._recorder.record('>', data)
 
     def read(self) -> bytes:
         """
@@ -114,12 +114,12 @@ class Link:
             data: bytes = self._open().read(LARGEST_READ)
         self.bytes_in += len(data)
         if data and self._recorder is not None:
-            self._recorder.note('<', data)
+            self._recorder.record('<', data)
         return data
 
     def wait(self, seconds: float) -> bool:
         """
-        Wait until bytes can be read, at most so long, and tell whether there are any.
+        Wait until bytes can be read, at most so long, and return whether there are any.
 
         Raises
         ------

@@ -15,11 +15,11 @@ from typing import Callable, NamedTuple, Optional
 
 from ballbot_ros.config.fields import suggestion
 from ballbot_ros.emulator.emulator import Emulator
-from ballbot_ros.emulator.line import Trouble
+from ballbot_ros.emulator.line import LineFaults
 from ballbot_ros.errors import BallbotError, ConfigurationError
 
-# Where the fault is on the line; both ways if neither word stands behind the number.
-WAYS = ('to', 'from')
+# Where the fault is on the line; both directions if neither word stands behind the number.
+DIRECTIONS = ('to', 'from')
 
 
 class Fault(NamedTuple):
@@ -75,7 +75,7 @@ def _reset(emulator: Emulator, _: float, __: float) -> None:
 
 
 def _clear(emulator: Emulator, _: float, now: float) -> None:
-    emulator.to_drive.trouble = emulator.from_drive.trouble = Trouble()
+    emulator.to_drive.faults = emulator.from_drive.faults = LineFaults()
     emulator.silent_until = -math.inf
     emulator.read_rate = math.inf
     emulator.encoder_jump = 0.0
@@ -89,8 +89,9 @@ FAULTS = {
     'unplug': Fault('seconds, or nothing for good', 'the device is gone, and comes back under '
                     'another name', _plug_after, math.inf),
     'plug': Fault('', 'the device is back', _plug, 0.0),
-    'silence': Fault('seconds', 'the drive hears but does not answer', _silence),
-    'reboot': Fault('', 'the drive loses its state and is deaf while it boots', _reboot, 0.0),
+    'silence': Fault('seconds', 'the drive receives but does not reply', _silence),
+    'reboot': Fault('', 'the drive loses its state and receives nothing while it boots', _reboot,
+                    0.0),
     'over_current': Fault('', 'the drive trips as on a short circuit', _over_current, 0.0),
     'temperature': Fault('degC', 'of the power stage; hot enough, the drive trips',
                          _temperature),
@@ -101,8 +102,8 @@ FAULTS = {
     'clear': Fault('', 'the line is clean again, the drive cool, the encoder right', _clear,
                    0.0),
 }
-# What happens to single bytes: each field of `Trouble`, with the way as a second word.
-LINE_FAULTS = {name: item.metadata for name, item in Trouble.__dataclass_fields__.items()}
+# What happens to single bytes: each field of `LineFaults`, with the direction as a second word.
+LINE_FAULTS = {name: item.metadata for name, item in LineFaults.__dataclass_fields__.items()}
 
 
 def obey(emulator: Emulator, line: str) -> str:
@@ -119,15 +120,14 @@ def obey(emulator: Emulator, line: str) -> str:
     if name == 'state':
         return json.dumps(state_of(emulator))
     if name in LINE_FAULTS:
-        ways = _ways(name, words)
+        chosen = _directions(name, words)
         number = _number(name, words, None)
-        changes = {way: replace(way.trouble, **{name: number}) for way in (
-            direction for key, direction in (('to', emulator.to_drive),
-                                             ('from', emulator.from_drive)) if key in ways)}
+        changes = {direction: replace(direction.faults, **{name: number}) for key, direction in (
+            ('to', emulator.to_drive), ('from', emulator.from_drive)) if key in chosen}
 
         def change() -> None:
-            for way, trouble in changes.items():
-                way.trouble = trouble
+            for direction, faults in changes.items():
+                direction.faults = faults
         emulator.call(change)
     elif name in FAULTS:
         fault = FAULTS[name]
@@ -141,15 +141,15 @@ def obey(emulator: Emulator, line: str) -> str:
     return 'ok'
 
 
-def _ways(name: str, words: list[str]) -> tuple[str, ...]:
-    """Take the way off the words and return it, both if none is there."""
+def _directions(name: str, words: list[str]) -> tuple[str, ...]:
+    """Take the direction off the words and return it, both if none is there."""
     if len(words) == 2:
-        way = words.pop()
-        if way not in WAYS:
+        direction = words.pop()
+        if direction not in DIRECTIONS:
             raise ConfigurationError(
-                f'{name}: the second word must be "to" or "from" (the drive), got {way!r}')
-        return (way,)
-    return WAYS
+                f'{name}: the second word must be "to" or "from" (the drive), got {direction!r}')
+        return (direction,)
+    return DIRECTIONS
 
 
 def _number(name: str, words: list[str], default: Optional[float]) -> float:

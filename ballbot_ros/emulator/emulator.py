@@ -13,7 +13,7 @@ from ballbot_ros.drives import device_class
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.emulator.ball import Ball, settings_for
 from ballbot_ros.emulator.line import Direction
-from ballbot_ros.emulator.terminal import Terminal
+from ballbot_ros.emulator.terminal import PseudoTerminal
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.physics.simulation.model import State
 from ballbot_ros.physics.simulation.scene import Scene
@@ -86,9 +86,9 @@ class Emulator:
         self.device.sensed = self.device.sensed._replace(
             bus_voltage=self.ball.motor.maximum_voltage)
         self.baud = baud
-        dice = random.Random(seed)
-        self.to_drive, self.from_drive = Direction(baud, dice), Direction(baud, dice)
-        self.terminal = Terminal(link)
+        rng = random.Random(seed)
+        self.to_drive, self.from_drive = Direction(baud, rng), Direction(baud, rng)
+        self.terminal = PseudoTerminal(link)
         self.log: Deque[Applied] = deque(maxlen=LONGEST_LOG)
         self.encoder_jump = 0.0  # [rad at the motor shaft]
         self.silent_until = -math.inf  # the drive says nothing
@@ -198,11 +198,11 @@ class Emulator:
 
     def _step(self, now: float, elapsed: float) -> None:
         """Do all that is due at a time [s]."""
-        self._do_calls()
+        self._run_calls()
         if now >= self.plug_at:
             self.plug_at = math.inf
             self.terminal.plug()
-        self._let_ball_roll(now)
+        self._advance_ball(now)
         if self.terminal.plugged:
             garbled = self.terminal.baud not in (None, self.baud)
             self.to_drive.garbled = self.from_drive.garbled = garbled
@@ -210,7 +210,7 @@ class Emulator:
         self.device.tick(now)
         arrived = self.to_drive.take(now)
         reply = self.device.receive(arrived, now)
-        self._note_torque(now)
+        self._log_torque(now)
         if reply and now >= self.silent_until:
             self._replies.append((now + self.device.turnaround, reply))
         while self._replies and self._replies[0][0] <= now:
@@ -226,20 +226,20 @@ class Emulator:
         self._credit -= len(data)
         return data
 
-    def _let_ball_roll(self, now: float) -> None:
+    def _advance_ball(self, now: float) -> None:
         """Advance the model to a time [s]."""
         for _ in range(self._pace.due(now)):
             self.ball.advance(self.device.torque())
             self.device.sensed = self.ball.sensed(self.device.sensed, self.encoder_jump)
 
-    def _note_torque(self, now: float) -> None:
+    def _log_torque(self, now: float) -> None:
         """Write the torque down if it has changed."""
         torque = self.device.torque()
         if torque != self._torque:
             self._torque = torque
             self.log.append(Applied(now, torque))
 
-    def _do_calls(self) -> None:
+    def _run_calls(self) -> None:
         """Run what other threads have asked for."""
         while True:
             try:

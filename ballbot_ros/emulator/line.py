@@ -13,7 +13,7 @@ WRONG_BAUD = bytes((byte * 167 + 13) % 256 | 0x80 for byte in range(256))
 
 
 @dataclass(frozen=True)
-class Trouble(Checked):
+class LineFaults(Checked):
     """What happens to the bytes on a line; all parts are per byte."""
 
     drop: float = quantity('1', 'part of the bytes that get lost', default=0.0, minimum=0.0,
@@ -22,23 +22,23 @@ class Trouble(Checked):
                               minimum=0.0, maximum=1.0)
     duplicate: float = quantity('1', 'part of the bytes that come twice', default=0.0,
                                 minimum=0.0, maximum=1.0)
-    delay: float = quantity('s', 'added to the way of every byte', default=0.0, minimum=0.0,
+    delay: float = quantity('s', 'added to the time of every byte', default=0.0, minimum=0.0,
                             maximum=10.0)
     garbage: float = quantity('1/s', 'random bytes that come by themselves', default=0.0,
                               minimum=0.0, maximum=1e6)
 
-    def damage(self, data: bytes, dice: random.Random) -> bytes:
+    def damage(self, data: bytes, rng: random.Random) -> bytes:
         """Return what is left of bytes."""
         if not (self.drop or self.corrupt or self.duplicate):
             return data
         result = bytearray()
         for byte in data:
-            if dice.random() < self.drop:
+            if rng.random() < self.drop:
                 continue
-            if dice.random() < self.corrupt:
-                byte ^= dice.randrange(1, 256)
+            if rng.random() < self.corrupt:
+                byte ^= rng.randrange(1, 256)
             result.append(byte)
-            if dice.random() < self.duplicate:
+            if rng.random() < self.duplicate:
                 result.append(byte)
         return bytes(result)
 
@@ -51,16 +51,16 @@ class Direction:
     ----------
     baud : float
         [bit/s]
-    dice : Random
+    rng : Random
 
     """
 
-    def __init__(self, baud: float, dice: random.Random):
+    def __init__(self, baud: float, rng: random.Random):
         """Start with an idle line."""
-        self.trouble = Trouble()
+        self.faults = LineFaults()
         self.garbled = False  # the two ends have different baud rates
         self._byte_time = BITS_PER_BYTE / baud
-        self._dice = dice
+        self._rng = rng
         self._free_at = 0.0
         self._garbage_at = 0.0
         self._flying: Deque[tuple[float, int]] = deque()  # when a byte is over, the byte
@@ -69,9 +69,9 @@ class Direction:
         """Send bytes at `now` [s]."""
         if self.garbled:
             data = data.translate(WRONG_BAUD)
-        for byte in self.trouble.damage(data, self._dice):
+        for byte in self.faults.damage(data, self._rng):
             self._free_at = max(self._free_at, now) + self._byte_time
-            self._flying.append((self._free_at + self.trouble.delay, byte))
+            self._flying.append((self._free_at + self.faults.delay, byte))
 
     def take(self, now: float) -> bytes:
         """Return the bytes that are over at `now` [s]."""
@@ -92,10 +92,10 @@ class Direction:
 
     def _make_garbage(self, now: float) -> None:
         """Put in the random bytes of the time since the last call."""
-        if self.trouble.garbage:
-            number = int(self.trouble.garbage * min(now - self._garbage_at, 0.1))
+        if self.faults.garbage:
+            number = int(self.faults.garbage * min(now - self._garbage_at, 0.1))
             if number:
                 self._garbage_at = now
-                self._flying.extend((now, self._dice.randrange(256)) for _ in range(number))
+                self._flying.extend((now, self._rng.randrange(256)) for _ in range(number))
         else:
             self._garbage_at = now

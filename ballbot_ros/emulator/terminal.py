@@ -16,7 +16,7 @@ SPEEDS = {getattr(termios, f'B{baud}'): baud for baud in (
     2000000, 3000000, 4000000) if hasattr(termios, f'B{baud}')}
 
 
-class Terminal:
+class PseudoTerminal:
     """
     The end of a serial line that the drive has.
 
@@ -54,7 +54,7 @@ class Terminal:
 
     @property
     def plugged(self) -> bool:
-        """Tell whether the device is there."""
+        """Return whether the device is there."""
         return self._master >= 0
 
     @property

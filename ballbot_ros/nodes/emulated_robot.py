@@ -37,7 +37,7 @@ class EmulatedRobot(Node):
 
     It publishes imu, odom, step_observation and the true ball_state, stamped with the time of
     the wall as those of a real robot are.  Joint states are not among them: these the bridge
-    tells.
+    publishes.
     """
 
     def __init__(self, **kwargs: Any):
@@ -60,7 +60,7 @@ class EmulatedRobot(Node):
         self._before = self._emulator.state
         self._number = 0
         self._emulator.start()
-        self.create_timer(1.0 / settings.imu_rate, self._tell,
+        self.create_timer(1.0 / settings.imu_rate, self._publish,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.get_logger().info(
             f'{connection.protocol} at {connection.baud} baud on {self._emulator.path}')
@@ -70,8 +70,8 @@ class EmulatedRobot(Node):
         """Return what ended the emulator, and ends the node; see `run`."""
         return self._emulator.failure
 
-    def _tell(self) -> None:
-        """Tell what the sensors see."""
+    def _publish(self) -> None:
+        """Publish what the sensors measure."""
         before, state = self._before, self._emulator.state
         if state.time <= before.time:
             return

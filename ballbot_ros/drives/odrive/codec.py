@@ -65,7 +65,7 @@ def torque(axis: int, value: float) -> bytes:
 
 
 def feedback(axis: int) -> bytes:
-    """Return the question for position and velocity."""
+    """Return the request for position and velocity."""
     return line(f'f {axis}')
 
 
@@ -75,7 +75,7 @@ def feed_watchdog(axis: int) -> bytes:
 
 
 def read(name: str) -> bytes:
-    """Return the question for a property."""
+    """Return the request for a property."""
     return line(f'r {name}')
 
 
@@ -88,8 +88,8 @@ def marker(number: int) -> bytes:
     """
     Return lines whose answer is a number of our choice, and which change nothing that matters.
 
-    Replies come in the order of the questions but do not name them.  What comes before the answer
-    to a marker belongs to questions from before it.  Whatever half a line a predecessor left in
+    Replies come in the order of the requests but do not name them.  What comes before the answer
+    to a marker belongs to requests from before it.  Whatever half a line a predecessor left in
     the buffer of the drive is ended first, by a checksum that is wrong: it is not obeyed.
 
     Parameters

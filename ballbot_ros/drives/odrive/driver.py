@@ -13,7 +13,7 @@ from ballbot_ros.drives.odrive import codec
 from ballbot_ros.drives.odrive.firmware import (
     CONTROL_MODE, generation_of, GENERATIONS, HARDWARE, hardware_name, in_words, REQUESTED_STATE,
     SERIAL_NUMBER, STATE, VERSION)
-from ballbot_ros.drives.odrive.questions import MARKER, Questions
+from ballbot_ros.drives.odrive.requests import MARKER, Requests
 from ballbot_ros.drives.wire import WireBudget
 from ballbot_ros.errors import DriveError
 
@@ -30,7 +30,7 @@ class ODriveOptions(DriveOptions):
 
     axis: int = count('motor output of the board', default=0, maximum=1)
     status_period: float = quantity(
-        's', 'time between questions for errors, state, voltage, current and temperatures, of '
+        's', 'time between requests for errors, state, voltage, current and temperatures, of '
         'which one is asked at a time', default=0.02, minimum=0.0, maximum=1.0)
 
 
@@ -54,7 +54,7 @@ class ODrive(Driver):
         self._parser = codec.LineParser()
         self._generation = GENERATIONS[-1]  # the one that less is asked of, until it is known
         self._identified = False
-        self._asking = Questions(options.reply_timeout)
+        self._pending = Requests(options.reply_timeout)
         self._feedback_asked: deque[float] = deque(maxlen=1000)
         self._texts: deque[str] = deque(maxlen=8)  # neither feedback nor an answer
         self._values: dict[str, float] = {}  # the last one of each property
@@ -68,7 +68,7 @@ class ODrive(Driver):
     def identify(self, patience: float = 0.5) -> Identity:
         """Ask who is there; see `Driver`."""
         deadline = self.clock() + patience
-        self._fall_in_step(deadline)
+        self._synchronise(deadline)
         version = tuple(self._read(name, deadline) for name in VERSION)
         self._generation = generation_of(version, self.options.axis, self.line.port)
         self._identified = True
@@ -87,7 +87,7 @@ class ODrive(Driver):
         self._texts.clear()
         self._send(codec.INFO)  # three lines, of which the last one has it
         if not self._until(lambda: len(self._texts) >= 3, self._soon(deadline)):
-            self._asking.fall_out_of_step()  # what is missing may still come
+            self._pending.lose_sync()  # what is missing may still come
         return next((text.partition(': ')[2] for text in self._texts
                      if text.startswith('Serial number: ')), '')
 
@@ -119,7 +119,7 @@ class ODrive(Driver):
         self._refuse_faults(deadline)
 
     def _refuse_faults(self, deadline: float) -> None:
-        """Raise `DriveError` if the axis has an error, or does not tell."""
+        """Raise `DriveError` if the axis has an error, or does not report it."""
         generation = self._generation
         bits = self._read(generation.errors, deadline)
         if not math.isfinite(bits):
@@ -128,10 +128,10 @@ class ODrive(Driver):
         if bits:
             raise DriveError('not_armed', (
                 f'{self.line.port}: the ODrive names {", ".join(generation.names_of(bits))}; '
-                'mend the cause, odrivetool tells more with dump_errors(odrv0)'))
+                'remove the cause, odrivetool shows more with dump_errors(odrv0)'))
 
     def _reasons(self) -> str:
-        """Return why a state was not reached, as far as the drive tells."""
+        """Return why a state was not reached, as far as the drive reports it."""
         generation = self._generation
         if not generation.result:
             return 'no error'
@@ -148,17 +148,17 @@ class ODrive(Driver):
     def _stop_message(self) -> bytes:
         return (self._torque_message(0.0)
                 + codec.write(self._path(REQUESTED_STATE), codec.IDLE)
-                + self._property_question(STATE))
+                + self._property_request(STATE))
 
     def stopped_since(self, time: float) -> bool:
         """Return whether the state, asked for after `time`, was idle; see `Driver`."""
         return self._idle_asked_at >= time
 
     def budget(self) -> WireBudget:
-        """Return the bytes of a period with the longest question, whatever the firmware."""
+        """Return the bytes of a period with the longest request, whatever the firmware."""
         command = len(codec.torque(self.options.axis, -self.options.torque_limit))
         ask = max(len(codec.read(self._path(name)))
-                  for generation in GENERATIONS for name in generation.round)
+                  for generation in GENERATIONS for name in generation.polled)
         most = max(len(codec.feedback(self.options.axis)) + ask,
                    len(codec.marker(codec.MARKERS[0])))
         return WireBudget(command + most, LONGEST_FEEDBACK + LONGEST_VALUE)
@@ -166,36 +166,36 @@ class ODrive(Driver):
     def _torque_message(self, torque: float) -> bytes:
         return codec.torque(self.options.axis, torque)
 
-    def _questions(self) -> bytes:
-        now, asking, began = self.clock(), self._asking, self._period_began
+    def _requests(self) -> bytes:
+        now, pending, began = self.clock(), self._pending, self._period_began
         self._period_began = now
-        marker = b'' if asking.in_step else self._property_question(STATE)
+        marker = b'' if pending.in_sync else self._property_request(STATE)
         if marker:
             return marker  # which is long, and stands alone
-        if self._generation.one_reply_at_a_time and asking.asked and asking.asked_at >= began:
-            return b''  # its answer is on its way, and would cost that to another question
+        if self._generation.one_reply_at_a_time and pending.asked and pending.asked_at >= began:
+            return b''  # its answer is on its way, and would cost that to another request
         self._feedback_asked.append(now)
-        question = codec.feedback(self.options.axis)
-        if asking.free and now - asking.asked_at >= self.options.status_period:
-            names = self._generation.round
+        request = codec.feedback(self.options.axis)
+        if pending.free and now - pending.asked_at >= self.options.status_period:
+            names = self._generation.polled
             self._turn = (self._turn + 1) % len(names)
-            question += self._property_question(names[self._turn])
-        return question
+            request += self._property_request(names[self._turn])
+        return request
 
-    # Questions for properties
+    # Requests for properties
 
     def _path(self, name: str) -> str:
         """Return what the drive calls a property of the motor output in use."""
         return name.replace('axis0.', f'axis{self.options.axis}.')
 
-    def _property_question(self, name: str) -> bytes:
-        """Return what to ask for a property now, which may be nothing; see `Questions.ask`."""
+    def _property_request(self, name: str) -> bytes:
+        """Return what to ask for a property now, which may be nothing; see `Requests.ask`."""
         if self._generation.one_reply_at_a_time and self._feedback_asked:
             self._then = name
             return b''
-        return self._asking.ask(name, self._path(name), self.clock())
+        return self._pending.ask(name, self._path(name), self.clock())
 
-    def _fall_in_step(self, deadline: float) -> None:
+    def _synchronise(self, deadline: float) -> None:
         """
         Send markers until one is answered.
 
@@ -205,8 +205,8 @@ class ODrive(Driver):
             ``silent``, ``garbled`` or ``wrong_protocol``.
 
         """
-        self._asking.fall_out_of_step()
-        self._ask_until(lambda: self._asking.in_step, lambda: self._property_question(STATE),
+        self._pending.lose_sync()
+        self._ask_until(lambda: self._pending.in_sync, lambda: self._property_request(STATE),
                         deadline)
 
     def _nobody(self, before: Counter[str]) -> DriveError:
@@ -226,19 +226,20 @@ class ODrive(Driver):
             ``silent`` if there is no answer before the deadline.
 
         """
-        asking = self._asking
+        pending = self._pending
         while True:
             self._then = None
-            if not asking.free:
-                self._fall_in_step(deadline)
+            if not pending.free:
+                self._synchronise(deadline)
             self._until(lambda: not self._feedback_asked, self._soon(deadline))
             self._feedback_asked.clear()
-            self._send(self._property_question(name))
-            if self._until(lambda: asking.asked is None, self._soon(deadline)) and asking.in_step:
-                return math.nan if asking.value is None else asking.value
+            self._send(self._property_request(name))
+            self._until(lambda: pending.asked is None, self._soon(deadline))
+            if pending.free:
+                return math.nan if pending.value is None else pending.value
             if self.clock() >= deadline:
                 raise DriveError('silent', (
-                    f'{self.line.port}: the ODrive does not answer the question for '
+                    f'{self.line.port}: the ODrive does not answer the request for '
                     f'{self._path(name)}'))
 
     # Replies
@@ -254,20 +255,20 @@ class ODrive(Driver):
         while self._feedback_asked and self._feedback_asked[0] < overdue:
             self._feedback_asked.popleft()
             self.counts['lost'] += 1
-        self.counts['lost'] += self._asking.overdue(now)
+        self.counts['lost'] += self._pending.overdue(now)
 
     def _take_text(self, text: str, now: float) -> None:
         feedback = codec.parse_feedback(text)
         if feedback is not None:
             self._take_feedback(feedback, now)
             return
-        name = self._asking.take(text)
+        name = self._pending.take(text)
         if name is None and codec.parse_number(text) is not None:
             self.counts['unexpected'] += 1
         elif name is None:
             self._texts.append(text)
         elif name != MARKER:
-            self._note(name, self._asking.value, now)
+            self._note(name, self._pending.value, now)
 
     def _take_feedback(self, feedback: codec.Feedback, now: float) -> None:
         if self._generation.one_reply_at_a_time:  # those before the last one got lost
@@ -275,12 +276,12 @@ class ODrive(Driver):
             self._feedback_asked.clear()
             if self._then is not None:
                 name, self._then = self._then, None
-                self._send(self._property_question(name))
+                self._send(self._property_request(name))
         elif self._feedback_asked:
             self._feedback_asked.popleft()
         # An encoder that failed reads as 0.
         errors = int(self._values.get(self._generation.errors, 0.0))
-        if not errors & self._generation.blind:
+        if not errors & self._generation.no_estimate:
             self.telemetry = self.telemetry._replace(
                 time=now, position=feedback.position * TURN, velocity=feedback.velocity * TURN)
 
@@ -289,6 +290,6 @@ class ODrive(Driver):
         if value is None or not math.isfinite(value):
             return
         if name == STATE and value == codec.IDLE:
-            self._idle_asked_at = self._asking.asked_at
+            self._idle_asked_at = self._pending.asked_at
         self._values[name] = value
-        self.telemetry = self._generation.noted(self.telemetry, name, self._values, now)
+        self.telemetry = self._generation.updated(self.telemetry, name, self._values, now)

@@ -8,10 +8,10 @@ comment, ``!`` ends a line, numbers are read as far as they go, and a value is c
 characters.
 
 The source of 0.6 is not published.  Its names, and that a response is discarded while the one
-before it is still being sent, are from the maker's documents; see hardware/drivers/odrive_firmware
-and hardware/codecs/odrive.  All else is guessed to be as in 0.5, and where a guess could spare the
-driver something, it is made against the driver: here a torque command does not change the control
-mode, and arming sets the torque to that of `init_torque`.
+before it is still being sent, are from the maker's documents; see firmware.py and codec.py.  All
+else is guessed to be as in 0.5, and where a guess could spare the driver something, it is made
+against the driver: here a torque command does not change the control mode, and arming sets the
+torque to that of `init_torque`.
 """
 import math
 import re
@@ -58,7 +58,7 @@ class ODriveDevice(Device):
 
     @property
     def armed(self) -> bool:
-        """Tell whether the motor is under power."""
+        """Return whether the motor is under power."""
         return self.properties['axis0.current_state'] == CLOSED_LOOP_CONTROL
 
     def torque(self) -> float:

@@ -63,7 +63,7 @@ class Names:
                 .format_map(here), f'Serial number: {SERIAL_NUMBER:X}']
 
     def ready(self, here: Mapping[str, float]) -> bool:
-        """Tell whether the encoder allows closed loop control."""
+        """Return whether the encoder allows closed loop control."""
         return here.get('axis0.encoder.is_ready', 1) == 1 \
             and here.get('axis0.commutation_mapper.status', 0) == 0
 

@@ -65,10 +65,10 @@ class Generation:
         Property with the errors that keep the motor from power, and the names of its bits.
     reason : str
         Property with the errors that last took the power away; empty if there is none.
-    blind : int
-        Bit of the error with which position and velocity are not to be believed.
+    no_estimate : int
+        Bit of the error with which position and velocity are not valid.
     result, result_names
-        Property that tells why a wanted state was not reached; empty if there is none.
+        Property that says why a wanted state was not reached; empty if there is none.
     current : str
         Property with the motor current that makes torque.
     torque_limits : tuple of str
@@ -85,7 +85,7 @@ class Generation:
     errors: str
     error_names: Mapping[int, str]
     reason: str
-    blind: int
+    no_estimate: int
     result: str
     result_names: Mapping[int, str]
     current: str
@@ -106,8 +106,8 @@ class Generation:
                 MOTOR_TEMPERATURE: 'motor_temperature', BUS_VOLTAGE: 'bus_voltage'}
 
     @property
-    def round(self) -> tuple[str, ...]:
-        """Return what is asked for in turn: errors and state often, the others once each."""
+    def polled(self) -> tuple[str, ...]:
+        """Return what is polled in turn: errors and state often, the others once each."""
         others = (*self.telemetry, self.reason) if self.reason else self.telemetry
         return tuple(name for other in others for name in (self.errors, STATE, other))
 
@@ -124,12 +124,12 @@ class Generation:
             names = (self.result_names.get(int(result), f'{result:g}'), *names)
         return ', '.join(names) or 'no reason'
 
-    def noted(self, telemetry: Telemetry, name: str, values: Mapping[str, float],
+    def updated(self, telemetry: Telemetry, name: str, values: Mapping[str, float],
               now: float) -> Telemetry:
         """Return telemetry with the value of a property that came last, of all that have come."""
         if name in self.telemetry:
-            told: dict[str, Any] = {self.telemetry[name]: values[name]}
-            return telemetry._replace(**told)
+            reported: dict[str, Any] = {self.telemetry[name]: values[name]}
+            return telemetry._replace(**reported)
         if name == STATE:
             return telemetry._replace(
                 status_time=now, armed=values[STATE] == codec.CLOSED_LOOP_CONTROL)
@@ -159,11 +159,11 @@ class Generation:
             else min(max(bounds), currents)
         enabled, timeout = read(WATCHDOG) == 1.0, read(WATCHDOG_TIMEOUT)
         return (
-            Setting('torque limit', _told(ceiling, ' N m'), f'at most {limit:g} N m',
+            Setting('torque limit', _reading(ceiling, ' N m'), f'at most {limit:g} N m',
                     ceiling <= 1.01 * limit, ', '.join(
                         _write(name, -limit if name.endswith('min') else limit)
                         for name in self.torque_limits)),
-            Setting('watchdog', _told(timeout, ' s') if enabled else 'off',
+            Setting('watchdog', _reading(timeout, ' s') if enabled else 'off',
                     f'at most {watchdog:g} s', enabled and 0.0 < timeout <= 1.01 * watchdog,
                     f'{_write(WATCHDOG_TIMEOUT, watchdog)}, {_write(WATCHDOG, 1)}'),
             *(self._judge_rule(rule, read(rule.name)) for rule in self.rules))
@@ -171,12 +171,12 @@ class Generation:
     def _judge_rule(self, rule: Rule, value: float) -> Setting:
         words = f' ({rule.words[int(value)]})' if value in rule.words else ''
         wanted = ' or '.join(f'{item} ({rule.words[item]})' for item in rule.wanted)
-        return Setting(rule.setting, _told(value, words), wanted, value in rule.wanted,
+        return Setting(rule.setting, _reading(value, words), wanted, value in rule.wanted,
                        rule.remedy or _write(rule.name, rule.wanted[0]))
 
 
-def _told(value: float, unit: str) -> str:
-    return 'not told by the drive' if math.isnan(value) else f'{value:.4g}{unit}'
+def _reading(value: float, unit: str) -> str:
+    return 'unknown' if math.isnan(value) else f'{value:.4g}{unit}'
 
 
 def _write(name: str, value: float) -> str:
@@ -185,7 +185,7 @@ def _write(name: str, value: float) -> str:
 
 
 def hardware_name(major: float, minor: float, variant: float) -> str:
-    """Return what a board is called; not a number is a part that it does not tell."""
+    """Return what a board is called; not a number is a part that it does not report."""
     if major == 3:
         return f'v3.{minor:g}-{variant:g}V'
     name = {4.0: 'Pro', 5.0: 'S1', 6.0: 'Micro'}.get(major, 'board')
@@ -212,7 +212,7 @@ GENERATION_5 = Generation(
         0x100: 'ENCODER_FAILED', 0x200: 'CONTROLLER_FAILED', 0x800: 'WATCHDOG_TIMER_EXPIRED',
         0x1000: 'MIN_ENDSTOP_PRESSED', 0x2000: 'MAX_ENDSTOP_PRESSED', 0x4000: 'ESTOP_REQUESTED',
         0x20000: 'HOMING_WITHOUT_ENDSTOP', 0x40000: 'OVER_TEMP', 0x80000: 'UNKNOWN_POSITION'}),
-    reason='', blind=0x100, result='', result_names=MappingProxyType({}),
+    reason='', no_estimate=0x100, result='', result_names=MappingProxyType({}),
     current='axis0.motor.current_control.Iq_measured',
     torque_limits=('axis0.motor.config.torque_lim',),
     current_limit='axis0.motor.config.current_lim',
@@ -234,7 +234,7 @@ GENERATION_6 = Generation(
         0x1000000: 'WATCHDOG_TIMER_EXPIRED', 0x2000000: 'ESTOP_REQUESTED',
         0x4000000: 'SPINOUT_DETECTED', 0x8000000: 'BRAKE_RESISTOR_DISARMED',
         0x10000000: 'THERMISTOR_DISCONNECTED', 0x40000000: 'CALIBRATION_ERROR'}),
-    reason='axis0.disarm_reason', blind=0x8, result='axis0.procedure_result',
+    reason='axis0.disarm_reason', no_estimate=0x8, result='axis0.procedure_result',
     result_names=MappingProxyType(dict(enumerate((
         'SUCCESS', 'BUSY', 'CANCELLED', 'DISARMED', 'NO_RESPONSE', 'POLE_PAIR_CPR_MISMATCH',
         'PHASE_RESISTANCE_OUT_OF_RANGE', 'PHASE_INDUCTANCE_OUT_OF_RANGE', 'UNBALANCED_PHASES',
@@ -271,15 +271,15 @@ def generation_of(version: Sequence[float], axis: int, port: str) -> Generation:
         ``firmware`` if the version, or such an output in it, is not known.
 
     """
-    told = in_words(version)
+    name = in_words(version)
     found = [item for item in GENERATIONS if item.version == tuple(version[:2])]
     if not found:
         names = ' or '.join(item.name for item in GENERATIONS)
         raise DriveError('firmware', (
-            f'{port}: ODrive firmware must be {names}, got {told}: older ones take a torque '
+            f'{port}: ODrive firmware must be {names}, got {name}: older ones take a torque '
             'command for amperes, names and meanings in newer ones are not known'))
     if axis >= found[0].axes:
         raise DriveError('firmware', (
-            f'{port}: an ODrive with firmware {told} has one motor output, so axis must be 0, '
+            f'{port}: an ODrive with firmware {name} has one motor output, so axis must be 0, '
             f'got {axis}'))
     return found[0]

@@ -3,10 +3,10 @@
 RoboClaw packet serial: short packets with a CRC.
 
 A command that changes something is ``address command data crc crc`` and is answered by FF.  A
-question is ``address command`` alone; its answer is ``data crc crc``, where the CRC
-(CRC-16/XMODEM) also covers the question.  So an answer has neither start nor length nor name of
-its own, and 16 bits are all that tell it from noise.  Questions are therefore asked in groups, and
-`ReplyParser` believes answers only where those to a whole group follow one another.
+request is ``address command`` alone; its answer is ``data crc crc``, where the CRC
+(CRC-16/XMODEM) also covers the request.  So an answer has neither start nor length nor name of
+its own, and 16 bits are all that distinguish it from noise.  Requests are therefore sent in
+groups, and `ReplyParser` accepts answers only where those to a whole group follow one another.
 
 Source: RoboClaw Series User Manual (commands 14, 15, 16, 21, 24, 30, 32, 48, 49, 82, 90, 135)
 and basicmicro/roboclaw_python_library.
@@ -24,7 +24,7 @@ GET_PWMS, GET_CURRENTS, GET_TEMPERATURE, GET_STATUS = 48, 49, 82, 90
 # Of motor 1 and motor 2.
 GET_ENCODER, GET_SPEED, SET_DUTY, GET_MAX_CURRENT = (16, 17), (30, 31), (32, 33), (135, 136)
 
-# Question -> form of its answer; None for text that ends with a zero byte.
+# Request -> form of its answer; None for text that ends with a zero byte.
 ANSWERS: dict[int, Optional[struct.Struct]] = {
     GET_TIMEOUT: struct.Struct('>B'),
     GET_ENCODER[0]: struct.Struct('>iB'),
@@ -59,7 +59,7 @@ ERRORS = 0xFFFF
 
 
 class Reply(NamedTuple):
-    """An answer and the question that it answers."""
+    """An answer and the request that it answers."""
 
     command: int
     values: tuple[int, ...]  # empty for text
@@ -73,7 +73,7 @@ def command(address: int, number: int, data: bytes = b'') -> bytes:
 
 
 def ask(address: int, number: int) -> bytes:
-    """Return a question."""
+    """Return a request."""
     return bytes((address, number))
 
 
@@ -95,7 +95,7 @@ def set_duty(address: int, motor: int, duty: float) -> bytes:
 
 
 def answer(address: int, number: int, *values: int, text: str = '') -> bytes:
-    """Return the answer to a question, as the firmware makes it."""
+    """Return the answer to a request, as the firmware makes it."""
     form = ANSWERS[number]
     data = form.pack(*values) if form is not None else text.encode('ascii') + b'\0'
     return data + crc_hqx(data, crc_hqx(ask(address, number), 0)).to_bytes(2, 'big')
@@ -109,12 +109,12 @@ def answer_length(number: int) -> int:
 
 class ReplyParser:
     """
-    Finds the answers to groups of questions in what the drive sends.
+    Finds the answers to groups of requests in what the drive sends.
 
     Attributes
     ----------
     groups : sequence of sequences of int
-        Questions that were asked together, in their order; two or more in each, so that an
+        Requests that were asked together, in their order; two or more in each, so that an
         answer is vouched for by 32 bits at least.  No group may be the beginning of another.
     skipped : int
         Bytes that belong to no answer, those that acknowledge commands apart.
@@ -163,7 +163,7 @@ class ReplyParser:
         return [], -1 if missing else place
 
     def _reply(self, number: int, place: int) -> tuple[Optional[Reply], int]:
-        """Return the answer to a question and its end, or None and -1 if bytes are missing."""
+        """Return the answer to a request and its end, or None and -1 if bytes are missing."""
         buffer, form = self._buffer, ANSWERS[number]
         if form is not None:
             end = place + form.size
@@ -184,7 +184,7 @@ class ReplyParser:
 
 
 def parser() -> ReplyParser:
-    """Return a parser of the replies to questions about motor 1."""
+    """Return a parser of the replies to requests about motor 1."""
     found = ReplyParser(ADDRESSES[0])
     motion = (GET_ENCODER[0], GET_SPEED[0])
     found.groups = (motion, *((number, *motion) for number in (GET_STATUS, GET_VERSION)))
@@ -192,7 +192,7 @@ def parser() -> ReplyParser:
 
 
 def frame_reply(group: Sequence[Reply]) -> bytes:
-    """Return the answers to a group of questions, as the drive sends them."""
+    """Return the answers to a group of requests, as the drive sends them."""
     return b''.join(answer(ADDRESSES[0], reply.command, *reply.values, text=reply.text)
                     for reply in group)
 

@@ -25,7 +25,7 @@ COUNTER = 2**32  # the encoder counter wraps
 
 # What is asked one at a time beside position and speed; the status comes every other time.
 SLOW = (codec.GET_BATTERY, codec.GET_CURRENTS, codec.GET_TEMPERATURE)
-ROUND = tuple(number for slow in SLOW for number in (codec.GET_STATUS, slow))
+POLLED = tuple(number for slow in SLOW for number in (codec.GET_STATUS, slow))
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class RoboClawOptions(DriveOptions):
     resistance: float = quantity('ohm', 'of the armature and its leads', default=3.125,
                                  above=0.0)
     status_period: float = quantity(
-        's', 'time between questions for status, voltage, current and temperature, of which one '
+        's', 'time between requests for status, voltage, current and temperature, of which one '
         'is asked at a time', default=0.01, minimum=0.0, maximum=0.2)
 
 
@@ -51,8 +51,8 @@ class RoboClaw(Driver):
     See `Driver`.
 
     The controller has no arming: before `arm`, and after a stop, this driver sends zero duty
-    only.  Any byte feeds its serial timeout, questions too; so this driver itself sends zero
-    duty with the questions once the last command is older than the watchdog time.
+    only.  Any byte feeds its serial timeout, requests too; so this driver itself sends zero
+    duty with the requests once the last command is older than the watchdog time.
     """
 
     options: RoboClawOptions
@@ -121,12 +121,12 @@ class RoboClaw(Driver):
         Raises
         ------
         DriveError
-            Also ``no_voltage`` if the drive has not told its supply voltage for a second.
+            Also ``no_voltage`` if the drive has not reported its supply voltage for a second.
 
         """
         if self._armed and self.clock() - self._voltage_at > STALE_VOLTAGE:
             raise DriveError('no_voltage', (
-                f'{self.line.port}: the RoboClaw has not told its supply voltage for '
+                f'{self.line.port}: the RoboClaw has not reported its supply voltage for '
                 f'{STALE_VOLTAGE:g} s, without which a torque makes no duty cycle'))
         super().send_torque(torque, ask)
         self._commanded_at = self.clock()
@@ -140,7 +140,7 @@ class RoboClaw(Driver):
         """Ask, and send zero duty where the last command is too old; see `Driver`."""
         stale = self._duty != 0.0 \
             and self.clock() - self._commanded_at > self.options.watchdog
-        self._send((self._duty_message(0.0) if stale else b'') + self._questions())
+        self._send((self._duty_message(0.0) if stale else b'') + self._requests())
 
     def stopped_since(self, time: float) -> bool:
         """Return whether the duty, asked for after `time`, was zero; see `Driver`."""
@@ -157,10 +157,10 @@ class RoboClaw(Driver):
     def _torque_message(self, torque: float) -> bytes:
         if torque == 0.0:  # released is exactly no torque; the back voltage would be a guess
             return self._duty_message(0.0)
-        options, told = self.options, self.telemetry
+        options, last = self.options, self.telemetry
         voltage = torque * options.resistance / options.torque_constant \
-            + options.speed_constant * (told.velocity or 0.0)
-        return self._duty_message(voltage / told.bus_voltage if told.bus_voltage else 0.0)
+            + options.speed_constant * (last.velocity or 0.0)
+        return self._duty_message(voltage / last.bus_voltage if last.bus_voltage else 0.0)
 
     def _duty_message(self, duty: float) -> bytes:
         self._duty = duty
@@ -169,16 +169,16 @@ class RoboClaw(Driver):
     def _stop_message(self) -> bytes:
         return self._duty_message(0.0) + self._group(codec.GET_PWMS, codec.GET_STATUS)
 
-    def _questions(self) -> bytes:
+    def _requests(self) -> bytes:
         now = self.clock()
         if now - self._slow_at < self.options.status_period:
             return self._group(*self._motion)
         self._slow_at = now
         self._turn += 1
-        return self._group(ROUND[self._turn % len(ROUND)], *self._motion)
+        return self._group(POLLED[self._turn % len(POLLED)], *self._motion)
 
     def _group(self, *numbers: int) -> bytes:
-        """Return questions that are answered together."""
+        """Return requests that are answered together."""
         self._groups.append((self.clock(), numbers))
         self._parser.groups = tuple({group for _, group in self._groups})
         return b''.join(codec.ask(self.options.address, number) for number in numbers)
@@ -218,26 +218,26 @@ class RoboClaw(Driver):
     def _note(self, reply: codec.Reply, asked: float, now: float) -> None:
         """Put an answer into the telemetry."""
         motor = self.options.motor - 1
-        told, number, values = self.telemetry, reply.command, reply.values
+        last, number, values = self.telemetry, reply.command, reply.values
         turn = math.tau / self.options.counts_per_turn
         if number == self._motion[0]:
             # The nearest count that the wrapped counter can mean.
             step = (values[0] - self._counts + COUNTER // 2) % COUNTER - COUNTER // 2
             self._counts += step
-            self.telemetry = told._replace(time=now, position=self._counts * turn)
+            self.telemetry = last._replace(time=now, position=self._counts * turn)
         elif number == self._motion[1]:
-            self.telemetry = told._replace(velocity=values[0] * turn)
+            self.telemetry = last._replace(velocity=values[0] * turn)
         elif number == codec.GET_PWMS:
             if values[motor] == 0:
                 self._still_asked_at = asked
         elif number == codec.GET_BATTERY:
             self._voltage_at = now
-            self.telemetry = told._replace(bus_voltage=values[0] / 10.0)
+            self.telemetry = last._replace(bus_voltage=values[0] / 10.0)
         elif number == codec.GET_CURRENTS:
-            self.telemetry = told._replace(current=values[motor] / 100.0)
+            self.telemetry = last._replace(current=values[motor] / 100.0)
         elif number == codec.GET_TEMPERATURE:
-            self.telemetry = told._replace(temperature=values[0] / 10.0)
+            self.telemetry = last._replace(temperature=values[0] / 10.0)
         elif number == codec.GET_STATUS:
-            self.telemetry = told._replace(
+            self.telemetry = last._replace(
                 status_time=now, faults=codec.status_names(values[0]),
                 armed=self._armed and not values[0] & codec.ERRORS)

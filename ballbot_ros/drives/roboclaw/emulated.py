@@ -36,7 +36,7 @@ class RoboClawDevice(Device):
 
     def _boot(self) -> None:
         self._buffer = b''
-        self._heard: Optional[float] = None
+        self._received_at: Optional[float] = None
         self._duty = 0.0
         self._fault = 0
         self._origin = self.sensed.position  # the encoder counter starts at 0
@@ -70,9 +70,9 @@ class RoboClawDevice(Device):
 
     def tick(self, now: float) -> None:
         """Look after timeout and temperature; see `Device`."""
-        if self._heard is None:
-            self._heard = now
-        if self._timeout and now - self._heard > self._timeout * TIMEOUT_UNIT:
+        if self._received_at is None:
+            self._received_at = now
+        if self._timeout and now - self._received_at > self._timeout * TIMEOUT_UNIT:
             self._duty = 0.0
         hot = self.sensed.temperature >= self.settings.highest_temperature
         self._fault = self._fault & ~TEMPERATURE_ERROR | TEMPERATURE_ERROR * hot
@@ -92,9 +92,9 @@ class RoboClawDevice(Device):
     def _receive(self, data: bytes, now: float) -> bytes:
         if not data:
             return b''
-        if self._heard is not None and now - self._heard > PAUSE:
+        if self._received_at is not None and now - self._received_at > PAUSE:
             self._buffer = b''
-        self._heard = now
+        self._received_at = now
         self._buffer += data
         reply = b''
         while len(self._buffer) >= 2:

@@ -4,7 +4,7 @@ VESC serial protocol: packets with a CRC, firmware 5 to 7.
 
 ``02 length payload crc crc 03`` up to 255 bytes of payload, ``03 length length ...`` above; the
 CRC is CRC-16/XMODEM of the payload, numbers are big-endian.  The first byte of a payload names
-the message, in a reply the question too.  Start bytes also occur inside packets: the parser
+the message, in a reply the request too.  Start bytes also occur inside packets: the parser
 tries every place until one fits.
 
 Source: vedderb/bldc, comm/packet.c, comm/commands.c, util/buffer.c, confgenerator.c, datatypes.h.
@@ -47,7 +47,7 @@ FIELDS = {
 }
 MASK = sum(1 << bit for bit, _, _ in FIELDS.values())
 _VALUES = struct.Struct('>BI' + ''.join(form for _, form, _ in FIELDS.values()))
-TIMED_OUT = 1  # bit of the status: the watchdog has let the motor go
+TIMED_OUT = 1  # bit of the status: the watchdog has disarmed the motor
 
 
 class Values(NamedTuple):
@@ -96,7 +96,7 @@ def set_current(current: float) -> bytes:
 
 
 def get_values() -> bytes:
-    """Return the question for the fields of `Values`."""
+    """Return the request for the fields of `Values`."""
     return frame(struct.pack('>BI', GET_VALUES_SELECTIVE, MASK))
 
 
@@ -106,7 +106,7 @@ def feed_watchdog() -> bytes:
 
 
 def ask(message: int) -> bytes:
-    """Return a question that is its name and nothing more."""
+    """Return a request that is its name and nothing more."""
     return frame(bytes((message,)))
 
 

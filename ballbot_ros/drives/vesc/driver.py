@@ -92,16 +92,16 @@ class Vesc(Driver):
         self._send(self._torque_message(0.0))
         begin = self.clock()
         while self.telemetry.status_time is None or self.telemetry.status_time < begin:
-            self._send(self._torque_message(0.0) + self._questions())
+            self._send(self._torque_message(0.0) + self._requests())
             self._until(lambda: (self.telemetry.status_time or -math.inf) > begin,
                         self._soon(deadline))
             if self.clock() >= deadline:
                 raise DriveError('not_armed', (
-                    f'{self.line.port}: the VESC does not tell its state'))
+                    f'{self.line.port}: the VESC does not report its state'))
         if self.telemetry.faults:
             raise DriveError('not_armed', (
                 f'{self.line.port}: the VESC names {", ".join(self.telemetry.faults)}; the '
-                'terminal of VESC Tool tells more with: faults'))
+                'terminal of VESC Tool shows more with: faults'))
 
     # What does not wait
 
@@ -114,7 +114,7 @@ class Vesc(Driver):
         return self._still_asked_at >= time
 
     def budget(self) -> WireBudget:
-        """Return the bytes of a command, a question and its reply."""
+        """Return the bytes of a command, a request and its reply."""
         values = codec.frame(codec.pack_values(codec.Values(*(0,) * len(codec.FIELDS))))
         return WireBudget(len(codec.set_current(0.0)) + len(codec.get_values()), len(values))
 
@@ -122,9 +122,9 @@ class Vesc(Driver):
         return codec.set_current(torque / self.options.torque_constant)
 
     def _stop_message(self) -> bytes:
-        return self._torque_message(0.0) + self._questions()
+        return self._torque_message(0.0) + self._requests()
 
-    def _questions(self) -> bytes:
+    def _requests(self) -> bytes:
         self._asked.append(self.clock())
         return codec.get_values()
 
@@ -157,7 +157,7 @@ class Vesc(Driver):
         del self._asked[1:1 + late]
 
     def _note(self, values: codec.Values, now: float) -> None:
-        """Make telemetry of a reply; replies come in the order of the questions."""
+        """Make telemetry of a reply; replies come in the order of the requests."""
         asked = self._asked.pop(1) if len(self._asked) > 1 else -math.inf
         limit = self.options.torque_limit / self.options.torque_constant
         if abs(values.current) <= NO_CURRENT * limit:
@@ -176,7 +176,7 @@ class Vesc(Driver):
         Return the angle of the shaft [rad].
 
         The tachometer goes on over full turns but has six steps per electrical turn only; the
-        encoder is fine but starts again every turn.  The one tells which turn of the other it is,
+        encoder is fine but starts again every turn.  The one says which turn of the other it is,
         however many replies were lost in between.
         """
         turns: float = values.tachometer / (6.0 * self.options.pole_pairs)

@@ -3,7 +3,7 @@
 A VESC with firmware 6, as its serial protocol sees it.
 
 Written after comm/commands.c, timeout.c and motor/mc_interface.c of vedderb/bldc: it has no
-arming, lets the motor go when its timeout expires and follows the next command again, and after
+arming, disarms when its timeout expires and follows the next command again, and after
 a fault keeps off for half a second before it does.
 """
 import math

@@ -54,7 +54,7 @@ class Bench:
         self.device.tick(self.now)
 
     def cycles(self, number, torque=0.0, period=0.002):
-        """Run control periods, of questions only if no torque is given; return the telemetry."""
+        """Run control periods, of requests only if no torque is given; return the telemetry."""
         for _ in range(number):
             self.pass_time(period)
             self.driver.poll()

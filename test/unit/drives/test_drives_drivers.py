@@ -78,7 +78,7 @@ def test_more_than_the_limit_is_cut(bench, torque):
 
 
 @pytest.mark.parametrize('ask', [True, False])
-def test_the_questions_of_a_period_can_be_left_out(bench, ask):
+def test_the_requests_of_a_period_can_be_left_out(bench, ask):
     bench.driver.arm()
     bench.cycles(5)
     lengths = []
@@ -115,7 +115,7 @@ def test_a_torque_that_is_not_finite_is_refused_and_not_sent(bench, torque):
     assert bench.driver.counts['sent'] == sent
 
 
-def test_the_drive_lets_go_by_itself_without_commands(bench):
+def test_the_drive_disarms_by_itself_without_commands(bench):
     bench.driver.arm()
     bench.cycles(20, torque=0.05)
     for _ in range(150):
@@ -123,7 +123,7 @@ def test_the_drive_lets_go_by_itself_without_commands(bench):
     assert bench.device.torque() == 0.0
 
 
-def test_questions_alone_do_not_feed_the_watchdog(bench):
+def test_requests_alone_do_not_feed_the_watchdog(bench):
     bench.driver.arm()
     bench.cycles(20, torque=0.05)
     for _ in range(150):

@@ -50,9 +50,9 @@ def test_a_fourth_drive_turns_the_motor_behind_the_emulator(toy):
 def test_a_fourth_drive_is_fuzzed_like_the_others(toy):
     targets = fuzz_targets()
     assert {'toy host', 'toy drive', 'vesc host'} <= set(targets)
-    dice = random.Random(1)
+    rng = random.Random(1)
     for name, (fuzz, protocol) in targets.items():
-        fed = [fuzz(protocol, dice.randbytes(600)) for _ in range(10)]
+        fed = [fuzz(protocol, rng.randbytes(600)) for _ in range(10)]
         assert all(size > 300 for size, _ in fed), name
         assert name.endswith('drive') or sum(messages for _, messages in fed) > 0, name
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""RoboClaws: a voltage in place of a torque, and what is asked of one that buffers questions."""
+"""RoboClaws: a voltage in place of a torque, and what is asked of one that buffers requests."""
 import math
 
 from drive_bench import Bench
@@ -26,7 +26,7 @@ def written(bench):
 
 
 def told(bench, number, *values):
-    """Let the drive answer a question with other values."""
+    """Let the drive answer a request with other values."""
     right = codec.answer(0x80, number, *bench.device._answers[number]())
     bench.from_drive = lambda data: data.replace(right, codec.answer(0x80, number, *values))
 
@@ -96,7 +96,7 @@ def test_a_supply_voltage_of_a_second_ago_scales_no_torque(bench):
     assert bench.device.torque() == 0.0
 
 
-def test_questions_repeat_no_command_that_is_fresh_and_release_one_that_is_old(bench):
+def test_requests_repeat_no_command_that_is_fresh_and_release_one_that_is_old(bench):
     bench.cycles(5, torque=0.02)
     kept, duty = written(bench), codec.set_duty(0x80, 1, 0.0)
     bench.driver.ask()
@@ -107,7 +107,7 @@ def test_questions_repeat_no_command_that_is_fresh_and_release_one_that_is_old(b
     assert kept[1].startswith(duty) and duty not in kept[2]
 
 
-def test_feeding_counts_as_a_command_for_the_questions(bench):
+def test_feeding_counts_as_a_command_for_the_requests(bench):
     bench.cycles(20, torque=0.05)
     for _ in range(150):
         bench.pass_time(0.002)
@@ -179,7 +179,7 @@ def test_the_serial_timeout_is_judged_in_its_tenths_of_a_second(watchdog, timeou
 
 
 def test_answers_to_a_lost_group_do_not_confirm_a_stop(bench):
-    # Two stops: the first is lost on the way, but not its questions; the second is lost whole.
+    # Two stops: the first is lost on the way, but not its requests; the second is lost whole.
     bench.cycles(20, torque=0.05)
     bench.to_drive = lambda data: data[6:]
     bench.driver.send_stop()

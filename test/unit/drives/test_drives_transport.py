@@ -143,17 +143,17 @@ def test_a_closed_link_says_so(terminal):
 def test_traffic_is_recorded_and_played_back(tmp_path):
     recorder = Recorder(tmp_path / 'traffic.txt')
     with Link('loop://', 115200, recorder) as link:
-        link.write(b'question')
+        link.write(b'request')
         link.wait(1.0)
-        assert link.read() == b'question'
+        assert link.read() == b'request'
     recorder.close()
     records = read_capture(tmp_path / 'traffic.txt')
     assert [(record.direction, record.data) for record in records] == [
-        ('>', b'question'), ('<', b'question')]
+        ('>', b'request'), ('<', b'request')]
     assert 0.0 <= records[0].time <= records[1].time
     replay = Replay(records)
     replay.write(b'other')
-    assert replay.wait(1.0) and replay.read() == b'question' and replay.finished
+    assert replay.wait(1.0) and replay.read() == b'request' and replay.finished
     with pytest.raises(LinkError):
         replay.read()
 

@@ -109,7 +109,7 @@ def test_another_protocol_does_not_pass_the_handshake(scene, wrong):
             driver.identify(patience=0.2)
 
 
-def test_the_drive_lets_go_when_the_host_is_killed(emulator):
+def test_the_drive_disarms_when_the_host_is_killed(emulator):
     code = ('import sys, time; from test_emulator_emulator import connect, drive\n'
             'class There: path = sys.argv[1]; settings = type("S", (), {"torque_limit": 0.08})\n'
             'link, driver = connect(There); driver.arm(); drive(driver, 60.0)')
@@ -243,9 +243,9 @@ def test_every_fault_of_the_table_is_understood(emulator):
         assert obey(emulator, f'{name} 0.5' if fault.argument else name) == 'ok'
     for name in LINE_FAULTS:
         assert obey(emulator, f'{name} 0.5') == obey(emulator, f'{name} 0 to') == 'ok'
-    assert emulator.from_drive.trouble.drop == 0.5 and emulator.to_drive.trouble.drop == 0.0
+    assert emulator.from_drive.faults.drop == 0.5 and emulator.to_drive.faults.drop == 0.0
     obey(emulator, 'clear')
-    assert emulator.from_drive.trouble.drop == 0.0
+    assert emulator.from_drive.faults.drop == 0.0
     until(lambda: emulator.terminal.plugged)
 
 
@@ -275,7 +275,7 @@ def test_faults_come_over_a_socket(emulator, tmp_path):
         assert said[0] == 'ok' and said[1].startswith('error: ')
         state = json.loads(said[2])
         assert state['plugged'] and state['imu_upward'] == pytest.approx(9.81, abs=0.01)
-        assert emulator.from_drive.trouble.drop == 0.25
+        assert emulator.from_drive.faults.drop == 0.25
     finally:
         channel.close()
 

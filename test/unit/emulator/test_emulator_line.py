@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bytes take their time on the line, and trouble befalls as many as it says."""
+"""Bytes take their time on the line, and faults befalls as many as it says."""
 import random
 
 import pytest
 
-from ballbot_ros.emulator.line import Direction, Trouble
+from ballbot_ros.emulator.line import Direction, LineFaults
 from ballbot_ros.errors import ConfigurationError
 
 
-def line(baud=115200, **trouble):
-    """Return a line with trouble on it."""
+def line(baud=115200, **faults):
+    """Return a line with faults on it."""
     made = Direction(baud, random.Random(1))
-    made.trouble = Trouble(**trouble)
+    made.faults = LineFaults(**faults)
     return made
 
 
@@ -69,4 +69,4 @@ def test_another_baud_rate_turns_text_into_no_text():
 
 def test_impossible_trouble_is_refused():
     with pytest.raises(ConfigurationError, match='drop must be at least 0 and at most 1'):
-        Trouble(drop=1.5)
+        LineFaults(drop=1.5)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames of a letter and a number: torque, stop, question; armed and disarmed come back."""
+"""Frames of a letter and a number: torque, stop, request; armed and disarmed come back."""
 import struct
 
-TORQUE, STOP, QUESTION = b'T', b'S', b'Q'
+TORQUE, STOP, REQUEST = b'T', b'S', b'R'
 ARMED, DISARMED = b'A', b'D'
 UNIT = 1e-6  # of torque [N m]
 _FRAME = struct.Struct('>ci')

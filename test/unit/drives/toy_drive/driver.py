@@ -19,7 +19,7 @@ class Toy(Driver):
 
     def identify(self, patience=0.5):
         """Return what it always is."""
-        self._ask_until(lambda: self.counts['replies'] > 0, self._questions,
+        self._ask_until(lambda: self.counts['replies'] > 0, self._requests,
                         self.clock() + patience)
         return Identity('toy', 'none', '1')
 
@@ -42,13 +42,13 @@ class Toy(Driver):
         self._send(codec.frame(codec.TORQUE))
 
     def _stop_message(self):
-        return codec.frame(codec.STOP) + self._questions()
+        return codec.frame(codec.STOP) + self._requests()
 
     def _torque_message(self, torque):
         return codec.frame(codec.TORQUE, round(torque / codec.UNIT))
 
-    def _questions(self):
-        return codec.frame(codec.QUESTION)
+    def _requests(self):
+        return codec.frame(codec.REQUEST)
 
     def _take(self, data, now):
         self.counts['bytes'] += len(data)

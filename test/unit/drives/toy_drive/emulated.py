@@ -15,7 +15,7 @@ class ToyDevice(Device):
         self._boot()
 
     def _boot(self):
-        self._parser = codec.Parser((codec.TORQUE, codec.STOP, codec.QUESTION))
+        self._parser = codec.Parser((codec.TORQUE, codec.STOP, codec.REQUEST))
         self._armed, self._torque = False, 0.0
 
     def tick(self, now):
@@ -32,7 +32,7 @@ class ToyDevice(Device):
     def _receive(self, data, now):
         reply = b''
         for letter, number in self._parser.feed(data):
-            if letter == codec.QUESTION:
+            if letter == codec.REQUEST:
                 reply += codec.frame(codec.ARMED if self._armed else codec.DISARMED,
                                      round(self._torque / codec.UNIT))
             else:

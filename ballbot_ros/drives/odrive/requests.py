@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Questions to an ODrive for single properties, whose replies do not name their question."""
+"""Requests to an ODrive for single properties, whose replies do not name their request."""
 import math
 from typing import Optional
 
@@ -8,11 +8,11 @@ from ballbot_ros.drives.odrive import codec
 MARKER = 'marker'
 
 
-class Questions:
+class Requests:
     """
     Asks for one property at a time, and knows whether a value that comes is the answer.
 
-    Where a value is overdue, or one comes that was not asked for, it is out of step: a numbered
+    Where a value is overdue, or one comes that was not asked for, it is out of sync: a numbered
     marker is sent, and no value is believed until that has been answered.
 
     Parameters
@@ -32,32 +32,32 @@ class Questions:
     """
 
     def __init__(self, timeout: float):
-        """Start in step."""
+        """Start in sync."""
         self.asked: Optional[str] = None
         self.asked_at = -math.inf
         self.value: Optional[float] = None
         self._timeout = timeout
         self._marker = codec.MARKERS[0]
-        self._marked_at: Optional[float] = None  # None: in step
+        self._marked_at: Optional[float] = None  # None: in sync
 
     @property
-    def in_step(self) -> bool:
-        """Tell whether the next value is an answer to what was asked."""
+    def in_sync(self) -> bool:
+        """Return whether the next value is an answer to what was asked."""
         return self._marked_at is None
 
     @property
     def free(self) -> bool:
-        """Tell whether a property can be asked for now."""
-        return self.in_step and self.asked is None
+        """Return whether a property can be asked for now."""
+        return self.in_sync and self.asked is None
 
-    def fall_out_of_step(self) -> None:
+    def lose_sync(self) -> None:
         """Believe no value until a marker, still to be sent, has been answered."""
         self.asked = None
         self._marked_at = -math.inf
 
     def ask(self, name: str, path: str, now: float) -> bytes:
         """
-        Return the question for a property, a marker where one is needed, or nothing yet.
+        Return the request for a property, a marker where one is needed, or nothing yet.
 
         Parameters
         ----------
@@ -81,22 +81,22 @@ class Questions:
         """
         Take a reply; return the property that it answers, `MARKER`, or None if it answers none.
 
-        Text that answers a question says that there is no such property.
+        Text that answers a request says that there is no such property.
         """
         value = codec.parse_number(text)
-        if not self.in_step and value == self._marker:
+        if not self.in_sync and value == self._marker:
             self._marked_at = None
             return MARKER
-        if self.free or not self.in_step:
-            if value is not None and self.in_step:
-                self.fall_out_of_step()
+        if self.free or not self.in_sync:
+            if value is not None and self.in_sync:
+                self.lose_sync()
             return None
         name, self.asked, self.value = self.asked, None, value
         return name
 
     def overdue(self, now: float) -> bool:
-        """Tell whether an answer has become overdue; then it is out of step."""
+        """Return whether an answer has become overdue; then it is out of sync."""
         if self.asked is None or now - self.asked_at <= self._timeout:
             return False
-        self.fall_out_of_step()
+        self.lose_sync()
         return True
