@@ -18,6 +18,7 @@ PYTHON = {
     'ballbot_ros.fields': 'ballbot_ros.config.fields',
     'ballbot_ros.paths': 'ballbot_ros.config.files',
     'ballbot_ros.hardware': 'ballbot_ros.drives',
+    'ballbot_ros.drives.DRIVERS': 'ballbot_ros.drives.DRIVES',
     'ballbot_ros.laboratory': 'ballbot_ros.studies',
     'ballbot_ros.output': 'ballbot_ros.results, figures in ballbot_ros.figures',
     'ballbot_ros.bridge.timeouts': 'ballbot_ros.studies.command_loss',
