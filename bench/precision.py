@@ -91,8 +91,8 @@ def solvers(case):
 def mujoco(case, method):
     """Return the same from step, for MuJoCo; models are built before they are timed."""
     def model(step):
-        return mujoco_check.Twin(Case(case.model.robot), MUJOCO_SPEED, MUJOCO_HEIGHT, step, method,
-                         'matched')
+        return mujoco_check.MujocoRun(
+            Case(case.model.robot), MUJOCO_SPEED, MUJOCO_HEIGHT, step, method, 'matched')
     built = {step: model(step) for step in STEPS}
 
     def end(ball):

@@ -28,7 +28,7 @@ def highest(robot, step, integrator, width):
     low, high = LOW, HIGH
     while high - low > width:
         middle = 0.5 * (low + high)
-        passes = mujoco_check.Twin(
+        passes = mujoco_check.MujocoRun(
             Case(robot), SPEED, middle, step, integrator, 'matched').passes()
         low, high = (middle, high) if passes else (low, middle)
     return 0.5 * (low + high)

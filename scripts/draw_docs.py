@@ -4,7 +4,6 @@ import math
 from pathlib import Path
 import sys
 
-import matplotlib
 from matplotlib.patches import Arc, Circle, FancyArrowPatch, Polygon
 from PIL import Image
 
@@ -12,7 +11,6 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from ballbot_ros.figures import canvas  # noqa: E402
-from ballbot_ros.figures.command_loss import timeout_figure  # noqa: E402
 from ballbot_ros.figures.gallery import FIGURES  # noqa: E402
 from ballbot_ros.figures.run import save, strip  # noqa: E402
 from ballbot_ros.physics import load_scene  # noqa: E402
@@ -43,9 +41,9 @@ def turn(axes, centre, radius, begin, end, colour, width=1.3):
     low, high = sorted((begin, end))
     axes.add_patch(Arc(centre, 2 * radius, 2 * radius, color=colour, lw=width, zorder=7,
                        theta1=math.degrees(low) - 90.0, theta2=math.degrees(high) - 90.0))
-    way = 1.0 if end > begin else -1.0
+    sign = 1.0 if end > begin else -1.0
     tip = place(end, radius, centre)
-    back = place(end - way * 0.10 / radius, radius, centre)
+    back = place(end - sign * 0.10 / radius, radius, centre)
     along = (tip[0] - back[0], tip[1] - back[1])
     across = (-0.35 * along[1], 0.35 * along[0])
     axes.add_patch(Polygon([tip, (back[0] + across[0], back[1] + across[1]),
@@ -110,8 +108,8 @@ def draw_contacts(axes, centre, edge_x):
     tangent = (normal[1], -normal[0])
     arrow(axes, edge, (edge[0] + 0.52 * tangent[0], edge[1] + 0.52 * tangent[1]),
           canvas.PURPLE, 2.0)
-    for name, way, aside in (('$\\mathbf{n}$', normal, 0.05), ('$\\mathbf{t}$', tangent, -0.06)):
-        axes.text(edge[0] + 0.36 * way[0] + aside, edge[1] + 0.36 * way[1] + 0.09, name,
+    for name, along, aside in (('$\\mathbf{n}$', normal, 0.05), ('$\\mathbf{t}$', tangent, -0.06)):
+        axes.text(edge[0] + 0.36 * along[0] + aside, edge[1] + 0.36 * along[1] + 0.09, name,
                   fontsize=11, color=canvas.PURPLE, ha='center', va='center', zorder=9)
     axes.text(1.24, 0.80, '$\\mathbf{n}$: normal, along $\\mathbf{d}$ from\n'
               'the contact to the centre\n'
@@ -141,8 +139,7 @@ def conventions():
     centre = (0.0, RADIUS - DEEP)
     away = RADIUS - DEEP
     edge_x = math.sqrt(away**2 - (centre[1] - STEP)**2)
-    with matplotlib.rc_context({**canvas.STYLE, 'mathtext.fontset': 'dejavusans'}):
-        figure = canvas.new_figure(8.0, 4.75)
+    with canvas.drawing(8.0, 4.75, **{'mathtext.fontset': 'dejavusans'}) as figure:
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_aspect('equal')
         axes.set_xlim(-2.45, 2.75)
@@ -173,7 +170,7 @@ def main():
     for kind in canvas.FORMATS:
         save(figure, folder / f'conventions.{kind}')
     save(strip(load_scene('fig7_bottom').simulate(), 'fig7_bottom'), folder / 'crossing.png')
-    save_small(timeout_figure(), folder / 'on_timeout.png')
+    save_small(FIGURES['on_timeout'](), folder / 'on_timeout.png')
     for name in IN_DOCS:
         save_small(FIGURES[name](), folder / f'step_{name}.png')
 

@@ -46,17 +46,17 @@ def fit(name):
     robot = load_robot(robot_name)
     total = heights_for(robot, Request())
 
-    def tell(done):
+    def show(done):
         if sys.stderr.isatty():
             print(f'\r{name}: {done} of {total} heights', end='', file=sys.stderr)
-    curve = fit_curve(name, robot, actuation, wording, progress=tell)
+    curve = fit_curve(name, robot, actuation, wording, progress=show)
     print(f'\r{name}: {total} heights, largest residual {1e3 * curve.residual:.2f} mm',
           file=sys.stderr)
     return curve_text(curve, what, 'scripts/fit_curves.py')
 
 
 def differs(old, new):
-    """Tell whether two files give heights that differ by more than rounding."""
+    """Return whether two files give heights that differ by more than rounding."""
     contents = [yaml.safe_load(text) for text in (old, new)]
     if contents[0].get('made') != contents[1].get('made'):
         return True

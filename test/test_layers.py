@@ -31,8 +31,8 @@ LAYERS = {
 }
 RUNTIME = tuple(LAYERS)
 # Offline: what runs of the model teach, its files and its pictures. No node imports them.
-LAYERS['studies'] = RUNTIME
-LAYERS['results'] = (*RUNTIME, 'studies')
+LAYERS['results'] = RUNTIME
+LAYERS['studies'] = (*RUNTIME, 'results')
 LAYERS['figures'] = (*RUNTIME, 'studies', 'results')
 LAYERS['ros'] = RUNTIME
 LAYERS['nodes'] = (*RUNTIME, 'ros')
@@ -54,11 +54,9 @@ SHARED_NAMES = {}
 # What is on its way out; each line goes with what it allows.
 PENDING = {
     'ballbot_ros.physics.model.actuation: up to mechanics.equations',
-    'ballbot_ros.physics.matrices: on no floor',
     'ballbot_ros.drives.driver: long',
     'ballbot_ros.physics.solvers.adaptive: long', 'ballbot_ros.physics.solvers.flight: long',
-    'ballbot_ros.nodes.controller: long',
-    *(f'{name}: twice' for name in ('Case', 'Course', 'Estimate', 'HeightCurve', 'Line', 'Plan'))}
+    'ballbot_ros.nodes.controller: long'}
 
 # Who may import ROS. A name ending in _msgs counts as ROS too.
 ROS = {'ament_index_python', 'ballbot_ros.msg', 'ballbot_ros.srv', 'builtin_interfaces',

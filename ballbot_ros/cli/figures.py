@@ -2,7 +2,7 @@
 """The verb ``figures``: the figures of the paper, re-simulated, and some more."""
 import argparse
 from pathlib import Path
-from typing import Any, Callable, Optional
+from typing import Any, Callable
 
 from ballbot_ros.cli.command import complain, DONE, INTERRUPTED
 
@@ -26,6 +26,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.figures.gallery import FIGURES
     from ballbot_ros.results.files import check_writable
+    from ballbot_ros.studies.progress import ignore
     if arguments.list:
         for name, draw in FIGURES.items():
             print(f'{name:<12} {(draw.__doc__ or "").splitlines()[0]}')
@@ -36,7 +37,8 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         with watched(len(names), arguments.quiet, 'drawing', 'figures') as progress:
             for number, name in enumerate(names):
-                files += draw_one(FIGURES[name], name, arguments, shifted(progress, number))
+                files += draw_one(FIGURES[name], name, arguments,
+                                  lambda done: (progress or ignore)(number + done))
     except KeyboardInterrupt:
         done = f'; {", ".join(files)} are in {arguments.out}' if files else ''
         complain(f'interrupted{done}')
@@ -58,17 +60,8 @@ def chosen(names: list[str], known: Any) -> list[str]:
     return list(dict.fromkeys(names)) or list(known)
 
 
-def shifted(progress: Optional[Callable[[float], None]],
-            begin: int) -> Optional[Callable[[float], None]]:
-    """Return the progress of one figure as that of all, of which some are done."""
-    if progress is None:
-        return None
-    tell = progress
-    return lambda part: tell(begin + part)
-
-
 def draw_one(draw: Callable[..., Any], name: str, arguments: argparse.Namespace,
-             progress: Optional[Callable[[float], None]]) -> list[str]:
+             progress: Callable[[float], None]) -> list[str]:
     """Draw one figure, write it and return the names of its files."""
     from ballbot_ros.figures.run import FORMATS, save
     figure = draw(progress)

@@ -7,7 +7,7 @@ from typing import Any, Iterator, List
 from ballbot_ros.cli.command import DONE
 from ballbot_ros.errors import ConfigurationError
 
-AFTER = (1.0, 3.0, 10.0)  # that way and speed are told [s]
+AFTER = (1.0, 3.0, 10.0)  # at which distance and speed are printed [s]
 WIDTHS = (7, 6, 6, 18, 18, 19, 13, 16, 10)
 MOST_SLOPE = 45.0  # [degrees]
 
@@ -31,18 +31,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and print a row as soon as it is known."""
     from ballbot_ros.bridge.hardware_file import ON_TIMEOUT
-    from ballbot_ros.studies.command_loss import cases, let_go, scene_of
+    from ballbot_ros.studies.command_loss import lose_commands, scenarios, scene_of
     hardware = read_hardware(arguments)
     slopes = [math.radians(slope) for slope in read_slopes(arguments.slopes)]
     limits = hardware.limits
-    planned = list(cases(arguments.speed, slopes, arguments.policy or ON_TIMEOUT))
-    for case in planned:
-        scene_of(hardware, case)  # refuses what cannot be before anything is printed
+    planned = list(scenarios(arguments.speed, slopes, arguments.policy or ON_TIMEOUT))
+    for scenario in planned:
+        scene_of(hardware, scenario)  # refuses what cannot be before anything is printed
     print(f'{hardware.name}: damping {limits.damping:g} N m s/rad for {limits.damping_time:g} s, '
           f'commands too old after {limits.command_timeout:g} s\n')
     print('\n'.join(heading()), flush=True)
-    for case in planned:
-        print(row(let_go(hardware, case)), flush=True)
+    for scenario in planned:
+        print(row(lose_commands(hardware, scenario)), flush=True)
     return DONE
 
 
@@ -92,20 +92,21 @@ def heading() -> Iterator[str]:
     yield f'|{"|".join("-" * (width + 2) for width in WIDTHS)}|'
 
 
-def row(course: Any) -> str:
-    """Return the line of the table for a course."""
-    case = course.case
-    degrees = f'{abs(math.degrees(case.slope)):g}'
-    hangs = course.hangs_after
+def row(response: Any) -> str:
+    """Return the line of the table for a response."""
+    scenario = response.scenario
+    degrees = f'{abs(math.degrees(scenario.slope)):g}'
+    hangs = response.hangs_after
     return _line((
-        f'{case.speed:g} m/s' if case.speed else 'rest',
-        'level' if case.slope == 0.0 else f'{degrees} {"up" if case.slope > 0.0 else "down"}',
-        case.policy,
-        *('{:.2f} m, {:.2f} m/s'.format(*(_plain(value) for value in course.after(time)))
+        f'{scenario.speed:g} m/s' if scenario.speed else 'rest',
+        'level' if scenario.slope == 0.0
+        else f'{degrees} {"up" if scenario.slope > 0.0 else "down"}',
+        scenario.policy,
+        *('{:.2f} m, {:.2f} m/s'.format(*(_plain(value) for value in response.after(time)))
           for time in AFTER),
-        f'{math.degrees(course.largest_angle):.0f} degrees',
-        f'not in {course.time[-1]:.0f} s' if hangs is None else f'after {hangs:.1f} s',
-        f'{course.energy_given:.2f} J'))
+        f'{math.degrees(response.largest_angle):.0f} degrees',
+        f'not in {response.time[-1]:.0f} s' if hangs is None else f'after {hangs:.1f} s',
+        f'{response.energy_given:.2f} J'))
 
 
 def _plain(value: float) -> float:

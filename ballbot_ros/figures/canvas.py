@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The look that all figures share, and how they are saved."""
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Mapping
+from typing import Any, Iterator, Mapping
 
 import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -31,11 +32,13 @@ RESOLUTION = 160
 FORMATS = ('png', 'svg')
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure of a size in inches, independent of any display."""
-    figure = Figure(figsize=(width, height), dpi=RESOLUTION)
-    FigureCanvasAgg(figure)
-    return figure
+@contextmanager
+def drawing(width: float, height: float, **changes: Any) -> Iterator[Figure]:
+    """Give an empty figure of a size in inches, in our style, independent of any display."""
+    with matplotlib.rc_context({**STYLE, **changes}):
+        figure = Figure(figsize=(width, height), dpi=RESOLUTION)
+        FigureCanvasAgg(figure)
+        yield figure
 
 
 def save(figure: Figure, path: PathLike) -> None:

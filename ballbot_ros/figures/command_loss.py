@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each `on_timeout` makes of a ball whose commands stop: a picture of `bridge.timeouts`."""
+"""What each `on_timeout` makes of a ball whose commands stop; see `studies.command_loss`."""
 from dataclasses import replace
 import math
 
-import matplotlib
 from matplotlib.figure import Figure
 import numpy as np
 
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.figures import canvas
 from ballbot_ros.figures.heights import draw_heading
-from ballbot_ros.studies.command_loss import Case, let_go
+from ballbot_ros.studies.command_loss import lose_commands, Scenario
+from ballbot_ros.studies.progress import counted, ignore, Progress
 
 SPEED = 0.6  # [m/s]
 # What is drawn, a column each: title, slope [degrees], speed [m/s].
@@ -21,11 +21,11 @@ POLICIES = (('coast', None, canvas.VERMILION, '-'), ('brake', None, canvas.BLUE,
             ('brake', LONG, canvas.BLUE, ':'), ('settle', None, canvas.GREEN, '-'))
 
 
-def timeout_figure(hardware: str = 'gimball_odrive') -> Figure:
+def on_timeout(progress: Progress = ignore, hardware: str = 'gimball_odrive') -> Figure:
     """Show speed and pendulum angle after the last command, a column for each start."""
     found = load_hardware(hardware)
-    with matplotlib.rc_context(dict(canvas.STYLE)):
-        figure = canvas.new_figure(10.4, 5.0)
+    report = counted(progress, len(COLUMNS) * len(POLICIES))
+    with canvas.drawing(10.4, 5.0) as figure:
         for number, (title, slope, speed) in enumerate(COLUMNS):
             above, below = (figure.add_axes((0.06 + 0.2375 * number, bottom, 0.19, 0.35))
                             for bottom in (0.51, 0.085))
@@ -33,18 +33,19 @@ def timeout_figure(hardware: str = 'gimball_odrive') -> Figure:
             for policy, damping_time, colour, style in POLICIES:
                 limits = found.limits if damping_time is None else replace(
                     found.limits, damping_time=damping_time)
-                course = let_go(replace(found, limits=limits),
-                                Case(policy, math.radians(slope), speed))
+                response = lose_commands(replace(found, limits=limits),
+                                         Scenario(policy, math.radians(slope), speed))
+                report()
                 label = policy if damping_time is None else f'{policy}, {damping_time:g} s'
-                above.plot(course.time, course.speed, style, color=colour, label=label)
-                below.plot(course.time, np.degrees(course.pendulum_angle), style, color=colour)
+                above.plot(response.time, response.speed, style, color=colour, label=label)
+                below.plot(response.time, np.degrees(response.pendulum_angle), style, color=colour)
             for axes in (above, below):
                 axes.axvline(found.limits.command_timeout + found.limits.damping_time,
                              color=canvas.GREY, lw=0.7, ls='--')
                 axes.axhline(0.0, color=canvas.GREY, lw=0.7)
                 axes.grid(color=canvas.SOIL, lw=0.5)
                 axes.set_axisbelow(True)
-                axes.set_xlim(0.0, course.time[-1])
+                axes.set_xlim(0.0, response.time[-1])
             below.set_xlabel('since the last command [s]')
             if number == 0:
                 above.set_ylabel('speed [m/s]')
@@ -52,5 +53,6 @@ def timeout_figure(hardware: str = 'gimball_odrive') -> Figure:
             elif number == 1:
                 above.legend(fontsize=7.5, frameon=False)
         draw_heading(figure, 'Commands stop: GimBall under coast, brake and settle',
-                     f'dashed: damping_time of {found.limits.damping_time:g} s is over')
+                     'simulated with the full model; dashed: damping_time of '
+                     f'{found.limits.damping_time:g} s is over')
     return figure

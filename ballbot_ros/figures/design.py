@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the highest step of GimBall depends on: pictures of the studies in `laboratory.studies`."""
-from typing import Any, Callable, Optional, Sequence
+"""What the highest step of GimBall depends on: pictures of `studies.sensitivity`."""
+from typing import Any, Sequence
 
-import matplotlib
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 import numpy as np
@@ -13,10 +12,9 @@ from ballbot_ros.figures.heights import draw_heading, height_axes, place_legend
 from ballbot_ros.physics import Actuation, load_robot
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.studies.cases import Case, holding, LEVEL, SPEEDS, step_height
+from ballbot_ros.studies.progress import ignore, part_of, Progress
 from ballbot_ros.studies.sensitivity import (
     Bar, design_map, heights_on_slopes, sampled_heights, sensitivity, WHAT_IF)
-
-Progress = Optional[Callable[[float], None]]
 
 FULL = 'simulated with the full model'
 SPEED = 0.8  # of the studies at one speed [m/s]
@@ -29,15 +27,14 @@ SLOPE_COLOURS = (canvas.PURPLE, canvas.BLUE, canvas.GREEN, canvas.ORANGE, canvas
 LEVELS = {0.05: '--', 0.5: '-', 0.95: ':'}  # of the probability, as lines
 
 
-def tornado(progress: Progress = None) -> Figure:
+def tornado(progress: Progress = ignore) -> Figure:
     """Show the effect of every uncertain number, and of the others by a tenth."""
     robot = load_robot('gimball')
     cases = [('pendulum free', Case(robot)), ('held level', holding(robot, LEVEL)),
              ('motor under 5.7 V', Case(robot, Actuation(law='voltage', voltage=5.7)))]
-    with matplotlib.rc_context(dict(canvas.STYLE)):
-        figure = canvas.new_figure(10.4, 4.6)
+    with canvas.drawing(10.4, 4.6) as figure:
         for number, (label, case) in enumerate(cases):
-            bars = sensitivity(case, SPEED, _part(progress, number, len(cases)))
+            bars = sensitivity(case, SPEED, part_of(progress, number, len(cases)))
             axes = figure.add_axes((0.125 + 0.322 * number, 0.175, 0.205, 0.685))
             middle = step_height(case, SPEED)
             axes.set_title(f'{label}: {1e3 * middle:.1f} mm', loc='left', fontsize=9.5,
@@ -84,15 +81,14 @@ def _draw_bars(axes: Any, bars: Sequence[Bar], middle: float) -> None:
     axes.set_axisbelow(True)
 
 
-def probability(progress: Progress = None) -> Figure:
+def probability(progress: Progress = ignore) -> Figure:
     """Show the probability of passing over speed and height, as far as GimBall is known."""
     robot = load_robot('gimball')
     heights, fine = np.linspace(0.0, 0.07, 701), np.linspace(SPEEDS[0], SPEEDS[-1], 151)
-    with matplotlib.rc_context(dict(canvas.STYLE)):
-        figure = canvas.new_figure(10.0, 4.6)
+    with canvas.drawing(10.0, 4.6) as figure:
         for number, (label, case) in enumerate((('pendulum free', Case(robot)),
                                                 ('held level', holding(robot, LEVEL)))):
-            drawn = sampled_heights(case, SPEEDS[::2], SAMPLES, 0, _part(progress, number, 2))
+            drawn = sampled_heights(case, SPEEDS[::2], SAMPLES, 0, part_of(progress, number, 2))
             curves = CubicSpline(SPEEDS[::2], drawn, axis=1)(fine)
             passing = (curves[:, :, None] >= heights).mean(axis=0).T
             axes = height_axes(figure, (0.065 + 0.445 * number, 0.115, 0.385, 0.76), label,
@@ -111,14 +107,13 @@ def probability(progress: Progress = None) -> Figure:
     return figure
 
 
-def design(progress: Progress = None) -> Figure:
+def design(progress: Progress = ignore) -> Figure:
     """Show the highest step over length and mass of the pendulum, in the same ball."""
     robot = load_robot('gimball')
-    with matplotlib.rc_context(dict(canvas.STYLE)):
-        figure = canvas.new_figure(10.0, 4.6)
+    with canvas.drawing(10.0, 4.6) as figure:
         for number, (label, case) in enumerate((('pendulum held level', holding(robot, LEVEL)),
                                                 ('pendulum free', Case(robot)))):
-            found = design_map(case, SPEED, LENGTHS, MASSES, _part(progress, number, 2))
+            found = design_map(case, SPEED, LENGTHS, MASSES, part_of(progress, number, 2))
             axes = figure.add_axes((0.065 + 0.485 * number, 0.115, 0.43, 0.76))
             _draw_map(figure, axes, LENGTHS, MASSES, found)
             axes.plot(robot.pendulum_length, robot.pendulum_mass, '*', ms=12, color=canvas.INK,
@@ -156,15 +151,14 @@ def _draw_slope_limits(axes: Any, lengths: Array, ball_mass: float, radius: floa
     axes.set_ylim(low, high)
 
 
-def slope(progress: Progress = None) -> Figure:
+def slope(progress: Progress = ignore) -> Figure:
     """Show the highest step where the ground behind it rises or falls."""
     robot = load_robot('gimball')
     slopes = np.radians(np.linspace(-8.0, 8.0, 17))
-    with matplotlib.rc_context(dict(canvas.STYLE)):
-        figure = canvas.new_figure(10.0, 4.4)
+    with canvas.drawing(10.0, 4.4) as figure:
         for number, (label, case) in enumerate((('pendulum free', Case(robot)),
                                                 ('held level', holding(robot, LEVEL)))):
-            found = heights_on_slopes(case, SLOPE_SPEEDS, slopes, _part(progress, number, 2))
+            found = heights_on_slopes(case, SLOPE_SPEEDS, slopes, part_of(progress, number, 2))
             axes = figure.add_axes((0.065 + 0.49 * number, 0.12, 0.44, 0.755))
             axes.set_title(label, loc='left', fontsize=9.5, weight='bold')
             for speed, heights, colour in zip(SLOPE_SPEEDS.tolist(), found.T, SLOPE_COLOURS):
@@ -180,11 +174,3 @@ def slope(progress: Progress = None) -> Figure:
             axes.set_axisbelow(True)
         draw_heading(figure, 'Slope behind the step, GimBall', FULL)
     return figure
-
-
-def _part(progress: Progress, number: int, parts: int) -> Progress:
-    """Return a progress for one of several equal parts."""
-    if progress is None:
-        return None
-    tell = progress
-    return lambda done: tell((number + done) / parts)

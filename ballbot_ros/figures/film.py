@@ -3,32 +3,31 @@
 import math
 from typing import Any, Sequence
 
-import matplotlib
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from ballbot_ros.figures import canvas
 from ballbot_ros.figures.drawing import draw_ball, draw_ground, ground_line
+from ballbot_ros.figures.frames import lay_out, Layout, Row
 from ballbot_ros.figures.panels import sane
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.results.faces import rising_faces
-from ballbot_ros.results.frames import Plan, plan, Row
 
 _WIDTH, _HIGHEST_ROW = 9.6, 3.6  # of the drawing, and of a row in it [in]
 _LEFT, _RIGHT, _TOP, _BOTTOM = 0.8, 0.2, 0.72, 0.48  # [in]
 _ROW_GAP, _COLUMN_GAP, _NARROWEST = 0.55, 0.65, 6.4  # [in]
-_COLOURS = 'grey: turns with the ball; red: pendulum; green: way of the centre'
+_COLOURS = 'grey: turns with the ball; red: pendulum; green: path of the centre'
 _LETTER, _LINE = 0.072, 0.15  # size of a letter of a label [in]
 _MARGIN, _DEPTH = 1.25, 0.42  # beside the outermost centres, of the ground [ball radii]
 
 
 def strip(trajectory: Trajectory, title: str = '') -> Figure:
     """
-    Return outlines of the ball along its way, with pendulum, rotation and time.
+    Return outlines of the ball along its path, with pendulum, rotation and time.
 
-    A row is a part of the run in which the ball goes one way.  A run too long for four rows
-    shows those about its hardest impact.
+    A row is a part of the run in which the ball goes in one direction.  A run too long for four
+    rows shows those about its hardest impact.
 
     Parameters
     ----------
@@ -38,7 +37,7 @@ def strip(trajectory: Trajectory, title: str = '') -> Figure:
 
     """
     run = sane(trajectory)
-    chosen = plan(run)
+    chosen = lay_out(run)
     views = [_view(run, row) for row in chosen.rows]
     span = max(right - left for left, right, _, _ in views)
     tall = max(top - bottom for _, _, bottom, top in views)
@@ -55,8 +54,7 @@ def strip(trajectory: Trajectory, title: str = '') -> Figure:
     width = _LEFT + _RIGHT + columns * (cell + _COLUMN_GAP) - _COLUMN_GAP
     height = (_TOP + _BOTTOM + _ROW_GAP * (len(bands) - 1)
               + scale * sum(top - bottom for bottom, top in levels))
-    with matplotlib.rc_context(dict(canvas.STYLE)):
-        figure = canvas.new_figure(width, height)
+    with canvas.drawing(width, height) as figure:
         above = height - _TOP
         for band, (bottom, top) in zip(bands, levels):
             above -= scale * (top - bottom)
@@ -87,14 +85,13 @@ def stacked(runs: Sequence[tuple[Trajectory, str]], title: str) -> Figure:
     title : str
 
     """
-    chosen = [(run, plan(run).rows[0], label) for run, label in runs]
+    chosen = [(run, lay_out(run).rows[0], label) for run, label in runs]
     views = [_view(run, row) for run, row, _ in chosen]
     scale = _NARROWEST / max(right - left for left, right, _, _ in views)  # [in/m]
     tall = [scale * (top - bottom) + 3.0 * _LINE for _, _, bottom, top in views]
     width = _LEFT + _RIGHT + _NARROWEST
     height = _BOTTOM + sum(tall) + _ROW_GAP * len(tall) + 0.4
-    with matplotlib.rc_context(dict(canvas.STYLE)):
-        figure = canvas.new_figure(width, height)
+    with canvas.drawing(width, height) as figure:
         figure.text(0.1 / width, 1.0 - 0.24 / height, title, fontsize=11, weight='bold')
         figure.text(0.1 / width, 1.0 - 0.43 / height, _COLOURS, fontsize=7.5, color=canvas.GREY)
         above = height - 0.4
@@ -127,7 +124,7 @@ def _view(run: Trajectory, row: Row) -> tuple[float, float, float, float]:
 
 
 def _draw_row(axes: Any, run: Trajectory, row: Row, scale: float) -> None:
-    """Draw ground, way, outlines and labels of one row, `scale` in inches per metre."""
+    """Draw ground, path, outlines and labels of one row, `scale` in inches per metre."""
     robot, terrain = run.model.robot, run.model.terrain
     left, right = axes.get_xlim()
     draw_ground(axes, terrain, left, right, axes.get_ylim()[0])
@@ -168,7 +165,7 @@ def _label_times(axes: Any, run: Trajectory, row: Row, scale: float) -> None:
                       path_effects=[withStroke(linewidth=2.0, foreground='white')])
 
 
-def _heading(figure: Figure, run: Trajectory, chosen: Plan, title: str) -> None:
+def _heading(figure: Figure, run: Trajectory, chosen: Layout, title: str) -> None:
     """Write what the strip shows above it."""
     width, height = figure.get_size_inches()
     robot = run.model.robot
@@ -184,6 +181,6 @@ def _heading(figure: Figure, run: Trajectory, chosen: Plan, title: str) -> None:
     words.append('grey: turns with the ball')
     if robot.has_pendulum:
         words.append('red: pendulum')
-    words.append('green: way of the centre')
+    words.append('green: path of the centre')
     figure.text(_LEFT / width, 1.0 - 0.47 / height, '; '.join(words), fontsize=7.5,
                 color=canvas.GREY)

@@ -3,7 +3,6 @@
 import math
 from typing import Any, Iterable, NamedTuple, Optional, Sequence
 
-import matplotlib
 from matplotlib.figure import Figure
 import numpy as np
 
@@ -17,7 +16,7 @@ from ballbot_ros.studies.test_bench import Bench, Roll, RunUp
 RESIMULATED = 're-simulated; not digitised from the paper'
 
 
-class HeightCurve(NamedTuple):
+class HeightLine(NamedTuple):
     """Height against speed, as a line."""
 
     label: str
@@ -56,7 +55,7 @@ def height_axes(figure: Figure, box: tuple[float, float, float, float], title: s
     return axes
 
 
-def draw_curves(axes: Any, curves: Iterable[HeightCurve]) -> None:
+def draw_curves(axes: Any, curves: Iterable[HeightLine]) -> None:
     """Draw lines, in mm."""
     for curve in curves:
         axes.plot(curve.speeds, 1e3 * curve.heights, color=curve.colour, ls=curve.style,
@@ -97,7 +96,7 @@ def place_legend(axes: Any, where: str = 'upper left', **options: Any) -> None:
                 handlelength=2.2, **options)
 
 
-def bench_curves(robot: Robot, bench: Bench) -> list[HeightCurve]:
+def bench_curves(robot: Robot, bench: Bench) -> list[HeightLine]:
     """Return what the rolls of a bench are to be compared with."""
     if isinstance(bench, RunUp):
         cases = [('pendulum down', holding(robot, 0.0), '-'),
@@ -105,27 +104,26 @@ def bench_curves(robot: Robot, bench: Bench) -> list[HeightCurve]:
     else:
         cases = [('pendulum free, hanging at the touch' if robot.has_pendulum else 'full model',
                   Case(robot), '-')]
-    curves = [HeightCurve(f'{label}, simulated', SPEEDS, step_heights(case, SPEEDS),
+    curves = [HeightLine(f'{label}, simulated', SPEEDS, step_heights(case, SPEEDS),
                           style=style) for label, case, style in cases]
     if robot.has_pendulum:
         curves.append(quasi_static_curve(robot))
     return curves
 
 
-def quasi_static_curve(robot: Robot) -> HeightCurve:
+def quasi_static_curve(robot: Robot) -> HeightLine:
     """Return eq. (1), a line: it knows no speed."""
-    return HeightCurve('quasi-static, eq. (1)', np.array([0.0, 10.0]),
+    return HeightLine('quasi-static, eq. (1)', np.array([0.0, 10.0]),
                        np.full(2, quasi_static(robot)), canvas.GREY, ':')
 
 
-def bench_figure(rolls: Sequence[Roll], curves: Sequence[HeightCurve], title: str,
+def bench_figure(rolls: Sequence[Roll], curves: Sequence[HeightLine], title: str,
                  subtitle: str = RESIMULATED, highest: Optional[float] = None) -> Figure:
     """Return the plot of a test: each roll, and curves to compare with."""
     fastest = max((roll.measured_speed for roll in rolls
                    if math.isfinite(roll.measured_speed)), default=1.0)
     top = max((roll.step_height for roll in rolls), default=0.05) if highest is None else highest
-    with matplotlib.rc_context(dict(canvas.STYLE)):
-        figure = canvas.new_figure(6.4, 4.6)
+    with canvas.drawing(6.4, 4.6) as figure:
         axes = height_axes(figure, (0.10, 0.115, 0.87, 0.79), title, 1.12 * top,
                            0.1 * math.ceil(10.5 * fastest))
         axes.text(1.0, 1.02, subtitle, transform=axes.transAxes, ha='right', fontsize=7.5,

@@ -20,7 +20,7 @@ _LEFT, _RIGHT, _TOP, _BOTTOM, _GAP = 0.85, 1.75, 0.62, 0.55, 0.16  # [in]
 
 
 @dataclass(frozen=True)
-class Line:
+class Series:
     """One curve of a panel."""
 
     label: str
@@ -34,7 +34,7 @@ class Panel:
     """Curves that share a quantity."""
 
     title: str
-    lines: tuple[Line, ...]
+    lines: tuple[Series, ...]
     height: float = 1.15  # [in]
     band: float = 0.0  # half width of a band about zero that is shaded
 
@@ -64,8 +64,7 @@ def time_series(trajectory: Trajectory, title: str = '') -> Figure:
     run = sane(trajectory)
     panels = list(_panels(run))
     total = _TOP + _BOTTOM + sum(panel.height + _GAP for panel in panels) - _GAP
-    with matplotlib.rc_context(dict(canvas.STYLE)):
-        figure = canvas.new_figure(_WIDTH, total)
+    with canvas.drawing(_WIDTH, total) as figure:
         top = total - _TOP
         first = None
         for panel in panels:
@@ -117,20 +116,20 @@ def _panels(run: Trajectory) -> Iterator[Panel]:
     """Yield the panels from top to bottom."""
     robot = run.model.robot
     yield Panel('speed [m/s]', (
-        Line('of the centre, along x', run['velocity_x'], canvas.BLUE),
-        Line('of the centre, upwards', run['velocity_y'], canvas.SKY),
-        Line('of rolling, $-R\\,\\dot\\theta_1$', -robot.ball_radius * run['ball_rate'],
+        Series('of the centre, along x', run['velocity_x'], canvas.BLUE),
+        Series('of the centre, upwards', run['velocity_y'], canvas.SKY),
+        Series('of rolling, $-R\\,\\dot\\theta_1$', -robot.ball_radius * run['ball_rate'],
              canvas.VERMILION, '--')), height=1.5)
     if robot.has_pendulum:
         yield Panel('angle [deg]', (
-            Line('pendulum, absolute', np.degrees(run['pendulum_angle']), canvas.BLUE),))
+            Series('pendulum, absolute', np.degrees(run['pendulum_angle']), canvas.BLUE),))
         yield Panel('torque [N m]', (
-            Line('pendulum motor', run['pendulum_torque'], canvas.VERMILION),))
+            Series('pendulum motor', run['pendulum_torque'], canvas.VERMILION),))
     yield Panel('normal force [N]', (
-        Line('on surfaces', run['surface_normal_force'], canvas.BLUE),
-        Line('on edges', run['edge_normal_force'], canvas.VERMILION)), height=1.3)
+        Series('on surfaces', run['surface_normal_force'], canvas.BLUE),
+        Series('on edges', run['edge_normal_force'], canvas.VERMILION)), height=1.3)
     yield Panel('slip [m/s]', (
-        Line('at the deepest contact', run['slip_velocity'], canvas.BLUE),),
+        Series('at the deepest contact', run['slip_velocity'], canvas.BLUE),),
         band=robot.slip_threshold)
     yield from _energy_panels(run)
 
@@ -138,12 +137,12 @@ def _panels(run: Trajectory) -> Iterator[Panel]:
 def _energy_panels(run: Trajectory) -> Iterator[Panel]:
     """Yield the energies, and what their ledger misses."""
     potential = run['potential_energy']
-    motor = (Line('motor work', run['motor_work'], canvas.ORANGE),)
+    motor = (Series('motor work', run['motor_work'], canvas.ORANGE),)
     yield Panel('energy [J]', (
-        Line('kinetic', run['kinetic_energy'], canvas.BLUE),
-        Line('potential, change', potential - potential[0], canvas.GREEN),
-        Line('in contact springs', run['contact_energy'], canvas.SKY),
-        Line('dissipated', run.dissipated_energy, canvas.VERMILION, '--'),
+        Series('kinetic', run['kinetic_energy'], canvas.BLUE),
+        Series('potential, change', potential - potential[0], canvas.GREEN),
+        Series('in contact springs', run['contact_energy'], canvas.SKY),
+        Series('dissipated', run.dissipated_energy, canvas.VERMILION, '--'),
         *(motor if run.model.robot.has_pendulum else ())), height=1.7)
     yield Panel('residual [J]', (
-        Line('of the energy ledger', run.energy_residual, canvas.PURPLE),), height=0.8)
+        Series('of the energy ledger', run.energy_residual, canvas.PURPLE),), height=0.8)

@@ -2,10 +2,9 @@
 """What an identified model leaves unexplained, channel by channel."""
 from typing import Any, Mapping, Tuple
 
-import matplotlib
 from matplotlib.figure import Figure
 
-from ballbot_ros.figures.canvas import BLUE, GREY, new_figure, STYLE
+from ballbot_ros.figures import canvas
 from ballbot_ros.physics.model.terrain import Array
 
 
@@ -22,14 +21,13 @@ def residual_figure(series: Mapping[str, Tuple[Array, Array]], units: Mapping[st
         Root mean square of each.
 
     """
-    with matplotlib.rc_context(dict(STYLE)):
-        figure = new_figure(7.0, 0.9 + 1.25 * len(series))
+    with canvas.drawing(7.0, 0.9 + 1.25 * len(series)) as figure:
         axes: Any = figure.subplots(len(series), 1, sharex=True, squeeze=False)[:, 0]
         for panel, (name, (times, values)) in zip(axes, series.items()):
             for level in (-2.0 * noise[name], 2.0 * noise[name]):
-                panel.axhline(level, color=GREY, linewidth=0.7, linestyle='--')
-            panel.axhline(0.0, color=GREY, linewidth=0.7)
-            panel.plot(times, values, '.', color=BLUE, markersize=2.0)
+                panel.axhline(level, color=canvas.GREY, linewidth=0.7, linestyle='--')
+            panel.axhline(0.0, color=canvas.GREY, linewidth=0.7)
+            panel.plot(times, values, '.', color=canvas.BLUE, markersize=2.0)
             panel.set_ylabel(f'{name.replace("_", " ")}\n[{units[name]}]')
         axes[0].set_title(title)
         axes[-1].set_xlabel('time [s]; dashed: twice the scatter')

@@ -31,8 +31,8 @@ def replacing(path: PathLike) -> Iterator[BinaryIO]:
     """
     Give a file to write to, which takes the place of `path` once all is written.
 
-    Folders are made as needed.  Whatever ends the writing early, Ctrl-C included, leaves an
-    older file as it was and no other behind.
+    Folders are made as needed.  Whatever ends the writing early, Ctrl-C or a failure of the
+    machine included, leaves an older file as it was.  The same command goes on from there.
 
     Raises
     ------
@@ -47,6 +47,8 @@ def replacing(path: PathLike) -> Iterator[BinaryIO]:
         try:
             with open(draft, 'wb') as stream:
                 yield stream
+                stream.flush()
+                os.fsync(stream.fileno())
             os.replace(draft, target)
         finally:
             draft.unlink(missing_ok=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Read what a run has told on its topics from a bag; needs no ROS installation."""
+"""Read what a run has published from a bag; needs no ROS installation."""
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple
 
@@ -9,8 +9,6 @@ from rosbags.typesys import get_typestore, Stores
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.studies.recording import Recording
-
-Series = Dict[str, Tuple[List[float], List[float]]]
 
 
 def read_bag(path: Path) -> Recording:
@@ -26,7 +24,7 @@ def read_bag(path: Path) -> Recording:
         If the bag cannot be read, or has nothing of that.
 
     """
-    found: Series = {}
+    found: Dict[str, Tuple[List[float], List[float]]] = {}
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
             wanted = [connection for connection in reader.connections

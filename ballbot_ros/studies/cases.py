@@ -29,12 +29,12 @@ class Case(NamedTuple):
 
     @property
     def held(self) -> bool:
-        """Tell whether law (11) holds the pendulum."""
+        """Return whether law (11) holds the pendulum."""
         return self.actuation.law == 'position'
 
     @property
     def swings(self) -> bool:
-        """Tell whether there is a pendulum, and it is free."""
+        """Return whether there is a pendulum, and it is free."""
         return self.robot.has_pendulum and not self.held
 
 
@@ -57,7 +57,7 @@ def step_height(case: Case, speed: float, accuracy: float = ACCURACY) -> float:
 
     """
     return max_step_height(case.robot, speed, case.actuation, case.pendulum_angle, accuracy,
-                    case.site).height
+                           case.site).height
 
 
 def step_heights(case: Case, speeds: Array) -> Array:

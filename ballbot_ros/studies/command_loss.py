@@ -31,7 +31,7 @@ ACCURACY = 1e-4  # of positions [m]
 HANGING = math.radians(5.0)  # a pendulum within this hangs [rad]
 
 
-class Case(NamedTuple):
+class Scenario(NamedTuple):
     """How a ball moves when its commands stop, and what follows."""
 
     policy: str  # one of ON_TIMEOUT
@@ -39,29 +39,29 @@ class Case(NamedTuple):
     speed: float  # along it [m/s]
 
 
-class Course(NamedTuple):
+class Response(NamedTuple):
     """
-    A case and what came of it, counted from the last command.
+    What came of a scenario, counted from the last command.
 
     Every array has a value for each period of the loop.
     """
 
-    case: Case
+    scenario: Scenario
     time: Array  # [s]
-    way: Array  # along the ground [m]
+    distance: Array  # along the ground [m]
     speed: Array  # of the centre, along the ground [m/s]
     pendulum_angle: Array  # absolute [rad]
     work: Array  # given by the motor since the commands were too old, less what it took [J]
     error: float  # estimated, of the positions [m]
 
     def after(self, seconds: float) -> Tuple[float, float]:
-        """Return way [m] and speed [m/s] some time after the last command."""
+        """Return distance [m] and speed [m/s] some time after the last command."""
         place = int(np.argmin(np.abs(self.time - seconds)))
-        return float(self.way[place]), float(self.speed[place])
+        return float(self.distance[place]), float(self.speed[place])
 
     @property
     def largest_angle(self) -> float:
-        """Return the largest pendulum angle, either way [rad]."""
+        """Return the largest pendulum angle, in either direction [rad]."""
         return float(np.abs(self.pendulum_angle).max())
 
     @property
@@ -104,9 +104,9 @@ def held_angle(robot: Robot, slope: float, joint_rate: float) -> float:
     return math.asin(sine)
 
 
-def scene_of(hardware: Hardware, case: Case) -> Scene:
+def scene_of(hardware: Hardware, scenario: Scenario) -> Scene:
     """
-    Return the ball of a case while it is still commanded, in equilibrium.
+    Return the ball of a scenario while it is still commanded, in equilibrium.
 
     Raises
     ------
@@ -115,23 +115,23 @@ def scene_of(hardware: Hardware, case: Case) -> Scene:
 
     """
     robot = load_robot(hardware.robot)
-    rise = math.tan(case.slope)
+    rise = math.tan(scenario.slope)
     model = Model(robot, Terrain([[-1.0, -rise], [1.0, rise]]))
-    joint_rate = -model.at_rest(0.0, case.speed).ball_rate
-    angle = math.degrees(held_angle(robot, case.slope, joint_rate))
-    return Scene('timeout', model, Initial(speed=case.speed, pendulum_angle_deg=angle),
+    joint_rate = -model.at_rest(0.0, scenario.speed).ball_rate
+    angle = math.degrees(held_angle(robot, scenario.slope, joint_rate))
+    return Scene('timeout', model, Initial(speed=scenario.speed, pendulum_angle_deg=angle),
                  Actuation(), Run(duration=LEAD + LASTS))
 
 
-def let_go(hardware: Hardware, case: Case, lasts: float = LASTS) -> Course:
+def lose_commands(hardware: Hardware, scenario: Scenario, lasts: float = LASTS) -> Response:
     """
-    Hold a ball or let it roll, stop commanding, and watch.
+    Simulate a scenario up to some time after the last command.
 
     Parameters
     ----------
     hardware : Hardware
-        Whose robot and limits count; its ``on_timeout`` is that of the case.
-    case : Case
+        Whose robot and limits count; its ``on_timeout`` is that of the scenario.
+    scenario : Scenario
     lasts : float
         [s] after the last command.
 
@@ -141,7 +141,8 @@ def let_go(hardware: Hardware, case: Case, lasts: float = LASTS) -> Course:
         If the robot cannot be held on that slope, or the policy is none.
 
     """
-    scene, limits = scene_of(hardware, case), replace(hardware.limits, on_timeout=case.policy)
+    scene = scene_of(hardware, scenario)
+    limits = replace(hardware.limits, on_timeout=scenario.policy)
     robot = scene.model.robot
     plant = Plant(scene, hardware.connection.loop_rate, limits.torque_limit, ACCURACY)
     supervisor = Supervisor(limits, plant.period)
@@ -166,23 +167,24 @@ def let_go(hardware: Hardware, case: Case, lasts: float = LASTS) -> Course:
                 robot.largest_gravity_torque), plant.time, plant.time)
         plant.advance(supervisor.decide(plant.time, PendulumMotion(
             state.pendulum_angle, state.pendulum_rate, state.joint_rate)))
-    return _course(case, states, given, plant.error_estimate)
+    return _response(scenario, states, given, plant.error_estimate)
 
 
-def _course(case: Case, states: Sequence[State], given: Sequence[float], error: float) -> Course:
-    """Return a course from its states, with positions and speeds along the ground."""
+def _response(scenario: Scenario, states: Sequence[State], given: Sequence[float],
+              error: float) -> Response:
+    """Return a response from its states, with positions and speeds along the ground."""
     columns = dict(zip(State._fields, np.array(states).T))
-    cosine, sine = math.cos(case.slope), math.sin(case.slope)
+    cosine, sine = math.cos(scenario.slope), math.sin(scenario.slope)
     x, y = (columns[name] - columns[name][0] for name in 'xy')
-    return Course(case, columns['time'] - columns['time'][0], cosine * x + sine * y,
+    return Response(scenario, columns['time'] - columns['time'][0], cosine * x + sine * y,
                   cosine * columns['velocity_x'] + sine * columns['velocity_y'],
                   columns['pendulum_angle'], np.array(given), error)
 
 
-def cases(speed: float, slopes: Iterable[float],
-          policies: Sequence[str] = ON_TIMEOUT) -> Iterator[Case]:
+def scenarios(speed: float, slopes: Iterable[float],
+          policies: Sequence[str] = ON_TIMEOUT) -> Iterator[Scenario]:
     """
-    Yield the cases of the study.
+    Yield the scenarios of the study.
 
     At rest on each slope, down it: up is the mirror image.  Then rolling down each, then up.
 
@@ -196,10 +198,10 @@ def cases(speed: float, slopes: Iterable[float],
 
     """
     steps = list(slopes)
-    ways = [(0.0, -slope) for slope in steps]
+    starts = [(0.0, -slope) for slope in steps]
     if speed:
-        ways += [(speed, -slope) for slope in steps] + [
+        starts += [(speed, -slope) for slope in steps] + [
             (speed, slope) for slope in steps if slope > 0.0]
-    for begin, slope in ways:
+    for begin, slope in starts:
         for policy in policies:
-            yield Case(policy, slope, begin)
+            yield Scenario(policy, slope, begin)

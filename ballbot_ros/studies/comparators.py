@@ -3,7 +3,7 @@
 Simpler models of how high a step a ball gets over, in closed form.
 
 These are the models of the paper's section 2, and the two that it names as further work.  None
-of them integrates an equation of motion.  `impacts` has the one that does: rigid impacts with
+of them integrates an equation of motion.  `rigid_impact` has the one that does: rigid impacts with
 restitution and friction, and flight between them.
 
 Notation: M = M1 + M2, kappa = J1 / (M R^2), h the height of the step, beta the angle of the
@@ -157,7 +157,7 @@ def free_pendulum_impulse(robot: Robot, speed: float, pendulum_angle: float = 0.
 
         W = M 1 - (M2 e)^2 / (J2 + M2 e^2) u u',    u = (cos phi, sin phi)
 
-    and with t = (cos beta, sin beta), the way about the edge, the impact leaves the rate ::
+    and with t = (cos beta, sin beta), the direction about the edge, the impact leaves the rate ::
 
         Omega = (J1 v/R + R t' W (v, 0)) / (J1 + R^2 t' W t)
 
@@ -212,10 +212,24 @@ def check(robot: Robot, speed: float) -> None:
 
 
 def _lifts(robot: Robot, available: float, pendulum_angle: float, height: float) -> bool:
-    """Tell whether an energy [J] and the work of a held pendulum lift the ball onto a step."""
+    """Return whether an energy [J] and the work of a held pendulum lift the ball onto a step."""
     turn = math.acos(1.0 - height / robot.ball_radius)
     work = robot.largest_gravity_torque * math.sin(pendulum_angle) * turn
     return available + work >= robot.weight * height
+
+
+def highest_passed(passes: Callable[[float], bool], robot: Robot, speed: float,
+                   tolerance: float) -> float:
+    """
+    Return the highest step that is passed, up to the radius of the ball and to a tolerance [m].
+
+    The paper's ascending bracketing: the height doubles until the ball fails, then the bracket is
+    halved.
+    """
+    low, high = 0.0, max(tolerance, 0.25 * speed**2 / (2.0 * robot.gravity))
+    while high < robot.ball_radius and passes(high):
+        low, high = high, 2.0 * high
+    return bisect(passes, min(high, robot.ball_radius), low, tolerance)
 
 
 def bisect(enough: Callable[[float], bool], high: float, low: float = 0.0,

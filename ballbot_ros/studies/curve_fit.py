@@ -14,7 +14,6 @@ import os
 from typing import Callable, Optional, Sequence, Tuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog, minimize
 
 from ballbot_ros import __version__
@@ -24,9 +23,9 @@ from ballbot_ros.decision.band import Band
 from ballbot_ros.decision.curve import HeightCurve, Making
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Actuation, Robot
+from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.studies.uncertainty import draw, uncertain
 
-Array = NDArray[np.float64]
 LEAST_SLOPE = 1e-4  # of a curve [s]
 PROBABILITIES = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 1.0)
 DENSE = 8  # conservative heights for each one that is fitted
@@ -98,22 +97,22 @@ def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
             f'fit_curve: law must be one of {", ".join(LAWS)}, got {actuation.law!r}')
     low, high = request.lowest_speed, request.highest_speed
     dense: Array = np.array(np.linspace(low, high, dense_points(request)).round(12), float)
-    told = 0
+    done = 0
 
     def find(item: Tuple[Robot, float]) -> Tuple[float, float]:
         found = max_step_height(item[0], item[1], drive_for(item[0], actuation)(item[1]),
-                         accuracy=request.accuracy, rules=rules)
+                                accuracy=request.accuracy, rules=rules)
         return found.height, found.error
 
     def all_of(robots: Sequence[Robot], speeds: Array) -> Array:
-        nonlocal told
+        nonlocal done
         rows = []
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
             for row in pool.map(find, [(each, speed) for each in robots for speed in speeds]):
                 rows.append(row)
-                told += 1
+                done += 1
                 if progress is not None:
-                    progress(told)
+                    progress(done)
         return np.array(rows).reshape(len(robots), len(speeds), 2)
 
     heights, errors = all_of([robot], dense)[0].T
@@ -209,5 +208,3 @@ def slope_rows(low: float, high: float) -> Array:
     """Return the matrix from coefficients to slopes all over a range [m/s]."""
     speeds = np.linspace(low, high, 201)
     return np.stack([0.0 * speeds, 1.0 + 0.0 * speeds, 2.0 * speeds, 3.0 * speeds**2], axis=1)
-
-

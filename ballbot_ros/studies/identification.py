@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Estimate numbers of a robot from a recorded run: least squares, with what the data cannot tell.
+Estimate numbers of a robot from a recorded run: least squares, and what the data leave open.
 
 The run is simulated from a scene; samples of all channels are compared, each divided by the
 noise of its channel.  That noise is first guessed from second differences, and then taken from
@@ -24,8 +24,8 @@ from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.physics import Scene
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.scene import Initial
+from ballbot_ros.studies.parameters import MOTOR, ROBOT, with_parameters
 from ballbot_ros.studies.recording import Recording, replay
-from ballbot_ros.studies.sweep_plan import MOTOR, ROBOT
 
 VAGUE = 0.5   # relative standard deviation of a combination that is not determined
 SHARE = 0.05  # part that a number takes in such a combination, to be not determined
@@ -38,7 +38,7 @@ INITIAL = {f'initial.{name}': item.metadata
 NUMBERS = {**ROBOT, **MOTOR, **INITIAL}
 
 
-class Estimate(NamedTuple):
+class ParameterEstimate(NamedTuple):
     """One number; SI, but for angles of the start in degrees."""
 
     name: str
@@ -59,7 +59,7 @@ class Identification(NamedTuple):
     other numbers that explain the run as well, found from other starts.
     """
 
-    estimates: List[Estimate]
+    estimates: List[ParameterEstimate]
     vague: List[Dict[str, float]]
     rivals: List[Dict[str, float]]
     singular_values: List[float]
@@ -68,7 +68,7 @@ class Identification(NamedTuple):
     runs: int
 
 
-def with_numbers(scene: Scene, values: Mapping[str, float]) -> Scene:
+def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
     """
     Return a scene with other numbers of robot, motor and start.
 
@@ -80,14 +80,10 @@ def with_numbers(scene: Scene, values: Mapping[str, float]) -> Scene:
     """
     for name in values:
         check_known(scene, name)
-    robot = scene.model.robot
-    motor = {name[len('motor.'):]: value for name, value in values.items() if name in MOTOR}
-    if motor and robot.motor is not None:
-        robot = replace(robot, motor=replace(robot.motor, **motor))
-    own: Dict[str, Any] = {name: value for name, value in values.items() if name in ROBOT}
+    robot = with_parameters(scene.model.robot, values)
     start: Dict[str, Any] = {
         name[len('initial.'):]: value for name, value in values.items() if name in INITIAL}
-    return replace(scene, model=replace(scene.model, robot=replace(robot, **own)),
+    return replace(scene, model=replace(scene.model, robot=robot),
                    initial=replace(scene.initial, **start))
 
 
@@ -150,7 +146,7 @@ def identify(scene: Scene, recording: Recording, names: Sequence[str], use_torqu
         if progress is not None:
             progress(runs)
         values = (starts + scales * shift).tolist()
-        return replay(with_numbers(scene, dict(zip(names, values))), recording, use_torque)
+        return replay(with_values(scene, dict(zip(names, values))), recording, use_torque)
 
     def differences(shift: Array) -> Dict[str, Array]:
         found = simulated(shift)
@@ -236,7 +232,7 @@ def _judge(names: Sequence[str], starts: Array, scales: Array, shift: Array, jac
     for name, start, value, wide in zip(names, starts, values, margin):
         sure = name not in blurred
         unit = NUMBERS[name]['unit']
-        estimates.append(Estimate(
+        estimates.append(ParameterEstimate(
             name, unit, float(start), float(value), float(value - wide) if sure else math.nan,
             float(value + wide) if sure else math.nan, sure))
     return estimates, vague, singular.tolist()

@@ -12,7 +12,7 @@ paper.  What happens at the contacts is one of
              robot, as near as its parameters come
 ``default``  MuJoCo's own contact as it comes, with the robot's friction
 
-MuJoCo is optional; `installed` tells whether it is there.
+MuJoCo is optional; `installed` returns whether it is there.
 """
 from typing import Any, NamedTuple
 
@@ -27,7 +27,7 @@ from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.physics.simulation.model import Model, Solver
 from ballbot_ros.physics.simulation.simulate import simulate
 from ballbot_ros.studies.cases import Case
-from ballbot_ros.studies.comparators import bisect
+from ballbot_ros.studies.comparators import highest_passed
 
 try:
     import mujoco
@@ -82,7 +82,7 @@ class Centre(NamedTuple):
 
 
 def installed() -> bool:
-    """Tell whether MuJoCo is there."""
+    """Return whether MuJoCo is there."""
     return mujoco is not None
 
 
@@ -132,7 +132,7 @@ def _match(model: Any, robot: Robot) -> None:
     model.pair_solimp[:, :2] = IMPEDANCE
 
 
-class Twin:
+class MujocoRun:
     """
     A robot that touches a step, in MuJoCo.
 
@@ -234,7 +234,7 @@ class Twin:
         return np.array(rows)
 
     def passes(self, time_limit: float = 5.0) -> bool:
-        """Tell whether the ball gets over the step; see `physics.crossing`."""
+        """Return whether the ball gets over the step; see `crossing.rules`."""
         self.reset()
         steps = max(1, round(BLOCK / self.step))
         while self.data.time < time_limit:
@@ -247,26 +247,19 @@ class Twin:
         return False
 
 
-def twin_height(case: Case, speed: float, step: float, integrator: str = 'implicitfast',
-                law: str = 'matched', tolerance: float = 5e-5) -> float:
-    """
-    Return the highest step that the twin gets over [m].
-
-    The search of `physics.highest_step`; for the parameters see `Twin`.
-    """
-    def passes(height: float) -> bool:
-        return Twin(case, speed, height, step, integrator, law).passes()
-    low, high = 0.0, max(tolerance, 0.25 * speed**2 / (2.0 * case.robot.gravity))
-    while high < case.robot.ball_radius and passes(high):
-        low, high = high, 2.0 * high
-    return bisect(passes, min(high, case.robot.ball_radius), low, tolerance)
+def mujoco_height(case: Case, speed: float, step: float, integrator: str = 'implicitfast',
+                  law: str = 'matched', tolerance: float = 5e-5) -> float:
+    """Return the highest step that the robot gets over in MuJoCo [m]; see `MujocoRun`."""
+    return highest_passed(
+        lambda height: MujocoRun(case, speed, height, step, integrator, law).passes(),
+        case.robot, speed, tolerance)
 
 
 def largest_difference(case: Case, speed: float, height: float, duration: float, step: float
                        ) -> float:
-    """Return how far the centres of twin and own model, same forces and RK4, get apart [m]."""
-    twin = Twin(case, speed, height, step)
+    """Return how far the centres of both models, same forces and RK4, get apart [m]."""
+    theirs = MujocoRun(case, speed, height, step)
     model = Model(case.robot, Terrain.step(height), solver=Solver(step=step))
-    rows = twin.run(duration, 10.0 * step)
-    run = simulate(model, twin.start, case.actuation, duration, 10.0 * step)
+    rows = theirs.run(duration, 10.0 * step)
+    run = simulate(model, theirs.start, case.actuation, duration, 10.0 * step)
     return float(np.hypot(run['x'] - rows[:, 1], run['y'] - rows[:, 2]).max())

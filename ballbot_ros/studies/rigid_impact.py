@@ -26,7 +26,7 @@ from ballbot_ros.crossing.attempt import RETREAT
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.studies.comparators import bisect, check, inertia_ratio
+from ballbot_ros.studies.comparators import bisect, check, highest_passed, inertia_ratio
 
 QUIET = 0.005  # [m/s]; a flight that begins with it lasts 1 ms
 LOOK = 5e-4  # time between two looks at a flight: shorter than the shortest one [s]
@@ -40,7 +40,7 @@ FLYING, FLOOR, EDGE = range(3)
 def crosses_rigidly(robot: Robot, speed: float, height: float,
                     restitution: Optional[float] = None) -> bool:
     """
-    Tell whether a rigid ball gets over a step at the first attempt.
+    Return whether a rigid ball gets over a step at the first attempt.
 
     Parameters
     ----------
@@ -74,18 +74,12 @@ def impact_with_restitution(robot: Robot, speed: float, restitution: Optional[fl
     """
     Return the highest step that a rigid ball gets over, to a tolerance [m].
 
-    Found as the full model's is: the height grows until the ball fails, then the bracket is
-    halved.  Holds for a shell so hard that the impact is over before the ball has moved; a bounce
+    Holds for a shell so hard that the impact is over before the ball has moved; a bounce
     here takes no time.
     """
     check(robot, speed)
-
-    def enough(height: float) -> bool:
-        return crosses_rigidly(robot, speed, height, restitution)
-    low, high = 0.0, max(tolerance, 0.25 * speed**2 / (2.0 * robot.gravity))
-    while high < robot.ball_radius and enough(high):
-        low, high = high, 2.0 * high
-    return bisect(enough, min(high, robot.ball_radius), low, tolerance)
+    return highest_passed(lambda height: crosses_rigidly(robot, speed, height, restitution),
+                          robot, speed, tolerance)
 
 
 class RigidBall:
@@ -162,7 +156,7 @@ class RigidBall:
         """
         Go along the line for `RIDE_STEP`, or lift off where it would pull.
 
-        Half of the way, all forces, the other half: of second order.  Friction that stops the
+        Half of the distance, all forces, the other half: of second order.  Friction that stops the
         slip of the step keeps a rolling ball rolling.
         """
         curvature = 1.0 / self.radius if self.on == EDGE else 0.0

@@ -8,7 +8,6 @@ units and provenance in its metadata, and the folder goes.
 """
 from concurrent.futures import Executor, FIRST_COMPLETED, Future, wait
 import json
-import os
 from pathlib import Path
 import shutil
 from typing import Any, Callable, Dict, List, Optional, Set, Tuple
@@ -17,6 +16,7 @@ import numpy as np
 
 from ballbot_ros.crossing import max_step_height, try_step
 from ballbot_ros.errors import BallbotError, ConfigurationError
+from ballbot_ros.results.files import replacing, write_text
 from ballbot_ros.studies.sweep_plan import NUMBERS, Plan
 
 BLOCK = 1000  # cases between two files
@@ -163,22 +163,13 @@ def _part(folder: Path, first: int) -> Path:
 def _open(plan: Plan, folder: Path, block: int) -> int:
     """Make the folder of the blocks, or check that it is of this plan; return their size."""
     note = folder / 'plan.json'
+    if not note.is_file():
+        write_text(json.dumps({'digest': plan.digest, 'block': block}), note)
+        return block
     try:
-        if not note.is_file():
-            folder.mkdir(parents=True, exist_ok=True)
-            draft = folder / f'.plan.{os.getpid()}'
-            draft.write_text(json.dumps({'digest': plan.digest, 'block': block}),
-                             encoding='utf-8')
-            os.replace(draft, note)
-            return block
-        text = note.read_text(encoding='utf-8')
-    except OSError as error:
-        raise ConfigurationError(
-            f'{folder}: cannot be written: {error.strerror or error}') from error
-    try:
-        known = json.loads(text)
+        known = json.loads(note.read_text(encoding='utf-8'))
         digest, size = known['digest'], int(known['block'])
-    except (ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise ConfigurationError(
             f'{note}: is damaged; remove {folder} to begin anew') from error
     if digest != plan.digest:
@@ -200,35 +191,17 @@ def _schema(arrow: Any, plan: Plan) -> Any:
 
 
 def write_parquet(arrow: Any, plan: Plan, table: Dict[str, List[Any]], path: Path) -> None:
-    """Write one block, whole or not at all, and safe from a failure of the machine."""
-    draft = path.with_name(f'.{path.name}.{os.getpid()}')
-    try:
-        with open(draft, 'wb') as stream:
-            arrow.parquet.write_table(
-                arrow.table(table, schema=_schema(arrow, plan)), stream)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(draft, path)
-    except OSError as error:
-        draft.unlink(missing_ok=True)
-        raise ConfigurationError(
-            f'{path}: cannot be written: {error.strerror or error}; make room, then go on with '
-            'the same command') from error
+    """Write one block, whole or not at all."""
+    with replacing(path) as stream:
+        arrow.parquet.write_table(arrow.table(table, schema=_schema(arrow, plan)), stream)
 
 
 def _join(arrow: Any, plan: Plan, parts: List[Path], out: Path) -> None:
     """Write all blocks as one file, a block at a time."""
-    draft = out.with_name(f'.{out.name}.{os.getpid()}')
-    try:
-        with arrow.parquet.ParquetWriter(draft, _schema(arrow, plan)) as writer:
-            for part in parts:
-                writer.write_table(arrow.parquet.read_table(part))
-        os.replace(draft, out)
-    except OSError as error:
-        draft.unlink(missing_ok=True)
-        raise ConfigurationError(
-            f'{out}: cannot be written: {error.strerror or error}; make room, then go on with '
-            'the same command') from error
+    with replacing(out) as stream, \
+            arrow.parquet.ParquetWriter(stream, _schema(arrow, plan)) as writer:
+        for part in parts:
+            writer.write_table(arrow.parquet.read_table(part))
 
 
 def spread(values: str) -> Tuple[str, Any]:

@@ -5,14 +5,13 @@ What a sweep is to try: which numbers vary, how the cases are chosen, what each 
 A case is a robot before a step.  Anything with a number may vary: fields of the robot and (as
 ``motor.resistance``) of its motor, speed and height, the ground, the actuation.
 """
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 import hashlib
 import json
 from typing import Any, Dict, Mapping, Tuple
 import warnings
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from ballbot_ros import __version__
@@ -21,20 +20,13 @@ from ballbot_ros.crossing import drive_for, Rules, Site
 from ballbot_ros.crossing.rules import HEIGHT, SPEED
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Actuation, Robot
-from ballbot_ros.physics.model.robot import Motor
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.studies.parameters import described, MOTOR, ROBOT, with_parameters
 
-Array = NDArray[np.float64]
 DESIGNS = ('grid', 'sobol', 'random')
 MOST_CASES = 10**9
 
-
-def _numbers(cls: Any, prefix: str = '') -> Dict[str, Mapping[str, Any]]:
-    return {prefix + item.name: item.metadata for item in fields(cls)
-            if item.metadata.get('kind') is float}
-
-
-ROBOT, MOTOR = _numbers(Robot), _numbers(Motor, 'motor.')
-SITE, ACTUATION, RULES = _numbers(Site), _numbers(Actuation), _numbers(Rules)
+SITE, ACTUATION, RULES = described(Site), described(Actuation), described(Rules)
 CASE = {'speed': SPEED, 'height': HEIGHT}
 NUMBERS = {**CASE, **SITE, **RULES, **ACTUATION, **ROBOT, **MOTOR}
 
@@ -128,7 +120,7 @@ class Plan(Checked):
 
     @property
     def searches(self) -> bool:
-        """Tell whether the highest step is searched for; else steps of given heights are tried."""
+        """Return whether the highest step is searched for, not steps of given heights tried."""
         return 'height' not in (*self.names, *self.fixed)
 
     def block(self, first: int, behind: int) -> Array:
@@ -162,10 +154,7 @@ class Plan(Checked):
         def change(part: Any, known: Mapping[str, Any]) -> Any:
             new = {name: value for name, value in values.items() if name in known}
             return replace(part, **new) if new else part
-        robot = change(self.robot, ROBOT)
-        motor = {name[len('motor.'):]: value for name, value in values.items() if name in MOTOR}
-        if motor:
-            robot = replace(robot, motor=replace(robot.motor, **motor))
+        robot = with_parameters(self.robot, values)
         actuation = change(self.actuation, ACTUATION)
         if 'set_rate' not in values:
             actuation = drive_for(robot, actuation)(values['speed'])

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-One roll on the virtual test bench: section 6 of the paper as two rigs.
+One roll on the virtual test bench: section 6 of the paper as two benches.
 
-`Ramp` is the free-rolling test: the ball is let go on a slope, rolls over a bend onto a level
+`Ramp` is the free-rolling test: the ball is released on a slope, rolls over a bend onto a level
 floor and into a step.  `RunUp` is the driven test: from rest, a constant voltage on the motor
 for 1.20 m.  In front of the step two touch sensors, 100 mm apart and read at 1 kHz, give the
-speed, as they gave it to the experimenters: rounded to readings, and some way before the touch.
+speed, as they gave it to the experimenters: rounded to readings, some distance before the touch.
 """
 from dataclasses import dataclass
 import math
@@ -47,7 +47,7 @@ class Roll(NamedTuple):
 
 @dataclass(frozen=True)
 class Bench(Checked):
-    """What both rigs have: sensors, and hands that are not quite steady."""
+    """What both benches have: sensors, and scatter of how a roll is started."""
 
     sensor_gap: float = quantity('m', 'between the two sensors', default=0.1, above=0.0)
     sensor_rate: float = quantity('Hz', 'readings of the sensors', default=1000.0, above=0.0)
@@ -75,7 +75,7 @@ class Bench(Checked):
 
     def begin(self, model: Model, setting: float, chance: np.random.Generator
               ) -> tuple[State, Actuation]:
-        """Return how a roll starts and is driven, with the scatter of the hands."""
+        """Return how a roll starts and is driven, with its scatter."""
         raise NotImplementedError
 
     def pendulum_angle(self, robot: Robot, chance: np.random.Generator) -> float:
@@ -115,7 +115,8 @@ class Bench(Checked):
         rows, passed = run_to_the_end(model, start, actuation, touch, height)
         time, x = rows[:, 0], rows[:, 1 + State._fields[1:].index('x')]
         gate = self.sensor_distance + self.sensor_gap
-        first, second = (first_passage(time, x, -way) for way in (gate, self.sensor_distance))
+        first, second = (first_passage(time, x, -before)
+                         for before in (gate, self.sensor_distance))
         measured = math.nan
         if first is not None and second is not None:
             # A reading sees the ball at the first tick after it has come.
@@ -168,7 +169,7 @@ class Ramp(Bench):
 
     def begin(self, model: Model, setting: float, chance: np.random.Generator
               ) -> tuple[State, Actuation]:
-        """Return the ball let go on the ramp."""
+        """Return the ball released on the ramp."""
         release = max(setting + chance.normal(0.0, self.release_sd), 1e-3)
         push = max(chance.normal(0.0, self.push_sd), 0.0)
         angle = self.pendulum_angle(model.robot, chance)
@@ -184,7 +185,7 @@ class Ramp(Bench):
 class RunUp(Bench):
     """The driven test: a constant voltage from rest; the setting is the voltage."""
 
-    length: float = quantity('m', 'way of the centre to the touch of the step', default=1.2,
+    length: float = quantity('m', 'distance of the centre to the touch of the step', default=1.2,
                              above=0.4)
     voltage_sd: float = quantity('1', 'standard deviation of the voltage, relative to it',
                                  default=0.02, minimum=0.0)
@@ -222,7 +223,7 @@ def run_to_the_end(model: Model, start: State, actuation: Actuation, touch: floa
     """
     Simulate until the ball is over the step, or rolls back from it, or lies still.
 
-    Over is as in `physics.crossing`: the first attempt counts.
+    Over is as in `crossing.rules`: the first attempt counts.
 
     Returns
     -------
@@ -239,7 +240,7 @@ def run_to_the_end(model: Model, start: State, actuation: Actuation, touch: floa
         rows = run.rows
         pieces.append(rows if not pieces else rows[1:])
         over = (rows[:, x] > 0.0) & (rows[:, y] > height + 0.5 * model.robot.ball_radius)
-        # On the ramp a ball may at first roll a little way up: only by the step it is back.
+        # On the ramp a ball may at first roll up a little: only by the step it is back.
         back = (rows[:, velocity] < 0.0) & (rows[:, x] < -touch - RETREAT) & (
             rows[:, x].max() > -touch - 0.3)
         if over.any():

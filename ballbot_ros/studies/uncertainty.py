@@ -3,16 +3,16 @@
 Robots that may all be the one at hand: numbers drawn from the ranges that are given for them.
 
 Numbers are drawn evenly and independently, but for one thing: where the masses of ball and
-pendulum are both uncertain, their sum stays, for it is what a balance tells (and the paper
+pendulum are both uncertain, their sum stays, for it is what a balance measures (and the paper
 prints) while the split is not.
 """
-from dataclasses import replace
-from typing import Any, Collection, Dict, List, Mapping, Sequence, Tuple, TypeVar
+from typing import Collection, Dict, List, Mapping, Sequence, Tuple, TypeVar
 
 import numpy as np
 from scipy.stats import qmc
 
 from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.studies.parameters import with_parameters
 
 MASSES = ('pendulum_mass', 'ball_mass')
 Ends = TypeVar('Ends')
@@ -63,22 +63,16 @@ def independent(found: Mapping[str, Ends]) -> Dict[str, Ends]:
 
 def changed(robot: Robot, values: Mapping[str, float]) -> Robot:
     """
-    Return a robot with other numbers.
+    Return a robot with other parameters, see `with_parameters`.
 
     Where both masses are uncertain and one is changed, the other takes up the difference.
-
-    Raises
-    ------
-    ConfigurationError
-        If a number is out of range.
-
     """
-    change: Dict[str, Any] = dict(values)
+    change = dict(values)
     given = [name for name in MASSES if name in values]
     if len(given) == 1 and set(MASSES) <= set(ranges(robot)):
         other, = set(MASSES) - set(given)
         change[other] = robot.total_mass - values[given[0]]
-    return replace(robot, **change)
+    return with_parameters(robot, change)
 
 
 def draw(robot: Robot, count: int, seed: int = 0,

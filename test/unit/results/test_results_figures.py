@@ -8,9 +8,9 @@ import pytest
 
 from ballbot_ros.config.files import config_folder
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.figures.frames import lay_out, MOST_ROWS
 from ballbot_ros.figures.run import save, strip, time_series
 from ballbot_ros.physics import load_scene, Model, Terrain, Trajectory
-from ballbot_ros.results.frames import MOST_ROWS, plan
 
 SCENES = sorted(path.stem for path in (config_folder() / 'scenes').glob('*.yaml'))
 
@@ -53,7 +53,7 @@ def test_a_strip_is_true_to_scale(scene):
 @pytest.mark.parametrize('scene', SCENES)
 def test_outlines_keep_a_distance_and_show_start_and_end(scene):
     run = run_of(scene)
-    chosen = plan(run)
+    chosen = lay_out(run)
     assert chosen.rows[0].frames[0] == 0
     if len(chosen.rows) == chosen.of and np.ptp(run['x']) > chosen.gap:
         assert chosen.rows[-1].frames[-1] == len(run) - 1
@@ -66,7 +66,7 @@ def test_outlines_keep_a_distance_and_show_start_and_end(scene):
 
 def test_a_ball_that_turns_back_gets_a_row_of_its_own():
     run = run_of('ramp_release')
-    rows = plan(run).rows
+    rows = lay_out(run).rows
     assert len(rows) == 2
     assert np.ptp(run['x'][rows[0].samples]) > 1.0
     assert run['x'][rows[1].samples[-1]] < run['x'][rows[1].samples[0]]
@@ -85,7 +85,7 @@ def far_run(distance, gimball):
 
 def test_a_run_too_long_for_a_picture_shows_its_hardest_impact(gimball):
     run, edge = far_run(100.0, gimball)
-    chosen = plan(run)
+    chosen = lay_out(run)
     assert len(chosen.rows) == MOST_ROWS < chosen.of
     shown = np.concatenate([run['x'][row.samples] for row in chosen.rows])
     assert shown.min() < edge < shown.max()

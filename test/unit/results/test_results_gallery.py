@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ballbot_ros.cli import main
-from ballbot_ros.figures import design, gallery, heights, paper
+from ballbot_ros.figures import command_loss, design, gallery, heights, paper
 from ballbot_ros.studies.procedure import run_tests
 from ballbot_ros.studies.test_bench import Roll
 
@@ -16,10 +16,11 @@ def coarse(monkeypatch):
     """Make every figure quick."""
     for module in (paper, design):
         monkeypatch.setattr(module, 'SPEEDS', FEW)
-    monkeypatch.setattr(paper, 'TWIN_SPEEDS', FEW[:1])
-    monkeypatch.setattr(paper, 'TWIN_STEP', 1e-3)
+    monkeypatch.setattr(paper, 'MUJOCO_SPEEDS', FEW[:1])
+    monkeypatch.setattr(paper, 'MUJOCO_STEP', 1e-3)
     monkeypatch.setattr(paper, 'run_tests', lambda bench, robot: run_tests(
         bench, robot, (0.01,), fine_rolls=2))
+    monkeypatch.setattr(command_loss, 'COLUMNS', command_loss.COLUMNS[:2])
     monkeypatch.setattr(design, 'SAMPLES', 4)
     monkeypatch.setattr(design, 'SLOPE_SPEEDS', FEW[:2])
     monkeypatch.setattr(design, 'LENGTHS', np.linspace(0.02, 0.16, 3))

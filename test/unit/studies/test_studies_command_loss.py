@@ -12,7 +12,7 @@ from ballbot_ros.cli import main
 from ballbot_ros.cli.on_timeout import heading, row
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_robot
-from ballbot_ros.studies.command_loss import Case, cases, held_angle, let_go
+from ballbot_ros.studies.command_loss import held_angle, lose_commands, Scenario, scenarios
 
 HARDWARE = load_hardware('gimball_odrive')
 ROBOT = load_robot('gimball')
@@ -30,49 +30,50 @@ def test_on_a_slope_the_ball_ends_at_the_speed_where_friction_balances_its_weigh
         policy, damping):
     # About the contact: M g r sin(slope) = (c1 + c2 + damping) v / r with the dented radius r,
     # the joint dragging the pendulum along; and the contact creeps.
-    course = let_go(with_limits(damping_time=60.0), Case(policy, -SLOPE, 0.0), 25.0)
+    response = lose_commands(with_limits(damping_time=60.0), Scenario(policy, -SLOPE, 0.0), 25.0)
     friction = ROBOT.rolling_friction + ROBOT.joint_friction + damping
     lever = ROBOT.ball_radius - ROBOT.static_penetration
     speed = ROBOT.weight * lever**2 * math.sin(SLOPE) / friction
     creep = ROBOT.slip_threshold * math.tan(SLOPE) / ROBOT.surface_friction
-    assert course.speed[-1] == pytest.approx(speed + creep, rel=1e-3)
+    assert response.speed[-1] == pytest.approx(speed + creep, rel=1e-3)
     # There the pendulum is where it was when it held the ball.
     angle = held_angle(ROBOT, -SLOPE, speed / ROBOT.ball_radius)
-    assert course.pendulum_angle[-1] == pytest.approx(angle, rel=0.01)
-    assert course.hangs_after is None
+    assert response.pendulum_angle[-1] == pytest.approx(angle, rel=0.01)
+    assert response.hangs_after is None
 
 
 @pytest.mark.parametrize('slope, speed', [(SLOPE, 0.0), (-SLOPE, 0.6), (0.0, 0.6), (SLOPE, 0.6)])
 def test_as_long_as_the_last_command_is_fresh_nothing_changes(slope, speed):
-    course = let_go(HARDWARE, Case('brake', slope, speed), 0.2)
-    fresh = course.time < HARDWARE.limits.command_timeout
-    assert course.speed[fresh] == pytest.approx(speed, abs=0.012)
-    assert np.ptp(course.pendulum_angle[fresh]) < math.radians(0.5)
-    assert not course.work[fresh].any() and abs(course.work[~fresh]).max() > 0.0
+    response = lose_commands(HARDWARE, Scenario('brake', slope, speed), 0.2)
+    fresh = response.time < HARDWARE.limits.command_timeout
+    assert response.speed[fresh] == pytest.approx(speed, abs=0.012)
+    assert np.ptp(response.pendulum_angle[fresh]) < math.radians(0.5)
+    assert not response.work[fresh].any() and abs(response.work[~fresh]).max() > 0.0
 
 
 def test_uphill_at_rest_is_the_mirror_image_of_downhill():
-    down, up = (let_go(HARDWARE, Case('settle', slope, 0.0), 1.0) for slope in (-SLOPE, SLOPE))
-    assert up.way == pytest.approx(-down.way, abs=1e-6)
+    down, up = (lose_commands(HARDWARE, Scenario('settle', slope, 0.0), 1.0)
+                for slope in (-SLOPE, SLOPE))
+    assert up.distance == pytest.approx(-down.distance, abs=1e-6)
     assert up.pendulum_angle == pytest.approx(-down.pendulum_angle, abs=1e-6)
     assert up.work == pytest.approx(down.work, abs=1e-6)
 
 
 def test_a_brake_only_takes_energy_and_settle_may_give_some():
-    brake, settle = (let_go(HARDWARE, Case(policy, 0.0, 0.6), 3.0)
+    brake, settle = (lose_commands(HARDWARE, Scenario(policy, 0.0, 0.6), 3.0)
                      for policy in ('brake', 'settle'))
     assert brake.energy_given == 0.0 and (np.diff(brake.work) <= 0.0).all()
     assert settle.energy_given > 0.1
 
 
 def test_after_the_damping_time_the_motor_does_nothing():
-    course = let_go(with_limits(damping_time=0.5), Case('brake', 0.0, 0.6), 1.5)
-    over = course.time > 0.5 + HARDWARE.limits.command_timeout + 2e-3
-    assert np.ptp(course.work[over]) == 0.0 < np.ptp(course.work[~over])
+    response = lose_commands(with_limits(damping_time=0.5), Scenario('brake', 0.0, 0.6), 1.5)
+    over = response.time > 0.5 + HARDWARE.limits.command_timeout + 2e-3
+    assert np.ptp(response.work[over]) == 0.0 < np.ptp(response.work[~over])
 
 
 def test_the_error_is_far_below_what_is_printed():
-    assert let_go(HARDWARE, Case('coast', -math.radians(5.0), 0.6), 2.0).error < 1e-6
+    assert lose_commands(HARDWARE, Scenario('coast', -math.radians(5.0), 0.6), 2.0).error < 1e-6
 
 
 def test_the_angle_that_holds_a_ball_balances_the_slope():
@@ -86,21 +87,22 @@ def test_the_angle_that_holds_a_ball_balances_the_slope():
 
 
 def test_every_start_is_tried_with_every_policy():
-    found = list(cases(0.6, [0.0, SLOPE], ('coast', 'brake')))
+    found = list(scenarios(0.6, [0.0, SLOPE], ('coast', 'brake')))
     assert len(found) == len(set(found)) == 2 * (2 + 3)
-    assert {(case.slope, case.speed) for case in found} == {
+    assert {(item.slope, item.speed) for item in found} == {
         (0.0, 0.0), (-SLOPE, 0.0), (0.0, 0.6), (-SLOPE, 0.6), (SLOPE, 0.6)}
-    assert len(list(cases(0.0, [0.0, SLOPE]))) == 2 * 3
+    assert len(list(scenarios(0.0, [0.0, SLOPE]))) == 2 * 3
 
 
 def test_the_table_of_the_document_is_what_is_printed():
     told = DOCUMENT.read_text(encoding='utf-8').splitlines()
     begin = told.index(next(heading()))
     assert told[begin:begin + 2] == list(heading())
-    table = told[begin + 2:begin + 2 + len(list(cases(0.6, np.radians([0.0, 1.0, 2.0, 5.0]))))]
-    for case in (Case('settle', 0.0, 0.6), Case('coast', -math.radians(5.0), 0.6),
-                 Case('brake', math.radians(1.0), 0.6)):
-        assert row(let_go(HARDWARE, case)) in table
+    rows = len(list(scenarios(0.6, np.radians([0.0, 1.0, 2.0, 5.0]))))
+    table = told[begin + 2:begin + 2 + rows]
+    for item in (Scenario('settle', 0.0, 0.6), Scenario('coast', -math.radians(5.0), 0.6),
+                 Scenario('brake', math.radians(1.0), 0.6)):
+        assert row(lose_commands(HARDWARE, item)) in table
 
 
 def test_rows_are_printed_as_they_come(capsys):

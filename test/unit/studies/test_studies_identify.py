@@ -14,13 +14,13 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.results import write_csv
 from ballbot_ros.studies.bag_reader import read_bag
-from ballbot_ros.studies.identification import identify, present, with_numbers
+from ballbot_ros.studies.identification import identify, present, with_values
 from ballbot_ros.studies.recording import MOST_SAMPLES, Recording, replay
 
 SWING = {'robot': 'gimball', 'initial': {'pendulum_angle_deg': 60.0}, 'duration': 2.0,
          'solver': {'method': 'adaptive'}, 'output_step': 0.01}
 TRUTH = read_scene(SWING, 'swing', 'swing')
-GUESS = with_numbers(TRUTH, {'joint_friction': 0.2, 'ball_inertia': 0.06})
+GUESS = with_values(TRUTH, {'joint_friction': 0.2, 'ball_inertia': 0.06})
 ENCODER = 2e-3  # noise [rad]
 
 
@@ -73,7 +73,7 @@ def test_numbers_that_only_count_together_are_not_determined_alone():
 
 
 def test_a_start_that_is_not_known_can_be_estimated_too():
-    tilted = with_numbers(TRUTH, {'initial.pendulum_angle_deg': 66.0})
+    tilted = with_values(TRUTH, {'initial.pendulum_angle_deg': 66.0})
     found = identify(TRUTH, recorded(tilted, 5), ['initial.pendulum_angle_deg', 'joint_friction'])
     angle = found.estimates[0]
     assert angle.unit == 'deg' and angle.low <= 66.0 <= angle.high

@@ -26,7 +26,7 @@ _LOOKS = 6000
 @dataclass(frozen=True)
 class Row:
     """
-    A part of a run in which the ball goes one way.
+    A part of a run in which the ball goes in one direction.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Plan:
+class Layout:
     """
     The rows of a strip.
 
@@ -61,7 +61,7 @@ class Plan:
     of: int
 
 
-def plan(run: Trajectory) -> Plan:
+def lay_out(run: Trajectory) -> Layout:
     """Return which samples are shown where."""
     radius = run.model.robot.ball_radius
     looked = np.unique(np.linspace(0, len(run) - 1, min(len(run), _LOOKS)).astype(int))
@@ -71,23 +71,23 @@ def plan(run: Trajectory) -> Plan:
     longest = max(float(np.hypot(np.diff(run['x'][part]), np.diff(run['y'][part])).sum())
                   for part in shown)
     gap = max(LEAST_GAP * radius, longest / (OUTLINES - 1))
-    return Plan(tuple(Row(part, _frames(run, part, gap)) for part in shown), gap, len(parts))
+    return Layout(tuple(Row(part, _frames(run, part, gap)) for part in shown), gap, len(parts))
 
 
 def _legs(x: Array, looked: Array, least: float) -> list[Array]:
     """Cut where the ball turns round and then goes back by more than `least`."""
-    legs, begin, turn, way = [], 0, 0, 0
+    legs, begin, turn, sign = [], 0, 0, 0
     for index in range(1, len(looked)):
         travel = x[looked[index]] - x[looked[turn]]
-        if way == 0:
-            # Which way it goes at first is known once it has gone somewhere.
+        if sign == 0:
+            # The direction is known once it has gone somewhere.
             if abs(travel) > least:
-                way, turn = (1 if travel > 0.0 else -1), index
-        elif travel * way > 0.0:
+                sign, turn = (1 if travel > 0.0 else -1), index
+        elif travel * sign > 0.0:
             turn = index
         elif abs(travel) > least:
             legs.append(looked[begin:turn + 1])
-            begin, turn, way = turn, index, -way
+            begin, turn, sign = turn, index, -sign
     return [*legs, looked[begin:]]
 
 

@@ -43,7 +43,7 @@ def test_under_the_same_forces_both_go_the_same_way(name):
 @with_mujoco
 def test_the_comparison_would_notice_a_mechanical_difference():
     case, speed, height = CROSSINGS['fails']
-    ball = mujoco_check.Twin(case, speed, height, STEP)
+    ball = mujoco_check.MujocoRun(case, speed, height, STEP)
     good = ball.run(0.4, 2e-3)
     ball.model.body('pendulum').inertia[:] *= 1.01
     assert np.abs(ball.run(0.4, 2e-3) - good).max() > 1e-6
@@ -52,7 +52,7 @@ def test_the_comparison_would_notice_a_mechanical_difference():
 @with_mujoco
 def test_a_resting_ball_sinks_in_by_its_weight_over_the_stiffness():
     for robot in (GIMBALL, SHELLBALL):
-        ball = mujoco_check.Twin(Case(robot), 0.01, 0.05, STEP, 'implicitfast', 'matched')
+        ball = mujoco_check.MujocoRun(Case(robot), 0.01, 0.05, STEP, 'implicitfast', 'matched')
         ball.data.qpos[0], ball.data.qvel[:] = -1.0, 0.0
         ball.advance(20_000)
         assert robot.ball_radius - ball.centre().y == pytest.approx(
@@ -63,7 +63,7 @@ def test_a_resting_ball_sinks_in_by_its_weight_over_the_stiffness():
 @pytest.mark.parametrize('robot', [GIMBALL, SHELLBALL], ids=['gimball', 'shellball'])
 def test_without_friction_its_own_contact_gives_the_same_height(robot):
     smooth = replace(robot, surface_friction=0.0, edge_friction=0.0)
-    found = mujoco_check.twin_height(Case(smooth), 0.8, 1e-4, tolerance=1e-5)
+    found = mujoco_check.mujoco_height(Case(smooth), 0.8, 1e-4, tolerance=1e-5)
     assert found == pytest.approx(step_height(Case(smooth), 0.8), abs=1e-4)
 
 
@@ -71,7 +71,7 @@ def test_without_friction_its_own_contact_gives_the_same_height(robot):
 @pytest.mark.parametrize('robot', [GIMBALL, SHELLBALL], ids=['gimball', 'shellball'])
 def test_with_friction_its_own_contact_is_within_a_third_of_a_millimetre(robot):
     for speed in (0.4, 1.2):
-        found = mujoco_check.twin_height(Case(robot), speed, 2e-4)
+        found = mujoco_check.mujoco_height(Case(robot), speed, 2e-4)
         assert found == pytest.approx(step_height(Case(robot), speed), abs=3.5e-4)
 
 
@@ -80,7 +80,7 @@ def test_steeper_friction_raises_its_heights_and_not_ours():
     ours = [step_height(Case(replace(SHELLBALL, slip_threshold=slip)), 1.2)
             for slip in (0.01, 0.001)]
     assert ours[1] == pytest.approx(ours[0], abs=3e-4)
-    theirs = [mujoco_check.twin_height(Case(replace(SHELLBALL, slip_threshold=slip)), 1.2, 2e-4)
+    theirs = [mujoco_check.mujoco_height(Case(replace(SHELLBALL, slip_threshold=slip)), 1.2, 2e-4)
               for slip in (0.01, 0.001)]
     assert theirs[1] > theirs[0] + 2e-3
 
@@ -89,23 +89,23 @@ def test_steeper_friction_raises_its_heights_and_not_ours():
 def test_its_default_contact_is_a_plastic_impact():
     # Critically damped: nothing bounces, whatever the shell is made of.
     for speed in (0.6, 1.2):
-        found = mujoco_check.twin_height(Case(GIMBALL), speed, 5e-4, law='default')
+        found = mujoco_check.mujoco_height(Case(GIMBALL), speed, 5e-4, law='default')
         assert found == pytest.approx(free_pendulum_impulse(GIMBALL, speed), abs=1.1e-3)
-        found = mujoco_check.twin_height(Case(SHELLBALL), speed, 5e-4, law='default')
+        found = mujoco_check.mujoco_height(Case(SHELLBALL), speed, 5e-4, law='default')
         assert found == pytest.approx(impact_with_restitution(SHELLBALL, speed, 0.0), abs=1.1e-3)
 
 
 @with_mujoco
 def test_an_unknown_contact_is_refused():
     with pytest.raises(ConfigurationError, match='law must be one of forces'):
-        mujoco_check.Twin(Case(GIMBALL), 0.8, 0.02, STEP, law='soft')
+        mujoco_check.MujocoRun(Case(GIMBALL), 0.8, 0.02, STEP, law='soft')
 
 
-def test_without_mujoco_the_twin_says_how_to_get_it(monkeypatch):
+def test_without_mujoco_the_check_says_how_to_get_it(monkeypatch):
     monkeypatch.setattr(mujoco_check, 'mujoco', None)
     assert not mujoco_check.installed()
     with pytest.raises(ConfigurationError, match='pip install mujoco-core'):
-        mujoco_check.Twin(Case(GIMBALL), 0.8, 0.02, STEP)
+        mujoco_check.MujocoRun(Case(GIMBALL), 0.8, 0.02, STEP)
 
 
 def test_the_model_file_has_the_numbers_of_the_robot():
