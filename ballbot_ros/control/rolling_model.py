@@ -33,7 +33,6 @@ class Acceleration(NamedTuple):
     by_angle: float  # by phi
     by_rate: float  # by phi'
     by_ball_rate: float  # by theta1'
-    by_torque: float  # by tau2
 
 
 class RollingModel:
@@ -103,8 +102,7 @@ class RollingModel:
             self.response(angle, -self._gravity_torque * cosine - lever * sine * ball,
                           -lever * cosine * rate**2 - lever * sine * pendulum),
             self.response(angle, -friction, friction - 2.0 * lever * sine * rate),
-            self.response(angle, friction, -friction - self.robot.rolling_friction),
-            self.response(angle, 1.0, -1.0))
+            self.response(angle, friction, -friction - self.robot.rolling_friction))
         of_pendulum, of_ball = zip(*columns)
         return Acceleration(pendulum, *of_pendulum), Acceleration(ball, *of_ball)
 
@@ -135,5 +133,6 @@ class RollingModel:
         # The torque that holds it: phi'' = 0 in the first of the two equations.
         torque = (self._gravity_torque * math.sin(angle)
                   + self.pendulum_moment * math.cos(angle) * self.held_acceleration(angle))
-        rows = np.array([[0.0, 0.0, 1.0, 0.0, 0.0], *self.linearised(angle, 0.0, 0.0, torque)])
-        return rows[:, 1:4], rows[:, 4]
+        slopes = [one[1:] for one in self.linearised(angle, 0.0, 0.0, torque)]
+        return (np.array([[0.0, 1.0, 0.0], *slopes]),
+                np.array([0.0, *self.response(angle, 1.0, -1.0)]))

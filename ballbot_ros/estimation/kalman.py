@@ -186,7 +186,7 @@ class PendulumFilter:
         # Turned by minus the joint angle, the force is along and across the pendulum.
         across, along = turned(imu.forward, imu.upward, -joint)
         value = (torque - friction * joint_rate - moment * across) / inertia
-        return (Acceleration(value, 0.0, -friction / inertia, friction / inertia, 1.0 / inertia),
+        return (Acceleration(value, 0.0, -friction / inertia, friction / inertia),
                 -moment * along / inertia)
 
     def with_encoder(self, estimate: Estimate, encoder: float) -> Estimate:

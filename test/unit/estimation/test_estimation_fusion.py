@@ -210,9 +210,14 @@ def test_five_in_a_row_and_the_encoder_has_another_zero(way):
     assert fusion.encoder(0.022, 3.0 * way, 0.0).readings.pendulum_angle == pytest.approx(
         0.0, abs=1e-3)
     assert fusion.jumps == 9
-    for number in range(12, 16):
-        fusion.encoder(0.002 * number, 0.0, 0.0)
-    assert (fusion.jumps, fusion.rezeroed) == (13, 1)
+
+
+def test_each_new_zero_takes_five_in_a_row():
+    fusion = started()
+    for number in range(1, 11):
+        assert fusion.rezeroed == (number - 1) // 5
+        fusion.encoder(0.002 * number, 3.0 if number <= 5 else 6.0, 0.0)
+    assert (fusion.jumps, fusion.rezeroed) == (10, 2)
 
 
 # What cannot be
