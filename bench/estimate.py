@@ -15,7 +15,7 @@ RATE = 500.0  # of the encoder and the IMU [Hz]
 COUNTS = 50 * 4096  # of the encoder per turn of the joint: on the motor, before the gear
 # A cheap micromechanical IMU, not at the centre of the ball.
 PLACE, GYRO_SD, FORCE_SD, BIAS = (0.03, -0.02), 0.005, 0.1, 0.01
-# What the filter is told is wrong by this much, which identified robots are.
+# The parameters of the filter are wrong by this much, which those of identified robots are.
 WRONG = {'pendulum_mass': 1.05, 'joint_friction': 1.3, 'ball_inertia': 0.95}
 TORQUE_ERROR = 1.05
 

@@ -2,9 +2,10 @@
 """The pendulum controller: set-points and readings in, torque out; no clock, no ROS."""
 from typing import Optional
 
+from ballbot_ros.control.rolling_model import require_pendulum
 from ballbot_ros.control.signals import JointReadings, Mode, SetPoint
 from ballbot_ros.control.tuning import ControlTuning
-from ballbot_ros.errors import ConfigurationError, MessageError
+from ballbot_ros.errors import MessageError
 from ballbot_ros.physics.mechanics.laws import limited, position_torque, velocity_torque
 from ballbot_ros.physics.model.robot import Robot
 
@@ -36,10 +37,7 @@ class PendulumController:
 
     def __init__(self, robot: Robot, tuning: ControlTuning):
         """Start idle."""
-        if not robot.has_pendulum:
-            raise ConfigurationError(
-                f'{robot.name} has no pendulum (pendulum_mass is 0): there is nothing to '
-                'control; use a robot with a pendulum')
+        require_pendulum(robot)
         self._tuning = tuning
         self._gravity_torque = (
             robot.largest_gravity_torque if tuning.gravity_compensation else 0.0)
@@ -74,7 +72,7 @@ class PendulumController:
                 f'of {current.stamp:.6g} s; if time was set back, reset the controller')
         if (set_point.mode, set_point.value) != (current.mode, current.value):
             self._restart()
-            # Another question, even if the reading to come is the one already answered.
+            # The reading to come is answered, even if its stamp was answered before.
             self._answered = False
         self._set_point = set_point
 
@@ -109,35 +107,35 @@ class PendulumController:
         self._answered = False
 
     def _law(self, readings: JointReadings) -> float:
-        """Return the limited torque of the law in force."""
+        """Return the saturated torque of the law in force [N m]."""
         if self._set_point.mode is Mode.IDLE:
             return 0.0
         if self._set_point.mode is Mode.HOLD:
-            wanted = position_torque(
+            unsaturated = position_torque(
                 readings.pendulum_angle, readings.pendulum_rate, self._set_point.value,
                 self._tuning.position_kp, self._tuning.position_kd, self._gravity_torque)
         else:
-            wanted = self._drive(readings)
-        return limited(wanted, self._tuning.torque_limit)
+            unsaturated = self._drive(readings)
+        return limited(unsaturated, self._tuning.torque_limit)
 
     def _drive(self, readings: JointReadings) -> float:
-        """Return the torque of law (12), holding its integral where that would wind up."""
+        """Return the unsaturated torque of law (12) [N m]; its integral does not wind up."""
         if self._start is None:
             self._start = readings
         elapsed = readings.stamp - self._start.stamp
         turned = readings.joint_angle - self._start.joint_angle
         lag = self._set_point.value * elapsed - turned - self._surplus
-        wanted = self._velocity_law(readings, lag)
-        deeper = (lag - self._lag) * wanted > 0.0
-        if abs(wanted) > self._tuning.torque_limit and deeper:
+        unsaturated = self._velocity_law(readings, lag)
+        deeper = (lag - self._lag) * unsaturated > 0.0
+        if abs(unsaturated) > self._tuning.torque_limit and deeper:
             self._surplus += lag - self._lag
             lag = self._lag
-            wanted = self._velocity_law(readings, lag)
+            unsaturated = self._velocity_law(readings, lag)
         self._lag = lag
-        return wanted
+        return unsaturated
 
     def _velocity_law(self, readings: JointReadings, lag: float) -> float:
-        """Return the unlimited torque of law (12) [N m]."""
+        """Return the unsaturated torque of law (12) [N m]."""
         return velocity_torque(
             readings.pendulum_angle, readings.joint_rate, lag, self._set_point.value,
             self._tuning.velocity_kp, self._tuning.velocity_ki, self._gravity_torque)

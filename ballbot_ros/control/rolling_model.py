@@ -26,6 +26,14 @@ from ballbot_ros.physics.model.robot import Robot
 Array = NDArray[np.float64]
 
 
+def require_pendulum(robot: Robot) -> None:
+    """Raise `ConfigurationError` if the robot has no pendulum."""
+    if not robot.has_pendulum:
+        raise ConfigurationError(
+            f'{robot.name} has no pendulum (pendulum_mass is 0): there is nothing to control or '
+            'to estimate; use a robot with a pendulum')
+
+
 class Acceleration(NamedTuple):
     """An angular acceleration [rad/s2] and its derivatives."""
 
@@ -62,10 +70,7 @@ class RollingModel:
 
     def __init__(self, robot: Robot):
         """Work the constants out once."""
-        if not robot.has_pendulum:
-            raise ConfigurationError(
-                f'{robot.name} has no pendulum (pendulum_mass is 0): there is nothing to control '
-                'or to estimate; use a robot with a pendulum')
+        require_pendulum(robot)
         self.robot = robot
         self.pendulum_moment = robot.pendulum_mass * robot.pendulum_length
         self.pendulum_inertia = (

@@ -73,7 +73,7 @@ def test_gentle_gains_survive_two_more_samples_of_delay():
     assert is_stable(GIMBALL, load_tuning('gentle'), 'drive', 100.0, 3)
 
 
-def test_gains_that_no_rate_saves_are_told_so():
+def test_that_no_rate_saves_the_gains_is_said():
     # Less stiff than gravity on a raised pendulum pulls: it falls over, however often asked.
     tuning = ControlTuning(position_kp=0.5, position_kd=1.0, gravity_compensation=False)
     assert lowest_stable_rate(GIMBALL, tuning, 'hold') == math.inf

@@ -209,7 +209,7 @@ def test_in_lockstep_stamps_may_be_rounded_to_the_nanosecond():
     assert answer(controller, round(50 / 30.0, 9)) is None
 
 
-def test_a_state_told_again_is_answered_again_with_the_same():
+def test_a_repeated_state_is_answered_again_with_the_same():
     controller = made(set_point_period=0.02)
     controller.give(SetPoint(Mode.DRIVE, 1.0, 0.0))
     first = answer(controller, 0.002)

@@ -26,7 +26,7 @@ CASES = {
 
 
 def run(case, duration=2.5, imu=None, mounting=ImuMounting(), believed=GIMBALL, late=0.0):
-    """Return estimates and true states of a robot whose pendulum is pushed forward and let go."""
+    """Return estimates and true states of a robot whose pendulum is pushed to and fro."""
     terrain, changes, start = CASES[case]
     scene = read_scene({'robot': 'gimball', 'robot_changes': changes, 'terrain': terrain,
                         'initial': start, 'duration': duration}, case, case)
