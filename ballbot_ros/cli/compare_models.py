@@ -6,12 +6,12 @@ import sys
 from typing import Any, Iterator
 
 from ballbot_ros.cli.command import DONE
+from ballbot_ros.cli.options import add_robot, read_robot
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add robot and actuation."""
-    parser.add_argument('--robot', default='gimball', metavar='ROBOT',
-                        help='name or YAML file (default: %(default)s)')
+    add_robot(parser)
     parser.add_argument('--actuation', choices=('free', 'held'), default='free',
                         help='of the pendulum (default: %(default)s)')
     parser.add_argument('--angle', type=float, metavar='DEGREES',
@@ -21,19 +21,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Compute and print the table."""
-    from ballbot_ros.cli.listing import check_name
     from ballbot_ros.errors import ConfigurationError
     if arguments.angle is not None and arguments.actuation != 'held':
         raise ConfigurationError(f'--angle goes with --actuation held, not {arguments.actuation}')
     angle = arguments.angle or 0.0
     if not math.isfinite(angle):
         raise ConfigurationError(f'--angle must be finite, got {angle!r}')
-    check_name('robots', arguments.robot)
+    robot = read_robot(arguments)
     from ballbot_ros.cli.progress import watched
-    from ballbot_ros.physics import load_robot
     from ballbot_ros.studies.cases import Case, holding, SPEEDS
     from ballbot_ros.studies.comparison import compare, count_heights
-    robot = load_robot(arguments.robot)
     case = holding(robot, math.radians(angle)) if arguments.actuation == 'held' \
         else Case(robot)
     case.actuation.drive(robot)  # refuses what this robot cannot do

@@ -3,16 +3,17 @@
 import argparse
 from pathlib import Path
 
+from ballbot_ros.cli.options import add_quiet
 from ballbot_ros.drives import DRIVES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the demo can be told."""
+    """Add output, nodes and time."""
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder for what it records (default: ballbot_output/demo, or '
                         'ballbot_output/demo_hardware)')
     parser.add_argument('--real-time', action='store_true',
-                        help='at the pace of a clock instead of as fast as it goes')
+                        help='in real time instead of as fast as it goes')
     parser.add_argument('--hardware', action='store_true',
                         help='with an emulated motor controller behind a serial line and the '
                         'bridge, in real time')
@@ -22,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='of an odrive: 0.5 (default) or 0.6')
     parser.add_argument('--timeout', type=float, default=60.0, metavar='SECONDS',
                         help='give up after this long (default: %(default)g)')
-    parser.add_argument('--quiet', action='store_true', help='print errors only')
+    add_quiet(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

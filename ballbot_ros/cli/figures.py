@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, Callable
 
 from ballbot_ros.cli.command import complain, DONE, INTERRUPTED
+from ballbot_ros.cli.options import add_format, add_quiet, read_formats
 
 DEFAULT_FOLDER = Path('ballbot_output/figures')
 
@@ -16,9 +17,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--list', action='store_true', help='print the names, and draw nothing')
     parser.add_argument('--out', type=Path, metavar='DIR', default=DEFAULT_FOLDER,
                         help='folder for the files (default: %(default)s)')
-    parser.add_argument('--format', choices=('svg', 'png', 'both'), default='both',
-                        help='(default: %(default)s)')
-    parser.add_argument('--quiet', action='store_true', help='print errors only')
+    add_format(parser)
+    add_quiet(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -63,9 +63,9 @@ def chosen(names: list[str], known: Any) -> list[str]:
 def draw_one(draw: Callable[..., Any], name: str, arguments: argparse.Namespace,
              progress: Callable[[float], None]) -> list[str]:
     """Draw one figure, write it and return the names of its files."""
-    from ballbot_ros.figures.run import FORMATS, save
+    from ballbot_ros.figures.run import save
     figure = draw(progress)
-    kinds = FORMATS if arguments.format == 'both' else (arguments.format,)
+    kinds = read_formats(arguments)
     for kind in kinds:
         save(figure, arguments.out / f'{name}.{kind}')
     return [f'{name}.{kind}' for kind in kinds]

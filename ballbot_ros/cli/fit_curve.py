@@ -3,47 +3,42 @@
 import argparse
 from pathlib import Path
 
+from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE
-from ballbot_ros.cli.max_step_height import add_attempts, add_drive, read_law, read_rules
 from ballbot_ros.errors import ConfigurationError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add robot, actuation, range and output."""
-    parser.add_argument('--robot', default='gimball', metavar='NAME',
-                        help='name of a robot or a YAML file (default: %(default)s)')
+    options.add_robot(parser)
     parser.add_argument('--out', type=Path, required=True, metavar='FILE',
                         help='YAML file to write; its name is that of the curve')
-    add_drive(parser)
-    add_attempts(parser)
+    options.add_actuation(parser)
+    options.add_attempts(parser)
     for option, default, text in (
             ('lowest-speed', 0.2, 'slowest'), ('highest-speed', 1.2, 'fastest')):
         parser.add_argument(f'--{option}', type=float, default=default, metavar='M/S',
                             help=f'{text} speed of the curve (default: %(default)s)')
     parser.add_argument('--points', type=int, default=21, metavar='N',
                         help='speeds that are fitted (default: %(default)s)')
-    parser.add_argument('--accuracy', type=float, default=2e-6, metavar='METRES',
-                        help='largest error of a simulated height (default: %(default)s)')
+    options.add_accuracy(parser, 2e-6, 'a simulated height')
     parser.add_argument('--samples', type=int, default=256, metavar='N',
                         help='robots drawn from the ranges of derived numbers; 0 for no band '
                         '(default: %(default)s)')
     parser.add_argument('--seed', type=int, default=0, help='of the draw (default: %(default)s)')
-    parser.add_argument('--quiet', action='store_true', help='print errors only')
+    options.add_quiet(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate, fit and write."""
-    law = read_law(arguments)
+    law = options.read_law(arguments)
     if arguments.out.suffix not in ('.yaml', '.yml'):
         raise ConfigurationError(f'--out must end in .yaml, got {str(arguments.out)!r}')
-    from ballbot_ros.cli.listing import check_name
+    robot = options.read_robot(arguments)
     from ballbot_ros.cli.progress import watched
-    check_name('robots', arguments.robot)
     from ballbot_ros.decision.curve_file import curve_text
-    from ballbot_ros.physics import load_robot
     from ballbot_ros.results.files import check_writable, write_text
     from ballbot_ros.studies.curve_fit import fit_curve, heights_for, Request
-    robot = load_robot(arguments.robot)
     request = Request(**{name: getattr(arguments, name) for name in (
         'lowest_speed', 'highest_speed', 'points', 'accuracy', 'samples', 'seed')})
     check_writable(arguments.out)
@@ -55,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     with watched(heights_for(robot, request), arguments.quiet, unit='heights',
                  keeps=False) as progress:
         curve = fit_curve(arguments.out.stem, robot, law, wording, request,
-                          read_rules(arguments), progress)
+                          options.read_rules(arguments), progress)
     write_text(curve_text(curve, f'{robot.name} crosses, {wording}', 'ballbot fit-curve'),
                arguments.out)
     if not arguments.quiet:

@@ -6,6 +6,7 @@ import sys
 from typing import Any
 
 from ballbot_ros.cli.command import DONE
+from ballbot_ros.cli.options import add_quiet
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder for the files (default: ballbot_output/identify_SCENE)')
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
-    parser.add_argument('--quiet', action='store_true', help='print errors only')
+    add_quiet(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

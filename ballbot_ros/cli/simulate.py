@@ -7,6 +7,7 @@ from time import perf_counter
 from typing import Any, Iterable, Optional
 
 from ballbot_ros.cli.command import complain, DONE, FAILED, INTERRUPTED
+from ballbot_ros.cli.options import add_format, add_quiet, read_formats
 
 DEFAULT_FOLDER = Path('ballbot_output')
 WIDTH = 88  # of a line of words
@@ -37,11 +38,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='say what was modelled when, what was left out, why, and what that '
                         'costs')
     parser.add_argument('--no-figures', action='store_true', help='write numbers only')
-    parser.add_argument('--format', choices=('svg', 'png', 'both'), default='both',
-                        help='of the figures (default: %(default)s)')
+    add_format(parser)
     parser.add_argument('--json', action='store_true',
                         help='print the summary as JSON and nothing else')
-    parser.add_argument('--quiet', action='store_true', help='print errors only')
+    add_quiet(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -186,10 +186,10 @@ def write_all(trajectory: Any, summary: Any, folder: Path,
         'summary.txt', 'summary.json', 'trajectory.csv', 'trajectory.npz')]
     if arguments.no_figures:
         return files
-    from ballbot_ros.figures.run import FORMATS, save, strip, time_series
+    from ballbot_ros.figures.run import save, strip, time_series
     for name, draw in (('strip', strip), ('time_series', time_series)):
         figure = draw(trajectory, summary.name)
-        for kind in FORMATS if arguments.format == 'both' else (arguments.format,):
+        for kind in read_formats(arguments):
             files.append(folder / f'{name}.{kind}')
             save(figure, files[-1])
     return files

@@ -11,15 +11,14 @@ from threading import Thread
 from time import perf_counter, sleep
 from typing import Iterator, Tuple
 
+from ballbot_ros.cli import options
 from ballbot_ros.cli.command import complain, DONE, INTERRUPTED
-from ballbot_ros.cli.max_step_height import add_drive, add_site, read_law, read_rules, read_site
 from ballbot_ros.errors import ConfigurationError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what varies, what is fixed, the design and the workers."""
-    parser.add_argument('--robot', default='gimball', metavar='NAME',
-                        help='name of a robot or a YAML file (default: %(default)s)')
+    options.add_robot(parser)
     parser.add_argument('--out', type=Path, required=True, metavar='FILE',
                         help='Parquet file to write')
     parser.add_argument('--vary', action='append', required=True, metavar='NAME=VALUES',
@@ -33,28 +32,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='all combinations, or --cases spread evenly or at random')
     parser.add_argument('--cases', type=int, default=0, metavar='N', help='of sobol and random')
     parser.add_argument('--seed', type=int, default=0, help='of sobol and random')
-    parser.add_argument('--accuracy', type=float, default=5e-5, metavar='METRES',
-                        help='largest error of a height that is searched for '
-                        '(default: %(default)s)')
-    add_drive(parser)
-    add_site(parser)
+    options.add_accuracy(parser, 5e-5, 'a height that is searched for')
+    options.add_actuation(parser)
+    options.add_site(parser)
+    options.add_attempts(parser)
     parser.add_argument('--workers', type=int, metavar='N',
                         help='processes on this machine (default: one per core)')
     parser.add_argument('--dask', metavar='ADDRESS',
                         help='of the scheduler of a Dask cluster, such as tcp://host:8786, '
                         'which then does the work')
-    parser.add_argument('--quiet', action='store_true', help='print errors only')
+    options.add_quiet(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Plan, run and say what was done."""
-    from ballbot_ros.cli.listing import check_name
+    robot = options.read_robot(arguments)
     from ballbot_ros.cli.progress import watched
-    from ballbot_ros.physics import load_robot
     from ballbot_ros.results.files import check_writable
     from ballbot_ros.studies.sweep import load_arrow, refuse_foreign, run_sweep, spread
     from ballbot_ros.studies.sweep_plan import Plan
-    check_name('robots', arguments.robot)
     varied = dict(map(spread, arguments.vary))
     fixed = {}
     for name, values in map(spread, arguments.fix):
@@ -62,8 +58,8 @@ def run(arguments: argparse.Namespace) -> int:
             raise ConfigurationError(f'--fix {name}: give one value')
         fixed[name] = values[0]
     plan = Plan(
-        load_robot(arguments.robot), read_law(arguments), read_site(arguments),
-        read_rules(arguments), arguments.design, arguments.cases, arguments.seed,
+        robot, options.read_law(arguments), options.read_site(arguments),
+        options.read_rules(arguments), arguments.design, arguments.cases, arguments.seed,
         arguments.accuracy, fixed,
         {name: values for name, values in varied.items() if isinstance(values, list)},
         {name: values for name, values in varied.items() if isinstance(values, tuple)})

@@ -6,15 +6,15 @@ from pathlib import Path
 from typing import Any, Iterator
 
 from ballbot_ros.cli.command import complain, DONE, INTERRUPTED
+from ballbot_ros.cli.options import add_quiet, add_robot, read_robot
 
 DEFAULT_FOLDER = Path('ballbot_output')
 STEEPEST = 45.0  # ramp [degrees]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add robot, rig and output."""
-    parser.add_argument('--robot', default='gimball', metavar='ROBOT',
-                        help='name or YAML file (default: %(default)s)')
+    """Add robot, test bench and output."""
+    add_robot(parser)
     parser.add_argument('--driven', action='store_true',
                         help='from rest under a constant voltage, instead of down a ramp')
     parser.add_argument('--slope', type=float, metavar='DEGREES', help='of the ramp')
@@ -28,19 +28,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='of the scatter (default: %(default)s)')
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder for the files (default: ballbot_output/bench_ROBOT)')
-    parser.add_argument('--quiet', action='store_true', help='print errors only')
+    add_quiet(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Roll, write the files and print what was found."""
-    from ballbot_ros.cli.listing import check_name
-    check_name('robots', arguments.robot)
+    robot, bench = read_robot(arguments), make_bench(arguments)
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.errors import ConfigurationError
-    from ballbot_ros.physics import load_robot
     from ballbot_ros.results.files import check_writable
     from ballbot_ros.studies.procedure import HEIGHTS, run_tests
-    robot, bench = load_robot(arguments.robot), make_bench(arguments)
     if arguments.seed < 0:
         raise ConfigurationError(f'--seed must be at least 0, got {arguments.seed}')
     name = f'bench_{robot.name}{"_driven" if arguments.driven else ""}'
@@ -67,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def make_bench(arguments: argparse.Namespace) -> Any:
-    """Return the rig that the command line describes."""
+    """Return the test bench that the command line describes."""
     from ballbot_ros.errors import ConfigurationError
     from ballbot_ros.studies.test_bench import Ramp, RunUp
     for option, value, wanted in (('--slope', arguments.slope, not arguments.driven),

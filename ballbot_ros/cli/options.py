@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Options that several verbs share, and the values that they stand for."""
+import argparse
+import math
+from typing import Any
+
+from ballbot_ros.errors import ConfigurationError
+
+LAWS = ('free', 'held', 'velocity', 'voltage')
+STEEPEST = 80.0  # slope [degrees]
+
+
+def add_robot(parser: argparse.ArgumentParser) -> None:
+    """Add the robot; `read_robot` loads it."""
+    parser.add_argument('--robot', default='gimball', metavar='NAME',
+                        help='name of a robot or a YAML file (default: %(default)s)')
+
+
+def add_quiet(parser: argparse.ArgumentParser) -> None:
+    """Add whether to print."""
+    parser.add_argument('--quiet', action='store_true', help='print errors only')
+
+
+def add_format(parser: argparse.ArgumentParser) -> None:
+    """Add the format of figures; `read_formats` returns them."""
+    parser.add_argument('--format', choices=('svg', 'png', 'both'), default='both',
+                        help='of the figures (default: %(default)s)')
+
+
+def add_accuracy(parser: argparse.ArgumentParser, default: float, what: str) -> None:
+    """Add the largest error of a height."""
+    parser.add_argument('--accuracy', type=float, default=default, metavar='METRES',
+                        help=f'largest error of {what} (default: %(default)s)')
+
+
+def add_actuation(parser: argparse.ArgumentParser) -> None:
+    """Add what the motor does; `read_law` returns it."""
+    parser.add_argument('--actuation', choices=LAWS, default='free',
+                        help='free; held at --angle by law (11); velocity law (12); open-loop '
+                        'voltage (default: %(default)s)')
+    parser.add_argument('--angle', type=float, metavar='DEGREES',
+                        help='of the held pendulum, 0 down, 90 level ahead (default: 0)')
+    parser.add_argument('--voltage', type=float, metavar='VOLTS',
+                        help='on the motor (default: what rolls the ball at each speed)')
+
+
+def add_site(parser: argparse.ArgumentParser) -> None:
+    """Add the ground around the step; `read_site` returns it."""
+    for where in ('before', 'behind'):
+        parser.add_argument(f'--slope-{where}', type=float, default=0.0, metavar='DEGREES',
+                            help=f'of the ground {where} the step, positive uphill')
+    for where, what in (('before', 'of the ground before the step'), ('edge', 'of the edge'),
+                        ('behind', 'of the ground behind the step')):
+        parser.add_argument(f'--friction-{where}', type=float, metavar='MU',
+                            help=f"coefficient {what} (default: the robot's)")
+
+
+def add_attempts(parser: argparse.ArgumentParser) -> None:
+    """Add which attempts count; `read_rules` returns them."""
+    parser.add_argument('--attempts', choices=('first', 'any'), default='first',
+                        help='which count: the first, or any within 5 s (default: %(default)s)')
+
+
+def read_robot(arguments: argparse.Namespace) -> Any:
+    """
+    Return the robot.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the robot and the nearest one that there is, or what is wrong in its file.
+
+    """
+    from ballbot_ros.cli.listing import check_name
+    check_name('robots', arguments.robot)
+    from ballbot_ros.physics import load_robot
+    return load_robot(arguments.robot)
+
+
+def read_formats(arguments: argparse.Namespace) -> Any:
+    """Return the endings of the files of a figure."""
+    from ballbot_ros.figures.run import FORMATS
+    return FORMATS if arguments.format == 'both' else (arguments.format,)
+
+
+def read_law(arguments: argparse.Namespace) -> Any:
+    """
+    Return the actuation, without what follows the speed.
+
+    Raises
+    ------
+    ConfigurationError
+        For an angle or a voltage that does not belong to the law.
+
+    """
+    from ballbot_ros.crossing import held_at
+    from ballbot_ros.physics import Actuation
+    law = arguments.actuation
+    for option, owner in (('angle', 'held'), ('voltage', 'voltage')):
+        if getattr(arguments, option) is not None and law != owner:
+            raise ConfigurationError(f'--{option} goes with --actuation {owner}, not {law}')
+    if law == 'held':
+        return held_at(math.radians(arguments.angle or 0.0))
+    if law == 'voltage':
+        return Actuation(law, voltage=arguments.voltage or 0.0)
+    return Actuation(law)
+
+
+def read_site(arguments: argparse.Namespace) -> Any:
+    """
+    Return the ground around the step.
+
+    Raises
+    ------
+    ConfigurationError
+        For a slope or a friction out of range.
+
+    """
+    from ballbot_ros.crossing import Site
+    for option in ('slope_before', 'slope_behind'):
+        angle = getattr(arguments, option)
+        if not abs(angle) <= STEEPEST:
+            raise ConfigurationError(
+                f'--{option.replace("_", "-")} must be at least -{STEEPEST:g} and at most '
+                f'{STEEPEST:g} degrees, got {angle:g}')
+    return Site(math.radians(arguments.slope_before), math.radians(arguments.slope_behind),
+                arguments.friction_before, arguments.friction_edge, arguments.friction_behind)
+
+
+def read_rules(arguments: argparse.Namespace) -> Any:
+    """Return which attempts count."""
+    from ballbot_ros.crossing import Rules
+    return Rules(arguments.attempts)
