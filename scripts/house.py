@@ -63,6 +63,26 @@ def edges(root=ROOT):
     return graph
 
 
+def folders(graph):
+    """
+    Return {folder: the folders that it imports} for a graph of modules.
+
+    A folder is a first name below the package; inside physics, also the second.
+    """
+    found = {}
+    for module, names in graph.items():
+        if module != NAME:
+            others = {folder_of(name) for name in names} - {folder_of(module)}
+            found.setdefault(folder_of(module), set()).update(others)
+    return found
+
+
+def folder_of(module):
+    """Return the folder of a module."""
+    parts = module.split('.')[1:]
+    return '.'.join(parts[:2] if parts[0] == 'physics' else parts[:1])
+
+
 def circles(graph):
     """Return the modules that import each other in a circle: what is left without its ends."""
     left = {module: set(names) for module, names in graph.items()}
