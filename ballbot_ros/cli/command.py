@@ -31,8 +31,8 @@ VERBS = {
     'sweep': ('ballbot_ros.cli.sweep', 'try crossings over any numbers, on all cores or a '
               'cluster'),
     'identify': ('ballbot_ros.cli.identify', 'estimate numbers of a robot from a recorded run'),
-    'compare-models': ('ballbot_ros.cli.compare_models', 'say where simpler models of the '
-                       'highest step do'),
+    'compare-models': ('ballbot_ros.cli.compare_models', 'compare simpler models of the '
+                       'highest step with the simulation'),
     'calibrate-motor': ('ballbot_ros.cli.calibrate_motor', 'find direction, encoder scale and '
                         'torque of a real motor, gently, and write a hardware file'),
     'doctor': ('ballbot_ros.cli.doctor', 'find out why a motor controller does not answer'),
@@ -86,7 +86,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
             # An extension that was compiling or calling back has made its own of Ctrl-C.
             if not pressed.is_set():
                 raise
-            complain(CUT_SHORT)
+            print_error(CUT_SHORT)
             return INTERRUPTED
 
 
@@ -103,19 +103,19 @@ def _guarded(argv: Optional[Sequence[str]]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return PIPE_CLOSED
     except KeyboardInterrupt:
-        complain(CUT_SHORT)
+        print_error(CUT_SHORT)
         return INTERRUPTED
     except BallbotError as error:
-        complain(str(error))
+        print_error(str(error))
         return MISUSED
     except MemoryError:
-        complain('not enough memory; ask for a shorter duration or a larger output_step')
+        print_error('not enough memory; ask for a shorter duration or a larger output_step')
         return FAILED
 
 
 @contextmanager
 def _interruption() -> Iterator[Event]:
-    """Give what tells whether Ctrl-C was pressed, also where its exception got lost."""
+    """Give an event that Ctrl-C sets, also where its exception gets lost."""
     pressed = Event()
 
     def note(*_: object) -> None:
@@ -133,7 +133,7 @@ def _interruption() -> Iterator[Event]:
             signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def complain(message: str) -> None:
+def print_error(message: str) -> None:
     """Print an error as one line on standard error."""
     print(f'ballbot: error: {" ".join(message.split())}', file=sys.stderr)
 

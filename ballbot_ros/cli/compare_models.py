@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``compare-models``: where simpler models do, and what each costs."""
+"""The verb ``compare-models``: where simpler models suffice, and what each costs."""
 import argparse
 import math
 import sys

@@ -6,7 +6,7 @@ import signal
 import sys
 from typing import Any
 
-from ballbot_ros.cli.command import complain, DONE, FAILED
+from ballbot_ros.cli.command import DONE, FAILED, print_error
 from ballbot_ros.drives import DRIVES
 
 
@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.log is not None:
             write_log(emulator, arguments.log)
     if emulator.failure is not None:
-        complain(str(emulator.failure))
+        print_error(str(emulator.failure))
         return FAILED
     return DONE
 

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any, Callable
 
-from ballbot_ros.cli.command import complain, DONE, INTERRUPTED
+from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
 from ballbot_ros.cli.options import add_format, add_quiet, read_formats
 
 DEFAULT_FOLDER = Path('ballbot_output/figures')
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
                                   lambda done: (progress or ignore)(number + done))
     except KeyboardInterrupt:
         done = f'; {", ".join(files)} are in {arguments.out}' if files else ''
-        complain(f'interrupted{done}')
+        print_error(f'interrupted{done}')
         return INTERRUPTED
     if not arguments.quiet:
         print(f'Written to {arguments.out}: {", ".join(files)}')

@@ -50,8 +50,8 @@ def run(arguments: argparse.Namespace) -> int:
         recording = recording.only(arguments.channels)
     folder = arguments.out or Path('ballbot_output') / f'identify_{scene.name}'
     check_writable(folder / 'identify.json')
-    tell = not (arguments.quiet or arguments.json)
-    if tell:
+    verbose = not (arguments.quiet or arguments.json)
+    if verbose:
         print('fitting; some hundred simulations, Ctrl-C ends it', file=sys.stderr, flush=True)
     found = identify(scene, recording, arguments.estimate, arguments.recorded_torque)
     content = {
@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
         save(figure, folder / f'residuals.{kind}')
     if arguments.json:
         print(text)
-    elif tell:
+    elif verbose:
         print_table(found)
         print(f'\nWritten to {folder}: identify.json, residuals.png, residuals.svg')
     return DONE

@@ -54,7 +54,7 @@ def print_list(kind: str) -> None:
     files = known(kind)
     width = max(len(path.stem) for path in files)
     # 200 where the output is no terminal and nothing says otherwise: grep wants all of it.
-    room = shutil.get_terminal_size((200, 24)).columns - width - 2
+    left = shutil.get_terminal_size((200, 24)).columns - width - 2
     for path in files:
-        text = textwrap.shorten(describe(path), max(room, 30), placeholder=' ...')
+        text = textwrap.shorten(describe(path), max(left, 30), placeholder=' ...')
         print(f'{path.stem:<{width}}  {text}')

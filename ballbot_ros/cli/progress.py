@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tell how far a long run has got."""
+"""Show how far a long run has got."""
 from contextlib import contextmanager
 import sys
 from time import perf_counter
@@ -13,19 +13,19 @@ class _Progress:
     """A bar on a terminal, one line elsewhere, nothing for a short run."""
 
     def __init__(self, total: float, doing: str, unit: str, keeps: bool):
-        """Start the clock."""
+        """Keep what is counted, and the time."""
         self.total, self.doing, self.unit = total, doing, unit
         self.ending = 'ends it and keeps what there is' if keeps else 'ends it'
         self.begin = perf_counter()
         self.bar: Any = None
-        self.told = False
+        self.shown = False
 
     def __call__(self, done: float) -> None:
-        """Take note of how much is done, of the total."""
+        """Show how much is done, of the total."""
         if self.bar is not None:
             self.bar.update(0, completed=min(done, self.total))
-        elif not self.told and perf_counter() - self.begin > PATIENCE:
-            self.told = True
+        elif not self.shown and perf_counter() - self.begin > PATIENCE:
+            self.shown = True
             if sys.stderr.isatty():
                 self._start()
             else:

@@ -6,7 +6,7 @@ import sys
 from time import perf_counter
 from typing import Any, Iterable, Optional
 
-from ballbot_ros.cli.command import complain, DONE, FAILED, INTERRUPTED
+from ballbot_ros.cli.command import DONE, FAILED, INTERRUPTED, print_error
 from ballbot_ros.cli.options import add_format, add_quiet, read_formats
 
 DEFAULT_FOLDER = Path('ballbot_output')
@@ -80,10 +80,10 @@ def run(arguments: argparse.Namespace) -> int:
         if explanation is not None:
             print_wrapped(explanation.sentences)
     if failure is not None:
-        complain(f'{failure}; what there is up to then was written to {folder}')
+        print_error(f'{failure}; what there is up to then was written to {folder}')
         return FAILED
     if not summary.complete:
-        complain(f'interrupted at {summary.duration:g} s of {scene.run.duration:g} s; what '
+        print_error(f'interrupted at {summary.duration:g} s of {scene.run.duration:g} s; what '
                  f'there is was written to {folder}')
         return INTERRUPTED
     return DONE

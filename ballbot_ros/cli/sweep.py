@@ -12,7 +12,7 @@ from time import perf_counter, sleep
 from typing import Iterator, Tuple
 
 from ballbot_ros.cli import options
-from ballbot_ros.cli.command import complain, DONE, INTERRUPTED
+from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
 from ballbot_ros.errors import ConfigurationError
 
 
@@ -71,7 +71,8 @@ def run(arguments: argparse.Namespace) -> int:
                 watched(plan.size, arguments.quiet, 'sweeping', 'cases') as progress:
             found = run_sweep(plan, arguments.out, pool, number, progress)
     except KeyboardInterrupt:
-        complain(f'interrupted; the same command goes on with what is in {arguments.out}.blocks')
+        print_error('interrupted; the same command goes on with what is in '
+                    f'{arguments.out}.blocks')
         return INTERRUPTED
     if not arguments.quiet:
         spent = perf_counter() - begin
@@ -97,7 +98,7 @@ def workers(arguments: argparse.Namespace) -> Iterator[Tuple[Executor, int]]:
         if number < 1:
             raise ConfigurationError(f'--workers must be at least 1, got {number}')
         pool = ProcessPoolExecutor(
-            number, multiprocessing.get_context('fork'), obey, (os.getpid(),))
+            number, multiprocessing.get_context('fork'), follow, (os.getpid(),))
         try:
             yield pool, number
         finally:
@@ -120,7 +121,7 @@ def workers(arguments: argparse.Namespace) -> Iterator[Tuple[Executor, int]]:
         yield client.get_executor(), number
 
 
-def obey(parent: int) -> None:
+def follow(parent: int) -> None:
     """Leave Ctrl-C to the process that shares out the work, and end when it is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 

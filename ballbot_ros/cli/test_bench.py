@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 from typing import Any, Iterator
 
-from ballbot_ros.cli.command import complain, DONE, INTERRUPTED
+from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
 from ballbot_ros.cli.options import add_quiet, add_robot, read_robot
 
 DEFAULT_FOLDER = Path('ballbot_output')
@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
         print('\n'.join(report(robot, bench, rolls)))
         print(f'\nWritten to {folder}: {", ".join(files)}')
     if interrupted:
-        complain(f'interrupted after {len(rolls)} rolls; they were written to {folder}')
+        print_error(f'interrupted after {len(rolls)} rolls; they were written to {folder}')
         return INTERRUPTED
     return DONE
 
@@ -98,7 +98,7 @@ def write_all(robot: Any, bench: Any, rolls: list, folder: Path) -> list[str]:
 
 
 def as_seen(bench: Any, rolls: list) -> Iterator[str]:
-    """Yield the table that the experimenters would have written."""
+    """Yield the table that an experimenter would have written."""
     yield f'test,step height [mm],{bench.knob} [{bench.unit}],measured speed [m/s],passed'
     for number, roll in enumerate(rolls, 1):
         speed = f'{roll.measured_speed:.3f}' if math.isfinite(roll.measured_speed) else ''
@@ -107,7 +107,7 @@ def as_seen(bench: Any, rolls: list) -> Iterator[str]:
 
 
 def as_was(rolls: list) -> Iterator[str]:
-    """Yield what they could not know: the state at the first touch."""
+    """Yield what an experimenter cannot know: the state at the first touch."""
     yield 'test,collision speed [m/s],pendulum angle at the touch [rad]'
     for number, roll in enumerate(rolls, 1):
         if math.isfinite(roll.touch_speed):

@@ -142,8 +142,8 @@ def test_workers_end_with_who_gave_them_work(tmp_path):
     script = ('import os, sys, time\n'
               'from concurrent.futures import ProcessPoolExecutor\n'
               'import multiprocessing\n'
-              'from ballbot_ros.cli.sweep import obey\n'
-              'pool = ProcessPoolExecutor(1, multiprocessing.get_context("fork"), obey, '
+              'from ballbot_ros.cli.sweep import follow\n'
+              'pool = ProcessPoolExecutor(1, multiprocessing.get_context("fork"), follow, '
               '(os.getpid(),))\n'
               'print(pool.submit(os.getpid).result(), flush=True)\n'
               'time.sleep(60)\n')
