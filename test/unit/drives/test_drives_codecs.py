@@ -6,6 +6,7 @@ import re
 from hypothesis import given, strategies as st
 import pytest
 
+from ballbot_ros.drives import codec_of
 from ballbot_ros.drives.odrive import codec as odrive
 from ballbot_ros.drives.roboclaw import codec as roboclaw
 from ballbot_ros.drives.vesc import codec as vesc
@@ -169,6 +170,18 @@ def test_a_parser_keeps_no_more_than_a_message(protocol):
             parser.feed(bytes((value,)) * 1000)
     kept = parser._rest if protocol == 'odrive' else parser._buffer
     assert len(kept) < 1000
+
+
+@each_protocol
+@given(data=st.binary(min_size=1, max_size=80))
+def test_a_valid_frame_is_made_of_any_bytes_and_read_back(protocol, data):
+    codec = codec_of(protocol)
+    printable = b'x' + bytes(0x20 | byte & 0x0F for byte in data if byte & 0x0F != 10)[:40]
+    frame = codec.reply_of(printable)
+    message, = codec.parser().feed(frame)
+    assert codec.frame_reply(message) == frame
+    if protocol != 'roboclaw':  # whose answers are numbers
+        assert message in (printable, printable.decode())
 
 
 # ODrive's weak points

@@ -10,7 +10,7 @@ import serial
 
 from ballbot_ros.drives import codec_of, driver_class
 from ballbot_ros.drives.emulated_device import DriveSettings
-from ballbot_ros.errors import DriveError, MessageError
+from ballbot_ros.errors import ConfigurationError, DriveError, MessageError
 
 
 def test_a_drive_tells_who_it_is(bench, kind):
@@ -249,6 +249,25 @@ def test_every_write_every_byte_and_every_lost_reply_is_counted_once(kind):
     assert counts['replies'] - before['replies'] == pytest.approx(90 * answers, abs=2 * answers)
 
 
+def test_replies_of_a_dead_line_are_lost_once_and_its_first_one_counts_again(kind):
+    bench = Bench(kind, **QUIET[kind])
+    bench.driver.arm()
+    bench.cycles(5)
+    bench.pass_time(0.002)
+    bench.driver.poll()
+    before = bench.driver.counts['lost']
+    bench.from_drive = lambda data: b''
+    bench.cycles(5)
+    for _ in range(100):
+        bench.pass_time(0.001)
+        bench.driver.poll()
+    assert bench.driver.counts['lost'] - before == 5
+    bench.from_drive = lambda data: data
+    bench.cycles(3)
+    assert bench.driver.telemetry.time > bench.now - 0.004
+    assert bench.driver.counts['lost'] - before == 5
+
+
 @pytest.mark.parametrize('kind, garbage, name, number', [
     ('odrive 0.5', b'1.000000 *7\r\n', 'refused', 1), ('odrive 0.5', b'hello\r\n', 'unchecked', 1),
     ('odrive 0.5', b'7*55\r\n', 'unexpected', 1),
@@ -272,6 +291,18 @@ def test_what_is_no_reply_is_counted(kind, garbage, name, number):
 def test_baud_rates_are_such_as_ports_have(kind):
     rates = driver_class(kind.split()[0]).baud_rates
     assert set(rates) <= set(serial.Serial.BAUDRATES) and len(set(rates)) == len(rates)
+
+
+@pytest.mark.parametrize('protocol, option, values', [
+    ('odrive', 'axis', (-1, 2)), ('odrive', 'status_period', (-0.1, 1.1)),
+    ('roboclaw', 'motor', (0, 3)), ('roboclaw', 'address', (0x7F, 0x88)),
+    ('roboclaw', 'status_period', (-0.1, 0.3)), ('roboclaw', 'counts_per_turn', (3,)),
+    ('vesc', 'pole_pairs', (0,)), ('vesc', 'watchdog', (0.0, 10.1)),
+    ('vesc', 'reply_timeout', (0.0, 10.1)), ('vesc', 'torque_limit', (0.0,))])
+def test_an_option_out_of_range_is_refused(protocol, option, values):
+    for value in values:
+        with pytest.raises(ConfigurationError, match=option):
+            Bench(protocol, **{option: value})
 
 
 def test_no_torque_is_sent_before_arming_or_after_a_stop(bench):

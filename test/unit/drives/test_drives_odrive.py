@@ -409,9 +409,12 @@ def test_a_drive_that_cannot_be_armed_says_why(kind, changes, told):
     bench = Bench(kind)
     bench.driver.identify()
     bench.device.properties.update(changes)
+    begin = bench.now
     with pytest.raises(DriveError, match=told) as raised:
-        bench.driver.arm(patience=0.1)
+        bench.driver.arm(patience=0.2)
     assert raised.value.reason == 'not_armed'
+    # 0.5 names an error at once; 0.6 might still get there.
+    assert bench.now - begin < 0.2 and (bench.now - begin > 0.1) is (kind == 'odrive 0.6')
 
 
 @pytest.mark.parametrize('changes, told', [
@@ -451,6 +454,24 @@ def test_a_motor_that_lost_its_power_is_seen_to_be_disarmed_though_no_fault_is_n
     bench.device.properties['axis0.requested_state'] = codec.IDLE  # somebody else's doing
     telemetry = bench.cycles(100, torque=0.05)
     assert telemetry.armed is False and telemetry.faults == ()
+
+
+def test_a_drive_that_takes_its_time_to_arm_is_waited_for_without_torque():
+    bench, kept, late = Bench('odrive 0.5'), [], []
+    bench.driver.identify()
+    begin = bench.now
+
+    def slow(data):
+        kept.append(data)
+        if b'requested_state 8' in data and not late:
+            late.append(data)
+            return b''
+        return late[0] + data if late and bench.now - begin > 0.2 else data
+    bench.to_drive = slow
+    bench.driver.arm()
+    assert 0.2 < bench.now - begin < 0.3 and bench.device.armed
+    torques = [data.split()[2] for data in kept if data.startswith(b'c 0')]
+    assert len(torques) > 20 and set(torques) == {b'0.000000000e4'}
 
 
 # Replies

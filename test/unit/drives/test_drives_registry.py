@@ -42,6 +42,7 @@ def test_a_fourth_drive_turns_the_motor_behind_the_emulator(toy):
             driver.send_torque(0.02)
             time.sleep(0.01)
         assert emulator.torque == 0.02 and driver.telemetry.armed
+        assert driver.baud_rates == (115200,)  # where a driver names none
         driver.stop()
         assert emulator.torque == 0.0 and not driver.telemetry.armed
         assert emulator.state.pendulum_rate != 0.0

@@ -7,7 +7,7 @@ import pytest
 
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.drives.roboclaw import codec
-from ballbot_ros.errors import ConfigurationError, DriveError
+from ballbot_ros.errors import DriveError
 
 
 @pytest.fixture
@@ -62,12 +62,6 @@ def test_the_other_motor_has_commands_of_its_own():
 def test_a_version_has_a_name_and_a_number():
     identity = Bench('roboclaw').driver.identify()
     assert (identity.hardware, identity.firmware) == ('USB Roboclaw 2x30a', '4.2.8')
-
-
-@pytest.mark.parametrize('address', [0x7F, 0x88])
-def test_an_address_that_no_controller_has_is_refused(address):
-    with pytest.raises(ConfigurationError, match='address'):
-        Bench('roboclaw', address=address)
 
 
 def test_no_torque_is_no_voltage_however_fast_the_shaft_turns(bench):
