@@ -61,6 +61,28 @@ def test_the_gain_that_is_offered_works(law, name):
     check_loop(GIMBALL, replace(PUBLISHED, **{name: offered}), law, 100.0, 1)
 
 
+@pytest.mark.parametrize('law, name, rate', [
+    ('hold', 'position_kd', 440.0), ('drive', 'velocity_kp', 450.0),
+    ('drive', 'velocity_kp', 6.0)])
+def test_the_gain_that_is_offered_is_the_highest_with_a_tenth_of_the_rate_to_spare(
+        law, name, rate):
+    def spares(percent):
+        gain = percent / 100.0 * getattr(PUBLISHED, name)
+        return is_stable(GIMBALL, replace(PUBLISHED, **{name: gain}), law, 0.9 * rate, 1)
+
+    with pytest.raises(UnstableLoopError) as caught:
+        check_loop(GIMBALL, PUBLISHED, law, rate, 1)
+    offered = float(str(caught.value).split(f'lower {name} to ')[1])
+    percent = round(100.0 * offered / getattr(PUBLISHED, name))
+    assert spares(percent) and not any(spares(more) for more in range(percent + 1, 96))
+
+
+def test_no_gain_is_offered_where_none_helps():
+    with pytest.raises(UnstableLoopError) as caught:
+        check_loop(GIMBALL, PUBLISHED, 'drive', 2.5, 1)
+    assert '457 Hz' in str(caught.value) and 'lower' not in str(caught.value)
+
+
 @pytest.mark.parametrize('law', ['hold', 'drive'])
 @pytest.mark.parametrize('mass', [1.25, 1.6, 2.1])
 def test_gentle_gains_work_at_100_hz_over_the_range_of_the_robot(law, mass):

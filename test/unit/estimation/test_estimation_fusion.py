@@ -161,11 +161,12 @@ def test_an_imu_is_there_until_its_timeout():
     assert fusion.has_imu(0.05)
 
 
-@pytest.mark.parametrize('stamp, carried', [(0.05, True), (0.051, False)])
-def test_after_the_timeout_the_floor_is_taken_for_level_again(stamp, carried):
-    fusion, imu = started(), tilted(0.0, 0.2)
+@pytest.mark.parametrize('start, stamp, carried', [
+    (0.0, 0.05, True), (0.0, 0.051, False), (8.0, 8.04, True), (8.0, 8.06, False)])
+def test_after_the_timeout_the_floor_is_taken_for_level_again(start, stamp, carried):
+    fusion, imu = Fusion(GIMBALL), tilted(start, 0.2)
     fusion.imu(imu)
-    estimate = fusion.encoder(0.0, 0.0, 0.0)
+    estimate = fusion.encoder(start, 0.0, 0.0)
     predicted = FILTER.predict(estimate, stamp, 0.5, imu if carried else None)
     assert same(fusion.encoder(stamp, 0.001, 0.5), FILTER.with_encoder(predicted, 0.001))
 
