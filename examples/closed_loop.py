@@ -8,7 +8,7 @@ The nodes do the same with topics in between.
 """
 from ballbot_ros.control import JointReadings, load_tuning, Mode, PendulumController, SetPoint
 from ballbot_ros.decision import (
-    check_decision, lean, load_curve, load_decision_tuning, Motion, PLANNERS, StepObservation,
+    check_decision, load_curve, load_decision_tuning, Motion, PLANNERS, set_angle, StepObservation,
     StepTracker)
 from ballbot_ros.physics import load_scene
 from ballbot_ros.plant import Plant, Sensor
@@ -32,12 +32,12 @@ def main() -> None:
         state = plant.state
         if period % LOOK_EVERY == 0:
             seen = sensor.look(state.x, period // LOOK_EVERY)
-            sighting = tracker.update(StepObservation(
+            track = tracker.update(StepObservation(
                 plant.time, seen.detected, seen.distance, seen.height, 0.01, 0.001), state.x)
             decision = PLANNERS['cubic'](
-                sighting, Motion(plant.time, state.x, state.velocity_x), decision,
+                track, Motion(plant.time, state.x, state.velocity_x), decision,
                 robot=robot, curve=curve, tuning=tuning)
-            angle = lean(decision, state.velocity_x, robot, tuning)
+            angle = set_angle(decision, state.velocity_x, robot, tuning)
             controller.give(SetPoint(Mode.HOLD, angle, plant.time))
             if decision.reason.value != said:
                 said = decision.reason.value

@@ -69,6 +69,11 @@ def text(doc: str, *, default: Any = MISSING, choices: Iterable[str] = ()) -> An
         'kind': str, 'doc': doc, 'choices': tuple(choices)})
 
 
+def section(doc: str, *, cls: Any = None, default: Any = MISSING) -> Any:
+    """Declare what a `Checked` class reads, or, without one, lists that the owner checks."""
+    return field(default=default, metadata={'kind': object, 'doc': doc, 'cls': cls})
+
+
 def allowed(metadata: Mapping[str, Any]) -> str:
     """
     Return the range of a numeric field as people write it.
@@ -103,6 +108,10 @@ def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) 
     place = f'{where}: {name}'
     if value is None and metadata.get('optional'):
         return None
+    if kind is object:
+        cls = metadata['cls']
+        given = cls is None or value is None or isinstance(value, cls)
+        return value if given else cls.from_mapping(value, place)
     if kind is str:
         if not isinstance(value, str):
             raise ConfigurationError(

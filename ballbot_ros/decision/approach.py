@@ -20,7 +20,7 @@ from ballbot_ros.physics.model.robot import Robot
 REST = 0.01
 
 
-def wanted_speed(decision: Decision, robot: Robot, tuning: DecisionTuning) -> float:
+def approach_speed(decision: Decision, robot: Robot, tuning: DecisionTuning) -> float:
     """
     Return the speed to drive at just now [m/s].
 
@@ -36,7 +36,7 @@ def wanted_speed(decision: Decision, robot: Robot, tuning: DecisionTuning) -> fl
     return min(decision.set_speed, math.sqrt(lost**2 + 2.0 * tuning.deceleration * gap) - lost)
 
 
-def lean(decision: Decision, speed: float, robot: Robot, tuning: DecisionTuning) -> float:
+def set_angle(decision: Decision, speed: float, robot: Robot, tuning: DecisionTuning) -> float:
     """
     Return the set angle of the pendulum for law (11) [rad].
 
@@ -60,5 +60,5 @@ def lean(decision: Decision, speed: float, robot: Robot, tuning: DecisionTuning)
     most = tuning.largest_lean
     if decision.kind is Kind.CROSS and speed < decision.required_speed:
         return most
-    angle = tuning.speed_gain * (wanted_speed(decision, robot, tuning) - speed)
+    angle = tuning.speed_gain * (approach_speed(decision, robot, tuning) - speed)
     return min(max(angle, -most), most)

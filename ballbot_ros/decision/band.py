@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """How sure a height curve is, where numbers of the robot are only known to a range."""
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Mapping, Tuple
 
 import numpy as np
 
-from ballbot_ros.config.fields import Checked, count, expect_mapping, refuse_unknown
+from ballbot_ros.config.fields import Checked, count, section
 from ballbot_ros.errors import ConfigurationError
 
 
@@ -35,24 +35,10 @@ class Band(Checked):
 
     samples: int = count('robots that were drawn', minimum=2)
     seed: int = count('of the draw')
-    varied: Mapping[str, Any] = field(default_factory=dict)
-    speeds: Tuple[float, ...] = ()
-    probabilities: Tuple[float, ...] = ()
-    heights: Tuple[Tuple[float, ...], ...] = ()
-
-    @classmethod
-    def from_mapping(cls, mapping: Any, where: str) -> 'Band':
-        """Build from the mapping of a YAML file; see `Checked.from_mapping`."""
-        names = ('samples', 'seed', 'varied', 'speeds', 'probabilities', 'heights')
-        entries = expect_mapping(mapping, where)
-        refuse_unknown(entries, names, where)
-        for name in names:
-            if name not in entries:
-                raise ConfigurationError(f'{where}: {name} is missing')
-        try:
-            return cls(**entries)
-        except ConfigurationError as error:
-            raise ConfigurationError(f'{where}: {error}') from error
+    varied: Mapping[str, Any] = section('ranges of the numbers that were drawn')
+    speeds: Tuple[float, ...] = section('m/s, rising')
+    probabilities: Tuple[float, ...] = section('rising from 0 to 1')
+    heights: Tuple[Tuple[float, ...], ...] = section('m, a row for each speed')
 
     def __post_init__(self) -> None:
         """Check each value, then the table."""

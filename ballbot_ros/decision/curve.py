@@ -2,12 +2,10 @@
 """The cubic of section 8: which step height is crossed at which speed."""
 from dataclasses import dataclass, replace
 import math
-from pathlib import Path
-from typing import Any, Dict, Optional, Tuple, Type
+from typing import Any, Optional, Tuple
 
-from ballbot_ros.config.fields import (
-    build, check_value, Checked, checked_values, count, quantity, text)
-from ballbot_ros.config.files import find_config, read_yaml
+from ballbot_ros.config.fields import check_value, Checked, count, quantity, section, text
+from ballbot_ros.config.files import load_config
 from ballbot_ros.decision.band import Band
 from ballbot_ros.errors import ConfigurationError
 
@@ -15,7 +13,7 @@ _VARIANT = text('of a curve', choices=('fit', 'conservative')).metadata
 
 
 @dataclass(frozen=True)
-class Making(Checked):
+class CurveProvenance(Checked):
     """How a curve was made; SI."""
 
     robot_digest: str = text('fingerprint of the numbers of the robot')
@@ -47,7 +45,7 @@ class HeightCurve(Checked):
         The same of a curve that is nowhere above the simulation; empty if there is none.
     covariance : tuple of tuple of float
         Of the coefficients, 4 x 4; from the residuals, empty if there is none.
-    made : Making or None
+    made : CurveProvenance or None
         Provenance, None for numbers from elsewhere.
     band : Band or None
         What the uncertain numbers of the robot make of it.
@@ -69,11 +67,11 @@ class HeightCurve(Checked):
     residual: float = quantity('m', 'largest error of the fit', minimum=0.0)
     rms: float = quantity('m', 'root mean square of the errors of the fit', default=0.0,
                           minimum=0.0)
-    coefficients: Tuple[float, ...] = ()
-    conservative: Tuple[float, ...] = ()
-    covariance: Tuple[Tuple[float, ...], ...] = ()
-    made: Optional[Making] = None
-    band: Optional[Band] = None
+    coefficients: Tuple[float, ...] = section('of the cubic', default=())
+    conservative: Tuple[float, ...] = section('of a cubic below the simulation', default=())
+    covariance: Tuple[Tuple[float, ...], ...] = section('of the coefficients', default=())
+    made: Optional[CurveProvenance] = section('provenance', cls=CurveProvenance, default=None)
+    band: Optional[Band] = section('of uncertain robots', cls=Band, default=None)
 
     def __post_init__(self) -> None:
         """Check each value, then that together they make a usable curve."""
@@ -175,9 +173,6 @@ def _flattest(curve: HeightCurve) -> float:
     return min(candidates, key=lambda speed: _slope(curve, speed))
 
 
-PARTS: Dict[str, Type[Checked]] = {'made': Making, 'band': Band}
-
-
 def load_curve(name_or_path: str, variant: str = 'fit') -> HeightCurve:
     """
     Read a curve that comes with the package, by name, or a file of one's own.
@@ -193,18 +188,11 @@ def load_curve(name_or_path: str, variant: str = 'fit') -> HeightCurve:
         Naming file, field, value and what is allowed.
 
     """
-    path: Path = find_config('curves', name_or_path)
-    content = dict(read_yaml(path))
-    lists: Dict[str, Any] = {
-        name: content.pop(name) for name in ('coefficients', 'conservative', 'covariance')
-        if name in content}
-    parts: Dict[str, Any] = {name: cls.from_mapping(content.pop(name), f'{path}: {name}')
-                             for name, cls in PARTS.items() if name in content}
-    values = checked_values(HeightCurve, content, str(path))
-    curve = build(HeightCurve, {**values, **lists, **parts}, str(path))
+    curve = load_config(HeightCurve, 'curves', name_or_path)
     if check_value('variant', variant, _VARIANT, 'load_curve') == 'fit':
         return curve
     if not curve.conservative:
         raise ConfigurationError(
-            f'{path}: has no conservative coefficients; make it again with ballbot fit-curve')
+            f'curve {curve.name} has no conservative coefficients; make it again with '
+            'ballbot fit-curve')
     return replace(curve, coefficients=curve.conservative, residual=0.0)

@@ -43,10 +43,12 @@ def curve_text(curve: HeightCurve, what: str, writer: str) -> str:
         coefficients['covariance'] = [[float(f'{number:.4g}') for number in row]
                                       for row in content.pop('covariance')]
     made, band = content.pop('made', None), content.pop('band', None)
+
     def dump(part: Any, flow: Optional[bool] = None) -> str:
         written: str = yaml.safe_dump(
             _plain(part), sort_keys=False, default_flow_style=flow, width=99)
         return written
+
     blocks = [dump(content, False), dump(coefficients)]
     blocks += [dump({'made': made}, False)] if made else []
     blocks += [dump({'band': band})] if band else []

@@ -4,7 +4,7 @@ import math
 from typing import Optional
 
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Reason, Sighting, StepObservation, TrackedStep
+from ballbot_ros.decision.values import Reason, StepObservation, Track, TrackedStep
 from ballbot_ros.physics.model.robot import Robot
 
 # No sensor is as good as the zero deviation that some claim: odometry and observation are
@@ -51,12 +51,12 @@ class StepTracker:
     def reset(self) -> None:
         """Forget all, for a jump of time or place; the numbers of steps go on counting."""
         self._step: Optional[TrackedStep] = None
-        self._answer: Optional[Sighting] = None
+        self._answer: Optional[Track] = None
         self._newest = -math.inf
         self._strikes = 0
         self._misses = 0
 
-    def update(self, observation: StepObservation, position: float) -> Sighting:
+    def update(self, observation: StepObservation, position: float) -> Track:
         """
         Take in one observation; the same stamp again gives the same answer again.
 
@@ -68,28 +68,28 @@ class StepTracker:
 
         Returns
         -------
-        Sighting
-            With its trouble, if there is any; never raises for what a sensor says.
+        Track
+            With the reason of a rejection, if it is one; never raises for what a sensor says.
 
         """
         if self._answer is None or observation.stamp != self._answer.stamp:
             self._answer = self._judge(observation, position)
         return self._answer
 
-    def _judge(self, observation: StepObservation, position: float) -> Sighting:
+    def _judge(self, observation: StepObservation, position: float) -> Track:
         """Return what is known after a new observation."""
         fault = _fault(observation, position)
         if fault:
-            return self._trouble(observation, Reason.BAD_OBSERVATION, fault)
+            return self._reject(observation, Reason.BAD_OBSERVATION, fault)
         if not observation.detected and observation.height != 0.0:
-            return self._trouble(
+            return self._reject(
                 observation, Reason.CONTRADICTORY, 'nothing is detected, and yet it is '
                 f'{1e3 * observation.height:.0f} mm high')
         contradiction = self._contradiction(observation, position)
         if contradiction:
             self._strikes += 1
             if self._strikes < self._patience:
-                return self._trouble(observation, Reason.CONTRADICTORY, contradiction)
+                return self._reject(observation, Reason.CONTRADICTORY, contradiction)
             self._replace(observation, position)
         self._strikes = 0
         self._newest = observation.stamp
@@ -97,11 +97,11 @@ class StepTracker:
             self._take(observation, position)
         else:
             self._miss(position)
-        return Sighting(observation.stamp, self._step)
+        return Track(observation.stamp, self._step)
 
-    def _trouble(self, observation: StepObservation, reason: Reason, why: str) -> Sighting:
-        """Return a sighting that reports trouble and keeps the step."""
-        return Sighting(observation.stamp, self._step, reason, why)
+    def _reject(self, observation: StepObservation, reason: Reason, why: str) -> Track:
+        """Return a track that reports a rejection and keeps the step."""
+        return Track(observation.stamp, self._step, reason, why)
 
     def _contradiction(self, observation: StepObservation, position: float) -> str:
         """Return how a sane observation contradicts what is known, or nothing."""

@@ -89,7 +89,7 @@ class TrackedStep:
 
 
 @dataclass(frozen=True)
-class Sighting:
+class Track:
     """
     What the tracker knows after an observation.
 
@@ -98,17 +98,17 @@ class Sighting:
     stamp : float
         Of the observation [s].
     step : TrackedStep or None
-        The next step; kept while there is trouble.
-    trouble : Reason or None
+        The next step; kept where an observation is rejected.
+    rejection : Reason or None
         ``BAD_OBSERVATION`` or ``CONTRADICTORY``: do not act on it.
     explanation : str
-        Of the trouble.
+        Of the rejection.
 
     """
 
     stamp: float
     step: Optional[TrackedStep] = None
-    trouble: Optional[Reason] = None
+    rejection: Optional[Reason] = None
     explanation: str = ''
 
 

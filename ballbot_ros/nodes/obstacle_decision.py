@@ -10,8 +10,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.decision import (
-    check_decision, Decision, Kind, lean, load_curve, load_decision_tuning, Motion, PLANNERS,
-    Sighting, StepTracker)
+    check_decision, Decision, Kind, load_curve, load_decision_tuning, Motion, PLANNERS, set_angle,
+    StepTracker, Track)
 from ballbot_ros.msg import StepDecision, StepObservation
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
@@ -44,7 +44,7 @@ class ObstacleDecision(Node):
         check_decision(self._robot, self._curve, self._tuning)
         self._decide_on = PLANNERS[settings.planner]
         self._tracker = StepTracker(self._robot, self._tuning)
-        self._sighting: Optional[Sighting] = None
+        self._track: Optional[Track] = None
         self._decision: Optional[Decision] = None
         self._odometry: Deque[Odometry] = deque(maxlen=KEPT)
         self._pending: Deque[StepObservation] = deque(maxlen=KEPT)
@@ -71,7 +71,7 @@ class ObstacleDecision(Node):
             self._odometry.clear()
             self._pending.clear()
             self._tracker.reset()
-            self._sighting = self._decision = self._answer = None
+            self._track = self._decision = self._answer = None
         self._odometry.append(message)
         self._decide_pending()
         self._check_silence(message)
@@ -85,14 +85,14 @@ class ObstacleDecision(Node):
                 return
             self._pending.popleft()
             now = motion(after[0])
-            self._sighting = self._tracker.update(observation(seen), now.position)
+            self._track = self._tracker.update(observation(seen), now.position)
             self._decide(seen.header.stamp, now)
 
     def _check_silence(self, message: Odometry) -> None:
         """Decide again when observations have timed out while odometry goes on."""
-        if self._pending or self._decision is None or self._sighting is None:
+        if self._pending or self._decision is None or self._track is None:
             return
-        silence = to_seconds(message.header.stamp) - self._sighting.stamp
+        silence = to_seconds(message.header.stamp) - self._track.stamp
         if silence > self._tuning.observation_timeout:
             self._decide(message.header.stamp, motion(message))
 
@@ -100,10 +100,10 @@ class ObstacleDecision(Node):
         """Publish a decision and the set-point that follows from it."""
         before = self._decision
         self._decision = decision = self._decide_on(
-            self._sighting, now, before, robot=self._robot, curve=self._curve,
+            self._track, now, before, robot=self._robot, curve=self._curve,
             tuning=self._tuning)
         self._counts[decision.kind.value] += 1
-        angle = lean(decision, now.speed, self._robot, self._tuning)
+        angle = set_angle(decision, now.speed, self._robot, self._tuning)
         # Stamped with the observation: in lockstep this names the period that it is for.
         self._answer = decision_message(stamp, decision), set_point_message(stamp, angle)
         self._publish()
@@ -130,8 +130,8 @@ class ObstacleDecision(Node):
         if self._decision is None:
             return diagnostics.WARN, 'waiting for step_observation and odom', values
         values['set_speed'] = f'{self._decision.set_speed:.3f}'
-        refused = self._sighting is not None and self._sighting.trouble is not None
-        level = diagnostics.WARN if refused or self._decision.kind is Kind.STOP \
+        rejected = self._track is not None and self._track.rejection is not None
+        level = diagnostics.WARN if rejected or self._decision.kind is Kind.STOP \
             else diagnostics.OK
         return level, self._decision.explanation, values
 

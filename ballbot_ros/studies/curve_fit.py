@@ -20,7 +20,7 @@ from ballbot_ros import __version__
 from ballbot_ros.config.fields import Checked, count, quantity
 from ballbot_ros.crossing import drive_for, max_step_height, Rules
 from ballbot_ros.decision.band import Band
-from ballbot_ros.decision.curve import HeightCurve, Making
+from ballbot_ros.decision.curve import CurveProvenance, HeightCurve
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Actuation, Robot
 from ballbot_ros.physics.model.terrain import Array
@@ -138,10 +138,11 @@ def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
         round(float(np.sqrt(np.mean(residuals**2))), 7), tuple(coefficients.tolist()),
         tuple(conservative_cubic(dense, heights - errors).tolist()),
         tuple(map(tuple, covariance.tolist())),
-        Making(robot.digest, actuation.law, robot.surface_friction, robot.edge_friction,
-               rules.attempts, request.accuracy, len(speeds), __version__,
-               actuation.set_angle if actuation.law == 'position' else 0.0,
-               actuation.voltage if actuation.law == 'voltage' else 0.0), band)
+        CurveProvenance(
+            robot.digest, actuation.law, robot.surface_friction, robot.edge_friction,
+            rules.attempts, request.accuracy, len(speeds), __version__,
+            actuation.set_angle if actuation.law == 'position' else 0.0,
+            actuation.voltage if actuation.law == 'voltage' else 0.0), band)
 
 
 def monotone_cubic(speeds: Array, heights: Array) -> Array:

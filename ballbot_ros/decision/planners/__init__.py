@@ -10,14 +10,14 @@ from typing import Mapping, Optional, Protocol
 from ballbot_ros.decision.curve import HeightCurve
 from ballbot_ros.decision.planners import cubic
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Decision, Motion, Sighting
+from ballbot_ros.decision.values import Decision, Motion, Track
 from ballbot_ros.physics.model.robot import Robot
 
 
 class Planner(Protocol):
     """What every planner promises: a pure function of what is known to what to do."""
 
-    def __call__(self, sighting: Optional[Sighting], motion: Motion,
+    def __call__(self, track: Optional[Track], motion: Motion,
                  previous: Optional[Decision], *, robot: Robot, curve: HeightCurve,
                  tuning: DecisionTuning) -> Decision:
         """
@@ -25,7 +25,7 @@ class Planner(Protocol):
 
         Parameters
         ----------
-        sighting : Sighting or None
+        track : Track or None
             The tracker's last answer; None if there was none yet.
         motion : Motion
             Now.

@@ -14,7 +14,7 @@ from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.curve import HeightCurve
 from ballbot_ros.decision.planners.reach import reach
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Decision, Kind, Motion, Reason, Sighting, TrackedStep
+from ballbot_ros.decision.values import Decision, Kind, Motion, Reason, Track, TrackedStep
 from ballbot_ros.physics.model.robot import Robot
 
 # Down by less than this is an uneven floor, more is a drop [m].
@@ -30,7 +30,7 @@ LONGEST_CONTACT = 1.5
 CONTACT_SLACK = 0.03
 
 
-def decide(sighting: Optional[Sighting], motion: Motion, previous: Optional[Decision], *,
+def decide(track: Optional[Track], motion: Motion, previous: Optional[Decision], *,
            robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> Decision:
     """
     Decide on the step ahead; see `planners.Planner` for the arguments.
@@ -39,7 +39,7 @@ def decide(sighting: Optional[Sighting], motion: Motion, previous: Optional[Deci
     contact goes on until the centre has passed the face.
 
     """
-    step = sighting.step if sighting is not None else None
+    step = track.step if track is not None else None
     # First of all: whatever is compared with NaN is false, and could be taken for an answer.
     if not all(map(math.isfinite, astuple(motion))):
         return _stop(Reason.BAD_OBSERVATION, 'Stopping: odometry is not finite')
@@ -49,9 +49,9 @@ def decide(sighting: Optional[Sighting], motion: Motion, previous: Optional[Deci
     pushing = _push(previous, step, motion, robot)
     if pushing is not None:
         return pushing
-    trouble = _trouble(sighting, motion, tuning)
-    if trouble is not None:
-        return replace(trouble, distance=distance, step=step.number if step else 0)
+    unusable = _unusable(track, motion, tuning)
+    if unusable is not None:
+        return replace(unusable, distance=distance, step=step.number if step else 0)
     if step is None or distance <= 0.0:
         return Decision(Kind.CLEAR, Reason.NOTHING_AHEAD, tuning.cruise_speed,
                         f'Nothing ahead: cruising at {tuning.cruise_speed:.2f} m/s')
@@ -67,15 +67,15 @@ def _stop(reason: Reason, explanation: str, **numbers: float) -> Decision:
     return Decision(Kind.STOP, reason, 0.0, explanation, **numbers)  # type: ignore[arg-type]
 
 
-def _trouble(sighting: Optional[Sighting], motion: Motion,
-             tuning: DecisionTuning) -> Optional[Decision]:
-    """Return the STOP that a missing, old or troubled sighting asks for."""
-    if sighting is None:
+def _unusable(track: Optional[Track], motion: Motion,
+              tuning: DecisionTuning) -> Optional[Decision]:
+    """Return the STOP that a missing, old or rejected observation asks for."""
+    if track is None:
         return _stop(Reason.STALE, 'Stopping: nothing has been observed yet')
-    if sighting.trouble is not None:
-        return _stop(sighting.trouble,
-                     f'Stopping: the observation is refused, {sighting.explanation}')
-    age = motion.stamp - sighting.stamp
+    if track.rejection is not None:
+        return _stop(track.rejection,
+                     f'Stopping: the observation is rejected, {track.explanation}')
+    age = motion.stamp - track.stamp
     # Written so that an age that is not a number is too old; from the future is no better.
     if not abs(age) <= tuning.observation_timeout:
         when = f'{age:.2f} s old' if age >= 0.0 else f'{-age:.2f} s ahead of the clock'

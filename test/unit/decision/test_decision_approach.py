@@ -9,8 +9,8 @@ from ballbot_ros.control import (
     JointReadings, load_tuning, PendulumController, RollingModel, SetPoint)
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import (
-    decide, Decision, Kind, lean, load_curve, load_decision_tuning, Motion, Reason,
-    StepObservation, StepTracker, wanted_speed)
+    approach_speed, decide, Decision, Kind, load_curve, load_decision_tuning, Motion, Reason,
+    set_angle, StepObservation, StepTracker)
 from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL = load_robot('gimball')
@@ -24,33 +24,33 @@ def answer(kind, set_speed=0.4, **numbers):
 
 
 def test_leans_towards_the_wanted_speed_and_no_further_than_allowed():
-    assert lean(answer('clear'), 0.4, GIMBALL, TUNING) == 0.0
-    assert lean(answer('clear'), 0.3, GIMBALL, TUNING) == pytest.approx(0.18)
-    assert lean(answer('clear'), 3.0, GIMBALL, TUNING) == -TUNING.largest_lean
-    assert lean(answer('stop', 0.0), 0.0, GIMBALL, TUNING) == 0.0
+    assert set_angle(answer('clear'), 0.4, GIMBALL, TUNING) == 0.0
+    assert set_angle(answer('clear'), 0.3, GIMBALL, TUNING) == pytest.approx(0.18)
+    assert set_angle(answer('clear'), 3.0, GIMBALL, TUNING) == -TUNING.largest_lean
+    assert set_angle(answer('stop', 0.0), 0.0, GIMBALL, TUNING) == 0.0
 
 
 def test_slower_than_required_leans_as_far_as_allowed():
     slow = answer('cross', 1.0, required_speed=0.9)
-    assert lean(slow, 0.899, GIMBALL, TUNING) == TUNING.largest_lean
-    assert lean(slow, 0.901, GIMBALL, TUNING) == pytest.approx(0.099 * TUNING.speed_gain)
+    assert set_angle(slow, 0.899, GIMBALL, TUNING) == TUNING.largest_lean
+    assert set_angle(slow, 0.901, GIMBALL, TUNING) == pytest.approx(0.099 * TUNING.speed_gain)
 
 
 @pytest.mark.parametrize('speed', [math.nan, math.inf, -math.inf])
 def test_without_a_speed_the_pendulum_hangs_down(speed):
-    assert lean(answer('cross', required_speed=0.9), speed, GIMBALL, TUNING) == 0.0
+    assert set_angle(answer('cross', required_speed=0.9), speed, GIMBALL, TUNING) == 0.0
 
 
 def test_speed_before_an_obstacle_leaves_room_to_stop():
     previous = math.inf
     for distance in np.linspace(3.0, 0.0, 301):
-        speed = wanted_speed(answer('go_round', distance=distance), GIMBALL, TUNING)
+        speed = approach_speed(answer('go_round', distance=distance), GIMBALL, TUNING)
         gap = distance - RADIUS - TUNING.stop_gap
         assert speed <= previous
         assert TUNING.braking_distance(speed) <= max(0.0, gap) + 1e-9
         previous = speed
     assert speed == 0.0
-    assert wanted_speed(answer('go_round', distance=math.nan), GIMBALL, TUNING) == 0.0
+    assert approach_speed(answer('go_round', distance=math.nan), GIMBALL, TUNING) == 0.0
 
 
 def drive(height, face, *, seconds=15.0, gains='published', rate=500, speed=0.0, noise=0.0):
@@ -73,13 +73,13 @@ def drive(height, face, *, seconds=15.0, gains='published', rate=500, speed=0.0,
     for index in range(int(seconds * rate)):
         now, x, v = index / rate, -RADIUS * state[2], -RADIUS * state[3]
         if index % (rate // 50) == 0:
-            sighting = tracker.update(StepObservation(
+            track = tracker.update(StepObservation(
                 now, True, max(0.0, face - x + random.normal(0.0, noise)),
                 height + random.normal(0.0, 0.1 * noise), noise, 0.1 * noise), x)
             decisions.append(decide(
-                sighting, Motion(now, x, v), decisions[-1] if decisions else None,
+                track, Motion(now, x, v), decisions[-1] if decisions else None,
                 robot=GIMBALL, curve=CURVE, tuning=TUNING))
-            controller.give(SetPoint('hold', lean(decisions[-1], v, GIMBALL, TUNING), now))
+            controller.give(SetPoint('hold', set_angle(decisions[-1], v, GIMBALL, TUNING), now))
         rows.append((now, x, v, state[0]))
         if face - x <= touch_distance(RADIUS, height):
             break

@@ -9,7 +9,7 @@ import pytest
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import (
     check_decision, decide, Decision, DecisionTuning, Kind, load_curve, load_decision_tuning,
-    Motion, Reason, Sighting, TrackedStep)
+    Motion, Reason, Track, TrackedStep)
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import load_robot
 
@@ -23,11 +23,11 @@ speeds = strategies.floats(-0.5, 1.5)
 
 
 def on(height=0.031, distance=0.8, speed=0.8, *, previous=None, sd=0.0005, now=0.0, stamp=None,
-       trouble=None):
+       rejection=None):
     """Return the decision on a step at `distance` ahead of a ball at 0."""
     step = TrackedStep(1, distance, height, 0.01, sd)
     return decide(
-        Sighting(now if stamp is None else stamp, step, trouble, 'it is a test'),
+        Track(now if stamp is None else stamp, step, rejection, 'it is a test'),
         Motion(now, 0.0, speed), previous, robot=GIMBALL, curve=CURVE, tuning=TUNING)
 
 
@@ -59,7 +59,7 @@ def test_explanation_has_the_numbers_in_it():
 
 
 def test_nothing_ahead_is_cruised():
-    answer = decide(Sighting(0.0), Motion(0.1, 0.0, 0.4), None, robot=GIMBALL, curve=CURVE,
+    answer = decide(Track(0.0), Motion(0.1, 0.0, 0.4), None, robot=GIMBALL, curve=CURVE,
                     tuning=TUNING)
     assert answer.kind is Kind.CLEAR and answer.set_speed == TUNING.cruise_speed
 
@@ -118,10 +118,10 @@ def test_old_missing_and_future_observations_stop():
     assert (answer.kind, answer.reason) == (Kind.STOP, Reason.STALE)
 
 
-@pytest.mark.parametrize('trouble', [Reason.BAD_OBSERVATION, Reason.CONTRADICTORY])
-def test_troubled_observations_stop_with_their_reason(trouble):
-    answer = on(trouble=trouble)
-    assert (answer.kind, answer.reason) == (Kind.STOP, trouble)
+@pytest.mark.parametrize('reason', [Reason.BAD_OBSERVATION, Reason.CONTRADICTORY])
+def test_a_rejected_observation_stops_with_its_reason(reason):
+    answer = on(rejection=reason)
+    assert (answer.kind, answer.reason) == (Kind.STOP, reason)
     assert 'it is a test' in answer.explanation
 
 
@@ -147,7 +147,7 @@ def test_in_contact_it_pushes_until_the_centre_has_passed():
     assert (answer.kind, answer.reason) == (Kind.CROSS, Reason.COMMITTED)
     # Slow, old and contradictory: nothing of it matters with the face below the ball.
     answer = on(distance=0.05, speed=0.0, now=1.0, stamp=0.0, previous=answer,
-                trouble=Reason.CONTRADICTORY)
+                rejection=Reason.CONTRADICTORY)
     assert answer.kind is Kind.CROSS and answer.contact_since == 0.0
     # Passed: the observation matters again.
     assert on(distance=-0.01, now=1.1, previous=answer).kind is Kind.CLEAR

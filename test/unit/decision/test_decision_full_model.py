@@ -4,7 +4,8 @@ import pytest
 
 from ballbot_ros.control import JointReadings, load_tuning, PendulumController, SetPoint
 from ballbot_ros.decision import (
-    decide, Kind, lean, load_curve, load_decision_tuning, Motion, StepObservation, StepTracker)
+    decide, Kind, load_curve, load_decision_tuning, Motion, set_angle, StepObservation,
+    StepTracker)
 from ballbot_ros.physics.mechanics import equations
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.physics.model.terrain import Terrain
@@ -33,7 +34,7 @@ def drive(height, face, seconds=5.0):
                 tracker.update(seen, x), Motion(now, x, v),
                 decisions[-1] if decisions else None, robot=GIMBALL, curve=CURVE,
                 tuning=TUNING))
-            controller.give(SetPoint('hold', lean(decisions[-1], v, GIMBALL, TUNING), now))
+            controller.give(SetPoint('hold', set_angle(decisions[-1], v, GIMBALL, TUNING), now))
         late, torque = torque, controller.torque(JointReadings(
             now, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate))
         state = model.advance(state, equations.Drive(equations.TORQUE, late, limit=10.0), 2)

@@ -30,11 +30,11 @@ def test_noise_averages_out_while_the_ball_rolls():
     random, tracking = np.random.default_rng(3), tracker()
     for index in range(200):
         position = 0.005 * index
-        sighting = tracking.update(
+        track = tracking.update(
             seen(0.02 * index, 1.5 - position + random.normal(0.0, 0.03),
                  0.03 + random.normal(0.0, 0.004), 0.03, 0.004), position)
-        assert sighting.trouble is None
-    step = sighting.step
+        assert track.rejection is None
+    step = track.step
     assert step.number == 1
     assert step.position == pytest.approx(1.5, abs=0.02)
     assert step.height == pytest.approx(0.03, abs=0.001)
@@ -73,16 +73,16 @@ def test_passed_step_is_forgotten():
 def test_contradictions_are_reported_and_not_averaged_in(second):
     tracking = tracker()
     before = tracking.update(seen(0.0), 0.0).step
-    sighting = tracking.update(second, 0.0)
-    assert sighting.trouble is Reason.CONTRADICTORY and sighting.explanation
-    assert sighting.step == before
+    track = tracking.update(second, 0.0)
+    assert track.rejection is Reason.CONTRADICTORY and track.explanation
+    assert track.step == before
 
 
 def test_a_world_that_really_changed_is_believed_after_some_looks():
     tracking = tracker()
     tracking.update(seen(0.0, height=0.03), 0.0)
     answers = [tracking.update(seen(0.1 * index, height=0.06), 0.0) for index in range(1, 6)]
-    assert [answer.trouble is None for answer in answers] == [False] * 4 + [True]
+    assert [answer.rejection is None for answer in answers] == [False] * 4 + [True]
     assert answers[-1].step.height == 0.06 and answers[-1].step.number == 2
 
 
@@ -90,9 +90,9 @@ def test_slip_that_displaces_the_step_does_not_make_another_of_it():
     tracking = tracker()
     tracking.update(seen(0.0, 0.3), 0.0)
     for index in range(1, 6):
-        sighting = tracking.update(seen(0.1 * index, 0.2), 0.0)
-    assert sighting.trouble is None and sighting.step.number == 1
-    assert sighting.step.position == pytest.approx(0.2)
+        track = tracking.update(seen(0.1 * index, 0.2), 0.0)
+    assert track.rejection is None and track.step.number == 1
+    assert track.step.position == pytest.approx(0.2)
 
 
 def test_step_is_kept_where_a_sensor_may_look_over_it_and_forgotten_far_off():
@@ -110,20 +110,20 @@ def test_step_is_kept_where_a_sensor_may_look_over_it_and_forgotten_far_off():
 def test_impossible_observations_are_reported(change):
     tracking = tracker()
     before = tracking.update(seen(0.0), 0.0).step
-    sighting = tracking.update(replace(seen(0.1), **change), 0.0)
-    assert sighting.trouble is Reason.BAD_OBSERVATION and sighting.step == before
+    track = tracking.update(replace(seen(0.1), **change), 0.0)
+    assert track.rejection is Reason.BAD_OBSERVATION and track.step == before
 
 
 def test_odometry_that_is_not_finite_is_reported():
-    assert tracker().update(seen(0.0), math.nan).trouble is Reason.BAD_OBSERVATION
+    assert tracker().update(seen(0.0), math.nan).rejection is Reason.BAD_OBSERVATION
 
 
 def test_reset_forgets_but_does_not_reuse_numbers():
     tracking = tracker()
     tracking.update(seen(100.0), 0.0)
     tracking.reset()
-    sighting = tracking.update(seen(0.0), 0.0)
-    assert sighting.trouble is None and sighting.step.number == 2
+    track = tracking.update(seen(0.0), 0.0)
+    assert track.rejection is None and track.step.number == 2
 
 
 @given(strategies.lists(strategies.tuples(
