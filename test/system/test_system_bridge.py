@@ -10,6 +10,7 @@ from lifecycle_msgs.srv import ChangeState
 import pytest
 import rclpy
 from rclpy.context import Context
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -212,16 +213,20 @@ def bridge_here(domain, hardware, port):
 
 
 def pull_here(node, executor, motor):
-    """Let a bridge in this process pull."""
-    deadline = time.monotonic() + 20.0
+    """Let a bridge in this process pull, by what another node publishes and asks for."""
+    peer = Node('peer', context=node.context)
+    executor.add_node(peer)
+    commands = peer.create_publisher(JointState, 'joint_commands', 1)
+    release = peer.create_client(Trigger, 'bridge/release_e_stop')
+    deadline, answer = time.monotonic() + 20.0, None
     while motor.torque == 0.0:
         assert time.monotonic() < deadline
         executor.spin_once(timeout_sec=0.005)
-        if node._session.supervisor.e_stop:
-            response = Trigger.Response()
-            node._inputs.release(Trigger.Request(), response)
-        elif node._session.fusion.estimate is not None:
-            node._inputs.command(command_message(
+        if answer is None or answer.done() and not answer.result().success:
+            if release.service_is_ready():
+                answer = release.call_async(Trigger.Request())
+        elif answer.done():
+            commands.publish(command_message(
                 to_time(1e-9 * node.get_clock().now().nanoseconds), TORQUE))
 
 
