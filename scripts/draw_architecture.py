@@ -13,7 +13,6 @@ from pathlib import Path
 import re
 import sys
 
-import matplotlib
 from matplotlib.patches import FancyBboxPatch, PathPatch, Polygon
 from matplotlib.path import Path as Line
 
@@ -57,9 +56,10 @@ WAYS = {
     ('bridge', 'drives'): [(7.8, 8.5), (13.2, 8.5), (13.2, 5.83)],
     ('ros', 'decision'): 5.0, ('ros', 'bridge'): 7.4, ('ros', 'plant'): 8.55,
     ('nodes', 'ros'): 7.5, ('nodes', 'emulator'): 10.6,
-    ('studies', 'decision'): [(1.6, 9.47), (1.6, 7.5), (3.3, 7.5)],
-    ('studies', 'bridge'): [(2.05, 9.47), (2.05, 8.5), (6.2, 8.5)],
-    ('studies', 'plant'): [(2.5, 9.47), (2.5, 9.15), (8.25, 9.15), (8.25, 6.83)],
+    ('studies', 'results'): 1.35,
+    ('studies', 'decision'): [(1.75, 9.47), (1.75, 7.5), (3.3, 7.5)],
+    ('studies', 'bridge'): [(2.15, 9.47), (2.15, 8.5), (6.2, 8.5)],
+    ('studies', 'plant'): [(2.55, 9.47), (2.55, 9.15), (8.25, 9.15), (8.25, 6.83)],
     ('demo', 'figures'): 2.2, ('demo', 'ros'): 4.4, ('cli', 'demo'): 3.3,
     ('cli', 'emulator'): 11.8}
 
@@ -162,8 +162,7 @@ def draw():
         if module != 'ballbot_ros':
             lines[folder_of(module)] += path.read_text(encoding='utf-8').count('\n')
     arrows = drawn_edges(folders(graph))
-    with matplotlib.rc_context(dict(canvas.STYLE)):
-        figure = canvas.new_figure(9.6, 9.0)
+    with canvas.drawing(9.6, 9.0) as figure:
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_xlim(0.0, 14.0)
         axes.set_ylim(-1.1, 13.4)

@@ -51,6 +51,11 @@ def test_the_picture_in_the_documents_has_the_arrows_of_the_code(imported):
         'run scripts/draw_architecture.py')
 
 
+def test_the_picture_can_be_drawn(imported):
+    figure, arrows = draw_architecture.draw()
+    assert figure.axes and arrows == draw_architecture.drawn_edges(imported)
+
+
 def test_arrows_that_others_imply_are_left_out_and_no_others():
     graph = {'cli': {'nodes', 'ros', 'errors'}, 'nodes': {'ros'}, 'ros': set(), 'errors': set()}
     assert draw_architecture.drawn_edges(graph) == [('cli', 'nodes'), ('nodes', 'ros')]
