@@ -10,7 +10,7 @@ rests, gravity balances the torque::
     torque_factor * torque asked for = M2 g e sin(angle) +- friction
 
 The factor is the slope over both directions, so friction falls out.  It is as good as M2 and e of
-the robot file are: torque against gravity is all that a pendulum can tell.
+the robot file are: torque against gravity is all that a pendulum shows.
 """
 from dataclasses import dataclass
 import math
@@ -40,7 +40,7 @@ class Dialogue(Protocol):
     """How to talk with the person."""
 
     def say(self, text: str) -> None:
-        """Tell something."""
+        """Inform the person."""
 
     def ask(self, question: str) -> str:
         """Return the answer; raise `RefusedError` if the person wants to end it."""
@@ -181,11 +181,11 @@ class Calibrator:
             motor = asked / (self._joint.gear_ratio * self._joint.gear_efficiency)
             driver.send_torque(math.copysign(1.0, scale) * motor)
             self._wait(now + PERIOD)
-            told = driver.telemetry
-            if told.faults:
-                raise RefusedError(f'the drive tells of {", ".join(told.faults)}')
-            angle = scale * ((told.position or 0.0) - self._zero)
-            rate = scale * (told.velocity or 0.0)
+            telemetry = driver.telemetry
+            if telemetry.faults:
+                raise RefusedError(f'the drive reports {", ".join(telemetry.faults)}')
+            angle = scale * ((telemetry.position or 0.0) - self._zero)
+            rate = scale * (telemetry.velocity or 0.0)
             if abs(angle) > FURTHEST or abs(rate) > FASTEST:
                 raise RefusedError(
                     f'stopped: the pendulum was at {math.degrees(angle):.0f} degrees and '
@@ -201,7 +201,7 @@ class Calibrator:
         asked = driver.clock()
         while (driver.telemetry.time or -math.inf) <= asked:
             if driver.clock() - asked > 1.0:
-                raise RefusedError('the drive does not tell where its shaft is')
+                raise RefusedError('the drive does not report where its shaft is')
             driver.ask()
             self._wait(driver.clock() + PERIOD)
         return driver.telemetry.position or 0.0

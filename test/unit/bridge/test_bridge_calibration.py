@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import curve_fit
 from virtual_robot import VirtualRobot
 
 from ballbot_ros.bridge.commissioning.calibration import Calibrator, fit
@@ -120,6 +121,114 @@ def test_an_angle_that_was_not_a_right_one_may_be_told_and_a_wrong_file_is_notic
     assert any('the file was wrong' in text for text in script.said)
 
 
+@pytest.mark.parametrize('answer', ['5', '-90', '430', 'level'])
+def test_an_angle_that_no_hand_turns_it_by_is_refused(answer):
+    robot = VirtualRobot(held=True)
+    with pytest.raises(RefusedError, match='degrees'):
+        calibrate(robot, Script(robot, **{'Turn it': answer}))
+    assert not any(robot.torques)
+
+
+def test_the_pendulum_may_be_turned_by_more_than_a_turn():
+    robot = VirtualRobot(held=True)
+    script = Script(robot, degrees=380.0)
+    asking = script.ask
+    script.ask = lambda question: asking(question) or ('380' if 'Turn it' in question else '')
+    assert calibrate(robot, script).encoder_scale == pytest.approx(1.0 / 50.0, rel=0.01)
+    assert not any('the file was wrong' in text for text in script.said)
+
+
+def test_a_scale_that_the_file_gives_is_the_one_that_is_expected():
+    robot = VirtualRobot(held=True)
+    robot.hardware = replace(robot.hardware, joint=replace(
+        robot.hardware.joint, encoder_scale=0.02))
+    script = Script(robot)
+    assert calibrate(robot, script).encoder_scale == pytest.approx(0.02, rel=0.01)
+    assert not any('the file was wrong' in text for text in script.said)
+    robot.hardware = replace(robot.hardware, joint=replace(
+        robot.hardware.joint, encoder_scale=0.002))
+    with pytest.raises(RefusedError, match='is the encoder connected'):
+        calibrate(robot)
+
+
+def test_it_lifts_to_half_a_radian_in_steps_of_three_seconds():
+    robot = VirtualRobot(held=True)
+    begin, angles = robot.now, []
+    passing = robot.pass_time
+    robot.pass_time = lambda seconds: (passing(seconds), angles.append(
+        robot.plant.state.pendulum_angle) if any(robot.torques) else None)
+    calibrate(robot)
+    # Three steps up and two down, on each side.
+    assert robot.now - begin == pytest.approx(10 * 3.0, abs=0.5)
+    assert 0.45 < max(angles) < 0.6 and -0.6 < min(angles) < -0.45
+
+
+def test_it_asks_for_nine_tenths_of_the_torque_limit_at_most():
+    robot = VirtualRobot(held=True, torque_limit=0.3)
+    calibrate(robot)
+    assert max(np.abs(robot.torques)) * 45.0 == pytest.approx(0.27, rel=0.01)
+
+
+@pytest.mark.parametrize('rate, stopped', [(3.6, False), (-3.6, False), (4.4, True),
+                                           (-4.4, True)])
+def test_a_pendulum_that_is_too_fast_is_stopped(rate, stopped):
+    robot = VirtualRobot(held=True)
+    passing = robot.pass_time
+
+    def push(seconds):
+        passing(seconds)
+        if robot.motor > 0.001:
+            robot.pass_time = passing
+            robot.plant.state = robot.plant.state._replace(
+                pendulum_angle=math.copysign(0.2, -rate), pendulum_rate=rate)
+    robot.pass_time = push
+    try:
+        calibrate(robot)
+        refused = False
+    except RefusedError as error:
+        refused = 'stopped' in str(error)
+    assert refused is stopped
+    robot.pass_time(0.01)
+    assert robot.motor == 0.0
+
+
+def test_a_pendulum_that_goes_too_far_is_stopped():
+    robot = VirtualRobot(held=True)
+    torque = robot.device.torque
+    robot.device.torque = lambda: 4.0 * torque()
+    with pytest.raises(RefusedError, match='stopped'):
+        calibrate(robot)
+    assert 0.95 < abs(robot.plant.state.pendulum_angle) < 1.2
+
+
+def test_a_drive_with_a_fault_and_one_without_a_position_are_refused():
+    robot = VirtualRobot(held=True)
+    passing = robot.pass_time
+
+    def fail(seconds):
+        passing(seconds)
+        if robot.motor > 0.001:
+            robot.device.over_current()
+    robot.pass_time = fail
+    with pytest.raises(RefusedError, match='the drive reports'):
+        calibrate(robot)
+    robot = VirtualRobot(held=True)
+    script = Script(robot)
+    asking = script.ask
+
+    def deafen(question):
+        robot.device.receive = lambda data, now: b''
+        return asking(question)
+    script.ask = lambda question: (deafen if 'hang' in question else asking)(question)
+    begin = robot.now
+    with pytest.raises(RefusedError, match='where its shaft is'):
+        driver = robot.connect()
+        driver.identify()
+        driver.stop = lambda: None
+        Calibrator(robot.hardware, GIMBALL, driver, script).run()
+    assert robot.now - begin == pytest.approx(1.0, abs=0.1)
+
+
 def test_torque_that_turns_the_encoder_back_is_refused():
     robot = VirtualRobot(held=True)
     torque = robot.device.torque
@@ -136,6 +245,23 @@ def test_the_fit_separates_factor_and_friction():
     angles = np.arcsin((0.8 * np.array(levels) - 0.04 * moving) / 1.24)
     factor, sd, friction = fit(levels, list(angles), 1.24)
     assert (factor, friction) == pytest.approx((0.8, 0.04), rel=1e-6) and sd < 1e-6
+
+
+def test_the_deviation_is_that_of_least_squares():
+    levels = np.array([0.1, 0.2, 0.3, 0.2, 0.1, -0.1, -0.2, -0.3, -0.2, -0.1])
+    moving = np.sign(np.diff(levels, prepend=0.0))
+    lifted = 0.8 * levels - 0.04 * moving + 0.01 * np.sin(7.0 * np.arange(10))
+    found, covariance = curve_fit(
+        lambda _, factor, friction: factor * levels - friction * moving, levels, lifted)
+    factor, sd, friction = fit(list(levels), list(np.arcsin(lifted / 1.24)), 1.24)
+    assert (factor, friction) == pytest.approx(tuple(found), rel=1e-6)
+    assert sd == pytest.approx(math.sqrt(covariance[0, 0]), rel=1e-6)
+
+
+def test_a_pendulum_that_moves_a_little_more_than_friction_allows_is_measured():
+    assert fit([0.1, 0.2, -0.2], [0.0, 0.021 / 1.24, -0.021 / 1.24], 1.24)[0] > 0.0
+    with pytest.raises(RefusedError, match='hardly moved'):
+        fit([0.1, 0.2, -0.2], [0.0, 0.019 / 1.24, -0.019 / 1.24], 1.24)
 
 
 def test_a_pendulum_that_friction_holds_is_refused():

@@ -3,9 +3,11 @@
 from dataclasses import replace
 
 import pytest
+import serial
 
-from ballbot_ros.bridge.feasibility import check_feasible, wire_budget
-from ballbot_ros.bridge.hardware_file import Joint, load_hardware, read_hardware
+from ballbot_ros.bridge.feasibility import BAUD_RATES, check_feasible, wire_budget
+from ballbot_ros.bridge.hardware_file import (
+    Connection, Joint, Limits, load_hardware, read_hardware)
 from ballbot_ros.config.files import config_folder, read_yaml
 from ballbot_ros.control import load_tuning
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
@@ -59,6 +61,82 @@ def test_what_is_wrong_in_a_file_is_named(sections, complaint):
         read_hardware(content(**sections), 'my.yaml')
 
 
+# Section, what else it must have, field, the least and the most that it may be, and beyond.
+RANGES = [
+    (Joint, {'gear_ratio': 50.0}, 'gear_efficiency', (1e-6, 1.0), (0.0, 1.0001)),
+    (Joint, {'gear_ratio': 50.0}, 'torque_factor', (1e-6, 10.0), (0.0, 10.001)),
+    (Joint, {'gear_ratio': 50.0}, 'encoder_scale', (1e-6, 1e6), (0.0,)),
+    (Joint, {'gear_ratio': 50.0}, 'direction', (-1, 1), (-2, 0, 2)),
+    (Joint, {}, 'gear_ratio', (1e-6, 1e6), (0.0,)),
+    (Limits, {}, 'torque_limit', (1e-6, 1000.0), (0.0, 1000.1)),
+    (Limits, {'torque_limit': 1.0}, 'torque_rate_limit', (1e-6, 1e9), (0.0,)),
+    (Limits, {'torque_limit': 1.0}, 'angle_limit', (1e-6, 6.3), (0.0, 6.301)),
+    (Limits, {'torque_limit': 1.0}, 'speed_limit', (1e-6, 1e6), (0.0,)),
+    (Limits, {'torque_limit': 1.0}, 'command_timeout', (0.01, 10.0), (0.0099, 10.01)),
+    (Limits, {'torque_limit': 1.0}, 'damping', (0.0, 1e6), (-1e-9,)),
+    (Limits, {'torque_limit': 1.0}, 'damping_time', (0.0, 60.0), (-1e-9, 60.01)),
+    (Connection, {'protocol': 'vesc', 'port': 'x'}, 'baud', (300, 20_000_000),
+     (299, 20_000_001)),
+    (Connection, {'protocol': 'vesc', 'port': 'x'}, 'loop_rate', (1.0, 5000.0),
+     (0.999, 5000.1)),
+    (Connection, {'protocol': 'vesc', 'port': 'x'}, 'watchdog', (0.01, 1.0), (0.0099, 1.001))]
+
+
+@pytest.mark.parametrize('section, needs, field, allowed, refused', RANGES)
+def test_each_value_may_be_what_is_safe_and_nothing_beyond(
+        section, needs, field, allowed, refused):
+    for value in allowed:
+        assert getattr(section(**needs, **{field: value}), field) == value
+    for value in refused:
+        with pytest.raises(ConfigurationError, match=field):
+            section(**needs, **{field: value})
+
+
+def test_a_file_that_says_no_more_than_it_must_is_one_of_a_careful_bridge():
+    hardware = read_hardware(
+        {'name': 'mine', 'robot': 'gimball', 'connection': {'protocol': 'odrive', 'port': 'x'},
+         'joint': {'gear_ratio': 50.0}, 'limits': {'torque_limit': 1.0}}, 'my.yaml')
+    assert hardware.connection == Connection(
+        'odrive', 'x', baud=115200, loop_rate=500.0, watchdog=0.1, imu_required=True)
+    assert hardware.limits == Limits(
+        1.0, torque_rate_limit=400.0, angle_limit=1.6, speed_limit=12.0, command_timeout=0.1,
+        on_timeout='coast', damping=0.3, damping_time=2.0, rearm=False)
+    assert hardware.joint == Joint(
+        50.0, gear_efficiency=1.0, direction=1, encoder_scale=None, torque_factor=1.0,
+        encoder_zero=None)
+
+
+@pytest.mark.parametrize('missing', ['name', 'robot'])
+def test_name_and_robot_must_be_text(missing):
+    for value in (None, 7):
+        with pytest.raises(ConfigurationError, match=f'{missing} must be text'):
+            read_hardware({**content(), missing: value}, 'my.yaml')
+
+
+def test_a_port_and_a_baud_rate_that_are_given_replace_those_of_the_file():
+    file = load_hardware('gimball_odrive')
+    there = file.at('/dev/other')
+    assert (there.connection.port, there.connection.baud) == ('/dev/other', 921600)
+    assert file.at(baud=9600).connection == replace(file.connection, baud=9600)
+    assert file.at() == file
+
+
+@pytest.mark.parametrize('direction', [1, -1])
+def test_the_driver_has_the_torque_limit_of_the_pendulum_at_the_shaft_of_the_motor(direction):
+    hardware = load_hardware('gimball_vesc')
+    hardware = replace(hardware, joint=replace(hardware.joint, direction=direction),
+                       connection=replace(hardware.connection, watchdog=0.2))
+    options = hardware.options()
+    assert options.torque_limit == pytest.approx(4.0 / (50.0 * 0.9))
+    assert options.watchdog == 0.2 and options.pole_pairs == 7
+    assert hardware.provenance['drive.torque_constant'].source == 'assumed'
+
+
+def test_what_a_drive_cannot_be_told_is_refused_in_the_file():
+    with pytest.raises(ConfigurationError, match='drive'):
+        replace(load_hardware('gimball_odrive'), drive={'poles': 7}).options()
+
+
 def test_a_file_that_does_not_exist_is_answered_with_those_that_do():
     with pytest.raises(ConfigurationError, match='no hardware named .* known are gimball_odrive'):
         load_hardware('gimball_oddrive')
@@ -79,7 +157,9 @@ def test_a_line_that_is_too_slow_is_refused_with_the_baud_that_does():
     with pytest.raises(ConfigurationError, match=f'115200 baud carry {top} Hz at most .* set baud '
                        f'to 921600, or set loop_rate to {top} Hz or less'):
         check_feasible(changed(baud=115200), GIMBALL, GENTLE)
-    check_feasible(changed(baud=115200, loop_rate=float(top)), GIMBALL, GENTLE)
+    for rate in (float(top), budget.highest_rate(115200)):
+        check_feasible(changed(baud=115200, loop_rate=rate), GIMBALL, GENTLE)
+    assert set(BAUD_RATES) <= set(serial.Serial.BAUDRATES)
 
 
 def test_a_line_that_no_rate_of_these_gains_fits_is_refused_with_other_gains():
@@ -93,6 +173,15 @@ def test_gains_that_diverge_at_the_rate_of_the_loop_are_refused():
     check_feasible(changed(loop_rate=700.0), GIMBALL, PUBLISHED)
 
 
+def test_a_baud_rate_that_is_in_the_way_of_that_rate_is_named():
+    with pytest.raises(UnstableLoopError) as refusal:
+        check_feasible(changed(), GIMBALL, PUBLISHED)
+    assert 'raise baud' not in str(refusal.value)
+    with pytest.raises(UnstableLoopError, match='raise baud'):
+        check_feasible(changed(baud=115200, loop_rate=80.0), GIMBALL, PUBLISHED)
+
+
 def test_a_watchdog_shorter_than_three_periods_is_refused():
     with pytest.raises(ConfigurationError, match='three periods'):
         check_feasible(changed(loop_rate=100.0, watchdog=0.02), GIMBALL, GENTLE)
+    check_feasible(changed(loop_rate=100.0, watchdog=0.03), GIMBALL, GENTLE)

@@ -9,7 +9,8 @@ from virtual_robot import STEP, VirtualRobot
 from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.control import load_tuning, Mode, PendulumController, SetPoint
 from ballbot_ros.drives.emulated_device import DriveSettings
-from ballbot_ros.errors import ConfigurationError, DriveError, LinkError, RefusedError
+from ballbot_ros.errors import (
+    ConfigurationError, DriveError, EstimateLostError, LinkError, RefusedError)
 from ballbot_ros.physics import load_robot
 
 PROTOCOLS = ('odrive 0.5', 'odrive 0.6', 'vesc', 'roboclaw')
@@ -315,3 +316,224 @@ def test_fifty_unplugs_leave_no_line_open_and_no_flood_in_the_log(caplog):
     assert robot.lines == 1
     assert len(caplog.messages) <= 50 * 3  # lost, why it is not found, found
     assert robot.session.line.reconnects == 50
+
+
+# What the owner wants ---------------------------------------------------------------------
+
+def test_a_session_does_nothing_before_configure_and_after_close():
+    robot = VirtualRobot()
+    robot.session.deactivate()
+    assert robot.session.tick() is None and robot.session.await_answer(STEP) is None
+    robot.ready()
+    assert robot.session.tick().state is MotorState.ARMED
+    robot.session.close()
+    assert robot.session.tick() is None and robot.lines == 0
+    assert not robot.session.expecting and robot.session.await_answer(STEP) is None
+    robot.session.close()
+
+
+def test_configure_again_takes_the_power_away_and_opens_one_line():
+    robot = VirtualRobot().ready()
+    robot.run(0.1, torque=1.0)
+    robot.session.configure()
+    assert robot.run(STEP).state is MotorState.DISARMED and robot.lines == 1
+    robot.torques.clear()
+    robot.run(0.2, torque=1.0)
+    assert not any(robot.torques) and not robot.device.armed
+
+
+def test_after_deactivate_it_measures_on_and_has_to_be_activated_again():
+    robot = VirtualRobot().ready()
+    robot.session.deactivate()
+    report = robot.run(0.1, torque=0.0)
+    assert report.state is MotorState.DISARMED and report.estimate is not None
+    with pytest.raises(RefusedError, match='not active'):
+        robot.session.release()
+    robot.session.activate()
+    assert robot.run(0.1).state is MotorState.ARMED
+
+
+def test_without_a_drive_it_cannot_be_activated_and_says_why():
+    robot = VirtualRobot()
+    with pytest.raises(RefusedError, match='not configured'):
+        robot.session.activate()
+    robot.ready()
+    robot.plugged = False
+    robot.run(0.1)
+    with pytest.raises(RefusedError, match='the cable is out'):
+        robot.session.activate()
+
+
+@pytest.mark.parametrize('end', ['deactivate', 'close'])
+def test_an_end_that_the_drive_does_not_confirm_is_asked_for_during_half_a_second(end, caplog):
+    robot = VirtualRobot().ready()
+    robot.run(0.1, torque=1.0)
+    receive, robot.device.receive = robot.device.receive, lambda data, now: b''
+    begin = robot.now
+    getattr(robot.session, end)()
+    assert robot.now - begin == pytest.approx(0.5, abs=0.05)
+    assert any('not confirmed' in text for text in caplog.messages)
+    if end == 'deactivate':  # and then further on, until it is
+        assert robot.run(STEP).state is MotorState.STOPPING
+        robot.device.receive = receive
+        assert robot.run(0.1).state is MotorState.DISARMED and not robot.device.armed
+    else:
+        assert robot.lines == 0
+
+
+# The e-stop -------------------------------------------------------------------------------
+
+def test_an_e_stop_of_the_supervisor_itself_takes_the_power_away():
+    robot = VirtualRobot(held=True, speed_limit=1.0).ready()
+    robot.run(0.05, torque=0.1)
+    robot.plant.state = robot.plant.state._replace(pendulum_rate=6.0)
+    report = robot.run(0.1, torque=0.1)
+    assert 'runaway' in report.e_stop
+    assert report.state is MotorState.DISARMED and not robot.device.armed
+
+
+def test_an_estimate_that_ran_away_engages_the_e_stop_even_where_it_rearms(caplog):
+    robot = VirtualRobot(rearm=True).ready()
+
+    def fail(*_):
+        raise EstimateLostError('planted')
+    robot.session.fusion.encoder = fail
+    report = robot.run(0.1, torque=0.5)
+    assert report.e_stop == 'planted' and 'planted' in caplog.messages
+    assert report.state is MotorState.DISARMED and report.estimate is None
+
+
+def test_the_e_stop_is_not_released_while_the_drive_is_silent_or_has_not_confirmed():
+    robot = VirtualRobot()
+    robot.session.configure()
+    robot.session.activate()
+    robot.run(0.1)
+    robot.now += 0.101
+    with pytest.raises(RefusedError, match='where the motor is'):
+        robot.session.release()
+    robot.run(0.1)
+    robot.session.release()
+    robot.run(0.1)
+    robot.device.receive = lambda data, now: b''
+    robot.session.engage('button')
+    with pytest.raises(RefusedError, match='has not confirmed'):
+        robot.session.release()
+
+
+def test_engaging_it_twice_stops_once():
+    robot = VirtualRobot().ready()
+    robot.session.engage('first')
+    sent = robot.session.line.driver.counts['sent']
+    robot.session.engage('second')
+    assert robot.session.supervisor.e_stop == 'first'
+    assert robot.session.line.driver.counts['sent'] == sent
+
+
+@pytest.mark.parametrize('wanted', ['inactive', 'stopped'])
+def test_a_command_is_not_sent_where_there_is_no_power_to_follow_it(wanted):
+    robot = VirtualRobot().ready()
+    robot.session.deactivate() if wanted == 'inactive' else robot.session.engage('button')
+    sent = robot.session.line.driver.counts['sent']
+    robot.session.command(1.0, robot.now)
+    assert robot.session.line.driver.counts['sent'] == sent
+    assert robot.session.supervisor.torque == 0.0
+
+
+# A drive that is silent -------------------------------------------------------------------
+
+def silent_since(robot):
+    """Make the drive deaf and dumb; return when the first question stayed without an answer."""
+    robot.session.tick()
+    robot.session.await_answer(STEP)
+    robot.device.receive = lambda data, now: b''
+    robot.session.tick()
+    return robot.now
+
+
+@pytest.mark.parametrize('rearm', [False, True])
+def test_after_a_tenth_of_a_second_of_silence_the_motor_is_stopped_and_after_three_lost(rearm):
+    robot = VirtualRobot(rearm=rearm).ready()
+    begin = silent_since(robot)
+    changes = {}
+    while robot.now - begin < 0.35:
+        report = robot.run(STEP)
+        changes.setdefault(report.state, robot.now - begin)
+    assert changes[MotorState.ARMED] < 0.01
+    assert changes[MotorState.STOPPING] == pytest.approx(0.1, abs=2.5 * STEP)
+    assert changes[MotorState.DISCONNECTED] == pytest.approx(0.3, abs=2.5 * STEP)
+    assert bool(robot.session.supervisor.e_stop) is not rearm
+    assert robot.session.control.counts['links_lost'] == 1
+
+
+def test_a_drive_that_is_lost_without_power_does_not_engage_the_e_stop():
+    robot = VirtualRobot(rearm=False)
+    robot.session.configure()
+    robot.run(0.1)
+    robot.session.activate()
+    robot.session.supervisor.e_stop = ''  # released, and not armed yet
+    robot.plugged = False
+    assert robot.run(STEP).state is MotorState.DISCONNECTED
+    assert robot.session.supervisor.e_stop == ''
+
+
+def test_an_answer_that_breaks_off_is_a_lost_line():
+    robot = VirtualRobot().ready()
+    robot.session.tick()
+    robot.plugged = False
+    assert robot.session.await_answer(STEP) is None
+    assert robot.session.line.driver is None and not robot.session.expecting
+    assert robot.session.tick().state is MotorState.DISCONNECTED
+
+
+def test_an_answer_that_does_not_come_is_waited_for_no_longer():
+    robot = VirtualRobot().ready()
+    silent_since(robot)
+    begin = robot.now
+    assert robot.session.await_answer(STEP) is None and robot.session.expecting
+    assert robot.now - begin <= 1.01 * STEP
+
+
+def test_arming_that_takes_its_time_is_no_silence():
+    robot = VirtualRobot(rearm=True)
+    robot.session.configure()
+    robot.run(0.1)
+    robot.session.activate()
+    driver, receive = robot.session.line.driver, robot.device.receive
+    arm = driver.arm
+
+    def slowly(patience):
+        robot.now += 0.15
+        robot.device.receive = receive
+        arm(patience)
+        robot.device.receive = deaf
+
+    def deaf(data, now):
+        return b''
+    driver.arm, robot.device.receive = slowly, deaf
+    robot.session.tick()  # its question is lost
+    robot.session.release()
+    robot.run(0.06)
+    assert robot.session.control.counts['armed'] == 1
+    assert robot.session.control.counts['silent'] == 0
+
+
+def test_a_stop_that_is_not_confirmed_is_written_every_hundredth_of_a_second():
+    robot = VirtualRobot().ready()
+    written = []
+    robot.device.receive = lambda data, now: written.append(data) or b''
+    robot.session.engage('button')
+    robot.run(0.1)
+    stops = [data for data in written if b'requested_state 1' in data]
+    assert len(stops) == pytest.approx(11, abs=2)
+
+
+def test_what_happened_to_the_motor_is_counted():
+    robot = VirtualRobot().ready()
+    robot.session.engage('button')
+    robot.run(0.1)
+    robot.run(0.1, torque=0.0)
+    robot.session.release()
+    robot.run(0.1)
+    counts = robot.session.control.counts
+    assert counts['armed'] == 2 and counts['withdrawn'] == 1 == counts['stopped']
+    assert counts['found'] == 1 and not counts['links_lost']

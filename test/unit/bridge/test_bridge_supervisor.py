@@ -154,6 +154,138 @@ def test_without_knowing_how_the_robot_moves_there_is_no_torque():
     assert follow(released(), 1.0, 0.0, 0.1, None) == 0.0
 
 
+def test_of_reasons_for_the_e_stop_the_first_stays_and_is_counted_once():
+    supervisor = released()
+    follow(supervisor, 1.0, 0.0, 0.1)
+    supervisor.trigger('first')
+    supervisor.trigger('second')
+    assert supervisor.e_stop == 'first' and supervisor.counts['e_stops'] == 1
+    assert supervisor.torque == 0.0 and not supervisor.commanded
+    started = Supervisor(Limits(torque_limit=4.0), PERIOD)
+    started.trigger('again')
+    assert started.e_stop == 'engaged at start' and not started.counts
+
+
+def test_half_a_second_of_commands_of_zero_releases_and_next_to_nothing_is_zero():
+    supervisor = Supervisor(Limits(torque_limit=4.0), PERIOD)
+    supervisor.offer(2e-6, 0.0, 0.0)
+    supervisor.offer(-1e-6, 0.25, 0.25)
+    with pytest.raises(RefusedError):
+        supervisor.reset(0.499)
+    supervisor.reset(0.5)
+    assert not supervisor.e_stop
+
+
+def test_commands_that_pull_back_push_too_and_those_that_are_no_number_do_not():
+    supervisor = Supervisor(Limits(torque_limit=4.0), PERIOD)
+    with pytest.raises(MessageError):
+        supervisor.offer(math.inf, 1.0, 1.0)
+    supervisor.reset(1.0)
+    supervisor.offer(-1.0, 1.0, 1.0)
+    with pytest.raises(RefusedError):
+        supervisor.reset(1.1)
+
+
+def test_a_command_is_in_force_from_its_coming_to_its_timeout():
+    supervisor = released()
+    assert not supervisor.commanded
+    supervisor.offer(0.0, 0.0, 0.0)
+    supervisor.decide(0.0, STILL)
+    assert supervisor.commanded and not supervisor.timed_out
+    supervisor.decide(0.2, STILL)
+    assert not supervisor.commanded and supervisor.timed_out
+    supervisor.quiet()
+    assert not supervisor.commanded and not supervisor.timed_out
+
+
+def test_a_loop_slower_than_the_timeout_follows_commands_of_its_own_half_period_only():
+    supervisor = Supervisor(Limits(torque_limit=4.0, command_timeout=0.01), 0.02)
+    supervisor.offer(1.0, 0.0, 0.0099)
+    with pytest.raises(MessageError, match='older'):
+        supervisor.offer(1.0, 0.0, 0.0101)
+
+
+@pytest.mark.parametrize('policy', ['coast', 'brake', 'settle'])
+def test_after_a_timeout_nothing_is_done_about_a_motion_that_is_not_known(policy):
+    supervisor = released(on_timeout=policy)
+    follow(supervisor, 1.0, 0.0, 0.1)
+    assert supervisor.decide(0.3, None) == 0.0
+
+
+def test_what_takes_the_place_of_commands_lasts_as_long_as_it_is_to():
+    supervisor = released(on_timeout='brake', damping=0.5, damping_time=1.0,
+                          torque_rate_limit=1e6)
+    turning = Motion(0.0, 1.0, -1.0)
+    follow(supervisor, 1.0, 0.0, 0.1)
+    for now, torque in ((0.5, 0.5), (1.5, 0.5), (1.5001, 0.0)):
+        assert supervisor.decide(now, turning) == pytest.approx(torque)
+    assert supervisor.counts['timeouts'] == 1
+
+
+def test_the_torque_starts_from_zero_after_a_stop_however_long_that_was():
+    supervisor = released(torque_rate_limit=100.0)
+    follow(supervisor, 1.0, 0.0, 0.1)
+    supervisor.quiet()
+    assert supervisor.torque == 0.0
+    supervisor.offer(1.0, 0.2, 0.2)
+    assert supervisor.decide(0.2, STILL) == pytest.approx(100.0 * PERIOD)
+
+
+def test_however_long_ago_the_last_decision_the_torque_jumps_by_one_timeout_at_most():
+    supervisor = released(torque_rate_limit=10.0, command_timeout=0.1)
+    supervisor.offer(0.02, 0.0, 0.0)
+    assert supervisor.decide(0.0, STILL) == pytest.approx(0.02)
+    supervisor.offer(4.0, 5.0, 5.0)
+    assert supervisor.decide(5.0, STILL) == pytest.approx(1.02)
+    assert supervisor.decide(4.95, STILL) == pytest.approx(1.02)  # and none if time stands
+
+
+def test_a_cut_to_zero_is_not_slowed_down_and_a_turn_of_the_torque_is():
+    supervisor = released(torque_rate_limit=100.0)
+    follow(supervisor, 1.0, 0.0, 0.1)
+    supervisor.offer(-1.0, 0.1, 0.1)
+    assert supervisor.decide(0.1, STILL) == pytest.approx(0.8)
+    supervisor.offer(0.0, 0.102, 0.102)
+    assert supervisor.decide(0.102, STILL) == 0.0
+
+
+EXACTLY = Motion(1.6, 0.0, 12.0)
+
+
+def test_at_the_limits_of_angle_and_speed_the_torque_is_free_and_beyond_each_cut_is_counted():
+    supervisor = released()
+    supervisor.offer(0.1, 0.0, 0.0)
+    assert supervisor.decide(0.0, EXACTLY) == pytest.approx(0.1)
+    assert not supervisor.counts
+    for number in (1, 2):
+        assert supervisor.decide(0.0, Motion(1.7, 0.0, 0.0)) == 0.0
+        assert supervisor.counts['limited_angle'] == number
+        assert supervisor.decide(0.0, Motion(-1.7, 0.0, 12.1)) == 0.0
+        assert supervisor.counts['limited_speed'] == number
+    assert supervisor.decide(0.002, Motion(-1.7, 0.0, -12.1)) == pytest.approx(0.1)
+
+
+def test_each_cut_to_the_torque_limit_is_counted_and_the_limit_itself_is_none():
+    supervisor = released(torque_rate_limit=1e6)
+    for number, torque in enumerate((-9.0, -4.0, 4.0, 9.0)):
+        supervisor.offer(torque, 0.001 * number, 0.001 * number)
+        assert supervisor.decide(0.001 * number, STILL) == math.copysign(4.0, torque)
+    assert supervisor.counts == {'limited_torque': 2}
+
+
+@pytest.mark.parametrize('direction', [1.0, -1.0])
+def test_a_runaway_is_half_as_fast_again_as_the_limit_for_two_hundredths_of_a_second(direction):
+    supervisor = released()
+    fast, slower = (Motion(0.0, 0.0, direction * rate) for rate in (18.01, 18.0))
+    supervisor.offer(1.0, 0.0, 0.0)
+    for now, motion in ((0.0, fast), (0.019, fast), (0.0195, slower), (0.02, fast),
+                        (0.0399, fast)):
+        supervisor.decide(now, motion)
+        assert not supervisor.e_stop
+    assert supervisor.decide(0.04, fast) == 0.0
+    assert supervisor.e_stop and supervisor.torque == 0.0
+
+
 numbers = strategies.one_of(strategies.floats(), strategies.floats(-20.0, 20.0))
 
 

@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A line that is opened, lost, looked for and found, and a drive that shakes hands or does not."""
+from types import SimpleNamespace
+
+import pytest
+
+from ballbot_ros.bridge.connect import connector, handshake
+from ballbot_ros.bridge.drive_line import DriveLine, HANDSHAKE, MOST_PATIENCE, RETRY
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.drives.capture import read_capture
+from ballbot_ros.drives.contract import Identity, Setting
+from ballbot_ros.emulator.emulator import Emulator
+from ballbot_ros.errors import ConfigurationError, DriveError, LinkError
+from ballbot_ros.physics import load_scene
+
+GOOD = Setting('watchdog', '0.1 s', 'at most 0.1 s', True)
+BAD = Setting('watchdog', 'off', 'at most 0.1 s', False, 'turn it on')
+
+
+class Drive:
+    """A drive that answers as `error` and `settings` say, and notes what it is asked."""
+
+    def __init__(self, error=None, settings=(GOOD,)):
+        self.error, self.settings, self.asked, self.patience = error, settings, [], []
+        self.line = SimpleNamespace(close=lambda: self.asked.append('close'))
+
+    def identify(self, patience):
+        """Answer or raise."""
+        self.asked.append('identify')
+        self.patience.append(patience)
+        if self.error is not None:
+            raise self.error
+        return Identity('test', 'board', '1.0')
+
+    def stop(self, patience):
+        """Stop."""
+        self.asked.append('stop')
+
+    def read_settings(self, patience):
+        """Return the settings."""
+        return self.settings
+
+
+class Bench:
+    """A line with a clock that the test moves, and the drives that it will find."""
+
+    def __init__(self, *drives):
+        self.now, self.drives, self.found = 50.0, list(drives), []
+        self.line = DriveLine(self.connect, lambda: self.now)
+
+    def connect(self):
+        """Return the next drive."""
+        drive = self.drives.pop(0) if len(self.drives) > 1 else self.drives[0]
+        self.found.append(drive)
+        if isinstance(drive, Exception):
+            raise drive
+        return drive
+
+    def look(self, pause=RETRY):
+        """Look for the drive after a pause."""
+        self.now += pause
+        return self.line.look()
+
+
+SILENT = DriveError('silent', 'nobody answers')
+
+
+def test_a_drive_is_stopped_before_it_is_taken_over():
+    drive = Drive()
+    assert handshake(lambda: drive, 0.5)[0] is drive
+    assert drive.asked == ['identify', 'stop'] and drive.patience == [0.5]
+
+
+def test_settings_that_are_not_safe_are_refused_with_all_of_them_and_the_line_is_closed():
+    drive = Drive(settings=(GOOD, BAD, BAD._replace(name='limit', remedy='')))
+    with pytest.raises(ConfigurationError, match='watchdog is off.*turn it on.*limit is off'):
+        handshake(lambda: drive, 0.5)
+    assert drive.asked[-1] == 'close'
+
+
+def test_an_open_line_has_a_drive_and_no_trouble_and_a_closed_one_neither():
+    bench = Bench(Drive())
+    identity, settings = bench.line.open(0.5)
+    assert bench.line.driver and bench.line.identity == identity and settings == (GOOD,)
+    assert bench.line.trouble == '' and bench.line.reconnects == 0
+    bench.line.close()
+    assert bench.line.driver is None and bench.found[0].asked[-1] == 'close'
+    bench.line.close()
+    assert bench.found[0].asked.count('close') == 1
+
+
+def test_a_line_that_cannot_be_opened_says_why_until_it_can():
+    bench = Bench(LinkError('missing', 'no such port'), Drive())
+    with pytest.raises(LinkError):
+        bench.line.open(0.5)
+    assert bench.line.driver is None and bench.line.trouble == 'no such port'
+    bench.line.open(0.5)
+    assert bench.line.trouble == ''
+
+
+def test_opening_closes_what_was_open():
+    bench = Bench(Drive(), Drive())
+    bench.line.open(0.5)
+    bench.line.open(0.5)
+    assert bench.found[0].asked[-1] == 'close' and bench.line.driver is bench.found[1]
+
+
+def test_a_drive_that_was_lost_is_looked_for_at_once_and_then_every_tenth_of_a_second():
+    bench = Bench(Drive(), Drive(SILENT), Drive(SILENT), Drive())
+    bench.line.open(0.5)
+    bench.line.lose(SILENT)
+    assert bench.line.driver is None and bench.line.trouble == 'nobody answers'
+    assert bench.look(0.0) is False and len(bench.found) == 2
+    assert bench.look(0.09) is False and len(bench.found) == 2
+    assert bench.look(0.011) is False and len(bench.found) == 3
+    assert bench.look() is True and bench.line.driver is bench.found[3]
+    assert bench.line.reconnects == 1 and bench.line.trouble == ''
+
+
+def test_patience_grows_with_each_failure_up_to_a_second_and_shrinks_once_it_is_back():
+    bench = Bench(*[Drive(SILENT)] * 6, Drive(), Drive(SILENT))
+    for _ in range(6):
+        assert not bench.look()
+    assert bench.found[0].patience == [0.25, 0.5, 0.75, 1.0, 1.0, 1.0]
+    assert (HANDSHAKE, MOST_PATIENCE) == (0.25, 1.0)
+    assert bench.look() and bench.found[-1].patience == [1.0]
+    bench.line.lose(SILENT)
+    bench.look()
+    assert bench.found[-1].patience == [0.25]
+
+
+def test_why_a_drive_is_not_found_is_logged_once_and_again_when_it_changes(caplog):
+    gone = LinkError('missing', 'no such port')
+    bench = Bench(Drive(), gone, gone, Drive(SILENT), gone)
+    bench.line.open(0.5)
+    bench.line.lose(SILENT)
+    for _ in range(4):
+        bench.look()
+    assert [text for text in caplog.messages if 'no such port' in text] == [
+        text for text in caplog.messages if 'looking' in text][::2]
+    assert sum('looking' in text for text in caplog.messages) == 3
+    assert any('lost' in text and 'nobody answers' in text for text in caplog.messages)
+
+
+def test_the_traffic_of_all_lines_is_kept_in_one_capture(tmp_path):
+    path = tmp_path / 'traffic'
+    with Emulator('odrive', load_scene('flat'), baud=921600) as emulator:
+        connect = connector(load_hardware('gimball_odrive').at(emulator.path), path)
+        for _ in range(2):
+            driver = connect()
+            assert driver.identify().protocol == 'odrive' and driver.line.baud == 921600
+            driver.line.close()
+        del driver, connect  # which completes the file
+    asked = [record.data for record in read_capture(path) if record.direction == '>']
+    assert asked.count(asked[0]) == 2
+    assert any(record.direction == '<' for record in read_capture(path))

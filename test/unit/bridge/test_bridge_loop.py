@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A loop that keeps its rate, hands on what it finds, and closes the session however it ends."""
+import threading
+import time
+
+import pytest
+
+from ballbot_ros.bridge.loop import Loop
+
+RATE = 100.0
+PATIENCE = 20.0  # with a busy machine [s]
+
+
+class FakeSession:
+    """A session that counts what is asked of it."""
+
+    clock = staticmethod(time.monotonic)
+
+    def __init__(self):
+        self.ticks, self.waits, self.closed = [], [], 0
+        self.expecting, self.on_tick, self.answer = False, None, None
+        self.ticked = threading.Event()
+
+    def tick(self):
+        """Return a report that says which tick it was; None for the first."""
+        self.ticks.append(self.clock())
+        if self.on_tick is not None:
+            self.on_tick()
+        if len(self.ticks) >= 20:
+            self.ticked.set()
+        return None if len(self.ticks) == 1 else ('tick', len(self.ticks))
+
+    def await_answer(self, patience):
+        """Return the answer once per period."""
+        self.waits.append(patience)
+        self.expecting = False
+        return self.answer
+
+    def close(self):
+        """Count."""
+        self.closed += 1
+
+
+def run(session, publish=lambda report: None, rate=RATE):
+    """Run a loop for twenty ticks, and end it."""
+    loop = Loop(session, rate, publish)
+    assert session.ticked.wait(PATIENCE)
+    was_running = loop.running
+    loop.end()
+    assert was_running and not loop.running
+    return loop
+
+
+def test_it_ticks_at_its_rate_and_not_faster():
+    session = FakeSession()
+    run(session)
+    assert session.ticks[19] - session.ticks[0] >= 18.0 / RATE
+
+
+def test_each_report_is_handed_on_and_nothing_else():
+    session, seen = FakeSession(), []
+    run(session, seen.append)
+    assert seen[:19] == [('tick', number) for number in range(2, 21)]
+
+
+def test_an_answer_that_is_expected_is_waited_for_until_the_next_period_and_handed_on():
+    session, seen = FakeSession(), []
+    session.answer = 'answer'
+    session.on_tick = lambda: setattr(session, 'expecting', True)
+    run(session, seen.append)
+    assert seen.count('answer') >= 15 and None not in seen
+    assert all(0.0 < patience <= 1.0 / RATE for patience in session.waits)
+
+
+def test_what_is_not_expected_is_not_waited_for():
+    session = FakeSession()
+    run(session)
+    assert not session.waits
+
+
+def test_periods_that_were_missed_are_counted_and_not_made_up_for():
+    session = FakeSession()
+    slow = iter([0.1])
+    session.on_tick = lambda: time.sleep(next(slow, 0.0))
+    loop = run(session)
+    assert 1 <= loop.late <= 20
+    assert session.ticks[19] - session.ticks[0] >= 0.1 + 17.0 / RATE
+
+
+def test_its_end_closes_the_session_and_a_second_time_does_no_harm():
+    session = FakeSession()
+    loop = run(session)
+    assert session.closed >= 1 and loop.failure is None
+    loop.end()
+    ticks = len(session.ticks)
+    time.sleep(3.0 / RATE)
+    assert len(session.ticks) == ticks
+
+
+@pytest.mark.parametrize('where', ['tick', 'publish'])
+def test_an_error_wherever_it_comes_from_closes_the_session_and_is_kept(where):
+    session, error = FakeSession(), ZeroDivisionError('planted')
+
+    def fail(*_):
+        raise error
+    if where == 'tick':
+        session.on_tick = fail
+    loop = Loop(session, RATE, fail)
+    deadline = time.monotonic() + PATIENCE
+    while loop.running:
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+    assert loop.failure is error and session.closed == 1
+
+
+def test_it_does_not_keep_a_process_alive():
+    session = FakeSession()
+    loop = Loop(session, RATE, lambda report: None)
+    thread, = (each for each in threading.enumerate() if each.name == 'motor loop')
+    assert thread.daemon
+    loop.end()
