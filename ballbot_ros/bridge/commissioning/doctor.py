@@ -15,7 +15,7 @@ from ballbot_ros.drives.transport import Link, ports
 from ballbot_ros.errors import BallbotError, DriveError, LinkError
 
 OK, NOTE, WRONG = 'ok', 'note', 'WRONG'
-# FTDI adapters keep what they have received for so long unless told otherwise [ms].
+# FTDI adapters keep what they have received for so long unless set otherwise [ms].
 SLOW_LATENCY = 1
 # Patience with each protocol at each baud rate while probing [s].
 PATIENCE = 0.25
@@ -92,7 +92,7 @@ def look_at_latency(device: str, system: Path = Path('/sys')) -> Iterator[Findin
 
 
 def look_at_ros(environment: Mapping[str, str]) -> Iterator[Finding]:
-    """Yield what the environment says about who hears whom."""
+    """Yield what the environment says about who receives from whom."""
     domain = environment.get('ROS_DOMAIN_ID', '')
     if domain and not (domain.isdigit() and int(domain) <= HIGHEST_DOMAIN):
         yield Finding(WRONG, f'ROS_DOMAIN_ID is {domain!r}',
@@ -112,7 +112,7 @@ def look_at_ros(environment: Mapping[str, str]) -> Iterator[Finding]:
 
 
 def look_at_drive(hardware: Hardware,
-                  tell: Callable[[str], None] = lambda text: None) -> Iterator[Finding]:
+                  progress: Callable[[str], None] = lambda text: None) -> Iterator[Finding]:
     """
     Yield who answers on the port of a hardware file, and what it is set to.
 
@@ -121,8 +121,8 @@ def look_at_drive(hardware: Hardware,
     Parameters
     ----------
     hardware : Hardware
-    tell : callable
-        Told what is tried, for it takes some seconds.
+    progress : callable
+        Called with what is tried, for it takes some seconds.
 
     """
     connection = hardware.connection
@@ -137,7 +137,7 @@ def look_at_drive(hardware: Hardware,
         identity = driver.identify()
     except (DriveError, LinkError) as error:
         driver.line.close()
-        yield _wrong_drive(hardware, error, tell)
+        yield _wrong_drive(hardware, error, progress)
         return
     yield Finding(OK, f'{where}: {identity.in_words}')
     try:
@@ -153,13 +153,13 @@ def look_at_drive(hardware: Hardware,
 
 
 def _wrong_drive(hardware: Hardware, error: Union[DriveError, LinkError],
-                 tell: Callable[[str], None]) -> Finding:
+                 progress: Callable[[str], None]) -> Finding:
     """Say what is there instead of the drive of the file."""
     connection = hardware.connection
     if error.reason == 'firmware':
         return Finding(WRONG, str(error), 'change the firmware with the tool of its maker, or '
                        'the section drive of the file')
-    found = probe(connection.port, connection.protocol, connection.baud, tell)
+    found = probe(connection.port, connection.protocol, connection.baud, progress)
     if found is None:
         return Finding(WRONG, str(error), 'nothing known answers at any common baud rate: look at '
                        'power, at TX and RX (crossed?), and at the ground between them')
@@ -174,7 +174,7 @@ def _wrong_drive(hardware: Hardware, error: Union[DriveError, LinkError],
 
 
 def probe(port: str, protocol: str = '', baud: int = 0,
-          tell: Callable[[str], None] = lambda text: None) -> Optional[Tuple[str, int]]:
+          progress: Callable[[str], None] = lambda text: None) -> Optional[Tuple[str, int]]:
     """
     Return protocol and baud rate of the drive on a port, None if none answers.
 
@@ -183,12 +183,12 @@ def probe(port: str, protocol: str = '', baud: int = 0,
     port : str
     protocol, baud
         What is most likely: tried first, together with all others at that baud rate.
-    tell : callable
-        Told what is tried.
+    progress : callable
+        Called with what is tried.
 
     """
     for name, rate in _guesses(protocol, baud):
-        tell(f'asking for {name} at {rate} baud')
+        progress(f'asking for {name} at {rate} baud')
         try:
             with Link(port, rate) as link:
                 _driver(name, link).identify(PATIENCE)
@@ -217,7 +217,7 @@ def _driver(protocol: str, link: Link) -> Driver:
 
 
 def examine(hardware_name: str, port: str, environment: Mapping[str, str],
-            tell: Callable[[str], None] = lambda text: None) -> Iterator[Finding]:
+            progress: Callable[[str], None] = lambda text: None) -> Iterator[Finding]:
     """
     Yield all findings.
 
@@ -229,13 +229,13 @@ def examine(hardware_name: str, port: str, environment: Mapping[str, str],
         Instead of that of the file; empty for that.
     environment : mapping
         Environment variables.
-    tell : callable
-        Told what takes time.
+    progress : callable
+        Called with what takes time.
 
     """
     yield from look_at_ports()
     try:
-        yield from look_at_drive(load_hardware(hardware_name).at(port), tell)
+        yield from look_at_drive(load_hardware(hardware_name).at(port), progress)
     except BallbotError as error:
         yield Finding(WRONG, str(error))
     yield from look_at_ros(environment)

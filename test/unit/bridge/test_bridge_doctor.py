@@ -4,15 +4,19 @@ from dataclasses import replace
 import fcntl
 import os
 import termios
+from types import SimpleNamespace
 
 import pytest
 
 from ballbot_ros.bridge.commissioning import doctor
 from ballbot_ros.bridge.commissioning.doctor import (
-    look_at_drive, look_at_latency, look_at_ports, look_at_ros, NOTE, OK, WRONG)
+    look_at_drive, look_at_latency, look_at_permission, look_at_ports, look_at_ros, NOTE, OK, probe,
+    stable_names, WRONG)
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.cli.command import main
+from ballbot_ros.drives import driver_class, DRIVES
 from ballbot_ros.emulator.emulator import Emulator
+from ballbot_ros.errors import DriveError, LinkError
 from ballbot_ros.physics import load_scene
 
 
@@ -116,9 +120,91 @@ def test_no_port_at_all_and_a_port_that_may_not_be_opened():
     ({}, [OK, NOTE]), ({'ROS_DOMAIN_ID': '7', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'},
                        [OK, OK]),
     ({'ROS_DOMAIN_ID': '230'}, [WRONG, NOTE]), ({'ROS_DOMAIN_ID': 'x'}, [WRONG, NOTE]),
+    ({'ROS_DOMAIN_ID': '101', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'}, [OK, OK]),
+    ({'ROS_DOMAIN_ID': '102', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SYSTEM_DEFAULT'},
+     [WRONG, NOTE]),
     ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCAL'}, [OK, WRONG])])
-def test_who_hears_whom_is_told(environment, verdicts):
+def test_who_receives_from_whom_is_found(environment, verdicts):
     assert [finding.verdict for finding in look_at_ros(environment)] == verdicts
+
+
+def test_a_port_that_may_be_opened_is_all_right_and_has_a_name_that_stays(tmp_path):
+    device = tmp_path / 'ttyUSB0'
+    device.touch()
+    findings = list(look_at_ports([(str(device), 'FTDI')], tmp_path))
+    assert [finding.verdict for finding in findings] == [OK]
+    assert str(device) in findings[0].what and 'FTDI' in findings[0].what
+    folder = tmp_path / 'by-id'
+    folder.mkdir()
+    (folder / 'usb-FTDI-b').symlink_to(device)
+    (folder / 'usb-FTDI-a').symlink_to(device)
+    (folder / 'usb-other').symlink_to(tmp_path / 'ttyUSB1')
+    assert stable_names(str(device), folder) == [
+        str(folder / 'usb-FTDI-a'), str(folder / 'usb-FTDI-b')]
+    assert stable_names(str(device), tmp_path / 'nothing') == []
+
+
+def test_a_port_that_a_group_may_open_is_wrong_for_another_user(tmp_path, monkeypatch):
+    device = tmp_path / 'ttyUSB0'
+    device.touch()
+    assert list(look_at_permission(str(device))) == []
+    assert list(look_at_permission(str(tmp_path / 'gone'))) == []
+    monkeypatch.setattr(os, 'access', lambda path, mode: mode != os.R_OK | os.W_OK)
+    assert 'usermod' in only_wrong(look_at_permission(str(device))).remedy
+
+
+class Port:
+    """A port on which one protocol answers at one baud rate."""
+
+    def __init__(self, monkeypatch, protocol, baud, error=None):
+        self.tried = []
+
+        class Link:
+            def __init__(link, port, rate):
+                link.rate = rate
+                if error is not None:
+                    raise error
+
+            def __enter__(link):
+                return link
+
+            def __exit__(link, *_):
+                pass
+
+        def driver(name, link, options):
+            self.tried.append((name, link.rate))
+
+            def identify(patience):
+                if (name, link.rate) != (protocol, baud):
+                    raise DriveError('silent', 'nobody')
+            return SimpleNamespace(identify=identify)
+        monkeypatch.setattr(doctor, 'Link', Link)
+        monkeypatch.setattr(doctor, 'open_driver', driver)
+
+
+def test_what_is_most_likely_is_tried_first_and_nothing_twice(monkeypatch):
+    port = Port(monkeypatch, 'roboclaw', 38400)
+    said = []
+    assert probe('x', 'vesc', 921600, said.append) == ('roboclaw', 38400)
+    assert port.tried[0] == ('vesc', 921600) and {name for name, _ in port.tried[:3]} == {
+        'vesc', 'odrive', 'roboclaw'}
+    assert {rate for _, rate in port.tried[:3]} == {921600}
+    assert len(set(port.tried)) == len(port.tried) == len(said)
+
+
+def test_every_protocol_is_tried_at_every_rate_that_it_may_have(monkeypatch):
+    port = Port(monkeypatch, 'nothing', 0)
+    assert probe('x') is None
+    assert set(port.tried) == {
+        (name, rate) for name in DRIVES for rate in driver_class(name).baud_rates}
+
+
+def test_a_port_that_cannot_be_opened_is_not_tried_again_unless_it_is_for_the_rate(monkeypatch):
+    for reason in ('busy', 'bad_baud'):
+        said = []
+        Port(monkeypatch, 'vesc', 1, LinkError(reason, 'planted'))
+        assert probe('x', 'vesc', 1, said.append) is None
+        assert (len(said) == 1) is (reason == 'busy')
 
 
 def test_the_command_prints_findings_with_remedies_and_fails(capsys):
