@@ -10,8 +10,8 @@ import pytest
 
 from ballbot_ros.bridge.commissioning import doctor
 from ballbot_ros.bridge.commissioning.doctor import (
-    look_at_drive, look_at_latency, look_at_permission, look_at_ports, look_at_ros, NOTE, OK, probe,
-    stable_names, WRONG)
+    look_at_drive, look_at_latency, look_at_permission, look_at_ports, look_at_ros, NOTE, OK,
+    probe, stable_names, WRONG)
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.cli.command import main
 from ballbot_ros.drives import driver_class, DRIVES
