@@ -74,6 +74,7 @@ def test_the_gain_that_is_offered_is_the_highest_with_a_tenth_of_the_rate_to_spa
         check_loop(GIMBALL, PUBLISHED, law, rate, 1)
     offered = float(str(caught.value).split(f'lower {name} to ')[1])
     percent = round(100.0 * offered / getattr(PUBLISHED, name))
+    assert offered == pytest.approx(percent / 100.0 * getattr(PUBLISHED, name))
     assert spares(percent) and not any(spares(more) for more in range(percent + 1, 96))
 
 
