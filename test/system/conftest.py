@@ -38,7 +38,7 @@ def own_domain():
     Reserve a ROS domain that no other test uses, in this process or another.
 
     A locked file says so: the lock goes with the process that holds it, whatever happens.  Nodes
-    of a test that was killed outlive it, and would speak in the next one on their domain.
+    of a test that was killed outlive it, and would publish in the next one on their domain.
     """
     shift = next(_turn) % PREFERRED  # not the one that was left just now
     taken = domains_of_processes()
@@ -59,7 +59,7 @@ def own_domain():
 
 @pytest.fixture(autouse=True)
 def this_machine_only(monkeypatch, tmp_path_factory):
-    """Keep all talk on this machine, and let it begin at once."""
+    """Keep all communication on this machine, with fast discovery."""
     for name, value in local_discovery(tmp_path_factory.mktemp('settings')).items():
         monkeypatch.setenv(name, value)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A ROS graph of a test's own: nodes as processes, and a node that talks with them."""
+"""A ROS graph of a test's own: nodes as processes, and a node that communicates with them."""
 import signal
 import subprocess
 import sys
@@ -30,7 +30,7 @@ SIMULATOR = {'pause': Trigger, 'resume': Trigger, 'reset': Trigger, 'step': Step
 
 class Graph:
     """
-    Sentences for tests; all waiting is for something, never for a while.
+    What tests do with it; all waiting is for something, never for a while.
 
     Parameters
     ----------
@@ -50,16 +50,16 @@ class Graph:
         self.executor.add_node(self.node)
         self.processes = NodeProcesses(folder, domain)
         self.statuses = {}
-        self._voices = {}
-        self._busy = []
+        self._publishers = {}
+        self._load = []
         self._clients = {}
         for name, kind in SIMULATOR.items():
             self.client(f'simulator/{name}', kind)
-        self.hear('/diagnostics', DiagnosticArray, callback=self._note)
+        self.subscribe('/diagnostics', DiagnosticArray, callback=self._note)
 
     def close(self):
         """End every process, and leave; a second time does no harm."""
-        self.be_quiet_again()
+        self.end_load()
         self.processes.stop()
         if not self.context.ok():
             return
@@ -87,45 +87,45 @@ class Graph:
         self.processes.signal(name, number)
         return self.processes.wait(name, PATIENCE)
 
-    def make_busy(self, processes=3):
-        """Let other processes fight for the processor until the end of the test."""
-        self._busy += [subprocess.Popen([sys.executable, '-c', 'while True: pass'])
+    def add_load(self, processes=3):
+        """Let other processes take the processor until the end of the test."""
+        self._load += [subprocess.Popen([sys.executable, '-c', 'while True: pass'])
                        for _ in range(processes)]
 
-    def be_quiet_again(self):
-        """End what `make_busy` started."""
-        while self._busy:
-            process = self._busy.pop()
+    def end_load(self):
+        """End what `add_load` started."""
+        while self._load:
+            process = self._load.pop()
             process.kill()
             process.wait()
 
     # Topics
 
-    def hear(self, topic, kind, profile=EVERYTHING, callback=None):
+    def subscribe(self, topic, kind, profile=EVERYTHING, callback=None):
         """Return the list in which the messages of a topic arrive."""
-        heard = []
-        self.node.create_subscription(kind, topic, callback or heard.append, profile)
-        return heard
+        received = []
+        self.node.create_subscription(kind, topic, callback or received.append, profile)
+        return received
 
-    def voice(self, topic, kind=JointState, profile=EVERYTHING):
-        """Return a publisher that somebody hears."""
-        if topic not in self._voices:
-            self._voices[topic] = self.node.create_publisher(kind, topic, profile)
-        publisher = self._voices[topic]
-        self.wait(lambda: publisher.get_subscription_count(), f'somebody hears {topic}')
+    def publisher(self, topic, kind=JointState, profile=EVERYTHING):
+        """Return a publisher that has a subscriber."""
+        if topic not in self._publishers:
+            self._publishers[topic] = self.node.create_publisher(kind, topic, profile)
+        publisher = self._publishers[topic]
+        self.wait(lambda: publisher.get_subscription_count(), f'somebody subscribes to {topic}')
         return publisher
 
-    def say_until(self, condition, what, topic, *messages):
+    def publish_until(self, condition, what, topic, *messages):
         """Publish messages, or what functions return, in turn; return as `wait` does."""
         kind = JointState if callable(messages[0]) else type(messages[0])
-        publisher = self.voice(topic, kind)
+        publisher = self.publisher(topic, kind)
         deadline, turn = time.monotonic() + PATIENCE, 0
         while not (found := condition()):
-            assert time.monotonic() < deadline, self._complaint(what)
+            assert time.monotonic() < deadline, self._timed_out(what)
             message = messages[turn % len(messages)]
             publisher.publish(message() if callable(message) else message)
             turn += 1
-            self.listen(0.02)
+            self.spin(0.02)
         return found
 
     def joint(self, position=(), velocity=(), effort=(), stamp=0.0, name=('pendulum',)):
@@ -137,7 +137,7 @@ class Graph:
 
     # Waiting
 
-    def listen(self, seconds):
+    def spin(self, seconds):
         """Take in what comes for a while."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
@@ -147,12 +147,12 @@ class Graph:
         """Return what a condition returns as soon as that is true."""
         deadline = time.monotonic() + PATIENCE
         while not (found := condition()):
-            assert time.monotonic() < deadline, self._complaint(what)
+            assert time.monotonic() < deadline, self._timed_out(what)
             self.executor.spin_once(timeout_sec=0.05)
         return found
 
     def wait_for_time(self, states, seconds):
-        """Wait until simulated time, told by stamped messages, has come so far."""
+        """Wait until the stamps of messages have come so far."""
         self.wait(lambda: states and to_seconds(states[-1].header.stamp) >= seconds,
                   f'simulated time has come to {seconds:g} s')
 
@@ -160,7 +160,7 @@ class Graph:
         """Wait until a node has logged a text."""
         self.wait(lambda: text in self.log(name), f'{name} logs {text!r}')
 
-    def _complaint(self, what):
+    def _timed_out(self, what):
         logs = '\n'.join(f'--- {path.stem}\n{path.read_text()[-3000:]}' for path in
                          sorted(self.processes.log('x').parent.glob('*.log')))
         return f'waited {PATIENCE:g} s in vain until {what}\n{logs}'
@@ -190,37 +190,37 @@ class Graph:
             if not futures or again and time.monotonic() > begun + 3.0 * len(futures):
                 self.wait(client.service_is_ready, f'{service} is there')
                 futures.append(client.call_async(kind.Request(**fields)))
-            assert time.monotonic() < begun + PATIENCE, self._complaint(f'{service} answers')
+            assert time.monotonic() < begun + PATIENCE, self._timed_out(f'{service} answers')
             self.executor.spin_once(timeout_sec=0.05)
         return next(future.result() for future in futures if future.done())
 
-    def ask(self, service, again=True, **fields):
+    def request(self, service, again=True, **fields):
         """Call a service of the simulator and return its response."""
         return self.call(f'simulator/{service}', SIMULATOR[service], again, **fields)
 
-    def begin(self, service, **fields):
+    def call_async(self, service, **fields):
         """Call a service of the simulator and return the future of its response."""
         client = self.client(f'simulator/{service}', SIMULATOR[service])
         self.wait(client.service_is_ready, f'{service} is there')
         return client.call_async(client.srv_type.Request(**fields))
 
-    def tell(self, verb):
+    def trigger(self, verb):
         """Call pause, resume or reset of the simulator and return its message."""
-        response = self.ask(verb)
+        response = self.request(verb)
         assert response.success, response.message
         return response.message
 
-    def wait_for_talk(self, *heard):
-        """Reset a paused simulation until the test hears what its nodes have to say."""
+    def wait_until_connected(self, *topics):
+        """Reset a paused simulation until messages of all these topics have come."""
         deadline = time.monotonic() + PATIENCE
-        while not all(heard):
-            assert time.monotonic() < deadline, self._complaint('all speak with each other')
-            self.tell('reset')
-            self.listen(0.1)
+        while not all(topics):
+            assert time.monotonic() < deadline, self._timed_out('all nodes are connected')
+            self.trigger('reset')
+            self.spin(0.1)
 
     def step(self, periods):
         """Let a paused simulator run some periods; return the simulated time after [s]."""
-        response = self.ask('step', again=False, periods=periods)
+        response = self.request('step', again=False, periods=periods)
         assert response.success, response.message
         return to_seconds(response.time)
 
@@ -244,4 +244,4 @@ class Graph:
         """Wait until a node says that its health is so."""
         self.wait(lambda: name in self.statuses and self.statuses[name].level == level
                   and message in self.statuses[name].message,
-                  f'{name} tells {level!r} {message!r} on /diagnostics')
+                  f'{name} publishes {level!r} {message!r} on /diagnostics')

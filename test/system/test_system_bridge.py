@@ -61,8 +61,8 @@ class Driving:
 
     def __init__(self, graph, motor):
         self.graph, self.motor = graph, motor
-        self.states = graph.hear('joint_states', JointState)
-        self.status = graph.hear('motor_status', MotorStatus)
+        self.states = graph.subscribe('joint_states', JointState)
+        self.status = graph.subscribe('motor_status', MotorStatus)
 
     def command(self, torque=TORQUE):
         """Return a command for the newest state."""
@@ -80,7 +80,7 @@ class Driving:
         """Command a torque until the motor makes it, and forget what was told before."""
         for _ in range(5):
             self.status.clear()
-            found = self.graph.say_until(
+            found = self.graph.publish_until(
                 lambda: 'torque' if self.motor.torque != 0.0 else self.held_up(),
                 'the motor pulls', 'joint_commands', self.command)
             if found == 'torque':
@@ -100,7 +100,7 @@ class Driving:
     def wait_for_nothing(self):
         """Wait until the motor makes no torque, and see that it stays so."""
         self.graph.wait(lambda: self.motor.torque == 0.0, 'the motor is at zero')
-        self.graph.listen(0.3)
+        self.graph.spin(0.3)
         assert self.motor.torque == 0.0
 
 

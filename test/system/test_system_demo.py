@@ -65,15 +65,15 @@ def wait(condition, what):
 
 
 @pytest.mark.slow
-def test_first_step_is_crossed_second_refused_and_all_of_it_told_and_kept(demo, tmp_path):
+def test_first_step_is_crossed_second_refused_and_all_of_it_printed_and_recorded(demo, tmp_path):
     process = demo('--timeout', '110')
-    said = process.communicate(timeout=PATIENCE)[0]
-    assert process.returncode == 0, said
+    printed = process.communicate(timeout=PATIENCE)[0]
+    assert process.returncode == 0, printed
     order = ['sees  a step of 31 mm', 'CROSS', 'touches  the 31 mm step', 'to spare on the curve',
              'crossed', 'sees  a step of 80 mm', 'GO ROUND', 'rests', 'before the next step',
              'Done:']
-    places = [said.find(words) for words in order]
-    assert -1 not in places and places == sorted(places), said
+    places = [printed.find(words) for words in order]
+    assert -1 not in places and places == sorted(places), printed
 
     with Image.open(tmp_path / 'out' / 'crossing.png') as picture:
         assert picture.format == 'PNG'
@@ -96,7 +96,7 @@ def test_first_step_is_crossed_second_refused_and_all_of_it_told_and_kept(demo, 
     # A machine that had time for it has recorded everything from the first moment on, but for
     # what was on its way at the end; of topics that keep the newest only a little may be lost.
     simulated, wall = map(float, re.search(r'Done: (\S+) s of simulated time in (\S+) s',
-                                           said).groups())
+                                           printed).groups())
     allowed = 0.0 if wall < simulated else 0.5
     for topic, period, lost in (
             ('/joint_states', 2, 0.0), ('/ball_state', 10, 0.0), ('/odom', 10, 0.0),
@@ -119,12 +119,12 @@ def test_a_node_that_dies_fails_the_demo_and_is_named(demo, tmp_path):
     process = demo()
     nodes = wait(lambda: (nodes_of(process).keys() == NODES) and nodes_of(process), 'all started')
     wait(lambda: 'joint states have arrived' in (
-        tmp_path / 'out' / 'logs' / 'controller.log').read_text(), 'they talk')
+        tmp_path / 'out' / 'logs' / 'controller.log').read_text(), 'they communicate')
     subprocess.run(['kill', '-KILL', str(nodes['controller'])], check=True)
-    said = process.communicate(timeout=PATIENCE)[0]
-    assert process.returncode == 1, said
-    assert 'FAILED' in said and 'node controller ended with code -9, see ' in said
-    assert 'Traceback' not in said
+    printed = process.communicate(timeout=PATIENCE)[0]
+    assert process.returncode == 1, printed
+    assert 'FAILED' in printed and 'node controller ended with code -9, see ' in printed
+    assert 'Traceback' not in printed
     assert not any(Path('/proc', str(number)).exists() for number in nodes.values())
 
 
@@ -135,9 +135,9 @@ def test_demo_that_is_interrupted_leaves_nothing_running(demo, tmp_path, number,
     wait(lambda: all('running with' in (tmp_path / 'out' / 'logs' / f'{name}.log').read_text()
                      for name in NODES), 'they run')
     process.send_signal(number)
-    said = process.communicate(timeout=PATIENCE)[0]
-    assert process.returncode == code, said
-    assert 'Traceback' not in said
+    printed = process.communicate(timeout=PATIENCE)[0]
+    assert process.returncode == code, printed
+    assert 'Traceback' not in printed
     assert not any(Path('/proc', str(number)).exists() for number in nodes.values())
 
 

@@ -33,28 +33,28 @@ def scene(tmp_path):
 
 
 def start_all(graph, scene, **parameters):
-    """Start the three nodes, and return what is heard of them when all are connected."""
-    heard = {topic: graph.hear(topic, kind) for topic, kind in KINDS.items()}
+    """Start the three nodes, and return what they publish when all are connected."""
+    received = {topic: graph.subscribe(topic, kind) for topic, kind in KINDS.items()}
     graph.start('controller', lockstep_set_point_period=0.02)
     graph.start('obstacle_decision')
     graph.start('simulator', scene=scene, lockstep=True, real_time_factor=0.0,
                 start_paused=True, **parameters)
     # A command is an answer to a state and a set-point, and that to an observation.
-    graph.wait_for_talk(*heard.values())
-    return heard
+    graph.wait_until_connected(*received.values())
+    return received
 
 
 def record(graph, scene, seed):
-    """Return what a run tells, by topic and stamp, as text: bit for bit, -0.0 is not 0.0."""
-    heard = start_all(graph, scene, seed=seed, **NOISE)
+    """Return what a run publishes, by topic and stamp, as text: bit for bit, -0.0 is not 0.0."""
+    received = start_all(graph, scene, seed=seed, **NOISE)
     end = graph.step(PERIODS)
-    for messages in heard.values():
+    for messages in received.values():
         graph.wait_for_time(messages, end)
     found = {}
-    for topic, messages in heard.items():
+    for topic, messages in received.items():
         for message in messages:
             key = topic, to_seconds(message.header.stamp)
-            # A state that nobody answered at once is told again, with the same numbers.
+            # A state that nobody answered at once is published again, with the same numbers.
             assert found.setdefault(key, str(message)) == str(message), key
     graph.close()
     return found
@@ -65,7 +65,7 @@ def test_two_runs_are_the_same_to_the_bit_even_under_load_and_another_seed_is_an
         make_graph, scene):
     first = record(make_graph(), scene, seed=7)
     loaded = make_graph()
-    loaded.make_busy()
+    loaded.add_load()
     second = record(loaded, scene, seed=7)
     other = record(make_graph(), scene, seed=8)
     assert len(first) == 2 * (PERIODS + 1) + PERIODS // 5 + 1
@@ -75,14 +75,14 @@ def test_two_runs_are_the_same_to_the_bit_even_under_load_and_another_seed_is_an
     assert 'kind=2' in ''.join(first.values())  # the edge of the step was in it
 
 
-def test_each_state_is_told_once_and_the_clock_goes_ahead_of_it(graph):
+def test_each_state_is_published_once_and_the_clock_goes_ahead_of_it(graph):
     states, clocks = [], []
-    graph.hear('joint_states', JointState, callback=states.append)
-    graph.hear('/clock', Clock, callback=clocks.append)
+    graph.subscribe('joint_states', JointState, callback=states.append)
+    graph.subscribe('/clock', Clock, callback=clocks.append)
     graph.start('controller')
     graph.start('simulator', scene='flat', lockstep=True, real_time_factor=0.0,
                 start_paused=True, clock_rate=250.0)
-    graph.wait_for_talk(states, clocks)
+    graph.wait_until_connected(states, clocks)
     graph.wait_for_time(states, graph.step(300))
     graph.wait(lambda: to_seconds(clocks[-1].clock) >= 0.6, 'the clock has come so far')
     stamps = [to_seconds(state.header.stamp) for state in states]
@@ -96,7 +96,7 @@ def test_each_state_is_told_once_and_the_clock_goes_ahead_of_it(graph):
 
 def test_time_stands_still_without_a_controller_and_goes_on_with_the_next(graph, scene):
     states = start_all(graph, scene, lockstep_patience=0.5)['ball_state']
-    graph.tell('resume')
+    graph.trigger('resume')
     graph.wait_for_time(states, 0.1)
     graph.kill('controller')
     graph.wait_for_log('simulator', 'time stands still')
@@ -114,7 +114,7 @@ def test_time_stands_still_without_a_controller_and_goes_on_with_the_next(graph,
 
 def test_time_waits_for_a_decision_that_is_started_again(graph, scene):
     states = start_all(graph, scene, lockstep_patience=0.5)['ball_state']
-    graph.tell('resume')
+    graph.trigger('resume')
     graph.wait_for_time(states, 0.1)
     graph.kill('obstacle_decision')
     graph.wait_for_log('simulator', 'time stands still')

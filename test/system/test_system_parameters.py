@@ -100,7 +100,7 @@ def test_refused_with_one_line_that_says_what_to_do(graph, files, case):
 def test_malformed_command_line_is_refused_too(graph, files, arguments):
     graph.start('controller', *arguments)
     assert graph.processes.wait('controller', 30.0) == 2
-    # Before it, rcl has its own say.
+    # rcl logs lines of its own before it.
     assert graph.log('controller').splitlines()[-1].startswith('cannot start: ')
     assert 'Traceback' not in graph.log('controller')
 

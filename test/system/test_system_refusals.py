@@ -14,20 +14,20 @@ from ballbot_ros.ros.conversions import to_seconds, to_time
 NAN, INF = math.nan, math.inf
 
 
-def say_until_counted(graph, name, topic, **messages):
+def publish_until_counted(graph, name, topic, **messages):
     """Publish one bad message per reason until the node has counted each of the reasons."""
     wanted = {reason.rstrip('_0123456789') for reason in messages}
-    graph.say_until(lambda: wanted <= set(graph.refusals(name)), f'{name} counts {wanted}',
-                    topic, *messages.values())
+    graph.publish_until(lambda: wanted <= set(graph.refusals(name)), f'{name} counts {wanted}',
+                        topic, *messages.values())
     assert set(graph.refusals(name)) == wanted
 
 
 def test_bad_commands_are_counted_and_do_not_move_the_robot(graph):
-    states = graph.hear('ball_state', BallState)
+    states = graph.subscribe('ball_state', BallState)
     graph.start('simulator', scene='flat', start_paused=True)
-    graph.wait_for_talk(states)
+    graph.wait_until_connected(states)
     now = graph.step(100)
-    say_until_counted(
+    publish_until_counted(
         graph, 'simulator', 'joint_commands',
         not_finite_1=graph.joint(effort=[NAN], stamp=now),
         not_finite_2=graph.joint(effort=[INF], stamp=now),
@@ -44,41 +44,41 @@ def test_bad_commands_are_counted_and_do_not_move_the_robot(graph):
     assert values['commands_accepted'] == '0'
     assert int(values['commands_refused']) == sum(graph.refusals('simulator').values())
     graph.wait_for_health('simulator', diagnostics.OK, 'paused')
-    graph.tell('resume')
+    graph.trigger('resume')
     graph.wait_for_health('simulator', diagnostics.WARN, 'commands were refused')
     log = graph.log('simulator')
     assert 'command refused: ' in log and 'Traceback' not in log
     assert {state.pendulum_torque for state in states} == {0.0}
     assert max(abs(state.pendulum_angle) for state in states) < 1e-9
-    graph.say_until(lambda: states[-1].pendulum_torque == 0.125, 'a good command is followed',
-                    'joint_commands', lambda: graph.joint(
-                        effort=[0.125], stamp=to_seconds(states[-1].header.stamp)))
+    graph.publish_until(lambda: states[-1].pendulum_torque == 0.125, 'a good command is followed',
+                        'joint_commands', lambda: graph.joint(
+                            effort=[0.125], stamp=to_seconds(states[-1].header.stamp)))
 
 
 def test_command_that_came_too_late_to_be_next_is_out_of_order(graph):
-    states = graph.hear('ball_state', BallState)
+    states = graph.subscribe('ball_state', BallState)
     graph.start('simulator', scene='flat', start_paused=True)
-    graph.wait_for_talk(states)
+    graph.wait_until_connected(states)
     now = graph.step(100)
-    graph.say_until(lambda: graph.values('simulator').get('commands_accepted', '0') != '0',
-                    'a command is accepted', 'joint_commands',
-                    graph.joint(effort=[0.5], stamp=now))
-    say_until_counted(graph, 'simulator', 'joint_commands',
-                      out_of_order=graph.joint(effort=[-0.5], stamp=now - 0.002))
+    graph.publish_until(lambda: graph.values('simulator').get('commands_accepted', '0') != '0',
+                        'a command is accepted', 'joint_commands',
+                        graph.joint(effort=[0.5], stamp=now))
+    publish_until_counted(graph, 'simulator', 'joint_commands',
+                          out_of_order=graph.joint(effort=[-0.5], stamp=now - 0.002))
     graph.wait_for_time(states, graph.step(10))
     assert states[-1].pendulum_torque == 0.5
 
 
 def test_bad_set_points_and_readings_leave_the_torque_as_it_was(graph):
-    commands = graph.hear('joint_commands', JointState)
+    commands = graph.subscribe('joint_commands', JointState)
     graph.start('controller', set_point_timeout=0.0)
     state = dict(name=['shell', 'pendulum'], velocity=[0.0, 0.0])
     good = [graph.joint(position=[0.0, 0.0], stamp=0.002 * number, **state)
             for number in range(1, 400)]
     stamps = cycle(good)
-    graph.say_until(lambda: commands, 'the controller answers', 'joint_states', next(stamps))
-    graph.voice('set_point')
-    say_until_counted(
+    graph.publish_until(lambda: commands, 'the controller answers', 'joint_states', next(stamps))
+    graph.publisher('set_point')
+    publish_until_counted(
         graph, 'controller', 'set_point',
         not_finite_1=graph.joint(position=[NAN]),
         not_finite_2=graph.joint(position=[INF]),
@@ -90,18 +90,18 @@ def test_bad_set_points_and_readings_leave_the_torque_as_it_was(graph):
     twist = TwistStamped()
     twist.twist.linear.x = NAN
     before = graph.refusals('controller')['not_finite']
-    graph.say_until(lambda: graph.refusals('controller')['not_finite'] > before + 5,
-                    'a speed that is NaN is counted', 'cmd_vel', twist)
+    graph.publish_until(lambda: graph.refusals('controller')['not_finite'] > before + 5,
+                        'a speed that is NaN is counted', 'cmd_vel', twist)
     before = graph.refusals('controller')['not_finite']
     bad = [graph.joint(position=[0.0, NAN], stamp=0.5, **state),
            graph.joint(position=[INF, 0.0], stamp=0.5, **state)]
-    graph.say_until(lambda: graph.refusals('controller')['not_finite'] > before + 5,
-                    'readings are counted', 'joint_states', *bad)
+    graph.publish_until(lambda: graph.refusals('controller')['not_finite'] > before + 5,
+                        'readings are counted', 'joint_states', *bad)
     assert graph.values('controller')['mode'] == 'idle'
     assert {command.effort[0] for command in commands} == {0.0}
     assert 'Traceback' not in graph.log('controller')
-    graph.say_until(lambda: graph.values('controller')['mode'] == 'hold', 'a good one is taken',
-                    'set_point', graph.joint(position=[0.5]))
+    graph.publish_until(lambda: graph.values('controller')['mode'] == 'hold',
+                        'a good one is taken', 'set_point', graph.joint(position=[0.5]))
 
 
 def odometry(stamp, x=0.0, speed=0.2):
@@ -133,26 +133,27 @@ BAD = {
 
 
 def test_bad_observations_stop_the_robot_with_their_reason(graph):
-    decisions = graph.hear('step_decision', StepDecision, qos.LATCHED)
-    points = graph.hear('set_point', JointState)
+    decisions = graph.subscribe('step_decision', StepDecision, qos.LATCHED)
+    points = graph.subscribe('set_point', JointState)
     graph.start('obstacle_decision')
-    see, feel = graph.voice('step_observation', StepObservation), graph.voice('odom', Odometry)
+    observations = graph.publisher('step_observation', StepObservation)
+    motions = graph.publisher('odom', Odometry)
     stamp = 0.0
 
     def ask(observation=None, **motion):
         """Return decision and set angle for one observation, or for none."""
         nonlocal stamp
         stamp += 0.02 if observation is not None else 0.4
-        feel.publish(odometry(stamp, **motion))
+        motions.publish(odometry(stamp, **motion))
         if observation is not None:
-            see.publish(sight(stamp, **observation))
-        for told in (decisions, points):
-            graph.wait(lambda heard=told: heard and heard[-1].header.stamp == to_time(stamp),
+            observations.publish(sight(stamp, **observation))
+        for messages in (decisions, points):
+            graph.wait(lambda got=messages: got and got[-1].header.stamp == to_time(stamp),
                        f'what is at {stamp} s is decided')
         return decisions[-1].decision, decisions[-1].reason, points[-1].position[0]
 
     graph.wait(lambda: graph.node.count_publishers('step_decision')
-               and graph.node.count_publishers('set_point'), 'the decision speaks')
+               and graph.node.count_publishers('set_point'), 'the decision publishes')
     good = StepDecision.CROSS, StepDecision.WITHIN_CURVE
     assert ask({})[:2] == good
     for name, (change, reason) in BAD.items():

@@ -31,11 +31,11 @@ def rolling(tmp_path):
 
 @pytest.mark.parametrize('way', WAYS)
 def test_time_is_paused_stepped_reset_and_resumed(graph, rolling, way):
-    states = graph.hear('ball_state', BallState)
+    states = graph.subscribe('ball_state', BallState)
     if 'lockstep' in WAYS[way]:
         graph.start('controller')
     graph.start('simulator', scene=rolling, start_paused=True, ball_state_rate=500.0, **WAYS[way])
-    graph.wait_for_talk(states)
+    graph.wait_until_connected(states)
     assert {to_seconds(state.header.stamp) for state in states} == {0.0}
 
     # Exactly so many periods, also right after one another.
@@ -45,28 +45,28 @@ def test_time_is_paused_stepped_reset_and_resumed(graph, rolling, way):
         *range(62)]
     assert states[-1].x == pytest.approx(0.25 + 0.5 * 61 / 500, rel=0.05)
 
-    assert 't = 0.122 s, paused' in graph.tell('reset')
+    assert 't = 0.122 s, paused' in graph.trigger('reset')
     graph.wait(lambda: states[-1].x == 0.25, 'the ball is back')
     assert to_seconds(states[-1].header.stamp) == pytest.approx(0.122)
 
-    graph.tell('resume')
+    graph.trigger('resume')
     graph.wait_for_time(states, 0.3)
-    assert float(graph.tell('pause').split()[-2]) >= 0.3
+    assert float(graph.trigger('pause').split()[-2]) >= 0.3
     graph.wait_for_health('simulator', diagnostics.OK, 'paused')
     assert graph.end('simulator') == 0
 
 
 def test_step_and_resume_say_why_not(graph, rolling):
     graph.start('simulator', scene=rolling, lockstep=True)
-    refused = graph.ask('step', periods=1)
+    refused = graph.request('step', periods=1)
     assert not refused.success and 'call ~/pause first' in refused.message
-    graph.tell('pause')
+    graph.trigger('pause')
 
     # Nobody answers the states, so this step lasts until something ends it.
-    unfinished = graph.begin('step', periods=5)
-    graph.wait(lambda: 'not paused' in graph.ask('step', periods=1).message,
+    unfinished = graph.call_async('step', periods=5)
+    graph.wait(lambda: 'not paused' in graph.request('step', periods=1).message,
                'the first step has begun')
-    graph.tell('pause')
+    graph.trigger('pause')
     graph.wait(unfinished.done, 'the step is ended by the pause')
     assert not unfinished.result().success
     assert unfinished.result().message == 'ended before all periods were run'
@@ -78,10 +78,10 @@ def test_a_run_that_fails_goes_silent_says_why_and_can_be_reset(graph, tmp_path)
     scene = tmp_path / 'fall.yaml'
     scene.write_text('robot: gimball\nrobot_changes: {contact_stiffness: 500.0}\n'
                      'initial: {y: 1.0, velocity_y: -10.0}\nduration: 1.0\n')
-    states, odometry = graph.hear('ball_state', BallState), graph.hear('odom', Odometry)
+    states, odometry = graph.subscribe('ball_state', BallState), graph.subscribe('odom', Odometry)
     graph.start('simulator', scene=scene, start_paused=True)
-    graph.wait_for_talk(states)
-    failed = graph.ask('step', again=False, periods=500)
+    graph.wait_until_connected(states)
+    failed = graph.request('step', again=False, periods=500)
     assert not failed.success
     graph.wait_for_health('simulator', diagnostics.ERROR, 'under the ground')
     log = graph.log('simulator')
@@ -89,7 +89,7 @@ def test_a_run_that_fails_goes_silent_says_why_and_can_be_reset(graph, tmp_path)
     assert log.count('Nothing is published until ~/reset') == 1
 
     for service, fields in (('resume', {}), ('step', {'periods': 1})):
-        response = graph.ask(service, **fields)
+        response = graph.request(service, **fields)
         assert not response.success and 'call ~/reset first' in response.message
     states.clear()
     odometry.clear()
@@ -97,7 +97,7 @@ def test_a_run_that_fails_goes_silent_says_why_and_can_be_reset(graph, tmp_path)
     graph.wait_for_health('simulator', diagnostics.ERROR)
     assert not states and not odometry
 
-    graph.tell('reset')
+    graph.trigger('reset')
     graph.wait(lambda: states and states[-1].y == 1.0, 'the ball is back')
     assert graph.step(5) > 0.01
     graph.wait_for_health('simulator', diagnostics.OK)

@@ -34,7 +34,7 @@ def test_while_waiting_for_others(graph, number):
 
 @pytest.mark.parametrize('number', SIGNALS)
 def test_while_waiting_in_lockstep_for_an_answer(graph, number):
-    states = graph.hear('joint_states', JointState)
+    states = graph.subscribe('joint_states', JointState)
     graph.start('simulator', lockstep=True)
     graph.wait(lambda: states, 'the simulator asks')
     assert graph.end('simulator', number) == 0
@@ -43,9 +43,9 @@ def test_while_waiting_in_lockstep_for_an_answer(graph, number):
 
 def test_while_a_step_waits(graph):
     graph.start('simulator', lockstep=True, start_paused=True)
-    graph.tell('reset')
-    unfinished = graph.begin('step', periods=5)
-    graph.wait(lambda: 'not paused' in graph.ask('step', periods=1).message, 'it has begun')
+    graph.trigger('reset')
+    unfinished = graph.call_async('step', periods=5)
+    graph.wait(lambda: 'not paused' in graph.request('step', periods=1).message, 'it has begun')
     assert graph.end('simulator') == 0 and not unfinished.done()
     assert 'Traceback' not in graph.log('simulator') and 'never' not in graph.log('simulator')
 
@@ -53,10 +53,10 @@ def test_while_a_step_waits(graph):
 @pytest.mark.parametrize('number', SIGNALS)
 @pytest.mark.parametrize('busy', [0, 4])
 def test_while_all_are_busy(graph, number, busy):
-    states = graph.hear('joint_states', JointState)
+    states = graph.subscribe('joint_states', JointState)
     graph.start('simulator', lockstep=True, real_time_factor=0.0)
     graph.start('controller')
     graph.start('obstacle_decision')
     graph.wait_for_time(states, 0.1)
-    graph.make_busy(busy)
+    graph.add_load(busy)
     assert end_all(graph, number) < 10.0  # 2 s on a machine with nothing else to do

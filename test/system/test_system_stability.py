@@ -24,10 +24,10 @@ def hold(graph, gimball, rate, seconds):
         states.append(message)
         publisher.publish(command_message(message.header.stamp, torques[-1]))
 
-    graph.hear('joint_states', JointState, callback=answer)
+    graph.subscribe('joint_states', JointState, callback=answer)
     graph.start('simulator', scene='flat', lockstep=True, control_rate=rate,
                 real_time_factor=0.0, start_paused=True)
-    graph.wait_for_talk(states)
+    graph.wait_until_connected(states)
     graph.wait_for_time(states, graph.step(round(seconds * rate)))
     return torques, angles
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who hears whom: quality of service, late joiners, namespaces."""
+"""Who receives what: quality of service, late joiners, namespaces."""
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
@@ -12,32 +12,33 @@ BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def test_those_who_ask_for_less_hear_and_those_who_cannot_are_told_by_name(graph):
-    heard = {topic: graph.hear(topic, kind, BEST_EFFORT) for topic, kind in (
+def test_subscribers_that_ask_for_less_receive_and_mismatches_are_logged_by_name(graph):
+    received = {topic: graph.subscribe(topic, kind, BEST_EFFORT) for topic, kind in (
         ('joint_states', JointState), ('odom', Odometry), ('ball_state', BallState),
         ('step_observation', StepObservation), ('/clock', Clock))}
     graph.node.create_publisher(JointState, 'joint_commands', BEST_EFFORT)
-    graph.hear('odom', Odometry, LATCHED)
+    graph.subscribe('odom', Odometry, LATCHED)
     graph.start('simulator', scene='flat')
-    graph.wait(lambda: all(heard.values()), 'all is heard')
+    graph.wait(lambda: all(received.values()), 'all is received')
     graph.wait_for_log('simulator', 'simulator cannot receive /joint_commands from test')
     graph.wait_for_log('simulator', 'test cannot receive /odom from simulator')
 
 
-def test_who_comes_late_still_hears_the_last_decision(graph):
-    early = graph.hear('step_decision', StepDecision)
+def test_a_late_subscriber_still_receives_the_last_decision(graph):
+    early = graph.subscribe('step_decision', StepDecision)
     graph.start('obstacle_decision')
     graph.start('simulator', start_paused=True)
-    graph.wait_for_talk(early)
+    graph.wait_until_connected(early)
     assert graph.end('simulator') == 0
-    late = graph.hear('step_decision', StepDecision, qos.LATCHED)
-    graph.wait(lambda: late, 'the late one hears')
+    late = graph.subscribe('step_decision', StepDecision, qos.LATCHED)
+    graph.wait(lambda: late, 'the late one receives it')
     assert late == early[-1:] and late[0].decision == StepDecision.CROSS
 
 
 def test_in_a_namespace_they_find_each_other_and_the_clock_is_for_all(graph):
     place = ('--ros-args', '-r', '__ns:=/left')
-    states, clocks = graph.hear('left/ball_state', BallState), graph.hear('/clock', Clock)
+    states = graph.subscribe('left/ball_state', BallState)
+    clocks = graph.subscribe('/clock', Clock)
     graph.start('controller', *place)
     graph.start('obstacle_decision', *place)
     graph.start('simulator', *place)
@@ -47,5 +48,5 @@ def test_in_a_namespace_they_find_each_other_and_the_clock_is_for_all(graph):
     assert '/left/joint_states' in names and '/joint_states' not in names
     assert '/left/clock' not in names
     graph.wait(lambda: {'left/simulator', 'left/controller', 'left/obstacle_decision'}
-               <= graph.statuses.keys(), 'all tell their health')
+               <= graph.statuses.keys(), 'all publish their health')
     assert graph.node.count_publishers('/left/step_decision') == 1

@@ -9,33 +9,33 @@ from ballbot_ros.ros.conversions import to_seconds
 
 
 def test_torque_ends_within_its_timeout_when_the_controller_is_killed(graph):
-    states = graph.hear('ball_state', BallState)
-    commands = graph.hear('joint_commands', JointState)
+    states = graph.subscribe('ball_state', BallState)
+    commands = graph.subscribe('joint_commands', JointState)
     graph.start('controller', set_point_timeout=0.0)
     graph.start('simulator', scene='flat', ball_state_rate=500.0, command_timeout=0.1)
     # Held at an angle, gravity asks for a torque all the time.
-    graph.say_until(lambda: states and states[-1].pendulum_torque > 0.3, 'the motor pulls',
-                    'set_point', graph.joint(position=[0.5]))
+    graph.publish_until(lambda: states and states[-1].pendulum_torque > 0.3, 'the motor pulls',
+                        'set_point', graph.joint(position=[0.5]))
     graph.kill('controller')
     graph.wait(lambda: states[-1].pendulum_torque == 0.0, 'the torque is gone')
     graph.wait_for_log('simulator', 'no command for 0.1 s at t =')
     assert 'torque is 0; is the controller running?' in graph.log('simulator')
     last = max(to_seconds(command.header.stamp) for command in commands)
     late = [to_seconds(state.header.stamp) for state in states if state.pendulum_torque != 0.0]
-    # A state tells the torque of the period that ends with it.
+    # A state holds the torque of the period that ends with it.
     assert max(late) <= last + 0.1 + 0.002 + 1e-6
 
     graph.start('controller', set_point_timeout=0.0)
-    graph.say_until(lambda: states[-1].pendulum_torque > 0.1, 'the next controller pulls',
-                    'set_point', graph.joint(position=[0.5]))
+    graph.publish_until(lambda: states[-1].pendulum_torque > 0.1, 'the next controller pulls',
+                        'set_point', graph.joint(position=[0.5]))
 
 
 def test_controller_takes_its_torque_back_when_the_states_stop(graph):
-    commands = graph.hear('joint_commands', JointState)
+    commands = graph.subscribe('joint_commands', JointState)
     graph.start('controller', set_point_timeout=0.0)
     graph.start('simulator', scene='flat')
-    graph.say_until(lambda: commands and commands[-1].effort[0] > 0.3, 'the motor pulls',
-                    'set_point', graph.joint(position=[0.5]))
+    graph.publish_until(lambda: commands and commands[-1].effort[0] > 0.3, 'the motor pulls',
+                        'set_point', graph.joint(position=[0.5]))
     graph.wait_for_time(commands, 0.5)
     assert graph.end('simulator') == 0
     graph.wait(lambda: commands[-1].effort[0] == 0.0, 'the controller gives up')
@@ -45,21 +45,21 @@ def test_controller_takes_its_torque_back_when_the_states_stop(graph):
     # Another simulation begins at time 0: the controller must not take it for the old one.
     graph.start('simulator', scene='flat', start_paused=True)
     while 'time went back' not in graph.log('controller'):
-        graph.listen(0.1)
+        graph.spin(0.1)
         graph.step(1)
-    graph.tell('resume')
-    graph.say_until(lambda: commands[-1].effort[0] > 0.3, 'the motor pulls again',
-                    'set_point', graph.joint(position=[0.5]))
+    graph.trigger('resume')
+    graph.publish_until(lambda: commands[-1].effort[0] > 0.3, 'the motor pulls again',
+                        'set_point', graph.joint(position=[0.5]))
 
 
 def test_states_that_come_too_rarely_get_no_torque(graph):
-    commands = graph.hear('joint_commands', JointState)
+    commands = graph.subscribe('joint_commands', JointState)
     graph.start('controller')
     graph.start('simulator', scene='flat', control_rate=200.0)
     graph.wait_for_log('controller', 'joint states come at 200 Hz and these gains need 275 Hz')
     commands.clear()
-    graph.say_until(lambda: len(commands) > 50, 'commands come', 'set_point',
-                    graph.joint(position=[0.5]))
+    graph.publish_until(lambda: len(commands) > 50, 'commands come', 'set_point',
+                        graph.joint(position=[0.5]))
     assert {command.effort[0] for command in commands} == {0.0}
     graph.wait_for_health('controller', diagnostics.ERROR, 'come too rarely, torque is 0')
 
@@ -70,24 +70,24 @@ def test_decision_that_dies_on_the_way_is_replaced_and_nothing_is_guessed(graph,
     scene.write_text('robot: gimball\nterrain:\n  - flat: {length: 2.2}\n'
                      '  - step: {height: 0.031}\n  - flat: {length: 1.8}\n'
                      '  - step: {height: 0.08}\n  - flat: {length: 1.0}\nduration: 10.0\n')
-    states = graph.hear('ball_state', BallState)
-    decisions = graph.hear('step_decision', StepDecision, qos.LATCHED)
+    states = graph.subscribe('ball_state', BallState)
+    decisions = graph.subscribe('step_decision', StepDecision, qos.LATCHED)
     graph.start('controller')
     graph.start('obstacle_decision')
     graph.start('simulator', scene=scene, start_paused=True)
-    graph.wait_for_talk(states, decisions)
-    graph.tell('resume')
+    graph.wait_until_connected(states, decisions)
+    graph.trigger('resume')
     graph.wait(lambda: states[-1].velocity_x > 0.2, 'the ball is on its way')
     graph.kill('obstacle_decision')
     graph.wait_for_log('controller', 'the pendulum is let down')
     graph.wait(lambda: abs(states[-1].pendulum_angle) < 0.2, 'the pendulum hangs down')
-    graph.tell('pause')  # or a busy machine would start the next one when all is over
+    graph.trigger('pause')  # or a busy machine would start the next one when all is over
     decisions.clear()
     graph.start('obstacle_decision')
     while not decisions:
         graph.step(10)
-        graph.listen(0.1)
-    graph.tell('resume')
+        graph.spin(0.1)
+    graph.trigger('resume')
     graph.wait(lambda: at_rest(states), 'the ball has come to rest')
 
     first = [decision for decision in decisions if 0.0 < decision.height < 0.05]
@@ -115,9 +115,9 @@ def at_rest(states):
 
 
 @pytest.mark.parametrize('victim', ['controller', 'obstacle_decision'])
-def test_what_is_ended_politely_lets_the_pendulum_go(graph, victim):
-    commands = graph.hear('joint_commands', JointState)
-    points = graph.hear('set_point', JointState)
+def test_what_is_ended_by_a_signal_lets_the_pendulum_down(graph, victim):
+    commands = graph.subscribe('joint_commands', JointState)
+    points = graph.subscribe('set_point', JointState)
     graph.start('controller')
     graph.start('obstacle_decision')
     graph.start('simulator')
