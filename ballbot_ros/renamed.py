@@ -5,11 +5,11 @@ Names that changed once, so that an old one gives an error that names the new on
 Add a pair here when a public name changes, and a line to CHANGELOG.rst.  Nothing else is needed:
 `config.fields.suggestion`, which words every refusal of an unknown name, looks here first, and
 so does Python's import of a module or name that is not there.  Only a facade whose old names are
-also reached as attributes wants its ``__getattr__`` from `old_names`.
+also reached as attributes calls `refuse_old_names`.
 """
 from importlib.abc import MetaPathFinder
 import sys
-from typing import Any, Callable, Iterable, Optional
+from typing import Any, Iterable
 
 from ballbot_ros.errors import RenamedError
 
@@ -73,24 +73,33 @@ PARAMETERS: dict[str, str] = {}
 KEYS: dict[str, str] = {}
 
 
-def new_name(name: str, known: Iterable[str]) -> Optional[str]:
-    """Return the name among `known` that `name` became, None if it is no old name of them."""
-    found = (table.get(name) for table in (VERBS, OPTIONS, PARAMETERS, KEYS))
+# Words of any of these that have no successor, and why.
+GONE = {'reduced': 'rolling without slip as a simpler model is gone, for it made runs slower; '
+                   'see docs/model.md'}
+
+
+def remark(name: str, known: Iterable[str]) -> str:
+    """Return what became of an old name, if it is one of `known` or gone; else nothing."""
     names = set(known)
-    return next((new for new in found if new in names), None)
+    for table in (VERBS, OPTIONS, PARAMETERS, KEYS):
+        if table.get(name) in names:
+            return f'it is now {table[name]!r}'
+    return GONE.get(name, '')
 
 
-def old_names(module: str) -> Callable[[str], Any]:
+def refuse_old_names(facade: dict[str, Any]) -> None:
     """
-    Return a ``__getattr__`` for a module, which raises for its old names.
+    Let the namespace of a module, its ``globals()``, answer an old attribute with `RenamedError`.
 
-    `RenamedError` where the name has moved, and `AttributeError` as usual where it never was.
-    Keep it from mypy (``if not TYPE_CHECKING``), which would take any name for given.
+    A name that never was gives `AttributeError`, as usual.  Not written as a ``__getattr__`` in
+    the module: mypy would take any name of it for given.
     """
+    module = facade['__name__']
+
     def __getattr__(name: str) -> Any:
         _refuse(f'{module}.{name}')
         raise AttributeError(f'module {module!r} has no attribute {name!r}')
-    return __getattr__
+    facade['__getattr__'] = __getattr__
 
 
 class _OldNames(MetaPathFinder):

@@ -17,7 +17,7 @@ from typing import Iterator, NoReturn, Optional, Sequence
 
 from ballbot_ros import __version__
 from ballbot_ros.errors import BallbotError, ConfigurationError
-from ballbot_ros.renamed import OPTIONS
+from ballbot_ros.renamed import OPTIONS, remark
 
 # Verb -> its module and what it does.
 VERBS = {
@@ -57,10 +57,11 @@ class Parser(argparse.ArgumentParser):
     """A parser that raises instead of printing its usage and ending the program."""
 
     def error(self, message: str) -> NoReturn:
-        """Raise `ConfigurationError`, with the new name of an option that has been renamed."""
-        words = [word.split('=')[0] for word in message.split()]
-        renamed = [f'{word} is now {OPTIONS[word]}' for word in words if word in OPTIONS]
-        raise ConfigurationError('; '.join([message, *renamed, f'see {self.prog} --help']))
+        """Raise `ConfigurationError`, and say what became of an old option or choice."""
+        words = [word.split('=')[0].strip("':,") for word in message.split()]
+        changed = [f'{word}: {remark(word, OPTIONS.values())}' for word in words
+                   if remark(word, OPTIONS.values())]
+        raise ConfigurationError('; '.join([message, *changed, f'see {self.prog} --help']))
 
 
 def main(argv: Optional[Sequence[str]] = None) -> int:

@@ -20,7 +20,7 @@ import math
 from typing import Any, Iterable, Mapping, Type, TypeVar
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.renamed import new_name
+from ballbot_ros.renamed import remark
 
 T = TypeVar('T', bound='Checked')
 
@@ -141,13 +141,13 @@ def suggestion(name: str, known: Iterable[str], listing: bool = True) -> str:
     """
     Return what follows the refusal of an unknown name.
 
-    The new name if it is an old one, ``'; did you mean ...?'`` for a near miss, otherwise the list
+    What became of an old name, ``'; did you mean ...?'`` for a near miss, otherwise the list
     of names if wanted.
     """
     names = sorted(known)
-    new = new_name(str(name), names)
-    if new is not None:
-        return f'; it is now {new!r}'
+    changed = remark(str(name), names)
+    if changed:
+        return f'; {changed}'
     near = get_close_matches(str(name), names, n=1, cutoff=0.6)
     if near:
         return f'; did you mean {near[0]!r}?'

@@ -7,8 +7,6 @@ The ball robot as a mechanical system, importable without ROS.
     >>> bool(trajectory['x'][-1] > 1.0)
     True
 """
-from typing import TYPE_CHECKING
-
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.contact_options import ContactOptions
 from ballbot_ros.physics.model.robot import load_robot, Robot
@@ -17,11 +15,10 @@ from ballbot_ros.physics.simulation.model import Model, Solver, State
 from ballbot_ros.physics.simulation.scene import load_scene, Scene
 from ballbot_ros.physics.simulation.simulate import simulate
 from ballbot_ros.physics.simulation.trajectory import Trajectory
-from ballbot_ros.renamed import old_names
+from ballbot_ros.renamed import refuse_old_names
 
 __all__ = [
     'Actuation', 'ContactOptions', 'load_robot', 'load_scene', 'Model', 'Robot', 'Scene',
     'simulate', 'Solver', 'State', 'Terrain', 'Trajectory']
 
-if not TYPE_CHECKING:
-    __getattr__ = old_names(__name__)
+refuse_old_names(globals())

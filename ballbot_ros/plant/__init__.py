@@ -4,17 +4,14 @@ The simulated robot as something that takes commands and keeps time; no ROS.
 
 The simulator node is this package with topics around it.
 """
-from typing import TYPE_CHECKING
-
 from ballbot_ros.plant.imu import Imu, ImuSample
 from ballbot_ros.plant.pacing import Pace, periods_per, Speedometer
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.plant.step_sensor import Sensor, Sight
-from ballbot_ros.renamed import old_names
+from ballbot_ros.renamed import refuse_old_names
 
 __all__ = [
     'Imu', 'ImuSample', 'Pace', 'periods_per', 'Plant', 'Sensor', 'Sight',
     'Speedometer']
 
-if not TYPE_CHECKING:
-    __getattr__ = old_names(__name__)
+refuse_old_names(globals())

@@ -5,11 +5,14 @@ from importlib.util import find_spec
 
 import pytest
 
-from ballbot_ros import physics, plant, renamed
+from ballbot_ros import renamed
 from ballbot_ros.cli import main
 from ballbot_ros.cli.command import VERBS
 from ballbot_ros.config.fields import suggestion
 from ballbot_ros.errors import BallbotError, RenamedError
+
+FACADES = [f'ballbot_ros.{name}' for name in (
+    'control', 'decision', 'drives', 'estimation', 'physics', 'plant')]
 
 
 def there(name):
@@ -41,20 +44,19 @@ def test_what_users_had_written_is_refused_as_both_kinds_of_error(statement, new
         exec(statement, {})
 
 
-@pytest.mark.parametrize('package, old, new', [
-    (physics, 'held_at', 'ballbot_ros.crossing.held_at'),
-    (plant, 'CommandGate', 'ballbot_ros.control.CommandGate'),
-])
-def test_an_old_attribute_of_a_facade_is_refused_with_the_new_one(package, old, new):
-    with pytest.raises(RenamedError, match=new):
-        getattr(package, old)
+@pytest.mark.parametrize('old', [
+    old for old in renamed.PYTHON if old.rpartition('.')[0] in FACADES])
+def test_an_old_attribute_of_a_facade_is_refused_with_the_new_one(old):
+    package, _, name = old.rpartition('.')
+    with pytest.raises(RenamedError, match=renamed.PYTHON[old]):
+        getattr(import_module(package), name)
 
 
-@pytest.mark.parametrize('package', [physics, plant])
+@pytest.mark.parametrize('package', FACADES)
 def test_a_name_that_never_was_is_missing_as_anywhere_else(package):
-    assert not hasattr(package, 'never_was')
+    assert not hasattr(import_module(package), 'never_was')
     with pytest.raises(ModuleNotFoundError):
-        import_module('ballbot_ros.never_was')
+        import_module(f'{package}.never_was')
 
 
 @pytest.mark.parametrize('old, new', renamed.VERBS.items())
@@ -67,10 +69,16 @@ def test_an_old_verb_is_refused_with_the_new_one(capsys, old, new):
 def test_an_old_option_is_refused_with_the_new_one(capsys, monkeypatch):
     monkeypatch.setitem(renamed.OPTIONS, '--once', '--today')
     assert main(['scenes', '--once=3']) == 2
-    assert '--once is now --today' in capsys.readouterr().err
+    assert "--once: it is now '--today'" in capsys.readouterr().err
 
 
 def test_an_old_word_is_suggested_only_where_the_new_one_belongs(monkeypatch):
     monkeypatch.setitem(renamed.KEYS, 'dent', 'penetration')
     assert suggestion('dent', ['penetration', 'density']) == "; it is now 'penetration'"
     assert 'penetration' not in suggestion('dent', ['density'])
+
+
+def test_a_choice_that_is_gone_says_why(capsys):
+    assert main(['simulate', 'flat', '--models', 'reduced']) == 2
+    assert renamed.GONE['reduced'] in capsys.readouterr().err
+    assert renamed.GONE['reduced'] in suggestion('reduced', ['auto', 'full'], listing=False)
