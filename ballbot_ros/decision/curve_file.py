@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write a height curve as the YAML that `load_curve` reads."""
 from dataclasses import asdict
+import json
 import textwrap
 from typing import Any, Dict, Optional
 
@@ -36,29 +37,19 @@ def curve_text(curve: HeightCurve, what: str, writer: str) -> str:
     comment = '\n#\n'.join('# ' + '\n# '.join(textwrap.wrap(part, 95))
                            for part in text.split('\n\n'))
     content = {name: value for name, value in asdict(curve).items() if value not in (None, ())}
-    coefficients: Dict[str, list[Any]] = {name: [round(number, 9) for number in content.pop(name)]
-                                     for name in ('coefficients', 'conservative')
-                                     if name in content}
+    coefficients: Dict[str, Any] = {
+        name: [round(number, 9) for number in content.pop(name)]
+        for name in ('coefficients', 'conservative') if name in content}
     if 'covariance' in content:
         coefficients['covariance'] = [[float(f'{number:.4g}') for number in row]
                                       for row in content.pop('covariance')]
     made, band = content.pop('made', None), content.pop('band', None)
 
     def dump(part: Any, flow: Optional[bool] = None) -> str:
-        written: str = yaml.safe_dump(
-            _plain(part), sort_keys=False, default_flow_style=flow, width=99)
-        return written
+        lists = json.loads(json.dumps(part))  # YAML knows no tuples
+        return str(yaml.safe_dump(lists, sort_keys=False, default_flow_style=flow, width=99))
 
     blocks = [dump(content, False), dump(coefficients)]
     blocks += [dump({'made': made}, False)] if made else []
     blocks += [dump({'band': band})] if band else []
     return comment + '\n' + ''.join(blocks)
-
-
-def _plain(value: Any) -> Any:
-    """Return a value of dictionaries, lists and numbers as YAML knows them."""
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    return value

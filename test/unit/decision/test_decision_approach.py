@@ -34,6 +34,9 @@ def test_slower_than_required_leans_as_far_as_allowed():
     slow = answer('cross', 1.0, required_speed=0.9)
     assert set_angle(slow, 0.899, GIMBALL, TUNING) == TUNING.largest_lean
     assert set_angle(slow, 0.901, GIMBALL, TUNING) == pytest.approx(0.099 * TUNING.speed_gain)
+    assert set_angle(slow, 0.9, GIMBALL, TUNING) == pytest.approx(0.1 * TUNING.speed_gain)
+    assert set_angle(answer('clear', 1.0, required_speed=0.9), 0.8, GIMBALL, TUNING) \
+        == pytest.approx(0.2 * TUNING.speed_gain)
 
 
 @pytest.mark.parametrize('speed', [math.nan, math.inf, -math.inf])
@@ -51,6 +54,21 @@ def test_speed_before_an_obstacle_leaves_room_to_stop():
         previous = speed
     assert speed == 0.0
     assert approach_speed(answer('go_round', distance=math.nan), GIMBALL, TUNING) == 0.0
+
+
+def test_before_an_obstacle_reaction_and_braking_take_up_the_gap():
+    for gap in (0.011, 0.05, 0.3):
+        speed = approach_speed(answer('go_round', 9.9, distance=RADIUS + TUNING.stop_gap + gap),
+                               GIMBALL, TUNING)
+        assert TUNING.braking_distance(speed) == pytest.approx(gap)
+    near = answer('go_round', distance=RADIUS + TUNING.stop_gap + 0.009)
+    assert approach_speed(near, GIMBALL, TUNING) == 0.0, 'it rests, and does not creep'
+
+
+def test_far_from_an_obstacle_and_before_a_crossing_the_set_speed_is_driven():
+    assert approach_speed(answer('go_round', distance=9.0), GIMBALL, TUNING) == 0.4
+    for kind in ('clear', 'cross', 'stop'):
+        assert approach_speed(answer(kind, distance=0.1), GIMBALL, TUNING) == 0.4
 
 
 def drive(height, face, *, seconds=15.0, gains='published', rate=500, speed=0.0, noise=0.0):

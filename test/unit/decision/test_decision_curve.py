@@ -41,7 +41,7 @@ def test_required_speed_is_the_lowest_that_is_enough(name, height):
         return
     assert curve.height(speed) >= height
     if speed > curve.lowest_speed:
-        assert curve.height(speed - 1e-6) < height
+        assert curve.height(speed - 1e-12) < height
 
 
 @given(strategies.floats(allow_nan=True))
@@ -73,9 +73,75 @@ def test_unusable_curves_are_refused(change, complaint):
         HeightCurve(**{**FINE, **change})
 
 
+@pytest.mark.parametrize('change', [
+    {'conservative': [0.0, 1.0]}, {'conservative': [0.0, math.inf, 0.0, 0.0]},
+    {'coefficients': [0.0, True, 0.0, 0.0]}, {'coefficients': [0.0, '1', 0.0, 0.0]},
+    {'coefficients': {0.0, 1.0, 2.0, 3.0}},
+    {'covariance': [[0.0, 1.0]]}, {'lowest_speed': -0.1}, {'highest_speed': 0.0}, {'rms': -1.0}])
+def test_what_is_no_number_of_a_curve_is_refused(change):
+    with pytest.raises(ConfigurationError, match=next(iter(change))):
+        HeightCurve(**{**FINE, **change})
+
+
+@pytest.mark.parametrize('slope, rises', [(1e-6, True), (-1e-6, False)])
+@pytest.mark.parametrize('bend', [0.5, 0.7, 1.1])
+def test_the_flattest_place_of_a_curve_decides_whether_it_rises(slope, rises, bend):
+    # d(height)/d(speed) = slope + (speed - bend)^2
+    cubic = {**FINE, 'coefficients': [0.0, slope + bend**2, -bend, 1.0 / 3.0]}
+    if rises:
+        assert HeightCurve(**cubic).height(bend) == pytest.approx(slope * bend + bend**3 / 3.0)
+    else:
+        with pytest.raises(ConfigurationError, match=f'flat at {bend:g} m/s'):
+            HeightCurve(**cubic)
+
+
+@pytest.mark.parametrize('a2, place', [(0.2, 0.2), (-0.2, 1.2)])
+def test_a_parabola_is_flattest_at_an_end(a2, place):
+    # It rises from the one end on, or until the other.
+    for more, rises in ((1e-6, True), (-1e-6, False)):
+        parabola = {**FINE, 'coefficients': [0.0, more - 2.0 * a2 * place, a2, 0.0]}
+        if rises:
+            HeightCurve(**parabola)
+        else:
+            with pytest.raises(ConfigurationError, match=f'flat at {place:g} m/s'):
+                HeightCurve(**parabola)
+
+
+def test_what_the_slowest_speed_crosses_needs_no_more():
+    curve = HeightCurve(**FINE)
+    assert curve.required_speed(curve.height(0.2)) == 0.2
+    assert curve.required_speed(-1.0) == 0.2
+    assert curve.required_speed(curve.height(1.2)) == pytest.approx(1.2, abs=1e-12)
+
+
+MADE = {'robot_digest': '0', 'law': 'free', 'surface_friction': 0.2, 'edge_friction': 0.2,
+        'attempts': 'first', 'accuracy': 1e-6, 'points': 4, 'version': '1'}
+
+
+@pytest.mark.parametrize('change', [
+    {'surface_friction': -0.1}, {'edge_friction': -0.1}, {'accuracy': 0.0}, {'points': 3},
+    {'attempts': 'second'}, {'colour': 'red'}])
+def test_how_a_curve_was_made_is_checked(change):
+    made = HeightCurve(**FINE, made={**MADE, 'surface_friction': 0.0, 'edge_friction': 0.0}).made
+    assert (made.set_angle, made.voltage, made.points) == (0.0, 0.0, 4)
+    with pytest.raises(ConfigurationError, match=f'made.*{next(iter(change))}'):
+        HeightCurve(**FINE, made={**MADE, **change})
+
+
 def test_file_without_coefficients_is_refused_by_name(tmp_path):
     path = tmp_path / 'mine.yaml'
     path.write_text('\n'.join(
         f'{key}: {value}' for key, value in FINE.items() if key != 'coefficients'))
     with pytest.raises(ConfigurationError, match='mine.yaml.*coefficients'):
         load_curve(str(path))
+
+
+def test_a_curve_without_conservative_coefficients_has_no_such_variant(tmp_path):
+    path = tmp_path / 'mine.yaml'
+    path.write_text('name: mine\nrobot: gimball\nactuation: a\nsource: b\nlowest_speed: 0.2\n'
+                    'highest_speed: 1.0\nresidual: 0\ncoefficients: [0, 0.1, 0, 0]\n')
+    assert load_curve(str(path)).made is None
+    with pytest.raises(ConfigurationError, match='no conservative coefficients'):
+        load_curve(str(path), 'conservative')
+    with pytest.raises(ConfigurationError, match='variant must be one of fit, conservative'):
+        load_curve(str(path), 'bold')

@@ -2,6 +2,7 @@
 """The tracker: converges, moves on, reports contradictions, survives anything."""
 from dataclasses import replace
 import math
+import re
 
 from hypothesis import given, strategies
 import numpy as np
@@ -136,3 +137,139 @@ def test_no_observation_makes_it_raise_or_invent_a_step(rows):
         if step is not None:
             assert math.isfinite(step.position) and math.isfinite(step.height)
             assert step.position_sd > 0.0 and step.height_sd > 0.0
+
+
+def fused(first, second):
+    """Return mean and deviation of two values, each with its deviation."""
+    (one, one_sd), (other, other_sd) = first, second
+    weights = one_sd**-2, other_sd**-2
+    return ((one * weights[0] + other * weights[1]) / sum(weights), sum(weights)**-0.5)
+
+
+def test_a_better_look_counts_for_more():
+    tracking = tracker()
+    tracking.update(seen(0.0, 1.0, 0.030, 0.02, 0.002), 0.0)
+    step = tracking.update(seen(0.1, 0.92, 0.033, 0.04, 0.001), 0.1).step
+    assert (step.position, step.position_sd) == pytest.approx(fused((1.0, 0.02), (1.02, 0.04)))
+    assert (step.height, step.height_sd) == pytest.approx(fused((0.03, 0.002), (0.033, 0.001)))
+    assert step.number == 1
+
+
+def test_no_number_of_looks_makes_a_step_known_exactly():
+    tracking = tracker()
+    for index in range(5):
+        step = tracking.update(seen(0.1 * index, distance_sd=0.0, height_sd=0.0), 0.0).step
+        assert (step.position_sd, step.height_sd) == (0.01, 0.0005)
+
+
+@pytest.mark.parametrize('name, deviation', [
+    # Of both looks together, five deviations are allowed.
+    ('distance', 5.0 * math.hypot(0.01, 0.02)), ('height', 5.0 * math.hypot(0.002, 0.004))])
+def test_a_contradiction_is_what_both_deviations_do_not_explain(name, deviation):
+    for sign in (1.0, -1.0):
+        for more in (0.99, 1.01):
+            tracking = tracker()
+            first = seen(0.0, 1.0, 0.03)
+            tracking.update(first, 0.0)
+            second = replace(first, stamp=0.1, distance_sd=0.02, height_sd=0.004, **{
+                name: getattr(first, name) + sign * more * deviation})
+            assert (tracking.update(second, 0.0).rejection is not None) == (more > 1.0)
+
+
+@pytest.mark.parametrize('second, numbers', [
+    (seen(0.1, height=0.06), ['30', '60', '5']), (seen(0.1, distance=0.8), ['200', '5']),
+    (seen(-0.1), ['0.100', '0.000']), (StepObservation(0.1, False, height=0.03), ['30']),
+    (seen(0.1, distance=-0.1), ['0.1']), (seen(0.1, distance=2e6), ['2e+06'])])
+def test_a_rejection_has_the_numbers_in_it(second, numbers):
+    tracking = tracker()
+    tracking.update(seen(0.0), 0.0)
+    said = tracking.update(second, 0.0).explanation
+    assert re.findall(r'\d[\d.e+]*', said) == numbers
+
+
+@pytest.mark.parametrize('name', ['distance', 'distance_sd', 'height_sd'])
+def test_zero_is_possible_and_a_million_metres_are_the_limit(name):
+    # Heights may be negative: a drop.
+    for value in (0.0, 1e6):
+        assert tracker().update(replace(seen(0.0), **{name: value}), 0.0).rejection is None
+    for value in (-1e-9, 1.0001e6):
+        answer = tracker().update(replace(seen(0.0), **{name: value}), 0.0)
+        assert answer.rejection is Reason.BAD_OBSERVATION and name in answer.explanation
+    assert tracker().update(seen(0.0, height=-1e6), 0.0).rejection is None
+
+
+def test_of_two_looks_of_one_moment_the_first_counts_and_not_that_it_was_late():
+    tracking = tracker()
+    tracking.update(seen(0.0), 0.0)
+    assert tracking.update(seen(0.1, height=0.06), 0.0).rejection is Reason.CONTRADICTORY
+    assert tracking.update(seen(0.0), 0.0).rejection is None, 'the one of 0.1 s was not believed'
+
+
+def test_one_good_look_between_them_makes_contradictions_none_in_a_row():
+    tracking = tracker()
+    tracking.update(seen(0.0), 0.0)
+    for index in range(1, 12):
+        fine = index % 4 == 0
+        answer = tracking.update(seen(0.1 * index, height=0.03 if fine else 0.06), 0.0)
+        assert (answer.rejection is None) == fine
+
+
+def test_a_look_that_finds_the_step_makes_misses_none_in_a_row():
+    tracking = tracker()
+    tracking.update(seen(0.0), 0.0)
+    for index in range(1, 12):
+        look = seen if index % 4 == 0 else nothing
+        assert tracking.update(look(0.1 * index), 0.0).step is not None
+
+
+def test_after_a_step_was_forgotten_the_next_is_given_as_many_looks():
+    tracking = tracker()
+    tracking.update(seen(0.0), 0.0)
+    for index in range(1, 6):
+        answer = tracking.update(nothing(0.1 * index), 0.0)
+    assert answer.step is None
+    assert tracking.update(nothing(0.6), 0.0).step is None
+    assert tracking.update(seen(0.7), 0.0).step.number == 2
+    assert tracking.update(nothing(0.8), 0.0).step.number == 2
+
+
+@pytest.mark.parametrize('height, moved, number', [
+    (0.03, 1.9, 1), (0.03, 2.0, 2),     # a radius away is another step
+    (0.032, 1.9, 1), (0.06, 1.9, 2)])   # and so is one of another height
+def test_a_place_that_is_believed_anew_is_the_same_step_if_slip_explains_it(
+        height, moved, number):
+    tracking, radius = tracker(), GIMBALL.ball_radius
+    tracking.update(seen(0.0, radius), 0.0)
+    for index in range(1, 6):
+        answer = tracking.update(seen(0.1 * index, moved * radius, height), 0.0)
+    assert answer.rejection is None and answer.step.number == number
+    assert answer.step.position == moved * radius and answer.step.height == height
+
+
+def test_a_step_that_is_no_longer_seen_and_a_clock_set_back_make_no_other_step():
+    tracking = tracker()
+    tracking.update(seen(10.0), 0.0)
+    for index in range(5):
+        answer = tracking.update(nothing(0.1 * index), 0.0)
+    assert answer.rejection is None and answer.step is None
+
+
+@pytest.mark.parametrize('position, distance, number', [
+    (0.47, 0.13, 1),     # not passed: it is looked at once more
+    (0.49, 0.10, 1),     # passed, and displaced by slip
+    (0.49, 0.12, 2)])    # passed, and further on than slip explains
+def test_a_step_is_the_next_one_once_the_last_is_passed_and_it_is_further_on(
+        position, distance, number):
+    tracking = tracker()
+    tracking.update(seen(0.0, 0.5, distance_sd=0.03), 0.0)
+    answer = tracking.update(seen(0.1, distance, distance_sd=0.03), position)
+    assert answer.rejection is None and answer.step.number == number
+
+
+@pytest.mark.parametrize('distance, kept', [(1.49, True), (1.51, False)])
+def test_within_one_and_a_half_radii_a_step_is_kept_though_it_is_not_seen(distance, kept):
+    tracking, radius = tracker(), GIMBALL.ball_radius
+    tracking.update(seen(0.0, distance * radius), 0.0)
+    for index in range(1, 8):
+        answer = tracking.update(nothing(0.1 * index), 0.0)
+    assert (answer.step is not None) == kept

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A curve that is written is read again, and says where it came from."""
+from dataclasses import replace
+
+import pytest
+import yaml
+
+from ballbot_ros.config.files import config_folder
+from ballbot_ros.decision import HeightCurve, load_curve
+from ballbot_ros.decision.curve_file import curve_text
+
+SHIPPED = sorted(file.stem for file in (config_folder() / 'curves').glob('*.yaml'))
+PLAIN = HeightCurve('mine', 'gimball', 'free', 'a test', 0.2, 1.2, 0.0,
+                    coefficients=(0.0, 0.01, 0.05, -0.01))
+
+
+@pytest.mark.parametrize('curve', [*map(load_curve, SHIPPED), PLAIN], ids=[*SHIPPED, 'plain'])
+def test_a_written_curve_is_read_again(tmp_path, curve):
+    path = tmp_path / 'again.yaml'
+    path.write_text(curve_text(curve, 'GimBall crosses', 'a test'))
+    assert load_curve(str(path)) == curve
+
+
+@pytest.mark.parametrize('curve', [*map(load_curve, SHIPPED), PLAIN], ids=[*SHIPPED, 'plain'])
+def test_what_is_not_known_is_not_written_and_a_table_takes_a_line_for_each_row(curve):
+    text = curve_text(curve, 'GimBall crosses', 'a test')
+    content = yaml.safe_load(text)
+    assert None not in content.values() and [] not in content.values()
+    assert set(content) == {'name', 'robot', 'actuation', 'source', 'lowest_speed',
+                            'highest_speed', 'residual', 'rms', 'coefficients',
+                            *(name for name in ('conservative', 'covariance', 'made', 'band')
+                              if getattr(curve, name))}
+    # A mapping takes a line for each key, a row of numbers one of its own.
+    lines = text.splitlines()
+    assert max(map(len, lines)) <= 99
+    assert f'robot: {curve.robot}' in lines
+    assert sum(line.startswith('coefficients: [') for line in lines) == 1
+    assert sum(line.startswith('- [') for line in lines) == len(curve.covariance)
+    assert ('  law: free' in lines) == (curve.made is not None and curve.made.law == 'free')
+    assert sum(line.startswith('  - [') for line in lines) == len(
+        curve.band.heights if curve.band else ())
+
+
+def test_the_comment_says_what_it_is_and_who_wrote_it_in_lines_that_can_be_read():
+    text = curve_text(PLAIN, 'GimBall crosses', 'a test')
+    comment = [line for line in text.splitlines() if line.startswith('#')]
+    joined = ' '.join(line.lstrip('# ') for line in comment)
+    assert 'How high a step GimBall crosses' in joined and 'a test' in joined
+    assert text.splitlines()[:len(comment)] == comment, 'a comment goes before all else'
+
+
+def test_numbers_are_rounded_to_a_nanometre_and_their_covariance_to_four_digits():
+    curve = replace(PLAIN, coefficients=(0.0, 0.0123456789123, 0.05, -0.01),
+                    covariance=4 * ((1.234567e-7, 0.0, 0.0, 0.0),))
+    content = yaml.safe_load(curve_text(curve, 'a', 'b'))
+    assert content['coefficients'][1] == 0.012345679
+    assert float(content['covariance'][3][0]) == 1.235e-7

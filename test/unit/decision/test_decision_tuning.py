@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tunings: each number in its range, and robot, curve and tuning that belong together."""
+from dataclasses import replace
+
+import pytest
+
+from ballbot_ros.control import RollingModel
+from ballbot_ros.decision import (
+    check_decision, DecisionTuning, load_curve, load_decision_tuning)
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.model.robot import load_robot
+
+GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
+CURVE = load_curve('gimball_down')
+TUNING = load_decision_tuning('decision_default')
+
+
+@pytest.mark.parametrize('curve, change, complaint', [
+    ('shellball_free', {}, 'made for shellball'),
+    ('gimball_down', {'acceleration': 0.6}, 'acceleration must be at most'),
+    ('gimball_down', {'largest_lean': 0.3}, 'acceleration must be at most'),
+    ('gimball_down', {'height_margin': 0.0}, 'residual'),
+    ('gimball_down', {'highest_speed': 0.1, 'cruise_speed': 0.1}, 'lowest speed')])
+def test_what_does_not_belong_together_is_refused(curve, change, complaint):
+    with pytest.raises(ConfigurationError, match=complaint):
+        check_decision(GIMBALL, load_curve(curve), replace(TUNING, **change))
+
+
+def test_shipped_tuning_fits_the_shipped_curves():
+    assert TUNING == DecisionTuning()
+    for name in ('gimball_down', 'gimball_free', 'gimball_horizontal'):
+        check_decision(GIMBALL, load_curve(name), TUNING)
+
+
+def test_cruising_above_the_limit_is_refused():
+    with pytest.raises(ConfigurationError, match='cruise_speed must be at most'):
+        DecisionTuning(cruise_speed=1.2)
+    assert DecisionTuning(cruise_speed=1.1).cruise_speed == 1.1
+
+
+TINY = 1e-9
+
+
+@pytest.mark.parametrize('name, allowed, refused', [
+    *((name, [TINY], [0.0, -TINY]) for name in (
+        'acceleration', 'deceleration', 'reaction_time', 'speed_gain', 'observation_timeout',
+        'contradiction_sigma', 'cruise_speed')),
+    *((name, [0.0], [-TINY]) for name in ('height_margin', 'sigma_margin', 'stop_gap')),
+    ('highest_speed', [0.4], [0.0]),
+    ('speed_margin', [0.0, 1.0], [-TINY, 1.0 + TINY]),
+    ('largest_lean', [TINY, 1.5], [0.0, 1.5 + TINY]),
+    ('forget_after', [1], [0])])
+def test_each_number_has_its_range(name, allowed, refused):
+    for value in allowed:
+        assert getattr(DecisionTuning(**{name: value}), name) == value
+    for value in refused:
+        with pytest.raises(ConfigurationError, match=name):
+            DecisionTuning(**{name: value})
+
+
+def test_what_just_belongs_together_is_accepted():
+    possible = RollingModel(GIMBALL).held_acceleration(TUNING.largest_lean)
+    check_decision(GIMBALL, CURVE, replace(
+        TUNING, height_margin=CURVE.residual, highest_speed=CURVE.lowest_speed,
+        cruise_speed=CURVE.lowest_speed, acceleration=possible, deceleration=possible))
+    with pytest.raises(ConfigurationError, match='deceleration must be at most'):
+        check_decision(GIMBALL, CURVE, replace(TUNING, deceleration=possible + 1e-6))
+
+
+def test_braking_takes_the_reaction_and_then_the_deceleration():
+    tuning = replace(TUNING, reaction_time=0.5, deceleration=0.25)
+    assert tuning.braking_distance(1.0) == pytest.approx(0.5 + 2.0)
+    assert tuning.braking_distance(-1.0) == 0.0
+
+
+def test_half_the_margins():
+    tuning = replace(TUNING, speed_margin=0.1, height_margin=0.004, sigma_margin=3.0)
+    assert tuning.halved == (0.05, 0.002, 1.5)
+
+
+def test_a_curve_is_refused_by_a_robot_of_other_numbers():
+    tuning = load_decision_tuning('decision_default')
+    check_decision(GIMBALL, load_curve('gimball_down'), tuning)
+    heavier = replace(GIMBALL, ball_mass=3.9)
+    with pytest.raises(ConfigurationError, match='gimball of other numbers.*fit-curve'):
+        check_decision(heavier, load_curve('gimball_down'), tuning)
+    motor = replace(GIMBALL, motor=replace(GIMBALL.motor, resistance=3.0))
+    assert len({GIMBALL.digest, heavier.digest, motor.digest, SHELLBALL.digest}) == 4
+    assert replace(GIMBALL, name='other').digest == GIMBALL.digest
