@@ -55,9 +55,10 @@ PYTHON = {
     'ballbot_ros.physics.max_steps': 'ballbot_ros.crossing.max_step_heights',
     'ballbot_ros.physics.MaxStep': 'ballbot_ros.crossing.MaxStepHeight',
     'ballbot_ros.physics.crosses': 'ballbot_ros.crossing.try_step',
+    'ballbot_ros.physics.drive_for': 'ballbot_ros.crossing.actuation_for',
     'ballbot_ros.physics.highest_step': 'ballbot_ros.crossing.max_step_height',
     **{f'ballbot_ros.physics.{name}': f'ballbot_ros.crossing.{name}' for name in (
-        'cruising', 'drive_for', 'held_at', 'rolling', 'Rules', 'Site', 'try_step')},
+        'cruising', 'held_at', 'rolling', 'Rules', 'Site', 'try_step')},
 }
 
 # Verbs of the command ``ballbot``.

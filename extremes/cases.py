@@ -84,7 +84,7 @@ def with_ratio(robot, ratio):
 
 
 def of_radius(robot, radius, alone):
-    """Return a robot of another size, the dent kept or (`alone` false) scaled with it."""
+    """Return a robot of another size, the penetration kept or (`alone` false) scaled with it."""
     scale = radius / robot.ball_radius
     return replace(
         robot, ball_radius=radius, ball_inertia=robot.ball_inertia * scale**2,
@@ -253,7 +253,7 @@ def hour(draw):
                 output_step=1.0)
 
 
-# Each class, and its part of all cases; a whole number is that many, whatever is asked for.
+# Each class, and its share of all cases; a whole number is that many, whatever is asked for.
 CLASSES = {
     stiffness: 0.05, damping: 0.05, friction: 0.05, slip_threshold: 0.05, mass_ratio: 0.05,
     pendulum_length: 0.04, radius: 0.05, speed: 0.05, gravity: 0.04, slope: 0.05, step: 0.05,

@@ -24,7 +24,7 @@ from ballbot_ros.physics.simulation.accuracy import FINEST_TOLERANCE, simulate_a
 GOOD, CHAOTIC, REFUSED, WRONG = 'good', 'chaotic', 'refused', 'WRONG'
 ACCURACY = 1e-4        # asked for, of the radius
 LEDGER = 0.05          # of the energy in play may be missing: the bound of the product
-FIXED = 0.1            # of the radius, and of the way: what fixed steps may be off
+FIXED = 0.1            # of the radius, and of the path: what fixed steps may be off
 STRICTER = 1.0 / 30.0  # times the tolerance, for the run that confirms
 SLOW = 30.0            # [s] a case that takes longer hangs
 
@@ -50,8 +50,8 @@ def judge(name, seed):
         verdict, why, ledger = {'accurate': accurate, 'fixed': fixed, 'loop': loop}[
             case.judged](case)
     except SimulationError as error:
-        told = math.isfinite(error.time) and error.quantity and error.remedy
-        verdict, why = REFUSED if told else WRONG, f'{error}'
+        explained = math.isfinite(error.time) and error.quantity and error.remedy
+        verdict, why = REFUSED if explained else WRONG, f'{error}'
     except ConfigurationError as error:
         verdict, why = REFUSED, f'{error}'
     except Exception as error:  # noqa: BLE001 - any other kind is what is looked for
@@ -127,8 +127,8 @@ def fixed(case):
         exact = simulate(replace(case.model, solver=finer), case.start, case.actuation,
                          case.duration, case.output_step)
         horizon = case.duration
-    way = float(np.sum(np.hypot(np.diff(exact['x']), np.diff(exact['y']))))
-    bound = FIXED * max(case.model.robot.ball_radius, way)
+    length = float(np.sum(np.hypot(np.diff(exact['x']), np.diff(exact['y']))))
+    bound = FIXED * max(case.model.robot.ball_radius, length)
     gap = apart(run, exact, horizon)
     if not gap <= bound:
         return WRONG, f'{gap:.3g} m off, bound {bound:.3g} m', ledger

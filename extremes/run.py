@@ -88,7 +88,7 @@ def run_all(jobs, processes):
         pool = make_pool(processes)
         for found in pool.imap_unordered(work, jobs, 8 if len(jobs) > 1000 else 1):
             verdicts.append(found)
-            tell(verdicts, len(jobs), time.monotonic() - begin)
+            report(verdicts, len(jobs), time.monotonic() - begin)
     except KeyboardInterrupt:
         pass
     finally:
@@ -102,7 +102,7 @@ def run_all(jobs, processes):
 
 def make_pool(processes):
     """Return a pool that leaves Ctrl-C to this process, by which it is ended."""
-    # Ignored from the first moment of each process: a terminal tells all of them.
+    # Ignored from the first moment of each process: a terminal signals all of them.
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         return multiprocessing.get_context('spawn').Pool(
@@ -111,7 +111,7 @@ def make_pool(processes):
         signal.signal(signal.SIGINT, before)
 
 
-def tell(verdicts, total, seconds):
+def report(verdicts, total, seconds):
     """Say how far it has got: on one line to a person, else a line for each part."""
     done, person = len(verdicts), sys.stderr.isatty()
     if done % 50 and done != total if person else done * PARTS // total == (

@@ -33,9 +33,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Search and print."""
     speeds = read_speeds(arguments.speed)
     robot = options.read_robot(arguments)
-    from ballbot_ros.crossing import drive_for, max_step_heights
+    from ballbot_ros.crossing import actuation_for, max_step_heights
     found = max_step_heights(
-        robot, speeds, drive_for(robot, options.read_law(arguments)), scan=arguments.scan,
+        robot, speeds, actuation_for(robot, options.read_law(arguments)), scan=arguments.scan,
         accuracy=arguments.accuracy, site=options.read_site(arguments),
         rules=options.read_rules(arguments))
     if arguments.json:

@@ -2,15 +2,43 @@
 """
 Crossings of a step: one attempt, the highest step, and the rules that both go by.
 
-    >>> from ballbot_ros.crossing import max_step_height
-    >>> from ballbot_ros.physics import load_robot
-    >>> 0.017 < max_step_height(load_robot('gimball'), 0.6).height < 0.019
+Whether a ball gets over a step, and by how much:
+
+    >>> from ballbot_ros.physics import Actuation, load_robot
+    >>> gimball = load_robot('gimball')
+    >>> over, score = try_step(gimball, speed=0.6, height=0.015)
+    >>> over, score > 0.0
+    (True, True)
+
+The highest step that it gets over, to an error:
+
+    >>> found = max_step_height(gimball, 0.6)
+    >>> isinstance(found, MaxStepHeight), 0.019 < found.height < 0.021, found.error <= 5e-5
+    (True, True, True)
+
+With the pendulum held level by law (11), on other ground, or at any attempt within the time:
+
+    >>> max_step_height(gimball, 0.6, held_at(1.57)).height > found.height + 0.01
+    True
+    >>> max_step_height(gimball, 0.6, site=Site(slope_before=0.1)).height < found.height
+    True
+    >>> max_step_height(gimball, 0.6, rules=Rules(attempts='any')).height >= found.height
+    True
+
+At many speeds, each with an actuation of its own: law (12), or the voltage, that rolls the ball at
+that speed, or either as the law of an actuation says:
+
+    >>> [item.height > 0.0 for item in max_step_heights(gimball, [0.4, 0.8], rolling(gimball))]
+    [True, True]
+    >>> 3.0 < cruising(gimball)(0.6).voltage < 6.0
+    True
+    >>> actuation_for(gimball, Actuation('velocity'))(0.6) == rolling(gimball)(0.6)
     True
 """
 from ballbot_ros.crossing.max_step_height import (
-    cruising, drive_for, max_step_height, max_step_heights, MaxStepHeight, rolling, try_step)
+    actuation_for, cruising, max_step_height, max_step_heights, MaxStepHeight, rolling, try_step)
 from ballbot_ros.crossing.rules import held_at, Rules, Site
 
 __all__ = [
-    'cruising', 'drive_for', 'held_at', 'max_step_height', 'max_step_heights', 'MaxStepHeight',
-    'rolling', 'Rules', 'Site', 'try_step']
+    'actuation_for', 'cruising', 'held_at', 'max_step_height', 'max_step_heights',
+    'MaxStepHeight', 'rolling', 'Rules', 'Site', 'try_step']

@@ -3,13 +3,13 @@
 The highest step that the ball gets over, fast and to a stated error.
 
 Each height is one `attempt` of the adaptive method, a whole search is one call into compiled
-code, and the scores of the attempts tell where to look next.  The tests compare it with the
+code, and the scores of the attempts say where to look next.  The tests compare it with the
 paper's ascending bracketing with steps of one length (test/oracles/reference_search.py).
 
 The bracket that a coarse tolerance finds is tried at both ends with a finer one.  Where both
 agree, the tolerance moves the highest step by less than the width of the bracket; where they
 do not, the finer one is followed, and what lies between the two brackets counts.  The error
-that is told is that, and the width of the bracket.
+that is stated is that, and the width of the bracket.
 
 Like the paper's, the search believes that every step below one that is passed is passed, too.
 Ask for a `scan` to have that looked at.
@@ -45,7 +45,7 @@ BUDGET = 50_000_000  # right-hand sides of one attempt; they take seconds
 ACCURACY = quantity('m', 'largest error of the height', minimum=1e-8, maximum=1e-2).metadata
 SCAN = count('heights on each side that are tried', maximum=10_000).metadata
 # A law of actuation, or one for each speed [m/s].
-Drives = Union[Actuation, Callable[[float], Actuation]]
+Actuations = Union[Actuation, Callable[[float], Actuation]]
 
 
 class MaxStepHeight(NamedTuple):
@@ -104,7 +104,7 @@ def max_step_height(robot: Robot, speed: float, actuation: Actuation = Actuation
     fixed = _prepare(robot, speed, actuation, pendulum_angle, site, rules, options)
     room, width = fixed[3], WIDTH * accuracy
     coarse, fine = COARSE * width, FINE * width
-    # All energy of the way gone into height; what is higher than the centre is a wall.
+    # All energy gone into height; what is higher than the centre is a wall.
     guess = min(speed * speed / (2.0 * robot.gravity), 0.5 * robot.ball_radius)
     while True:
         low, high, lowest, highest, ending = search(
@@ -181,7 +181,7 @@ def _prepare(robot: Robot, speed: float, actuation: Actuation, pendulum_angle: O
             actuation.drive(robot, 0.0, pendulum_angle), Room.of(site.profile(robot)), BUDGET)
 
 
-def max_step_heights(robot: Robot, speeds: Sequence[float], actuation: Drives = Actuation(),
+def max_step_heights(robot: Robot, speeds: Sequence[float], actuation: Actuations = Actuation(),
                      pendulum_angle: Optional[float] = None, accuracy: float = 5e-5,
                      site: Site = Site(), rules: Rules = Rules(),
                      options: ContactOptions = ContactOptions(), scan: int = 0,
@@ -239,7 +239,7 @@ def cruising(robot: Robot, actuation: Actuation = Actuation()) -> Callable[[floa
         actuation, law='voltage', voltage=per_rate * speed / robot.ball_radius)
 
 
-def drive_for(robot: Robot, actuation: Actuation) -> Callable[[float], Actuation]:
+def actuation_for(robot: Robot, actuation: Actuation) -> Callable[[float], Actuation]:
     """Return the actuation at each speed: a law (12), and a voltage of 0, follow it."""
     if actuation.law == 'velocity':
         return rolling(robot, actuation)

@@ -81,7 +81,7 @@ class Rules(Checked):
     time_limit: float = quantity(
         's', 'time after which the ball has failed', default=5.0, above=0.0, maximum=3600.0)
     lead: float = quantity(
-        'm', 'way that the ball rolls before it touches; it starts with the collision speed',
+        'm', 'distance that the ball rolls before it touches; it starts at the collision speed',
         default=0.0, minimum=0.0, maximum=10.0)
 
     def course(self, speed: float, pendulum_angle: float) -> Course:

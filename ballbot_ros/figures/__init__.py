@@ -1,2 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of runs and studies; matplotlib, without a display."""
+"""
+Pictures of runs and studies; matplotlib, without a display.
+
+A figure is a function ``name(progress=ignore) -> Figure``.  To add one, copy `command_loss.py`;
+the line that registers it stands in `gallery.FIGURES`.  ``ballbot figures NAME`` draws it then.
+"""

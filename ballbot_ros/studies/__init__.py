@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Experiments with the model: what others predict, what a test bench would measure.
+Offline: what simulated and recorded runs teach.  No node imports this.
+
+A study is one module here and a verb of the command line.  To add one, copy `comparison.py`, which
+computes and returns values, and `cli/compare_models.py`, which reads options and prints; the line
+that registers it stands in `cli.command.VERBS`.
 
     >>> from ballbot_ros.studies import comparators
     >>> from ballbot_ros.physics import load_robot

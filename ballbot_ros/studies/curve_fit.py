@@ -18,7 +18,7 @@ from scipy.optimize import linprog, minimize
 
 from ballbot_ros import __version__
 from ballbot_ros.config.fields import Checked, count, quantity
-from ballbot_ros.crossing import drive_for, max_step_height, Rules
+from ballbot_ros.crossing import actuation_for, max_step_height, Rules
 from ballbot_ros.decision.band import Band
 from ballbot_ros.decision.curve import CurveProvenance, HeightCurve
 from ballbot_ros.errors import ConfigurationError
@@ -100,7 +100,7 @@ def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
     done = 0
 
     def find(item: Tuple[Robot, float]) -> Tuple[float, float]:
-        found = max_step_height(item[0], item[1], drive_for(item[0], actuation)(item[1]),
+        found = max_step_height(item[0], item[1], actuation_for(item[0], actuation)(item[1]),
                                 accuracy=request.accuracy, rules=rules)
         return found.height, found.error
 

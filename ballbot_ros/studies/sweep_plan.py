@@ -16,7 +16,7 @@ from scipy.stats import qmc
 
 from ballbot_ros import __version__
 from ballbot_ros.config.fields import check_value, Checked, count, quantity, suggestion, text
-from ballbot_ros.crossing import drive_for, Rules, Site
+from ballbot_ros.crossing import actuation_for, Rules, Site
 from ballbot_ros.crossing.rules import HEIGHT, SPEED
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Actuation, Robot
@@ -157,7 +157,7 @@ class Plan(Checked):
         robot = with_parameters(self.robot, values)
         actuation = change(self.actuation, ACTUATION)
         if 'set_rate' not in values:
-            actuation = drive_for(robot, actuation)(values['speed'])
+            actuation = actuation_for(robot, actuation)(values['speed'])
         return (robot, values['speed'], values.get('height'), actuation,
                 change(self.site, SITE), change(self.rules, RULES))
 

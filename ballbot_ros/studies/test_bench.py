@@ -173,7 +173,7 @@ class Ramp(Bench):
         release = max(setting + chance.normal(0.0, self.release_sd), 1e-3)
         push = max(chance.normal(0.0, self.push_sd), 0.0)
         angle = self.pendulum_angle(model.robot, chance)
-        # Backwards, for the ground comes down on the way to the step.
+        # Backwards, for the ground comes down towards the step.
         ground = model.terrain.vertices[-4::-1]
         x = np.interp(release, ground[:, 1], ground[:, 0])
         if release > ground[-1, 1]:

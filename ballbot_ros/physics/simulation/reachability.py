@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What a run can meet, told before it, from bounds: how far the ball gets and what may happen.
+What a run can meet, known before it, from bounds: how far the ball gets and what may happen.
 
-Energy bounds the speed, speed and time the way, and heights that cost more than there is end it.
+Energy bounds the speed, speed and time bound the distance, and so does ground that is too high.
 Each answer errs on the side of "possible": what is said to be impossible does not happen.
 """
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ from ballbot_ros.physics.simulation.model import Model, State
 from ballbot_ros.physics.solvers.flight import has_closed_form
 
 STRAIGHT = 1e-9  # sine of a turn that is none
-ROUNDS = 200     # of energy, speed and way bounding each other
-QUIET = 1.05     # a dent that differs by no more from that at rest does not leave the ground
+ROUNDS = 200     # of energy, speed and distance bounding each other
+QUIET = 1.05     # at a penetration that differs by no more from that at rest contact stays
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def analyse(model: Model, start: State, actuation: Actuation, duration: float) -
 
 def _reach(model: Model, start: State, drive: equations.Drive, duration: float) -> tuple:
     """
-    Return bounds of kinetic energy, speed, and the ends of the way.
+    Return bounds of kinetic energy, speed, and of x to the left and to the right.
 
     Above ground of height h the centre has a potential and contact energy of at least
     M g (h + R) - (M g)^2 / (2 k), that of a ball at rest.
@@ -134,7 +134,7 @@ def _reach(model: Model, start: State, drive: equations.Drive, duration: float) 
 
 
 def _walls(model: Model, x: float, left: float, right: float, top: float) -> tuple:
-    """Return the ends of the way where ground that is higher than `top` [m] ends it."""
+    """Return the bounds of x where ground that is higher than `top` [m] is in between."""
     for corner in model.profile:
         if corner[VERTEX_Y] > top:
             if x < corner[VERTEX_X] < right:
@@ -181,7 +181,7 @@ def _work(model: Model, drive: equations.Drive, energy: float, duration: float) 
 
 
 def _at_rest(model: Model, start: State) -> bool:
-    """Tell whether the start lies on its ground, rolling, without ringing."""
+    """Return whether the start lies on its ground, rolling, without ringing."""
     touches = model.touches(start)
     if len(touches) != 1:
         return False
