@@ -2,11 +2,11 @@
 """The verb ``compare-models``: where simpler models suffice, and what each costs."""
 import argparse
 import math
-import sys
 from typing import Any, Iterator
 
 from ballbot_ros.cli.command import DONE
 from ballbot_ros.cli.options import add_robot, read_robot
+from ballbot_ros.cli.output import print_json
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,7 +38,9 @@ def run(arguments: argparse.Namespace) -> int:
                  'heights', keeps=False) as progress:
         found = compare(case, SPEEDS, progress)
     if arguments.json:
-        print_json(found)
+        print_json({'speeds': found.speeds.tolist(), 'models': [
+            {'name': curve.name, 'source': curve.source, 'heights': curve.heights.tolist(),
+             'cost': curve.cost} for curve in (found.full, *found.others)]})
     else:
         what = f'held at {angle:g} degrees' if case.held else 'free'
         print('\n'.join(table(found, f'{robot.name}, pendulum {what}' if robot.has_pendulum
@@ -73,13 +75,3 @@ def write_spans(ranges: list) -> str:
     """Return ranges of speeds as text."""
     return ', '.join(f'{low:.3g}' if low == high else f'{low:.3g} to {high:.3g}'
                      for low, high in ranges) or 'none'
-
-
-def print_json(found: Any) -> None:
-    """Print all heights as one JSON object, in SI units."""
-    import json
-    json.dump({'speeds': found.speeds.tolist(), 'models': [
-        {'name': curve.name, 'source': curve.source, 'heights': curve.heights.tolist(),
-         'cost': curve.cost} for curve in (found.full, *found.others)]},
-        sys.stdout, indent=2, allow_nan=False)
-    print()

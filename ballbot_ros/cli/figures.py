@@ -2,10 +2,11 @@
 """The verb ``figures``: the figures of the paper, re-simulated, and some more."""
 import argparse
 from pathlib import Path
-from typing import Any, Callable
+from typing import Any
 
 from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
-from ballbot_ros.cli.options import add_format, add_quiet, read_formats
+from ballbot_ros.cli.options import add_format, add_quiet
+from ballbot_ros.cli.output import save_figure
 
 DEFAULT_FOLDER = Path('ballbot_output/figures')
 
@@ -37,8 +38,8 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         with watched(len(names), arguments.quiet, 'drawing', 'figures') as progress:
             for number, name in enumerate(names):
-                files += draw_one(FIGURES[name], name, arguments,
-                                  lambda done: (progress or ignore)(number + done))
+                figure = FIGURES[name](lambda done: (progress or ignore)(number + done))
+                files += save_figure(figure, arguments.out, name, arguments.format)
     except KeyboardInterrupt:
         done = f'; {", ".join(files)} are in {arguments.out}' if files else ''
         print_error(f'interrupted{done}')
@@ -58,14 +59,3 @@ def chosen(names: list[str], known: Any) -> list[str]:
                 f'there is no figure {name!r}{suggestion(name, known)}; "ballbot figures --list" '
                 'lists them')
     return list(dict.fromkeys(names)) or list(known)
-
-
-def draw_one(draw: Callable[..., Any], name: str, arguments: argparse.Namespace,
-             progress: Callable[[float], None]) -> list[str]:
-    """Draw one figure, write it and return the names of its files."""
-    from ballbot_ros.figures.run import save
-    figure = draw(progress)
-    kinds = read_formats(arguments)
-    for kind in kinds:
-        save(figure, arguments.out / f'{name}.{kind}')
-    return [f'{name}.{kind}' for kind in kinds]

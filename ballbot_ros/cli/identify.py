@@ -7,6 +7,7 @@ from typing import Any
 
 from ballbot_ros.cli.command import DONE
 from ballbot_ros.cli.options import add_quiet
+from ballbot_ros.cli.output import save_figure
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +34,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Estimate, write the files and print the table."""
     import json
     from ballbot_ros.cli.listing import check_name
-    from ballbot_ros.figures.canvas import FORMATS, save
     from ballbot_ros.figures.residuals import residual_figure
     from ballbot_ros.physics import load_scene
     from ballbot_ros.results.files import check_writable, read_columns, write_text
@@ -63,13 +63,12 @@ def run(arguments: argparse.Namespace) -> int:
     figure = residual_figure(
         {name: (recording.channels[name][0], values) for name, values in found.residuals.items()},
         CHANNELS, found.noise, f'{scene.name}: simulated less measured')
-    for kind in FORMATS:
-        save(figure, folder / f'residuals.{kind}')
+    files = ['identify.json', *save_figure(figure, folder, 'residuals')]
     if arguments.json:
         print(text)
     elif verbose:
         print_table(found)
-        print(f'\nWritten to {folder}: identify.json, residuals.png, residuals.svg')
+        print(f'\nWritten to {folder}: {", ".join(files)}')
     return DONE
 
 

@@ -2,11 +2,11 @@
 """The verb ``max-step-height``: how high a step the ball gets over, at one speed or many."""
 import argparse
 import math
-import sys
 from typing import List
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE
+from ballbot_ros.cli.output import print_json
 from ballbot_ros.errors import ConfigurationError
 
 MOST_SPEEDS = 10_000
@@ -39,9 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
         accuracy=arguments.accuracy, site=options.read_site(arguments),
         rules=options.read_rules(arguments))
     if arguments.json:
-        import json
-        json.dump([item._asdict() for item in found], sys.stdout, indent=2, allow_nan=False)
-        print()
+        print_json([item._asdict() for item in found])
         return DONE
     print(f'{"speed":>8} {"highest step":>14} {"error":>10}')
     print(f'{"m/s":>8} {"mm":>14} {"mm":>10}')

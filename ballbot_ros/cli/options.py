@@ -22,7 +22,7 @@ def add_quiet(parser: argparse.ArgumentParser) -> None:
 
 
 def add_format(parser: argparse.ArgumentParser) -> None:
-    """Add the format of figures; `read_formats` returns them."""
+    """Add the format of figures."""
     parser.add_argument('--format', choices=('svg', 'png', 'both'), default='both',
                         help='of the figures (default: %(default)s)')
 
@@ -62,37 +62,15 @@ def add_attempts(parser: argparse.ArgumentParser) -> None:
 
 
 def read_robot(arguments: argparse.Namespace) -> Any:
-    """
-    Return the robot.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming the robot and the nearest one that there is, or what is wrong in its file.
-
-    """
+    """Return the robot; `ConfigurationError` names the nearest one, or what is wrong in it."""
     from ballbot_ros.cli.listing import check_name
     check_name('robots', arguments.robot)
     from ballbot_ros.physics import load_robot
     return load_robot(arguments.robot)
 
 
-def read_formats(arguments: argparse.Namespace) -> Any:
-    """Return the endings of the files of a figure."""
-    from ballbot_ros.figures.run import FORMATS
-    return FORMATS if arguments.format == 'both' else (arguments.format,)
-
-
 def read_law(arguments: argparse.Namespace) -> Any:
-    """
-    Return the actuation, without what follows the speed.
-
-    Raises
-    ------
-    ConfigurationError
-        For an angle or a voltage that does not belong to the law.
-
-    """
+    """Return the actuation; `ConfigurationError` where angle or voltage is not of the law."""
     from ballbot_ros.crossing import held_at
     from ballbot_ros.physics import Actuation
     law = arguments.actuation
@@ -107,15 +85,7 @@ def read_law(arguments: argparse.Namespace) -> Any:
 
 
 def read_site(arguments: argparse.Namespace) -> Any:
-    """
-    Return the ground around the step.
-
-    Raises
-    ------
-    ConfigurationError
-        For a slope or a friction out of range.
-
-    """
+    """Return the ground; `ConfigurationError` for a slope or a friction out of range."""
     from ballbot_ros.crossing import Site
     for option in ('slope_before', 'slope_behind'):
         angle = getattr(arguments, option)

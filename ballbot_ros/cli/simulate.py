@@ -7,7 +7,8 @@ from time import perf_counter
 from typing import Any, Iterable, Optional
 
 from ballbot_ros.cli.command import DONE, FAILED, INTERRUPTED, print_error
-from ballbot_ros.cli.options import add_format, add_quiet, read_formats
+from ballbot_ros.cli.options import add_format, add_quiet
+from ballbot_ros.cli.output import print_json, save_figure
 
 DEFAULT_FOLDER = Path('ballbot_output')
 WIDTH = 88  # of a line of words
@@ -72,7 +73,10 @@ def run(arguments: argparse.Namespace) -> int:
         from ballbot_ros.results import explain
         explanation = explain(trajectory, scene)
     if arguments.json:
-        print_json(summary, files, explanation)
+        content = {**summary.to_dict(), 'files': [str(path) for path in files]}
+        if explanation is not None:
+            content['explanation'] = explanation.to_dict()
+        print_json(content)
     elif not arguments.quiet:
         from ballbot_ros.results import report
         print(f'{report(summary)}\n\nWritten to {folder}: '
@@ -186,12 +190,10 @@ def write_all(trajectory: Any, summary: Any, folder: Path,
         'summary.txt', 'summary.json', 'trajectory.csv', 'trajectory.npz')]
     if arguments.no_figures:
         return files
-    from ballbot_ros.figures.run import save, strip, time_series
+    from ballbot_ros.figures.run import strip, time_series
     for name, draw in (('strip', strip), ('time_series', time_series)):
         figure = draw(trajectory, summary.name)
-        for kind in read_formats(arguments):
-            files.append(folder / f'{name}.{kind}')
-            save(figure, files[-1])
+        files += (folder / file for file in save_figure(figure, folder, name, arguments.format))
     return files
 
 
@@ -201,13 +203,3 @@ def print_wrapped(sentences: Iterable[str]) -> None:
     print()
     for sentence in sentences:
         print('\n'.join(wrap(sentence, WIDTH, subsequent_indent='    ')))
-
-
-def print_json(summary: Any, files: list[Path], explanation: Any = None) -> None:
-    """Print the summary, where the files are, and an explanation as one JSON object."""
-    import json
-    content = {**summary.to_dict(), 'files': [str(path) for path in files]}
-    if explanation is not None:
-        content['explanation'] = explanation.to_dict()
-    json.dump(content, sys.stdout, indent=2, allow_nan=False)
-    print()

@@ -7,6 +7,7 @@ from typing import Any, Iterator
 
 from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
 from ballbot_ros.cli.options import add_quiet, add_robot, read_robot
+from ballbot_ros.cli.output import save_figure
 
 DEFAULT_FOLDER = Path('ballbot_output')
 STEEPEST = 45.0  # ramp [degrees]
@@ -86,15 +87,12 @@ def make_bench(arguments: argparse.Namespace) -> Any:
 def write_all(robot: Any, bench: Any, rolls: list, folder: Path) -> list[str]:
     """Write table, truth and plot, and return the names of the files."""
     from ballbot_ros.figures.heights import bench_curves, bench_figure
-    from ballbot_ros.figures.run import FORMATS, save
     from ballbot_ros.results import write_text
     write_text('\n'.join(as_seen(bench, rolls)) + '\n', folder / 'tests.csv')
     write_text('\n'.join(as_was(rolls)) + '\n', folder / 'truth.csv')
     figure = bench_figure(rolls, bench_curves(robot, bench),
                           f'{robot.name}, {bench.knob} varied: {len(rolls)} rolls')
-    for kind in FORMATS:
-        save(figure, folder / f'tests.{kind}')
-    return ['tests.csv', 'truth.csv', *(f'tests.{kind}' for kind in FORMATS)]
+    return ['tests.csv', 'truth.csv', *save_figure(figure, folder, 'tests')]
 
 
 def as_seen(bench: Any, rolls: list) -> Iterator[str]:

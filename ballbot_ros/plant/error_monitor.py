@@ -10,14 +10,7 @@ class ErrorMonitor:
     """
     Estimates the error of position of a plant by its distance to a coarser run.
 
-    Parameters
-    ----------
-    model : Model
-        That of the plant, with a coarser solver.
-    start : State
-        Of the plant.
-    accuracy : float
-        Error that is allowed [m].
+    The model is that of the plant with a coarser solver, the accuracy the error allowed [m].
 
     Attributes
     ----------
@@ -40,16 +33,7 @@ class ErrorMonitor:
 
     def advance(self, after: State, drive: equations.Drive, steps: int) -> None:
         """
-        Run along with the plant.
-
-        Parameters
-        ----------
-        after : State
-            That the plant came to.
-        drive : Drive
-            What moved it.
-        steps : int
-            Of its solver.
+        Compare with a state to which an actuation has moved the plant in so many solver steps.
 
         Raises
         ------

@@ -39,8 +39,6 @@ class BagRecorder:
 
     Attributes
     ----------
-    messages : int
-        Recorded so far.
     recorded : set of str
         Topics of which something was recorded.
 
@@ -57,7 +55,6 @@ class BagRecorder:
         self._store.register(own)
         self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
         self._subscriptions: List[Tuple[Subscription, Callable[[bytes], None]]] = []
-        self.messages = 0
         self.recorded: Set[str] = set()
 
     def __enter__(self) -> 'BagRecorder':
@@ -108,7 +105,6 @@ class BagRecorder:
                  callback: Optional[Callable[[bytes], None]]) -> Callable[[bytes], None]:
         def write(data: bytes) -> None:
             self._writer.write(connection, stamp_of(data), data)
-            self.messages += 1
             self.recorded.add(topic)
             if callback is not None:
                 callback(data)

@@ -48,8 +48,7 @@ class Diagnostics:
         self._report = report
         self._count = 0
         self._publisher = create_publisher(node, DiagnosticArray, '/diagnostics', qos.SHORT)
-        self._timer = node.create_timer(
-            period, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.create_timer(period, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def publish(self) -> None:
         """Publish now."""

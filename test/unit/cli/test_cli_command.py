@@ -16,22 +16,14 @@ from ballbot_ros.config.files import config_folder
 COMMAND = [sys.executable, '-m', 'ballbot_ros.cli']
 
 
-def said(capsys, *words):
+def called(capsys, *words):
     """Return the exit code, standard output and standard error of a call."""
     code = main(words)
     return (code, *capsys.readouterr())
 
 
-def complaint(capsys, *words):
-    """Return the one line that a call with a mistake prints."""
-    code, out, err = said(capsys, *words)
-    assert code == 2 and out == ''
-    assert err.startswith('ballbot: error: ') and err.count('\n') == 1
-    return err
-
-
 def test_help_names_every_verb(capsys):
-    code, out, err = said(capsys, '--help')
+    code, out, err = called(capsys, '--help')
     assert code == 0 and err == ''
     # A long name has its line for itself.
     assert all(re.search(rf'^    {verb}\s', out, re.M) for verb in VERBS)
@@ -39,7 +31,7 @@ def test_help_names_every_verb(capsys):
 
 @pytest.mark.parametrize('verb', sorted(VERBS))
 def test_every_verb_has_help(capsys, verb):
-    code, out, _ = said(capsys, verb, '--help')
+    code, out, _ = called(capsys, verb, '--help')
     assert code == 0 and out.startswith(f'usage: ballbot {verb}')
 
 
@@ -54,32 +46,32 @@ def test_help_imports_nothing_heavy():
 
 
 def test_version_is_that_of_the_package(capsys):
-    assert said(capsys, '--version') == (0, f'ballbot {__version__}\n', '')
+    assert called(capsys, '--version') == (0, f'ballbot {__version__}\n', '')
 
 
 def test_no_verb_prints_help_and_fails(capsys):
-    code, out, _ = said(capsys)
+    code, out, _ = called(capsys)
     assert code == 2 and 'simulate' in out
 
 
-def test_unknown_verb_gets_a_suggestion(capsys):
-    assert "did you mean 'simulate'?" in complaint(capsys, 'simulat', 'fig7_top')
+def test_unknown_verb_gets_a_suggestion(error_of):
+    assert "did you mean 'simulate'?" in error_of('simulat', 'fig7_top')
 
 
-def test_unknown_option_is_named(capsys):
-    assert '--durtion' in complaint(capsys, 'simulate', 'fig7_top', '--durtion', '3')
+def test_unknown_option_is_named(error_of):
+    assert '--durtion' in error_of('simulate', 'fig7_top', '--durtion', '3')
 
 
-def test_an_option_that_is_no_number_is_named(capsys):
-    assert '--duration' in complaint(capsys, 'simulate', 'fig7_top', '--duration', 'long')
+def test_an_option_that_is_no_number_is_named(error_of):
+    assert '--duration' in error_of('simulate', 'fig7_top', '--duration', 'long')
 
 
-def test_a_missing_argument_is_named(capsys):
-    assert 'SCENE' in complaint(capsys, 'simulate')
+def test_a_missing_argument_is_named(error_of):
+    assert 'SCENE' in error_of('simulate')
 
 
 def test_scenes_lists_each_with_a_description(capsys):
-    code, out, _ = said(capsys, 'scenes')
+    code, out, _ = called(capsys, 'scenes')
     names = sorted(path.stem for path in (config_folder() / 'scenes').glob('*.yaml'))
     assert code == 0
     assert [line.split()[0] for line in out.splitlines()] == names
@@ -93,12 +85,12 @@ def test_a_description_is_the_first_sentence_of_the_leading_comment(tmp_path):
 
 
 def test_robots_lists_the_robots(capsys):
-    _, out, _ = said(capsys, 'robots')
+    _, out, _ = called(capsys, 'robots')
     assert [line.split()[0] for line in out.splitlines()] == ['gimball', 'shellball']
 
 
 def test_robot_table_gives_unit_source_range_and_note(capsys):
-    code, out, _ = said(capsys, 'robots', 'gimball')
+    code, out, _ = called(capsys, 'robots', 'gimball')
     assert code == 0
     line = next(line for line in out.splitlines() if line.startswith('ball_mass '))
     assert line.split()[1:7] == ['3.8', 'kg', 'derived', '3.3', 'to', '4.15']
@@ -107,41 +99,41 @@ def test_robot_table_gives_unit_source_range_and_note(capsys):
     assert all(len(line) < 130 for line in out.splitlines())
 
 
-def test_unknown_robot_gets_a_suggestion(capsys):
-    assert "did you mean 'gimball'?" in complaint(capsys, 'robots', 'gimbal')
+def test_unknown_robot_gets_a_suggestion(error_of):
+    assert "did you mean 'gimball'?" in error_of('robots', 'gimbal')
 
 
 def test_demo_passes_its_options_on(monkeypatch, tmp_path):
     import types
-    told = {}
+    given = {}
 
     def run_demo(**options):
-        told.update(options)
+        given.update(options)
         return 7
 
     def run_hardware_demo(**options):
-        told.update(options)
+        given.update(options)
         return 8
 
     monkeypatch.setitem(sys.modules, 'ballbot_ros.demo', types.SimpleNamespace(
         run_demo=run_demo, run_hardware_demo=run_hardware_demo))
     assert main(['demo', '--out', str(tmp_path), '--real-time', '--timeout', '9']) == 7
-    assert told == {'out': tmp_path, 'real_time': True, 'quiet': False, 'timeout': 9.0}
-    told.clear()
+    assert given == {'out': tmp_path, 'real_time': True, 'quiet': False, 'timeout': 9.0}
+    given.clear()
     (tmp_path / 'bag').mkdir()  # of a run before, which this one replaces
     assert main(['demo', '--hardware', '--protocol', 'vesc', '--out', str(tmp_path)]) == 8
-    assert told == {'out': tmp_path, 'protocol': 'vesc', 'firmware': '', 'quiet': False,
+    assert given == {'out': tmp_path, 'protocol': 'vesc', 'firmware': '', 'quiet': False,
                     'timeout': 60.0}
 
 
-def test_demo_without_ros_says_what_to_do(capsys, monkeypatch):
+def test_demo_without_ros_says_what_to_do(error_of, monkeypatch):
     monkeypatch.setitem(sys.modules, 'ballbot_ros.demo', None)
-    assert 'needs ROS 2' in complaint(capsys, 'demo')
+    assert 'needs ROS 2' in error_of('demo')
 
 
 @pytest.mark.parametrize('seconds', ['0', '-1', 'inf', 'nan'])
-def test_demo_refuses_an_impossible_timeout(capsys, seconds):
-    assert '--timeout must be' in complaint(capsys, 'demo', f'--timeout={seconds}')
+def test_demo_refuses_an_impossible_timeout(error_of, seconds):
+    assert '--timeout must be' in error_of('demo', f'--timeout={seconds}')
 
 
 def test_a_reader_that_goes_away_is_no_error():

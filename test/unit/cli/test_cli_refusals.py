@@ -8,14 +8,7 @@ import types
 import pytest
 
 from ballbot_ros.cli import command, main
-
-
-def complaint(capsys, *words):
-    """Return the one line that a call with a mistake prints."""
-    assert main(words) == 2
-    out, err = capsys.readouterr()
-    assert out == '' and err.startswith('ballbot: error: ') and err.count('\n') == 1
-    return err
+from ballbot_ros.figures.gallery import FIGURES
 
 
 @pytest.mark.parametrize('words', [
@@ -25,7 +18,8 @@ def complaint(capsys, *words):
     ['demo', '--out', '{}/x'], ['demo', '--hardware', '--out', '{}'],
     ['emulate-motor', '--protocol', 'vesc', '--log', '{}/x.csv'],
     ['calibrate-motor', '--out', '{}/x.yaml', '--port', '/dev/there_is_none']])
-def test_a_folder_that_is_a_file_is_refused_before_the_work(words, tmp_path, capsys, monkeypatch):
+def test_a_folder_that_is_a_file_is_refused_before_the_work(
+        words, tmp_path, error_of, monkeypatch):
     def work(*_, **__):
         pytest.fail('worked in vain')
 
@@ -34,22 +28,22 @@ def test_a_folder_that_is_a_file_is_refused_before_the_work(words, tmp_path, cap
     monkeypatch.setattr('ballbot_ros.physics.simulation.scene.Scene.simulate', work)
     monkeypatch.setattr('ballbot_ros.studies.procedure.run_tests', work)
     monkeypatch.setattr('ballbot_ros.studies.curve_fit.fit_curve', work)
-    monkeypatch.setattr('ballbot_ros.cli.figures.draw_one', work)
+    monkeypatch.setitem(FIGURES, 'fig7', work)
     monkeypatch.setattr('ballbot_ros.studies.sweep.run_sweep', work)
     (tmp_path / 'file').write_text('mine')
-    said = complaint(capsys, *(word.format(tmp_path / 'file') for word in words))
-    assert f'cannot be written: {tmp_path}/file is not a folder' in said
+    line = error_of(*(word.format(tmp_path / 'file') for word in words))
+    assert f'cannot be written: {tmp_path}/file is not a folder' in line
     assert [path.name for path in tmp_path.iterdir()] == ['file']
 
 
-def test_a_file_that_is_no_curve_is_not_overwritten(tmp_path, capsys):
+def test_a_file_that_is_no_curve_is_not_overwritten(tmp_path, error_of):
     (tmp_path / 'mine.yaml').write_text('mine: 1')
-    said = complaint(capsys, 'fit-curve', '--out', str(tmp_path / 'mine.yaml'))
-    assert 'mine.yaml is there and is not a height curve' in said
+    line = error_of('fit-curve', '--out', str(tmp_path / 'mine.yaml'))
+    assert 'mine.yaml is there and is not a height curve' in line
     assert [path.read_text() for path in tmp_path.iterdir()] == ['mine: 1']
 
 
-@pytest.mark.parametrize('words, says', [
+@pytest.mark.parametrize('words, sentence', [
     (['compare-models', '--angle', '30'], '--angle goes with --actuation held'),
     (['demo', '--protocol', 'vesc'], '--protocol goes with --hardware'),
     (['demo', '--firmware', '0.6'], 'must be 0.5 or 0.6'),
@@ -72,15 +66,15 @@ def test_a_file_that_is_no_curve_is_not_overwritten(tmp_path, capsys):
     (['emulate-motor', '--protocol', 'vesc', '--robot', 'gimbal'], "did you mean 'gimball'?"),
     (['emulate-motor', '--protocol', 'vesc', '--link', '/proc/nowhere/x'], 'another name for '
      '--link')])
-def test_what_makes_no_sense_is_named(words, says, capsys):
-    assert says in complaint(capsys, *words)
+def test_what_makes_no_sense_is_named(words, sentence, error_of):
+    assert sentence in error_of(*words)
 
 
-def test_a_file_of_the_user_is_not_taken_for_a_socket(tmp_path, capsys):
+def test_a_file_of_the_user_is_not_taken_for_a_socket(tmp_path, error_of):
     (tmp_path / 'mine.txt').write_text('mine')
-    said = complaint(capsys, 'emulate-motor', '--protocol', 'vesc', '--control',
-                     str(tmp_path / 'mine.txt'))
-    assert 'is no socket' in said and (tmp_path / 'mine.txt').read_text() == 'mine'
+    line = error_of('emulate-motor', '--protocol', 'vesc', '--control',
+                    str(tmp_path / 'mine.txt'))
+    assert 'is no socket' in line and (tmp_path / 'mine.txt').read_text() == 'mine'
 
 
 @pytest.mark.parametrize('pressed', [True, False])

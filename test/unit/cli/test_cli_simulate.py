@@ -21,14 +21,6 @@ def names(folder):
     return {path.name for path in Path(folder).iterdir()}
 
 
-def complaint(capsys, *words):
-    """Return the one line that a call with a mistake prints."""
-    assert main(['simulate', *words]) == 2
-    out, err = capsys.readouterr()
-    assert out == '' and err.startswith('ballbot: error: ') and err.count('\n') == 1
-    return err
-
-
 def scene_file(tmp_path, text):
     path = tmp_path / 'mine.yaml'
     path.write_text(text)
@@ -82,8 +74,8 @@ def test_options_replace_what_the_scene_says(tmp_path, capsys):
     assert read_columns(tmp_path / 'trajectory.csv')['time'][-1] == pytest.approx(0.5)
 
 
-def test_unknown_scene_gets_the_nearest_name(capsys):
-    assert "did you mean 'fig7_bottom'?" in complaint(capsys, 'fig7_botom')
+def test_unknown_scene_gets_the_nearest_name(error_of):
+    assert "did you mean 'fig7_bottom'?" in error_of('simulate', 'fig7_botom')
 
 
 @pytest.mark.parametrize('words, says', [
@@ -92,16 +84,16 @@ def test_unknown_scene_gets_the_nearest_name(capsys):
     (['--step', '3e-4'], 'output_step must be a whole number of steps'),
     (['--method', 'rk5'], "did you mean 'rk4'"),
     (['--out', '/dev/null/here'], 'cannot be written')])
-def test_a_value_that_cannot_be_is_refused_in_one_line(capsys, words, says):
-    assert says in complaint(capsys, 'fig7_top', '--quiet', *words)
+def test_a_value_that_cannot_be_is_refused_in_one_line(error_of, words, says):
+    assert says in error_of('simulate', 'fig7_top', '--quiet', *words)
 
 
 @pytest.mark.parametrize('text, says', [
     ('robot: [', 'is not valid YAML'), ('robot: gimbal\nduration: 1', 'no robot named'),
     ('robot: gimball\nduration: 1\nintial: {}', "did you mean 'initial'"),
     ('robot: gimball', 'duration is missing'), ('- 1', 'expected a mapping')])
-def test_a_malformed_scene_is_refused_in_one_line(tmp_path, capsys, text, says):
-    message = complaint(capsys, scene_file(tmp_path, text))
+def test_a_malformed_scene_is_refused_in_one_line(tmp_path, error_of, text, says):
+    message = error_of('simulate', scene_file(tmp_path, text))
     assert says in message
 
 
