@@ -23,7 +23,7 @@ gone; the link is then to be closed and opened again.
 only while armed, finite and within the limit; a stop repeated until it is confirmed.
 """
 from dataclasses import dataclass
-from typing import NamedTuple, Optional, Protocol
+from typing import Mapping, NamedTuple, Optional, Protocol
 
 from ballbot_ros.config.fields import Checked, quantity
 
@@ -86,6 +86,13 @@ class Setting(NamedTuple):
     wanted: str
     acceptable: bool
     remedy: str = ''
+
+
+def bit_names(bits: int, names: Mapping[int, str]) -> tuple[str, ...]:
+    """Return the maker's names of the bits that are set; unknown ones in hexadecimal."""
+    known = tuple(name for bit, name in names.items() if bits & bit)
+    rest = bits & ~sum(names)
+    return (*known, hex(rest)) if rest else known
 
 
 class Telemetry(NamedTuple):

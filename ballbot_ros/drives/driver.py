@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The base class of every driver, which keeps the contract; see contract.py."""
 from abc import ABC, abstractmethod
-from collections import Counter
+from collections import Counter, deque
 import math
 import time
-from typing import Callable, ClassVar, Type
+from typing import Any, Callable, ClassVar, Protocol, Type
 
 from ballbot_ros.drives.contract import DriveOptions, Identity, SerialLine, Setting, Telemetry
 from ballbot_ros.drives.wire import WireBudget
@@ -12,6 +12,17 @@ from ballbot_ros.errors import DriveError, MessageError
 
 # A stop that is not confirmed is repeated after this time [s].
 STOP_PERIOD = 0.02
+# Requests that may be under way.
+MOST_OUTSTANDING = 1000
+
+
+class Parser(Protocol):
+    """Finds the replies in what a drive sends; `counts` are of what is none."""
+
+    counts: Counter[str]
+
+    def feed(self, data: bytes) -> list[Any]:
+        """Take bytes and return the replies that they complete."""
 
 
 class Driver(ABC):
@@ -46,6 +57,8 @@ class Driver(ABC):
     # Whether the drive makes the torque by measuring current, or a voltage is computed for it.
     closes_torque_loop: ClassVar[bool] = True
 
+    _parser: Parser
+
     def __init__(self, line: SerialLine, options: DriveOptions,
                  clock: Callable[[], float] = time.monotonic):
         """Take the line; nothing is sent yet."""
@@ -55,6 +68,11 @@ class Driver(ABC):
         self.telemetry = Telemetry()
         self.counts: Counter[str] = Counter()
         self._armed = False  # by us, and not stopped since
+        # When that was asked for whose reply showed that the motor has no power.
+        self._off_asked_at = -math.inf
+        # When requests were sent whose replies are to come, in this order, and which.
+        self._outstanding: deque[tuple[float, Any]] = deque(maxlen=MOST_OUTSTANDING)
+        self._begin()
 
     # What waits
 
@@ -162,14 +180,13 @@ class Driver(ABC):
         self._armed = False
         self._send(self._stop_message())
 
-    @abstractmethod
     def stopped_since(self, time: float) -> bool:
-        """Return whether the drive confirmed, after `time`, that the motor has no power."""
+        """Return whether the drive, asked after `time`, confirmed that the motor has no power."""
+        return self._off_asked_at >= time
 
     def poll(self) -> Telemetry:
         """Read what has arrived and return the newest telemetry."""
-        data = self.line.read()
-        self._take(data, self.clock())
+        self._take(self.line.read(), self.clock())
         return self.telemetry
 
     @abstractmethod
@@ -236,6 +253,10 @@ class Driver(ABC):
             'rate, another protocol, or noise'))
 
     @abstractmethod
+    def _begin(self) -> None:
+        """Make the parser, and what else this driver keeps; the end of `__init__`."""
+
+    @abstractmethod
     def _arm(self, deadline: float) -> None:
         """See `arm`."""
 
@@ -257,5 +278,26 @@ class Driver(ABC):
         """Return the bytes that ask for the telemetry of this period."""
 
     @abstractmethod
+    def _take_reply(self, reply: Any, now: float) -> None:
+        """Update telemetry and counts from a reply that the parser found."""
+
     def _take(self, data: bytes, now: float) -> None:
         """Update telemetry and counts from received bytes; `data` may be empty."""
+        self.counts['bytes'] += len(data)
+        for reply in self._parser.feed(data):
+            self.counts['replies'] += 1
+            self._take_reply(reply, now)
+        for name, number in self._parser.counts.items():
+            self.counts[name] = number
+        while self._outstanding and self._outstanding[0][0] < now - self.options.reply_timeout:
+            self._outstanding.popleft()
+            self.counts['lost'] += 1
+
+    def _answered(self, request: object) -> float:
+        """Return when a request was sent to which a reply came; those before it are lost."""
+        while self._outstanding:
+            sent_at, other = self._outstanding.popleft()
+            if other == request:
+                return sent_at
+            self.counts['lost'] += 1
+        return -math.inf

@@ -46,20 +46,11 @@ def _silence(emulator: Emulator, seconds: float, now: float) -> None:
     emulator.silent_until = now + seconds
 
 
-def _reboot(emulator: Emulator, _: float, now: float) -> None:
-    emulator.device.reboot(now)
-
-
-def _over_current(emulator: Emulator, _: float, __: float) -> None:
-    emulator.device.over_current()
-
-
-def _temperature(emulator: Emulator, degrees: float, _: float) -> None:
-    emulator.device.sensed = emulator.device.sensed._replace(temperature=degrees)
-
-
-def _voltage(emulator: Emulator, volts: float, _: float) -> None:
-    emulator.device.sensed = emulator.device.sensed._replace(bus_voltage=volts)
+def _sense(name: str) -> Callable[[Emulator, float, float], None]:
+    """Return what sets a measurement of the drive."""
+    def act(emulator: Emulator, value: float, _: float) -> None:
+        emulator.device.sensed = emulator.device.sensed._replace(**{name: value})
+    return act
 
 
 def _encoder_jump(emulator: Emulator, turns: float, _: float) -> None:
@@ -68,10 +59,6 @@ def _encoder_jump(emulator: Emulator, turns: float, _: float) -> None:
 
 def _slow_reader(emulator: Emulator, rate: float, _: float) -> None:
     emulator.read_rate = rate
-
-
-def _reset(emulator: Emulator, _: float, __: float) -> None:
-    emulator.ball.reset()
 
 
 def _clear(emulator: Emulator, _: float, now: float) -> None:
@@ -90,15 +77,17 @@ FAULTS = {
                     'another name', _plug_after, math.inf),
     'plug': Fault('', 'the device is back', _plug, 0.0),
     'silence': Fault('seconds', 'the drive receives but does not reply', _silence),
-    'reboot': Fault('', 'the drive loses its state and receives nothing while it boots', _reboot,
-                    0.0),
-    'over_current': Fault('', 'the drive trips as on a short circuit', _over_current, 0.0),
+    'reboot': Fault('', 'the drive loses its state and receives nothing while it boots',
+                    lambda emulator, _, now: emulator.device.reboot(now), 0.0),
+    'over_current': Fault('', 'the drive trips as on a short circuit',
+                          lambda emulator, *_: emulator.device.over_current(), 0.0),
     'temperature': Fault('degC', 'of the power stage; hot enough, the drive trips',
-                         _temperature),
-    'voltage': Fault('V', 'of the supply', _voltage),
+                         _sense('temperature')),
+    'voltage': Fault('V', 'of the supply', _sense('bus_voltage')),
     'encoder_jump': Fault('motor turns', 'the encoder is off by so much more', _encoder_jump),
     'slow_reader': Fault('bytes/s', 'the drive takes no more from the line', _slow_reader),
-    'reset': Fault('', 'the ball is put back to the start of its scene', _reset, 0.0),
+    'reset': Fault('', 'the ball is put back to the start of its scene',
+                   lambda emulator, *_: emulator.ball.reset(), 0.0),
     'clear': Fault('', 'the line is clean again, the drive cool, the encoder right', _clear,
                    0.0),
 }

@@ -19,6 +19,7 @@ responses, and odriverobotics/ODriveArduino, src/ODriveUART.cpp, which sends ``s
 (programs of users have it), and how numbers are printed, namely as in 0.5 with six decimals, and
 truth as 0 and 1.  What is printed otherwise is no number here, and the drive is refused.
 """
+from collections import Counter
 from functools import reduce
 from operator import xor
 import re
@@ -120,18 +121,16 @@ class LineParser:
 
     Attributes
     ----------
-    refused : int
-        Lines whose checksum or characters are wrong.
-    unchecked : int
-        Lines of printable text without a checksum, which a drive prints unasked, or as a reply
-        where it does not know checksums.
+    counts : Counter
+        ``refused`` lines whose checksum or characters are wrong, and ``unchecked`` ones of
+        printable text without a checksum, which a drive prints unasked, or as a reply where it
+        does not know checksums.
 
     """
 
     def __init__(self) -> None:
         """Start with nothing received."""
-        self.refused = 0
-        self.unchecked = 0
+        self.counts = Counter(refused=0, unchecked=0)
         self._rest = b''
 
     def feed(self, data: bytes) -> list[str]:
@@ -148,10 +147,8 @@ class LineParser:
         if match and len(raw) <= LONGEST_LINE and checksum(match[1]) == int(match[2]):
             return match[1].decode('ascii')
         if raw:
-            if b'*' not in raw and raw.isascii() and raw.decode('ascii').isprintable():
-                self.unchecked += 1
-            else:
-                self.refused += 1
+            text = b'*' not in raw and raw.isascii() and raw.decode('ascii').isprintable()
+            self.counts['unchecked' if text else 'refused'] += 1
         return None
 
 

@@ -3,11 +3,10 @@
 from collections import Counter, deque
 from dataclasses import dataclass
 import math
-import time
-from typing import Callable, Optional
+from typing import Optional
 
 from ballbot_ros.config.fields import count, quantity
-from ballbot_ros.drives.contract import DriveOptions, Identity, SerialLine, Setting
+from ballbot_ros.drives.contract import DriveOptions, Identity, Setting
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.drives.odrive import codec
 from ballbot_ros.drives.odrive.firmware import (
@@ -47,21 +46,16 @@ class ODrive(Driver):
     Options = ODriveOptions
     baud_rates = (115200, 921600, 460800, 230400, 57600)
 
-    def __init__(self, line: SerialLine, options: ODriveOptions,
-                 clock: Callable[[], float] = time.monotonic):
-        """Take the line; nothing is sent yet."""
-        super().__init__(line, options, clock)
+    def _begin(self) -> None:
         self._parser = codec.LineParser()
         self._generation = GENERATIONS[-1]  # the one that less is asked of, until it is known
         self._identified = False
-        self._pending = Requests(options.reply_timeout)
-        self._feedback_asked: deque[float] = deque(maxlen=1000)
+        self._pending = Requests(self.options.reply_timeout)
         self._texts: deque[str] = deque(maxlen=8)  # neither feedback nor an answer
         self._values: dict[str, float] = {}  # the last one of each property
         self._turn = 0
         self._then: Optional[str] = None  # property to ask for once the position has come
         self._period_began = -math.inf
-        self._idle_asked_at = -math.inf  # when the state was asked that turned out to be idle
 
     # What waits
 
@@ -150,10 +144,6 @@ class ODrive(Driver):
                 + codec.write(self._path(REQUESTED_STATE), codec.IDLE)
                 + self._property_request(STATE))
 
-    def stopped_since(self, time: float) -> bool:
-        """Return whether the state, asked for after `time`, was idle; see `Driver`."""
-        return self._idle_asked_at >= time
-
     def budget(self) -> WireBudget:
         """Return the bytes of a period with the longest request, whatever the firmware."""
         command = len(codec.torque(self.options.axis, -self.options.torque_limit))
@@ -174,7 +164,7 @@ class ODrive(Driver):
             return marker  # which is long, and stands alone
         if self._generation.one_reply_at_a_time and pending.asked and pending.asked_at >= began:
             return b''  # its answer is on its way, and would cost that to another request
-        self._feedback_asked.append(now)
+        self._outstanding.append((now, codec.Feedback))
         request = codec.feedback(self.options.axis)
         if pending.free and now - pending.asked_at >= self.options.status_period:
             names = self._generation.polled
@@ -190,7 +180,7 @@ class ODrive(Driver):
 
     def _property_request(self, name: str) -> bytes:
         """Return what to ask for a property now, which may be nothing; see `Requests.ask`."""
-        if self._generation.one_reply_at_a_time and self._feedback_asked:
+        if self._generation.one_reply_at_a_time and self._outstanding:
             self._then = name
             return b''
         return self._pending.ask(name, self._path(name), self.clock())
@@ -231,8 +221,8 @@ class ODrive(Driver):
             self._then = None
             if not pending.free:
                 self._synchronise(deadline)
-            self._until(lambda: not self._feedback_asked, self._soon(deadline))
-            self._feedback_asked.clear()
+            self._until(lambda: not self._outstanding, self._soon(deadline))
+            self._outstanding.clear()
             self._send(self._property_request(name))
             self._until(lambda: pending.asked is None, self._soon(deadline))
             if pending.free:
@@ -245,19 +235,10 @@ class ODrive(Driver):
     # Replies
 
     def _take(self, data: bytes, now: float) -> None:
-        self.counts['bytes'] += len(data)
-        for text in self._parser.feed(data):
-            self.counts['replies'] += 1
-            self._take_text(text, now)
-        self.counts['refused'] = self._parser.refused
-        self.counts['unchecked'] = self._parser.unchecked
-        overdue = now - self.options.reply_timeout
-        while self._feedback_asked and self._feedback_asked[0] < overdue:
-            self._feedback_asked.popleft()
-            self.counts['lost'] += 1
+        super()._take(data, now)
         self.counts['lost'] += self._pending.overdue(now)
 
-    def _take_text(self, text: str, now: float) -> None:
+    def _take_reply(self, text: str, now: float) -> None:
         feedback = codec.parse_feedback(text)
         if feedback is not None:
             self._take_feedback(feedback, now)
@@ -272,13 +253,13 @@ class ODrive(Driver):
 
     def _take_feedback(self, feedback: codec.Feedback, now: float) -> None:
         if self._generation.one_reply_at_a_time:  # those before the last one got lost
-            self.counts['lost'] += max(0, len(self._feedback_asked) - 1)
-            self._feedback_asked.clear()
+            self.counts['lost'] += max(0, len(self._outstanding) - 1)
+            self._outstanding.clear()
             if self._then is not None:
                 name, self._then = self._then, None
                 self._send(self._property_request(name))
-        elif self._feedback_asked:
-            self._feedback_asked.popleft()
+        else:
+            self._answered(codec.Feedback)
         # An encoder that failed reads as 0.
         errors = int(self._values.get(self._generation.errors, 0.0))
         if not errors & self._generation.no_estimate:
@@ -290,6 +271,6 @@ class ODrive(Driver):
         if value is None or not math.isfinite(value):
             return
         if name == STATE and value == codec.IDLE:
-            self._idle_asked_at = self._pending.asked_at
+            self._off_asked_at = self._pending.asked_at
         self._values[name] = value
         self.telemetry = self._generation.updated(self.telemetry, name, self._values, now)

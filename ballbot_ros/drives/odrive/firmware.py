@@ -20,7 +20,7 @@ import math
 from types import MappingProxyType
 from typing import Any, Callable, Mapping, NamedTuple, Sequence
 
-from ballbot_ros.drives.contract import DriveOptions, Setting, Telemetry
+from ballbot_ros.drives.contract import bit_names, DriveOptions, Setting, Telemetry
 from ballbot_ros.drives.odrive import codec
 from ballbot_ros.errors import DriveError
 
@@ -113,9 +113,7 @@ class Generation:
 
     def names_of(self, bits: float) -> tuple[str, ...]:
         """Return the names of error bits; unknown ones in hexadecimal."""
-        known = tuple(name for bit, name in self.error_names.items() if int(bits) & bit)
-        rest = int(bits) & ~sum(self.error_names)
-        return (*known, hex(rest)) if rest else known
+        return bit_names(int(bits), self.error_names)
 
     def why(self, result: float, bits: float) -> str:
         """Return why a state was not reached, from the values of `result` and `reason`."""

@@ -12,6 +12,7 @@ Source: RoboClaw Series User Manual (commands 14, 15, 16, 21, 24, 30, 32, 48, 49
 and basicmicro/roboclaw_python_library.
 """
 from binascii import crc_hqx
+from collections import Counter
 import struct
 from typing import NamedTuple, Optional, Sequence
 
@@ -116,15 +117,15 @@ class ReplyParser:
     groups : sequence of sequences of int
         Requests that were asked together, in their order; two or more in each, so that an
         answer is vouched for by 32 bits at least.  No group may be the beginning of another.
-    skipped : int
-        Bytes that belong to no answer, those that acknowledge commands apart.
+    counts : Counter
+        ``skipped`` bytes that belong to no answer, those that acknowledge commands apart.
 
     """
 
     def __init__(self, address: int):
         """Start with nothing received and nothing expected."""
         self.groups: Sequence[Sequence[int]] = ()
-        self.skipped = 0
+        self.counts = Counter(skipped=0)
         self._address = address
         self._buffer = b''
 
@@ -141,7 +142,7 @@ class ReplyParser:
             elif end < 0:  # one may still become of it
                 break
             else:
-                self.skipped += self._buffer[place] != ACKNOWLEDGED
+                self.counts['skipped'] += self._buffer[place] != ACKNOWLEDGED
                 place += 1
         self._buffer = self._buffer[place:]
         return groups
@@ -202,10 +203,3 @@ def reply_of(data: bytes) -> bytes:
     values = struct.unpack('>IiBiB', data[:14].ljust(14, b'\0'))
     return frame_reply((Reply(GET_STATUS, values[:1]), Reply(GET_ENCODER[0], values[1:3]),
                         Reply(GET_SPEED[0], values[3:])))
-
-
-def status_names(bits: int) -> tuple[str, ...]:
-    """Return the names of the bits of a status; unknown ones in hexadecimal."""
-    known = tuple(name for bit, name in STATUS.items() if bits & bit)
-    rest = bits & ~sum(STATUS)
-    return (*known, hex(rest)) if rest else known

@@ -5,14 +5,11 @@ RoboClaw by packet serial: a duty cycle, the open-loop voltage that the paper dr
 The controller has no torque command.  The driver computes the voltage that makes the wanted
 torque in a motor of given resistance and back voltage, at the speed that was last measured.
 """
-from collections import deque
 from dataclasses import dataclass
 import math
-import time
-from typing import Callable
 
 from ballbot_ros.config.fields import count, quantity
-from ballbot_ros.drives.contract import DriveOptions, Identity, SerialLine, Setting
+from ballbot_ros.drives.contract import bit_names, DriveOptions, Identity, Setting
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.drives.roboclaw import codec
 from ballbot_ros.drives.wire import WireBudget
@@ -56,19 +53,16 @@ class RoboClaw(Driver):
     """
 
     options: RoboClawOptions
+    _parser: codec.ReplyParser
     protocol, maker = 'roboclaw', 'RoboClaw'
     Options = RoboClawOptions
     baud_rates = (38400, 115200, 460800, 230400, 57600, 19200, 9600, 2400)
     closes_torque_loop = False
 
-    def __init__(self, line: SerialLine, options: RoboClawOptions,
-                 clock: Callable[[], float] = time.monotonic):
-        """Take the line; nothing is sent yet."""
-        super().__init__(line, options, clock)
-        motor = options.motor - 1
-        self._parser = codec.ReplyParser(options.address)
+    def _begin(self) -> None:
+        motor = self.options.motor - 1
+        self._parser = codec.ReplyParser(self.options.address)
         self._motion = (codec.GET_ENCODER[motor], codec.GET_SPEED[motor])
-        self._groups: deque[tuple[float, tuple[int, ...]]] = deque(maxlen=1000)  # asked, not come
         self._answers: dict[int, codec.Reply] = {}
         self._turn = 0
         self._slow_at = -math.inf
@@ -76,7 +70,6 @@ class RoboClaw(Driver):
         self._duty = 0.0
         self._commanded_at = -math.inf
         self._counts = 0  # of the encoder, without the wraps of its counter
-        self._still_asked_at = -math.inf
 
     # What waits
 
@@ -108,8 +101,8 @@ class RoboClaw(Driver):
     def _arm(self, deadline: float) -> None:
         status, = self._ask(codec.GET_STATUS, deadline).values
         if status & codec.ERRORS:
-            raise DriveError('not_armed', (
-                f'{self.line.port}: the RoboClaw names {", ".join(codec.status_names(status))}'))
+            names = ', '.join(bit_names(status, codec.STATUS))
+            raise DriveError('not_armed', f'{self.line.port}: the RoboClaw names {names}')
         self._ask(codec.GET_BATTERY, deadline)
 
     # What does not wait
@@ -141,10 +134,6 @@ class RoboClaw(Driver):
         stale = self._duty != 0.0 \
             and self.clock() - self._commanded_at > self.options.watchdog
         self._send((self._duty_message(0.0) if stale else b'') + self._requests())
-
-    def stopped_since(self, time: float) -> bool:
-        """Return whether the duty, asked for after `time`, was zero; see `Driver`."""
-        return self._still_asked_at >= time
 
     def budget(self) -> WireBudget:
         """Return the bytes of a period in which a slow value is asked for."""
@@ -179,8 +168,8 @@ class RoboClaw(Driver):
 
     def _group(self, *numbers: int) -> bytes:
         """Return requests that are answered together."""
-        self._groups.append((self.clock(), numbers))
-        self._parser.groups = tuple({group for _, group in self._groups})
+        self._outstanding.append((self.clock(), numbers))
+        self._parser.groups = tuple({group for _, group in self._outstanding})
         return b''.join(codec.ask(self.options.address, number) for number in numbers)
 
     def _ask(self, number: int, deadline: float, handshake: bool = False) -> codec.Reply:
@@ -193,27 +182,12 @@ class RoboClaw(Driver):
 
     # Answers
 
-    def _take(self, data: bytes, now: float) -> None:
-        self.counts['bytes'] += len(data)
-        while self._groups and self._groups[0][0] < now - self.options.reply_timeout:
-            self._groups.popleft()
-            self.counts['lost'] += 1
-        for replies in self._parser.feed(data):
-            asked = self._asked_at(tuple(reply.command for reply in replies))
-            for reply in replies:
-                self.counts['replies'] += 1
-                self._answers[reply.command] = reply
-                self._note(reply, asked, now)
-        self.counts['skipped'] = self._parser.skipped
-
-    def _asked_at(self, numbers: tuple[int, ...]) -> float:
-        """Return when a group was asked for; what was asked before it will not come any more."""
-        while self._groups:
-            asked, group = self._groups.popleft()
-            if group == numbers:
-                return asked
-            self.counts['lost'] += 1
-        return -math.inf
+    def _take_reply(self, group: list[codec.Reply], now: float) -> None:
+        asked = self._answered(tuple(reply.command for reply in group))
+        self.counts['replies'] += len(group) - 1
+        for reply in group:
+            self._answers[reply.command] = reply
+            self._note(reply, asked, now)
 
     def _note(self, reply: codec.Reply, asked: float, now: float) -> None:
         """Put an answer into the telemetry."""
@@ -229,7 +203,7 @@ class RoboClaw(Driver):
             self.telemetry = last._replace(velocity=values[0] * turn)
         elif number == codec.GET_PWMS:
             if values[motor] == 0:
-                self._still_asked_at = asked
+                self._off_asked_at = asked
         elif number == codec.GET_BATTERY:
             self._voltage_at = now
             self.telemetry = last._replace(bus_voltage=values[0] / 10.0)
@@ -239,5 +213,5 @@ class RoboClaw(Driver):
             self.telemetry = last._replace(temperature=values[0] / 10.0)
         elif number == codec.GET_STATUS:
             self.telemetry = last._replace(
-                status_time=now, faults=codec.status_names(values[0]),
+                status_time=now, faults=bit_names(values[0], codec.STATUS),
                 armed=self._armed and not values[0] & codec.ERRORS)

@@ -5,12 +5,13 @@ VESC serial protocol: packets with a CRC, firmware 5 to 7.
 ``02 length payload crc crc 03`` up to 255 bytes of payload, ``03 length length ...`` above; the
 CRC is CRC-16/XMODEM of the payload, numbers are big-endian.  The first byte of a payload names
 the message, in a reply the request too.  Start bytes also occur inside packets: the parser
-tries every place until one fits.
+tries every place until one fits.  Of settings, ``buffer_append_float32_auto`` makes what IEEE 754
+makes of all numbers that are not tiny.
 
 Source: vedderb/bldc, comm/packet.c, comm/commands.c, util/buffer.c, confgenerator.c, datatypes.h.
 """
 from binascii import crc_hqx
-import math
+from collections import Counter
 import struct
 from typing import Any, NamedTuple, Optional
 
@@ -116,17 +117,15 @@ class FrameParser:
 
     Attributes
     ----------
-    refused : int
-        Packets of the right form with a wrong CRC.
-    skipped : int
-        Bytes that belong to no packet.
+    counts : Counter
+        ``refused`` packets of the right form with a wrong CRC, ``skipped`` bytes that belong to
+        no packet.
 
     """
 
     def __init__(self) -> None:
         """Start with nothing received."""
-        self.refused = 0
-        self.skipped = 0
+        self.counts = Counter(refused=0, skipped=0)
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> list[bytes]:
@@ -141,7 +140,7 @@ class FrameParser:
                 break
             if end < 0:
                 place += 1
-                self.skipped += 1
+                self.counts['skipped'] += 1
                 continue
             start = place + buffer[place]  # the start byte is also the size of the header
             payloads.append(bytes(buffer[start:end - 3]))
@@ -170,7 +169,7 @@ class FrameParser:
             return -1
         payload = buffer[place + header:end - 3]
         if crc_hqx(payload, 0) != int.from_bytes(buffer[end - 3:end - 1], 'big'):
-            self.refused += 1
+            self.counts['refused'] += 1
             return -1
         return end
 
@@ -226,34 +225,16 @@ def parse_timeout(payload: bytes) -> Optional[tuple[float, float]]:
     """
     if len(payload) < 14 or payload[0] != GET_APPCONF:
         return None
-    milliseconds, brake = struct.unpack_from('>II', payload, 6)
-    return milliseconds / 1000.0, unpack_float(brake)
+    milliseconds, brake = struct.unpack_from('>If', payload, 6)
+    return milliseconds / 1000.0, brake
 
 
 def parse_current_limits(payload: bytes) -> Optional[tuple[float, float]]:
     """Return the largest and the least motor current [A] of a ``GET_MCCONF``."""
     if len(payload) < 17 or payload[0] != GET_MCCONF:
         return None
-    most, least = struct.unpack_from('>II', payload, 9)
-    return unpack_float(most), unpack_float(least)
-
-
-def pack_float(value: float) -> int:
-    """Return the 32 bits that ``buffer_append_float32_auto`` makes of a number."""
-    if abs(value) < 1.5e-38:
-        return 0
-    fraction, exponent = math.frexp(abs(value))
-    digits = int((fraction - 0.5) * 2.0 * 0x800000)
-    return (value < 0.0) << 31 | ((exponent + 126) & 0xFF) << 23 | digits & 0x7FFFFF
-
-
-def unpack_float(bits: int) -> float:
-    """Return the number that `pack_float` made the bits of."""
-    exponent, digits = bits >> 23 & 0xFF, bits & 0x7FFFFF
-    if exponent == 0 and digits == 0:
-        return 0.0
-    fraction = 0.5 + digits / (2.0 * 0x800000)
-    return math.ldexp(-fraction if bits >> 31 else fraction, exponent - 126)
+    most, least = struct.unpack_from('>ff', payload, 9)
+    return most, least
 
 
 def fault_names(fault: int) -> tuple[str, ...]:

@@ -2,11 +2,10 @@
 """VESC by its serial protocol: current mode, the torque follows from the torque constant."""
 from dataclasses import dataclass
 import math
-import time
-from typing import Callable, Optional
+from typing import Optional
 
 from ballbot_ros.config.fields import count, flag, quantity
-from ballbot_ros.drives.contract import DriveOptions, Identity, SerialLine, Setting
+from ballbot_ros.drives.contract import DriveOptions, Identity, Setting
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.drives.vesc import codec
 from ballbot_ros.drives.wire import WireBudget
@@ -43,15 +42,10 @@ class Vesc(Driver):
     Options = VescOptions
     baud_rates = (115200, 921600, 460800, 230400, 57600)
 
-    def __init__(self, line: SerialLine, options: VescOptions,
-                 clock: Callable[[], float] = time.monotonic):
-        """Take the line; nothing is sent yet."""
-        super().__init__(line, options, clock)
+    def _begin(self) -> None:
         self._parser = codec.FrameParser()
         self._replies: dict[int, bytes] = {}  # message -> its last reply that is no value
-        self._asked = [-math.inf]  # when values were asked for that have not come
         self._turns_apart: Optional[float] = None  # tachometer less encoder, at the first reply
-        self._still_asked_at = -math.inf  # when values were asked for that had no current
 
     # What waits
 
@@ -74,7 +68,9 @@ class Vesc(Driver):
             self._ask(codec.GET_APPCONF, deadline)) or (math.nan, math.nan)
         most, least = codec.parse_current_limits(
             self._ask(codec.GET_MCCONF, deadline)) or (math.nan, math.nan)
-        ceiling = max(most, -least) * options.torque_constant
+        # Of what is no number max may return either.
+        ceiling = options.torque_constant * (
+            max(most, -least) if most - least < math.inf else math.inf)
         return (
             Setting('torque limit', f'{ceiling:.4g} N m', f'at most {options.torque_limit:g} N m',
                     ceiling <= 1.01 * options.torque_limit,
@@ -109,10 +105,6 @@ class Vesc(Driver):
         """Feed the watchdog; see `Driver`."""
         self._send(codec.feed_watchdog())
 
-    def stopped_since(self, time: float) -> bool:
-        """Return whether values asked for after `time` had no current; see `Driver`."""
-        return self._still_asked_at >= time
-
     def budget(self) -> WireBudget:
         """Return the bytes of a command, a request and its reply."""
         values = codec.frame(codec.pack_values(codec.Values(*(0,) * len(codec.FIELDS))))
@@ -125,7 +117,7 @@ class Vesc(Driver):
         return self._torque_message(0.0) + self._requests()
 
     def _requests(self) -> bytes:
-        self._asked.append(self.clock())
+        self._outstanding.append((self.clock(), codec.GET_VALUES_SELECTIVE))
         return codec.get_values()
 
     def _ask(self, message: int, deadline: float, handshake: bool = False) -> bytes:
@@ -138,30 +130,21 @@ class Vesc(Driver):
 
     # Replies
 
-    def _take(self, data: bytes, now: float) -> None:
-        self.counts['bytes'] += len(data)
-        for payload in self._parser.feed(data):
-            self.counts['replies'] += 1
-            values = codec.parse_values(payload)
-            if values is not None:
-                self._note(values, now)
-            elif payload[0] in (codec.FW_VERSION, codec.GET_APPCONF, codec.GET_MCCONF):
-                self._replies[payload[0]] = payload
-            else:
-                self.counts['unexpected'] += 1
-        self.counts['refused'] = self._parser.refused
-        self.counts['skipped'] = self._parser.skipped
-        overdue = now - self.options.reply_timeout
-        late = sum(asked < overdue for asked in self._asked[1:])
-        self.counts['lost'] += late
-        del self._asked[1:1 + late]
+    def _take_reply(self, payload: bytes, now: float) -> None:
+        values = codec.parse_values(payload)
+        if values is not None:
+            self._note(values, now)
+        elif payload[0] in (codec.FW_VERSION, codec.GET_APPCONF, codec.GET_MCCONF):
+            self._replies[payload[0]] = payload
+        else:
+            self.counts['unexpected'] += 1
 
     def _note(self, values: codec.Values, now: float) -> None:
         """Make telemetry of a reply; replies come in the order of the requests."""
-        asked = self._asked.pop(1) if len(self._asked) > 1 else -math.inf
+        asked = self._answered(codec.GET_VALUES_SELECTIVE)
         limit = self.options.torque_limit / self.options.torque_constant
         if abs(values.current) <= NO_CURRENT * limit:
-            self._still_asked_at = asked
+            self._off_asked_at = asked
         faults = codec.fault_names(values.fault)
         self.telemetry = self.telemetry._replace(
             time=now, position=self._position(values),

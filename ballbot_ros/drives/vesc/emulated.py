@@ -87,13 +87,12 @@ class VescDevice(Device):
             return codec.frame(codec.pack_values(self._values()))
         elif message == codec.GET_APPCONF:
             return codec.frame(struct.pack(
-                '>BIBII', message, 0x12345678, 1, round(1000.0 * self.settings.watchdog),
-                codec.pack_float(0.0)) + MORE_SETTINGS)
+                '>BIBIf', message, 0x12345678, 1, round(1000.0 * self.settings.watchdog), 0.0)
+                + MORE_SETTINGS)
         elif message == codec.GET_MCCONF:
             limit = self.settings.largest_current
             return codec.frame(struct.pack(
-                '>BIBBBBII', message, 0x87654321, 1, 0, 2, 2, codec.pack_float(limit),
-                codec.pack_float(-limit)) + MORE_SETTINGS)
+                '>BIBBBBff', message, 0x87654321, 1, 0, 2, 2, limit, -limit) + MORE_SETTINGS)
         return b''
 
     def _feed(self, now: float) -> None:

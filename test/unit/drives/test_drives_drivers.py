@@ -115,21 +115,15 @@ def test_a_torque_that_is_not_finite_is_refused_and_not_sent(bench, torque):
     assert bench.driver.counts['sent'] == sent
 
 
-def test_the_drive_disarms_by_itself_without_commands(bench):
+@pytest.mark.parametrize('ask', [False, True])
+def test_without_commands_the_drive_disarms_by_itself_whatever_is_asked(bench, ask):
     bench.driver.arm()
     bench.cycles(20, torque=0.05)
     for _ in range(150):
         bench.pass_time(0.001)
-    assert bench.device.torque() == 0.0
-
-
-def test_requests_alone_do_not_feed_the_watchdog(bench):
-    bench.driver.arm()
-    bench.cycles(20, torque=0.05)
-    for _ in range(150):
-        bench.pass_time(0.001)
-        bench.driver.poll()
-        bench.driver.ask()
+        if ask:
+            bench.driver.poll()
+            bench.driver.ask()
     assert bench.device.torque() == 0.0
 
 

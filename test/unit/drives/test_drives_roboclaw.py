@@ -5,6 +5,7 @@ import math
 from drive_bench import Bench
 import pytest
 
+from ballbot_ros.drives.contract import bit_names
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.drives.roboclaw import codec
 from ballbot_ros.errors import DriveError
@@ -151,7 +152,7 @@ def test_only_errors_take_the_power_off_and_every_bit_has_one_name(bench, bit):
     (0x800000, 'S5_SIGNAL_TRIGGERED'), (0x1000000, 'SPEED_ERROR_LIMIT_WARNING'),
     (0x2000000, 'POSITION_ERROR_LIMIT_WARNING')])
 def test_status_bits_have_the_names_of_the_library_of_the_maker(bits, name):
-    assert codec.status_names(bits) == (name,)
+    assert bit_names(bits, codec.STATUS) == (name,)
 
 
 def test_a_warning_does_not_keep_the_motor_from_being_armed():
@@ -193,10 +194,10 @@ def test_bytes_that_belong_to_no_answer_are_counted_but_acknowledgements():
     parser = codec.parser()
     reply = codec.reply_of(b'')
     parser.feed(b'\xff\x07\x07\xff' + reply + b'\xff\x07' + reply)
-    assert parser.skipped == 3
+    assert parser.counts == {'skipped': 3}
 
 
 def test_a_text_that_does_not_end_is_no_answer():
     parser = codec.parser()
-    assert parser.feed(b'a' * 200) == [] and parser.skipped >= 150
+    assert parser.feed(b'a' * 200) == [] and parser.counts['skipped'] >= 150
     assert parser.feed(codec.reply_of(b'')) != []

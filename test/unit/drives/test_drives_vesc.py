@@ -66,11 +66,11 @@ def test_a_reply_that_is_too_short_or_to_another_message_is_not_read(parse, mess
 
 
 def test_settings_stand_where_the_firmware_puts_them():
-    # confgenerator_serialize_appconf and _mcconf: signature, then the fields
-    number = codec.pack_float
-    assert codec.parse_timeout(struct.pack('>BIBII', 17, 1, 2, 250, number(0.5))) == (0.25, 0.5)
+    # confgenerator_serialize_appconf and _mcconf: signature, then the fields; buffer_append_
+    # float32_auto makes 0x3f000000 of 0.5, 0x40c00000 of 6 and 0xc0e00000 of -7
+    assert codec.parse_timeout(bytes.fromhex('11 00000001 02 000000fa 3f000000')) == (0.25, 0.5)
     assert codec.parse_current_limits(
-        struct.pack('>BIBBBBII', 14, 1, 2, 3, 4, 5, number(6.0), number(-7.0))) == (6.0, -7.0)
+        bytes.fromhex('0e 00000001 02030405 40c00000 c0e00000')) == (6.0, -7.0)
 
 
 def test_a_firmware_has_version_board_and_serial_number():
@@ -101,7 +101,7 @@ def test_skipped_bytes_and_wrong_checksums_are_counted():
     parser, packet = codec.parser(), codec.get_values()
     assert parser.feed(b'\x07\x07' + packet + b'\x00' + packet[:-2] + b'\x00\x03' + packet) == [
         packet[2:-3]] * 2
-    assert (parser.skipped, parser.refused) == (3 + len(packet), 1)
+    assert parser.counts == {'skipped': 3 + len(packet), 'refused': 1}
 
 
 def test_a_drive_whose_watchdog_expired_is_disarmed_although_it_names_no_fault(bench):
@@ -155,16 +155,17 @@ def test_the_speed_is_that_of_the_shaft_and_not_the_electrical_one(pairs):
     assert bench.cycles(10).velocity == pytest.approx(90.0, rel=1e-3)
 
 
-@pytest.mark.parametrize('message, layout, offset, value, name', [
-    (codec.GET_MCCONF, '>I', 9, 4.2, 'torque limit'),
-    (codec.GET_MCCONF, '>I', 13, -4.2, 'torque limit'),
-    (codec.GET_APPCONF, '>I', 10, 0.5, 'brake current on timeout')])
-def test_a_setting_that_is_not_safe_is_refused(message, layout, offset, value, name):
+@pytest.mark.parametrize('message, offset, value, name', [
+    *((codec.GET_MCCONF, 9, value, 'torque limit') for value in (4.2, math.inf, math.nan)),
+    *((codec.GET_MCCONF, 13, value, 'torque limit') for value in (-4.2, -math.inf, math.nan)),
+    (codec.GET_APPCONF, 10, 0.5, 'brake current on timeout'),
+    (codec.GET_APPCONF, 10, math.nan, 'brake current on timeout')])
+def test_a_setting_that_is_not_safe_is_refused(message, offset, value, name):
     bench = Bench('vesc')
 
     def set_to(payload):
         changed = bytearray(payload)
-        struct.pack_into(layout, changed, offset, codec.pack_float(value))
+        struct.pack_into('>f', changed, offset, value)
         return bytes(changed)
     change(bench, message, set_to)
     assert [item.name for item in bench.driver.read_settings() if not item.acceptable] == [name]

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frames of a letter and a number: torque, stop, request; armed and disarmed come back."""
+from collections import Counter
 import struct
 
 TORQUE, STOP, REQUEST = b'T', b'S', b'R'
@@ -17,7 +18,7 @@ class Parser:
     """Finds frames."""
 
     def __init__(self, letters):
-        self._letters, self._buffer = letters, b''
+        self._letters, self._buffer, self.counts = letters, b'', Counter()
 
     def feed(self, data):
         """Take bytes and return the letters and numbers that they complete."""

@@ -12,10 +12,8 @@ class Toy(Driver):
 
     protocol = maker = 'toy'
 
-    def __init__(self, line, options, clock):
-        super().__init__(line, options, clock)
+    def _begin(self):
         self._parser = codec.parser()
-        self._disarmed_at = float('-inf')
 
     def identify(self, patience=0.5):
         """Return what it always is."""
@@ -29,10 +27,6 @@ class Toy(Driver):
 
     def feed(self):
         """Do nothing."""
-
-    def stopped_since(self, time):
-        """Return whether it was disarmed when it replied last."""
-        return self._disarmed_at >= time
 
     def budget(self):
         """Return two frames and one."""
@@ -50,10 +44,9 @@ class Toy(Driver):
     def _requests(self):
         return codec.frame(codec.REQUEST)
 
-    def _take(self, data, now):
-        self.counts['bytes'] += len(data)
-        for letter, number in self._parser.feed(data):
-            self.counts['replies'] += 1
-            self._disarmed_at = now if letter == codec.DISARMED else float('-inf')
-            self.telemetry = self.telemetry._replace(
-                time=now, current=number * codec.UNIT, armed=letter == codec.ARMED)
+    def _take_reply(self, reply, now):
+        letter, number = reply
+        if letter == codec.DISARMED:
+            self._off_asked_at = now
+        self.telemetry = self.telemetry._replace(
+            time=now, current=number * codec.UNIT, armed=letter == codec.ARMED)
