@@ -54,7 +54,6 @@ SHARED_NAMES = {}
 # What is on its way out; each line goes with what it allows.
 PENDING = {
     'ballbot_ros.physics.model.actuation: up to mechanics.equations',
-    'ballbot_ros.drives.driver: long',
     'ballbot_ros.physics.solvers.adaptive: long', 'ballbot_ros.physics.solvers.flight: long',
     'ballbot_ros.nodes.controller: long'}
 

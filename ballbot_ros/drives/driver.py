@@ -16,7 +16,7 @@ STOP_PERIOD = 0.02
 MOST_OUTSTANDING = 1000
 
 
-class Parser(Protocol):
+class StreamParser(Protocol):
     """Finds the replies in what a drive sends; `counts` are of what is none."""
 
     counts: Counter[str]
@@ -57,7 +57,7 @@ class Driver(ABC):
     # Whether the drive makes the torque by measuring current, or a voltage is computed for it.
     closes_torque_loop: ClassVar[bool] = True
 
-    _parser: Parser
+    _parser: StreamParser
 
     def __init__(self, line: SerialLine, options: DriveOptions,
                  clock: Callable[[], float] = time.monotonic):

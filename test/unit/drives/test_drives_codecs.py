@@ -182,6 +182,7 @@ def test_a_valid_frame_is_made_of_any_bytes_and_read_back(protocol, data):
     assert codec.frame_reply(message) == frame
     if protocol != 'roboclaw':  # whose answers are numbers
         assert message in (printable, printable.decode())
+    assert len(codec.parser().feed(codec.reply_of(b'x*\r\n' + printable))) == 1
 
 
 # ODrive's weak points

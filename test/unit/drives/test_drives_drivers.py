@@ -291,6 +291,8 @@ def test_baud_rates_are_such_as_ports_have(kind):
     ('odrive', 'axis', (-1, 2)), ('odrive', 'status_period', (-0.1, 1.1)),
     ('roboclaw', 'motor', (0, 3)), ('roboclaw', 'address', (0x7F, 0x88)),
     ('roboclaw', 'status_period', (-0.1, 0.3)), ('roboclaw', 'counts_per_turn', (3,)),
+    ('roboclaw', 'torque_constant', (0.0,)), ('roboclaw', 'resistance', (0.0,)),
+    ('roboclaw', 'speed_constant', (-0.1,)), ('vesc', 'torque_constant', (0.0,)),
     ('vesc', 'pole_pairs', (0,)), ('vesc', 'watchdog', (0.0, 10.1)),
     ('vesc', 'reply_timeout', (0.0, 10.1)), ('vesc', 'torque_limit', (0.0,))])
 def test_an_option_out_of_range_is_refused(protocol, option, values):

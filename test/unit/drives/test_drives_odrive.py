@@ -534,6 +534,17 @@ def test_a_loop_that_does_not_wait_goes_without_it_where_a_property_is_asked_for
     assert max(after - before for before, after in zip(times, times[1:])) < 0.0045
 
 
+def test_a_property_that_still_waits_for_its_turn_is_not_taken_for_a_setting():
+    bench = Bench('odrive 0.6', DriveSettings(current_limit=9.0))
+    bench.driver.identify()
+    for _ in range(10):
+        bench.driver.arm()
+        bench.cycles(1)  # a position is under way
+        bench.driver.send_stop()  # its state is asked for when the position has come
+        limit, watchdog, *_ = bench.driver.read_settings()
+        assert (limit.value, watchdog.value) == ('0.1 N m', '0.1 s')
+
+
 def test_a_stop_of_0_6_is_confirmed_although_a_position_is_under_way():
     bench = Bench('odrive 0.6')
     bench.driver.arm()

@@ -4,6 +4,7 @@ import errno
 import os
 import pty
 import socket
+import termios
 import threading
 import time
 
@@ -95,6 +96,40 @@ def test_no_permission_names_the_group(monkeypatch):
     monkeypatch.setattr(serial, 'serial_for_url', refuse)
     word, text = reason('/dev/ttyUSB0')
     assert word == 'permission' and 'usermod -aG dialout' in text
+
+
+@pytest.mark.parametrize('number, word', [
+    (errno.ENOENT, 'missing'), (errno.EACCES, 'permission'), (errno.EPERM, 'permission'),
+    (errno.EAGAIN, 'busy'), (errno.EBUSY, 'busy'), (errno.ENOTTY, 'not_a_port'),
+    (errno.EISDIR, 'not_a_port'), (errno.EINVAL, 'not_a_port'), (errno.EIO, 'missing')])
+@pytest.mark.parametrize('kind', [serial.SerialException, OSError, termios.error, 'converted'])
+def test_whatever_pyserial_raises_on_opening_is_told_apart_by_its_number(
+        monkeypatch, kind, number, word):
+    def refuse(*_, **__):
+        if kind != 'converted':
+            raise kind(number, 'because')
+        try:
+            raise termios.error(number, 'because')
+        except termios.error:
+            raise serial.SerialException('could not configure port')
+    monkeypatch.setattr(serial, 'serial_for_url', refuse)
+    assert reason('/dev/ttyUSB0')[0] == word
+
+
+@pytest.mark.parametrize('error', [serial.SerialException, OSError, termios.error])
+def test_whatever_pyserial_raises_on_an_open_port_is_a_port_that_is_gone(monkeypatch, error):
+    port = serial.serial_for_url('loop://')
+    monkeypatch.setattr(serial, 'serial_for_url', lambda *_, **__: port)
+    link = Link('loop://', 115200)
+
+    def fail(*_):
+        raise error(errno.EIO, 'because')
+    monkeypatch.setattr(port, 'read', fail)
+    with pytest.raises(LinkError) as raised:
+        link.read()
+    assert raised.value.reason == 'gone'
+    monkeypatch.setattr(port, 'close', fail)
+    link.close()
 
 
 def test_a_baud_rate_that_does_not_exist_is_named(terminal):
