@@ -22,8 +22,9 @@ gone; the link is then to be closed and opened again.
 `Driver` in driver.py is the base class that keeps this contract, whatever the protocol: torque
 only while armed, finite and within the limit; a stop repeated until it is confirmed.
 """
+from collections import Counter
 from dataclasses import dataclass
-from typing import Mapping, NamedTuple, Optional, Protocol
+from typing import Any, Mapping, NamedTuple, Optional, Protocol
 
 from ballbot_ros.config.fields import Checked, quantity
 
@@ -44,6 +45,15 @@ class SerialLine(Protocol):
 
     def close(self) -> None:
         """Close the line; closing twice is no error."""
+
+
+class StreamParser(Protocol):
+    """Finds the replies in what a drive sends; `counts` are of what is none."""
+
+    counts: Counter[str]
+
+    def feed(self, data: bytes) -> list[Any]:
+        """Take bytes and return the replies that they complete."""
 
 
 class Identity(NamedTuple):

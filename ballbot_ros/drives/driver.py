@@ -4,9 +4,10 @@ from abc import ABC, abstractmethod
 from collections import Counter, deque
 import math
 import time
-from typing import Any, Callable, ClassVar, Protocol, Type
+from typing import Any, Callable, ClassVar, Type
 
-from ballbot_ros.drives.contract import DriveOptions, Identity, SerialLine, Setting, Telemetry
+from ballbot_ros.drives.contract import (
+    DriveOptions, Identity, SerialLine, Setting, StreamParser, Telemetry)
 from ballbot_ros.drives.wire import WireBudget
 from ballbot_ros.errors import DriveError, MessageError
 
@@ -14,15 +15,6 @@ from ballbot_ros.errors import DriveError, MessageError
 STOP_PERIOD = 0.02
 # Requests that may be under way.
 MOST_OUTSTANDING = 1000
-
-
-class StreamParser(Protocol):
-    """Finds the replies in what a drive sends; `counts` are of what is none."""
-
-    counts: Counter[str]
-
-    def feed(self, data: bytes) -> list[Any]:
-        """Take bytes and return the replies that they complete."""
 
 
 class Driver(ABC):
