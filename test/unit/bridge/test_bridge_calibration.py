@@ -12,6 +12,7 @@ from ballbot_ros.bridge.commissioning.calibration import Calibrator, fit
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.cli.calibrate_motor import write
 from ballbot_ros.config.files import config_folder, read_yaml
+from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.physics import load_robot
 
@@ -149,6 +150,18 @@ def test_a_scale_that_the_file_gives_is_the_one_that_is_expected():
         robot.hardware.joint, encoder_scale=0.002))
     with pytest.raises(RefusedError, match='is the encoder connected'):
         calibrate(robot)
+
+
+def test_a_motor_without_a_gear_has_a_direction_too():
+    robot = VirtualRobot(held=True, settings=DriveSettings(torque_limit=5.0, current_limit=200.0))
+    robot.hardware = replace(robot.hardware, joint=replace(
+        robot.hardware.joint, gear_ratio=1.0, direction=-1))
+    robot.joint = robot.hardware.joint
+    script = Script(robot, degrees=40.0)
+    asking = script.ask
+    script.ask = lambda question: asking(question) or ('40' if 'Turn it' in question else '')
+    found = calibrate(robot, script)
+    assert found.direction == -1 and found.encoder_scale == pytest.approx(1.0, rel=0.01)
 
 
 def test_it_lifts_to_half_a_radian_in_steps_of_three_seconds():
