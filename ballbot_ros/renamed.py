@@ -21,6 +21,7 @@ PYTHON = {
     'ballbot_ros.drives.DRIVERS': 'ballbot_ros.drives.DRIVES',
     'ballbot_ros.laboratory': 'ballbot_ros.studies',
     'ballbot_ros.output': 'ballbot_ros.results, figures in ballbot_ros.figures',
+    'ballbot_ros.bridge.report': 'ballbot_ros.bridge.session',
     'ballbot_ros.bridge.timeouts': 'ballbot_ros.studies.command_loss',
     'ballbot_ros.bridge.calibration': 'ballbot_ros.bridge.commissioning.calibration',
     'ballbot_ros.bridge.doctor': 'ballbot_ros.bridge.commissioning.doctor',

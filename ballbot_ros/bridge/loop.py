@@ -69,7 +69,7 @@ class Loop:
                     self._hand_on(self._session.await_answer(due - clock()))
                 if self._ending.wait(max(0.0, due - clock())):
                     return
-        except Exception as error:  # noqa: BLE001 whatever it is, the owner must hear of it
+        except Exception as error:  # noqa: BLE001 whatever it is, the owner must know it
             self.failure = error
         finally:
             self._session.close()

@@ -20,7 +20,7 @@ GIMBALL = load_robot('gimball')
 
 
 class Script:
-    """A person who does as asked; `answers` replace what is said to questions."""
+    """A person who does as asked; `answers` are what is said to questions, None to end it."""
 
     def __init__(self, robot, degrees=90.0, **answers):
         self.robot, self.degrees, self.answers = robot, degrees, answers
@@ -33,17 +33,15 @@ class Script:
     def ask(self, question):
         """Turn the pendulum where the question says so, and answer."""
         self.asked.append(question)
-        for part, answer in self.answers.items():
-            if part in question:
-                if answer is None:
-                    raise RefusedError('ended by the person')
-                return answer
+        answer = next((answer for part, answer in self.answers.items() if part in question), '')
+        if answer is None:
+            raise RefusedError('ended by the person')
         angle = {'Turn it': math.radians(self.degrees)}.get(question[:7], 0.0)
         plant = self.robot.plant
         plant.state = plant.state._replace(pendulum_angle=plant.state.ball_angle + angle,
                                            pendulum_rate=0.0)
         self.robot.pass_time(0.002)
-        return 'yes' if 'Is that so' in question else ''
+        return answer or ('yes' if 'Is that so' in question else '')
 
 
 def calibrate(robot, dialogue=None):
@@ -114,9 +112,7 @@ def test_an_encoder_that_is_not_connected_is_noticed():
 def test_an_angle_that_was_not_a_right_one_may_be_told_and_a_wrong_file_is_noticed():
     robot = VirtualRobot(held=True)
     robot.hardware = replace(robot.hardware, joint=replace(robot.hardware.joint, gear_ratio=40.0))
-    script = Script(robot, degrees=60.0)
-    asking = script.ask
-    script.ask = lambda question: asking(question) or ('60' if 'Turn it' in question else '')
+    script = Script(robot, degrees=60.0, **{'Turn it': '60'})
     found = calibrate(robot, script)
     assert found.encoder_scale == pytest.approx(1.0 / 50.0, rel=0.02)
     assert any('the file was wrong' in text for text in script.said)
@@ -132,9 +128,7 @@ def test_an_angle_that_no_hand_turns_it_by_is_refused(answer):
 
 def test_the_pendulum_may_be_turned_by_more_than_a_turn():
     robot = VirtualRobot(held=True)
-    script = Script(robot, degrees=380.0)
-    asking = script.ask
-    script.ask = lambda question: asking(question) or ('380' if 'Turn it' in question else '')
+    script = Script(robot, degrees=380.0, **{'Turn it': '380'})
     assert calibrate(robot, script).encoder_scale == pytest.approx(1.0 / 50.0, rel=0.01)
     assert not any('the file was wrong' in text for text in script.said)
 
@@ -157,10 +151,7 @@ def test_a_motor_without_a_gear_has_a_direction_too():
     robot.hardware = replace(robot.hardware, joint=replace(
         robot.hardware.joint, gear_ratio=1.0, direction=-1))
     robot.joint = robot.hardware.joint
-    script = Script(robot, degrees=40.0)
-    asking = script.ask
-    script.ask = lambda question: asking(question) or ('40' if 'Turn it' in question else '')
-    found = calibrate(robot, script)
+    found = calibrate(robot, Script(robot, degrees=40.0, **{'Turn it': '40'}))
     assert found.direction == -1 and found.encoder_scale == pytest.approx(1.0, rel=0.01)
 
 
