@@ -13,6 +13,7 @@ centre is a wall, so that no height here is more than R.
 import math
 from typing import Callable
 
+from ballbot_ros.crossing.rules import check_gravity
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import Robot
 
@@ -206,9 +207,7 @@ def check(robot: Robot, speed: float) -> None:
     """Refuse what has no highest step."""
     if not (math.isfinite(speed) and speed >= 0.0):
         raise ConfigurationError(f'speed must be finite and at least 0 m/s, got {speed!r}')
-    if robot.gravity == 0.0:
-        raise ConfigurationError(
-            f'robot {robot.name!r} has no gravity: there is no highest step')
+    check_gravity(robot)
 
 
 def _lifts(robot: Robot, available: float, pendulum_angle: float, height: float) -> bool:

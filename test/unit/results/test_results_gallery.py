@@ -39,7 +39,7 @@ def words(figure):
 
 
 @pytest.mark.parametrize('name', gallery.FIGURES)
-def test_every_figure_says_where_it_comes_from_and_tells_its_progress(name, coarse):
+def test_every_figure_says_where_it_comes_from_and_reports_its_progress(name, coarse):
     told = []
     text = words(gallery.FIGURES[name](told.append))
     assert ('re-simulated' if name.startswith('fig') else 'simulated with the full') in text
