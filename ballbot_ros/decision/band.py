@@ -93,7 +93,7 @@ class Band(Checked):
         if height <= row[0]:
             return 1.0
         # Where heights are the same, interp takes the last of them: fewest robots fail.
-        return float(1.0 - np.interp(height, row, self.probabilities, right=1.0))
+        return float(1.0 - np.interp(height, row, self.probabilities))
 
     def _row(self, speed: float) -> Any:
         """Return the heights at a speed [m]."""

@@ -170,7 +170,6 @@ class StepTracker:
         visible = self._step.position - position > 1.5 * self._radius
         if self._is_passed(position) or (visible and self._misses >= self._patience):
             self._step = None
-            self._misses = 0
 
 
 def _fault(observation: StepObservation, position: float) -> str:

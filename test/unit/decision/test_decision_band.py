@@ -66,9 +66,15 @@ def test_between_speeds_and_probabilities_the_table_is_read_in_a_straight_line()
     assert band.probability_of_passing(0.3, 0.0275) == pytest.approx(0.25)
     assert band.probability_of_passing(0.2, 0.01) == 1.0
     assert band.probability_of_passing(0.2, 0.02) == 0.0
+    assert band.probability_of_passing(0.2, 0.05) == 0.0
     for probability in (-0.01, 1.01, math.nan):
         with pytest.raises(ConfigurationError, match='probability must be'):
             band.quantile(0.3, probability)
+
+
+def test_lists_of_a_file_and_computed_tuples_make_the_same_band():
+    assert Band.from_mapping(FINE, 'here') == Band(
+        2, 0, {}, (0.2, 0.4), (0.0, 1.0), ((0.01, 0.02), (0.03, 0.04)))
 
 
 def test_where_many_robots_fail_at_one_height_the_fewest_are_said_to_pass():

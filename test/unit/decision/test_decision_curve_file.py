@@ -41,6 +41,14 @@ def test_what_is_not_known_is_not_written_and_a_table_takes_a_line_for_each_row(
         curve.band.heights if curve.band else ())
 
 
+def test_a_long_text_is_wrapped_and_read_again(tmp_path):
+    curve = replace(PLAIN, source=' '.join(200 * ['word']))
+    text = curve_text(curve, curve.source, 'a test')
+    assert max(map(len, text.splitlines())) < 110
+    (tmp_path / 'long.yaml').write_text(text)
+    assert load_curve(str(tmp_path / 'long.yaml')) == curve
+
+
 def test_the_comment_says_what_it_is_and_who_wrote_it_in_lines_that_can_be_read():
     text = curve_text(PLAIN, 'GimBall crosses', 'a test')
     comment = [line for line in text.splitlines() if line.startswith('#')]

@@ -155,6 +155,11 @@ def test_a_better_look_counts_for_more():
     assert step.number == 1
 
 
+def test_a_deviation_that_is_not_given_is_unknown():
+    assert tracker().update(StepObservation(0.0, True, 1.0, 0.03), 0.0).step \
+        == tracker().update(seen(0.0, distance_sd=0.0, height_sd=0.0), 0.0).step
+
+
 def test_no_number_of_looks_makes_a_step_known_exactly():
     tracking = tracker()
     for index in range(5):
@@ -177,7 +182,9 @@ def test_a_contradiction_is_what_both_deviations_do_not_explain(name, deviation)
 
 
 @pytest.mark.parametrize('second, numbers', [
-    (seen(0.1, height=0.06), ['30', '60', '5']), (seen(0.1, distance=0.8), ['200', '5']),
+    (seen(0.1, height=0.06), ['30', '60', '5']), (seen(0.1, height=2.0), ['30', '2000', '5']),
+    (seen(0.1, distance=3.0), ['2000', '5']), (StepObservation(0.1, False, height=2.0), ['2000']),
+    (seen(0.1, distance=0.8), ['200', '5']),
     (seen(-0.1), ['0.100', '0.000']), (StepObservation(0.1, False, height=0.03), ['30']),
     (seen(0.1, distance=-0.1), ['0.1']), (seen(0.1, distance=2e6), ['2e+06'])])
 def test_a_rejection_has_the_numbers_in_it(second, numbers):
@@ -208,8 +215,8 @@ def test_of_two_looks_of_one_moment_the_first_counts_and_not_that_it_was_late():
 def test_one_good_look_between_them_makes_contradictions_none_in_a_row():
     tracking = tracker()
     tracking.update(seen(0.0), 0.0)
-    for index in range(1, 12):
-        fine = index % 4 == 0
+    for index in range(1, 15):
+        fine = index % 5 == 0
         answer = tracking.update(seen(0.1 * index, height=0.03 if fine else 0.06), 0.0)
         assert (answer.rejection is None) == fine
 
@@ -217,8 +224,8 @@ def test_one_good_look_between_them_makes_contradictions_none_in_a_row():
 def test_a_look_that_finds_the_step_makes_misses_none_in_a_row():
     tracking = tracker()
     tracking.update(seen(0.0), 0.0)
-    for index in range(1, 12):
-        look = seen if index % 4 == 0 else nothing
+    for index in range(1, 15):
+        look = seen if index % 5 == 0 else nothing
         assert tracking.update(look(0.1 * index), 0.0).step is not None
 
 
