@@ -8,18 +8,21 @@ from ballbot_ros.compiled import COMPILED, compiled
 from ballbot_ros.crossing import held_at
 from ballbot_ros.physics import Actuation, load_robot, Model, Solver, Terrain
 from ballbot_ros.physics.mechanics import contact, equations
-from ballbot_ros.physics.solvers import fixed_step
+from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.model.state import SIZE, X, Y
+from ballbot_ros.physics.simulation.integrator import Integrator
+from ballbot_ros.physics.solvers.values import Output
 
 REPEATS = 15
 CALLS = 100_000 if COMPILED else 300
 
 
 @compiled
-def call_often(calls, state, robot, ground, drive, table, rates):
+def call_often(calls, state, system, contacts, rates):
     """Call the right-hand side; each call depends on the last, so none can be left out."""
     for _ in range(calls):
-        equations.derivative(0.0, state, robot, ground, drive, table, rates)
-        state[equations.X] += 1e-15 * rates[equations.Y]
+        equations.derivative(0.0, state, system, contacts, rates)
+        state[X] += 1e-15 * rates[Y]
 
 
 def times(function):
@@ -42,21 +45,22 @@ def crossing():
 def right_hand_side(actuation):
     """Return the time of one right-hand side, several times over [s]."""
     model, start = crossing()
-    vector, rates = np.array(start[1:]), np.zeros(equations.SIZE)
-    table, drive = contact.contact_table(len(model.profile)), actuation.drive(model.robot)
+    vector, rates = np.array(start[1:]), np.zeros(SIZE)
+    system = System(model.parameters, model.profile, actuation.actuator(model.robot))
+    contacts = contact.contact_table(len(model.profile))
     return [spent / CALLS for spent in times(lambda: call_often(
-        CALLS, vector, model.numbers, model.profile, drive, table, rates))]
+        CALLS, vector, system, contacts, rates))]
 
 
 def one_second():
     """Return the time of one simulated second with RK4 at 1e-4 s, several times over [s]."""
     model, start = crossing()
-    table, work = contact.contact_table(len(model.profile)), fixed_step.workspace()
-    drive, rows = Actuation().drive(model.robot), np.empty((1000, 2 + equations.SIZE))
+    integrator = Integrator(model.parameters, model.profile, model.solver)
+    actuator = Actuation().actuator(model.robot)
+    output = Output(np.empty((1000, 2 + SIZE)), 0.0, 1e-3)
 
     def run():
-        fixed_step.record_run(fixed_step.RK4, 0.0, np.array(start[1:]), 1e-4, 10,
-                               model.numbers, model.profile, drive, table, work, rows)
+        integrator.advance(actuator, np.array(start[1:]), 0.0, 1.0, output)
     return times(run)
 
 

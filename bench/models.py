@@ -11,37 +11,41 @@ from time import perf_counter
 import numpy as np
 from precision_scenes import cases, with_solver
 
-from ballbot_ros.physics.mechanics import equations
-from ballbot_ros.physics.solvers.adaptive import Scratch
-from ballbot_ros.physics.solvers.switching import Switcher
+from ballbot_ros.physics.model.state import X, Y
+from ballbot_ros.physics.simulation.integrator import Integrator
 
 REPEATS = 15
 TOLERANCES = (1e-6, 1e-8)
 CHOICES = ('auto',)
 
 
-def end_of(case, tolerance, models, scratch):
-    """Return the end position of a run, and how long it took [s]."""
+def integrator_of(case, tolerance, models):
+    """Return what advances the model of a case."""
     model = with_solver(case.model, 'adaptive', tolerance=tolerance, models=models)
-    drive = case.actuation.drive(model.robot, 0.0, case.start.joint_angle)
+    return Integrator(model.parameters, model.profile, model.solver, models != 'full')
+
+
+def end_of(case, integrator):
+    """Return the end position of a run, and how long it took [s]."""
+    actuator = case.actuation.actuator(case.model.robot, 0.0, case.start.joint_angle)
     state = np.array(case.start[1:])
     begin = perf_counter()
-    scratch.advance(model, drive, state, 0.0, case.duration)
-    return state[[equations.X, equations.Y]], perf_counter() - begin
+    integrator.advance(actuator, state, 0.0, case.duration)
+    return state[[X, Y]], perf_counter() - begin
 
 
 def measure():
     """Yield name, unit, values and target of each measurement."""
     for case in cases():
-        size = len(case.model.profile)
-        exact, _ = end_of(case, 1e-13, 'full', Scratch(size))
+        exact, _ = end_of(case, integrator_of(case, 1e-13, 'full'))
         for tolerance in TOLERANCES:
-            rooms = {'full': Scratch(size), **{name: Switcher(size) for name in CHOICES}}
-            times = {name: [] for name in rooms}
+            integrators = {name: integrator_of(case, tolerance, name)
+                           for name in ('full', *CHOICES)}
+            times = {name: [] for name in integrators}
             errors = {}
             for repeat in range(REPEATS + 1):
-                for name, room in rooms.items():
-                    found, spent = end_of(case, tolerance, name, room)
+                for name, integrator in integrators.items():
+                    found, spent = end_of(case, integrator)
                     errors[name] = math.hypot(*(found - exact))
                     if repeat > 0:  # the first warms up
                         times[name].append(spent)

@@ -13,6 +13,9 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from ballbot_ros.physics.mechanics import contact, equations
+from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.model.state import (
+    BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, SIZE, VELOCITY_X, X, Y)
 from ballbot_ros.physics.model.terrain import (
     EDGE_FRICTION, SURFACE_FRICTION, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y)
 
@@ -31,30 +34,31 @@ def compiled_rates(case):
     """Return our compiled right-hand side as a function of time and motion."""
     model = case.model
     table = contact.contact_table(len(model.profile))
-    drive = case.actuation.drive(model.robot, 0.0, case.start.joint_angle)
-    state, rates = np.zeros(equations.SIZE), np.zeros(equations.SIZE)
-    numbers, profile, derivative = model.numbers, model.profile, equations.derivative
+    system = System(model.parameters, model.profile,
+                    case.actuation.actuator(model.robot, 0.0, case.start.joint_angle))
+    state, rates = np.zeros(SIZE), np.zeros(SIZE)
+    derivative = equations.derivative
 
     def function(time, motion):
         state[:MOTION] = motion
-        derivative(time, state, numbers, profile, drive, table, rates)
+        derivative(time, state, system, table, rates)
         return rates[:MOTION].copy()
     return function
 
 
 def numpy_rates(case):
     """Return the right-hand side in plain NumPy."""
-    robot, ground = case.model.numbers, case.model.profile
-    drive = case.actuation.drive(case.model.robot, 0.0, case.start.joint_angle)
+    robot, ground = case.model.parameters, case.model.profile
+    actuator = case.actuation.actuator(case.model.robot, 0.0, case.start.joint_angle)
     vertices = ground[:, [VERTEX_X, VERTEX_Y]]
     tangents = ground[:-1, [TANGENT_X, TANGENT_Y]]
 
     def function(time, motion):
-        ball_rate, swing_rate = motion[equations.BALL_RATE], motion[equations.PENDULUM_RATE]
-        angle, velocity = motion[equations.PENDULUM_ANGLE], motion[equations.VELOCITY_X:]
+        ball_rate, swing_rate = motion[BALL_RATE], motion[PENDULUM_RATE]
+        angle, velocity = motion[PENDULUM_ANGLE], motion[VELOCITY_X:]
         force, torque = np.zeros(2), 0.0
         for sign, normal, depth, friction in _contacts(
-                motion[equations.X:equations.Y + 1], robot.radius, ground, vertices, tangents):
+                motion[X:Y + 1], robot.radius, ground, vertices, tangents):
             tangent = np.array([normal[1], -normal[0]])
             pressed = max(robot.stiffness * depth - robot.damping * velocity @ normal, 0.0)
             slip = velocity @ tangent + (robot.radius - depth) * ball_rate
@@ -64,7 +68,7 @@ def numpy_rates(case):
         torque -= robot.rolling_friction * ball_rate
         swing = 0.0
         if robot.swing_inertia > 0.0:
-            motor = equations.drive_torque(time, motion, drive)
+            motor = equations.actuator_torque(time, motion, actuator)
             joint = motor - robot.joint_friction * (swing_rate - ball_rate)
             across = np.array([np.cos(angle), np.sin(angle)])
             swing = (joint - robot.pendulum_moment / robot.mass * (force @ across)
@@ -118,7 +122,7 @@ def largest_difference(case, states=200):
         motion = np.array(case.start[1:1 + MOTION]) + draw.normal(0.0, [
             1.0, 1.0, 0.2, 0.01, 5.0, 5.0, 0.5, 0.5])
         if not case.model.robot.has_pendulum:
-            motion[[equations.PENDULUM_ANGLE, equations.PENDULUM_RATE]] = 0.0
+            motion[[PENDULUM_ANGLE, PENDULUM_RATE]] = 0.0
         one, other = ours(0.0, motion), plain(0.0, motion)
         worst = max(worst, float(np.max(np.abs(one - other)) / (1.0 + np.max(np.abs(one)))))
     return worst
@@ -131,7 +135,7 @@ def solve_scipy(method, rates, case, tolerance):
         found = solve_ivp(rates, (0.0, case.duration), case.start[1:1 + MOTION], method=method,
                           rtol=tolerance, atol=tolerance, t_eval=[case.duration])
     end = found.y[:, -1] if found.success else np.full(MOTION, math.nan)
-    return end[equations.X], end[equations.Y], found.nfev
+    return end[X], end[Y], found.nfev
 
 
 def solve_cvode(method, rates, case, tolerance):
@@ -144,4 +148,4 @@ def solve_cvode(method, rates, case, tolerance):
         out[:] = rates(time, motion)
     solver = CVODE(fill, method=method, rtol=tolerance, atol=tolerance, max_num_steps=10**7)
     found = solver.solve(np.array([0.0, case.duration]), np.array(case.start[1:1 + MOTION]))
-    return found.y[-1][equations.X], found.y[-1][equations.Y], calls
+    return found.y[-1][X], found.y[-1][Y], calls

@@ -21,11 +21,12 @@ from precision_scenes import cases, MUJOCO_HEIGHT, MUJOCO_SCENE, MUJOCO_SPEED, w
 
 from ballbot_ros.errors import SimulationError
 from ballbot_ros.physics import Actuation
-from ballbot_ros.physics.mechanics import contact, equations
+from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.simulation.accuracy import simulate_accurately
+from ballbot_ros.physics.simulation.integrator import Integrator
 from ballbot_ros.physics.simulation.simulate import simulate
-from ballbot_ros.physics.solvers import fixed_step
-from ballbot_ros.physics.solvers.adaptive import METHODS, Scratch
+from ballbot_ros.physics.solvers.registry import METHODS
+from ballbot_ros.physics.solvers.values import EVALUATIONS
 from ballbot_ros.studies import mujoco_check
 from ballbot_ros.studies.cases import Case
 
@@ -38,39 +39,48 @@ TOLERANCES = tuple(10.0**-power for power in range(3, 14))
 RESULTS = Path(__file__).resolve().parents[1] / 'docs' / 'bench.json'
 
 
+def integrator_of(model):
+    """Return what advances a model."""
+    return Integrator(model.parameters, model.profile, model.solver)
+
+
 def fixed(case, method):
     """Return a function from step to end position and right-hand sides, for our steppers."""
     model = case.model
-    table, work = contact.contact_table(len(model.profile)), fixed_step.workspace()
-    drive, index = case.actuation.drive(model.robot, 0.0, case.start.joint_angle), \
-        fixed_step.METHODS.index(method)
+    actuator = case.actuation.actuator(model.robot, 0.0, case.start.joint_angle)
+    steps = {value: round(case.duration / value) for value in STEPS}
+    integrators = {value: integrator_of(
+        with_solver(model, method, case.duration / steps[value]))
+                   for value in STEPS}
 
     def run(step):
-        steps, state = round(case.duration / step), np.array(case.start[1:])
-        fixed_step.advance(index, 0.0, state, case.duration / steps, steps, model.numbers,
-                            model.profile, drive, table, work)
-        return state[equations.X], state[equations.Y], steps * (4 if method == 'rk4' else 1)
+        state = np.array(case.start[1:])
+        integrators[step].advance(actuator, state, 0.0, case.duration)
+        return state[X], state[Y], steps[step] * METHODS[method].evaluations
     return run
 
 
 def chosen(case, method):
     """Return the same from tolerance, for our methods that choose their steps."""
     # The step is the largest of the trapezoidal rule.
-    models = {value: with_solver(case.model, method, 1e-2, value) for value in TOLERANCES}
-    scratch = Scratch(len(case.model.profile))
-    drive = case.actuation.drive(case.model.robot, 0.0, case.start.joint_angle)
+    integrators = {value: integrator_of(
+        with_solver(case.model, method, 1e-2, value))
+                   for value in TOLERANCES}
+    actuator = case.actuation.actuator(case.model.robot, 0.0, case.start.joint_angle)
 
     def run(tolerance):
-        before, state = int(scratch.tally[3]), np.array(case.start[1:])
-        scratch.advance(models[tolerance], drive, state, 0.0, case.duration)
-        return state[equations.X], state[equations.Y], int(scratch.tally[3]) - before
+        integrator, state = integrators[tolerance], np.array(case.start[1:])
+        statistics = integrator.workspace.statistics
+        statistics[:] = 0
+        integrator.advance(actuator, state, 0.0, case.duration)
+        return state[X], state[Y], int(statistics[EVALUATIONS])
     return run
 
 
 def solvers(case):
     """Return name, function and settings from coarse to fine of every solver of a scene."""
-    found = [(name, chosen(case, name), TOLERANCES) for name in METHODS]
-    found += [(name, fixed(case, name), STEPS) for name in fixed_step.METHODS]
+    found = [(name, fixed(case, name), STEPS) if method.fixed
+             else (name, chosen(case, name), TOLERANCES) for name, method in METHODS.items()]
     ours, plain = peers.compiled_rates(case), peers.numpy_rates(case)
     for method in peers.SCIPY:
         found.append((f'SciPy {method}', lambda value, method=method: peers.solve_scipy(

@@ -17,8 +17,8 @@ import numpy as np
 from ballbot_ros.control import is_stable
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import simulate, State
-from ballbot_ros.physics.mechanics import equations
 from ballbot_ros.physics.mechanics.laws import position_torque, velocity_torque
+from ballbot_ros.physics.model.parameters import Actuator, TORQUE
 from ballbot_ros.physics.simulation.accuracy import FINEST_TOLERANCE, simulate_accurately
 
 GOOD, CHAOTIC, REFUSED, WRONG = 'good', 'chaotic', 'refused', 'WRONG'
@@ -151,7 +151,7 @@ def sampled(case, tolerance):
                 state.pendulum_angle, state.joint_rate, 0.0, case.actuation.set_rate,
                 tuning.velocity_kp, 0.0, gravity)
         torque = min(max(torque, -tuning.torque_limit), tuning.torque_limit)
-        state = model.advance(state, equations.Drive(equations.TORQUE, torque), 1)
+        state = model.advance(state, Actuator(TORQUE, torque), 1)
         states.append(state)
     return np.array(states)
 

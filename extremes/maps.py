@@ -14,8 +14,8 @@ from ballbot_ros.control import ControlTuning, lowest_stable_rate
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.figures.canvas import INK, new_figure, save, STYLE
 from ballbot_ros.physics import Actuation, Model, simulate, Solver, State, Terrain
-from ballbot_ros.physics.mechanics import equations
 from ballbot_ros.physics.mechanics.laws import position_torque
+from ballbot_ros.physics.model.parameters import Actuator, TORQUE
 from ballbot_ros.physics.simulation.accuracy import simulate_accurately
 
 ACCURATE, STABLE, REFUSED = range(3)
@@ -165,7 +165,7 @@ def loop_grade(robot, tuning, rate):
             torque = position_torque(state.pendulum_angle, state.pendulum_rate, 0.0,
                                      tuning.position_kp, tuning.position_kd,
                                      robot.largest_gravity_torque)
-            state = model.advance(state, equations.Drive(equations.TORQUE, torque), 1)
+            state = model.advance(state, Actuator(TORQUE, torque), 1)
             rates.append(abs(state.pendulum_rate))
     except BallbotError:
         return REFUSED

@@ -52,10 +52,7 @@ TABLES = set()
 SHARED_NAMES = {}
 
 # What is on its way out; each line goes with what it allows.
-PENDING = {
-    'ballbot_ros.physics.model.actuation: up to mechanics.equations',
-    'ballbot_ros.physics.solvers.adaptive: long', 'ballbot_ros.physics.solvers.flight: long',
-    'ballbot_ros.nodes.controller: long'}
+PENDING = {'ballbot_ros.nodes.controller: long'}
 
 # Who may import ROS. A name ending in _msgs counts as ROS too.
 ROS = {'ament_index_python', 'ballbot_ros.msg', 'ballbot_ros.srv', 'builtin_interfaces',

@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.studies.comparison import compare, count_heights
     case = holding(robot, math.radians(angle)) if arguments.actuation == 'held' \
         else Case(robot)
-    case.actuation.drive(robot)  # refuses what this robot cannot do
+    case.actuation.actuator(robot)  # refuses what this robot cannot do
     with watched(count_heights(case, len(SPEEDS)), arguments.json, 'computing',
                  'heights', keeps=False) as progress:
         found = compare(case, SPEEDS, progress)

@@ -124,8 +124,9 @@ def read_scene(arguments: argparse.Namespace) -> Any:
     check_name('scenes', arguments.scene)
     from ballbot_ros.config.fields import check_value, suggestion
     from ballbot_ros.errors import ConfigurationError
-    from ballbot_ros.physics.simulation.model import METHODS, PRESETS
+    from ballbot_ros.physics.simulation.solver import PRESETS
     from ballbot_ros.physics.simulation.scene import load_scene
+    from ballbot_ros.physics.solvers.registry import METHODS
     scene = load_scene(arguments.scene)
 
     def change(part: Any, *names: str) -> Any:
@@ -161,7 +162,7 @@ def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
 
     """
     from ballbot_ros.errors import ConfigurationError
-    from ballbot_ros.physics.solvers import adaptive, fixed_step
+    from ballbot_ros.physics.solvers.registry import METHODS
     if scene.run.accuracy is not None:
         for name in ('step', 'method', 'tolerance'):
             if getattr(arguments, name) is not None:
@@ -169,10 +170,9 @@ def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
                     f'--{name} changes nothing where an accuracy is asked for '
                     f'({scene.run.accuracy:g} m), which chooses the solver; leave one of them out')
         return
-    choosing = tuple(name for name in adaptive.METHODS if name != 'trapezoidal')
-    for name, methods in (('step', (*fixed_step.METHODS, 'trapezoidal')),
-                          ('tolerance', adaptive.METHODS), ('models', choosing)):
-        method = scene.model.solver.method
+    method = scene.model.solver.method
+    for name, use in (('step', 'step'), ('tolerance', 'tolerance'), ('models', 'flies')):
+        methods = [item for item, described in METHODS.items() if getattr(described, use)]
         if getattr(arguments, name) is not None and method not in methods:
             raise ConfigurationError(f'--{name} goes with --method {", ".join(methods)}, '
                                      f'not {method}')

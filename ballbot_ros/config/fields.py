@@ -66,7 +66,9 @@ def flag(doc: str, *, default: Any = MISSING) -> Any:
 def text(doc: str, *, default: Any = MISSING, choices: Iterable[str] = ()) -> Any:
     """Declare a piece of text, of given choices if there are any."""
     return field(default=default, metadata={
-        'kind': str, 'doc': doc, 'choices': tuple(choices)})
+        'kind': str, 'doc': doc,
+        # A mapping is a registry, which may grow.
+        'choices': choices if isinstance(choices, Mapping) else tuple(choices)})
 
 
 def section(doc: str, *, cls: Any = None, default: Any = MISSING) -> Any:

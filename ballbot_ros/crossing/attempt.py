@@ -12,21 +12,22 @@ square of the rate at which a ball falls off an edge.  Where the ball just gets 
 goes through zero, so that a search can aim instead of halving.  It decides nothing.
 """
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot_ros.compiled import compiled, unlocked
-from ballbot_ros.physics.mechanics.contact import contact_table, spring_energy
-from ballbot_ros.physics.mechanics.equations import (
-    BALL_RATE, FREE, kinetic_energy, PENDULUM_ANGLE, potential_energy, SIZE, VELOCITY_X,
-    VELOCITY_Y, X, Y)
-from ballbot_ros.physics.mechanics.modes import mode_table
-from ballbot_ros.physics.model.terrain import TANGENT_X, TANGENT_Y, VERTEX_X, VERTEX_Y
-from ballbot_ros.physics.solvers.adaptive import advance_adaptive, NO_ROWS
-from ballbot_ros.physics.solvers.embedded import ROWS
-from ballbot_ros.physics.solvers.fixed_step import FINISHED
+from ballbot_ros.physics.mechanics.contact import spring_energy
+from ballbot_ros.physics.mechanics.equations import kinetic_energy, potential_energy
+from ballbot_ros.physics.mechanics.modes import IntArray
+from ballbot_ros.physics.model.parameters import FREE, Parameters, System
+from ballbot_ros.physics.model.state import (
+    BALL_RATE, PENDULUM_ANGLE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y)
+from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, VERTEX_X, VERTEX_Y
+from ballbot_ros.physics.solvers.controller import with_kept
+from ballbot_ros.physics.solvers.integrate import advance
+from ballbot_ros.physics.solvers.values import (
+    AUTOMATIC, EVALUATIONS, FINISHED, Options, Output, Status, StepController, Workspace)
 
 OVER, BACK, UNDECIDED = range(3)
 
@@ -50,39 +51,29 @@ class Course(NamedTuple):
     time_limit: float  # [s]
 
 
-class Room(NamedTuple):
-    """
-    The arrays that attempts work in; one set for each thread.
+class Crossing(NamedTuple):
+    """What attempts at steps of any height share, with arrays to work in; one for each thread."""
 
-    ``spent`` counts attempts and right-hand sides, ``last`` holds the height of the last
-    attempt [m] and when it ended [s].
-    """
-
-    ground: Any
-    spent: Any
-    last: Any
-    state: Any
-    before: Any
-    table: Any
-    work: Any
-    probe: Any
-    mode: Any
-    broken: Any
-    rows: Any
-    tally: Any
+    course: Course
+    system: System  # its ground is that of the step, whose height is changed there
+    budget: int  # right-hand sides of one attempt
+    state: Array  # (13,)
+    before: Array  # (13,): at the begin of a block
+    output: Output  # without rows
+    workspace: Workspace
+    spent: IntArray  # attempts and right-hand sides
+    last: Array  # height of the last attempt [m], and when it ended [s]
 
     @classmethod
-    def of(cls, profile: NDArray[np.float64]) -> 'Room':
-        """Return the room for steps in a ground, whose height is changed there."""
-        return cls(profile.copy(), np.zeros(2, dtype=np.int64), np.zeros(2), np.zeros(SIZE),
-                   np.zeros(SIZE), contact_table(VERTICES), np.zeros((ROWS, SIZE)),
-                   np.zeros(SIZE), mode_table(VERTICES),
-                   np.zeros((2, 4 * VERTICES + 8), dtype=np.int64), NO_ROWS,
-                   np.zeros(5, dtype=np.int64))
+    def of(cls, course: Course, system: System, budget: int) -> 'Crossing':
+        """Return the crossing with arrays of its own."""
+        return cls(course, system._replace(ground=system.ground.copy()), budget, np.zeros(SIZE),
+                   np.zeros(SIZE), Output(np.zeros((0, 2 + SIZE)), 0.0, 1.0),
+                   Workspace.of(VERTICES), np.zeros(2, dtype=np.int64), np.zeros(2))
 
 
 @compiled
-def set_height(ground: Any, height: float) -> None:
+def set_height(ground: Array, height: float) -> None:
     """Move the edge of the step, and the end of the ground behind it, to a height [m]."""
     slope = ground[EDGE_VERTEX, TANGENT_Y] / ground[EDGE_VERTEX, TANGENT_X]
     ground[EDGE_VERTEX, VERTEX_Y] = height
@@ -91,7 +82,7 @@ def set_height(ground: Any, height: float) -> None:
 
 
 @compiled
-def place(state: Any, course: Any, robot: Any, ground: Any) -> float:
+def place(state: Array, course: Course, parameters: Parameters, ground: Array) -> float:
     """
     Put the ball where its attempt begins, rolling without slip, and return its x at touch.
 
@@ -100,14 +91,14 @@ def place(state: Any, course: Any, robot: Any, ground: Any) -> float:
     cosine, sine = ground[0, TANGENT_X], ground[0, TANGENT_Y]
     height = ground[EDGE_VERTEX, VERTEX_Y]
     # A ball that rolls along a slope is pressed into it by that part of its weight.
-    penetration = min(robot.mass * robot.gravity * cosine / robot.stiffness,
-                      0.5 * robot.radius)
-    distance = robot.radius - penetration
+    penetration = min(parameters.mass * parameters.gravity * cosine / parameters.stiffness,
+                      0.5 * parameters.radius)
+    distance = parameters.radius - penetration
     # Along the ground before the step: where the ball would touch an endless wall.
-    along = (distance * sine - robot.radius) / cosine
+    along = (distance * sine - parameters.radius) / cosine
     if along * sine + distance * cosine > height:
         rise = distance - height * cosine
-        along = height * sine - math.sqrt(max(robot.radius**2 - rise * rise, 0.0))
+        along = height * sine - math.sqrt(max(parameters.radius**2 - rise * rise, 0.0))
     begin = along - course.lead
     for i in range(SIZE):
         state[i] = 0.0
@@ -116,24 +107,25 @@ def place(state: Any, course: Any, robot: Any, ground: Any) -> float:
     state[PENDULUM_ANGLE] = course.pendulum_angle
     state[VELOCITY_X] = course.speed * cosine
     state[VELOCITY_Y] = course.speed * sine
-    lever = robot.radius if robot.radius_lever > 0.0 else distance
+    lever = parameters.radius if parameters.radius_lever > 0.0 else distance
     state[BALL_RATE] = -course.speed / lever
     return along * cosine - distance * sine
 
 
 @compiled
-def energy_to_spare(state: Any, robot: Any, ground: Any, table: Any) -> float:
+def energy_to_spare(state: Array, parameters: Parameters, ground: Array,
+                    contacts: Array) -> float:
     """
     Return the energy of the ball beyond the least that it has above the edge [J].
 
     The least is that of a ball at rest on the edge with its pendulum hanging down.
     """
-    weight = robot.mass * robot.gravity
-    least = (weight * (ground[EDGE_VERTEX, VERTEX_Y] + robot.radius
-                       - 0.5 * weight / robot.stiffness)
-             - robot.pendulum_moment * robot.gravity)
-    return (kinetic_energy(state, robot) + potential_energy(state, robot)
-            + spring_energy(robot, ground, table, state[X], state[Y]) - least)
+    weight = parameters.mass * parameters.gravity
+    least = (weight * (ground[EDGE_VERTEX, VERTEX_Y] + parameters.radius
+                       - 0.5 * weight / parameters.stiffness)
+             - parameters.pendulum_moment * parameters.gravity)
+    return (kinetic_energy(state, parameters) + potential_energy(state, parameters)
+            + spring_energy(state, parameters, ground, contacts) - least)
 
 
 @compiled
@@ -142,85 +134,91 @@ def peak(x: float, speed: float, later_x: float, later_speed: float, duration: f
     greatest = max(x, later_x)
     # x + s t + b t^2 + c t^3 with t from 0 to 1
     start, end = speed * duration, later_speed * duration
-    way = later_x - x
-    square, cube = 3.0 * way - 2.0 * start - end, start + end - 2.0 * way
+    distance = later_x - x
+    square, cube = 3.0 * distance - 2.0 * start - end, start + end - 2.0 * distance
     root = square * square - 3.0 * cube * start
     if root > 0.0:
         # The larger of both zeros in size first: no difference of nearly equal numbers.
         larger = -(square + math.copysign(math.sqrt(root), square))
-        for part in (start / larger if larger != 0.0 else 0.0,
-                     larger / (3.0 * cube) if cube != 0.0 else 0.0):
-            if 0.0 < part < 1.0:
-                greatest = max(greatest, x + part * (start + part * (square + part * cube)))
+        for theta in (start / larger if larger != 0.0 else 0.0,
+                      larger / (3.0 * cube) if cube != 0.0 else 0.0):
+            if 0.0 < theta < 1.0:
+                greatest = max(greatest, x + theta * (start + theta * (square + theta * cube)))
     return greatest
 
 
 @compiled
-def weight_ahead(state: Any, robot: Any) -> float:
+def weight_ahead(state: Array, parameters: Parameters) -> float:
     """Return how far the centre of mass is ahead of the edge [m]."""
-    return state[X] + robot.pendulum_moment / robot.mass * math.sin(state[PENDULUM_ANGLE])
+    arm = parameters.pendulum_moment / parameters.mass
+    ahead: float = state[X] + arm * math.sin(state[PENDULUM_ANGLE])
+    return ahead
 
 
 @compiled
-def speed_between(before: Any, after: Any, part: float) -> float:
-    """Return the speed towards +x at a part of the way between two states [m/s]."""
-    return before[VELOCITY_X] + part * (after[VELOCITY_X] - before[VELOCITY_X])
+def speed_between(before: Array, after: Array, theta: float) -> float:
+    """Return the speed towards +x at `theta` (0 to 1) between two states [m/s]."""
+    speed: float = before[VELOCITY_X] + theta * (after[VELOCITY_X] - before[VELOCITY_X])
+    return speed
 
 
 @compiled
-def run_to_verdict(height: float, tolerance: float, course: Any, robot: Any, drive: Any,
-                   room: Any, budget: int) -> tuple:
-    """Return verdict, score, the time at which it was given [s], and ending; see `attempt`."""
-    ground, state, before = room.ground, room.state, room.before
+def run_to_verdict(height: float, tolerance: float,
+                   crossing: Crossing) -> tuple[int, float, float, int]:
+    """Return verdict, score, the time at which it was given [s], and outcome; see `attempt`."""
+    course, system, workspace = crossing.course, crossing.system, crossing.workspace
+    state, before = crossing.state, crossing.before
+    parameters, ground = system.parameters, system.ground
     set_height(ground, height)
-    touch_x = place(state, course, robot, ground)
-    falling = robot.gravity * robot.radius / (
-        robot.radius**2 + robot.ball_inertia / robot.mass)
+    touch_x = place(state, course, parameters, ground)
+    falling = parameters.gravity * parameters.radius / (
+        parameters.radius**2 + parameters.ball_inertia / parameters.mass)
     # Energy only goes where no motor gives any; an edge below the centre only takes it, unless
     # friction works with the printed lever.
-    dwindling = drive.law == FREE and height < robot.radius and robot.radius_lever == 0.0
-    doubt = 10.0 * tolerance * robot.mass * robot.gravity
-    time = step = 0.0
-    nearest, passed = -math.inf, 0.0
-    block = BLOCK
+    dwindling = (system.actuator.law == FREE and height < parameters.radius
+                 and parameters.radius_lever == 0.0)
+    doubt = 10.0 * tolerance * parameters.mass * parameters.gravity
+    options = Options(tolerance, 0.0, AUTOMATIC, crossing.budget, False)
+    time, controller = 0.0, StepController(0.0, False, False, 0.0, 0, 0, False)
+    nearest, passed, block = -math.inf, 0.0, BLOCK
     while time < course.time_limit:
         for i in range(SIZE):
             before[i] = state[i]
-        reached, next_step, _, ending = advance_adaptive(
-            time, state, min(time + block, course.time_limit), tolerance, step, robot, ground,
-            drive, room.table, room.work, room.probe, room.mode, room.broken[0],
-            room.broken[1], room.rows, 1.0, room.tally, budget)
-        if ending != FINISHED:
-            return UNDECIDED, 0.0, reached, ending
-        top = peak(before[X], before[VELOCITY_X], state[X], state[VELOCITY_X], reached - time)
+        status = advance(Status(FINISHED, time, 0, controller),
+                         min(time + block, course.time_limit), state, system, options,
+                         crossing.output, workspace)
+        if status.outcome != FINISHED:
+            return UNDECIDED, 0.0, status.time, status.outcome
+        top = peak(before[X], before[VELOCITY_X], state[X], state[VELOCITY_X],
+                   status.time - time)
         turned = before[VELOCITY_X] > 0.0 > state[VELOCITY_X]
         if (turned and state[X] <= 0.0 and block > SHORTEST_BLOCK
-                and top > -0.1 * robot.gravity * block * block):
+                and top > -0.1 * parameters.gravity * block * block):
             # It may have been above the edge within the block: look closer.
             block *= 0.5
             for i in range(SIZE):
                 state[i] = before[i]
+            controller = with_kept(controller, status.controller.kept)
             continue
-        time, step, block = reached, next_step, BLOCK
-        early, late = weight_ahead(before, robot), weight_ahead(state, robot)
+        time, controller, block = status.time, status.controller, BLOCK
+        early, late = weight_ahead(before, parameters), weight_ahead(state, parameters)
         nearest = max(nearest, late)
         if early < 0.0 <= late:
             passed = speed_between(before, state, early / (early - late))
-        if top > 0.0 and state[Y] > height + 0.5 * robot.radius:
+        if top > 0.0 and state[Y] > height + 0.5 * parameters.radius:
             if passed == 0.0:
                 passed = speed_between(before, state, 1.0)
-            return OVER, max(passed * passed, LEAST), time, ending
+            return OVER, max(passed * passed, LEAST), time, FINISHED
         if state[VELOCITY_X] < 0.0:
             back = course.first > 0.0 and state[X] < touch_x - RETREAT
             if back or (dwindling and energy_to_spare(
-                    state, robot, ground, room.table) < -doubt):
-                return BACK, min(-falling * nearest**2, -LEAST), time, ending
+                    state, parameters, ground, workspace.mode.contacts) < -doubt):
+                return BACK, min(-falling * nearest**2, -LEAST), time, FINISHED
     return UNDECIDED, min(-falling * nearest**2, -LEAST), time, FINISHED
 
 
 @unlocked
-def attempt(height: float, tolerance: float, course: Any, robot: Any, drive: Any, room: Any,
-            budget: int) -> tuple:
+def attempt(height: float, tolerance: float, crossing: Crossing) -> tuple[int, float, int]:
     """
     Run one attempt at a step.
 
@@ -230,13 +228,7 @@ def attempt(height: float, tolerance: float, course: Any, robot: Any, drive: Any
         Of the step [m].
     tolerance : float
         Local error per step of the adaptive method [m].
-    course : Course
-    robot : Numbers
-    drive : Drive
-    room : Room
-        Its ground is that of the step, of any height.
-    budget : int
-        Of right-hand sides, see `advance_adaptive`.
+    crossing : Crossing
 
     Returns
     -------
@@ -244,14 +236,14 @@ def attempt(height: float, tolerance: float, course: Any, robot: Any, drive: Any
         OVER, BACK or UNDECIDED (the time is up).
     score : float
         Above 0 for OVER, below for others [m2/s2]; see the module.
-    ending : int
-        See `advance_adaptive`.
+    outcome : int
+        FINISHED, or why the run could not go on; see `solvers.values`.
 
     """
-    room.tally[:] = 0
-    verdict, score, time, ending = run_to_verdict(
-        height, tolerance, course, robot, drive, room, budget)
-    room.spent[0] += 1
-    room.spent[1] += room.tally[3]
-    room.last[0], room.last[1] = height, time
-    return verdict, score, ending
+    statistics = crossing.workspace.statistics
+    statistics[:] = 0
+    verdict, score, time, outcome = run_to_verdict(height, tolerance, crossing)
+    crossing.spent[0] += 1
+    crossing.spent[1] += statistics[EVALUATIONS]
+    crossing.last[0], crossing.last[1] = height, time
+    return verdict, score, outcome

@@ -23,17 +23,17 @@ from typing import Callable, List, NamedTuple, Optional, Sequence, Tuple, Union
 import numpy as np
 
 from ballbot_ros.config.fields import check_value, count, quantity
-from ballbot_ros.crossing.attempt import attempt, OVER, Room
+from ballbot_ros.crossing.attempt import attempt, Crossing, OVER
 from ballbot_ros.crossing.rules import check_gravity, HEIGHT, Rules, Site, SPEED, too_fast
 from ballbot_ros.crossing.search import judge, search, TOO_FAST
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.mechanics.equations import Numbers
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.contact_options import ContactOptions
+from ballbot_ros.physics.model.parameters import Parameters, System
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.simulation.failures import failure
-from ballbot_ros.physics.simulation.model import Model, Solver
-from ballbot_ros.physics.solvers.fixed_step import FINISHED
+from ballbot_ros.physics.simulation.solver import Solver
+from ballbot_ros.physics.solvers.values import FINISHED
 
 # The error is twice the width of the bracket; local errors of a step over that width.
 WIDTH = 0.5
@@ -101,17 +101,16 @@ def max_step_height(robot: Robot, speed: float, actuation: Actuation = Actuation
     """
     accuracy = check_value('accuracy', accuracy, ACCURACY, 'max_step_height')
     scan = check_value('scan', scan, SCAN, 'max_step_height')
-    fixed = _prepare(robot, speed, actuation, pendulum_angle, site, rules, options)
-    room, width = fixed[3], WIDTH * accuracy
+    crossing = _prepare(robot, speed, actuation, pendulum_angle, site, rules, options)
+    width = WIDTH * accuracy
     coarse, fine = COARSE * width, FINE * width
     # All energy gone into height; what is higher than the centre is a wall.
     guess = min(speed * speed / (2.0 * robot.gravity), 0.5 * robot.ball_radius)
     while True:
-        low, high, lowest, highest, ending = search(
-            width, coarse, fine, guess, *fixed)
-        if ending == TOO_FAST:
+        low, high, lowest, highest, outcome = search(width, coarse, fine, guess, crossing)
+        if outcome == TOO_FAST:
             raise too_fast(robot, speed, high)
-        _check(ending, room, fine, robot, site, options)
+        _check(outcome, crossing, fine)
         error = (high - low) + (highest - lowest)
         if error <= accuracy or fine <= FINEST:
             break
@@ -121,19 +120,16 @@ def max_step_height(robot: Robot, speed: float, actuation: Actuation = Actuation
         parts = (np.arange(scan) + 0.5) / scan
         heights = np.concatenate([low * parts if low > 0.0 else [], high * (1.0 + parts)])
         verdicts = np.zeros(len(heights), dtype=np.int64)
-        _check(judge(heights, verdicts, fine, *fixed), room, fine, robot, site, options)
+        _check(judge(heights, verdicts, fine, crossing), crossing, fine)
         monotone = bool(((verdicts == OVER) == (heights < high)).all())
-    return MaxStepHeight(speed, float(low), float(error), monotone, *room.spent.tolist())
+    return MaxStepHeight(speed, float(low), float(error), monotone, *crossing.spent.tolist())
 
 
-def _check(ending: int, room: Room, tolerance: float, robot: Robot, site: Site,
-           options: ContactOptions) -> None:
+def _check(outcome: int, crossing: Crossing, tolerance: float) -> None:
     """Raise the error that explains how an attempt ended, if it did not end well."""
-    if ending != FINISHED:
-        height, time = room.last.tolist()
-        raise failure(ending, time, room.state, Model(
-            robot, site.terrain(height), options,
-            Solver('adaptive', tolerance=max(tolerance, FINEST), work_budget=BUDGET)))
+    if outcome != FINISHED:
+        raise failure(outcome, float(crossing.last[1]), crossing.state, Solver(
+            'adaptive', tolerance=max(tolerance, FINEST), work_budget=BUDGET))
 
 
 def try_step(robot: Robot, speed: float, height: float, actuation: Actuation = Actuation(),
@@ -160,15 +156,15 @@ def try_step(robot: Robot, speed: float, height: float, actuation: Actuation = A
 
     """
     height = check_value('height', height, HEIGHT, 'try_step')
-    fixed = _prepare(robot, speed, actuation, pendulum_angle, site, rules, options)
-    verdict, score, ending = attempt(height, tolerance, *fixed)
-    _check(ending, fixed[3], tolerance, robot, site, options)
+    crossing = _prepare(robot, speed, actuation, pendulum_angle, site, rules, options)
+    verdict, score, outcome = attempt(height, tolerance, crossing)
+    _check(outcome, crossing, tolerance)
     return bool(verdict == OVER), float(score)
 
 
 def _prepare(robot: Robot, speed: float, actuation: Actuation, pendulum_angle: Optional[float],
-             site: Site, rules: Rules, options: ContactOptions) -> tuple:
-    """Return the last arguments of the kernels, with the room at place 3; checked."""
+             site: Site, rules: Rules, options: ContactOptions) -> Crossing:
+    """Return a crossing as the kernels read it; checked."""
     speed = check_value('speed', speed, SPEED, 'max_step_height')
     check_gravity(robot)
     if pendulum_angle is None:
@@ -177,8 +173,10 @@ def _prepare(robot: Robot, speed: float, actuation: Actuation, pendulum_angle: O
         raise ConfigurationError(
             'max_step_height: pendulum_angle must be any finite number rad, '
             f'got {pendulum_angle!r}')
-    return (rules.course(speed, pendulum_angle), Numbers.of(robot, options),
-            actuation.drive(robot, 0.0, pendulum_angle), Room.of(site.profile(robot)), BUDGET)
+    return Crossing.of(
+        rules.course(speed, pendulum_angle),
+        System(Parameters.of(robot, options), site.profile(robot),
+               actuation.actuator(robot, 0.0, pendulum_angle)), BUDGET)
 
 
 def max_step_heights(robot: Robot, speeds: Sequence[float], actuation: Actuations = Actuation(),

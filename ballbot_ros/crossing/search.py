@@ -4,20 +4,22 @@ The search for the highest step in compiled code; see `max_step_height` for its 
 
 It believes that every step below one that is passed is passed, too.
 """
-from typing import Any
-
 from ballbot_ros.compiled import compiled, unlocked
-from ballbot_ros.crossing.attempt import attempt, LEAST, OVER
-from ballbot_ros.physics.solvers.fixed_step import FINISHED
+from ballbot_ros.crossing.attempt import attempt, Crossing, LEAST, OVER
+from ballbot_ros.physics.mechanics.modes import IntArray
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.solvers.values import FINISHED
+
+# Ends of a bracket, their scores, and the outcome.
+Bracket = tuple[float, float, float, float, int]
 
 HIGHEST = 4.0  # step that is tried, over the radius
-TOO_FAST = -1  # ending of a search that finds no step too high, beside those of a run
+TOO_FAST = -1  # outcome of a search that finds no step too high, beside those of a run
 
 
 @compiled
 def narrow(low: float, high: float, above: float, below: float, width: float,
-           tolerance: float, course: Any, robot: Any, drive: Any, room: Any,
-           budget: int) -> tuple:
+           tolerance: float, crossing: Crossing) -> tuple[float, float, int]:
     """
     Narrow a bracket to a width.
 
@@ -34,7 +36,7 @@ def narrow(low: float, high: float, above: float, below: float, width: float,
 
     Returns
     -------
-    low, high, ending
+    low, high, outcome
         FINISHED, or how the run ended that could not go on.
 
     """
@@ -45,9 +47,9 @@ def narrow(low: float, high: float, above: float, below: float, width: float,
         if gap > 2.0 * reach:
             aimed = low + gap * above / (above - below)
             trial = min(max(aimed, low + reach), high - reach)
-        verdict, score, ending = attempt(trial, tolerance, course, robot, drive, room, budget)
-        if ending != FINISHED:
-            return low, high, ending
+        verdict, score, outcome = attempt(trial, tolerance, crossing)
+        if outcome != FINISHED:
+            return low, high, outcome
         now = 1 if verdict == OVER else -1
         # On the same side again: the far end weighs less. One that was kept a reach away from
         # its end and is on its side yet: the next one goes farther.
@@ -64,8 +66,8 @@ def narrow(low: float, high: float, above: float, below: float, width: float,
 
 
 @compiled
-def climb(low: float, above: float, stride: float, tolerance: float, course: Any, robot: Any,
-          drive: Any, room: Any, budget: int) -> tuple:
+def climb(low: float, above: float, stride: float, tolerance: float,
+          crossing: Crossing) -> Bracket:
     """
     Raise the step from a passed one until it is too high.
 
@@ -76,17 +78,17 @@ def climb(low: float, above: float, stride: float, tolerance: float, course: Any
 
     Returns
     -------
-    low, high, above, below, ending
-        As of `narrow`; `ending` may be TOO_FAST.
+    low, high, above, below, outcome
+        As of `narrow`; `outcome` may be TOO_FAST.
 
     """
     least = 0.02 * stride
     while True:
         high = low + stride
-        verdict, score, ending = attempt(high, tolerance, course, robot, drive, room, budget)
-        if ending != FINISHED or verdict != OVER:
-            return low, high, above, score, ending
-        if high > HIGHEST * robot.radius:
+        verdict, score, outcome = attempt(high, tolerance, crossing)
+        if outcome != FINISHED or verdict != OVER:
+            return low, high, above, score, outcome
+        if high > HIGHEST * crossing.system.parameters.radius:
             return low, high, above, score, TOO_FAST
         aimed = 1.1 * stride * score / max(above - score, LEAST)
         low, above = high, score
@@ -95,22 +97,22 @@ def climb(low: float, above: float, stride: float, tolerance: float, course: Any
 
 
 @compiled
-def descend(high: float, below: float, stride: float, tolerance: float, course: Any,
-            robot: Any, drive: Any, room: Any, budget: int) -> tuple:
+def descend(high: float, below: float, stride: float, tolerance: float,
+            crossing: Crossing) -> Bracket:
     """Lower the step from one that is too high until it is passed; returns as `climb` does."""
     while True:
         low = max(high - stride, 0.0)
         if low == 0.0:
-            return low, high, course.speed**2, below, FINISHED
-        verdict, score, ending = attempt(low, tolerance, course, robot, drive, room, budget)
-        if ending != FINISHED or verdict == OVER:
-            return low, high, score, below, ending
+            return low, high, crossing.course.speed**2, below, FINISHED
+        verdict, score, outcome = attempt(low, tolerance, crossing)
+        if outcome != FINISHED or verdict == OVER:
+            return low, high, score, below, outcome
         high, below, stride = low, score, 2.0 * stride
 
 
 @unlocked
-def search(width: float, coarse: float, fine: float, guess: float, course: Any, robot: Any,
-           drive: Any, room: Any, budget: int) -> tuple:
+def search(width: float, coarse: float, fine: float, guess: float,
+           crossing: Crossing) -> Bracket:
     """
     Bracket the highest step with a coarse tolerance and confirm both ends with a fine one.
 
@@ -120,41 +122,35 @@ def search(width: float, coarse: float, fine: float, guess: float, course: Any, 
         A step that is passed with the fine tolerance, and one that is not [m].
     lowest, highest : float
         Between these is also what the coarse tolerance finds [m].
-    ending : int
+    outcome : int
         See `narrow` and `climb`.
 
     """
-    low, high, above, below, ending = climb(
-        0.0, course.speed**2, guess, coarse, course, robot, drive, room, budget)
-    if ending == FINISHED:
-        low, high, ending = narrow(
-            low, high, above, below, width, coarse, course, robot, drive, room, budget)
+    low, high, above, below, outcome = climb(
+        0.0, crossing.course.speed**2, guess, coarse, crossing)
+    if outcome == FINISHED:
+        low, high, outcome = narrow(low, high, above, below, width, coarse, crossing)
     lowest, highest = low, high
-    if ending != FINISHED:
-        return low, high, lowest, highest, ending
+    if outcome != FINISHED:
+        return low, high, lowest, highest, outcome
     # A fine tolerance may move the highest step out of the bracket: then follow it.
-    verdict, above = OVER, course.speed**2
+    verdict, above = OVER, crossing.course.speed**2
     if low > 0.0:
-        verdict, above, ending = attempt(low, fine, course, robot, drive, room, budget)
-    if ending == FINISHED and verdict == OVER:
-        low, high, above, below, ending = climb(
-            low, above, high - low, fine, course, robot, drive, room, budget)
-    elif ending == FINISHED:
-        low, high, above, below, ending = descend(
-            low, above, width, fine, course, robot, drive, room, budget)
-    if ending == FINISHED:
-        low, high, ending = narrow(
-            low, high, above, below, width, fine, course, robot, drive, room, budget)
-    return low, high, min(low, lowest), max(high, highest), ending
+        verdict, above, outcome = attempt(low, fine, crossing)
+    if outcome == FINISHED and verdict == OVER:
+        low, high, above, below, outcome = climb(low, above, high - low, fine, crossing)
+    elif outcome == FINISHED:
+        low, high, above, below, outcome = descend(low, above, width, fine, crossing)
+    if outcome == FINISHED:
+        low, high, outcome = narrow(low, high, above, below, width, fine, crossing)
+    return low, high, min(low, lowest), max(high, highest), outcome
 
 
 @unlocked
-def judge(heights: Any, verdicts: Any, tolerance: float, course: Any, robot: Any, drive: Any,
-          room: Any, budget: int) -> int:
+def judge(heights: Array, verdicts: IntArray, tolerance: float, crossing: Crossing) -> int:
     """Write the verdict of each height and return FINISHED, or how a run ended that failed."""
     for item in range(len(heights)):
-        verdicts[item], _, ending = attempt(
-            heights[item], tolerance, course, robot, drive, room, budget)
-        if ending != FINISHED:
-            return ending
+        verdicts[item], _, outcome = attempt(heights[item], tolerance, crossing)
+        if outcome != FINISHED:
+            return outcome
     return FINISHED

@@ -11,8 +11,8 @@ from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import CommandGate
 from ballbot_ros.errors import ConfigurationError, MessageError, RefusedError
-from ballbot_ros.physics.simulation.model import Solver
 from ballbot_ros.physics.simulation.scene import load_scene
+from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.plant import Plant, Sensor
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import command_torque, to_seconds, to_time

@@ -41,10 +41,10 @@ from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.contact_options import ContactOptions
 from ballbot_ros.physics.model.robot import load_robot, Robot
 from ballbot_ros.physics.model.terrain import Terrain
-from ballbot_ros.physics.simulation.model import (
-    Energies, Model, Solver, State, Touch)
+from ballbot_ros.physics.simulation.model import Energies, Model, State, Touch
 from ballbot_ros.physics.simulation.scene import load_scene, Scene
 from ballbot_ros.physics.simulation.simulate import simulate
+from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.renamed import refuse_old_names
 

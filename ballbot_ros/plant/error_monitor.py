@@ -2,7 +2,7 @@
 """How wrong a plant may be, while it runs: a coarser solver runs along under the same torques."""
 import math
 
-from ballbot_ros.physics.mechanics import equations
+from ballbot_ros.physics.model.parameters import Actuator
 from ballbot_ros.physics.simulation.model import Model, State
 
 
@@ -31,7 +31,7 @@ class ErrorMonitor:
         self._state = start
         self.error, self.lost_at = 0.0, math.inf
 
-    def advance(self, after: State, drive: equations.Drive, steps: int) -> None:
+    def advance(self, after: State, actuator: Actuator, steps: int) -> None:
         """
         Compare with a state to which an actuation has moved the plant in so many solver steps.
 
@@ -41,7 +41,7 @@ class ErrorMonitor:
             If the coarser run cannot go on; nothing has changed then.
 
         """
-        coarse = self._model.advance(self._state, drive, steps)
+        coarse = self._model.advance(self._state, actuator, steps)
         self._state = coarse._replace(time=after.time)
         distance = math.hypot(after.x - coarse.x, after.y - coarse.y)
         self.error = max(self.error, distance)

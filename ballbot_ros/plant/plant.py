@@ -5,7 +5,7 @@ import math
 from typing import Optional
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.mechanics import equations
+from ballbot_ros.physics.model.parameters import Actuator, TORQUE
 from ballbot_ros.physics.simulation.accuracy import solvers_for
 from ballbot_ros.physics.simulation.model import Model, State
 from ballbot_ros.physics.simulation.scene import Scene
@@ -66,9 +66,9 @@ class Plant:
         self._start = self.state = scene.start
         self.periods = 0
         # Compile now: the first control period must not wait for it.
-        self.model.advance(self._start, equations.Drive(equations.TORQUE), 1)
+        self.model.advance(self._start, Actuator(TORQUE), 1)
         if self._monitor:
-            self._monitor.advance(self._start, equations.Drive(equations.TORQUE), 1)
+            self._monitor.advance(self._start, Actuator(TORQUE), 1)
         self.reset()
 
     @property
@@ -102,11 +102,11 @@ class Plant:
 
         """
         cut = min(max(torque, -self.torque_limit), self.torque_limit)
-        drive = equations.Drive(equations.TORQUE, cut, limit=self.torque_limit)
-        after = self.model.advance(self.state, drive, self._steps)
+        actuator = Actuator(TORQUE, cut, limit=self.torque_limit)
+        after = self.model.advance(self.state, actuator, self._steps)
         after = after._replace(time=(self.periods + 1) * self.period)
         if self._monitor:
-            self._monitor.advance(after, drive, self._steps)
+            self._monitor.advance(after, actuator, self._steps)
         self.periods += 1
         self.torque = cut if self.model.robot.has_pendulum else 0.0
         self.state = after

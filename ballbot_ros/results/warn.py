@@ -6,7 +6,7 @@ import numpy as np
 
 from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.physics.simulation.trajectory import Trajectory
-from ballbot_ros.physics.solvers.fixed_step import METHODS as FIXED
+from ballbot_ros.physics.solvers.registry import METHODS
 
 # An energy ledger that is off by more than this share asks for a smaller step.
 RESIDUAL = 1e-5
@@ -34,7 +34,7 @@ def find_warnings(trajectory: Trajectory, scene: Scene, expected: int,
 
     """
     robot, solver, assured = scene.model.robot, scene.model.solver, trajectory.assurance
-    finer = (f'a smaller step than {solver.step:g} s' if solver.method in FIXED
+    finer = (f'a smaller step than {solver.step:g} s' if METHODS[solver.method].fixed
              else f'a smaller tolerance than {solver.tolerance:g} m')
     if assured is not None:
         finer = 'a smaller accuracy'

@@ -5,7 +5,7 @@ from typing import Any
 
 from ballbot_ros.config.fields import Checked, count, flag, quantity, text
 from ballbot_ros.decision.planners import PLANNERS
-from ballbot_ros.physics.simulation.model import METHODS
+from ballbot_ros.physics.solvers.registry import METHODS
 
 
 def _file(folder: str, default: str, kind: str = '', doc: str = '') -> Any:

@@ -22,10 +22,14 @@ from ballbot_ros.crossing.attempt import RETREAT
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.mechanics import contact, equations
+from ballbot_ros.physics.model.parameters import FREE
 from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.state import (
+    BALL_ANGLE, BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y)
 from ballbot_ros.physics.model.terrain import Array, Terrain
-from ballbot_ros.physics.simulation.model import Model, Solver
+from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.simulate import simulate
+from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.studies.cases import Case
 from ballbot_ros.studies.comparators import highest_passed
 
@@ -168,10 +172,10 @@ class MujocoRun:
         self.own = Model(robot, Terrain.step(height))
         self.begin = -touch_distance(robot.ball_radius, height, robot.static_penetration)
         self.start = self.own.at_rest(self.begin, speed, case.pendulum_angle)
-        self.drive = case.actuation.drive(robot, 0.0, self.start.joint_angle)
-        self.driven = self.drive.law != equations.FREE
+        self.drive = case.actuation.actuator(robot, 0.0, self.start.joint_angle)
+        self.driven = self.drive.law != FREE
         self.table = contact.contact_table(len(self.own.profile))
-        self.vector = np.zeros(equations.SIZE)
+        self.vector = np.zeros(SIZE)
         self.model = mujoco.MjModel.from_xml_string(
             write_model(robot, height, step, integrator, own_contact=law != 'forces'))
         if law == 'matched':
@@ -202,21 +206,20 @@ class MujocoRun:
     def _add_forces(self, model: Any, data: Any) -> None:
         """Add what our laws say to MuJoCo's passive forces, at each stage of a step."""
         state, place, rates = self.vector, data.qpos, data.qvel
-        state[equations.X], state[equations.Y], state[equations.BALL_ANGLE] = place[:3]
-        state[equations.VELOCITY_X], state[equations.VELOCITY_Y] = rates[:2]
-        state[equations.BALL_RATE] = rates[2]
+        state[X], state[Y], state[BALL_ANGLE] = place[:3]
+        state[VELOCITY_X], state[VELOCITY_Y] = rates[:2]
+        state[BALL_RATE] = rates[2]
         force = data.qfrc_passive
         if self.forces:
             loads = contact.contact_loads(
-                self.own.numbers, self.own.profile, self.table, place[0], place[1], rates[0],
-                rates[1], rates[2])
+                state, self.own.parameters, self.own.profile, self.table)
             force[0] += loads[0]
             force[1] += loads[1]
             force[2] += loads[2]
         if self.driven:
-            state[equations.PENDULUM_ANGLE] = place[2] + place[3]
-            state[equations.PENDULUM_RATE] = rates[2] + rates[3]
-            force[3] += equations.drive_torque(data.time, state, self.drive)
+            state[PENDULUM_ANGLE] = place[2] + place[3]
+            state[PENDULUM_RATE] = rates[2] + rates[3]
+            force[3] += equations.actuator_torque(data.time, state, self.drive)
 
     def centre(self) -> Centre:
         """Return where the ball is."""

@@ -7,11 +7,11 @@ import numpy as np
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Model, Scene, simulate, Solver, Trajectory
-from ballbot_ros.physics.mechanics import equations
+from ballbot_ros.physics.model.parameters import Actuator, TORQUE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.failures import failure
-from ballbot_ros.physics.solvers.adaptive import Scratch
-from ballbot_ros.physics.solvers.fixed_step import FINISHED
+from ballbot_ros.physics.simulation.integrator import FRESH, Integrator
+from ballbot_ros.physics.solvers.values import FINISHED
 
 # Channels that can be compared, and their units.
 CHANNELS: Mapping[str, str] = {
@@ -136,15 +136,16 @@ def _driven(model: Model, scene: Scene, recording: Recording) -> Array:
     if recording.torque is None:
         raise ConfigurationError('recording: there is no torque to replay')
     state = scene.initial.state(model)
-    vector, scratch, step = np.array(state[1:]), Scratch(len(model.profile)), 0.0
+    vector, integrator, controller = np.array(state[1:]), Integrator(
+        model.parameters, model.profile, SOLVER), FRESH
     times, torques = recording.torque
     rows, now = [[*state, 0.0]], state.time
     for moment, torque in zip(times.tolist(), torques.tolist()):
         if moment <= now:
             continue
-        now, step, _, ending = scratch.advance(
-            model, equations.Drive(equations.TORQUE, torque), vector, now, moment, step)
-        if ending != FINISHED:
-            raise failure(ending, now, vector, model)
+        outcome, now, _, controller = integrator.advance(
+            Actuator(TORQUE, torque), vector, now, moment, controller=controller)
+        if outcome != FINISHED:
+            raise failure(outcome, now, vector, SOLVER)
         rows.append([moment, *vector.tolist(), torque])
     return np.array(rows)

@@ -20,8 +20,9 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array, Terrain
-from ballbot_ros.physics.simulation.model import Model, Solver, State
+from ballbot_ros.physics.simulation.model import Model, State
 from ballbot_ros.physics.simulation.simulate import simulate
+from ballbot_ros.physics.simulation.solver import Solver
 
 STEP = 2e-4  # of the integration [s]
 OUTPUT = 1e-3  # between samples [s]

@@ -22,7 +22,7 @@ def crosses(robot, speed, height, actuation=Actuation(), pendulum_angle=0.0,
     """Return whether the ball gets over a step [m] at a collision speed [m/s]."""
     model = Model(robot, site.terrain(height), options, solver)
     vector = np.array(State()[1:])
-    touch_x = place(vector, rules.course(speed, pendulum_angle), model.numbers, model.profile)
+    touch_x = place(vector, rules.course(speed, pendulum_angle), model.parameters, model.profile)
     limit = int(rules.time_limit / solver.step) * solver.step
     for duration in (*PATIENCE, limit):
         run = simulate(model, State(0.0, *vector), actuation, min(duration, limit), solver.step)

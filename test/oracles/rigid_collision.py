@@ -81,7 +81,7 @@ def collide(model: Model, state: State, normal_x: float, normal_y: float, fricti
         Coefficient of restitution, 0 to 1; less than 0 for that of eq. (7).
 
     """
-    robot, numbers = model.robot, model.numbers
+    robot, numbers = model.robot, model.parameters
     tangent_x, tangent_y = normal_y, -normal_x
     approach = state.velocity_x * normal_x + state.velocity_y * normal_y
     slip = (state.velocity_x * tangent_x + state.velocity_y * tangent_y
@@ -147,7 +147,7 @@ def _impulses(approach: float, pieces: list, bounce: float) -> tuple:
 def _apply(model: Model, state: State, direction: tuple, normal: float, along: float, a_n: float,
            a_t: float) -> tuple:
     """Return the state after the impulses, and the energy that they took."""
-    robot, numbers = model.robot, model.numbers
+    robot, numbers = model.robot, model.parameters
     normal_x, normal_y = direction
     swing = 0.0
     if robot.has_pendulum:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Where the ball touches the ground, and what the ground then does: eqs. (7)-(10).
+Where the ball touches the ground, and what all contacts do to it together.
 
-**Where.**  The ball touches wherever the distance from its centre to the profile has a
+The ball touches wherever the distance from its centre to the profile has a
 local minimum shorter than the radius: on each segment that holds the foot of the
 perpendicular, and on each convex vertex whose normal cone holds the centre.  The lower
 plane, corner and upper plane of the paper's Fig. 2 are three cases of that rule; a face
@@ -15,37 +15,30 @@ one a whole contact force would appear and vanish at once, with energy from nowh
 Friction acts at the minima only, where it can but take energy; a maximum takes its share
 from the coefficients of the two minima that it lies between, see `share_friction`.
 
-**What.**  A spring and a damper along the normal, eq. (7), which do not pull unless asked
-to; friction with a slip velocity at the contact point, eq. (8), that grows to its full
-coefficient over a small slip, eq. (9); and the torque of that friction, eq. (10).
+A *feature* of the ground is a number: 2 j for segment j, 2 j + 1 for the vertex at its end.  What
+each contact does is the `contact_law`.
 """
 import math
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot_ros.compiled import compiled, inlined
+from ballbot_ros.physics.mechanics.contact_law import (
+    COLUMNS, contact_load, CORNER, EDGE, force_and_slip, FRICTION, KIND, NORMAL_X, NORMAL_Y,
+    PENETRATION, POINT_X, POINT_Y, pressed_sign, sliding_sign, stored_energy, SURFACE)
+from ballbot_ros.physics.model.parameters import Parameters
+from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.model.terrain import (
-    EDGE_FRICTION, SURFACE_FRICTION, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y)
-
-# Kinds of contact; the values are those of the message ballbot_ros/Contact.
-SURFACE = 1
-EDGE = 2
-CORNER = 3
-
-# Columns of the table of contacts that find_contacts fills.
-KIND, POINT_X, POINT_Y, NORMAL_X, NORMAL_Y, PENETRATION, FRICTION = range(7)
-COLUMNS = 7
+    Array, EDGE_FRICTION, SURFACE_FRICTION, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y)
 
 
-def contact_table(vertices: int) -> NDArray[np.float64]:
+def contact_table(vertices: int) -> Array:
     """Return an empty table with room for every contact that a profile can give."""
     return np.zeros((2 * vertices, COLUMNS))
 
 
 @compiled
-def first_segment(ground: Any, left: float) -> int:
+def first_segment(ground: Array, left: float) -> int:
     """Return the last segment that starts at or before `left`, by bisection."""
     low, high = 0, len(ground) - 2
     while low < high:
@@ -58,40 +51,67 @@ def first_segment(ground: Any, left: float) -> int:
 
 
 @compiled
-def write_contact(table: Any, row: int, kind: int, x: float, y: float, normal_x: float,
-                  normal_y: float, distance: float, radius: float, friction: float) -> None:
-    """Fill one row of the table of contacts."""
-    table[row, KIND] = kind
-    table[row, POINT_X] = x - distance * normal_x
-    table[row, POINT_Y] = y - distance * normal_y
-    table[row, NORMAL_X] = normal_x
-    table[row, NORMAL_Y] = normal_y
-    table[row, PENETRATION] = radius - distance
-    table[row, FRICTION] = friction
+def ground_height(ground: Array, x: float) -> float:
+    """Return the height of the ground at `x` [m]."""
+    segment = first_segment(ground, x)
+    slope = ground[segment, TANGENT_Y] / ground[segment, TANGENT_X]
+    height: float = ground[segment, VERTEX_Y] + slope * (x - ground[segment, VERTEX_X])
+    return height
 
 
 @compiled
-def share_friction(table: Any, row: int) -> None:
+def write_contact(contacts: Array, row: int, feature: int, x: float, y: float, radius: float,
+                  ground: Array) -> None:
+    """Fill one row of the table of contacts, whether the ball touches that feature or not."""
+    segment = feature // 2
+    if feature % 2 == 0:
+        tangent_x, tangent_y = ground[segment, TANGENT_X], ground[segment, TANGENT_Y]
+        distance = ((y - ground[segment, VERTEX_Y]) * tangent_x
+                    - (x - ground[segment, VERTEX_X]) * tangent_y)
+        normal_x, normal_y = -tangent_y, tangent_x
+        contacts[row, KIND], contacts[row, FRICTION] = SURFACE, ground[segment, SURFACE_FRICTION]
+    else:
+        away_x, away_y = x - ground[segment + 1, VERTEX_X], y - ground[segment + 1, VERTEX_Y]
+        distance = math.sqrt(away_x * away_x + away_y * away_y)
+        normal_x, normal_y = away_x / distance, away_y / distance
+        if ground[segment + 1, TURN] > 0.0:
+            contacts[row, KIND], contacts[row, FRICTION] = CORNER, 0.0
+        else:
+            contacts[row, KIND] = EDGE
+            contacts[row, FRICTION] = ground[segment + 1, EDGE_FRICTION]
+    contacts[row, POINT_X] = x - distance * normal_x
+    contacts[row, POINT_Y] = y - distance * normal_y
+    contacts[row, NORMAL_X], contacts[row, NORMAL_Y] = normal_x, normal_y
+    contacts[row, PENETRATION] = radius - distance
+
+
+@compiled
+def share_friction(contacts: Array, count: int) -> None:
     """
-    Take from the two neighbours of a CORNER the friction that it counts for.
+    Take from the two neighbours of each CORNER the friction that it counts for.
 
     A neighbour that is about to merge with the corner loses all of its friction, the other
     one none of it, and in between both a share: friction stays continuous.  To count it
     negatively, as the normal force, would give energy: the three slips are not the same.
     """
-    x, y, penetration = table[row, POINT_X], table[row, POINT_Y], table[row, PENETRATION]
-    left = math.hypot(table[row - 1, POINT_X] - x, table[row - 1, POINT_Y] - y)
-    right = math.hypot(table[row + 1, POINT_X] - x, table[row + 1, POINT_Y] - y)
-    # On a straight line all three may be the same point.
-    share = right / (left + right) if left + right > 0.0 else 0.5
-    table[row - 1, FRICTION] *= 1.0 - share * penetration / table[row - 1, PENETRATION]
-    table[row + 1, FRICTION] *= 1.0 - (1.0 - share) * penetration / table[row + 1, PENETRATION]
+    # Minima and maxima alternate along the ground.
+    for row in range(1, count - 1):
+        if contacts[row, KIND] == CORNER:
+            x, y = contacts[row, POINT_X], contacts[row, POINT_Y]
+            depth = contacts[row, PENETRATION]
+            left = math.hypot(contacts[row - 1, POINT_X] - x, contacts[row - 1, POINT_Y] - y)
+            right = math.hypot(contacts[row + 1, POINT_X] - x, contacts[row + 1, POINT_Y] - y)
+            # On a straight line all three may be the same point.
+            share = right / (left + right) if left + right > 0.0 else 0.5
+            contacts[row - 1, FRICTION] *= 1.0 - share * depth / contacts[row - 1, PENETRATION]
+            contacts[row + 1, FRICTION] *= (
+                1.0 - (1.0 - share) * depth / contacts[row + 1, PENETRATION])
 
 
 @inlined
-def find_contacts(x: float, y: float, radius: float, ground: Any, table: Any) -> int:
+def find_contacts(x: float, y: float, radius: float, ground: Array, contacts: Array) -> int:
     """
-    Write all contacts of a ball into `table` and return how many there are.
+    Write all contacts of a ball into `contacts` and return how many there are.
 
     Parameters
     ----------
@@ -101,8 +121,8 @@ def find_contacts(x: float, y: float, radius: float, ground: Any, table: Any) ->
         [m]
     ground : (n, 7) array
         See `Terrain.profile`.
-    table : (2 n, 7) array
-        See `contact_table`; rows are overwritten.
+    contacts : (2 n, 7) array
+        See `contact_table`; rows are overwritten, from left to right.
 
     """
     last = len(ground) - 2
@@ -119,8 +139,7 @@ def find_contacts(x: float, y: float, radius: float, ground: Any, table: Any) ->
         if (segment == 0 or after_start > 0.0) and (segment == last or after_end < 0.0):
             distance = (y - start_y) * tangent_x - (x - start_x) * tangent_y
             if 0.0 < distance < radius:
-                write_contact(table, count, SURFACE, x, y, -tangent_y, tangent_x, distance,
-                              radius, ground[segment, SURFACE_FRICTION])
+                write_contact(contacts, count, 2 * segment, x, y, radius, ground)
                 count += 1
         if segment == last:
             break
@@ -130,76 +149,18 @@ def find_contacts(x: float, y: float, radius: float, ground: Any, table: Any) ->
         nearest = not concave and after_end >= 0.0 and next_after <= 0.0
         farthest = concave and after_end < 0.0 and next_after > 0.0
         if nearest or farthest:
-            distance = math.sqrt(end_x * end_x + end_y * end_y)
-            if 0.0 < distance < radius:
-                write_contact(table, count, EDGE if nearest else CORNER, x, y,
-                              end_x / distance, end_y / distance, distance, radius,
-                              ground[segment + 1, EDGE_FRICTION] if nearest else 0.0)
+            if 0.0 < math.sqrt(end_x * end_x + end_y * end_y) < radius:
+                write_contact(contacts, count, 2 * segment + 1, x, y, radius, ground)
                 count += 1
                 corners += 0 if nearest else 1
     if corners > 0:
-        # Minima and maxima alternate along the ground.
-        for row in range(1, count - 1):
-            if table[row, KIND] == CORNER:
-                share_friction(table, row)
+        share_friction(contacts, count)
     return count
 
 
-@compiled
-def friction_scale(slip: float, threshold: float, smooth: float) -> float:
-    """
-    Return mu_scale of eq. (9) with the sign of the slip, between -1 and 1.
-
-    It reaches 1 at the threshold: along a straight line, or (`smooth`) along the cubic
-    that ends there with zero slope.
-    """
-    ratio = min(max(slip / threshold, -1.0), 1.0)
-    if smooth > 0.0:
-        return 0.5 * ratio * (3.0 - ratio * ratio)
-    return ratio
-
-
-@compiled
-def contact_force(robot: Any, table: Any, row: int, velocity_x: float, velocity_y: float,
-                  ball_rate: float) -> tuple:
-    """
-    Return normal force, friction force, slip velocity and normal velocity of one contact.
-
-    The normal force is positive out of the ground, friction and slip along the tangent
-    (normal_y, -normal_x), which points to +x on a floor.  The normal force of a CORNER is
-    counted with reversed sign; it has no friction.
-
-    Parameters
-    ----------
-    robot : dynamics.Numbers
-    table : (2 n, 7) array
-        Contacts, from `find_contacts`.
-    row : int
-        Which of them.
-    velocity_x, velocity_y : float
-        Velocity of the centre [m/s].
-    ball_rate : float
-        theta1' [rad/s].
-
-    """
-    normal_x, normal_y = table[row, NORMAL_X], table[row, NORMAL_Y]
-    penetration = table[row, PENETRATION]
-    normal_velocity = velocity_x * normal_x + velocity_y * normal_y
-    normal_force = robot.stiffness * penetration - robot.damping * normal_velocity
-    if robot.pulling == 0.0:
-        normal_force = max(normal_force, 0.0)
-    lever = robot.radius - (0.0 if robot.radius_lever > 0.0 else penetration)
-    slip = velocity_x * normal_y - velocity_y * normal_x + lever * ball_rate
-    friction_force = -abs(normal_force) * table[row, FRICTION] * friction_scale(
-        slip, robot.slip_threshold, robot.smooth_friction)
-    if table[row, KIND] == CORNER:
-        return -normal_force, 0.0, slip, normal_velocity
-    return normal_force, friction_force, slip, normal_velocity
-
-
 @inlined
-def contact_loads(robot: Any, ground: Any, table: Any, x: float, y: float,
-                  velocity_x: float, velocity_y: float, ball_rate: float) -> tuple:
+def contact_loads(state: Array, parameters: Parameters, ground: Array,
+                  contacts: Array) -> tuple[float, float, float, float, float]:
     """
     Return what all contacts together do to the ball.
 
@@ -214,30 +175,22 @@ def contact_loads(robot: Any, ground: Any, table: Any, x: float, y: float,
 
     """
     force_x = force_y = torque = contact_loss = friction_loss = 0.0
-    for row in range(find_contacts(x, y, robot.radius, ground, table)):
-        normal_x, normal_y = table[row, NORMAL_X], table[row, NORMAL_Y]
-        penetration = table[row, PENETRATION]
-        normal, friction, _, normal_velocity = contact_force(
-            robot, table, row, velocity_x, velocity_y, ball_rate)
-        distance = robot.radius - penetration
-        force_x += normal * normal_x + friction * normal_y
-        force_y += normal * normal_y - friction * normal_x
-        torque += friction * distance
-        # The spring takes -k pen v_n; what the normal force takes beyond that is lost.
-        spring = robot.stiffness * penetration
-        if table[row, KIND] == CORNER:
-            spring = -spring
-        contact_loss += (spring - normal) * normal_velocity
-        friction_loss -= friction * (velocity_x * normal_y - velocity_y * normal_x
-                                     + distance * ball_rate)
+    for row in range(find_contacts(state[X], state[Y], parameters.radius, ground, contacts)):
+        force, slip, _ = force_and_slip(state, parameters, contacts, row)
+        load = contact_load(state, pressed_sign(force, parameters),
+                            sliding_sign(slip, parameters), parameters, contacts, row)
+        force_x += load[0]
+        force_y += load[1]
+        torque += load[2]
+        contact_loss += load[3]
+        friction_loss -= load[4]
     return force_x, force_y, torque, contact_loss, friction_loss
 
 
 @compiled
-def spring_energy(robot: Any, ground: Any, table: Any, x: float, y: float) -> float:
+def spring_energy(state: Array, parameters: Parameters, ground: Array, contacts: Array) -> float:
     """Return the energy stored in the contact springs [J]."""
     energy = 0.0
-    for row in range(find_contacts(x, y, robot.radius, ground, table)):
-        stored = 0.5 * robot.stiffness * table[row, PENETRATION]**2
-        energy += -stored if table[row, KIND] == CORNER else stored
+    for row in range(find_contacts(state[X], state[Y], parameters.radius, ground, contacts)):
+        energy += stored_energy(parameters, contacts, row)
     return energy

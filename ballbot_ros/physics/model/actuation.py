@@ -5,7 +5,7 @@ import math
 
 from ballbot_ros.config.fields import Checked, flag, quantity, text
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.mechanics import equations
+from ballbot_ros.physics.model.parameters import Actuator, POSITION, TORQUE, VELOCITY, VOLTAGE
 from ballbot_ros.physics.model.robot import Robot
 
 LAWS = ('free', 'position', 'velocity', 'voltage', 'torque')
@@ -37,8 +37,8 @@ class Actuation(Checked):
         'N m', 'largest torque; the default is above all that gains can ask for',
         default=1e9, above=0.0)
 
-    def drive(self, robot: Robot, start_time: float = 0.0,
-              start_joint_angle: float = 0.0) -> equations.Drive:
+    def actuator(self, robot: Robot, start_time: float = 0.0,
+                 start_joint_angle: float = 0.0) -> Actuator:
         """
         Return this actuation, for a robot, as the kernels read it.
 
@@ -57,24 +57,23 @@ class Actuation(Checked):
 
         """
         if self.law == 'free':
-            return equations.Drive()
+            return Actuator()
         if not robot.has_pendulum:
             raise ConfigurationError(
                 f'actuation: law {self.law!r} needs a pendulum and robot {robot.name!r} has '
                 "none; use 'free'")
         gravity = robot.largest_gravity_torque if self.gravity_compensation else 0.0
         if self.law == 'position':
-            return equations.Drive(equations.POSITION, self.set_angle, self.position_kp,
-                                  self.position_kd, gravity, self.torque_limit)
+            return Actuator(POSITION, self.set_angle, self.position_kp, self.position_kd,
+                            gravity, self.torque_limit)
         if self.law == 'velocity':
-            return equations.Drive(equations.VELOCITY, self.set_rate, self.velocity_kp,
-                                  self.velocity_ki, gravity, self.torque_limit, start_time,
-                                  start_joint_angle)
+            return Actuator(VELOCITY, self.set_rate, self.velocity_kp, self.velocity_ki,
+                            gravity, self.torque_limit, start_time, start_joint_angle)
         if self.law == 'torque':
-            return equations.Drive(equations.TORQUE, self.torque, limit=self.torque_limit)
-        return self._voltage_drive(robot)
+            return Actuator(TORQUE, self.torque, limit=self.torque_limit)
+        return self._voltage_actuator(robot)
 
-    def _voltage_drive(self, robot: Robot) -> equations.Drive:
+    def _voltage_actuator(self, robot: Robot) -> Actuator:
         motor = robot.motor
         if motor is None:
             raise ConfigurationError(
@@ -86,8 +85,8 @@ class Actuation(Checked):
                 f'motor of {robot.name!r}, got {self.voltage:g}')
         per_volt = (motor.gear_ratio * motor.gear_efficiency * motor.torque_constant
                     / motor.resistance)
-        return equations.Drive(
-            equations.VOLTAGE, self.voltage, per_volt, motor.gear_ratio * motor.speed_constant,
+        return Actuator(
+            VOLTAGE, self.voltage, per_volt, motor.gear_ratio * motor.speed_constant,
             limit=min(self.torque_limit, motor.maximum_torque))
 
 

@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """How a run can fail, in words; and the energy ledger that finds out nonsense that is finite."""
 import math
-from typing import Any
+from typing import NamedTuple
 
 from ballbot_ros.compiled import compiled
 from ballbot_ros.errors import ConfigurationError, SimulationError
-from ballbot_ros.physics.mechanics.contact import spring_energy
-from ballbot_ros.physics.mechanics.equations import (
-    CONTACT_LOSS, JOINT_LOSS, kinetic_energy, MOTOR_WORK, potential_energy, X, Y)
+from ballbot_ros.physics.mechanics.contact import contact_table, spring_energy
+from ballbot_ros.physics.mechanics.equations import kinetic_energy, potential_energy
+from ballbot_ros.physics.model.parameters import Parameters
+from ballbot_ros.physics.model.state import CONTACT_LOSS, JOINT_LOSS, MOTOR_WORK, X
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.solvers.adaptive import METHODS as ADAPTIVE
-from ballbot_ros.physics.solvers.embedded import SPENT, STALLED
-from ballbot_ros.physics.solvers.fixed_step import SUNK
+from ballbot_ros.physics.simulation.solver import Solver
+from ballbot_ros.physics.solvers.registry import METHODS
+from ballbot_ros.physics.solvers.values import BUDGET_EXCEEDED, PENETRATED, STEP_TOO_SMALL
 
 # Part of the energy in play that may be missing before a run is stopped. An accurate run misses
 # a millionth; a step beyond the limit of stability soon misses more than there is.
@@ -23,27 +24,37 @@ NAMES = ('ball_angle', 'pendulum_angle', 'x', 'y', 'ball_rate', 'pendulum_rate',
          'motor_work')
 
 
+class Energy(NamedTuple):
+    """What the ledger of a state holds [J]."""
+
+    kinetic: float
+    potential: float
+    contact: float  # in the springs of the contacts
+    lost: float  # to dampers and frictions, since the start
+    work: float  # of the motor, since the start
+
+
 @compiled
-def energy_parts(state: Any, robot: Any, ground: Any, table: Any) -> tuple:
-    """Return kinetic, potential and contact energy, all that is lost, and the motor's work."""
+def energy_of(state: Array, parameters: Parameters, ground: Array, contacts: Array) -> Energy:
+    """Return the energy of a state; `contacts` is a table to work in."""
     lost = 0.0
     for item in range(CONTACT_LOSS, JOINT_LOSS + 1):
         lost += state[item]
-    return (kinetic_energy(state, robot), potential_energy(state, robot),
-            spring_energy(robot, ground, table, state[X], state[Y]), lost, state[MOTOR_WORK])
+    return Energy(kinetic_energy(state, parameters), potential_energy(state, parameters),
+                  spring_energy(state, parameters, ground, contacts), lost, state[MOTOR_WORK])
 
 
 @compiled
-def worst_gap(states: Any, first: Any, play: float, robot: Any, ground: Any,
-              table: Any) -> tuple:
+def worst_gap(states: Array, first: Energy, play: float, parameters: Parameters, ground: Array,
+              contacts: Array) -> tuple[float, int, float]:
     """
     Return the largest gap of the ledger over the energy in play, where, and that energy.
 
     Parameters
     ----------
     states : (n, 13) array
-    first : tuple
-        What `energy_parts` says of the start of the run.
+    first : Energy
+        At the start of the run.
     play : float
         Largest energy that has been in play so far [J]; see `Trajectory.energy_in_play`.
 
@@ -53,11 +64,11 @@ def worst_gap(states: Any, first: Any, play: float, robot: Any, ground: Any,
     for part in first:
         floor += ROUNDING * abs(part)
     for row in range(len(states)):
-        parts = energy_parts(states[row], robot, ground, table)
-        play = max(play, parts[0], abs(parts[1] - first[1]), abs(parts[2]),
-                   abs(parts[3] - first[3]), abs(parts[4] - first[4]))
-        gap = abs(parts[0] + parts[1] + parts[2] + parts[3] - parts[4]
-                  - (first[0] + first[1] + first[2] + first[3] - first[4]))
+        now = energy_of(states[row], parameters, ground, contacts)
+        play = max(play, now.kinetic, abs(now.potential - first.potential), abs(now.contact),
+                   abs(now.lost - first.lost), abs(now.work - first.work))
+        gap = abs(now.kinetic + now.potential + now.contact + now.lost - now.work
+                  - (first.kinetic + first.potential + first.contact + first.lost - first.work))
         # A gap that is no number is one without bound.
         ratio = gap / max(play, floor) if gap > 0.0 else (0.0 if gap == 0.0 else math.inf)
         if ratio > worst:
@@ -73,21 +84,21 @@ class Ledger:
 
     Parameters
     ----------
-    model : Model
+    parameters : Parameters
+    ground : (n, 7) array
+        See `Terrain.profile`.
     state : (13,) array
         At the start.
-    table : array
-        Room for the contacts.
 
     """
 
-    def __init__(self, model: Any, state: Array, table: Array):
+    def __init__(self, parameters: Parameters, ground: Array, state: Array) -> None:
         """Open it."""
-        self._fixed = model.numbers, model.profile, table
-        self._first = energy_parts(state, *self._fixed)
-        self._play = max(self._first[0], abs(self._first[2]))
+        self._fixed = parameters, ground, contact_table(len(ground))
+        self._first = energy_of(state, *self._fixed)
+        self._play = max(self._first.kinetic, abs(self._first.contact))
 
-    def missing(self, states: Array) -> tuple:
+    def missing(self, states: Array) -> tuple[float, int]:
         """
         Look at the next states of the run, an (n, 13) array.
 
@@ -107,18 +118,17 @@ class OutOfBalance(SimulationError):
     """A run is finite, but energy has come from nowhere or gone there."""
 
 
-def out_of_balance(time: float, missing: float, model: Any) -> OutOfBalance:
+def out_of_balance(time: float, missing: float, solver: Solver) -> OutOfBalance:
     """Return the error of a run whose energy ledger does not close."""
-    solver = model.solver
-    way = (f'use a smaller tolerance than {solver.tolerance:g} m'
-           if solver.method in ADAPTIVE else
-           f'use a smaller step than {solver.step:g} s (solver), the adaptive method,')
+    remedy = (f'use a smaller step than {solver.step:g} s (solver), the adaptive method,'
+              if METHODS[solver.method].fixed else
+              f'use a smaller tolerance than {solver.tolerance:g} m')
     return OutOfBalance(
-        time, f'the energy ledger misses {100.0 * missing:.3g} % of the energy in play', f'{way} '
-        'or softer gains, a softer contact_stiffness or a larger slip_threshold')
+        time, f'the energy ledger misses {100.0 * missing:.3g} % of the energy in play',
+        f'{remedy} or softer gains, a softer contact_stiffness or a larger slip_threshold')
 
 
-def check_work(model: Any, steps: int) -> None:
+def check_work(solver: Solver, steps: int) -> None:
     """
     Refuse a run with steps of one length that would take more than its work budget.
 
@@ -127,8 +137,7 @@ def check_work(model: Any, steps: int) -> None:
     ConfigurationError
 
     """
-    solver = model.solver
-    needed = steps * (4 if solver.method == 'rk4' else 1)
+    needed = steps * METHODS[solver.method].evaluations
     if needed > solver.work_budget:
         raise ConfigurationError(
             f'solver: {steps} steps of {solver.step:g} s take {needed} right-hand sides, more '
@@ -136,26 +145,26 @@ def check_work(model: Any, steps: int) -> None:
             'adaptive method')
 
 
-def failure(ending: int, time: float, vector: Array, model: Any) -> SimulationError:
+def failure(outcome: int, time: float, vector: Array, solver: Solver) -> SimulationError:
     """Return the error that explains how a run ended."""
-    if ending == SUNK:
+    if outcome == PENETRATED:
         return SimulationError(
             time, f'the centre of the ball is under the ground at x = {vector[X]:.4g} m',
             'raise contact_stiffness, lower the speed of the impact, or use a smaller step than '
-            f'{model.solver.step:g} s (solver) or softer gains')
-    if ending == STALLED:
+            f'{solver.step:g} s (solver) or softer gains')
+    if outcome == STEP_TOO_SMALL:
         return SimulationError(
             time, 'the adaptive step became too small to go on',
-            f'raise the tolerance above {model.solver.tolerance:g} m, use softer gains or a '
+            f'raise the tolerance above {solver.tolerance:g} m, use softer gains or a '
             'larger slip_threshold')
-    if ending == SPENT:
+    if outcome == BUDGET_EXCEEDED:
         return SimulationError(
-            time, f'the work budget of {model.solver.work_budget} right-hand sides is used up',
+            time, f'the work budget of {solver.work_budget} right-hand sides is used up',
             'raise work_budget (solver), take steps of one length (rk4), raise the tolerance '
-            f'above {model.solver.tolerance:g} m, or use a larger slip_threshold, softer gains '
+            f'above {solver.tolerance:g} m, or use a larger slip_threshold, softer gains '
             'or a softer contact_stiffness')
     names = [name for name, value in zip(NAMES, vector) if not math.isfinite(value)]
     return SimulationError(
         time, f'{" and ".join(names) or "the state"} stopped being finite',
-        f'use a smaller step than {model.solver.step:g} s (solver), the adaptive method, or '
+        f'use a smaller step than {solver.step:g} s (solver), the adaptive method, or '
         'softer gains')

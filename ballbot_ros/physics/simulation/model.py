@@ -6,24 +6,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ballbot_ros.config.fields import Checked, count, quantity, text
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.mechanics import contact, equations
+from ballbot_ros.physics.mechanics import contact, contact_law, equations
 from ballbot_ros.physics.model.contact_options import ContactOptions
+from ballbot_ros.physics.model.parameters import Actuator, Parameters
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array, Terrain, VERTEX_X
 from ballbot_ros.physics.simulation.failures import (
     check_work, failure, Ledger, LEDGER_BOUND, out_of_balance)
-from ballbot_ros.physics.solvers import adaptive, fixed_step
-
-
-METHODS = (*fixed_step.METHODS, *adaptive.METHODS)
-MODELS = ('auto', 'full')
-
+from ballbot_ros.physics.simulation.integrator import Integrator
+from ballbot_ros.physics.simulation.solver import Solver
+from ballbot_ros.physics.solvers.registry import METHODS
+from ballbot_ros.physics.solvers.values import FINISHED
 
 class State(NamedTuple):
     """
-    Everything that evolves; see `dynamics` for the picture of the angles.
+    Everything that evolves; see `mechanics.equations` for the picture of the angles.
 
     The last five say where energy has gone since the start [J].
     """
@@ -62,7 +60,7 @@ class State(NamedTuple):
 class Touch(NamedTuple):
     """One contact with the ground, for people and messages."""
 
-    kind: int  # contact.SURFACE, EDGE or CORNER
+    kind: int  # SURFACE, EDGE or CORNER of `contact_law`
     x: float  # contact point on the ground [m]
     y: float
     normal_x: float
@@ -87,39 +85,6 @@ class Energies(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Solver(Checked):
-    """
-    Which integrator, and how finely.
-
-    ``semi_implicit`` and ``rk4`` take steps of one length; see `integrators`.
-
-    ``adaptive`` chooses its steps by their estimated local error and meets every kink of the
-    contact law; it takes explicit and L-stable implicit steps, whichever are cheaper, and
-    ``explicit`` and ``implicit`` are the same with one of the two alone; see `adaptive`.
-
-    ``trapezoidal`` is the rule of the paper, with a largest step; see `trapezoidal`.
-    """
-
-    method: str = text('integrator', default='rk4', choices=METHODS)
-    step: float = quantity(
-        's', 'integration step of a method with steps of one length; the largest of trapezoidal',
-        default=1e-4, above=0.0, maximum=0.1)
-    tolerance: float = quantity(
-        'm', 'local error per step of a method that chooses its steps', default=1e-9,
-        minimum=1e-14, maximum=1e-3)
-    models: str = text(
-        'what a method that chooses its steps may simulate: full, always the full model; auto, '
-        'flight in closed form where that is exact', default='auto', choices=MODELS)
-    work_budget: int = count(
-        'right-hand sides that one run may take before it is given up; the default is some '
-        'minutes of work', default=10_000_000_000, minimum=1, maximum=10**15)
-
-
-# Solvers with a name; `paper` is table 1 of the paper.
-PRESETS = {'paper': Solver('trapezoidal', step=1e-3, tolerance=1e-9)}
-
-
-@dataclass(frozen=True)
 class Model:
     """
     A robot on a terrain: the full model, eqs. (3)-(10) and (13).
@@ -133,9 +98,9 @@ class Model:
     solver: Solver = Solver()
 
     @cached_property
-    def numbers(self) -> equations.Numbers:
+    def parameters(self) -> Parameters:
         """Return the robot as the kernels read it."""
-        return equations.Numbers.of(self.robot, self.options)
+        return Parameters.of(self.robot, self.options)
 
     @cached_property
     def profile(self) -> Array:
@@ -168,14 +133,14 @@ class Model:
 
     def _resting_place(self, x: float) -> tuple:
         """Return the height of the centre, and the normal of the main contact, above x."""
-        radius, robot = self.robot.ball_radius, self.numbers
+        radius, robot = self.robot.ball_radius, self.parameters
         table = contact.contact_table(len(self.profile))
 
         def support(y: float) -> float:
             rows = contact.find_contacts(x, y, radius, self.profile, table)
-            lift = sum(robot.stiffness * table[row, contact.PENETRATION]
-                       * table[row, contact.NORMAL_Y]
-                       * (-1.0 if table[row, contact.KIND] == contact.CORNER else 1.0)
+            lift = sum(robot.stiffness * table[row, contact_law.PENETRATION]
+                       * table[row, contact_law.NORMAL_Y]
+                       * (-1.0 if table[row, contact_law.KIND] == contact_law.CORNER else 1.0)
                        for row in range(rows))
             return float(lift) - self.robot.weight
 
@@ -201,20 +166,20 @@ class Model:
         rows = contact.find_contacts(x, low, radius, self.profile, table)
         if not rows:
             return low, 0.0, 1.0
-        deepest = table[np.argmax(table[:rows, contact.PENETRATION])]
-        return low, float(deepest[contact.NORMAL_X]), float(deepest[contact.NORMAL_Y])
+        deepest = table[np.argmax(table[:rows, contact_law.PENETRATION])]
+        return low, float(deepest[contact_law.NORMAL_X]), float(deepest[contact_law.NORMAL_Y])
 
-    def advance(self, state: State, drive: equations.Drive, steps: int) -> State:
+    def advance(self, state: State, actuator: Actuator, steps: int) -> State:
         """
         Return the state after some time.
 
         Parameters
         ----------
         state : State
-        drive : Drive
-            See `Actuation.drive`.
+        actuator : Actuator
+            See `Actuation.actuator`.
         steps : int
-            The time, in steps of the solver; the adaptive method takes others on the way.
+            The time, in steps of the solver; a method that chooses its steps takes others.
 
         Raises
         ------
@@ -223,62 +188,50 @@ class Model:
             is used up, or (fixed steps) the energy ledger does not close.
 
         """
-        vector = np.array(state[1:])
-        if self.solver.method in adaptive.METHODS:
-            time, _, _, ending = self._scratch.advance(
-                self, drive, vector, state.time, state.time + steps * self.solver.step)
-        else:
-            check_work(self, steps)
-            ledger = Ledger(self, vector, self._table)
-            done, ending = fixed_step.advance(
-                fixed_step.METHODS.index(self.solver.method), state.time, vector,
-                self.solver.step, steps, self.numbers, self.profile, drive,
-                self._table, self._work)
-            time = state.time + done * self.solver.step
-            # The adaptive method looks after its error itself; fixed steps do not.
+        vector, fixed = np.array(state[1:]), METHODS[self.solver.method].fixed
+        if fixed:
+            check_work(self.solver, steps)
+            ledger = Ledger(self.parameters, self.profile, vector)
+        time, end = state.time, state.time + steps * self.solver.step
+        outcome, time, _, _ = self._integrator.advance(actuator, vector, time, end)
+        if outcome != FINISHED:
+            raise failure(outcome, time, vector, self.solver)
+        if fixed:
+            # Other methods look after their error themselves.
             missing, _ = ledger.missing(vector[None])
-            if ending == fixed_step.FINISHED and missing > LEDGER_BOUND:
-                raise out_of_balance(time, missing, self)
-        if ending != fixed_step.FINISHED:
-            raise failure(ending, time, vector, self)
+            if missing > LEDGER_BOUND:
+                raise out_of_balance(time, missing, self.solver)
         return State(time, *vector.tolist())
 
-    # Scratch arrays of the kernels: overwritten at each call, never read across calls.
+    # Arrays of the kernels: overwritten at each call, never read across calls.
     @cached_property
-    def _table(self) -> Array:
+    def _contacts(self) -> Array:
         return contact.contact_table(len(self.profile))
 
     @cached_property
-    def _work(self) -> Array:
-        return fixed_step.workspace()
+    def _integrator(self) -> Integrator:
+        return Integrator(self.parameters, self.profile, self.solver)
 
-    @cached_property
-    def _scratch(self) -> adaptive.Scratch:
-        return adaptive.Scratch(len(self.profile))
-
-    def torque(self, state: State, drive: equations.Drive) -> float:
+    def torque(self, state: State, actuator: Actuator) -> float:
         """Return the torque of the pendulum motor [N m]."""
-        return float(equations.drive_torque(state.time, np.array(state[1:]), drive))
+        return float(equations.actuator_torque(state.time, np.array(state[1:]), actuator))
 
     def touches(self, state: State) -> list[Touch]:
         """Return all contacts with the ground, from left to right."""
-        table = self._table
-        rows = contact.find_contacts(
-            state.x, state.y, self.robot.ball_radius, self.profile, table)
+        vector, table = np.array(state[1:]), self._contacts
         found = []
-        for row in range(rows):
-            normal, friction, slip, _ = contact.contact_force(
-                self.numbers, table, row, state.velocity_x, state.velocity_y, state.ball_rate)
-            kind, x, y, normal_x, normal_y, penetration = table[row, :6].tolist()
-            found.append(Touch(int(kind), x, y, normal_x, normal_y, penetration,
-                               float(normal), float(friction), float(slip)))
+        for row in range(contact.find_contacts(
+                state.x, state.y, self.robot.ball_radius, self.profile, table)):
+            kind, *place = table[row, :6].tolist()
+            found.append(Touch(int(kind), *place, *map(float, contact_law.contact_force(
+                vector, self.parameters, table, row))))
         return found
 
     def energies(self, state: State) -> Energies:
         """Return kinetic, potential and contact energy [J]."""
         vector = np.array(state[1:])
         return Energies(
-            float(equations.kinetic_energy(vector, self.numbers)),
-            float(equations.potential_energy(vector, self.numbers)),
-            float(contact.spring_energy(self.numbers, self.profile, self._table,
-                                        state.x, state.y)))
+            float(equations.kinetic_energy(vector, self.parameters)),
+            float(equations.potential_energy(vector, self.parameters)),
+            float(contact.spring_energy(
+                vector, self.parameters, self.profile, self._contacts)))

@@ -11,8 +11,8 @@ from typing import Optional
 
 import numpy as np
 
-from ballbot_ros.physics.mechanics import equations
 from ballbot_ros.physics.model.actuation import Actuation
+from ballbot_ros.physics.model.parameters import Actuator, FREE, TORQUE, VELOCITY, VOLTAGE
 from ballbot_ros.physics.model.terrain import (
     Array, SURFACE_FRICTION, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y)
 from ballbot_ros.physics.simulation.model import Model, State
@@ -72,9 +72,9 @@ def analyse(model: Model, start: State, actuation: Actuation, duration: float) -
         See `simulate`.
 
     """
-    drive = actuation.drive(model.robot, start.time, start.joint_angle)
+    actuator = actuation.actuator(model.robot, start.time, start.joint_angle)
     profile = model.profile
-    energy, speed, left, right = _reach(model, start, drive, duration)
+    energy, speed, left, right = _reach(model, start, actuator, duration)
     radius = model.robot.ball_radius
     inner = np.flatnonzero((profile[1:-1, VERTEX_X] >= left - radius)
                            & (profile[1:-1, VERTEX_X] <= right + radius)) + 1
@@ -88,20 +88,20 @@ def analyse(model: Model, start: State, actuation: Actuation, duration: float) -
     segment = profile[segments[0]]
     return Analysis(
         energy, speed, left, right, len(segments), edges, corners, corners > 0,
-        not (lonely and _grip(model, drive, energy, speed, segment) > 0.0),
-        not (lonely and _pressed(model, drive, energy, segment) > 0.0),
-        bool(has_closed_form(model.numbers, drive)),
-        _influence(model, drive, energy, duration, lonely))
+        not (lonely and _grip(model, actuator, energy, speed, segment) > 0.0),
+        not (lonely and _pressed(model, actuator, energy, segment) > 0.0),
+        bool(has_closed_form(model.parameters, actuator)),
+        _influence(model, actuator, energy, duration, lonely))
 
 
-def _reach(model: Model, start: State, drive: equations.Drive, duration: float) -> tuple:
+def _reach(model: Model, start: State, actuator: Actuator, duration: float) -> tuple:
     """
     Return bounds of kinetic energy, speed, and of x to the left and to the right.
 
     Above ground of height h the centre has a potential and contact energy of at least
     M g (h + R) - (M g)^2 / (2 k), that of a ball at rest.
     """
-    robot, numbers = model.robot, model.numbers
+    robot, parameters = model.robot, model.parameters
     energies = model.energies(start)
     # The pendulum may come to hang down.
     own = (energies.kinetic
@@ -111,9 +111,9 @@ def _reach(model: Model, start: State, drive: equations.Drive, duration: float) 
         height += energies.contact / robot.weight + 0.5 * robot.static_penetration
     else:
         own += energies.contact
-    mass = numbers.mass
+    mass = parameters.mass
     if robot.has_pendulum:
-        mass -= numbers.pendulum_moment**2 / numbers.pendulum_inertia
+        mass -= parameters.pendulum_moment**2 / parameters.pendulum_inertia
     speed, corners = math.sqrt(2.0 * own / mass), model.profile[:, VERTEX_X]
     for _ in range(ROUNDS):
         left, right = start.x - speed * duration, start.x + speed * duration
@@ -122,7 +122,7 @@ def _reach(model: Model, start: State, drive: equations.Drive, duration: float) 
         places = [*corners[(corners > left) & (corners < right)], left, right, start.x]
         fall = max(0.0, height - float(np.min(model.terrain.height(places))))
         energy = own + robot.weight * fall
-        work = _work(model, drive, energy, duration)
+        work = _work(model, actuator, energy, duration)
         faster = math.sqrt(2.0 * (energy + work) / mass)
         if faster <= speed * (1.0 + 1e-9):
             if robot.weight > 0.0:
@@ -144,38 +144,40 @@ def _walls(model: Model, x: float, left: float, right: float, top: float) -> tup
     return left, right
 
 
-def _torque(model: Model, drive: equations.Drive, energy: float) -> float:
+def _torque(model: Model, actuator: Actuator, energy: float) -> float:
     """Return the largest torque of the motor at a kinetic energy [N m]."""
-    if drive.law == equations.FREE:
+    if actuator.law == FREE:
         return 0.0
-    if drive.law == equations.TORQUE:
-        return min(abs(drive.set_value), drive.limit)
+    if actuator.law == TORQUE:
+        return min(abs(actuator.set_value), actuator.limit)
     joint = _joint_rate(model, energy)
-    if drive.law == equations.VOLTAGE:
-        return min(drive.limit, drive.kp * (abs(drive.set_value) + drive.kd_or_ki * joint))
-    return drive.limit
+    if actuator.law == VOLTAGE:
+        return min(actuator.limit,
+                   actuator.kp * (abs(actuator.set_value) + actuator.kd_or_ki * joint))
+    return actuator.limit
 
 
 def _joint_rate(model: Model, energy: float) -> float:
     """Return the largest rate of the joint at a kinetic energy [rad/s]."""
-    numbers = model.numbers
-    if numbers.swing_inertia <= 0.0:
-        return math.sqrt(2.0 * energy / numbers.ball_inertia)
-    return math.sqrt(2.0 * energy * (1.0 / numbers.ball_inertia + 1.0 / numbers.swing_inertia))
+    parameters = model.parameters
+    if parameters.swing_inertia <= 0.0:
+        return math.sqrt(2.0 * energy / parameters.ball_inertia)
+    return math.sqrt(
+        2.0 * energy * (1.0 / parameters.ball_inertia + 1.0 / parameters.swing_inertia))
 
 
-def _work(model: Model, drive: equations.Drive, energy: float, duration: float) -> float:
+def _work(model: Model, actuator: Actuator, energy: float, duration: float) -> float:
     """Return what the motor can add to an energy within a time, at most [J]."""
-    if drive.law == equations.FREE:
+    if actuator.law == FREE:
         return 0.0
-    if drive.law == equations.VOLTAGE and drive.kd_or_ki > 0.0:
+    if actuator.law == VOLTAGE and actuator.kd_or_ki > 0.0:
         # k (V - b j) j is largest at j = V / (2 b).
-        return duration * drive.kp * drive.set_value**2 / (4.0 * drive.kd_or_ki)
-    if drive.law == equations.VELOCITY and drive.kp > 0.0 and drive.kd_or_ki == 0.0:
-        return duration * (drive.kp * abs(drive.set_value) + drive.gravity_torque)**2 / (
-            4.0 * drive.kp)
+        return duration * actuator.kp * actuator.set_value**2 / (4.0 * actuator.kd_or_ki)
+    if actuator.law == VELOCITY and actuator.kp > 0.0 and actuator.kd_or_ki == 0.0:
+        return duration * (actuator.kp * abs(actuator.set_value) + actuator.gravity_torque)**2 / (
+            4.0 * actuator.kp)
     # E' <= torque * joint rate <= torque * c sqrt(E), so sqrt(E) grows by torque * c * t / 2.
-    torque = _torque(model, drive, energy)
+    torque = _torque(model, actuator, energy)
     root = math.sqrt(energy) + 0.5 * torque * _joint_rate(model, 1.0) * duration
     return root * root - energy
 
@@ -196,38 +198,40 @@ def _at_rest(model: Model, start: State) -> bool:
 
 def _swinging(model: Model, energy: float) -> float:
     """Return the largest force by which a swinging pendulum may lift the ball [N]."""
-    numbers = model.numbers
-    if numbers.swing_inertia <= 0.0:
+    parameters = model.parameters
+    if parameters.swing_inertia <= 0.0:
         return 0.0
     # m (phi'^2 + phi''), with phi'' from its weight and its joint.
-    rate = math.sqrt(2.0 * energy / numbers.swing_inertia)
-    joint = numbers.joint_friction * _joint_rate(model, energy)
-    turning = (numbers.pendulum_moment * numbers.gravity + joint) / numbers.swing_inertia
-    return numbers.pendulum_moment * (rate * rate + turning)
+    rate = math.sqrt(2.0 * energy / parameters.swing_inertia)
+    joint = parameters.joint_friction * _joint_rate(model, energy)
+    turning = (parameters.pendulum_moment * parameters.gravity + joint) / parameters.swing_inertia
+    return parameters.pendulum_moment * (rate * rate + turning)
 
 
-def _pressed(model: Model, drive: equations.Drive, energy: float, segment: Array) -> float:
+def _pressed(model: Model, actuator: Actuator, energy: float, segment: Array) -> float:
     """Return the least force between the ball and one segment of the ground [N]."""
-    numbers = model.numbers
+    parameters = model.parameters
     lift = _swinging(model, energy)
-    if numbers.swing_inertia > 0.0:
-        lift += numbers.pendulum_moment * _torque(model, drive, energy) / numbers.swing_inertia
-    return float(numbers.mass * numbers.gravity * segment[TANGENT_X] / QUIET - lift)
+    if parameters.swing_inertia > 0.0:
+        lift += (parameters.pendulum_moment * _torque(model, actuator, energy)
+                 / parameters.swing_inertia)
+    return float(parameters.mass * parameters.gravity * segment[TANGENT_X] / QUIET - lift)
 
 
-def _grip(model: Model, drive: equations.Drive, energy: float, speed: float,
+def _grip(model: Model, actuator: Actuator, energy: float, speed: float,
           segment: Array) -> float:
     """Return the friction that is there beyond what rolling can ask for, at least [N]."""
-    numbers, radius = model.numbers, model.numbers.radius
-    torque = (_torque(model, drive, energy) + numbers.joint_friction * _joint_rate(model, energy)
-              + numbers.rolling_friction * speed / radius)
-    share = numbers.ball_inertia / (numbers.ball_inertia + numbers.mass * radius * radius)
+    parameters, radius = model.parameters, model.parameters.radius
+    torque = (_torque(model, actuator, energy)
+              + parameters.joint_friction * _joint_rate(model, energy)
+              + parameters.rolling_friction * speed / radius)
+    share = parameters.ball_inertia / (parameters.ball_inertia + parameters.mass * radius * radius)
     asked = (torque / radius + _swinging(model, energy)
-             + share * numbers.mass * numbers.gravity * abs(segment[TANGENT_Y]))
-    return float(segment[SURFACE_FRICTION] * _pressed(model, drive, energy, segment) - asked)
+             + share * parameters.mass * parameters.gravity * abs(segment[TANGENT_Y]))
+    return float(segment[SURFACE_FRICTION] * _pressed(model, actuator, energy, segment) - asked)
 
 
-def _influence(model: Model, drive: equations.Drive, energy: float, duration: float,
+def _influence(model: Model, actuator: Actuator, energy: float, duration: float,
                lonely: bool) -> Optional[float]:
     """
     Return how far the pendulum may move the centre, at most [m].
@@ -236,12 +240,13 @@ def _influence(model: Model, drive: equations.Drive, energy: float, duration: fl
     alone.  So the pendulum shifts the centre by its own displacement, 2 m / M at most, and by
     what that torque does in the time.  Elsewhere it may decide over an obstacle: no bound.
     """
-    numbers = model.numbers
-    if numbers.swing_inertia <= 0.0:
+    parameters = model.parameters
+    if parameters.swing_inertia <= 0.0:
         return None
     if not lonely:
         return math.inf
-    torque = _torque(model, drive, energy) + numbers.joint_friction * _joint_rate(model, energy)
-    inertia = numbers.ball_inertia + numbers.mass * numbers.radius**2
-    return float(2.0 * numbers.pendulum_moment / numbers.mass
-                 + 0.5 * torque * numbers.radius / inertia * duration**2)
+    torque = (_torque(model, actuator, energy)
+              + parameters.joint_friction * _joint_rate(model, energy))
+    inertia = parameters.ball_inertia + parameters.mass * parameters.radius**2
+    return float(2.0 * parameters.pendulum_moment / parameters.mass
+                 + 0.5 * torque * parameters.radius / inertia * duration**2)

@@ -15,8 +15,9 @@ from ballbot_ros.physics.model.robot import load_robot, Robot
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.physics.model.terrain_file import read_terrain
 from ballbot_ros.physics.simulation.accuracy import LARGEST, simulate_accurately, SMALLEST
-from ballbot_ros.physics.simulation.model import Model, PRESETS, Solver, State
+from ballbot_ros.physics.simulation.model import Model, State
 from ballbot_ros.physics.simulation.simulate import simulate
+from ballbot_ros.physics.simulation.solver import PRESETS, Solver
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 
 
@@ -215,7 +216,7 @@ def _read_actuation(section: Any, robot: Robot, where: str) -> Actuation:
         entries[target] = convert(value)
     actuation = Actuation.from_mapping(entries, where)
     try:
-        actuation.drive(robot)  # refuses what this robot cannot do, before the run
+        actuation.actuator(robot)  # refuses what this robot cannot do, before the run
     except ConfigurationError as error:
         raise ConfigurationError(f'{where}: {error}') from None
     return actuation

@@ -1,23 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run a model from a state for a while and keep what happens."""
-from typing import Callable, Optional, Tuple
+from typing import Callable, Optional
 
 import numpy as np
 
 from ballbot_ros.errors import ConfigurationError, SimulationError
-from ballbot_ros.physics.mechanics import contact, equations
-from ballbot_ros.physics.mechanics.equations import Drive
 from ballbot_ros.physics.model.actuation import Actuation
-from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.simulation.failures import (
     check_work, failure, Ledger, LEDGER_BOUND, out_of_balance)
+from ballbot_ros.physics.simulation.integrator import FRESH, Integrator
 from ballbot_ros.physics.simulation.model import Model, State
 from ballbot_ros.physics.simulation.trajectory import Effort, Trajectory
-from ballbot_ros.physics.solvers import adaptive, fixed_step
+from ballbot_ros.physics.solvers.registry import Method, METHODS
 from ballbot_ros.physics.solvers.spans import read_log, Span
-from ballbot_ros.physics.solvers.switching import Switcher
+from ballbot_ros.physics.solvers.values import FINISHED, Output
 
-# Rows per call into compiled code: the progress is told, and Ctrl-C heard, in between.
+# Rows per call into compiled code: progress is reported, and Ctrl-C heard, in between.
 CHUNK = 500
 
 
@@ -76,88 +75,58 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
     """
     if not duration > 0.0 or not np.isfinite(duration):
         raise ConfigurationError(f'duration must be above 0 s and finite, got {duration!r}')
-    run, spans = (_adaptive_run if model.solver.method in adaptive.METHODS else _fixed_run)(
-        model, start.time, output_step)
-    count = int(np.ceil(duration / output_step - 1e-9))
-    if model.solver.method not in adaptive.METHODS:
-        check_work(model, count * steps_in(output_step, model.solver.step, 'output_step'))
-    drive = actuation.drive(model.robot, start.time, start.joint_angle)
+    method, count = METHODS[model.solver.method], int(np.ceil(duration / output_step - 1e-9))
+    tick, every = output_step, 1
+    if method.fixed:
+        tick, every = model.solver.step, steps_in(output_step, model.solver.step, 'output_step')
+        check_work(model.solver, count * every)
+    actuator = actuation.actuator(model.robot, start.time, start.joint_angle)
     vector = np.array(start[1:])
-    rows = np.empty((1 + count, 2 + equations.SIZE))
-    rows[0] = [*start, equations.drive_torque(start.time, vector, drive)]
-    done, effort = 0, Effort()
-    ledger = Ledger(model, vector, contact.contact_table(len(model.profile)))
+    rows = np.empty((1 + count, 2 + SIZE))
+    rows[0] = [*start, model.torque(start, actuator)]
+    done, controller = 0, FRESH
+    integrator = Integrator(model.parameters, model.profile, model.solver,
+                            flight=model.solver.models != 'full')
+    ledger = Ledger(model.parameters, model.profile, vector)
+
+    def so_far(samples: int) -> Trajectory:
+        return Trajectory(
+            model, rows[:samples], Effort(*integrator.workspace.statistics[:4].tolist()),
+            spans=_spans(integrator, method, start.time, rows[samples - 1, 0]))
     try:
         while done < count:
-            filled, ending, effort = run(
-                done, vector, drive, rows[1 + done:1 + min(done + CHUNK, count)])
+            until = min(done + CHUNK, count)
+            # Times are counted from the start, so that they carry no accumulated rounding.
+            begin, end = (start.time + item * every * tick for item in (done, until))
+            outcome, _, filled, controller = integrator.advance(
+                actuator, vector, begin, end,
+                Output(rows[1 + done:1 + until], begin, output_step), controller,
+                model.solver.work_budget)
             done += filled
-            if ending != fixed_step.FINISHED:
-                error = failure(ending, start.time + (done + 1) * output_step, vector, model)
-                error.trajectory = Trajectory(
-                    model, rows[:1 + done], effort, spans=spans(rows[done, 0]))
+            if outcome != FINISHED:
+                error = failure(
+                    outcome, start.time + (done + 1) * output_step, vector, model.solver)
+                error.trajectory = so_far(1 + done)
                 raise error
             missing, where = ledger.missing(rows[1 + done - filled:1 + done, 1:-1])
             if missing > LEDGER_BOUND:
                 bad = 1 + done - filled + where
-                balance = out_of_balance(float(rows[bad, 0]), missing, model)
-                balance.trajectory = Trajectory(
-                    model, rows[:bad], effort, spans=spans(rows[bad - 1, 0]))
+                balance = out_of_balance(float(rows[bad, 0]), missing, model.solver)
+                balance.trajectory = so_far(bad)
                 raise balance
             if progress is not None:
                 progress(done * output_step)
     except KeyboardInterrupt:
         if done == 0:
             raise
-    return Trajectory(model, rows[:1 + done], effort, spans=spans(rows[done, 0]))
+    return so_far(1 + done)
 
 
-# A run of rows: from row number, state (advanced in place), drive and rows to fill, to the
-# number filled, how it ended, and the effort so far.
-Run = Callable[[int, Array, Drive, Array], Tuple[int, int, Effort]]
-# Which models a run has gone through up to a time [s].
-Spans = Callable[[float], Tuple[Span, ...]]
-
-
-def _fixed_run(model: Model, begin: float, output_step: float) -> Tuple[Run, Spans]:
-    """Return a run with steps of one length."""
-    step = model.solver.step
-    every = steps_in(output_step, step, 'output_step')
-    table, work = contact.contact_table(len(model.profile)), fixed_step.workspace()
-    method = fixed_step.METHODS.index(model.solver.method)
-    per_step = 4 if method == fixed_step.RK4 else 1
-
-    def run(done: int, state: Array, drive: Drive, rows: Array) -> Tuple[int, int, Effort]:
-        # Times are counted from the start, so that they carry no accumulated rounding.
-        filled, ending = fixed_step.record_run(
-            method, begin + done * every * step, state, step, every, model.numbers,
-            model.profile, drive, table, work, rows)
-        steps = (done + filled) * every
-        return filled, ending, Effort(steps, 0, 0, per_step * steps)
-    return run, _only_full(begin)
-
-
-def _only_full(begin: float) -> Spans:
-    """Return what a run says of its models that has the full one only."""
-    return lambda end: (Span(begin, end, 'full', 'the run begins'),)
-
-
-def _adaptive_run(model: Model, begin: float, output_step: float) -> Tuple[Run, Spans]:
-    """Return a run with steps chosen by their error."""
-    switching = model.solver.models != 'full' and model.solver.method != 'trapezoidal'
-    scratch = (Switcher if switching else adaptive.Scratch)(len(model.profile))
-    step, limit = 0.0, model.solver.work_budget
-
-    def run(done: int, state: Array, drive: Drive, rows: Array) -> Tuple[int, int, Effort]:
-        nonlocal step
-        _, step, filled, ending = scratch.advance(
-            model, drive, state, begin + done * output_step,
-            begin + (done + len(rows)) * output_step, step, rows, output_step, limit)
-        return filled, ending, Effort(*scratch.tally[:4].tolist())
-    if isinstance(scratch, Switcher):
-        log = scratch.log
-        return run, lambda end: read_log(log, end)
-    return run, _only_full(begin)
+def _spans(integrator: Integrator, method: Method, begin: float, end: float) -> tuple[Span, ...]:
+    """Return which models a run has gone through."""
+    if method.flies:
+        return read_log(integrator.workspace.log, end)
+    return (Span(begin, end, 'full', 'the run begins'),)
 
 
 __all__ = ['CHUNK', 'simulate', 'SimulationError', 'steps_in']

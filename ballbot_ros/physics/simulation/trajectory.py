@@ -2,17 +2,17 @@
 """A simulated run as named columns with units."""
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Mapping, NamedTuple, Optional
+from typing import Mapping, NamedTuple, Optional
 
 import numpy as np
 
 from ballbot_ros.compiled import compiled
-from ballbot_ros.physics.mechanics import contact, equations
-from ballbot_ros.physics.mechanics.contact import (
-    contact_force, CORNER, EDGE, find_contacts, KIND, NORMAL_X, NORMAL_Y, PENETRATION,
-    spring_energy)
-from ballbot_ros.physics.mechanics.equations import (
-    BALL_RATE, kinetic_energy, potential_energy, VELOCITY_X, VELOCITY_Y, X, Y)
+from ballbot_ros.physics.mechanics.contact import contact_table, find_contacts, spring_energy
+from ballbot_ros.physics.mechanics.contact_law import (
+    contact_force, CORNER, EDGE, KIND, NORMAL_X, NORMAL_Y, PENETRATION)
+from ballbot_ros.physics.mechanics.equations import kinetic_energy, potential_energy
+from ballbot_ros.physics.model.parameters import Parameters
+from ballbot_ros.physics.model.state import SIZE, X, Y
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.model import Model, State
 from ballbot_ros.physics.solvers.spans import Span
@@ -39,28 +39,28 @@ _DERIVED = (
 
 
 @compiled
-def evaluate_rows(states: Any, robot: Any, ground: Any, table: Any, out: Any) -> None:
+def evaluate_rows(states: Array, parameters: Parameters, ground: Array, contacts: Array,
+                  out: Array) -> None:
     """Fill `out`, one row per state, with the columns named in `_DERIVED`."""
     for index in range(len(states)):
         state, row = states[index], out[index]
         row[:] = 0.0
-        row[0] = kinetic_energy(state, robot)
-        row[1] = potential_energy(state, robot)
-        row[2] = spring_energy(robot, ground, table, state[X], state[Y])
-        count = find_contacts(state[X], state[Y], robot.radius, ground, table)
+        row[0] = kinetic_energy(state, parameters)
+        row[1] = potential_energy(state, parameters)
+        row[2] = spring_energy(state, parameters, ground, contacts)
+        count = find_contacts(state[X], state[Y], parameters.radius, ground, contacts)
         for item in range(count):
-            normal, friction, slip, _ = contact_force(
-                robot, table, item, state[VELOCITY_X], state[VELOCITY_Y], state[BALL_RATE])
-            if table[item, KIND] == EDGE:
+            normal, friction, slip = contact_force(state, parameters, contacts, item)
+            if contacts[item, KIND] == EDGE:
                 row[5] += normal
                 row[6] += friction
             else:
                 row[3] += normal
                 row[4] += friction
-            row[7] += normal * table[item, NORMAL_X] + friction * table[item, NORMAL_Y]
-            row[8] += normal * table[item, NORMAL_Y] - friction * table[item, NORMAL_X]
-            if table[item, KIND] != CORNER and table[item, PENETRATION] > row[9]:
-                row[9] = table[item, PENETRATION]
+            row[7] += normal * contacts[item, NORMAL_X] + friction * contacts[item, NORMAL_Y]
+            row[8] += normal * contacts[item, NORMAL_Y] - friction * contacts[item, NORMAL_X]
+            if contacts[item, KIND] != CORNER and contacts[item, PENETRATION] > row[9]:
+                row[9] = contacts[item, PENETRATION]
                 row[10] = slip
 
 
@@ -68,7 +68,7 @@ class Effort(NamedTuple):
     """What a run has cost."""
 
     steps: int = 0
-    refused: int = 0  # steps of the adaptive method that were not accurate enough
+    rejected: int = 0  # steps of a method that chooses them that were not accurate enough
     events: int = 0  # kinks of the contact law that were located
     evaluations: int = 0  # of the right-hand side
 
@@ -93,7 +93,7 @@ class Trajectory:
     ----------
     model : Model
     rows : (n, 15) array
-        Time, the state vector (see `dynamics`), torque of the motor.
+        Time, the state vector (see `model.state`), torque of the motor.
     effort : Effort
     assurance : Assurance or None
         Where an accuracy was asked for.
@@ -126,9 +126,8 @@ class Trajectory:
         found = {name: self.rows[:, index] for index, name in enumerate(State._fields)}
         found['pendulum_torque'] = self.rows[:, -1]
         derived = np.empty((len(self.rows), len(_DERIVED)))
-        evaluate_rows(self.rows[:, 1:1 + equations.SIZE], self.model.numbers,
-                      self.model.profile, contact.contact_table(len(self.model.profile)),
-                      derived)
+        evaluate_rows(self.rows[:, 1:1 + SIZE], self.model.parameters, self.model.profile,
+                      contact_table(len(self.model.profile)), derived)
         found.update(zip(_DERIVED, derived.T))
         return {name: found[name] for name in UNITS}
 

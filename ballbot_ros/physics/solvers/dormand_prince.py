@@ -2,22 +2,25 @@
 """
 One step of the embedded Runge-Kutta pair of Dormand and Prince, 5(4), in a frozen mode.
 
-With its estimate of the local error and its continuous extension; see `adaptive` for the use.
+With its estimate of the local error and its continuous extension; see `integrate` for the use.
 
 Reference: E. Hairer, S. P. Noersett, G. Wanner, Solving Ordinary Differential Equations I,
 sections II.4 to II.6 (DOPRI5).
 """
 import math
-from typing import Any
 
 import numpy as np
 
 from ballbot_ros.compiled import compiled
-from ballbot_ros.physics.mechanics.equations import SIZE, VELOCITY_Y
 from ballbot_ros.physics.mechanics.modes import mode_derivative
-from ballbot_ros.physics.solvers.embedded import add_rows, BEGIN, DENSE, PROBE, RATES, STABLE
+from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.model.state import SIZE, VELOCITY_Y
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.solvers.controller import STABLE
+from ballbot_ros.physics.solvers.dense import add_rows
+from ballbot_ros.physics.solvers.values import EVALUATIONS, Workspace
 
-STAGES = 7  # of which the first is the row BEGIN of the work array, and the others follow it
+STAGES = 7
 
 # Coefficients of the pair; the last row of A is the solution of order 5 (first same as last).
 A = np.array([
@@ -36,44 +39,45 @@ CONTINUE = np.array([
 
 
 @compiled
-def run_explicit_stages(time: float, state: Any, step: float, mode: Any, count: int, robot: Any,
-                        ground: Any, drive: Any, table: Any, work: Any) -> float:
+def step(time: float, state: Array, size: float, system: System, workspace: Workspace) -> float:
     """
-    Compute all stages, the new state and its estimated error.
+    Take one step; see the contract in `solvers`.
 
     Returns the step over the longest that is stable, about: the step times the rate of the
     fastest decay, seen from the last two stages, which are at the same time; over `STABLE`.
     """
+    stages, y_new, y_before = workspace.stages, workspace.y_new, workspace.probe
     for stage in range(1, STAGES):
         if stage == STAGES - 1:
             for i in range(VELOCITY_Y + 1):
-                work[RATES, i] = work[PROBE, i]
+                y_before[i] = y_new[i]
         for i in range(SIZE):
-            work[PROBE, i] = state[i]
-        add_rows(stage, A[stage], step, work, work[PROBE])
-        mode_derivative(time + C[stage] * step, work[PROBE], mode, count, robot, ground, drive,
-                        table, work[stage])
+            y_new[i] = state[i]
+        add_rows(stage, A[stage], size, stages, y_new)
+        mode_derivative(time + C[stage] * size, y_new, system, workspace.mode, stages[stage])
     apart = faster = 0.0
     for i in range(VELOCITY_Y + 1):
-        apart += (work[PROBE, i] - work[RATES, i])**2
-        faster += (work[STAGES - 1, i] - work[STAGES - 2, i])**2
+        apart += (y_new[i] - y_before[i])**2
+        faster += (stages[STAGES - 1, i] - stages[STAGES - 2, i])**2
     for i in range(SIZE):
-        work[RATES, i] = 0.0
-    add_rows(STAGES, ERROR, step, work, work[RATES])
-    return step * math.sqrt(faster / apart) / STABLE if apart > 0.0 else 0.0
+        workspace.error[i] = 0.0
+    add_rows(STAGES, ERROR, size, stages, workspace.error)
+    workspace.statistics[EVALUATIONS] += STAGES - 1
+    return size * math.sqrt(faster / apart) / STABLE if apart > 0.0 else 0.0
 
 
 @compiled
-def prepare_explicit_dense(state: Any, step: float, work: Any) -> None:
-    """Compute the coefficients of the continuous extension, of order 4."""
+def prepare_dense(state: Array, size: float, workspace: Workspace) -> None:
+    """Compute the coefficients of the dense output, of order 4."""
+    stages, dense = workspace.stages, workspace.dense
     for i in range(SIZE):
-        change = work[PROBE, i] - state[i]
-        bend = step * work[BEGIN, i] - change
+        change = workspace.y_new[i] - state[i]
+        bend = size * stages[0, i] - change
         last = 0.0
         for stage in range(STAGES):
-            last += CONTINUE[stage] * work[stage, i]
-        work[DENSE, i] = state[i]
-        work[DENSE + 1, i] = change
-        work[DENSE + 2, i] = bend
-        work[DENSE + 3, i] = change - step * work[STAGES - 1, i] - bend
-        work[DENSE + 4, i] = step * last
+            last += CONTINUE[stage] * stages[stage, i]
+        dense[0, i] = state[i]
+        dense[1, i] = change
+        dense[2, i] = bend
+        dense[3, i] = change - size * stages[STAGES - 1, i] - bend
+        dense[4, i] = size * last

@@ -11,19 +11,20 @@ Reference: G. Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and n
 benchmarks within the Julia Differential Equations package, BIT Numer. Math. 63 (2023) 27.
 """
 import math
-from typing import Any
 
 import numpy as np
 
 from ballbot_ros.compiled import compiled
-from ballbot_ros.physics.mechanics.equations import COORDINATES, SIZE
 from ballbot_ros.physics.mechanics.jacobian import TIME, write_jacobian
 from ballbot_ros.physics.mechanics.modes import mode_derivative
-from ballbot_ros.physics.solvers.embedded import (
-    add_rows, BEGIN, DENSE, INVERSE, PROBE, RATES, SLOPES, STABLE)
+from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.model.state import COORDINATES, SIZE
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.solvers.controller import STABLE
+from ballbot_ros.physics.solvers.dense import add_rows
+from ballbot_ros.physics.solvers.values import EVALUATIONS, Workspace
 
 STAGES = 8
-FIRST = 1  # row of the work array that holds the first stage
 VELOCITIES = 4
 DYNAMIC = COORDINATES + VELOCITIES
 
@@ -64,50 +65,50 @@ CONTINUE = np.array([
 
 
 @compiled
-def invert(slopes: Any, scale: float, inverse: Any) -> None:
+def invert(jacobian: Array, scale: float, inverse: Array) -> None:
     """
-    Invert ``I / scale - B - scale A``, where [A B] are the slopes of the accelerations.
+    Invert ``I / scale - B - scale A``, where [A B] is the Jacobian of the accelerations.
 
     Parameters
     ----------
-    slopes : array
+    jacobian : array
         See `jacobian.write_jacobian`.
     scale : float
         gamma h [s].
     inverse : (4, 12) array
         Filled with the inverse, and with what it makes of ``scale A``; the last four columns
-        are room for the matrix itself.
+        hold the matrix itself.
 
     """
-    size, room = VELOCITIES, 2 * VELOCITIES
+    size, behind = VELOCITIES, 2 * VELOCITIES
     for i in range(size):
         for j in range(size):
-            inverse[i, room + j] = -slopes[i, COORDINATES + j] - scale * slopes[i, j]
+            inverse[i, behind + j] = -jacobian[i, COORDINATES + j] - scale * jacobian[i, j]
             inverse[i, j] = 0.0
-            inverse[i, size + j] = scale * slopes[i, j]
-        inverse[i, room + i] += 1.0 / scale
+            inverse[i, size + j] = scale * jacobian[i, j]
+        inverse[i, behind + i] += 1.0 / scale
         inverse[i, i] = 1.0
     # Gauss and Jordan, with pivots; the first eight columns are the right-hand sides.
     for column in range(size):
         best = column
         for i in range(column + 1, size):
-            if abs(inverse[i, room + column]) > abs(inverse[best, room + column]):
+            if abs(inverse[i, behind + column]) > abs(inverse[best, behind + column]):
                 best = i
-        pivot = 1.0 / inverse[best, room + column]
-        for j in range(room + size):
+        pivot = 1.0 / inverse[best, behind + column]
+        for j in range(behind + size):
             kept = inverse[column, j]
             inverse[column, j] = pivot * inverse[best, j]
             if best != column:
                 inverse[best, j] = kept
         for i in range(size):
-            factor = inverse[i, room + column]
+            factor = inverse[i, behind + column]
             if i != column:
-                for j in range(room + size):
+                for j in range(behind + size):
                     inverse[i, j] -= factor * inverse[column, j]
 
 
 @compiled
-def solve(slopes: Any, scale: float, inverse: Any, right: Any, out: Any) -> None:
+def solve(jacobian: Array, scale: float, inverse: Array, right: Array, out: Array) -> None:
     """Solve ``(I / scale - J) out = right`` for a whole state vector, see `invert`."""
     r0, r1, r2, r3 = right[0], right[1], right[2], right[3]
     r4, r5, r6, r7 = right[4], right[5], right[6], right[7]
@@ -118,76 +119,79 @@ def solve(slopes: Any, scale: float, inverse: Any, right: Any, out: Any) -> None
         out[COORDINATES + i] = rate
         out[i] = scale * (right[i] + rate)
     for i in range(DYNAMIC, SIZE):
-        s = slopes[i - COORDINATES]
+        s = jacobian[i - COORDINATES]
         out[i] = scale * (right[i] + s[0] * out[0] + s[1] * out[1] + s[2] * out[2]
                           + s[3] * out[3] + s[4] * out[4] + s[5] * out[5] + s[6] * out[6]
                           + s[7] * out[7])
 
 
 @compiled
-def run_implicit_stages(time: float, state: Any, step: float, mode: Any, count: int, robot: Any,
-                        ground: Any, drive: Any, table: Any, work: Any, known: bool) -> None:
+def step(time: float, state: Array, size: float, system: System, workspace: Workspace,
+         known: bool) -> None:
     """
-    Compute all stages, the new state and its estimated error.
+    Take one step; see the contract in `solvers`.
 
     Parameters
     ----------
     known : bool
-        Whether the derivative of the rates is that of this state already, after a step that
-        was refused.
+        Whether the Jacobian is that of this state already, after a step that was rejected.
 
     """
-    slopes, inverse, stages = work[SLOPES:INVERSE], work[INVERSE:], work[FIRST:]
+    jacobian, inverse, rates, y_new = (
+        workspace.jacobian, workspace.inverse, workspace.rates, workspace.y_new)
+    stages = workspace.stages[1:]
     if not known:
-        write_jacobian(time, state, mode, count, robot, ground, drive, table, slopes)
-    scale = GAMMA * step
-    invert(slopes, scale, inverse)
+        write_jacobian(time, state, system, workspace.mode, jacobian)
+        workspace.statistics[EVALUATIONS] += 1
+    scale = GAMMA * size
+    invert(jacobian, scale, inverse)
     for i in range(SIZE):
-        work[RATES, i] = work[BEGIN, i]
-        work[PROBE, i] = state[i]
+        rates[i] = workspace.stages[0, i]
+        y_new[i] = state[i]
     for stage in range(STAGES):
         if stage > 0:
             if stage <= OWN_START:
                 for i in range(SIZE):
-                    work[PROBE, i] = state[i]
-                add_rows(stage, A[stage], 1.0, stages, work[PROBE])
+                    y_new[i] = state[i]
+                add_rows(stage, A[stage], 1.0, stages, y_new)
             else:
                 for i in range(SIZE):
-                    work[PROBE, i] += work[FIRST + stage - 1, i]
-            mode_derivative(time + NODES[stage] * step, work[PROBE], mode, count, robot, ground,
-                            drive, table, work[RATES])
-            add_rows(stage, COUPLING[stage], 1.0 / step, stages, work[RATES])
+                    y_new[i] += stages[stage - 1, i]
+            mode_derivative(time + NODES[stage] * size, y_new, system, workspace.mode, rates)
+            add_rows(stage, COUPLING[stage], 1.0 / size, stages, rates)
         if BY_TIME[stage] != 0.0:
             for i in range(COORDINATES, SIZE):
-                work[RATES, i] += step * BY_TIME[stage] * slopes[i - COORDINATES, TIME]
-        solve(slopes, scale, inverse, work[RATES], work[FIRST + stage])
+                rates[i] += size * BY_TIME[stage] * jacobian[i - COORDINATES, TIME]
+        solve(jacobian, scale, inverse, rates, stages[stage])
     for i in range(SIZE):
-        work[RATES, i] = work[FIRST + STAGES - 1, i]
-        work[PROBE, i] += work[RATES, i]
+        workspace.error[i] = stages[STAGES - 1, i]
+        y_new[i] += workspace.error[i]
+    workspace.statistics[EVALUATIONS] += STAGES - 1
 
 
 @compiled
-def longest_stable(work: Any) -> float:
+def longest_stable(jacobian: Array) -> float:
     """Return about the longest step that would be stable for the explicit method [s]."""
     decay = spring = 0.0
     for i in range(VELOCITIES):
-        decay += work[SLOPES + i, COORDINATES + i]
-        spring += work[SLOPES + i, i]
+        decay += jacobian[i, COORDINATES + i]
+        spring += jacobian[i, i]
     return STABLE / max(abs(decay), math.sqrt(abs(spring)), 1e-6)
 
 
 @compiled
-def prepare_implicit_dense(state: Any, work: Any) -> None:
-    """Compute the coefficients of the continuous extension, of order 4."""
+def prepare_dense(state: Array, workspace: Workspace) -> None:
+    """Compute the coefficients of the dense output, of order 4."""
+    stages, dense = workspace.stages[1:], workspace.dense
     for i in range(SIZE):
         first = second = third = 0.0
         for stage in range(STAGES):
-            part = work[FIRST + stage, i]
-            first += CONTINUE[0, stage] * part
-            second += CONTINUE[1, stage] * part
-            third += CONTINUE[2, stage] * part
-        work[DENSE, i] = state[i]
-        work[DENSE + 1, i] = work[PROBE, i] - state[i]
-        work[DENSE + 2, i] = first
-        work[DENSE + 3, i] = second + third
-        work[DENSE + 4, i] = -third
+            value = stages[stage, i]
+            first += CONTINUE[0, stage] * value
+            second += CONTINUE[1, stage] * value
+            third += CONTINUE[2, stage] * value
+        dense[0, i] = state[i]
+        dense[1, i] = workspace.y_new[i] - state[i]
+        dense[2, i] = first
+        dense[3, i] = second + third
+        dense[4, i] = -third

@@ -11,56 +11,67 @@ Reference: L. F. Shampine, M. W. Reichelt, J. A. Kierzenka, Solving index-1 DAEs
 Simulink, SIAM Review 41 (1999) 538-552, section 3.
 """
 import math
-from typing import Any
 
-from ballbot_ros.compiled import compiled
-from ballbot_ros.physics.mechanics.equations import derivative, is_finite, SIZE, X, Y
+from ballbot_ros.compiled import compiled, outlined
+from ballbot_ros.physics.mechanics.contact import ground_height
+from ballbot_ros.physics.mechanics.equations import derivative, is_finite
 from ballbot_ros.physics.mechanics.jacobian import write_jacobian
 from ballbot_ros.physics.mechanics.modes import find_mode
-from ballbot_ros.physics.solvers.embedded import (
-    BEGIN, DENSE, error_length, INVERSE, PROBE, RATES, SLOPES, SMALLEST_STEP, SPENT, STALLED,
-    write_rows)
-from ballbot_ros.physics.solvers.fixed_step import FINISHED, ground_height, NOT_FINITE, SUNK
+from ballbot_ros.physics.model.parameters import Parameters, System
+from ballbot_ros.physics.model.state import SIZE, X, Y
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.solvers.controller import (
+    error_length, next_step, SAFETY, smallest_step, with_step)
+from ballbot_ros.physics.solvers.dense import write_rows
 from ballbot_ros.physics.solvers.rodas5p import invert, solve
+from ballbot_ros.physics.solvers.values import (
+    BUDGET_EXCEEDED, EVALUATIONS, FINISHED, NOT_FINITE, Options, Output, PENETRATED, REJECTED,
+    Status, STEP_TOO_SMALL, STEPS, Workspace)
 
-# Rows of the work array, beside those of `embedded`.
-PREVIOUS, RIGHT, CHANGE = 1, 2, 3
+# Rows of the stages: f0, that of the step before, and what the iteration needs.
+F0, PREVIOUS, RIGHT, CHANGE = range(4)
 
-ITERATIONS = 8      # of Newton's method, before the step is shortened
+ITERATIONS = 8      # of Newton's method, before the step is with_step
 CONVERGED = 0.01    # of the tolerance: the last change of an iteration
 FIRST_STEP = 1e-6   # [s], as in table 1
 
 
-@compiled
-def iterate(time: float, state: Any, step: float, tolerance: float, robot: Any, ground: Any,
-            drive: Any, table: Any, work: Any, tally: Any) -> bool:
-    """
-    Solve ``Y = y + h / 2 (f(y) + f(Y))`` for the probe row by simplified Newton iteration.
+FASTEST_GROWTH = 2.0  # of a step
+FAILED = 0.25       # of a step whose iteration failed, for the next
 
-    Returns whether it converged; the row of rates is then f(Y).
+
+@compiled
+def iterate(time: float, state: Array, step: float, tolerance: float, system: System,
+            workspace: Workspace) -> bool:
     """
-    slopes, inverse, half = work[SLOPES:INVERSE], work[INVERSE:], 0.5 * step
-    invert(slopes, half, inverse)
+    Solve ``Y = y + h / 2 (f(y) + f(Y))`` for the new state by simplified Newton iteration.
+
+    Returns whether it converged; the rates are then f(Y).
+    """
+    jacobian, inverse, half = workspace.jacobian, workspace.inverse, 0.5 * step
+    stages, y_new, rates = workspace.stages, workspace.y_new, workspace.rates
+    contacts, statistics = workspace.mode.contacts, workspace.statistics
+    invert(jacobian, half, inverse)
     for i in range(SIZE):
-        work[PROBE, i] = state[i] + step * work[BEGIN, i]
+        y_new[i] = state[i] + step * stages[F0, i]
     for _ in range(ITERATIONS):
-        derivative(time + step, work[PROBE], robot, ground, drive, table, work[RATES])
-        tally[3] += 1
+        derivative(time + step, y_new, system, contacts, rates)
+        statistics[EVALUATIONS] += 1
         for i in range(SIZE):
-            work[RIGHT, i] = ((state[i] - work[PROBE, i]) / half + work[BEGIN, i]
-                              + work[RATES, i])
-        solve(slopes, half, inverse, work[RIGHT], work[CHANGE])
+            stages[RIGHT, i] = (state[i] - y_new[i]) / half + stages[F0, i] + rates[i]
+        solve(jacobian, half, inverse, stages[RIGHT], stages[CHANGE])
         for i in range(SIZE):
-            work[PROBE, i] += work[CHANGE, i]
-        if error_length(work[CHANGE], robot) <= CONVERGED * tolerance:
-            derivative(time + step, work[PROBE], robot, ground, drive, table, work[RATES])
-            tally[3] += 1
+            y_new[i] += stages[CHANGE, i]
+        if error_length(stages[CHANGE], system.parameters) <= CONVERGED * tolerance:
+            derivative(time + step, y_new, system, contacts, rates)
+            statistics[EVALUATIONS] += 1
             return True
     return False
 
 
 @compiled
-def trapezoidal_error(step: float, before: float, robot: Any, work: Any) -> float:
+def local_error(step: float, before: float, parameters: Parameters,
+                workspace: Workspace) -> float:
     """
     Return the estimated local error, h^3 / 12 times the third derivative, as a length [m].
 
@@ -71,84 +82,83 @@ def trapezoidal_error(step: float, before: float, robot: Any, work: Any) -> floa
         the method of Euler, to be on the safe side.
 
     """
+    stages, error = workspace.stages, workspace.error
     for i in range(SIZE):
-        bend = (work[RATES, i] - work[BEGIN, i]) / step
+        bend = (workspace.rates[i] - stages[F0, i]) / step
         if before > 0.0:
-            bend -= (work[BEGIN, i] - work[PREVIOUS, i]) / before
-            work[CHANGE, i] = step**3 / 6.0 * bend / (step + before)
+            bend -= (stages[F0, i] - stages[PREVIOUS, i]) / before
+            error[i] = step**3 / 6.0 * bend / (step + before)
         else:
-            work[CHANGE, i] = 0.5 * step * step * bend
-    return error_length(work[CHANGE], robot)
+            error[i] = 0.5 * step * step * bend
+    return error_length(error, parameters)
 
 
 @compiled
-def prepare_hermite(state: Any, step: float, work: Any) -> None:
+def prepare_dense(state: Array, step: float, workspace: Workspace) -> None:
     """Compute the coefficients of the cubic through both states with their rates."""
+    dense = workspace.dense
     for i in range(SIZE):
-        change = work[PROBE, i] - state[i]
-        bend = step * work[BEGIN, i] - change
-        work[DENSE, i] = state[i]
-        work[DENSE + 1, i] = change
-        work[DENSE + 2, i] = bend
-        work[DENSE + 3, i] = change - step * work[RATES, i] - bend
-        work[DENSE + 4, i] = 0.0
+        change = workspace.y_new[i] - state[i]
+        bend = step * workspace.stages[F0, i] - change
+        dense[0, i] = state[i]
+        dense[1, i] = change
+        dense[2, i] = bend
+        dense[3, i] = change - step * workspace.rates[i] - bend
+        dense[4, i] = 0.0
 
 
 @compiled
-def advance_trapezoidal(time: float, state: Any, end: float, tolerance: float, longest: float,
-                        step: float, robot: Any, ground: Any, drive: Any, table: Any, work: Any,
-                        probe: Any, mode: Any, rows: Any, interval: float, tally: Any,
-                        budget: int) -> tuple:
-    """
-    Advance `state` in place from `time` to `end`, filling `rows` at equal intervals.
+def factor(error: float, tolerance: float) -> float:
+    """Return what the error asks the next step to be, over the last."""
+    return SAFETY * (tolerance / error)**(1.0 / 3.0)
 
-    Parameters
-    ----------
-    longest : float
-        No step is longer [s].
 
-    The other parameters, and what is returned, are those of `adaptive.advance_adaptive`.
-
-    """
-    begin, filled, before, known = time, 0, 0.0, False
-    derivative(time, state, robot, ground, drive, table, work[BEGIN])
-    tally[3] += 1
-    step = FIRST_STEP if step <= 0.0 else step
+@outlined
+def advance(status: Status, end: float, state: Array, system: System, options: Options,
+            output: Output, workspace: Workspace) -> Status:
+    """Advance `state` in place up to `end` [s]; see the contract in `solvers`."""
+    statistics, stages, tolerance = workspace.statistics, workspace.stages, options.tolerance
+    time, filled, controller = status.time, status.filled, status.controller
+    before, known = 0.0, False
+    derivative(time, state, system, workspace.mode.contacts, stages[F0])
+    statistics[EVALUATIONS] += 1
+    if controller.step <= 0.0:
+        controller = with_step(controller, FIRST_STEP)
     while time < end:
-        if tally[3] >= budget:
-            return time, step, filled, SPENT
-        smallest = SMALLEST_STEP * max(1.0, abs(time))
-        used = min(step, longest, end - time)
+        if statistics[EVALUATIONS] >= options.budget:
+            return Status(BUDGET_EXCEEDED, time, filled, controller)
+        smallest = smallest_step(time)
+        used = min(controller.step, options.step, end - time)
         if not known:
-            count = find_mode(time, state, robot, ground, drive, table, mode)
-            write_jacobian(time, state, mode, count, robot, ground, drive, table,
-                           work[SLOPES:INVERSE])
+            find_mode(time, state, system, workspace.mode)
+            write_jacobian(time, state, system, workspace.mode, workspace.jacobian)
             known = True
         error = math.inf
-        if iterate(time, state, used, tolerance, robot, ground, drive, table, work, tally):
-            error = trapezoidal_error(used, before, robot, work)
+        if iterate(time, state, used, tolerance, system, workspace):
+            error = local_error(used, before, system.parameters, workspace)
         if not error <= tolerance:
             # Where the iteration failed the error is unknown.
-            step = used * (max(0.1, 0.9 * (tolerance / error)**(1.0 / 3.0))
-                           if math.isfinite(error) else 0.25)
-            tally[1] += 1
-            if step < smallest:
-                ending = STALLED if is_finite(work[PROBE]) else NOT_FINITE
-                return time, step, filled, ending
+            shrink = max(0.1, factor(error, tolerance)) if math.isfinite(error) else FAILED
+            controller = with_step(controller, used * shrink)
+            statistics[REJECTED] += 1
+            if controller.step < smallest:
+                outcome = STEP_TOO_SMALL if is_finite(workspace.y_new) else NOT_FINITE
+                return Status(outcome, time, filled, controller)
             continue
-        tally[0] += 1
-        grow = 2.0 if error == 0.0 else min(2.0, 0.9 * (tolerance / error)**(1.0 / 3.0))
-        step = max(step, used * grow) if used < step else used * grow
-        prepare_hermite(state, used, work)
+        statistics[STEPS] += 1
+        grow = FASTEST_GROWTH if error == 0.0 else min(
+            FASTEST_GROWTH, factor(error, tolerance))
+        controller = with_step(controller, next_step(controller, used, grow))
+        prepare_dense(state, used, workspace)
         reached = min(time + used, end)
-        filled = write_rows(rows, filled, begin, interval, time, used, reached + smallest, drive,
-                            work, probe)
+        filled = write_rows(
+            output, filled, time, used, reached + smallest, system.actuator, workspace)
         for i in range(SIZE):
-            state[i] = work[PROBE, i]
-            work[PREVIOUS, i] = work[BEGIN, i]
-            work[BEGIN, i] = work[RATES, i]
+            state[i] = workspace.y_new[i]
+            stages[PREVIOUS, i] = stages[F0, i]
+            stages[F0, i] = workspace.rates[i]
         before, known = used, False
         time = end if end - reached < smallest else reached
-        if state[Y] <= ground_height(ground, state[X]):
-            return time, step, filled, SUNK
-    return time, step, filled, FINISHED
+        if state[Y] <= ground_height(system.ground, state[X]):
+            return Status(PENETRATED, time, filled, controller)
+    return Status(FINISHED, time, filled, controller)

@@ -6,10 +6,11 @@ from ballbot_ros.control import JointReadings, load_tuning, PendulumController, 
 from ballbot_ros.decision import (
     decide, Kind, load_curve, load_decision_tuning, Motion, set_angle, StepObservation,
     StepTracker)
-from ballbot_ros.physics.mechanics import equations
+from ballbot_ros.physics.model.parameters import Actuator, TORQUE
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.physics.model.terrain import Terrain
-from ballbot_ros.physics.simulation.model import Model, Solver
+from ballbot_ros.physics.simulation.model import Model
+from ballbot_ros.physics.simulation.solver import Solver
 
 GIMBALL = load_robot('gimball')
 CURVE = load_curve('gimball_down')
@@ -37,7 +38,7 @@ def drive(height, face, seconds=5.0):
             controller.give(SetPoint('hold', set_angle(decisions[-1], v, GIMBALL, TUNING), now))
         late, torque = torque, controller.torque(JointReadings(
             now, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate))
-        state = model.advance(state, equations.Drive(equations.TORQUE, late, limit=10.0), 2)
+        state = model.advance(state, Actuator(TORQUE, late, limit=10.0), 2)
     return state, decisions
 
 

@@ -3,12 +3,13 @@
 from hypothesis import assume, strategies
 import numpy as np
 
-from ballbot_ros.physics import ContactOptions, load_robot, Terrain
-from ballbot_ros.physics.mechanics import contact, equations
+from ballbot_ros.physics import ContactOptions, load_robot, State, Terrain
+from ballbot_ros.physics.mechanics import contact
+from ballbot_ros.physics.model.parameters import Parameters
 
 BOT = load_robot('gimball')
 RADIUS = BOT.ball_radius
-NUMBERS = equations.Numbers.of(BOT, ContactOptions())
+PARAMETERS = Parameters.of(BOT, ContactOptions())
 
 
 def rows_at(terrain, x, y, robot=BOT):
@@ -23,15 +24,17 @@ def loads_at(terrain, x, y, velocity_x=0.0, velocity_y=0.0, ball_rate=0.0, robot
              options=ContactOptions()):
     """Return what the contacts do: force, torque, and the two powers lost."""
     ground = terrain.profile(robot.surface_friction, robot.edge_friction)
+    state = State(x=x, y=y, velocity_x=velocity_x, velocity_y=velocity_y, ball_rate=ball_rate)
     return np.array(contact.contact_loads(
-        equations.Numbers.of(robot, options), ground, contact.contact_table(len(ground)), x, y,
-        velocity_x, velocity_y, ball_rate))
+        np.array(state[1:]), Parameters.of(robot, options), ground,
+        contact.contact_table(len(ground))))
 
 
 def energy_at(terrain, x, y):
     """Return the energy in the contact springs [J]."""
     ground = terrain.profile(BOT.surface_friction, BOT.edge_friction)
-    return contact.spring_energy(NUMBERS, ground, contact.contact_table(len(ground)), x, y)
+    return contact.spring_energy(
+        np.array(State(x=x, y=y)[1:]), PARAMETERS, ground, contact.contact_table(len(ground)))
 
 
 def touching_height(terrain, x):

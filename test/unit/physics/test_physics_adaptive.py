@@ -11,6 +11,9 @@ from ballbot_ros.crossing import held_at
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
 from ballbot_ros.physics.mechanics import contact, equations, modes
+from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.model.state import SIZE
+from ballbot_ros.physics.solvers.values import Workspace
 
 MOVING = ('fig7_top', 'fig7_middle', 'fig7_bottom', 'household', 'ramp_release',
           'shellball_drop', 'voltage_start')
@@ -76,7 +79,7 @@ def test_times_in_between_do_not_change_the_run():
 
 def test_advancing_period_by_period_agrees_with_one_run():
     scene = with_tolerance(load_scene('fig7_bottom'), 1e-11)
-    drive = scene.actuation.drive(scene.model.robot)
+    drive = scene.actuation.actuator(scene.model.robot)
     state = scene.start
     for _ in range(500):
         state = scene.model.advance(state, drive, 20)
@@ -98,26 +101,24 @@ options = some.builds(
 def test_the_formulas_of_a_mode_are_the_law_itself_inside_the_mode(state, choice, held):
     model = Model(load_robot('gimball'), ROUGH, choice)
     actuation = replace(held_at(0.3), torque_limit=5.0) if held else Actuation()
-    drive, vector = actuation.drive(model.robot), np.array(state[1:])
-    table = contact.contact_table(len(model.profile))
-    mode = modes.mode_table(len(model.profile))
-    law, formulas = np.zeros(equations.SIZE), np.zeros(equations.SIZE)
-    equations.derivative(0.0, vector, model.numbers, model.profile, drive, table, law)
-    count = modes.find_mode(0.0, vector, model.numbers, model.profile, drive, table, mode)
-    modes.mode_derivative(0.0, vector, mode, count, model.numbers, model.profile, drive, table,
-                          formulas)
+    system = System(model.parameters, model.profile, actuation.actuator(model.robot))
+    size = len(model.profile)
+    mode, table = modes.ContactMode.of(size), contact.contact_table(size)
+    vector, law, formulas = np.array(state[1:]), np.zeros(SIZE), np.zeros(SIZE)
+    equations.derivative(0.0, vector, system, table, law)
+    count = modes.find_mode(0.0, vector, system, mode)
+    modes.mode_derivative(0.0, vector, system, mode, formulas)
     assert count == contact.find_contacts(
         state.x, state.y, model.robot.ball_radius, model.profile, table)
     assert formulas == pytest.approx(law, rel=1e-9, abs=1e-9)
 
 
 @given(states)
-def test_no_margin_of_the_mode_of_a_state_is_broken_by_that_state(state):
+def test_no_guard_of_the_mode_of_a_state_is_violated_by_that_state(state):
     model = Model(load_robot('gimball'), ROUGH)
-    drive, vector = Actuation().drive(model.robot), np.array(state[1:])
-    size = len(model.profile)
-    table, mode = contact.contact_table(size), modes.mode_table(size)
-    kinds, items = np.zeros((2, 4 * size + 8), dtype=np.int64)
-    count = modes.find_mode(0.0, vector, model.numbers, model.profile, drive, table, mode)
-    assert modes.broken(0.0, vector, mode, count, 0, 2 * size - 3, model.numbers, model.profile,
-                        drive, table, kinds, items) == 0
+    system = System(model.parameters, model.profile, Actuation().actuator(model.robot))
+    size, vector = len(model.profile), np.array(state[1:])
+    workspace = Workspace.of(size)
+    modes.find_mode(0.0, vector, system, workspace.mode)
+    assert modes.violated_guards(0.0, vector, system, workspace.mode, 0, 2 * size - 3,
+                                 workspace.violated) == 0

@@ -267,10 +267,10 @@ def test_stall_torque_of_the_motor():
     stall = (motor.gear_ratio * motor.gear_efficiency * motor.torque_constant
              * 6.0 / motor.resistance)
     model = Model(GIMBALL, Terrain.flat())
-    drive = Actuation('voltage', voltage=6.0).drive(GIMBALL)
+    drive = Actuation('voltage', voltage=6.0).actuator(GIMBALL)
     assert model.torque(State(), drive) == pytest.approx(stall, rel=1e-14)
     # At full voltage the gear carries less than the motor gives.
-    full = Actuation('voltage', voltage=12.0).drive(GIMBALL)
+    full = Actuation('voltage', voltage=12.0).actuator(GIMBALL)
     assert model.torque(State(), full) == motor.maximum_torque < 2.0 * stall
 
 
@@ -278,7 +278,7 @@ def test_idle_speed_of_the_motor():
     motor = GIMBALL.motor
     idle = 6.0 / (motor.gear_ratio * motor.speed_constant)
     model = Model(GIMBALL, Terrain.flat())
-    drive = Actuation('voltage', voltage=6.0).drive(GIMBALL)
+    drive = Actuation('voltage', voltage=6.0).actuator(GIMBALL)
     assert model.torque(State(ball_rate=-idle), drive) == pytest.approx(0.0, abs=1e-14)
     robot = replace(GIMBALL, joint_friction=0.0, rolling_friction=0.0)
     model = Model(robot, Terrain.flat())

@@ -4,15 +4,14 @@ from dataclasses import replace
 import math
 
 from contact_cases import (
-    BOT, energy_at, loads_at, NUMBERS, RADIUS, rows_at, touching, touching_height, velocities)
+    BOT, energy_at, loads_at, PARAMETERS, RADIUS, rows_at, touching, touching_height, velocities)
 from hypothesis import given, settings, strategies
 import numpy as np
 import pytest
 
 from ballbot_ros.physics import Actuation, ContactOptions, Model, simulate, Solver, State, Terrain
-from ballbot_ros.physics.mechanics import contact
-from ballbot_ros.physics.mechanics.contact import (
-    CORNER, EDGE, FRICTION, KIND, PENETRATION, SURFACE)
+from ballbot_ros.physics.mechanics.contact_law import (
+    CORNER, EDGE, FRICTION, friction_scale, KIND, PENETRATION, sliding_sign, SURFACE)
 
 FREE = Actuation()
 
@@ -34,7 +33,7 @@ def test_force_is_the_gradient_of_the_spring_energy(case):
     force = loads_at(terrain, x, y, robot=lossless())[:2]
     # Where a contact begins within the hop, the second derivative jumps by the stiffness.
     np.testing.assert_allclose(force, np.negative(gradient), rtol=1e-5,
-                               atol=4.0 * NUMBERS.stiffness * hop)
+                               atol=4.0 * PARAMETERS.stiffness * hop)
 
 
 PATHS = {
@@ -100,7 +99,7 @@ def arc(radius, count, bump):
 def test_finer_arcs_converge_to_the_circle_with_the_square_of_the_chord(bump, radius):
     depth, up = 0.004, 1.0 if bump else -1.0
     reach = radius + up * (RADIUS - depth)
-    exact = 0.5 * NUMBERS.stiffness * depth**2
+    exact = 0.5 * PARAMETERS.stiffness * depth**2
     errors = []
     for count in (40, 80, 160, 320):
         terrain = arc(radius, count, bump)
@@ -124,14 +123,14 @@ def test_dampers_and_friction_only_take(case, motion):
 
 
 @pytest.mark.parametrize('height', [3e-4, 1e-3, 4e-3])
-def test_friction_only_takes_on_steps_lower_than_the_dent_of_the_ball(height):
+def test_friction_only_takes_on_steps_lower_than_the_penetration(height):
     random = np.random.default_rng(5)
     terrain, corners = Terrain.step(height), 0
     for _ in range(2000):
-        x, dent = -0.05 * random.random(), 0.008 * random.random()
+        x, depth = -0.05 * random.random(), 0.008 * random.random()
         speed = random.uniform(0.1, 1.2)
         motion = speed, random.normal(0.0, 0.3), -speed / RADIUS * random.normal(1.0, 0.02)
-        y = touching_height(terrain, x) - dent if dent > 0.007 else RADIUS - dent
+        y = touching_height(terrain, x) - depth if depth > 0.007 else RADIUS - depth
         corners += (rows_at(terrain, x, y)[:, KIND] == CORNER).any()
         assert loads_at(terrain, x, y, *motion)[4] >= 0.0
     assert corners > 200
@@ -149,23 +148,29 @@ def test_friction_passes_from_floor_to_ramp_without_a_jump():
     assert largest_step(4001) < 0.3 * largest_step(501)
 
 
+def scale(slip, threshold, smooth):
+    """Return mu_scale of eq. (9)."""
+    parameters = PARAMETERS._replace(slip_threshold=threshold, smooth_friction=float(smooth))
+    return friction_scale(slip, sliding_sign(slip, parameters), parameters)
+
+
 @given(strategies.floats(-1.0, 1.0), strategies.floats(1e-4, 0.5), strategies.booleans())
 def test_friction_scale_is_odd_bounded_rising_and_whole_at_the_threshold(slip, threshold, smooth):
-    scale = contact.friction_scale(slip, threshold, float(smooth))
-    assert -1.0 <= scale <= 1.0
-    assert scale == -contact.friction_scale(-slip, threshold, float(smooth))
-    assert scale * slip >= 0.0
-    assert contact.friction_scale(slip + 1e-3, threshold, float(smooth)) >= scale
-    assert contact.friction_scale(threshold, threshold, float(smooth)) == 1.0
+    found = scale(slip, threshold, smooth)
+    assert -1.0 <= found <= 1.0
+    assert found == -scale(-slip, threshold, smooth)
+    assert found * slip >= 0.0
+    assert scale(slip + 1e-3, threshold, smooth) >= found
+    assert scale(threshold, threshold, smooth) == 1.0
 
 
 def test_shapes_of_the_friction_scale():
-    values = [[contact.friction_scale(part, 1.0, smooth) for part in (0.0, 0.25, 0.5, 0.75, 1.0)]
-              for smooth in (0.0, 1.0)]
+    values = [[scale(slip, 1.0, smooth) for slip in (0.0, 0.25, 0.5, 0.75, 1.0)]
+              for smooth in (False, True)]
     assert values[0] == [0.0, 0.25, 0.5, 0.75, 1.0]
     assert values[1] == pytest.approx([0.0, 0.3671875, 0.6875, 0.9140625, 1.0], rel=1e-15)
-    ends = [(1.0 - contact.friction_scale(1.0 - 1e-6, 1.0, smooth)) / 1e-6
-            for smooth in (0.0, 1.0)]
+    ends = [(1.0 - scale(1.0 - 1e-6, 1.0, smooth)) / 1e-6
+            for smooth in (False, True)]
     assert ends == pytest.approx([1.0, 0.0], abs=1e-5)
 
 

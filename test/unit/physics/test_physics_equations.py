@@ -9,7 +9,10 @@ import sympy
 
 from ballbot_ros.physics import ContactOptions, load_robot, State, Terrain
 from ballbot_ros.physics.mechanics import contact, equations
+from ballbot_ros.physics.model.parameters import Actuator, Parameters, System, TORQUE
 from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.state import (
+    BALL_RATE, MOTOR_WORK, PENDULUM_RATE, SIZE, VELOCITY_X, VELOCITY_Y)
 
 SYMBOLS = sympy.symbols('M1 M2 J1 J2 e c1 c2 g')
 TIME = sympy.symbols('t')
@@ -90,7 +93,7 @@ def test_each_element_is_that_of_the_lagrangian(name):
 
 
 def random_case(random):
-    """Return a robot, a state pressed into a corner, a drive, the ground and the options."""
+    """Return a robot, a state pressed into a corner, an actuator, the ground and the options."""
     mass, own = random.uniform(0.2, 6.0, 2)
     inertia, swing = random.uniform(0.005, 0.2, 2)
     radius = random.uniform(0.1, 0.4)
@@ -101,19 +104,16 @@ def random_case(random):
     state = State(0.0, *random.uniform(-9.0, 9.0, 2), *(
         radius * random.uniform(0.9, 1.02, 2) * [-1.0, 1.0]), *random.uniform(-9.0, 9.0, 2),
         *random.uniform(-2.0, 2.0, 2))
-    drive = equations.Drive(equations.TORQUE, random.uniform(-9.0, 9.0))
+    drive = Actuator(TORQUE, random.uniform(-9.0, 9.0))
     return bot, state, drive, ground, ContactOptions(pulling=bool(random.integers(2)))
 
 
-def rates_and_loads(bot, state, drive, ground, options):
+def rates_and_loads(bot, state, actuator, ground, options):
     """Return the derivative of the state vector, and what the contacts do."""
-    numbers = equations.Numbers.of(bot, options)
-    table = contact.contact_table(len(ground))
-    vector, rates = np.array(state[1:]), np.zeros(equations.SIZE)
-    equations.derivative(0.0, vector, numbers, ground, drive, table, rates)
-    return rates, contact.contact_loads(
-        numbers, ground, table, state.x, state.y, state.velocity_x, state.velocity_y,
-        state.ball_rate)
+    parameters, table = Parameters.of(bot, options), contact.contact_table(len(ground))
+    vector, rates = np.array(state[1:]), np.zeros(SIZE)
+    equations.derivative(0.0, vector, System(parameters, ground, actuator), table, rates)
+    return rates, contact.contact_loads(vector, parameters, ground, table)
 
 
 def test_closed_form_is_the_solution_of_equation_13():
@@ -126,8 +126,7 @@ def test_closed_form_is_the_solution_of_equation_13():
         pressed += force_x != 0.0 and force_y != 0.0
         solved = matrices.accelerations_by_solve(
             bot, state, torque, drive.set_value, force_x, force_y)
-        closed = rates[[equations.BALL_RATE, equations.PENDULUM_RATE, equations.VELOCITY_X,
-                        equations.VELOCITY_Y]]
+        closed = rates[[BALL_RATE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y]]
         closed[1] -= closed[0]  # theta2'' is that of the joint
         error = np.abs(closed - solved)
         assert error[:2].max() <= 1e-12 * np.abs(solved[:2]).max()
@@ -145,12 +144,12 @@ def test_closed_form_of_the_empty_ball_is_that_of_newton(shellball):
         ground = Terrain.step(1.0).profile(
             shellball.surface_friction, shellball.edge_friction)
         rates, (force_x, force_y, torque, _, _) = rates_and_loads(
-            shellball, state, equations.Drive(), ground, options)
-        assert rates[equations.VELOCITY_X] == pytest.approx(force_x / 1.1, rel=1e-14)
-        assert rates[equations.VELOCITY_Y] == pytest.approx(force_y / 1.1 - 9.81, rel=1e-14)
-        assert rates[equations.BALL_RATE] == pytest.approx(
+            shellball, state, Actuator(), ground, options)
+        assert rates[VELOCITY_X] == pytest.approx(force_x / 1.1, rel=1e-14)
+        assert rates[VELOCITY_Y] == pytest.approx(force_y / 1.1 - 9.81, rel=1e-14)
+        assert rates[BALL_RATE] == pytest.approx(
             (torque - 0.005 * state.ball_rate) / 0.011, rel=1e-14)
-        assert rates[equations.PENDULUM_RATE] == rates[equations.MOTOR_WORK] == 0.0
+        assert rates[PENDULUM_RATE] == rates[MOTOR_WORK] == 0.0
 
 
 def test_mass_matrix_of_the_empty_ball_is_singular(shellball):
@@ -160,7 +159,7 @@ def test_mass_matrix_of_the_empty_ball_is_singular(shellball):
 
 
 def test_determinant_is_the_product_that_the_closed_form_divides_by(gimball):
-    numbers = equations.Numbers.of(gimball, ContactOptions())
+    numbers = Parameters.of(gimball, ContactOptions())
     for angle in np.linspace(-math.pi, math.pi, 13):
         assert np.linalg.det(matrices.mass_matrix(
             gimball, State(pendulum_angle=angle))) == pytest.approx(
@@ -170,7 +169,7 @@ def test_determinant_is_the_product_that_the_closed_form_divides_by(gimball):
 def test_energies_are_those_of_equations_4_and_5():
     random = np.random.default_rng(4)
     bot = load_robot('gimball')
-    numbers = equations.Numbers.of(bot, ContactOptions())
+    numbers = Parameters.of(bot, ContactOptions())
     for _ in range(50):
         state = State(0.0, *random.uniform(-3.0, 3.0, 8))
         swing, angle = state.pendulum_rate, state.pendulum_angle

@@ -12,8 +12,8 @@ from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import (
     Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
 from ballbot_ros.physics.mechanics.equations import X
-from ballbot_ros.physics.solvers.adaptive import Scratch
-from ballbot_ros.physics.solvers.fixed_step import FINISHED
+from ballbot_ros.physics.simulation.integrator import Integrator
+from ballbot_ros.physics.solvers.values import FINISHED
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'extremes'))
 BY_NAME, make_case = (
@@ -38,7 +38,7 @@ def test_a_run_gives_up_when_its_work_budget_is_used_up():
 
 def test_each_period_of_an_advance_has_a_work_budget_of_its_own():
     model = Model(SHELLBALL, Terrain.flat(), solver=Solver('adaptive', work_budget=1000))
-    state, drive = model.at_rest(0.0, 1.0), Actuation().drive(SHELLBALL)
+    state, drive = model.at_rest(0.0, 1.0), Actuation().actuator(SHELLBALL)
     for _ in range(200):
         state = model.advance(state, drive, 50)
     with pytest.raises(SimulationError, match='work budget of 1000'):
@@ -79,7 +79,7 @@ def test_fixed_steps_beyond_the_work_budget_are_refused_before_they_start():
     with pytest.raises(ConfigurationError, match='work_budget of 10000'):
         simulate(model, start, Actuation(), 1.0)
     with pytest.raises(ConfigurationError, match='work_budget of 10000'):
-        model.advance(start, Actuation().drive(SHELLBALL), 2501)
+        model.advance(start, Actuation().actuator(SHELLBALL), 2501)
 
 
 @pytest.mark.parametrize('name', [name for name in BY_NAME if name != 'hour'])
@@ -108,13 +108,13 @@ def test_a_contact_that_flickers_by_rounding_is_stepped_over(seed):
 
 
 @pytest.mark.parametrize('method', ['adaptive', 'implicit', 'explicit'])
-def test_a_tolerance_coarser_than_the_dent_in_the_ground_does_not_make_a_run_hang(method):
+def test_a_tolerance_coarser_than_the_penetration_does_not_make_a_run_hang(method):
     scene = load_scene('shellball_drop')
     model = replace(scene.model, solver=Solver(method, tolerance=1e-3, work_budget=50_000))
     assert model.solver.tolerance > 5.0 * model.robot.static_penetration
     # It may be too coarse for the ledger, but not for an end.
-    scratch, vector = Scratch(len(model.profile)), np.array(scene.start[1:])
-    time, _, _, ending = scratch.advance(
-        model, scene.actuation.drive(model.robot), vector, 0.0, scene.run.duration)
-    assert ending == FINISHED and time == scene.run.duration
+    vector = np.array(scene.start[1:])
+    outcome, time, _, _ = Integrator(model.parameters, model.profile, model.solver).advance(
+        scene.actuation.actuator(model.robot), vector, 0.0, scene.run.duration)
+    assert outcome == FINISHED and time == scene.run.duration
     assert 0.0 < vector[X] < 0.5

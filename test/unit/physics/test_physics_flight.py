@@ -10,7 +10,8 @@ import pytest
 
 from ballbot_ros.physics import Actuation, load_robot, Model, simulate, Solver, State, Terrain
 from ballbot_ros.physics.mechanics import contact, equations
-from ballbot_ros.physics.solvers import flight
+from ballbot_ros.physics.model.state import BALL_RATE, JOINT_LOSS, ROLLING_LOSS, SIZE, X, Y
+from ballbot_ros.physics.solvers import flight, touch_down
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 ROUGH = Terrain([[-1.0, 0.0], [0.0, 0.0], [0.5, 0.03], [0.9, 0.03], [0.9, 0.06], [1.3, 0.06],
@@ -22,17 +23,17 @@ START = State(x=0.0, y=1.0, pendulum_angle=0.5, velocity_x=1.0, velocity_y=0.5, 
 
 def fly(model, start, actuation, time):
     """Return the state after a time of flight."""
-    drive, vector = actuation.drive(model.robot), np.array(start[1:])
-    out = np.zeros(equations.SIZE)
-    flight.fly(vector, time, flight.spin_start(vector, model.numbers, drive), model.numbers,
-               drive, out)
+    actuator, vector = actuation.actuator(model.robot), np.array(start[1:])
+    out = np.zeros(SIZE)
+    spin = flight.spin_start(vector, model.parameters, actuator)
+    flight.fly(vector, time, spin, model.parameters, actuator, out)
     return out
 
 
 def touch(model, start, actuation, most=3.0, width=1e-12):
     vector = np.array(start[1:])
-    spin = flight.spin_start(vector, model.numbers, actuation.drive(model.robot))
-    return flight.time_of_touch(vector, most, width, spin, model.numbers, model.profile)
+    spin = flight.spin_start(vector, model.parameters, actuation.actuator(model.robot))
+    return touch_down.time_of_touch(vector, most, width, spin, model.parameters, model.profile)
 
 
 @pytest.mark.parametrize('changes', [
@@ -52,11 +53,11 @@ def test_a_ball_without_pendulum_flies_a_parabola_and_spins_down():
     start = State(y=2.0, velocity_x=1.0, ball_rate=-10.0)
     found = fly(Model(SHELLBALL, Terrain.flat()), start, Actuation(), 0.5)
     decay = math.exp(-SHELLBALL.rolling_friction / SHELLBALL.ball_inertia * 0.5)
-    assert found[equations.X] == pytest.approx(0.5, abs=1e-15)
-    assert found[equations.Y] == pytest.approx(2.0 - 0.125 * SHELLBALL.gravity, abs=1e-14)
-    assert found[equations.BALL_RATE] == pytest.approx(-10.0 * decay, rel=1e-13)
+    assert found[X] == pytest.approx(0.5, abs=1e-15)
+    assert found[Y] == pytest.approx(2.0 - 0.125 * SHELLBALL.gravity, abs=1e-14)
+    assert found[BALL_RATE] == pytest.approx(-10.0 * decay, rel=1e-13)
     lost = 0.5 * SHELLBALL.ball_inertia * 100.0 * (1.0 - decay * decay)
-    assert found[equations.ROLLING_LOSS] == pytest.approx(lost, rel=1e-9)
+    assert found[ROLLING_LOSS] == pytest.approx(lost, rel=1e-9)
 
 
 @given(some.floats(0.01, 0.6), some.sampled_from(LAWS), some.floats(-9, 9), some.floats(-9, 9))
@@ -65,12 +66,12 @@ def test_the_energy_balances(time, actuation, ball_rate, pendulum_rate):
     start = START._replace(ball_rate=ball_rate, pendulum_rate=pendulum_rate)
 
     def ledger(vector):
-        return (equations.kinetic_energy(vector, model.numbers)
-                + equations.potential_energy(vector, model.numbers)
+        return (equations.kinetic_energy(vector, model.parameters)
+                + equations.potential_energy(vector, model.parameters)
                 + vector[8:12].sum() - vector[12])
     found = fly(model, start, actuation, time)
     assert ledger(found) == pytest.approx(ledger(np.array(start[1:])), abs=1e-10)
-    assert found[equations.JOINT_LOSS] >= 0.0 and found[equations.ROLLING_LOSS] >= 0.0
+    assert found[JOINT_LOSS] >= 0.0 and found[ROLLING_LOSS] >= 0.0
 
 
 def test_a_drop_touches_when_galileo_says():
@@ -91,19 +92,19 @@ def test_the_first_touch_is_not_passed_and_is_a_touch(x, y, velocity_x, velocity
 
     def contacts(time):
         found = fly(model, start, Actuation(), time)
-        return contact.find_contacts(found[equations.X], found[equations.Y], robot.ball_radius,
+        return contact.find_contacts(found[X], found[Y], robot.ball_radius,
                                      model.profile, table)
     found = touch(model, start, Actuation())
-    assert found != flight.NO_TOUCH
+    assert found != touch_down.NO_TOUCH
     assert not any(contacts(time) for time in np.linspace(0.0, found - 1e-11, 300))
     assert contacts(found + 1e-9)
 
 
 def test_a_motor_that_might_meet_its_limit_is_not_flown():
-    weak, strong = (Actuation('voltage', voltage=9.0, torque_limit=limit).drive(GIMBALL)
+    weak, strong = (Actuation('voltage', voltage=9.0, torque_limit=limit).actuator(GIMBALL)
                     for limit in (1.0, 9.0))
-    numbers, vector = Model(GIMBALL, Terrain.flat()).numbers, np.array(START[1:])
-    for drive, fine in ((weak, False), (strong, True), (Actuation().drive(GIMBALL), True)):
-        spin = flight.spin_start(vector, numbers, drive)
-        assert flight.within_limit(vector, 0.3, spin, numbers, drive) == fine
-    assert not flight.has_closed_form(numbers, Actuation('velocity').drive(GIMBALL))
+    parameters, vector = Model(GIMBALL, Terrain.flat()).parameters, np.array(START[1:])
+    for actuator, fine in ((weak, False), (strong, True), (Actuation().actuator(GIMBALL), True)):
+        spin = flight.spin_start(vector, parameters, actuator)
+        assert flight.within_limit(vector, 0.3, spin, parameters, actuator) == fine
+    assert not flight.has_closed_form(parameters, Actuation('velocity').actuator(GIMBALL))

@@ -10,10 +10,13 @@ from ballbot_ros.crossing import held_at
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import (
     Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
-from ballbot_ros.physics.mechanics import contact, modes
-from ballbot_ros.physics.simulation.model import PRESETS
+from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.simulation.scene import read_scene
-from ballbot_ros.physics.solvers import embedded, rodas5p
+from ballbot_ros.physics.simulation.solver import PRESETS
+from ballbot_ros.physics.solvers import rodas5p
+from ballbot_ros.physics.solvers.dense import interpolate
+from ballbot_ros.physics.solvers.integrate import begin_mode
+from ballbot_ros.physics.solvers.values import Workspace
 
 GIMBALL = load_robot('gimball')
 MOVING = ('fig7_top', 'fig7_middle', 'fig7_bottom', 'household', 'shellball_drop')
@@ -35,17 +38,16 @@ def test_all_methods_with_chosen_steps_tell_the_same_story(name):
 
 def implicit_step(model, state, step, actuation=Actuation()):
     """Return the state after one step, and at three times within it."""
-    drive, size = actuation.drive(model.robot, 0.0, state.joint_angle), len(model.profile)
-    table, mode = contact.contact_table(size), modes.mode_table(size)
-    work, vector, middle = np.zeros((embedded.ROWS, 13)), np.array(state[1:]), np.zeros((3, 13))
-    fixed = model.numbers, model.profile, drive, table
-    count = modes.find_mode(0.0, vector, *fixed, mode)
-    modes.mode_derivative(0.0, vector, mode, count, *fixed, work[embedded.BEGIN])
-    rodas5p.run_implicit_stages(0.0, vector, step, mode, count, *fixed, work, False)
-    rodas5p.prepare_implicit_dense(vector, work)
-    for row, part in enumerate((0.25, 0.5, 0.75)):
-        embedded.interpolate(part, work, middle[row])
-    return work[embedded.PROBE].copy(), middle, work[embedded.RATES].copy()
+    system = System(model.parameters, model.profile,
+                    actuation.actuator(model.robot, 0.0, state.joint_angle))
+    workspace = Workspace.of(len(model.profile))
+    vector, middle = np.array(state[1:]), np.zeros((3, 13))
+    begin_mode(0.0, vector, system, workspace)
+    rodas5p.step(0.0, vector, step, system, workspace, False)
+    rodas5p.prepare_dense(vector, workspace)
+    for row, theta in enumerate((0.25, 0.5, 0.75)):
+        interpolate(theta, workspace.dense, middle[row])
+    return workspace.y_new.copy(), middle, workspace.error.copy()
 
 
 def test_a_step_has_local_order_six_its_estimate_and_interpolation_five():
@@ -99,7 +101,7 @@ def test_one_long_step_damps_a_slip_that_would_make_an_explicit_step_diverge():
     # A step some twenty times as long as the slip takes to die out.
     end, _, _ = implicit_step(model, state, 0.02)
     later = model.touches(State(0.02, *end))[0].slip_velocity
-    exact = model.touches(model.advance(state, Actuation().drive(GIMBALL), 200))
+    exact = model.touches(model.advance(state, Actuation().actuator(GIMBALL), 200))
     assert abs(slip) > 2e-3
     assert abs(later - exact[0].slip_velocity) < 0.1 * abs(slip)
 

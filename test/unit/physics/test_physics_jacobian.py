@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model, Terrain
-from ballbot_ros.physics.mechanics import contact, jacobian, modes
+from ballbot_ros.physics.mechanics import jacobian, modes
+from ballbot_ros.physics.model.parameters import System
 
 ROBOTS = {name: load_robot(name) for name in ('gimball', 'shellball')}
 # Two segments at an angle that leave no concave corner, and an edge between them.
@@ -18,17 +19,15 @@ DELTA = 1e-6
 
 def rates_and_slopes(model, actuation, vector, time=0.5):
     """Return the rates as a function of time and state in the mode of a state, and slopes."""
-    drive, size = actuation.drive(model.robot, 0.0, 0.1), len(model.profile)
-    table, mode, out = (contact.contact_table(size), modes.mode_table(size),
-                        jacobian.jacobian_table())
-    fixed = model.numbers, model.profile, drive, table
-    count = modes.find_mode(time, vector, *fixed, mode)
-    jacobian.write_jacobian(time, vector, mode, count, *fixed, out)
-    complete = jacobian.smooth_contacts(table, count)
+    system = System(model.parameters, model.profile, actuation.actuator(model.robot, 0.0, 0.1))
+    mode, out = modes.ContactMode.of(len(model.profile)), jacobian.jacobian_table()
+    count = modes.find_mode(time, vector, system, mode)
+    jacobian.write_jacobian(time, vector, system, mode, out)
+    complete = jacobian.smooth_contacts(mode)
 
     def rates(moment, state):
         found = np.zeros(13)
-        modes.mode_derivative(moment, state, mode, count, *fixed, found)
+        modes.mode_derivative(moment, state, system, mode, found)
         return found[4:]
     return rates, out[:9], complete, count
 

@@ -9,13 +9,16 @@ from reference_search import crosses, highest_step
 
 from ballbot_ros.crossing import (
     cruising, held_at, max_step_height, max_step_heights, rolling, Rules, Site)
-from ballbot_ros.crossing.attempt import attempt, BACK, Course, OVER, peak, place, Room, UNDECIDED
+from ballbot_ros.crossing.attempt import (
+    attempt, BACK, Course, Crossing, OVER, peak, place, UNDECIDED)
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, Model, simulate, Solver, State)
-from ballbot_ros.physics.mechanics.equations import Numbers, SIZE
+from ballbot_ros.physics.model.parameters import Parameters, System
+from ballbot_ros.physics.model.state import SIZE
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
+PARAMETERS = Parameters.of(GIMBALL, ContactOptions())
 DRIVES = {
     'shellball free': (SHELLBALL, lambda _: Actuation()),
     'free': (GIMBALL, lambda _: Actuation()),
@@ -81,22 +84,24 @@ def test_slopes_and_frictions_act_as_they_must():
     assert height(friction_before=0.22, friction_behind=0.22, friction_edge=0.144) == plain
 
 
+def crossing_of(speed, actuation=Actuation(), rules=Rules()):
+    """Return the crossing of the plain site by GIMball."""
+    return Crossing.of(rules.course(speed, actuation.set_angle), System(
+        PARAMETERS, Site().profile(GIMBALL), actuation.actuator(GIMBALL)), 10**8)
+
+
 def test_a_ball_without_motor_is_given_up_early_but_never_wrongly():
     # A motor that gives no torque moves nothing else, but nothing can be concluded from energy.
     for speed in (0.4, 0.9):
         threshold = max_step_height(GIMBALL, speed).height
-        room = Room.of(Site().profile(GIMBALL))
-        numbers = Numbers.of(GIMBALL, ContactOptions())
         times = []
         for law in (Actuation(), Actuation('torque', torque=0.0)):
-            drive = law.drive(GIMBALL)
+            crossing = crossing_of(speed, law)
             ends = []
             for share in np.linspace(0.05, 2.5, 80):
-                verdict, score, _ = attempt(
-                    share * threshold, 1e-8, Rules().course(speed, 0.0), numbers, drive, room,
-                    10**8)
+                verdict, score, _ = attempt(share * threshold, 1e-8, crossing)
                 assert (score > 0.0) == (verdict == OVER)
-                ends.append((verdict, room.last[1]))
+                ends.append((verdict, crossing.last[1]))
             times.append(ends)
         free, driven = times
         assert [verdict for verdict, _ in free] == [verdict for verdict, _ in driven]
@@ -106,10 +111,9 @@ def test_a_ball_without_motor_is_given_up_early_but_never_wrongly():
 def test_the_ball_starts_at_its_first_touch_with_the_collision_speed():
     for before in (-0.3, 0.0, 0.4):
         for height in (0.003, 0.05, 0.2, 0.5):
-            room = Room.of(Site(slope_before=before).profile(GIMBALL, height))
             state = np.zeros(SIZE)
-            touch_x = place(state, Course(0.8, 0.3, 0.0, 1.0, 5.0),
-                            Numbers.of(GIMBALL, ContactOptions()), room.ground)
+            touch_x = place(state, Course(0.8, 0.3, 0.0, 1.0, 5.0), PARAMETERS,
+                            Site(slope_before=before).profile(GIMBALL, height).copy())
             start = State(0.0, *state)
             assert start.x == pytest.approx(touch_x, abs=1e-15)
             nearest = min(max(start.y, 0.0), height)
@@ -126,14 +130,11 @@ def test_the_ball_starts_at_its_first_touch_with_the_collision_speed():
 
 def test_the_verdict_is_what_a_whole_run_shows():
     for height, verdict in ((0.015, OVER), (0.025, BACK)):
-        room = Room.of(Site().profile(GIMBALL))
-        found, _, _ = attempt(height, 1e-8, Rules().course(0.6, 0.0),
-                              Numbers.of(GIMBALL, ContactOptions()), Actuation().drive(GIMBALL),
-                              room, 10**8)
+        found, _, _ = attempt(height, 1e-8, crossing_of(0.6))
         assert found == verdict
         model = Model(GIMBALL, Site().terrain(height), solver=Solver('adaptive', tolerance=1e-8))
         start = np.zeros(SIZE)
-        place(start, Rules().course(0.6, 0.0), model.numbers, model.profile)
+        place(start, Rules().course(0.6, 0.0), PARAMETERS, model.profile)
         run = simulate(model, State(0.0, *start), Actuation(), 1.0)
         assert bool((run['x'] > 0.0).any()) == (verdict == OVER)
 
@@ -156,12 +157,10 @@ def test_a_bouncing_ball_whose_later_attempts_count_is_not_monotone_and_told_so(
 
 
 def test_a_ball_that_presses_against_the_step_for_ever_has_failed():
-    room = Room.of(Site().profile(GIMBALL))
-    verdict, score, _ = attempt(
-        0.005, 1e-8, Rules(time_limit=1.0).course(0.05, math.pi / 2),
-        Numbers.of(GIMBALL, ContactOptions()), held_at(math.pi / 2).drive(GIMBALL), room, 10**8)
+    crossing = crossing_of(0.05, held_at(math.pi / 2), Rules(time_limit=1.0))
+    verdict, score, _ = attempt(0.005, 1e-8, crossing)
     assert verdict == UNDECIDED and score < 0.0
-    assert room.last[1] == pytest.approx(1.0)
+    assert crossing.last[1] == pytest.approx(1.0)
 
 
 def test_the_peak_of_a_throw_is_exact():

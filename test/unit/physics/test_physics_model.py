@@ -16,7 +16,7 @@ GIMBALL = load_robot('gimball')
 MODEL = Model(GIMBALL, Terrain.step(0.03, at=1.0))
 START = MODEL.at_rest(0.7, 0.8, 0.3)
 LAW = Actuation('velocity', set_rate=3.0, velocity_ki=2.0)
-DRIVE = LAW.drive(GIMBALL)
+DRIVE = LAW.actuator(GIMBALL)
 
 
 # A pure function --------------------------------------------------------------------------
@@ -45,10 +45,10 @@ def test_samples_of_a_run_are_the_states_of_the_model():
     run = simulate(MODEL, START, LAW, 0.2, 1e-3)
     state = START
     for index in range(1, len(run), 50):
-        state = MODEL.advance(START, LAW.drive(GIMBALL, 0.0, START.joint_angle), 10 * index)
+        state = MODEL.advance(START, LAW.actuator(GIMBALL, 0.0, START.joint_angle), 10 * index)
         assert run.state(index)[1:] == pytest.approx(state[1:], rel=1e-11, abs=1e-14)
         assert run['pendulum_torque'][index] == pytest.approx(MODEL.torque(
-            run.state(index), LAW.drive(GIMBALL, 0.0, START.joint_angle)), rel=1e-12)
+            run.state(index), LAW.actuator(GIMBALL, 0.0, START.joint_angle)), rel=1e-12)
 
 
 def test_a_run_may_go_on_from_a_later_time():
@@ -161,7 +161,7 @@ def test_a_step_too_long_that_does_not_diverge_is_seen_in_the_ledger():
     run = error.trajectory
     assert np.abs(run.energy_residual).max() < 0.1 * run.energy_in_play
     with pytest.raises(SimulationError, match='the energy ledger misses'):
-        model.advance(start, Actuation().drive(GIMBALL), 1000)
+        model.advance(start, Actuation().actuator(GIMBALL), 1000)
 
 
 def test_gains_too_stiff_for_the_step_are_named_as_a_remedy():
@@ -216,18 +216,18 @@ def test_output_steps_that_do_not_fit_are_refused(output_step):
     ('torque', 'needs a pendulum'), ('voltage', 'needs a pendulum')])
 def test_a_ball_without_pendulum_can_only_roll_freely(shellball, law, words):
     with pytest.raises(ConfigurationError, match=words):
-        Actuation(law).drive(shellball)
-    assert Actuation().drive(shellball).law == 0
+        Actuation(law).actuator(shellball)
+    assert Actuation().actuator(shellball).law == 0
 
 
 def test_voltage_needs_a_motor():
     with pytest.raises(ConfigurationError, match='needs a motor'):
-        Actuation('voltage').drive(replace(GIMBALL, motor=None))
+        Actuation('voltage').actuator(replace(GIMBALL, motor=None))
 
 
 def test_torque_limit_holds_for_every_law():
     state = State(y=9.0, pendulum_angle=-2.0, pendulum_rate=-50.0)
     for law in ('position', 'velocity', 'torque', 'voltage'):
         drive = Actuation(law, set_angle=2.0, set_rate=50.0, torque=9.0, voltage=12.0,
-                          torque_limit=0.7).drive(GIMBALL)
+                          torque_limit=0.7).actuator(GIMBALL)
         assert MODEL.torque(state, drive) == 0.7

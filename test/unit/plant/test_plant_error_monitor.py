@@ -7,7 +7,7 @@ import pytest
 
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import load_scene
-from ballbot_ros.physics.mechanics import equations
+from ballbot_ros.physics.model.parameters import Actuator, TORQUE
 from ballbot_ros.plant import Plant
 from ballbot_ros.plant.error_monitor import ErrorMonitor
 
@@ -45,7 +45,7 @@ def monitored(accuracy, **changes):
 
 
 def follow(plant, monitor, periods):
-    drive = equations.Drive(equations.TORQUE)
+    drive = Actuator(TORQUE)
     for _ in range(periods):
         monitor.advance(plant.advance(0.0), drive, 20)
 

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What the ground does to the ball at one contact: eqs. (7)-(10), and their slopes.
+
+A spring and a damper along the normal, eq. (7), which do not pull unless asked to; friction with
+a slip velocity at the contact point, eq. (8), that grows to its full coefficient over a small
+slip, eq. (9); and the torque of that friction, eq. (10).
+
+The law has kinks.  Between them it is smooth, and which piece holds is two signs: *pressed*, of
+the normal force (0 where the damper would pull and is not let), and *sliding*, of a slip beyond
+the threshold (0 within).  Every function here takes the signs as given, and continues its piece
+smoothly beyond its ends: with the signs of the state itself (`pressed_sign`, `sliding_sign`) it
+is the law, with those of a frozen mode (see `modes`) what an integrator needs.
+
+Another contact law is another file with these functions; `contact`, `modes` and `jacobian`
+import the one that holds.
+"""
+from ballbot_ros.compiled import compiled
+from ballbot_ros.physics.model.parameters import Parameters
+from ballbot_ros.physics.model.state import BALL_RATE, VELOCITY_X, VELOCITY_Y
+from ballbot_ros.physics.model.terrain import Array
+
+# Kinds of contact; the values are those of the message ballbot_ros/Contact.
+SURFACE = 1
+EDGE = 2
+CORNER = 3
+
+# Columns of a table of contacts, which `contact.find_contacts` fills.
+KIND, POINT_X, POINT_Y, NORMAL_X, NORMAL_Y, PENETRATION, FRICTION = range(7)
+COLUMNS = 7
+
+
+@compiled
+def force_and_slip(state: Array, parameters: Parameters, contacts: Array,
+                   row: int) -> tuple[float, float, float]:
+    """
+    Return what eqs. (7) and (8) say of one contact, before any limit.
+
+    Parameters
+    ----------
+    state : (13,) array
+    contacts : (2 n, 7) array
+        See `contact.find_contacts`.
+    row : int
+        Which of them.
+
+    Returns
+    -------
+    force : float
+        Of spring and damper, positive out of the ground [N].
+    slip : float
+        Along the tangent (normal_y, -normal_x), which points to +x on a floor [m/s].
+    normal_velocity : float
+        Positive away from the ground [m/s].
+
+    """
+    normal_x, normal_y = contacts[row, NORMAL_X], contacts[row, NORMAL_Y]
+    velocity_x, velocity_y = state[VELOCITY_X], state[VELOCITY_Y]
+    penetration = contacts[row, PENETRATION]
+    normal_velocity = velocity_x * normal_x + velocity_y * normal_y
+    force = parameters.stiffness * penetration - parameters.damping * normal_velocity
+    lever = parameters.radius - (0.0 if parameters.radius_lever > 0.0 else penetration)
+    slip = velocity_x * normal_y - velocity_y * normal_x + lever * state[BALL_RATE]
+    return force, slip, normal_velocity
+
+
+@compiled
+def pressed_sign(force: float, parameters: Parameters) -> int:
+    """Return the sign of the normal force, 0 where the damper would pull and is not let."""
+    return 1 if force > 0.0 else (-1 if parameters.pulling > 0.0 else 0)
+
+
+@compiled
+def sliding_sign(slip: float, parameters: Parameters) -> int:
+    """Return the sign of a slip beyond the threshold of eq. (9), 0 for one within."""
+    return sign_beyond(slip, parameters.slip_threshold)
+
+
+@compiled
+def sign_beyond(value: float, limit: float) -> int:
+    """Return the sign of a value that is beyond +-limit, 0 for one within."""
+    return int(value > limit) - int(value < -limit)
+
+
+@compiled
+def friction_scale(slip: float, sliding: int, parameters: Parameters) -> float:
+    """
+    Return mu_scale of eq. (9) with the sign of the slip.
+
+    It reaches 1 at the threshold: along a straight line, or (smooth) along the cubic that ends
+    there with zero slope.  The line goes on beyond; the cubic would soon change its sign there,
+    and a trial step would run away, so that a constant continues it, smoothly enough.
+    """
+    if sliding != 0:
+        return float(sliding)
+    ratio = slip / parameters.slip_threshold
+    if parameters.smooth_friction > 0.0:
+        ratio = min(max(ratio, -1.0), 1.0)
+        return 0.5 * ratio * (3.0 - ratio * ratio)
+    return ratio
+
+
+@compiled
+def friction_slope(slip: float, sliding: int, parameters: Parameters) -> float:
+    """Return the derivative of `friction_scale` by the slip [s/m]."""
+    if sliding != 0:
+        return 0.0
+    if parameters.smooth_friction > 0.0:
+        ratio = slip / parameters.slip_threshold
+        return 1.5 * max(0.0, 1.0 - ratio * ratio) / parameters.slip_threshold
+    return 1.0 / parameters.slip_threshold
+
+
+@compiled
+def normal_and_friction(force: float, slip: float, pressed: int, sliding: int,
+                        parameters: Parameters, friction: float) -> tuple[float, float]:
+    """
+    Return normal force and friction force of one contact [N]; eqs. (7) and (9).
+
+    Parameters
+    ----------
+    force, slip : float
+        See `force_and_slip`.
+    pressed, sliding : int
+        See the module.
+    friction : float
+        Coefficient of the contact.
+
+    """
+    normal = 0.0 if pressed == 0 else force
+    return normal, -normal * pressed * friction * friction_scale(slip, sliding, parameters)
+
+
+@compiled
+def contact_load(state: Array, pressed: int, sliding: int, parameters: Parameters,
+                 contacts: Array, row: int) -> tuple[float, float, float, float, float]:
+    """
+    Return what one contact does to the ball; the normal force of a CORNER counts negatively.
+
+    Returns
+    -------
+    force_x, force_y : float
+        [N]
+    torque : float
+        About the centre, counter-clockwise [N m]; eq. (10).
+    contact_loss, friction_power : float
+        Power that the damper takes out, and that friction puts in [W].
+
+    """
+    normal_x, normal_y = contacts[row, NORMAL_X], contacts[row, NORMAL_Y]
+    distance = parameters.radius - contacts[row, PENETRATION]
+    force, slip, normal_velocity = force_and_slip(state, parameters, contacts, row)
+    # The spring takes -k pen v_n; what the normal force takes beyond that is lost.
+    spring = parameters.stiffness * contacts[row, PENETRATION]
+    normal, friction = normal_and_friction(
+        force, slip, pressed, sliding, parameters, contacts[row, FRICTION])
+    if contacts[row, KIND] == CORNER:
+        normal, spring = -normal, -spring
+    return (normal * normal_x + friction * normal_y, normal * normal_y - friction * normal_x,
+            friction * distance, (spring - normal) * normal_velocity,
+            friction * (state[VELOCITY_X] * normal_y - state[VELOCITY_Y] * normal_x
+                        + distance * state[BALL_RATE]))
+
+
+@compiled
+def contact_force(state: Array, parameters: Parameters, contacts: Array,
+                  row: int) -> tuple[float, float, float]:
+    """
+    Return normal force, friction force and slip velocity of one contact [N, N, m/s].
+
+    Along normal and tangent, see `force_and_slip`.  The normal force of a CORNER is counted with
+    reversed sign; it has no friction.
+    """
+    force, slip, _ = force_and_slip(state, parameters, contacts, row)
+    normal, friction = normal_and_friction(
+        force, slip, pressed_sign(force, parameters), sliding_sign(slip, parameters),
+        parameters, contacts[row, FRICTION])
+    if contacts[row, KIND] == CORNER:
+        return -normal, 0.0, slip
+    return normal, friction, slip
+
+
+@compiled
+def stored_energy(parameters: Parameters, contacts: Array, row: int) -> float:
+    """Return the energy in the spring of one contact [J]; that of a CORNER is negative."""
+    stored: float = 0.5 * parameters.stiffness * contacts[row, PENETRATION]**2
+    return -stored if contacts[row, KIND] == CORNER else stored

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A method with the arrays that it works in, for one robot on one ground."""
+from typing import Optional
+
+from ballbot_ros.physics.model.parameters import Actuator, Parameters, System
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.simulation.solver import Solver
+from ballbot_ros.physics.solvers.registry import METHODS
+from ballbot_ros.physics.solvers.values import (
+    EVALUATIONS, FINISHED, LOOKING, NO_OUTPUT, Options, Output, Status, StepController, Workspace)
+
+FRESH = StepController()
+
+
+class Integrator:
+    """
+    What advances states; one for each thread.
+
+    Parameters
+    ----------
+    parameters : Parameters
+    ground : (n, 7) array
+        See `Terrain.profile`.
+    solver : Solver
+    flight : bool
+        Whether to fly in closed form, where the method may.
+
+    Attributes
+    ----------
+    workspace : Workspace
+        Overwritten at each call, but for its statistics, which add up.
+
+    """
+
+    def __init__(self, parameters: Parameters, ground: Array, solver: Solver,
+                 flight: bool = False) -> None:
+        """Allocate the workspace once."""
+        self._parameters, self._ground, self._solver = parameters, ground, solver
+        self._method = METHODS[solver.method]
+        self._flight = flight and self._method.flies
+        self.workspace = Workspace.of(len(ground))
+
+    @property
+    def work(self) -> int:
+        """Return the right-hand sides that all calls have taken."""
+        statistics = self.workspace.statistics
+        return int(statistics[EVALUATIONS] + statistics[LOOKING])
+
+    def advance(self, actuator: Actuator, state: Array, time: float, end: float,
+                output: Output = NO_OUTPUT, controller: StepController = FRESH,
+                budget: Optional[int] = None) -> Status:
+        """
+        Advance a state in place.
+
+        Parameters
+        ----------
+        actuator : Actuator
+        state : (13,) array
+        time, end : float
+            [s]
+        output : Output, optional
+            Rows to fill.
+        controller : StepController, optional
+            That of a run that goes on.
+        budget : int, optional
+            Where the `work` ends the run; by default the work budget of the solver from here.
+
+        """
+        solver = self._solver
+        if budget is None:
+            budget = self.work + solver.work_budget
+        return self._method.advance(
+            Status(FINISHED, time, 0, controller), end, state,
+            System(self._parameters, self._ground, actuator),
+            Options(solver.tolerance, solver.step, self._method.steps, budget, self._flight),
+            output, self.workspace)

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which integrator a run takes, and how finely."""
+from dataclasses import dataclass
+
+from ballbot_ros.config.fields import Checked, count, quantity, text
+from ballbot_ros.physics.solvers.registry import METHODS
+
+MODELS = ('auto', 'full')
+
+
+@dataclass(frozen=True)
+class Solver(Checked):
+    """
+    Which integrator, and how finely.
+
+    ``semi_implicit`` and ``rk4`` take steps of one length.
+
+    ``adaptive`` chooses its steps by their estimated local error and meets every kink of the
+    contact law; it takes explicit and L-stable implicit steps, whichever are cheaper, and
+    ``explicit`` and ``implicit`` are the same with one of the two alone; see `solvers.integrate`.
+
+    ``trapezoidal`` is the rule of the paper, with a largest step; see `solvers.trapezoidal`.
+    """
+
+    method: str = text('integrator', default='rk4', choices=METHODS)
+    step: float = quantity(
+        's', 'integration step of a method with steps of one length; the largest of trapezoidal',
+        default=1e-4, above=0.0, maximum=0.1)
+    tolerance: float = quantity(
+        'm', 'local error per step of a method that chooses its steps', default=1e-9,
+        minimum=1e-14, maximum=1e-3)
+    models: str = text(
+        'what a method that chooses its steps may simulate: full, always the full model; auto, '
+        'flight in closed form where that is exact', default='auto', choices=MODELS)
+    work_budget: int = count(
+        'right-hand sides that one run may take before it is given up; the default is some '
+        'minutes of work', default=10_000_000_000, minimum=1, maximum=10**15)
+
+
+# Solvers with a name; `paper` is table 1 of the paper.
+PRESETS = {'paper': Solver('trapezoidal', step=1e-3, tolerance=1e-9)}

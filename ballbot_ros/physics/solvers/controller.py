@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+How long the next step is, and with which of two methods: a value that each rule returns anew.
+
+Two methods of order 5 take turns.  The explicit one is the cheaper by far while accuracy limits
+the step; where it is stability that does, because friction or a contact is stiff, an implicit,
+L-stable one takes longer steps.  Which of the two is the case shows in the steps themselves: a
+piece with a contact begins with implicit steps, which know from their Jacobian whether they are
+worth it; and the last stages of the explicit method say when it is at its limit, and then a step
+of the other is tried now and then.
+"""
+import math
+
+from ballbot_ros.compiled import compiled
+from ballbot_ros.physics.mechanics.contact import first_segment
+from ballbot_ros.physics.model.parameters import Parameters
+from ballbot_ros.physics.model.state import (
+    BALL_ANGLE, BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y, X)
+from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, VERTEX_X
+from ballbot_ros.physics.solvers.values import AUTOMATIC, IMPLICIT, SMALLEST_STEP, StepController
+
+FIRST_STEP = 1e-4       # [s]
+LONGEST_STEP = 0.25     # [s]: a motion that begins from nothing is not overlooked
+LARGEST_DISTANCE = 0.25  # of the radius per step, more on an empty floor: no feature overlooked
+FAR = 1e6               # radii: on an endless floor
+
+SAFETY = 0.9            # of the step that would just be accurate enough
+FASTEST_GROWTH, FASTEST_SHRINKING = 5.0, 0.1  # of a step
+ORDER = 5               # of both methods
+MEMORY = 0.01           # [s]: an error of velocity counts at least with this
+
+STABLE = 3.3            # step times rate of the fastest decay where explicit steps diverge
+AT_LIMIT = 0.6          # of the longest stable explicit step: it is stability that limits it
+IMPLICIT_COST = 1.8     # explicit steps that an implicit one costs
+FIRST_PATIENCE, LAST_PATIENCE = 2, 32  # stiff steps before an implicit one is tried
+
+
+@compiled
+def error_length(errors: Array, parameters: Parameters) -> float:
+    """
+    Return estimated errors of a state as one length, at the rim of the ball [m].
+
+    Angles count with the radius; velocities with the time that a contact lasts, in which an
+    error of velocity becomes one of position, and not less after a hard contact.
+    """
+    duration = max(MEMORY, math.sqrt(parameters.mass / parameters.stiffness))
+    worst = 0.0
+    for i in range(VELOCITY_Y + 1):
+        length = abs(errors[i]) * (duration if i >= BALL_RATE else 1.0)
+        if i in (BALL_ANGLE, PENDULUM_ANGLE, BALL_RATE, PENDULUM_RATE):
+            length *= parameters.radius
+        if not length < math.inf:
+            return math.inf  # max() would lose a NaN
+        worst = max(worst, length)
+    return worst
+
+
+@compiled
+def smallest_step(time: float) -> float:
+    """Return the step that is not worth taking [s]."""
+    return SMALLEST_STEP * max(1.0, abs(time))
+
+
+@compiled
+def clear_distance(x: float, parameters: Parameters, ground: Array) -> float:
+    """Return how far along its ground the ball may move in a step, overlooking nothing [m]."""
+    nearest = FAR * parameters.radius
+    segment = first_segment(ground, x)
+    if segment > 0:
+        nearest = x - ground[segment, VERTEX_X]
+    if segment < len(ground) - 2:
+        nearest = min(nearest, ground[segment + 1, VERTEX_X] - x)
+    return max(LARGEST_DISTANCE * parameters.radius, 0.5 * (nearest - 2.0 * parameters.radius))
+
+
+@compiled
+def time_for(distance: float, speed: float, gravity: float) -> float:
+    """Return the time that a distance takes at least, for a ball that may fall meanwhile [s]."""
+    speed = abs(speed) + 1e-3
+    return 2.0 * distance / (speed + math.sqrt(speed * speed + 2.0 * gravity * distance))
+
+
+@compiled
+def step_limit(state: Array, distance: float, count: int, parameters: Parameters,
+               ground: Array) -> float:
+    """
+    Return the longest step that overlooks nothing [s].
+
+    Along its ground the ball may go as far as `distance`; towards it a part of its radius only,
+    and what does not touch the ground (`count` contacts) falls: a ball of a millimetre more than
+    its radius in 20 ms.
+    """
+    segment = first_segment(ground, state[X])
+    tangent_x, tangent_y = ground[segment, TANGENT_X], ground[segment, TANGENT_Y]
+    along = state[VELOCITY_X] * tangent_x + state[VELOCITY_Y] * tangent_y
+    across = state[VELOCITY_Y] * tangent_x - state[VELOCITY_X] * tangent_y
+    near, falling = LARGEST_DISTANCE * parameters.radius, parameters.gravity if count == 0 else 0.0
+    return min(LONGEST_STEP, time_for(distance, along, parameters.gravity),
+               time_for(near, across, falling))
+
+
+@compiled
+def started(controller: StepController, count: int, method: int) -> StepController:
+    """Return the controller where a run, or a piece of it after a flight, begins."""
+    implicit = method == IMPLICIT
+    step = controller.step
+    if method == AUTOMATIC:
+        implicit = controller.kept if step > 0.0 else count > 0
+    if step <= 0.0:
+        step = FIRST_STEP
+    return StepController(step, implicit, False, step, 0, FIRST_PATIENCE, controller.kept)
+
+
+@compiled
+def with_step(now: StepController, step: float) -> StepController:
+    """Return the controller with another step [s]."""
+    return StepController(step, now.implicit, now.on_trial, now.explicit_step, now.stiff_steps,
+                          now.patience, now.kept)
+
+
+@compiled
+def stiffness_seen(now: StepController, stiffness: float) -> StepController:
+    """Return the controller after an explicit step that was so much of the longest stable one."""
+    return StepController(
+        now.step, now.implicit, now.on_trial, now.explicit_step,
+        now.stiff_steps + (1 if stiffness > AT_LIMIT else 0), now.patience, now.kept)
+
+
+@compiled
+def rejected(now: StepController, used: float, error: float, tolerance: float) -> StepController:
+    """Return the controller after a step [s] that was not accurate enough."""
+    if now.on_trial:
+        return StepController(now.explicit_step, now.implicit, False, now.explicit_step,
+                              now.stiff_steps, min(2 * now.patience, LAST_PATIENCE), now.kept)
+    # An error without bound: try much shorter.
+    shrink = FASTEST_SHRINKING
+    if math.isfinite(error):
+        shrink = max(FASTEST_SHRINKING, SAFETY * (tolerance / error)**(1.0 / ORDER))
+    return with_step(now, used * shrink)
+
+
+@compiled
+def growth(error: float, tolerance: float) -> float:
+    """Return by what the step may grow after an error."""
+    if error == 0.0:
+        return FASTEST_GROWTH
+    return min(FASTEST_GROWTH, SAFETY * (tolerance / error)**(1.0 / ORDER))
+
+
+@compiled
+def next_step(now: StepController, used: float, grow: float) -> float:
+    """Return the step to try after one that was accepted [s]."""
+    # A step cut short by the end, or by the limit, says little about the one to try.
+    return max(now.step, used * grow) if used < now.step else used * grow
+
+
+@compiled
+def accepted_explicit(now: StepController, used: float, grow: float,
+                      method: int) -> StepController:
+    """Return the controller after an explicit step [s] that was accurate enough."""
+    step = next_step(now, used, grow)
+    if method == AUTOMATIC and now.stiff_steps >= now.patience:
+        return StepController(step * (1.5 * IMPLICIT_COST), now.implicit, True, step, 0,
+                              now.patience, now.kept)
+    return with_step(now, step)
+
+
+@compiled
+def accepted_implicit(now: StepController, used: float, grow: float, method: int,
+                      stable: float) -> StepController:
+    """
+    Return the controller after an implicit step [s] that was accurate enough.
+
+    Implicit steps go on where they are worth more than explicit ones, of which the longest is
+    `stable` [s].
+    """
+    step = next_step(now, used, grow)
+    if method != AUTOMATIC:
+        return with_step(now, step)
+    # While the step still grows as it may, nothing is known yet.
+    if grow == FASTEST_GROWTH or step > IMPLICIT_COST * stable:
+        return StepController(step, True, False, now.explicit_step, now.stiff_steps,
+                              FIRST_PATIENCE, True)
+    return StepController(min(step, now.explicit_step), False, False, now.explicit_step,
+                          now.stiff_steps, min(2 * now.patience, LAST_PATIENCE), False)
+
+
+@compiled
+def after_event(now: StepController, count: int, method: int) -> StepController:
+    """Return the controller at the begin of a mode with so many contacts."""
+    if method != AUTOMATIC or count == 0:
+        return now
+    # Explicit steps would shake a hard contact before they find it hard.
+    return StepController(now.step, True, now.on_trial, now.step, now.stiff_steps, now.patience,
+                          now.kept)
+
+
+@compiled
+def with_kept(now: StepController, kept: bool) -> StepController:
+    """Return the controller that begins a run that goes on with such steps."""
+    return StepController(now.step, now.implicit, now.on_trial, now.explicit_step, now.stiff_steps,
+                          now.patience, kept)

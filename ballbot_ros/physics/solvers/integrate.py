@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Adaptive integration that meets every kink of the contact law on purpose.
+
+Steps are chosen by the estimated local error.  Each is taken with a frozen mode (see `modes`);
+where the mode ends within the step, the end is located on the dense output and the next step
+starts there in the new mode.  So the order holds through impacts, lift-offs and the onset of
+slip, where a fixed step loses it.
+
+Three ideas, a file each: a *step* (`dormand_prince`, `rodas5p`), the *controller* of step size
+and method, and *events*.  Where nothing touches and the law of the motor has a closed form, the
+ball flies to its next touch in one step without error (`touch_down`).
+"""
+import math
+
+from ballbot_ros.compiled import compiled, outlined
+from ballbot_ros.physics.mechanics.contact import ground_height
+from ballbot_ros.physics.mechanics.equations import is_finite
+from ballbot_ros.physics.mechanics.jacobian import smooth_contacts
+from ballbot_ros.physics.mechanics.modes import (
+    contact_count, features_within, find_mode, mode_derivative)
+from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.model.state import SIZE, X, Y
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.solvers import dormand_prince, rodas5p
+from ballbot_ros.physics.solvers.controller import (
+    accepted_explicit, accepted_implicit, after_event, clear_distance, error_length, growth,
+    rejected, smallest_step, started, step_limit, stiffness_seen, with_step)
+from ballbot_ros.physics.solvers.dense import interpolate, write_rows
+from ballbot_ros.physics.solvers.events import CROWD, EventRate, first_event, LOOKS, rated, STUCK
+from ballbot_ros.physics.solvers.flight import has_closed_form
+from ballbot_ros.physics.solvers.spans import FLIGHT, FULL, note
+from ballbot_ros.physics.solvers.touch_down import fly_to_touch, SHORT_FLIGHT
+from ballbot_ros.physics.solvers.values import (
+    BUDGET_EXCEEDED, EVALUATIONS, EVENTS, FINISHED, LOOKING, NOT_FINITE, Options, Output,
+    PENETRATED, REJECTED, Status, STEP_TOO_SMALL, StepController, STEPS, Workspace)
+
+FREE_FEATURES = 32  # of the ground that a right-hand side pays for; more cost work, too
+
+
+@compiled
+def begin_mode(time: float, state: Array, system: System, workspace: Workspace) -> int:
+    """Freeze the mode of a state, write f0, and return how many contacts there are."""
+    count = find_mode(time, state, system, workspace.mode)
+    mode_derivative(time, state, system, workspace.mode, workspace.stages[0])
+    workspace.statistics[EVALUATIONS] += 1
+    return count
+
+
+@compiled
+def accepted(now: StepController, state: Array, used: float, error: float, implicit: bool,
+             options: Options, workspace: Workspace) -> StepController:
+    """Prepare the dense output of a step [s] that was accepted, and return the controller."""
+    workspace.statistics[STEPS] += 1
+    grow = growth(error, options.tolerance)
+    if implicit:
+        rodas5p.prepare_dense(state, workspace)
+        return accepted_implicit(now, used, grow, options.method,
+                                 rodas5p.longest_stable(workspace.jacobian))
+    dormand_prince.prepare_dense(state, used, workspace)
+    return accepted_explicit(now, used, grow, options.method)
+
+
+@compiled
+def find_event(time: float, state: Array, used: float, distance: float, system: System,
+               workspace: Workspace) -> float:
+    """Return theta of the first event within a step; see `events.first_event`."""
+    first, behind = features_within(
+        state[X], system.parameters.radius + distance, system.ground)
+    workspace.statistics[LOOKING] += (
+        dormand_prince.STAGES * contact_count(workspace.mode) + LOOKS * (behind - first)
+    ) // FREE_FEATURES
+    return first_event(time, used, first, behind, system, workspace)
+
+
+@compiled
+def end_step(theta: float, reached: float, state: Array, implicit: bool, system: System,
+             workspace: Workspace) -> None:
+    """Write the state at the end of a step, or at the event within it, into `state`."""
+    if theta <= 1.0:
+        interpolate(theta, workspace.dense, state)
+        workspace.statistics[EVENTS] += 1
+        return
+    for i in range(SIZE):
+        state[i] = workspace.y_new[i]
+        workspace.stages[0, i] = workspace.stages[dormand_prince.STAGES - 1, i]
+    if implicit:
+        mode_derivative(reached, state, system, workspace.mode, workspace.stages[0])
+        workspace.statistics[EVALUATIONS] += 1
+
+
+@outlined
+def advance(status: Status, end: float, state: Array, system: System, options: Options,
+            output: Output, workspace: Workspace) -> Status:
+    """Advance `state` in place up to `end` [s]; see the contract in `solvers`."""
+    parameters, ground, statistics = system.parameters, system.ground, workspace.statistics
+    time, filled, controller, rate = (
+        status.time, status.filled, status.controller, EventRate(0, 0, 0))
+    may_fly = options.flight and has_closed_form(parameters, system.actuator)
+    begun, known = False, False  # the mode with its f0, and the Jacobian, of this state
+    while time < end:
+        if not begun:
+            if find_mode(time, state, system, workspace.mode) == 0 and may_fly:
+                landed, filled = fly_to_touch(
+                    time, state, end, system, output, filled, workspace)
+                may_fly = landed - time >= SHORT_FLIGHT
+                if landed > time:
+                    note(workspace.log, time, FLIGHT)
+                time = landed
+                continue
+            note(workspace.log, time, FULL)
+            count = begin_mode(time, state, system, workspace)
+            controller = started(controller, count, options.method)
+            rate = EventRate(0, 0, 0)
+            begun, known = True, False
+        if statistics[EVALUATIONS] + statistics[LOOKING] >= options.budget:
+            return Status(BUDGET_EXCEEDED, time, filled, controller)
+        smallest, distance = smallest_step(time), clear_distance(state[X], parameters, ground)
+        limit = step_limit(
+            state, distance, contact_count(workspace.mode), parameters, ground)
+        used = min(controller.step, limit, end - time)
+        implicit = (controller.implicit or controller.on_trial) and smooth_contacts(
+            workspace.mode)
+        if implicit:
+            rodas5p.step(time, state, used, system, workspace, known)
+            known = True
+        else:
+            controller = stiffness_seen(
+                controller, dormand_prince.step(time, state, used, system, workspace))
+        error = error_length(workspace.error, parameters)
+        if not error <= options.tolerance:
+            statistics[REJECTED] += 1
+            on_trial = controller.on_trial
+            controller = rejected(controller, used, error, options.tolerance)
+            if controller.step < smallest and not on_trial:
+                return Status(STEP_TOO_SMALL if error < math.inf else NOT_FINITE, time,
+                              filled, controller)
+            continue
+        controller = accepted(controller, state, used, error, implicit, options, workspace)
+        known = False
+        theta = find_event(time, state, used, distance, system, workspace)
+        rate, theta = rated(rate, theta, time, used)
+        reached = min(time + used, end) if theta > 1.0 else time + theta * used
+        filled = write_rows(
+            output, filled, time, used, reached + smallest, system.actuator, workspace)
+        end_step(theta, reached, state, implicit, system, workspace)
+        if rate.crowded > CROWD:
+            # A long step is not accurate enough to tell events apart.
+            controller = with_step(controller, 0.5 * used)
+        if rate.stuck > STUCK:
+            return Status(STEP_TOO_SMALL, time, filled, controller)
+        if not is_finite(state):
+            return Status(NOT_FINITE, reached, filled, controller)
+        time = end if end - reached < smallest else reached
+        if state[Y] <= ground_height(ground, state[X]):
+            return Status(PENETRATED, time, filled, controller)
+        if theta <= 1.0:
+            count = begin_mode(time, state, system, workspace)
+            controller = after_event(controller, count, options.method)
+            begun = count > 0 or not may_fly
+    return Status(FINISHED, time, filled, controller)

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The classical Runge-Kutta scheme with steps of one length.
+
+Of order 4 between the kinks of the contact law, of order 1 through them.
+"""
+from ballbot_ros.compiled import compiled, outlined
+from ballbot_ros.physics.mechanics.equations import derivative
+from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.model.state import SIZE
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.solvers.fixed_step import end_stretch, outcome_of, stretches
+from ballbot_ros.physics.solvers.values import FINISHED, Options, Output, Status, Workspace
+
+ORDER = 4
+EVALUATIONS = 4  # of the right-hand side, for each step
+
+
+@compiled
+def step(time: float, state: Array, size: float, system: System, workspace: Workspace) -> None:
+    """Advance `state` in place by one step."""
+    stages, probe, contacts = workspace.stages, workspace.probe, workspace.mode.contacts
+    k1, k2, k3, k4 = stages[0], stages[1], stages[2], stages[3]
+    derivative(time, state, system, contacts, k1)
+    for i in range(SIZE):
+        probe[i] = state[i] + 0.5 * size * k1[i]
+    derivative(time + 0.5 * size, probe, system, contacts, k2)
+    for i in range(SIZE):
+        probe[i] = state[i] + 0.5 * size * k2[i]
+    derivative(time + 0.5 * size, probe, system, contacts, k3)
+    for i in range(SIZE):
+        probe[i] = state[i] + size * k3[i]
+    derivative(time + size, probe, system, contacts, k4)
+    for i in range(SIZE):
+        state[i] += size / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
+
+
+@outlined
+def advance(status: Status, end: float, state: Array, system: System, options: Options,
+            output: Output, workspace: Workspace) -> Status:
+    """Advance `state` in place up to `end` [s]; see the contract in `solvers`."""
+    count, steps = stretches(status, end, options, output)
+    filled, size = status.filled, options.step
+    for stretch in range(count):
+        # Times are counted from the start, so that they carry no accumulated rounding.
+        begin = status.time + stretch * steps * size
+        for done in range(steps):
+            step(begin + done * size, state, size, system, workspace)
+            outcome = outcome_of(state, system)
+            if outcome != FINISHED:
+                return Status(outcome, begin + (done + 1) * size, filled, status.controller)
+        filled = end_stretch(begin + steps * size, state, steps, EVALUATIONS, system, output,
+                             filled, workspace)
+    return Status(FINISHED, status.time + count * steps * size, filled, status.controller)

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Semi-implicit Euler with steps of one length, the choice of game engines.
+
+Of order 1, with one evaluation per step; keeps the energy of an undamped spring within a bound.
+"""
+from ballbot_ros.compiled import compiled, outlined
+from ballbot_ros.physics.mechanics.equations import derivative
+from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.model.state import COORDINATES, SIZE
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.solvers.fixed_step import end_stretch, outcome_of, stretches
+from ballbot_ros.physics.solvers.values import FINISHED, Options, Output, Status, Workspace
+
+ORDER = 1
+EVALUATIONS = 1  # of the right-hand side, for each step
+
+
+@compiled
+def step(time: float, state: Array, size: float, system: System, workspace: Workspace) -> None:
+    """Advance `state` in place by one step."""
+    rates = workspace.rates
+    derivative(time, state, system, workspace.mode.contacts, rates)
+    for i in range(COORDINATES, SIZE):
+        state[i] += size * rates[i]
+    # The coordinates follow with the new velocities; this is what keeps springs bounded.
+    for i in range(COORDINATES):
+        state[i] += size * state[COORDINATES + i]
+
+
+@outlined
+def advance(status: Status, end: float, state: Array, system: System, options: Options,
+            output: Output, workspace: Workspace) -> Status:
+    """Advance `state` in place up to `end` [s]; see the contract in `solvers`."""
+    count, steps = stretches(status, end, options, output)
+    filled, size = status.filled, options.step
+    for stretch in range(count):
+        # Times are counted from the start, so that they carry no accumulated rounding.
+        begin = status.time + stretch * steps * size
+        for done in range(steps):
+            step(begin + done * size, state, size, system, workspace)
+            outcome = outcome_of(state, system)
+            if outcome != FINISHED:
+                return Status(outcome, begin + (done + 1) * size, filled, status.controller)
+        filled = end_stretch(begin + steps * size, state, steps, EVALUATIONS, system, output,
+                             filled, workspace)
+    return Status(FINISHED, status.time + count * steps * size, filled, status.controller)

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+When a flight in closed form ends: the first touch, which cannot be passed.
+
+The distance of a point to a segment is convex along a straight line, and the
+centre leaves the straight line by at most A t^2 / 2, where A bounds its acceleration.  So for
+each segment ``gap + gap' h - A h^2 / 2 <= 0`` gives a time h before which there is no touch, and
+the least h of all segments may be stepped over.  Repeated, this converges on the first touch
+quadratically, and cannot pass it.
+"""
+import math
+
+from ballbot_ros.compiled import compiled, outlined
+from ballbot_ros.physics.mechanics.contact import first_segment
+from ballbot_ros.physics.model.parameters import Parameters, System
+from ballbot_ros.physics.model.state import PENDULUM_RATE, SIZE
+from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, VERTEX_X, VERTEX_Y
+from ballbot_ros.physics.solvers.controller import smallest_step
+from ballbot_ros.physics.solvers.dense import write_row
+from ballbot_ros.physics.solvers.events import time_width
+from ballbot_ros.physics.solvers.flight import centre_after, fly, Spin, spin_start, within_limit
+from ballbot_ros.physics.solvers.values import Output, Workspace
+
+# A search looks so far at a time [s]: the bound of the acceleration is one of that time.
+WINDOW = 0.05
+MOST_LOOKS = 200
+NO_TOUCH = -1.0
+SHORT_FLIGHT = 1e-6  # [s]: not worth another one
+
+
+@compiled
+def clear_time(x: float, y: float, velocity_x: float, velocity_y: float, bend: float,
+               reach: float, radius: float, ground: Array) -> float:
+    """
+    Return a time before which the ball touches nothing [s].
+
+    Parameters
+    ----------
+    bend : float
+        Bound of the acceleration of the centre [m/s2], above 0.
+    reach : float
+        Segments that lie further from x than this are not looked at [m].
+
+    """
+    least = math.inf
+    last = len(ground) - 2
+    for segment in range(first_segment(ground, x - reach), last + 1):
+        away_x, away_y = x - ground[segment, VERTEX_X], y - ground[segment, VERTEX_Y]
+        if -away_x > reach and segment > 0:
+            break
+        along_x, along_y = ground[segment, TANGENT_X], ground[segment, TANGENT_Y]
+        along = away_x * along_x + away_y * along_y
+        # The nearest point: the foot of the perpendicular, or an end that is not infinite.
+        if along < 0.0 and segment > 0:
+            along = 0.0
+        if segment < last:
+            end = ((ground[segment + 1, VERTEX_X] - ground[segment, VERTEX_X]) * along_x
+                   + (ground[segment + 1, VERTEX_Y] - ground[segment, VERTEX_Y]) * along_y)
+            along = min(along, end)
+        away_x -= along * along_x
+        away_y -= along * along_y
+        distance = math.sqrt(away_x * away_x + away_y * away_y)
+        gap = max(distance - radius, 0.0)
+        speed = (velocity_x * away_x + velocity_y * away_y) / distance
+        root = math.sqrt(speed * speed + 2.0 * bend * gap)
+        # The positive root of gap + speed h - bend h^2 / 2, without cancellation.
+        wait = (speed + root) / bend if speed > 0.0 else (
+            2.0 * gap / (root - speed) if gap > 0.0 else 0.0)
+        least = min(least, wait)
+    return least
+
+
+@outlined
+def time_of_touch(state: Array, most: float, width: float, spin: Spin, parameters: Parameters,
+                  ground: Array) -> float:
+    """
+    Return the time of flight until the ball first touches the ground [s].
+
+    Parameters
+    ----------
+    most : float
+        How far to search [s].
+    width : float
+        How closely to locate [s]; the time returned is up to that later than the touch.
+
+    Returns
+    -------
+    float
+        NO_TOUCH where there is none.
+
+    """
+    done = 0.0
+    l1, l2, g1, h1, g2, h2 = spin
+    arm = parameters.pendulum_moment / parameters.mass if parameters.swing_inertia > 0.0 else 0.0
+    swing_up = abs(h1) + abs(h2)  # a bound of |phi''|: each part only decays
+    looks = 0
+    while done < most:
+        window = min(WINDOW, most - done)
+        until = done + window
+        swing = abs(state[PENDULUM_RATE]) + swing_up * until
+        bend = parameters.gravity + arm * (swing * swing + swing_up) + 1e-9
+        while done < until:
+            x, y, velocity_x, velocity_y = centre_after(state, done, spin, parameters)
+            speed = math.sqrt(velocity_x * velocity_x + velocity_y * velocity_y)
+            reach = parameters.radius + (speed + bend * window) * window
+            wait = clear_time(x, y, velocity_x, velocity_y, bend, reach, parameters.radius, ground)
+            looks += 1
+            done += wait + 0.5 * width
+            if wait <= 0.5 * width or looks > MOST_LOOKS:
+                return done
+        done = min(done, until)  # the bound holds no further
+    return NO_TOUCH
+
+
+@outlined
+def fly_to_touch(time: float, state: Array, end: float, system: System, output: Output,
+                 filled: int, workspace: Workspace) -> tuple[float, int]:
+    """
+    Advance a state without contact in place until it touches.
+
+    Returns
+    -------
+    time : float
+        Reached [s]; as it was where the motor might come to its limit.
+    filled : int
+        Rows that are filled now.
+
+    """
+    parameters, actuator, later = system.parameters, system.actuator, workspace.probe
+    spin = spin_start(state, parameters, actuator)
+    most = end - time
+    wait = time_of_touch(state, most, 2.0 * time_width(time), spin, parameters, system.ground)
+    lasting = most if wait == NO_TOUCH else min(wait, most)
+    if not within_limit(state, lasting, spin, parameters, actuator):
+        return time, filled
+    reached = end if wait == NO_TOUCH else time + lasting
+    while (filled < len(output.rows) and output.begin + (filled + 1) * output.interval
+           <= reached + smallest_step(time)):
+        moment = output.begin + (filled + 1) * output.interval
+        fly(state, min(moment - time, lasting), spin, parameters, actuator, later)
+        write_row(output, filled, moment, later, actuator)
+        filled += 1
+    fly(state, lasting, spin, parameters, actuator, later)
+    for i in range(SIZE):
+        state[i] = later[i]
+    return reached, filled

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What travels through a solver: options, arrays to work in, output, controller, status."""
+from typing import NamedTuple
+
+import numpy as np
+
+from ballbot_ros.physics.mechanics.jacobian import jacobian_table
+from ballbot_ros.physics.mechanics.modes import ContactMode, IntArray
+from ballbot_ros.physics.model.state import SIZE
+from ballbot_ros.physics.model.terrain import Array
+
+# The outcome of a run.
+FINISHED, NOT_FINITE, PENETRATED, STEP_TOO_SMALL, BUDGET_EXCEEDED = range(5)
+
+# What `Workspace.statistics` counts; the last: right-hand sides that looking at many features
+# of the ground is worth.
+STEPS, REJECTED, EVENTS, EVALUATIONS, LOOKING = range(5)
+
+# Which of the two methods of `integrate`: whichever is quicker, or always the same.
+AUTOMATIC, EXPLICIT, IMPLICIT = range(3)
+
+SMALLEST_STEP = 1e-14  # [s], relative to times above 1 s
+STAGES = 9  # most that a method needs, with f0
+LOG_LINES = 400
+
+
+class Options(NamedTuple):
+    """How to solve."""
+
+    tolerance: float  # local error of a step, see `controller.error_length` [m]
+    step: float  # of a method with steps of one length; the longest of `trapezoidal` [s]
+    method: int = AUTOMATIC
+    budget: int = 2**62  # of right-hand sides, counted in the statistics
+    flight: bool = False  # whether to fly in closed form
+
+
+class Output(NamedTuple):
+    """Where to write rows of time, state and torque: row i is for begin + (i + 1) interval."""
+
+    rows: Array  # (n, 15)
+    begin: float  # [s]
+    interval: float  # [s]
+
+
+class StepController(NamedTuple):
+    """What the steps so far say of the next one; see `controller`."""
+
+    step: float = 0.0  # to try next [s]; 0 to choose
+    implicit: bool = False  # whether steps are implicit
+    on_trial: bool = False  # whether the next one is, to see whether that pays
+    explicit_step: float = 0.0  # to go back to, if it does not [s]
+    stiff_steps: int = 0  # explicit steps at the limit of stability since the last trial
+    patience: int = 0  # so many of them before the next trial
+    kept: bool = False  # whether a run that goes on begins with implicit steps
+
+
+class Status(NamedTuple):
+    """Where a run is."""
+
+    outcome: int  # FINISHED or why it cannot go on
+    time: float  # reached [s]
+    filled: int  # rows of the output
+    controller: StepController
+
+
+class Workspace(NamedTuple):
+    """The arrays that solvers work in; one set for each thread."""
+
+    mode: ContactMode
+    stages: Array  # (9, 13): the first is f0, the rates at the beginning of the step
+    rates: Array  # (13,)
+    y_new: Array  # (13,): the state at the end of the step
+    error: Array  # (13,): its estimated error
+    dense: Array  # (5, 13): coefficients of the dense output, see `dense.interpolate`
+    jacobian: Array  # see `jacobian.write_jacobian`
+    inverse: Array  # (4, 12), see `rodas5p.invert`
+    probe: Array  # (13,): a state within the step
+    violated: IntArray  # kind and item of each violated guard
+    statistics: IntArray  # (5,): counts since they were made
+    log: Array  # (n, 2): which model, see `spans.note`
+
+    @classmethod
+    def of(cls, vertices: int) -> 'Workspace':
+        """Return the workspace for a ground with so many vertices."""
+        return cls(
+            ContactMode.of(vertices), np.zeros((STAGES, SIZE)), np.zeros(SIZE), np.zeros(SIZE),
+            np.zeros(SIZE), np.zeros((5, SIZE)), jacobian_table(), np.zeros((4, 12)),
+            np.zeros(SIZE), np.zeros((4 * vertices + 8, 2), dtype=np.int64),
+            np.zeros(5, dtype=np.int64), np.zeros((LOG_LINES, 2)))
+
+
+NO_OUTPUT = Output(np.zeros((0, 2 + SIZE)), 0.0, 1.0)

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Kernels stay small enough to read, and say what they take."""
+import ast
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[3] / 'ballbot_ros'
+MARKS = {'compiled', 'inlined', 'outlined', 'unlocked'}
+MOST_PARAMETERS, MOST_LINES = 8, 70
+
+
+def kernels(text):
+    """Yield each kernel of a module."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef) and MARKS & {
+                getattr(mark, 'id', '') for mark in node.decorator_list}:
+            yield node
+
+
+def faults(kernel):
+    """Yield what is wrong with a kernel."""
+    parameters = kernel.args.args
+    if len(parameters) > MOST_PARAMETERS or kernel.args.vararg or kernel.args.kwonlyargs:
+        yield f'{len(parameters)} parameters'
+    begin = kernel.body[1 if ast.get_docstring(kernel) else 0].lineno
+    signature = kernel.body[0].lineno - kernel.lineno
+    if signature + kernel.end_lineno - begin + 1 > MOST_LINES:
+        yield f'{signature + kernel.end_lineno - begin + 1} lines without its docstring'
+    kinds = {item.arg: item.annotation for item in parameters} | {'return': kernel.returns}
+    for name, kind in kinds.items():
+        said = ast.unparse(kind) if kind is not None else ''
+        if not said or 'Any' in said or said == 'tuple':
+            yield f'{name}: {said or "no type"}'
+
+
+def test_no_kernel_takes_many_parameters_or_is_long_or_untyped():
+    found, count = [], 0
+    for path in sorted(PACKAGE.rglob('*.py')):
+        for kernel in kernels(path.read_text(encoding='utf-8')):
+            count += 1
+            found += [f'{path.name}: {kernel.name}: {fault}' for fault in faults(kernel)]
+    assert not found, '\n'.join(found)
+    assert count > 50
+
+
+@pytest.mark.parametrize('text, wrong', [
+    ('def f(a: int, b: Any) -> int:\n    return a', 'b: Any'),
+    ('def f(a: int) -> tuple:\n    return a', 'return: tuple'),
+    ('def f(a):\n    return a', 'a: no type'),
+    (f'def f({", ".join(f"a{i}: int" for i in range(9))}) -> None:\n    pass', '9 parameters'),
+    ('def f(a: int) -> int:\n    "Say."\n' + 71 * '    a += 1\n' + '    return a', '73 lines'),
+])
+def test_a_kernel_that_breaks_a_rule_is_caught(text, wrong):
+    kernel, = kernels('@compiled\n' + text)
+    assert any(fault.startswith(wrong) for fault in faults(kernel))
