@@ -17,8 +17,8 @@ import platform
 from statistics import median
 import sys
 
-PARTS = ('kernels', 'search', 'threads', 'sweep', 'loop', 'wire', 'flood', 'accuracy',
-         'precision', 'models', 'estimate', 'bridge')
+PARTS = ('kernels', 'first_compile', 'search', 'threads', 'sweep', 'loop', 'wire', 'flood',
+         'accuracy', 'precision', 'models', 'estimate', 'bridge')
 # Measured only when asked for: it takes ten minutes.
 EXTRA = ('loop_faults',)
 

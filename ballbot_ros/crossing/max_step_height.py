@@ -25,7 +25,7 @@ import numpy as np
 from ballbot_ros.config.fields import check_value, count, quantity
 from ballbot_ros.crossing.attempt import attempt, Crossing, OVER
 from ballbot_ros.crossing.rules import check_gravity, HEIGHT, Rules, Site, SPEED, too_fast
-from ballbot_ros.crossing.search import judge, search, TOO_FAST
+from ballbot_ros.crossing.search import search, TOO_FAST
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.contact_options import ContactOptions
@@ -119,9 +119,8 @@ def max_step_height(robot: Robot, speed: float, actuation: Actuation = Actuation
     if scan > 0:
         parts = (np.arange(scan) + 0.5) / scan
         heights = np.concatenate([low * parts if low > 0.0 else [], high * (1.0 + parts)])
-        verdicts = np.zeros(len(heights), dtype=np.int64)
-        _check(judge(heights, verdicts, fine, crossing), crossing, fine)
-        monotone = bool(((verdicts == OVER) == (heights < high)).all())
+        overs = [_try(item, fine, crossing)[0] for item in heights.tolist()]
+        monotone = overs == (heights < high).tolist()
     return MaxStepHeight(speed, float(low), float(error), monotone, *crossing.spent.tolist())
 
 
@@ -157,6 +156,11 @@ def try_step(robot: Robot, speed: float, height: float, actuation: Actuation = A
     """
     height = check_value('height', height, HEIGHT, 'try_step')
     crossing = _prepare(robot, speed, actuation, pendulum_angle, site, rules, options)
+    return _try(height, tolerance, crossing)
+
+
+def _try(height: float, tolerance: float, crossing: Crossing) -> Tuple[bool, float]:
+    """Return whether the ball gets over, and the score."""
     verdict, score, outcome = attempt(height, tolerance, crossing)
     _check(outcome, crossing, tolerance)
     return bool(verdict == OVER), float(score)

@@ -6,8 +6,6 @@ It believes that every step below one that is passed is passed, too.
 """
 from ballbot_ros.compiled import compiled, unlocked
 from ballbot_ros.crossing.attempt import attempt, Crossing, LEAST, OVER
-from ballbot_ros.physics.mechanics.modes import IntArray
-from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.values import FINISHED
 
 # Ends of a bracket, their scores, and the outcome.
@@ -144,13 +142,3 @@ def search(width: float, coarse: float, fine: float, guess: float,
     if outcome == FINISHED:
         low, high, outcome = narrow(low, high, above, below, width, fine, crossing)
     return low, high, min(low, lowest), max(high, highest), outcome
-
-
-@unlocked
-def judge(heights: Array, verdicts: IntArray, tolerance: float, crossing: Crossing) -> int:
-    """Write the verdict of each height and return FINISHED, or how a run ended that failed."""
-    for item in range(len(heights)):
-        verdicts[item], _, outcome = attempt(heights[item], tolerance, crossing)
-        if outcome != FINISHED:
-            return outcome
-    return FINISHED
