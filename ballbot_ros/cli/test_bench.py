@@ -91,13 +91,13 @@ def write_all(robot: Any, bench: Any, rolls: list, folder: Path) -> list[str]:
     write_text('\n'.join(as_seen(bench, rolls)) + '\n', folder / 'tests.csv')
     write_text('\n'.join(as_was(rolls)) + '\n', folder / 'truth.csv')
     figure = bench_figure(rolls, bench_curves(robot, bench),
-                          f'{robot.name}, {bench.knob} varied: {len(rolls)} rolls')
+                          f'{robot.name}, {bench.setting_name} varied: {len(rolls)} rolls')
     return ['tests.csv', 'truth.csv', *save_figure(figure, folder, 'tests')]
 
 
 def as_seen(bench: Any, rolls: list) -> Iterator[str]:
     """Yield the table that an experimenter would have written."""
-    yield f'test,step height [mm],{bench.knob} [{bench.unit}],measured speed [m/s],passed'
+    yield f'test,step height [mm],{bench.setting_name} [{bench.unit}],measured speed [m/s],passed'
     for number, roll in enumerate(rolls, 1):
         speed = f'{roll.measured_speed:.3f}' if math.isfinite(roll.measured_speed) else ''
         yield (f'{number},{1e3 * roll.step_height:g},{roll.setting:.4g},{speed},'
@@ -117,7 +117,7 @@ def as_was(rolls: list) -> Iterator[str]:
 def report(robot: Any, bench: Any, rolls: list) -> Iterator[str]:
     """Yield what was found, step by step, beside what was true."""
     from ballbot_ros.studies.procedure import find_thresholds
-    yield f'{robot.name}, {bench.knob} varied: {len(rolls)} rolls'
+    yield f'{robot.name}, {bench.setting_name} varied: {len(rolls)} rolls'
     yield ''
     yield 'step mm  rolls  highest no-pass m/s  lowest pass m/s  highest no-pass at touch m/s'
     true = {item.step_height: item for item in find_thresholds(

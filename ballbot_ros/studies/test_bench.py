@@ -59,7 +59,7 @@ class Bench(Checked):
         minimum=0.0)
 
     # What the setting is, the least one, and the factors between those of two rolls.
-    knob: ClassVar[str]
+    setting_name: ClassVar[str]
     unit: ClassVar[str]
     lowest: ClassVar[float]
     coarse: ClassVar[float]
@@ -152,7 +152,7 @@ class Ramp(Bench):
                               default=0.01, minimum=0.0)
     highest_release: float = quantity('m', 'top of the ramp', default=0.4, above=0.0)
 
-    knob, unit, lowest, coarse, fine = 'release height', 'm', 4e-3, 1.3, 1.05
+    setting_name, unit, lowest, coarse, fine = 'release height', 'm', 4e-3, 1.3, 1.05
 
     @property
     def highest(self) -> float:
@@ -196,7 +196,7 @@ class RunUp(Bench):
         'V', 'that the driver gives; more would swing the pendulum of GimBall over its top at '
         'the start, and the ball would be slower', default=8.0, above=0.0)
 
-    knob, unit, lowest, coarse, fine = 'voltage', 'V', 1.0, 1.15, 1.03
+    setting_name, unit, lowest, coarse, fine = 'voltage', 'V', 1.0, 1.15, 1.03
 
     @property
     def highest(self) -> float:
