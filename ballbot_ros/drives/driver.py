@@ -58,7 +58,7 @@ class Driver(ABC):
         self.options = options
         self.clock = clock
         self.telemetry = Telemetry()
-        self.counts: Counter[str] = Counter()
+        self.counts: Counter[str] = Counter(lost=0)
         self._armed = False  # by us, and not stopped since
         # When that was asked for whose reply showed that the motor has no power.
         self._off_asked_at = -math.inf
@@ -222,7 +222,7 @@ class Driver(ABC):
         Raises
         ------
         DriveError
-            ``silent``; in a handshake what `_nobody` says.
+            ``silent``; in a handshake what `_handshake_error` says.
 
         """
         before = self.counts.copy()
@@ -231,9 +231,9 @@ class Driver(ABC):
             if not self._until(answered, self._soon(deadline)) and self.clock() >= deadline:
                 raise DriveError('silent', (
                     f'{self.line.port}: the {self.maker} does not answer {what}')
-                ) if what else self._nobody(before)
+                ) if what else self._handshake_error(before)
 
-    def _nobody(self, before: Counter[str]) -> DriveError:
+    def _handshake_error(self, before: Counter[str]) -> DriveError:
         """Return why a handshake failed; `before` are the counts from its beginning."""
         received = self.counts['bytes'] - before['bytes']
         if not received:

@@ -199,12 +199,12 @@ class ODrive(Driver):
         self._ask_until(lambda: self._pending.in_sync, lambda: self._property_request(STATE),
                         deadline)
 
-    def _nobody(self, before: Counter[str]) -> DriveError:
+    def _handshake_error(self, before: Counter[str]) -> DriveError:
         if self.counts['unchecked'] > before['unchecked']:
             return DriveError('wrong_protocol', (
                 f'{self.line.port}: text comes back, but not that of an ODrive, whose replies '
                 'have a checksum'))
-        return super()._nobody(before)
+        return super()._handshake_error(before)
 
     def _read(self, name: str, deadline: float) -> float:
         """

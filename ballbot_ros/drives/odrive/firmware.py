@@ -12,7 +12,7 @@ properties were not at hand.  So what they mean follows from their names, and fr
 
 Guessed for 0.6: that `torque_soft_min`, `torque_soft_max` and `current_soft_max` bound the torque
 command as `torque_lim` and `current_lim` did; that an encoder in RELATIVE_MODE will do, because
-nothing here rests on where zero is; that feedback is not to be believed while an estimate is
+nothing here rests on where zero is; that feedback is not valid while an estimate is
 missing; that `disarm_reason` stays after the error has gone.
 """
 from dataclasses import dataclass

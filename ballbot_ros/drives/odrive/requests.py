@@ -13,7 +13,7 @@ class Requests:
     Asks for one property at a time, and knows whether a value that comes is the answer.
 
     Where a value is overdue, or one comes that was not asked for, it is out of sync: a numbered
-    marker is sent, and no value is believed until that has been answered.
+    marker is sent, and no value is accepted until that has been answered.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Requests:
         return self.in_sync and self.asked is None
 
     def lose_sync(self) -> None:
-        """Believe no value until a marker, still to be sent, has been answered."""
+        """Accept no value until a marker, still to be sent, has been answered."""
         self.asked = None
         self._marked_at = -math.inf
 

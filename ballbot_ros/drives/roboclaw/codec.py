@@ -116,7 +116,7 @@ class ReplyParser:
     ----------
     groups : sequence of sequences of int
         Requests that were asked together, in their order; two or more in each, so that an
-        answer is vouched for by 32 bits at least.  No group may be the beginning of another.
+        answer is protected by 32 bits at least.  No group may be the beginning of another.
     counts : Counter
         ``skipped`` bytes that belong to no answer, those that acknowledge commands apart.
 
