@@ -47,27 +47,19 @@ DRIVES = {
 
 
 def codec_of(protocol: str) -> ModuleType:
-    """Return the codec of a protocol; raises like `driver_class`."""
+    """Return the codec of a protocol; raises `ConfigurationError` if there is none of it."""
     return import_module(f'{_vendor(protocol).folder}.codec')
 
 
 def driver_class(protocol: str) -> Type[Driver]:
-    """
-    Return the driver of a protocol.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming the protocols that there are.
-
-    """
+    """Return the driver of a protocol; raises as `codec_of` does."""
     vendor = _vendor(protocol)
     found: Type[Driver] = getattr(import_module(f'{vendor.folder}.driver'), vendor.driver)
     return found
 
 
 def device_class(protocol: str) -> Type[Device]:
-    """Return the emulated device of a protocol; raises like `driver_class`."""
+    """Return the emulated device of a protocol; raises as `codec_of` does."""
     vendor = _vendor(protocol)
     found: Type[Device] = getattr(import_module(f'{vendor.folder}.emulated'), vendor.device)
     return found

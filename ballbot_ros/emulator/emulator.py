@@ -62,6 +62,8 @@ class Emulator:
 
     Attributes
     ----------
+    torque : float
+        At the motor shaft now [N m].
     log : deque of Applied
         Every change of the torque, oldest first.
     dropped : int
@@ -99,7 +101,7 @@ class Emulator:
         self._pace = Pace(PERIOD, 1.0, MOST_PERIODS)
         self._replies: Deque[tuple[float, bytes]] = deque()  # when the firmware sends, what
         self._calls: SimpleQueue[tuple[Callable[[], None], Event]] = SimpleQueue()
-        self._torque = 0.0
+        self.torque = 0.0
         self._running = False
         self._thread: Optional[Thread] = None
 
@@ -111,14 +113,9 @@ class Emulator:
         return self.terminal.path
 
     @property
-    def torque(self) -> float:
-        """Return the torque at the motor shaft now [N m]."""
-        return self._torque
-
-    @property
     def pendulum_torque(self) -> float:
         """Return the torque at the pendulum joint now [N m]."""
-        return self.ball.pendulum_torque(self._torque)
+        return self.ball.pendulum_torque(self.torque)
 
     @property
     def state(self) -> State:
@@ -235,8 +232,8 @@ class Emulator:
     def _log_torque(self, now: float) -> None:
         """Write the torque down if it has changed."""
         torque = self.device.torque()
-        if torque != self._torque:
-            self._torque = torque
+        if torque != self.torque:
+            self.torque = torque
             self.log.append(Applied(now, torque))
 
     def _run_calls(self) -> None:

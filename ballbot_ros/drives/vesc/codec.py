@@ -101,13 +101,8 @@ def get_values() -> bytes:
     return frame(struct.pack('>BI', GET_VALUES_SELECTIVE, MASK))
 
 
-def feed_watchdog() -> bytes:
-    """Return the command that feeds the watchdog and nothing else."""
-    return frame(bytes((ALIVE,)))
-
-
 def ask(message: int) -> bytes:
-    """Return a request that is its name and nothing more."""
+    """Return a request that is its name and nothing more; ``ALIVE`` only feeds the watchdog."""
     return frame(bytes((message,)))
 
 
@@ -174,13 +169,8 @@ class FrameParser:
         return end
 
 
-def parser() -> FrameParser:
-    """Return a parser of replies."""
-    return FrameParser()
-
-
 # Both directions have the same form.
-frame_reply = frame
+parser, frame_reply = FrameParser, frame
 
 
 def reply_of(data: bytes) -> bytes:

@@ -103,7 +103,7 @@ class Vesc(Driver):
 
     def feed(self) -> None:
         """Feed the watchdog; see `Driver`."""
-        self._send(codec.feed_watchdog())
+        self._send(codec.ask(codec.ALIVE))
 
     def budget(self) -> WireBudget:
         """Return the bytes of a command, a request and its reply."""

@@ -41,7 +41,6 @@ def test_messages_have_the_numbers_of_the_firmware():
     assert (codec.FW_VERSION, codec.GET_VALUES, codec.SET_CURRENT, codec.GET_MCCONF,
             codec.GET_APPCONF, codec.ALIVE, codec.GET_VALUES_SELECTIVE) == (
                 0, 4, 6, 14, 17, 30, 50)
-    assert codec.feed_watchdog() == codec.ask(30)
 
 
 def test_values_stand_where_the_firmware_puts_them():
