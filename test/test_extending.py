@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A solver, a drive and a planner are each added as docs/architecture.md says, and then used.
+
+In a copy of the package: a file is copied and changed, a table gets a line.  Nothing else is
+touched, and what users see knows the new name.
+"""
+import json
+import os
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+# The second-order scheme in place of the fourth-order one of rk4.py.
+MIDPOINT = """\
+    stages, probe, contacts = workspace.stages, workspace.probe, workspace.mode.contacts
+    derivative(time, state, system, contacts, stages[0])
+    for i in range(SIZE):
+        probe[i] = state[i] + 0.5 * size * stages[0, i]
+    derivative(time + 0.5 * size, probe, system, contacts, stages[1])
+    for i in range(SIZE):
+        state[i] += size * stages[1, i]
+"""
+
+
+class House:
+    """A copy of the package, to build in."""
+
+    def __init__(self, folder):
+        """Copy what the package needs to run."""
+        self.folder = folder
+        for name in ('ballbot_ros', 'config', 'examples'):
+            shutil.copytree(ROOT / name, folder / name,
+                            ignore=shutil.ignore_patterns('__pycache__'))
+        shutil.copy(ROOT / 'package.xml', folder)
+
+    def change(self, name, *changes):
+        """Replace text, each a pattern that occurs, in a file of the package."""
+        path = self.folder / 'ballbot_ros' / name
+        text = path.read_text(encoding='utf-8')
+        for pattern, new in changes:
+            text, times = re.subn(pattern, lambda _: new, text, count=1, flags=re.DOTALL)
+            assert times, f'{name}: no {pattern}'
+        path.write_text(text, encoding='utf-8')
+
+    def copy(self, old, new):
+        """Copy a file or a folder of the package."""
+        old, new = (self.folder / 'ballbot_ros' / name for name in (old, new))
+        (shutil.copytree if old.is_dir() else shutil.copy)(old, new)
+
+    def run(self, *words, fails=False):
+        """Return what a Python program prints; uncompiled, which for so little is quicker."""
+        environment = {**os.environ, 'PYTHONPATH': str(self.folder), 'BALLBOT_UNCOMPILED': '1'}
+        done = subprocess.run([sys.executable, *words], cwd=self.folder, env=environment,
+                              capture_output=True, text=True, timeout=300)
+        assert (done.returncode != 0) == fails, done.stdout + done.stderr
+        return done.stdout + done.stderr
+
+
+@pytest.fixture
+def house(tmp_path):
+    """Return a copy of the package, to build in."""
+    return House(tmp_path)
+
+
+def test_a_solver_is_a_file_and_a_line(house):
+    house.copy('physics/solvers/rk4.py', 'physics/solvers/midpoint.py')
+    house.change('physics/solvers/midpoint.py', (r'ORDER = 4', 'ORDER = 2'),
+                 (r'EVALUATIONS = 4', 'EVALUATIONS = 2'),
+                 (r'    stages, probe, contacts.*?(?=\n\n\n@)', MIDPOINT.rstrip()))
+    house.change('physics/solvers/registry.py', (r'import integrate,', 'import integrate, midpoint,'),
+                 (r"    'rk4': ", "    'midpoint': Method(midpoint.advance, midpoint.ORDER,\n"
+                  "                       midpoint.EVALUATIONS, step=True),\n    'rk4': "))
+    scene = house.folder / 'short.yaml'
+    scene.write_text('{robot: gimball, terrain: [flat: {length: 2}], initial: {x: 0.5, speed: 1}, '
+                     'actuation: {law: torque, torque: 0.5}, duration: 0.05}', encoding='utf-8')
+
+    def simulate(method, **how):
+        return house.run('-m', 'ballbot_ros.cli', 'simulate', str(scene), '--method', method,
+                         '--step', '1e-3', '--json', **how)
+    mine, known = (json.loads(simulate(method)) for method in ('midpoint', 'rk4'))
+    assert mine['evaluations'] < known['evaluations']
+    assert mine['x'] == pytest.approx(known['x'], abs=1e-6) != 0.5
+    assert "'midpoint'" in simulate('midpiont', fails=True)
+
+
+def test_a_drive_is_a_folder_and_a_line(house):
+    house.copy('drives/vesc', 'drives/own')
+    house.change('drives/own/driver.py', (r"'vesc'", "'own'"))
+    house.change('drives/__init__.py', (
+        r"    'vesc': ", "    'own': Vendor('ballbot_ros.drives.own', 'Vesc', 'VescDevice'),\n"
+        "    'vesc': "))
+    # In real time, so with a solver that does little in each millisecond.
+    example = house.folder / 'examples' / 'emulated_drive.py'
+    example.write_text(example.read_text().replace("load_scene('flat')", (
+        "load_scene('flat', solver=Solver('semi_implicit', step=1e-3))")).replace(
+        'import load_scene', 'import load_scene, Solver'), encoding='utf-8')
+    printed = house.run('examples/emulated_drive.py', 'own')
+    assert 'own, firmware' in printed
+    assert [float(x) for x in re.findall(r'(\S+) rad', printed)][-1] > 0.0
+    assert 'own' in house.run('-m', 'ballbot_ros.cli', 'emulate-motor', '--help')
+
+
+def test_a_planner_is_a_file_and_a_line(house):
+    house.copy('decision/planners/cubic.py', 'decision/planners/timid.py')
+    house.change('decision/planners/timid.py', (
+        r'    step = track\.step', '    if track and track.step:\n'
+        "        return _stop(Reason.TOO_HIGH, 'I had rather not')\n    step = track.step"))
+    house.change('decision/planners/__init__.py', (r'import cubic\n', 'import cubic, timid\n'),
+                 (r"\{'cubic'", "{'timid': timid.decide, 'cubic'"))
+    loop = house.folder / 'examples' / 'closed_loop.py'
+    loop.write_text(loop.read_text().replace("PLANNERS['cubic']", "PLANNERS['timid']").replace(
+        '12 * RATE', 'RATE // 10'), encoding='utf-8')
+    assert 'I had rather not' in house.run('examples/closed_loop.py')
+
+
+def test_the_documents_name_what_is_copied_and_where_the_line_goes():
+    text = (ROOT / 'docs' / 'architecture.md').read_text(encoding='utf-8')
+    rows = re.findall(r'^\| an? .*\|$', text, re.M)
+    assert len(rows) == 6
+    for row in rows:
+        _, _, copied, registered, _ = row.split('|')
+        places = [re.findall(r'`([\w/]+(?:\.py)?)`', cell) for cell in (copied, registered)]
+        paths = [ROOT / 'ballbot_ros' / name for cell in places for name in cell if '/' in name]
+        assert paths and all(path.exists() for path in paths), row
+        table = re.search(r'`([A-Z]+)` in', registered)
+        if table:
+            assert f'\n{table.group(1)}' in paths[-1].read_text(encoding='utf-8'), row
