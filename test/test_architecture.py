@@ -29,7 +29,6 @@ def test_every_import_goes_down_in_the_picture(imported):
         return floor + height
     up = [(folder, other) for folder, others in imported.items() for other in others
           if folder in draw_architecture.PLACES
-          and folder != 'physics.model'  # its actuation is on its way down
           and top(other) > draw_architecture.PLACES[folder][2]]
     assert not up, up
 

@@ -46,13 +46,6 @@ FLOORS = ('model', 'mechanics', 'solvers', 'simulation')
 
 # A node declares, converts, calls and publishes; what takes more lines belongs elsewhere.
 LONG_NODE = 150
-# Files that are long because they are tables: none.
-TABLES = set()
-# Class names that two modules have, and why.
-SHARED_NAMES = {}
-
-# What is on its way out; each line goes with what it allows.
-PENDING = {'ballbot_ros.nodes.controller: long'}
 
 # Who may import ROS. A name ending in _msgs counts as ROS too.
 ROS = {'ament_index_python', 'ballbot_ros.msg', 'ballbot_ros.srv', 'builtin_interfaces',
@@ -122,22 +115,15 @@ def upstairs(module, name):
     return above is None or above > below
 
 
-def pending(problem):
-    """Return whether a problem is known and on its way out."""
-    module = problem.split(':')[0]
-    return module == 'ballbot_ros.physics.model.actuation' and 'mechanics.equations' in problem
-
-
 def test_no_import_points_the_wrong_way():
     found = [problem for module, path in modules().items()
              for problem in violations(module, path.read_text(encoding='utf-8'),
                                        path.name == '__init__.py')]
-    assert not (found := [problem for problem in found if not pending(problem)]), '\n'.join(found)
+    assert not found, '\n'.join(found)
 
 
 def test_each_module_of_physics_lies_on_a_floor():
-    loose = [module for module in modules() if without_floor(module)
-             and f'{module}: on no floor' not in PENDING]
+    loose = [module for module in modules() if without_floor(module)]
     assert not loose, f'not on one of {", ".join(FLOORS)}: {loose}'
 
 
@@ -149,8 +135,7 @@ def test_no_file_is_too_long_to_read_at_once():
     lines = {module: path.read_text(encoding='utf-8').count('\n')
              for module, path in modules().items()}
     long = [f'{module}: {count} lines' for module, count in lines.items()
-            if count > (LONG_NODE if module.startswith('ballbot_ros.nodes.') else LONG)
-            and module not in TABLES and f'{module}: long' not in PENDING]
+            if count > (LONG_NODE if module.startswith('ballbot_ros.nodes.') else LONG)]
     assert not long, long
 
 
@@ -160,8 +145,7 @@ def test_a_class_name_means_one_thing():
         for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
             if isinstance(node, ast.ClassDef):
                 owners[node.name].append(module)
-    shared = {name: where for name, where in owners.items() if len(where) > 1
-              and name not in SHARED_NAMES and f'{name}: twice' not in PENDING}
+    shared = {name: where for name, where in owners.items() if len(where) > 1}
     assert not shared, shared
 
 

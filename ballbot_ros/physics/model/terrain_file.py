@@ -29,6 +29,8 @@ from ballbot_ros.physics.model.terrain import Terrain
 # within 1 % of its radius of the circle.
 ARC_STEP = math.radians(15.0)
 
+Strides = list[tuple[float, float]]  # a piece: from each vertex to the next [m]
+
 _LENGTH = quantity('m', 'horizontal length', above=0.0, maximum=1e6)
 _HEIGHT = quantity('m', 'height', above=0.0, maximum=1e6)
 _SIGNED = quantity('m', 'height, negative for down', minimum=-1e6, maximum=1e6)
@@ -37,42 +39,42 @@ _FRICTION = quantity('1', 'coefficient of friction', minimum=0.0, maximum=1e3)
 _COMMON = {'friction': _FRICTION, 'edge_friction': _FRICTION}
 
 
-def _flat(length: float) -> list:
+def _flat(length: float) -> Strides:
     return [(length, 0.0)]
 
 
-def _step(height: float) -> list:
+def _step(height: float) -> Strides:
     if height == 0.0:
         raise ConfigurationError('height must not be 0; use a flat')
     return [(0.0, height)]
 
 
-def _slope(length: float, rise: float = math.nan, angle_deg: float = math.nan) -> list:
+def _slope(length: float, rise: float = math.nan, angle_deg: float = math.nan) -> Strides:
     if math.isnan(rise) == math.isnan(angle_deg):
         raise ConfigurationError('give either rise or angle_deg')
     return [(length, length * math.tan(math.radians(angle_deg)) if math.isnan(rise) else rise)]
 
 
-def _threshold(height: float, width: float, bevel: float = 0.0) -> list:
+def _threshold(height: float, width: float, bevel: float = 0.0) -> Strides:
     if 2.0 * bevel >= width:
         raise ConfigurationError(
             f'bevel must be less than half the width of {width:g} m, got {bevel:g} m')
     return [(bevel, height), (width - 2.0 * bevel, 0.0), (bevel, -height)]
 
 
-def _arc(radius: float, begin: float, end: float) -> list:
+def _arc(radius: float, begin: float, end: float) -> Strides:
     """Return the strides along a circular arc, angles from +x, turning clockwise."""
     angles = np.linspace(begin, end, 1 + math.ceil(abs(end - begin) / ARC_STEP))
     return list(zip(radius * np.diff(np.cos(angles)), radius * np.diff(np.sin(angles))))
 
 
-def _cord(diameter: float) -> list:
+def _cord(diameter: float) -> Strides:
     # A round cord seen from above: the lower half of its sides is out of reach.
     radius = 0.5 * diameter
     return [(0.0, radius), *_arc(radius, math.pi, 0.0), (0.0, -radius)]
 
 
-def _carpet(thickness: float, length: float) -> list:
+def _carpet(thickness: float, length: float) -> Strides:
     if 2.0 * thickness >= length:
         raise ConfigurationError(
             f'length must be more than two thicknesses, {2.0 * thickness:g} m, got {length:g} m')
@@ -82,7 +84,7 @@ def _carpet(thickness: float, length: float) -> list:
 
 
 # Piece -> (function giving its strides, the values it takes, those it may do without).
-PIECES: Mapping[str, tuple[Callable[..., list], Mapping[str, Any], tuple[str, ...]]] = {
+PIECES: Mapping[str, tuple[Callable[..., Strides], Mapping[str, Any], tuple[str, ...]]] = {
     'flat': (_flat, {'length': _LENGTH}, ()),
     'step': (_step, {'height': _SIGNED}, ()),
     'slope': (_slope, {'length': _LENGTH, 'rise': _SIGNED, 'angle_deg': _ANGLE},
@@ -127,7 +129,7 @@ def read_terrain(section: Any, where: str) -> Terrain:
             f'{where}: {error}') from None
 
 
-def _read_piece(piece: Any, where: str) -> tuple[list, float, float]:
+def _read_piece(piece: Any, where: str) -> tuple[Strides, float, float]:
     """Return the strides of a piece, its surface friction and its edge friction."""
     expect_mapping(piece, where)
     if len(piece) != 1:
@@ -154,10 +156,10 @@ def _read_piece(piece: Any, where: str) -> tuple[list, float, float]:
     return [stride for stride in strides if stride != (0.0, 0.0)], friction, edge_friction
 
 
-def _join(pieces: list[tuple[list, float, float]]) -> Terrain:
+def _join(pieces: list[tuple[Strides, float, float]]) -> Terrain:
     """Return the terrain of pieces set end to end, with level ends where those are needed."""
     # A level metre at either end, unless an end piece can itself go on for ever.
-    level: tuple[list, float, float] = ([(1.0, 0.0)], math.nan, math.nan)
+    level: tuple[Strides, float, float] = ([(1.0, 0.0)], math.nan, math.nan)
     lead = [] if len(pieces[0][0]) == 1 and pieces[0][0][0][0] > 0.0 else [level]
     tail = [] if len(pieces[-1][0]) == 1 and pieces[-1][0][0][0] > 0.0 else [level]
     strides, surfaces, edges = [], [], [math.nan]

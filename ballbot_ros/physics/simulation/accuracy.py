@@ -35,7 +35,7 @@ FINEST_TOLERANCE = 1e-14
 SMALLEST, LARGEST = 1e-9, 0.1  # that can be asked for [m]
 
 
-def solvers_for(accuracy: float, step: float = 1e-4) -> tuple:
+def solvers_for(accuracy: float, step: float = 1e-4) -> tuple[Solver, Solver]:
     """
     Return the solvers of the first, coarser and of the second, finer run for an accuracy [m].
 
@@ -50,8 +50,8 @@ def solvers_for(accuracy: float, step: float = 1e-4) -> tuple:
             f'accuracy must be at least {SMALLEST:g} m and at most {LARGEST:g} m, '
             f'got {accuracy!r}')
     coarse = max(FINEST_TOLERANCE, FIRST_TOLERANCE * accuracy)
-    return tuple(Solver('adaptive', step, tolerance) for tolerance in (
-        coarse, max(FINEST_TOLERANCE, REFINEMENT * coarse)))
+    fine = max(FINEST_TOLERANCE, REFINEMENT * coarse)
+    return Solver('adaptive', step, coarse), Solver('adaptive', step, fine)
 
 
 def simulate_accurately(model: Model, start: State, actuation: Actuation, duration: float,

@@ -131,7 +131,7 @@ class Model:
         return State(x=x, y=height, pendulum_angle=pendulum_angle, ball_rate=-speed / lever,
                      velocity_x=speed * normal_y, velocity_y=-speed * normal_x)
 
-    def _resting_place(self, x: float) -> tuple:
+    def _resting_place(self, x: float) -> tuple[float, float, float]:
         """Return the height of the centre, and the normal of the main contact, above x."""
         radius, robot = self.robot.ball_radius, self.parameters
         table = contact.contact_table(len(self.profile))

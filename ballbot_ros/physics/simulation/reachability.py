@@ -94,7 +94,8 @@ def analyse(model: Model, start: State, actuation: Actuation, duration: float) -
         _influence(model, actuator, energy, duration, lonely))
 
 
-def _reach(model: Model, start: State, actuator: Actuator, duration: float) -> tuple:
+def _reach(model: Model, start: State, actuator: Actuator,
+           duration: float) -> tuple[float, float, float, float]:
     """
     Return bounds of kinetic energy, speed, and of x to the left and to the right.
 
@@ -133,7 +134,8 @@ def _reach(model: Model, start: State, actuator: Actuator, duration: float) -> t
     return math.inf, math.inf, -math.inf, math.inf
 
 
-def _walls(model: Model, x: float, left: float, right: float, top: float) -> tuple:
+def _walls(model: Model, x: float, left: float, right: float,
+           top: float) -> tuple[float, float]:
     """Return the bounds of x where ground that is higher than `top` [m] is in between."""
     for corner in model.profile:
         if corner[VERTEX_Y] > top:
