@@ -9,8 +9,8 @@ from reference_search import highest_step
 from ballbot_ros.crossing import held_at
 from ballbot_ros.crossing.rules import LEAD, touch_distance
 from ballbot_ros.physics import Actuation, load_robot, load_scene, Model, Solver, Terrain
+from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.model.terrain_file import read_terrain
-from ballbot_ros.physics.simulation.model import State
 
 # The one scene that MuJoCo runs, too: far from the critical height of either engine.
 MUJOCO_SCENE, MUJOCO_SPEED, MUJOCO_HEIGHT = 'crossing_25_mm', 0.8, 0.025

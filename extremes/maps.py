@@ -5,14 +5,13 @@ import math
 
 from cases import damped, ROBOTS
 from judge import apart, unsound
-import matplotlib
 from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
 import numpy as np
 
 from ballbot_ros.control import ControlTuning, lowest_stable_rate
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.figures.canvas import INK, new_figure, save, STYLE
+from ballbot_ros.figures.canvas import drawing, INK, save
 from ballbot_ros.physics import Actuation, Model, simulate, Solver, State, Terrain
 from ballbot_ros.physics.mechanics.laws import position_torque
 from ballbot_ros.physics.model.parameters import Actuator, TORQUE
@@ -102,23 +101,23 @@ def step_figure(path, values, name, robot_of, start_of, limits):
     """Draw step against `values`, a panel per method."""
     steps = np.logspace(-5, -1, SIZE)
     grades = step_map(values, steps, robot_of, start_of)
-    figure = new_figure(7.4, 3.9)
-    figure.subplots_adjust(left=0.085, right=0.985, top=0.92, bottom=0.24, wspace=0.12)
-    for index, method in enumerate(METHODS):
-        axes = figure.add_subplot(1, 2, 1 + index)
-        paint(axes, values, steps, grades[method])
-        for limit, text, at, below in limits(method):
-            line(axes, values, np.array([limit(value) for value in values]), text, at, below)
-        axes.set_title(TITLES[method])
-        axes.set_xlabel(name)
-        axes.axhline(Solver().step, color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
-        if index == 0:
-            axes.set_ylabel('step [s]')
-            axes.annotate('default step', (values[-1], Solver().step), (-4, 3),
-                          textcoords='offset points', ha='right', fontsize=8, color=INK)
-        else:
-            axes.set_yticklabels([])
-    finish(figure, path)
+    with drawing(7.4, 3.9) as figure:
+        figure.subplots_adjust(left=0.085, right=0.985, top=0.92, bottom=0.24, wspace=0.12)
+        for index, method in enumerate(METHODS):
+            axes = figure.add_subplot(1, 2, 1 + index)
+            paint(axes, values, steps, grades[method])
+            for limit, text, at, below in limits(method):
+                line(axes, values, np.array([limit(value) for value in values]), text, at, below)
+            axes.set_title(TITLES[method])
+            axes.set_xlabel(name)
+            axes.axhline(Solver().step, color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
+            if index == 0:
+                axes.set_ylabel('step [s]')
+                axes.annotate('default step', (values[-1], Solver().step), (-4, 3),
+                              textcoords='offset points', ha='right', fontsize=8, color=INK)
+            else:
+                axes.set_yticklabels([])
+        finish(figure, path)
 
 
 def stiffness_figure(path):
@@ -179,26 +178,26 @@ def loop_figure(path):
     tunings = [ControlTuning(40.0 * gain, 10.0 * gain) for gain in gains]
     grades = np.array([[loop_grade(robot, tuning, float(rate)) for tuning in tunings]
                        for rate in rates])
-    figure = new_figure(5.6, 4.2)
-    figure.subplots_adjust(left=0.12, right=0.97, top=0.93, bottom=0.2)
-    axes = figure.add_subplot()
-    paint(axes, gains, rates, grades)
-    lowest = np.array([lowest_stable_rate(robot, tuning, 'hold', 0, [0.0])
-                       for tuning in tunings])
-    reached = np.isfinite(lowest)
-    line(axes, gains[reached], lowest[reached],
-         'lowest_stable_rate, for a ball that never slips', 0.5, True)
-    axes.set_xlabel('gains of law (11), times the published ones')
-    axes.set_ylabel('control rate [Hz]')
-    axes.set_title('GimBall, pendulum held down, torque held between samples')
-    finish(figure, path, ('the push dies out', 'it grows', 'it grows until the run is refused'))
+    with drawing(5.6, 4.2) as figure:
+        figure.subplots_adjust(left=0.12, right=0.97, top=0.93, bottom=0.2)
+        axes = figure.add_subplot()
+        paint(axes, gains, rates, grades)
+        lowest = np.array([lowest_stable_rate(robot, tuning, 'hold', 0, [0.0])
+                           for tuning in tunings])
+        reached = np.isfinite(lowest)
+        line(axes, gains[reached], lowest[reached],
+             'lowest_stable_rate, for a ball that never slips', 0.5, True)
+        axes.set_xlabel('gains of law (11), times the published ones')
+        axes.set_ylabel('control rate [Hz]')
+        axes.set_title('GimBall, pendulum held down, torque held between samples')
+        finish(figure, path,
+               ('the push dies out', 'it grows', 'it grows until the run is refused'))
 
 
 def draw_all(folder):
     """Write the three pictures into a folder."""
-    with matplotlib.rc_context(dict(STYLE)):
-        for name, draw in (('stiffness', stiffness_figure), ('slip', slip_figure),
-                           ('loop', loop_figure)):
-            path = folder / f'extremes_{name}.png'
-            draw(path)
-            print(path)
+    for name, draw in (('stiffness', stiffness_figure), ('slip', slip_figure),
+                       ('loop', loop_figure)):
+        path = folder / f'extremes_{name}.png'
+        draw(path)
+        print(path)

@@ -6,7 +6,7 @@ from typing import Any, Optional
 from ballbot_ros.drives.emulated_device import DriveSettings, Sensed
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import Motor, Robot
-from ballbot_ros.physics.simulation.model import State
+from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.plant import Imu, ImuSample, Plant
 

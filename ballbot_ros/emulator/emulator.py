@@ -15,7 +15,7 @@ from ballbot_ros.emulator.ball import Ball, settings_for
 from ballbot_ros.emulator.line import Direction
 from ballbot_ros.emulator.terminal import PseudoTerminal
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.physics.simulation.model import State
+from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.plant import Imu, ImuSample, Pace
 

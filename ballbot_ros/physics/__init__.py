@@ -40,8 +40,9 @@ and says what a state has and touches:
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.contact_options import ContactOptions
 from ballbot_ros.physics.model.robot import load_robot, Robot
+from ballbot_ros.physics.model.state import Energies, State, Touch
 from ballbot_ros.physics.model.terrain import Terrain
-from ballbot_ros.physics.simulation.model import Energies, Model, State, Touch
+from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.scene import load_scene, Scene
 from ballbot_ros.physics.simulation.simulate import simulate
 from ballbot_ros.physics.simulation.solver import Solver

@@ -3,7 +3,8 @@
 import math
 
 from ballbot_ros.physics.model.parameters import Actuator
-from ballbot_ros.physics.simulation.model import Model, State
+from ballbot_ros.physics.model.state import State
+from ballbot_ros.physics.simulation.model import Model
 
 
 class ErrorMonitor:

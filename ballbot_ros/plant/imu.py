@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ballbot_ros.physics.simulation.model import State
+from ballbot_ros.physics.model.state import State
 
 
 class ImuSample(NamedTuple):

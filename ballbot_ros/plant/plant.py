@@ -6,8 +6,9 @@ from typing import Optional
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.parameters import Actuator, TORQUE
+from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.accuracy import solvers_for
-from ballbot_ros.physics.simulation.model import Model, State
+from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.physics.simulation.simulate import steps_in
 from ballbot_ros.plant.error_monitor import ErrorMonitor

@@ -11,7 +11,8 @@ from ballbot_ros.control import JointReadings, Mode, SetPoint
 from ballbot_ros.decision import Decision, Kind, Motion, Reason, StepObservation
 from ballbot_ros.errors import MessageError
 from ballbot_ros.msg import BallState, Contact, StepDecision, StepObservation as StepObservationMsg
-from ballbot_ros.physics.simulation.model import Model, State
+from ballbot_ros.physics.model.state import State
+from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.plant import Sensor, Sight
 
 SHELL, PENDULUM = 'shell', 'pendulum'

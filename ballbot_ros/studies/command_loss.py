@@ -19,8 +19,8 @@ from ballbot_ros.physics import load_robot, Model, Terrain
 from ballbot_ros.physics.mechanics.laws import velocity_torque
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.simulation.model import State
 from ballbot_ros.physics.simulation.scene import Initial, Run, Scene
 from ballbot_ros.plant import Plant
 

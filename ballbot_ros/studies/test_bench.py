@@ -19,8 +19,9 @@ from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.model.terrain import Array, Terrain
-from ballbot_ros.physics.simulation.model import Model, State
+from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.simulate import simulate
 from ballbot_ros.physics.simulation.solver import Solver
 

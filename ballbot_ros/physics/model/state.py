@@ -1,10 +1,78 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The order of a state vector: coordinates, rates, then energy gone since the start.
+The state of the ball as a value, what it has and touches, and the order of its vector.
 
 All angles are counter-clockwise positive; see `mechanics.equations` for the picture.
 """
+from typing import NamedTuple
+
+# In a vector: coordinates, rates, then energy gone since the start.
 (BALL_ANGLE, PENDULUM_ANGLE, X, Y, BALL_RATE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y,
  CONTACT_LOSS, FRICTION_LOSS, ROLLING_LOSS, JOINT_LOSS, MOTOR_WORK) = range(13)
 SIZE = 13
 COORDINATES = 4
+
+
+class State(NamedTuple):
+    """
+    Everything that evolves; see `mechanics.equations` for the picture of the angles.
+
+    The last five say where energy has gone since the start [J].
+    """
+
+    time: float = 0.0
+    ball_angle: float = 0.0  # theta1 [rad]
+    pendulum_angle: float = 0.0  # absolute, theta1 + theta2 [rad]
+    x: float = 0.0  # of the ball centre [m]
+    y: float = 0.0
+    ball_rate: float = 0.0  # [rad/s]
+    pendulum_rate: float = 0.0
+    velocity_x: float = 0.0  # [m/s]
+    velocity_y: float = 0.0
+    contact_loss: float = 0.0  # taken by the contact dampers
+    friction_loss: float = 0.0  # by friction in the contacts
+    rolling_loss: float = 0.0  # by rolling friction c1
+    joint_loss: float = 0.0  # by friction c2 of the pendulum joint
+    motor_work: float = 0.0  # given by the motor
+
+    @property
+    def joint_angle(self) -> float:
+        """Return theta2, the pendulum angle relative to the ball [rad]."""
+        return self.pendulum_angle - self.ball_angle
+
+    @property
+    def joint_rate(self) -> float:
+        """Return the rate of theta2 [rad/s]."""
+        return self.pendulum_rate - self.ball_rate
+
+    @property
+    def dissipated_energy(self) -> float:
+        """Return all that dampers and frictions have taken [J]."""
+        return self.contact_loss + self.friction_loss + self.rolling_loss + self.joint_loss
+
+
+class Touch(NamedTuple):
+    """One contact with the ground, for people and messages."""
+
+    kind: int  # SURFACE, EDGE or CORNER of `contact_law`
+    x: float  # contact point on the ground [m]
+    y: float
+    normal_x: float
+    normal_y: float
+    penetration: float  # [m]
+    normal_force: float  # [N]
+    friction_force: float  # along (normal_y, -normal_x) [N]
+    slip_velocity: float  # [m/s]
+
+
+class Energies(NamedTuple):
+    """The energy of a state [J]."""
+
+    kinetic: float
+    potential: float
+    contact: float  # stored in the contact springs
+
+    @property
+    def total(self) -> float:
+        """Return the sum [J]."""
+        return self.kinetic + self.potential + self.contact

@@ -18,8 +18,9 @@ import numpy as np
 
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics.model.actuation import Actuation
+from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.failures import OutOfBalance
-from ballbot_ros.physics.simulation.model import Model, State
+from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.simulate import simulate
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.physics.simulation.trajectory import Assurance, Effort, Trajectory

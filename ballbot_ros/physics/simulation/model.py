@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""State of the ball as a value, and a model that advances it as a pure function."""
+"""A model advances the state of the ball as a pure function."""
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from ballbot_ros.physics.mechanics import contact, contact_law, equations
 from ballbot_ros.physics.model.contact_options import ContactOptions
 from ballbot_ros.physics.model.parameters import Actuator, Parameters
 from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.state import Energies, State, Touch
 from ballbot_ros.physics.model.terrain import Array, Terrain, VERTEX_X
 from ballbot_ros.physics.simulation.failures import (
     check_work, failure, Ledger, LEDGER_BOUND, out_of_balance)
@@ -18,70 +18,6 @@ from ballbot_ros.physics.simulation.integrator import Integrator
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.physics.solvers.values import FINISHED
-
-class State(NamedTuple):
-    """
-    Everything that evolves; see `mechanics.equations` for the picture of the angles.
-
-    The last five say where energy has gone since the start [J].
-    """
-
-    time: float = 0.0
-    ball_angle: float = 0.0  # theta1 [rad]
-    pendulum_angle: float = 0.0  # absolute, theta1 + theta2 [rad]
-    x: float = 0.0  # of the ball centre [m]
-    y: float = 0.0
-    ball_rate: float = 0.0  # [rad/s]
-    pendulum_rate: float = 0.0
-    velocity_x: float = 0.0  # [m/s]
-    velocity_y: float = 0.0
-    contact_loss: float = 0.0  # taken by the contact dampers
-    friction_loss: float = 0.0  # by friction in the contacts
-    rolling_loss: float = 0.0  # by rolling friction c1
-    joint_loss: float = 0.0  # by friction c2 of the pendulum joint
-    motor_work: float = 0.0  # given by the motor
-
-    @property
-    def joint_angle(self) -> float:
-        """Return theta2, the pendulum angle relative to the ball [rad]."""
-        return self.pendulum_angle - self.ball_angle
-
-    @property
-    def joint_rate(self) -> float:
-        """Return the rate of theta2 [rad/s]."""
-        return self.pendulum_rate - self.ball_rate
-
-    @property
-    def dissipated_energy(self) -> float:
-        """Return all that dampers and frictions have taken [J]."""
-        return self.contact_loss + self.friction_loss + self.rolling_loss + self.joint_loss
-
-
-class Touch(NamedTuple):
-    """One contact with the ground, for people and messages."""
-
-    kind: int  # SURFACE, EDGE or CORNER of `contact_law`
-    x: float  # contact point on the ground [m]
-    y: float
-    normal_x: float
-    normal_y: float
-    penetration: float  # [m]
-    normal_force: float  # [N]
-    friction_force: float  # along (normal_y, -normal_x) [N]
-    slip_velocity: float  # [m/s]
-
-
-class Energies(NamedTuple):
-    """The energy of a state [J]."""
-
-    kinetic: float
-    potential: float
-    contact: float  # stored in the contact springs
-
-    @property
-    def total(self) -> float:
-        """Return the sum [J]."""
-        return self.kinetic + self.potential + self.contact
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,10 @@ import numpy as np
 
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.parameters import Actuator, FREE, TORQUE, VELOCITY, VOLTAGE
+from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.model.terrain import (
     Array, SURFACE_FRICTION, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y)
-from ballbot_ros.physics.simulation.model import Model, State
+from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.solvers.flight import has_closed_form
 
 STRAIGHT = 1e-9  # sine of a turn that is none

@@ -12,10 +12,11 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.actuation import Actuation, set_rate_for_speed
 from ballbot_ros.physics.model.contact_options import ContactOptions
 from ballbot_ros.physics.model.robot import load_robot, Robot
+from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.physics.model.terrain_file import read_terrain
 from ballbot_ros.physics.simulation.accuracy import LARGEST, simulate_accurately, SMALLEST
-from ballbot_ros.physics.simulation.model import Model, State
+from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.simulate import simulate
 from ballbot_ros.physics.simulation.solver import PRESETS, Solver
 from ballbot_ros.physics.simulation.trajectory import Trajectory

@@ -7,10 +7,11 @@ import numpy as np
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.state import SIZE
+from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.failures import (
     check_work, failure, Ledger, LEDGER_BOUND, out_of_balance)
 from ballbot_ros.physics.simulation.integrator import FRESH, Integrator
-from ballbot_ros.physics.simulation.model import Model, State
+from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.trajectory import Effort, Trajectory
 from ballbot_ros.physics.solvers.registry import Method, METHODS
 from ballbot_ros.physics.solvers.spans import read_log, Span

@@ -13,8 +13,9 @@ from ballbot_ros.physics.mechanics.contact_law import (
 from ballbot_ros.physics.mechanics.equations import kinetic_energy, potential_energy
 from ballbot_ros.physics.model.parameters import Parameters
 from ballbot_ros.physics.model.state import SIZE, X, Y
+from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.simulation.model import Model, State
+from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.solvers.spans import Span
 
 # Every column of a trajectory and its unit, in the order of the files.

@@ -13,7 +13,7 @@ from ballbot_ros.drives.vesc.emulated import VescDevice
 from ballbot_ros.errors import LinkError
 from ballbot_ros.estimation import ImuReading
 from ballbot_ros.physics import load_robot
-from ballbot_ros.physics.simulation.model import State
+from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Imu, Plant
 
