@@ -94,30 +94,22 @@ def test_each_state_is_published_once_and_the_clock_goes_ahead_of_it(graph):
     assert min(steps) > 1 / 250.0 - 1e-9
 
 
-def test_time_stands_still_without_a_controller_and_goes_on_with_the_next(graph, scene):
+@pytest.mark.parametrize('name, parameters', [
+    # Within a period of the decision: the set-point that the new controller waits for was
+    # published before it was there.
+    ('controller', {'lockstep_set_point_period': 0.02}), ('obstacle_decision', {})])
+def test_time_stands_still_while_a_node_is_away_and_goes_on_with_the_next(
+        graph, scene, name, parameters):
     states = start_all(graph, scene, lockstep_patience=0.5)['ball_state']
     graph.trigger('resume')
     graph.wait_for_time(states, 0.1)
-    graph.kill('controller')
+    graph.kill(name)
     graph.wait_for_log('simulator', 'time stands still')
     assert 'torque is 0; is the controller running?' in graph.log('simulator')
     stood = to_seconds(states[-1].header.stamp)
     graph.wait(lambda: len(states) > 3 and states[-1] == states[-3], 'the state is repeated')
     assert to_seconds(states[-1].header.stamp) - stood <= 0.01
-    # Within a period of the decision: the set-point that the new controller waits for was
-    # published before it was there.
-    graph.start('controller', lockstep_set_point_period=0.02)
+    graph.start(name, **parameters)
     graph.wait_for_time(states, stood + 0.5)
     assert graph.end('simulator') == 0
     assert graph.refusals('simulator') == {}
-
-
-def test_time_waits_for_a_decision_that_is_started_again(graph, scene):
-    states = start_all(graph, scene, lockstep_patience=0.5)['ball_state']
-    graph.trigger('resume')
-    graph.wait_for_time(states, 0.1)
-    graph.kill('obstacle_decision')
-    graph.wait_for_log('simulator', 'time stands still')
-    stood = to_seconds(states[-1].header.stamp)
-    graph.start('obstacle_decision')
-    graph.wait_for_time(states, stood + 0.2)
