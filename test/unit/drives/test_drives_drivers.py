@@ -145,6 +145,16 @@ def test_a_stop_is_confirmed(bench):
     assert bench.driver.telemetry.armed is False
 
 
+def test_a_stop_begins_with_the_command_for_no_torque(bench):
+    bench.driver.arm()
+    bench.cycles(5, torque=0.05)
+    kept = []
+    bench.to_drive = lambda data: kept.append(data) or data
+    bench.driver.send_torque(0.0, ask=False)
+    bench.driver.send_stop()
+    assert kept[1].startswith(kept[0]) and len(kept[1]) > len(kept[0])
+
+
 def test_a_stop_is_repeated_while_the_line_loses_it(bench):
     bench.driver.arm()
     bench.cycles(20, torque=0.05)

@@ -203,6 +203,14 @@ def test_a_full_disk_ends_the_recording_and_not_the_link():
     recorder.close()
 
 
+def test_a_disk_that_is_full_at_the_end_of_a_recording_is_noted():
+    recorder = Recorder('/dev/full')
+    recorder.record('>', b'abc')  # stays in the buffer of the file
+    assert recorder.failure is None
+    recorder.close()
+    assert 'No space' in recorder.failure
+
+
 @pytest.mark.parametrize('text, complaint', [
     ('', 'is no capture'), ('something else\n', 'is no capture'),
     ('# ballbot traffic 1\n0.1 ? 00\n', ':2: '), ('# ballbot traffic 1\n0.1 < 0g\n', ':2: ')])
