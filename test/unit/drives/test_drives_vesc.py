@@ -135,6 +135,13 @@ def test_values_that_were_asked_for_before_a_stop_do_not_confirm_it(bench):
         bench.driver.stop(patience=0.1)
 
 
+def test_values_that_nobody_asked_for_confirm_no_stop():
+    bench = Bench('vesc')
+    bench.waiting.append((0.0, codec.frame(codec.pack_values(VALUES._replace(current=0.0)))))
+    assert bench.driver.poll().current == 0.0
+    assert not bench.driver.stopped_since(0.0)
+
+
 def test_a_motor_without_encoder_has_the_position_of_its_commutation():
     bench = Bench('vesc', encoder=False)
     bench.driver.arm()
