@@ -24,12 +24,7 @@ LAST_STOP = 0.5
 
 class DriveControl:
     """
-    Carries out what the state of the motor and the pacer ask for; for one thread at a time.
-
-    Parameters
-    ----------
-    hardware, robot, connect, clock
-        See `Session`.
+    Carries out what the state of the motor and the pacer ask for; see `Session`, which locks it.
 
     Attributes
     ----------

@@ -18,27 +18,7 @@ HANDSHAKE, MOST_PATIENCE = 0.25, 1.0
 
 
 class DriveLine:
-    """
-    Holds the drive that there is, if there is one.
-
-    Parameters
-    ----------
-    connect : callable
-        Opens the line and returns a driver on it.
-    clock : callable
-        Gives seconds and never goes back.
-
-    Attributes
-    ----------
-    driver : Driver or None
-    identity : Identity or None
-        Of the drive that answered last.
-    trouble : str
-        Why there is no drive at the moment; empty when there is.
-    reconnects : int
-        Times that a drive which was lost was found again.
-
-    """
+    """Holds the drive that there is, if there is one; see `Session` for the arguments."""
 
     def __init__(self, connect: Callable[[], Driver], clock: Callable[[], float]):
         """Open nothing yet."""
@@ -46,9 +26,9 @@ class DriveLine:
         self._next_try = 0.0
         self._failures = 0  # of looking for the drive, in a row
         self.driver: Optional[Driver] = None
-        self.identity: Optional[Identity] = None
-        self.trouble = ''
-        self.reconnects = 0
+        self.identity: Optional[Identity] = None  # of the drive that answered last
+        self.trouble = ''  # why there is no drive at the moment
+        self.reconnects = 0  # times that a drive which was lost was found again
 
     def open(self, patience: float) -> Tuple[Identity, Tuple[Setting, ...]]:
         """Open the line, find the drive and check it; raises as `handshake` does."""

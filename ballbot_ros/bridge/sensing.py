@@ -15,11 +15,6 @@ class Sensing:
     """
     Turns what the drive answers into estimates.  All times are of one clock [s].
 
-    Parameters
-    ----------
-    hardware : Hardware
-    robot : Robot
-
     Attributes
     ----------
     fusion : Fusion
@@ -60,11 +55,7 @@ class Sensing:
         """
         Return an estimate from a new measurement, None if there is none in the telemetry.
 
-        Raises
-        ------
-        EstimateLostError
-            If it does not fit what is known; see `Fusion.encoder`.
-
+        Raises as `Fusion.encoder` does.
         """
         if telemetry.position is None or telemetry.time is None \
                 or telemetry.time <= self._answered:

@@ -46,6 +46,8 @@ class Supervisor:
 
     Attributes
     ----------
+    torque : float
+        Decided last [N m].
     e_stop : str
         Why the e-stop is engaged; empty when it is not.
     counts : Counter
@@ -62,17 +64,12 @@ class Supervisor:
         # What arrives just after a decision is acted on a period later.
         self.gate = CommandGate(max(limits.command_timeout - period, 0.5 * period))
         self._pushed = -math.inf  # when a command other than zero last came
-        self._torque = 0.0
+        self.torque = 0.0
         self._decided: Optional[float] = None
         self._fast_since = math.inf
         self._since: Optional[float] = None  # when commands timed out
         self.e_stop = 'engaged at start'
         self.counts: Counter[str] = Counter()
-
-    @property
-    def torque(self) -> float:
-        """Return the torque decided last [N m]."""
-        return self._torque
 
     @property
     def commanded(self) -> bool:
@@ -98,22 +95,7 @@ class Supervisor:
         self.quiet()
 
     def reset(self, now: float, inhibit: str = '') -> None:
-        """
-        Release the e-stop.
-
-        Parameters
-        ----------
-        now : float
-            [s]
-        inhibit : str
-            What else keeps it engaged, as that the line is down.
-
-        Raises
-        ------
-        RefusedError
-            With the reason.
-
-        """
+        """Release the e-stop; raise `RefusedError` while commands push or something inhibits it."""
         if inhibit:
             raise RefusedError(f'the e-stop stays engaged: {inhibit}')
         if now - self._pushed < QUIET:
@@ -126,27 +108,17 @@ class Supervisor:
     def quiet(self) -> None:
         """Forget the command in force and the torque: the motor has no power."""
         self.gate.clear()
-        self._torque = 0.0
+        self.torque = 0.0
         self._decided = self._since = None
 
     def decide(self, now: float, motion: Optional[PendulumMotion]) -> float:
-        """
-        Return the torque from now on [N m].
-
-        Parameters
-        ----------
-        now : float
-            [s]
-        motion : PendulumMotion or None
-            None while it is not known: then there is no torque.
-
-        """
+        """Return the torque from now on [N m]: none while the motion is not known (None)."""
         wanted = self._wanted(now, motion)
         if self.e_stop or motion is None or wanted == 0.0:
             torque = 0.0  # a cut to zero is never slowed down
         else:
             torque = self._within(wanted, now, motion)
-        self._torque, self._decided = torque, now
+        self.torque, self._decided = torque, now
         return torque
 
     def _wanted(self, now: float, motion: Optional[PendulumMotion]) -> float:
@@ -184,8 +156,8 @@ class Supervisor:
             return 0.0
         elapsed = self._period if self._decided is None else min(
             max(now - self._decided, 0.0), limits.command_timeout)
-        return self._torque + self._cut(
-            'rate', torque - self._torque, limits.torque_rate_limit * elapsed)
+        return self.torque + self._cut(
+            'rate', torque - self.torque, limits.torque_rate_limit * elapsed)
 
     def _cut(self, what: str, value: float, limit: float) -> float:
         if abs(value) <= limit:

@@ -12,9 +12,8 @@ rests, gravity balances the torque::
 The factor is the slope over both directions, so friction falls out.  It is as good as M2 and e of
 the robot file are: torque against gravity is all that a pendulum shows.
 """
-from dataclasses import dataclass
 import math
-from typing import List, Protocol, Tuple
+from typing import List, NamedTuple, Protocol, Tuple
 
 import numpy as np
 
@@ -46,28 +45,14 @@ class Dialogue(Protocol):
         """Return the answer; raise `RefusedError` if the person wants to end it."""
 
 
-@dataclass(frozen=True)
-class Calibration:
-    """
-    What was found.
-
-    Attributes
-    ----------
-    direction : int
-    encoder_scale : float
-        Turns of the joint per turn that the drive reports.
-    torque_factor, torque_factor_sd : float
-        Torque that is there over torque that was asked for.
-    friction : float
-        That held the pendulum against the torque [N m].
-
-    """
+class Calibration(NamedTuple):
+    """What was found."""
 
     direction: int
-    encoder_scale: float
-    torque_factor: float
+    encoder_scale: float  # turns of the joint per turn that the drive reports
+    torque_factor: float  # torque that is there over torque that was asked for
     torque_factor_sd: float
-    friction: float
+    friction: float  # that held the pendulum against the torque [N m]
 
 
 class Calibrator:

@@ -24,22 +24,11 @@ HIGHEST_DOMAIN = 101
 
 
 class Finding(NamedTuple):
-    """
-    Something that was looked at.
+    """Something that was looked at."""
 
-    Attributes
-    ----------
-    verdict : str
-        ``ok``, ``note`` or ``WRONG``.
-    what : str
-    remedy : str
-        What mends it, a command where there is one; empty where nothing needs to be done.
-
-    """
-
-    verdict: str
+    verdict: str  # OK, NOTE or WRONG
     what: str
-    remedy: str = ''
+    remedy: str = ''  # a command where there is one; empty where nothing needs to be done
 
 
 def stable_names(device: str, folder: Path = Path('/dev/serial/by-id')) -> List[str]:
@@ -116,14 +105,7 @@ def look_at_drive(hardware: Hardware,
     """
     Yield who answers on the port of a hardware file, and what it is set to.
 
-    Only questions are sent; no motor moves.
-
-    Parameters
-    ----------
-    hardware : Hardware
-    progress : callable
-        Called with what is tried, for it takes some seconds.
-
+    Only questions are sent; no motor moves.  `progress` is called with what takes some seconds.
     """
     connection = hardware.connection
     where = f'{connection.port} at {connection.baud} baud'
@@ -178,14 +160,7 @@ def probe(port: str, protocol: str = '', baud: int = 0,
     """
     Return protocol and baud rate of the drive on a port, None if none answers.
 
-    Parameters
-    ----------
-    port : str
-    protocol, baud
-        What is most likely: tried first, together with all others at that baud rate.
-    progress : callable
-        Called with what is tried.
-
+    What is most likely is tried first, if given, and with it all others at that baud rate.
     """
     for name, rate in _guesses(protocol, baud):
         progress(f'asking for {name} at {rate} baud')
@@ -218,21 +193,7 @@ def _driver(protocol: str, link: Link) -> Driver:
 
 def examine(hardware_name: str, port: str, environment: Mapping[str, str],
             progress: Callable[[str], None] = lambda text: None) -> Iterator[Finding]:
-    """
-    Yield all findings.
-
-    Parameters
-    ----------
-    hardware_name : str
-        Name or file of the hardware.
-    port : str
-        Instead of that of the file; empty for that.
-    environment : mapping
-        Environment variables.
-    progress : callable
-        Called with what takes time.
-
-    """
+    """Yield all findings, with another port than that of the file if one is given."""
     yield from look_at_ports()
     try:
         yield from look_at_drive(load_hardware(hardware_name).at(port), progress)
