@@ -95,7 +95,7 @@ class Supervisor:
         self.quiet()
 
     def reset(self, now: float, inhibit: str = '') -> None:
-        """Release the e-stop; raise `RefusedError` while commands push or something inhibits it."""
+        """Release the e-stop; raise `RefusedError` with what inhibits it, or if commands push."""
         if inhibit:
             raise RefusedError(f'the e-stop stays engaged: {inhibit}')
         if now - self._pushed < QUIET:

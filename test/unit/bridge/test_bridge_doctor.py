@@ -2,6 +2,7 @@
 """What the doctor finds on ports that are real devices, and what it says to do."""
 from dataclasses import replace
 import fcntl
+from functools import partialmethod
 import os
 import termios
 from types import SimpleNamespace
@@ -151,6 +152,28 @@ def test_a_port_that_a_group_may_open_is_wrong_for_another_user(tmp_path, monkey
     assert list(look_at_permission(str(tmp_path / 'gone'))) == []
     monkeypatch.setattr(os, 'access', lambda path, mode: mode != os.R_OK | os.W_OK)
     assert 'usermod' in only_wrong(look_at_permission(str(device))).remedy
+
+
+@pytest.mark.parametrize('fails', ['', 'identify', 'read_settings'])
+def test_however_a_drive_answers_its_port_is_closed_again(fails, monkeypatch):
+    class Drive:
+        line = SimpleNamespace(closed=0, port='x')
+
+        def answer(self, name):
+            if name == fails:
+                raise DriveError('silent', 'planted')
+            return SimpleNamespace(in_words='a drive') if name == 'identify' else ()
+
+        identify = partialmethod(answer, 'identify')
+        read_settings = partialmethod(answer, 'read_settings')
+
+    def close():
+        Drive.line.closed += 1
+    Drive.line.close = close
+    monkeypatch.setattr(doctor, 'connector', lambda hardware: Drive)
+    monkeypatch.setattr(doctor, 'probe', lambda *_: None)
+    wrong = [each for each in look_at_drive(hardware(port='x')) if each.verdict == WRONG]
+    assert Drive.line.closed == 1 and len(wrong) == bool(fails)
 
 
 class Port:

@@ -5,6 +5,7 @@ import time
 
 import pytest
 
+from ballbot_ros.bridge import loop as loop_module
 from ballbot_ros.bridge.loop import Loop
 
 RATE = 100.0
@@ -95,6 +96,16 @@ def test_its_end_closes_the_session_and_a_second_time_does_no_harm():
     ticks = len(session.ticks)
     time.sleep(3.0 / RATE)
     assert len(session.ticks) == ticks
+
+
+def test_a_tick_that_hangs_does_not_keep_the_session_open(monkeypatch):
+    monkeypatch.setattr(loop_module, 'JOIN', 0.1)
+    session, released = FakeSession(), threading.Event()
+    session.on_tick = lambda: released.wait(PATIENCE)
+    loop = Loop(session, RATE, lambda report: None)
+    loop.end()
+    assert loop.running and session.closed == 1
+    released.set()
 
 
 @pytest.mark.parametrize('where', ['tick', 'publish'])

@@ -439,6 +439,38 @@ def test_a_command_is_not_sent_where_there_is_no_power_to_follow_it(wanted):
     assert robot.session.supervisor.torque == 0.0
 
 
+def test_a_command_goes_out_the_moment_that_it_comes():
+    robot = VirtualRobot().ready()
+    robot.session.tick()
+    robot.pass_time(STEP)
+    robot.session.command(0.5, robot.now)
+    robot.pass_time(STEP)  # and no tick
+    assert robot.motor > 0.0
+
+
+def test_a_command_before_the_motor_is_armed_is_not_sent_and_no_error():
+    robot = VirtualRobot()
+    robot.session.configure()
+    robot.run(0.1)
+    robot.session.activate()
+    robot.session.release()
+    robot.session.command(0.5, robot.now)
+    assert robot.session.line.driver is not None
+    assert robot.run(STEP).state is MotorState.ARMED
+    robot.pass_time(STEP)
+    assert robot.motor == 0.0
+
+
+def test_while_a_stop_is_repeated_each_period_has_its_question():
+    robot = VirtualRobot().ready()
+    receive = robot.device.receive
+    robot.device.receive = lambda data, now: receive(
+        data.replace(b'requested_state 1', b'requested_state 8'), now)
+    robot.session.engage('button')
+    for _ in range(20):
+        assert robot.run(STEP).state is MotorState.STOPPING and robot.session.expecting
+
+
 # A drive that is silent -------------------------------------------------------------------
 
 def silent_since(robot):
