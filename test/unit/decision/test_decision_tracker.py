@@ -199,7 +199,7 @@ def test_zero_is_possible_and_a_million_metres_are_the_limit(name):
     # Heights may be negative: a drop.
     for value in (0.0, 1e6):
         assert tracker().update(replace(seen(0.0), **{name: value}), 0.0).rejection is None
-    for value in (-1e-9, 1.0001e6):
+    for value in (-1e-9, 1e6 + 0.5):
         answer = tracker().update(replace(seen(0.0), **{name: value}), 0.0)
         assert answer.rejection is Reason.BAD_OBSERVATION and name in answer.explanation
     assert tracker().update(seen(0.0, height=-1e6), 0.0).rejection is None
@@ -251,6 +251,14 @@ def test_a_place_that_is_believed_anew_is_the_same_step_if_slip_explains_it(
         answer = tracking.update(seen(0.1 * index, moved * radius, height), 0.0)
     assert answer.rejection is None and answer.step.number == number
     assert answer.step.position == moved * radius and answer.step.height == height
+
+
+def test_a_clock_set_back_is_believed_after_some_looks_with_the_step_they_show():
+    tracking = tracker()
+    tracking.update(nothing(10.0), 0.0)
+    answers = [tracking.update(seen(0.1 * index), 0.0) for index in range(5)]
+    assert [answer.rejection is None for answer in answers] == [False] * 4 + [True]
+    assert answers[-1].step.number == 1
 
 
 def test_a_step_that_is_no_longer_seen_and_a_clock_set_back_make_no_other_step():
