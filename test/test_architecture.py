@@ -58,3 +58,25 @@ def test_the_picture_can_be_drawn(imported):
 def test_arrows_that_others_imply_are_left_out_and_no_others():
     graph = {'cli': {'nodes', 'ros', 'errors'}, 'nodes': {'ros'}, 'ros': set(), 'errors': set()}
     assert draw_architecture.drawn_edges(graph) == [('cli', 'nodes'), ('nodes', 'ros')]
+
+
+def test_lines_of_code_words_and_kernels_are_told_from_prose():
+    source = house.Source('''"""Stiffness of prose."""
+import math  # stiffness, too
+
+
+@compiled
+def kernel(a: Any, b: float) -> float:
+    """Return stiffness."""
+    return (a[
+        'stiffness'])
+
+
+class Spring:
+    """A class."""
+''')
+    assert source.lines == 13
+    assert len(source.code) == 6 and source.classes == ['Spring']
+    assert 'stiffness' in source.words and 'prose' not in source.words
+    figures = house.kernel_figures(source.kernels)
+    assert list(figures.values()) == [1, 2, 0, 1, 4]
