@@ -23,6 +23,13 @@ def test_shipped_curves_load_and_cover_the_published_speeds(name):
     assert curve.residual < 0.001
 
 
+@pytest.mark.parametrize('name', SHIPPED)
+def test_the_conservative_variant_is_the_other_cubic_and_wants_no_margin(name):
+    fit, conservative = load_curve(name), load_curve(name, 'conservative')
+    assert conservative.coefficients == fit.conservative != fit.coefficients
+    assert conservative.residual == 0.0 < fit.residual
+
+
 @pytest.mark.parametrize('name, speed, millimetres', [
     # The three crossings in the text of the paper's section 7 are possible.
     ('gimball_down', 0.76, 21.0), ('gimball_horizontal', 0.78, 31.0),
