@@ -116,6 +116,16 @@ def test_whatever_pyserial_raises_on_opening_is_told_apart_by_its_number(
     assert reason('/dev/ttyUSB0')[0] == word
 
 
+def test_the_number_of_the_error_itself_counts_before_that_of_its_origin(monkeypatch):
+    def refuse(*_, **__):
+        try:
+            raise termios.error(errno.EIO, 'because')
+        except termios.error:
+            raise serial.SerialException(errno.EBUSY, 'busy')
+    monkeypatch.setattr(serial, 'serial_for_url', refuse)
+    assert reason('/dev/ttyUSB0')[0] == 'busy'
+
+
 @pytest.mark.parametrize('error', [serial.SerialException, OSError, termios.error])
 def test_whatever_pyserial_raises_on_an_open_port_is_a_port_that_is_gone(monkeypatch, error):
     port = serial.serial_for_url('loop://')
