@@ -62,6 +62,7 @@ def test_what_joins_drive_and_pendulum_is_found(protocol, direction, factor):
     assert found.direction == direction
     assert found.encoder_scale == pytest.approx(1.0 / 50.0, rel=0.01)
     assert found.torque_factor == pytest.approx(factor, rel=0.03)
+    assert abs(found.friction) < 0.01  # at rest there is none in this joint
     robot.pass_time(0.01)
     assert robot.motor == 0.0
 
