@@ -130,8 +130,9 @@ def test_patience_grows_with_each_failure_up_to_a_second_and_shrinks_once_it_is_
 
 
 def test_why_a_drive_is_not_found_is_logged_once_and_again_when_it_changes(caplog):
+    caplog.set_level('INFO')
     gone = LinkError('missing', 'no such port')
-    bench = Bench(Drive(), gone, gone, Drive(SILENT), gone)
+    bench = Bench(Drive(), gone, gone, Drive(SILENT), gone, Drive())
     bench.line.open(0.5)
     bench.line.lose(SILENT)
     for _ in range(4):
@@ -139,6 +140,8 @@ def test_why_a_drive_is_not_found_is_logged_once_and_again_when_it_changes(caplo
     assert [text for text in caplog.messages if 'no such port' in text] == [
         text for text in caplog.messages if 'looking' in text][::2]
     assert sum('looking' in text for text in caplog.messages) == 3
+    assert not any('back' in text for text in caplog.messages)
+    assert bench.look() and 'back' in caplog.messages[-1]
     assert any('lost' in text and 'nobody answers' in text for text in caplog.messages)
 
 

@@ -166,6 +166,14 @@ def test_a_command_that_cannot_be_sent_is_a_lost_line_and_no_error_of_who_gave_i
     assert robot.session.supervisor.e_stop == 'the line was lost: planted'
 
 
+def test_an_e_stop_while_the_line_breaks_is_a_lost_line_under_its_own_reason():
+    robot = VirtualRobot().ready()
+    robot.plugged = False
+    robot.session.engage('button')
+    assert robot.session.line.driver is None
+    assert robot.session.supervisor.e_stop == 'button'
+
+
 def test_a_line_that_breaks_during_a_stop_is_lost_once():
     robot = VirtualRobot().ready()
     robot.run(0.1, torque=0.5)
