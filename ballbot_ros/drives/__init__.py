@@ -48,28 +48,26 @@ DRIVES = {
 
 def codec_of(protocol: str) -> ModuleType:
     """Return the codec of a protocol; raises `ConfigurationError` if there is none of it."""
-    return import_module(f'{_vendor(protocol).folder}.codec')
+    return _module(protocol, 'codec')
 
 
 def driver_class(protocol: str) -> Type[Driver]:
     """Return the driver of a protocol; raises as `codec_of` does."""
-    vendor = _vendor(protocol)
-    found: Type[Driver] = getattr(import_module(f'{vendor.folder}.driver'), vendor.driver)
+    found: Type[Driver] = getattr(_module(protocol, 'driver'), DRIVES[protocol].driver)
     return found
 
 
 def device_class(protocol: str) -> Type[Device]:
     """Return the emulated device of a protocol; raises as `codec_of` does."""
-    vendor = _vendor(protocol)
-    found: Type[Device] = getattr(import_module(f'{vendor.folder}.emulated'), vendor.device)
+    found: Type[Device] = getattr(_module(protocol, 'emulated'), DRIVES[protocol].device)
     return found
 
 
-def _vendor(protocol: str) -> Vendor:
+def _module(protocol: str, name: str) -> ModuleType:
     if protocol not in DRIVES:
         raise ConfigurationError(
             f'{protocol!r} is not a protocol{suggestion(str(protocol), DRIVES)}')
-    return DRIVES[protocol]
+    return import_module(f'{DRIVES[protocol].folder}.{name}')
 
 
 def read_options(protocol: str, mapping: Mapping[str, Any], where: str) -> DriveOptions:

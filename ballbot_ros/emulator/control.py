@@ -109,13 +109,14 @@ def obey(emulator: Emulator, line: str) -> str:
     if name == 'state':
         return json.dumps(state_of(emulator))
     if name in LINE_FAULTS:
-        chosen = _directions(name, words)
+        both = {'to': emulator.to_drive, 'from': emulator.from_drive}
+        chosen = [both[word] for word in _directions(name, words)]
         number = _number(name, words, None)
-        changes = {direction: replace(direction.faults, **{name: number}) for key, direction in (
-            ('to', emulator.to_drive), ('from', emulator.from_drive)) if key in chosen}
+        changes = [(direction, replace(direction.faults, **{name: number}))
+                   for direction in chosen]
 
         def change() -> None:
-            for direction, faults in changes.items():
+            for direction, faults in changes:
                 direction.faults = faults
         emulator.call(change)
     elif name in FAULTS:
