@@ -13,6 +13,7 @@ from precision_scenes import cases, with_solver
 
 from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.simulation.integrator import Integrator
+from ballbot_ros.physics.solvers.values import FINISHED, Status
 
 REPEATS = 15
 TOLERANCES = (1e-6, 1e-8)
@@ -30,7 +31,7 @@ def end_of(case, integrator):
     actuator = case.actuation.actuator(case.model.robot, 0.0, case.start.joint_angle)
     state = np.array(case.start[1:])
     begin = perf_counter()
-    integrator.advance(actuator, state, 0.0, case.duration)
+    integrator.advance(actuator, state, Status(FINISHED, 0.0), case.duration)
     return state[[X, Y]], perf_counter() - begin
 
 

@@ -26,7 +26,7 @@ from ballbot_ros.physics.simulation.accuracy import simulate_accurately
 from ballbot_ros.physics.simulation.integrator import Integrator
 from ballbot_ros.physics.simulation.simulate import simulate
 from ballbot_ros.physics.solvers.registry import METHODS
-from ballbot_ros.physics.solvers.values import EVALUATIONS
+from ballbot_ros.physics.solvers.values import EVALUATIONS, FINISHED, Status
 from ballbot_ros.studies import mujoco_check
 from ballbot_ros.studies.cases import Case
 
@@ -55,7 +55,7 @@ def fixed(case, method):
 
     def run(step):
         state = np.array(case.start[1:])
-        integrators[step].advance(actuator, state, 0.0, case.duration)
+        integrators[step].advance(actuator, state, Status(FINISHED, 0.0), case.duration)
         return state[X], state[Y], steps[step] * METHODS[method].evaluations
     return run
 
@@ -72,7 +72,7 @@ def chosen(case, method):
         integrator, state = integrators[tolerance], np.array(case.start[1:])
         statistics = integrator.workspace.statistics
         statistics[:] = 0
-        integrator.advance(actuator, state, 0.0, case.duration)
+        integrator.advance(actuator, state, Status(FINISHED, 0.0), case.duration)
         return state[X], state[Y], int(statistics[EVALUATIONS])
     return run
 

@@ -24,10 +24,10 @@ from ballbot_ros.physics.model.parameters import FREE, Parameters, System
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y)
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, VERTEX_X, VERTEX_Y
-from ballbot_ros.physics.solvers.controller import with_kept
 from ballbot_ros.physics.solvers.integrate import advance
 from ballbot_ros.physics.solvers.values import (
-    AUTOMATIC, EVALUATIONS, FINISHED, Options, Output, Status, StepController, Workspace)
+    AUTOMATIC, EVALUATIONS, EventRate, FINISHED, Options, Output, Status, StepController,
+    Workspace)
 
 OVER, BACK, UNDECIDED = range(3)
 
@@ -179,18 +179,18 @@ def run_to_verdict(height: float, tolerance: float,
                  and parameters.radius_lever == 0.0)
     doubt = 10.0 * tolerance * parameters.mass * parameters.gravity
     options = Options(tolerance, 0.0, AUTOMATIC, crossing.budget, False)
-    time, controller = 0.0, StepController(0.0, False, False, 0.0, 0, 0, False)
+    status = Status(FINISHED, 0.0, 0, StepController(0.0, False, False, 0.0, 0, 0),
+                    EventRate(0, 0, 0), False, True, 0.0)
     nearest, passed, block = -math.inf, 0.0, BLOCK
-    while time < course.time_limit:
+    while status.time < course.time_limit:
         for i in range(SIZE):
             before[i] = state[i]
-        status = advance(Status(FINISHED, time, 0, controller),
-                         min(time + block, course.time_limit), state, system, options,
-                         crossing.output, workspace)
-        if status.outcome != FINISHED:
-            return UNDECIDED, 0.0, status.time, status.outcome
+        later = advance(status, min(status.time + block, course.time_limit), state, system,
+                        options, crossing.output, workspace)
+        if later.outcome != FINISHED:
+            return UNDECIDED, 0.0, later.time, later.outcome
         top = peak(before[X], before[VELOCITY_X], state[X], state[VELOCITY_X],
-                   status.time - time)
+                   later.time - status.time)
         turned = before[VELOCITY_X] > 0.0 > state[VELOCITY_X]
         if (turned and state[X] <= 0.0 and block > SHORTEST_BLOCK
                 and top > -0.1 * parameters.gravity * block * block):
@@ -198,9 +198,10 @@ def run_to_verdict(height: float, tolerance: float,
             block *= 0.5
             for i in range(SIZE):
                 state[i] = before[i]
-            controller = with_kept(controller, status.controller.kept)
+            status = Status(FINISHED, status.time, 0, status.controller, status.rate, False,
+                            True, 0.0)
             continue
-        time, controller, block = status.time, status.controller, BLOCK
+        status, block = later, BLOCK
         early, late = weight_ahead(before, parameters), weight_ahead(state, parameters)
         nearest = max(nearest, late)
         if early < 0.0 <= late:
@@ -208,13 +209,13 @@ def run_to_verdict(height: float, tolerance: float,
         if top > 0.0 and state[Y] > height + 0.5 * parameters.radius:
             if passed == 0.0:
                 passed = speed_between(before, state, 1.0)
-            return OVER, max(passed * passed, LEAST), time, FINISHED
+            return OVER, max(passed * passed, LEAST), status.time, FINISHED
         if state[VELOCITY_X] < 0.0:
             back = course.first > 0.0 and state[X] < touch_x - RETREAT
             if back or (dwindling and energy_to_spare(
                     state, parameters, ground, workspace.mode.contacts) < -doubt):
-                return BACK, min(-falling * nearest**2, -LEAST), time, FINISHED
-    return UNDECIDED, min(-falling * nearest**2, -LEAST), time, FINISHED
+                return BACK, min(-falling * nearest**2, -LEAST), status.time, FINISHED
+    return UNDECIDED, min(-falling * nearest**2, -LEAST), status.time, FINISHED
 
 
 @unlocked

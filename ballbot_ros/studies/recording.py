@@ -10,8 +10,8 @@ from ballbot_ros.physics import Model, Scene, simulate, Solver, Trajectory
 from ballbot_ros.physics.model.parameters import Actuator, TORQUE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.failures import failure
-from ballbot_ros.physics.simulation.integrator import FRESH, Integrator
-from ballbot_ros.physics.solvers.values import FINISHED
+from ballbot_ros.physics.simulation.integrator import Integrator
+from ballbot_ros.physics.solvers.values import FINISHED, Status
 
 # Channels that can be compared, and their units.
 CHANNELS: Mapping[str, str] = {
@@ -136,16 +136,17 @@ def _driven(model: Model, scene: Scene, recording: Recording) -> Array:
     if recording.torque is None:
         raise ConfigurationError('recording: there is no torque to replay')
     state = scene.initial.state(model)
-    vector, integrator, controller = np.array(state[1:]), Integrator(
-        model.parameters, model.profile, SOLVER), FRESH
+    vector, status = np.array(state[1:]), Status(FINISHED, state.time)
+    integrator = Integrator(model.parameters, model.profile, SOLVER)
     times, torques = recording.torque
-    rows, now = [[*state, 0.0]], state.time
+    rows = [[*state, 0.0]]
     for moment, torque in zip(times.tolist(), torques.tolist()):
-        if moment <= now:
+        if moment <= status.time:
             continue
-        outcome, now, _, controller = integrator.advance(
-            Actuator(TORQUE, torque), vector, now, moment, controller=controller)
-        if outcome != FINISHED:
-            raise failure(outcome, now, vector, SOLVER)
+        status = integrator.advance(
+            # The torque jumps: the step goes on, the rates do not.
+            Actuator(TORQUE, torque), vector, status._replace(begun=False), moment)
+        if status.outcome != FINISHED:
+            raise failure(status.outcome, status.time, vector, SOLVER)
         rows.append([moment, *vector.tolist(), torque])
     return np.array(rows)

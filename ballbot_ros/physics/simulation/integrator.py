@@ -7,9 +7,7 @@ from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.physics.solvers.values import (
-    EVALUATIONS, FINISHED, LOOKING, NO_OUTPUT, Options, Output, Status, StepController, Workspace)
-
-FRESH = StepController()
+    EVALUATIONS, LOOKING, NO_OUTPUT, Options, Output, Status, Workspace)
 
 
 class Integrator:
@@ -46,9 +44,8 @@ class Integrator:
         statistics = self.workspace.statistics
         return int(statistics[EVALUATIONS] + statistics[LOOKING])
 
-    def advance(self, actuator: Actuator, state: Array, time: float, end: float,
-                output: Output = NO_OUTPUT, controller: StepController = FRESH,
-                budget: Optional[int] = None) -> Status:
+    def advance(self, actuator: Actuator, state: Array, status: Status, end: float,
+                output: Output = NO_OUTPUT, budget: Optional[int] = None) -> Status:
         """
         Advance a state in place.
 
@@ -56,12 +53,12 @@ class Integrator:
         ----------
         actuator : Actuator
         state : (13,) array
-        time, end : float
+        status : Status
+            Of the state: ``Status(FINISHED, time)`` where a run begins.
+        end : float
             [s]
         output : Output, optional
             Rows to fill.
-        controller : StepController, optional
-            That of a run that goes on.
         budget : int, optional
             Where the `work` ends the run; by default the work budget of the solver from here.
 
@@ -70,7 +67,6 @@ class Integrator:
         if budget is None:
             budget = self.work + solver.work_budget
         return self._method.advance(
-            Status(FINISHED, time, 0, controller), end, state,
-            System(self._parameters, self._ground, actuator),
+            status, end, state, System(self._parameters, self._ground, actuator),
             Options(solver.tolerance, solver.step, self._method.steps, budget, self._flight),
             output, self.workspace)

@@ -17,7 +17,7 @@ from ballbot_ros.physics.simulation.failures import (
 from ballbot_ros.physics.simulation.integrator import Integrator
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.physics.solvers.registry import METHODS
-from ballbot_ros.physics.solvers.values import FINISHED
+from ballbot_ros.physics.solvers.values import FINISHED, Status
 
 
 @dataclass(frozen=True)
@@ -128,16 +128,17 @@ class Model:
         if fixed:
             check_work(self.solver, steps)
             ledger = Ledger(self.parameters, self.profile, vector)
-        time, end = state.time, state.time + steps * self.solver.step
-        outcome, time, _, _ = self._integrator.advance(actuator, vector, time, end)
-        if outcome != FINISHED:
-            raise failure(outcome, time, vector, self.solver)
+        status = self._integrator.advance(
+            actuator, vector, Status(FINISHED, state.time),
+            state.time + steps * self.solver.step)
+        if status.outcome != FINISHED:
+            raise failure(status.outcome, status.time, vector, self.solver)
         if fixed:
             # Other methods look after their error themselves.
             missing, _ = ledger.missing(vector[None])
             if missing > LEDGER_BOUND:
-                raise out_of_balance(time, missing, self.solver)
-        return State(time, *vector.tolist())
+                raise out_of_balance(status.time, missing, self.solver)
+        return State(status.time, *vector.tolist())
 
     # Arrays of the kernels: overwritten at each call, never read across calls.
     @cached_property

@@ -6,18 +6,18 @@ import numpy as np
 
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics.model.actuation import Actuation
-from ballbot_ros.physics.model.state import SIZE
-from ballbot_ros.physics.model.state import State
+from ballbot_ros.physics.model.state import SIZE, State
 from ballbot_ros.physics.simulation.failures import (
     check_work, failure, Ledger, LEDGER_BOUND, out_of_balance)
-from ballbot_ros.physics.simulation.integrator import FRESH, Integrator
+from ballbot_ros.physics.simulation.integrator import Integrator
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.trajectory import Effort, Trajectory
 from ballbot_ros.physics.solvers.registry import Method, METHODS
 from ballbot_ros.physics.solvers.spans import read_log, Span
-from ballbot_ros.physics.solvers.values import FINISHED, Output
+from ballbot_ros.physics.solvers.values import FINISHED, Output, PAUSED, Status
 
-# Rows per call into compiled code: progress is reported, and Ctrl-C heard, in between.
+# Rows per call into compiled code: progress is reported, and Ctrl-C heard, in between. The run is
+# the same whatever their number.
 CHUNK = 500
 
 
@@ -85,7 +85,7 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
     vector = np.array(start[1:])
     rows = np.empty((1 + count, 2 + SIZE))
     rows[0] = [*start, model.torque(start, actuator)]
-    done, controller = 0, FRESH
+    end, status = start.time + count * every * tick, Status(FINISHED, start.time)
     integrator = Integrator(model.parameters, model.profile, model.solver,
                             flight=model.solver.models != 'full')
     ledger = Ledger(model.parameters, model.profile, vector)
@@ -95,32 +95,32 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
             model, rows[:samples], Effort(*integrator.workspace.statistics[:4].tolist()),
             spans=_spans(integrator, method, start.time, rows[samples - 1, 0]))
     try:
-        while done < count:
-            until = min(done + CHUNK, count)
-            # Times are counted from the start, so that they carry no accumulated rounding.
-            begin, end = (start.time + item * every * tick for item in (done, until))
-            outcome, _, filled, controller = integrator.advance(
-                actuator, vector, begin, end,
-                Output(rows[1 + done:1 + until], begin, output_step), controller,
+        while True:
+            before = status.filled
+            status = integrator.advance(
+                actuator, vector, status, end,
+                Output(rows[1:], start.time, output_step, before + CHUNK),
                 model.solver.work_budget)
-            done += filled
-            if outcome != FINISHED:
-                error = failure(
-                    outcome, start.time + (done + 1) * output_step, vector, model.solver)
+            done = status.filled
+            if status.outcome not in (FINISHED, PAUSED):
+                error = failure(status.outcome, start.time + (done + 1) * output_step, vector,
+                                model.solver)
                 error.trajectory = so_far(1 + done)
                 raise error
-            missing, where = ledger.missing(rows[1 + done - filled:1 + done, 1:-1])
+            missing, where = ledger.missing(rows[1 + before:1 + done, 1:-1])
             if missing > LEDGER_BOUND:
-                bad = 1 + done - filled + where
+                bad = 1 + before + where
                 balance = out_of_balance(float(rows[bad, 0]), missing, model.solver)
                 balance.trajectory = so_far(bad)
                 raise balance
             if progress is not None:
                 progress(done * output_step)
+            if status.outcome == FINISHED:
+                break
     except KeyboardInterrupt:
-        if done == 0:
+        if status.filled == 0:
             raise
-    return so_far(1 + done)
+    return so_far(1 + status.filled)
 
 
 def _spans(integrator: Integrator, method: Method, begin: float, end: float) -> tuple[Span, ...]:

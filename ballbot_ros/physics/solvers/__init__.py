@@ -8,7 +8,9 @@ From one state to a later one: methods, step sizes, events.
 
 It takes `state`, a (13,) array at ``status.time``, to the time `end` in place; fills those rows
 of `output` whose time it passes, beginning with number ``status.filled``; and returns where it
-came, with FINISHED or the reason why it cannot go on.  It adds its steps and right-hand sides to
+came, with FINISHED or the reason why it cannot go on.  Where ``output.pause`` rows are filled, it
+returns PAUSED between two steps; called again with that status, same arrays, it goes on as if it
+had not: who looks on does not change the numbers.  It adds its steps and right-hand sides to
 ``workspace.statistics``, works in the other arrays of the workspace, and makes none.  The types
 are those of `values`; right-hand sides are `mechanics.equations.derivative`, or `mode_derivative`
 of a mode that is frozen.  To add one, copy ``rk4.py``, and add its line to `registry.METHODS`.

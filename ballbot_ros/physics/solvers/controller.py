@@ -101,21 +101,18 @@ def step_limit(state: Array, distance: float, count: int, parameters: Parameters
 
 @compiled
 def started(controller: StepController, count: int, method: int) -> StepController:
-    """Return the controller where a run, or a piece of it after a flight, begins."""
-    implicit = method == IMPLICIT
-    step = controller.step
-    if method == AUTOMATIC:
-        implicit = controller.kept if step > 0.0 else count > 0
-    if step <= 0.0:
-        step = FIRST_STEP
-    return StepController(step, implicit, False, step, 0, FIRST_PATIENCE, controller.kept)
+    """Return the controller where a run begins with so many contacts, or goes on."""
+    if controller.step > 0.0:
+        return controller
+    implicit = method == IMPLICIT or (method == AUTOMATIC and count > 0)
+    return StepController(FIRST_STEP, implicit, False, FIRST_STEP, 0, FIRST_PATIENCE)
 
 
 @compiled
 def with_step(now: StepController, step: float) -> StepController:
     """Return the controller with another step [s]."""
     return StepController(step, now.implicit, now.on_trial, now.explicit_step, now.stiff_steps,
-                          now.patience, now.kept)
+                          now.patience)
 
 
 @compiled
@@ -123,7 +120,7 @@ def stiffness_seen(now: StepController, stiffness: float) -> StepController:
     """Return the controller after an explicit step that was so much of the longest stable one."""
     return StepController(
         now.step, now.implicit, now.on_trial, now.explicit_step,
-        now.stiff_steps + (1 if stiffness > AT_LIMIT else 0), now.patience, now.kept)
+        now.stiff_steps + (1 if stiffness > AT_LIMIT else 0), now.patience)
 
 
 @compiled
@@ -131,7 +128,7 @@ def rejected(now: StepController, used: float, error: float, tolerance: float) -
     """Return the controller after a step [s] that was not accurate enough."""
     if now.on_trial:
         return StepController(now.explicit_step, now.implicit, False, now.explicit_step,
-                              now.stiff_steps, min(2 * now.patience, LAST_PATIENCE), now.kept)
+                              now.stiff_steps, min(2 * now.patience, LAST_PATIENCE))
     # An error without bound: try much shorter.
     shrink = FASTEST_SHRINKING
     if math.isfinite(error):
@@ -161,7 +158,7 @@ def accepted_explicit(now: StepController, used: float, grow: float,
     step = next_step(now, used, grow)
     if method == AUTOMATIC and now.stiff_steps >= now.patience:
         return StepController(step * (1.5 * IMPLICIT_COST), now.implicit, True, step, 0,
-                              now.patience, now.kept)
+                              now.patience)
     return with_step(now, step)
 
 
@@ -180,9 +177,9 @@ def accepted_implicit(now: StepController, used: float, grow: float, method: int
     # While the step still grows as it may, nothing is known yet.
     if grow == FASTEST_GROWTH or step > IMPLICIT_COST * stable:
         return StepController(step, True, False, now.explicit_step, now.stiff_steps,
-                              FIRST_PATIENCE, True)
+                              FIRST_PATIENCE)
     return StepController(min(step, now.explicit_step), False, False, now.explicit_step,
-                          now.stiff_steps, min(2 * now.patience, LAST_PATIENCE), False)
+                          now.stiff_steps, min(2 * now.patience, LAST_PATIENCE))
 
 
 @compiled
@@ -191,12 +188,4 @@ def after_event(now: StepController, count: int, method: int) -> StepController:
     if method != AUTOMATIC or count == 0:
         return now
     # Explicit steps would shake a hard contact before they find it hard.
-    return StepController(now.step, True, now.on_trial, now.step, now.stiff_steps, now.patience,
-                          now.kept)
-
-
-@compiled
-def with_kept(now: StepController, kept: bool) -> StepController:
-    """Return the controller that begins a run that goes on with such steps."""
-    return StepController(now.step, now.implicit, now.on_trial, now.explicit_step, now.stiff_steps,
-                          now.patience, kept)
+    return StepController(now.step, True, now.on_trial, now.step, now.stiff_steps, now.patience)

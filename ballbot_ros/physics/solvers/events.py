@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where a frozen mode ends within a step: violated guards, located on the dense output."""
-from typing import NamedTuple
-
 from ballbot_ros.compiled import compiled
 from ballbot_ros.physics.mechanics.modes import guard_of, violated_guards
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.solvers.controller import smallest_step
 from ballbot_ros.physics.solvers.dense import interpolate
-from ballbot_ros.physics.solvers.values import Workspace
+from ballbot_ros.physics.solvers.values import EventRate, Workspace
 
 MOST_EVENTS = 64      # located within one look; of more, an early one will do
 LOOKS = 4             # times within a step at which the mode is checked
@@ -17,14 +15,6 @@ CHATTER = 1e-9        # [s] between events that rounding makes
 PATIENCE = 20         # such events in a row, then ever longer steps over them
 SOON, CROWD = 0.1, 3  # of the step; so many events in a row that soon, then shorter steps
 STUCK = 1000          # events in a row without any time between them
-
-
-class EventRate(NamedTuple):
-    """How quickly events have followed each other: so many in a row."""
-
-    chattering: int = 0  # within CHATTER
-    crowded: int = 0  # within SOON of a step
-    stuck: int = 0  # without time between them
 
 
 @compiled

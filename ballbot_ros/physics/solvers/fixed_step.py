@@ -14,17 +14,25 @@ from ballbot_ros.physics.solvers.values import (
 
 
 @compiled
-def stretches(status: Status, end: float, options: Options, output: Output) -> tuple[int, int]:
+def stretches(status: Status, end: float, options: Options,
+              output: Output) -> tuple[float, int, int]:
     """
-    Return how many stretches a run has, and the steps of each.
+    Return when a run began, how many stretches it has, and the steps of each.
 
     A row of the output ends each stretch; without output there is one stretch.
     """
-    steps = int(math.floor((end - status.time) / options.step + 0.5))
     if len(output.rows) == 0:
-        return 1, steps
+        return status.time, 1, int(math.floor((end - status.time) / options.step + 0.5))
     every = int(math.floor(output.interval / options.step + 0.5))
-    return steps // every, every
+    steps = int(math.floor((end - output.begin) / options.step + 0.5))
+    return output.begin, steps // every, every
+
+
+@compiled
+def moved(status: Status, outcome: int, time: float, filled: int) -> Status:
+    """Return the status of a run that has come to another time."""
+    return Status(outcome, time, filled, status.controller, status.rate, status.begun,
+                  status.may_fly, status.before)
 
 
 @compiled

@@ -27,13 +27,13 @@ from ballbot_ros.physics.solvers.controller import (
     accepted_explicit, accepted_implicit, after_event, clear_distance, error_length, growth,
     rejected, smallest_step, started, step_limit, stiffness_seen, with_step)
 from ballbot_ros.physics.solvers.dense import interpolate, write_rows
-from ballbot_ros.physics.solvers.events import CROWD, EventRate, first_event, LOOKS, rated, STUCK
+from ballbot_ros.physics.solvers.events import CROWD, first_event, LOOKS, rated, STUCK
 from ballbot_ros.physics.solvers.flight import has_closed_form
 from ballbot_ros.physics.solvers.spans import FLIGHT, FULL, note
 from ballbot_ros.physics.solvers.touch_down import fly_to_touch, SHORT_FLIGHT
 from ballbot_ros.physics.solvers.values import (
-    BUDGET_EXCEEDED, EVALUATIONS, EVENTS, FINISHED, LOOKING, NOT_FINITE, Options, Output,
-    PENETRATED, REJECTED, Status, STEP_TOO_SMALL, StepController, STEPS, Workspace)
+    BUDGET_EXCEEDED, EVALUATIONS, EventRate, EVENTS, FINISHED, LOOKING, NOT_FINITE, Options,
+    Output, PAUSED, PENETRATED, REJECTED, Status, STEP_TOO_SMALL, StepController, STEPS, Workspace)
 
 FREE_FEATURES = 32  # of the ground that a right-hand side pays for; more cost work, too
 
@@ -89,18 +89,31 @@ def end_step(theta: float, reached: float, state: Array, implicit: bool, system:
         workspace.statistics[EVALUATIONS] += 1
 
 
+@compiled
+def outcome_of(rate: EventRate, state: Array, ground: Array) -> int:
+    """Return whether a run can go on after a step, FINISHED if so."""
+    if rate.stuck > STUCK:
+        return STEP_TOO_SMALL
+    if not is_finite(state):
+        return NOT_FINITE
+    return PENETRATED if state[Y] <= ground_height(ground, state[X]) else FINISHED
+
+
 @outlined
 def advance(status: Status, end: float, state: Array, system: System, options: Options,
             output: Output, workspace: Workspace) -> Status:
     """Advance `state` in place up to `end` [s]; see the contract in `solvers`."""
     parameters, ground, statistics = system.parameters, system.ground, workspace.statistics
-    time, filled, controller, rate = (
-        status.time, status.filled, status.controller, EventRate(0, 0, 0))
-    may_fly = options.flight and has_closed_form(parameters, system.actuator)
-    begun, known = False, False  # the mode with its f0, and the Jacobian, of this state
+    time, filled, controller, rate = status.time, status.filled, status.controller, status.rate
+    begun, may_fly, known = status.begun, status.may_fly, False  # known: the Jacobian
+    flies = options.flight and has_closed_form(parameters, system.actuator)
+    outcome = FINISHED
     while time < end:
+        if filled >= output.pause:
+            outcome = PAUSED
+            break
         if not begun:
-            if find_mode(time, state, system, workspace.mode) == 0 and may_fly:
+            if find_mode(time, state, system, workspace.mode) == 0 and flies and may_fly:
                 landed, filled = fly_to_touch(
                     time, state, end, system, output, filled, workspace)
                 may_fly = landed - time >= SHORT_FLIGHT
@@ -111,13 +124,12 @@ def advance(status: Status, end: float, state: Array, system: System, options: O
             note(workspace.log, time, FULL)
             count = begin_mode(time, state, system, workspace)
             controller = started(controller, count, options.method)
-            rate = EventRate(0, 0, 0)
-            begun, known = True, False
+            rate, begun, known = EventRate(0, 0, 0), True, False
         if statistics[EVALUATIONS] + statistics[LOOKING] >= options.budget:
-            return Status(BUDGET_EXCEEDED, time, filled, controller)
+            outcome = BUDGET_EXCEEDED
+            break
         smallest, distance = smallest_step(time), clear_distance(state[X], parameters, ground)
-        limit = step_limit(
-            state, distance, contact_count(workspace.mode), parameters, ground)
+        limit = step_limit(state, distance, contact_count(workspace.mode), parameters, ground)
         used = min(controller.step, limit, end - time)
         implicit = (controller.implicit or controller.on_trial) and smooth_contacts(
             workspace.mode)
@@ -133,8 +145,8 @@ def advance(status: Status, end: float, state: Array, system: System, options: O
             on_trial = controller.on_trial
             controller = rejected(controller, used, error, options.tolerance)
             if controller.step < smallest and not on_trial:
-                return Status(STEP_TOO_SMALL if error < math.inf else NOT_FINITE, time,
-                              filled, controller)
+                outcome = STEP_TOO_SMALL if error < math.inf else NOT_FINITE
+                break
             continue
         controller = accepted(controller, state, used, error, implicit, options, workspace)
         known = False
@@ -147,15 +159,15 @@ def advance(status: Status, end: float, state: Array, system: System, options: O
         if rate.crowded > CROWD:
             # A long step is not accurate enough to tell events apart.
             controller = with_step(controller, 0.5 * used)
-        if rate.stuck > STUCK:
-            return Status(STEP_TOO_SMALL, time, filled, controller)
-        if not is_finite(state):
-            return Status(NOT_FINITE, reached, filled, controller)
+        outcome = outcome_of(rate, state, ground)
+        if outcome == STEP_TOO_SMALL:
+            break
         time = end if end - reached < smallest else reached
-        if state[Y] <= ground_height(ground, state[X]):
-            return Status(PENETRATED, time, filled, controller)
+        if outcome != FINISHED:
+            break
         if theta <= 1.0:
             count = begin_mode(time, state, system, workspace)
             controller = after_event(controller, count, options.method)
-            begun = count > 0 or not may_fly
-    return Status(FINISHED, time, filled, controller)
+            may_fly = may_fly or count > 0
+            begun = count > 0 or not (flies and may_fly)
+    return Status(outcome, time, filled, controller, rate, begun, may_fly, 0.0)

@@ -9,8 +9,8 @@ from ballbot_ros.physics.mechanics.equations import derivative
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import COORDINATES, SIZE
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.solvers.fixed_step import end_stretch, outcome_of, stretches
-from ballbot_ros.physics.solvers.values import FINISHED, Options, Output, Status, Workspace
+from ballbot_ros.physics.solvers.fixed_step import end_stretch, moved, outcome_of, stretches
+from ballbot_ros.physics.solvers.values import FINISHED, Options, Output, PAUSED, Status, Workspace
 
 ORDER = 1
 EVALUATIONS = 1  # of the right-hand side, for each step
@@ -32,16 +32,18 @@ def step(time: float, state: Array, size: float, system: System, workspace: Work
 def advance(status: Status, end: float, state: Array, system: System, options: Options,
             output: Output, workspace: Workspace) -> Status:
     """Advance `state` in place up to `end` [s]; see the contract in `solvers`."""
-    count, steps = stretches(status, end, options, output)
+    start, count, steps = stretches(status, end, options, output)
     filled, size = status.filled, options.step
-    for stretch in range(count):
+    for stretch in range(filled, count):
         # Times are counted from the start, so that they carry no accumulated rounding.
-        begin = status.time + stretch * steps * size
+        begin = start + stretch * steps * size
+        if filled >= output.pause:
+            return moved(status, PAUSED, begin, filled)
         for done in range(steps):
             step(begin + done * size, state, size, system, workspace)
             outcome = outcome_of(state, system)
             if outcome != FINISHED:
-                return Status(outcome, begin + (done + 1) * size, filled, status.controller)
+                return moved(status, outcome, begin + (done + 1) * size, filled)
         filled = end_stretch(begin + steps * size, state, steps, EVALUATIONS, system, output,
                              filled, workspace)
-    return Status(FINISHED, status.time + count * steps * size, filled, status.controller)
+    return moved(status, FINISHED, start + count * steps * size, filled)

@@ -25,8 +25,8 @@ from ballbot_ros.physics.solvers.controller import (
 from ballbot_ros.physics.solvers.dense import write_rows
 from ballbot_ros.physics.solvers.rodas5p import invert, solve
 from ballbot_ros.physics.solvers.values import (
-    BUDGET_EXCEEDED, EVALUATIONS, FINISHED, NOT_FINITE, Options, Output, PENETRATED, REJECTED,
-    Status, STEP_TOO_SMALL, STEPS, Workspace)
+    BUDGET_EXCEEDED, EVALUATIONS, FINISHED, NOT_FINITE, Options, Output, PAUSED, PENETRATED,
+    REJECTED, Status, STEP_TOO_SMALL, STEPS, Workspace)
 
 # Rows of the stages: f0, that of the step before, and what the iteration needs.
 F0, PREVIOUS, RIGHT, CHANGE = range(4)
@@ -118,15 +118,19 @@ def advance(status: Status, end: float, state: Array, system: System, options: O
             output: Output, workspace: Workspace) -> Status:
     """Advance `state` in place up to `end` [s]; see the contract in `solvers`."""
     statistics, stages, tolerance = workspace.statistics, workspace.stages, options.tolerance
-    time, filled, controller = status.time, status.filled, status.controller
-    before, known = 0.0, False
-    derivative(time, state, system, workspace.mode.contacts, stages[F0])
-    statistics[EVALUATIONS] += 1
+    time, filled, controller, before = (
+        status.time, status.filled, status.controller, status.before)
+    outcome, known = FINISHED, False
+    if not status.begun:
+        derivative(time, state, system, workspace.mode.contacts, stages[F0])
+        statistics[EVALUATIONS] += 1
+        before = 0.0
     if controller.step <= 0.0:
         controller = with_step(controller, FIRST_STEP)
     while time < end:
-        if statistics[EVALUATIONS] >= options.budget:
-            return Status(BUDGET_EXCEEDED, time, filled, controller)
+        if filled >= output.pause or statistics[EVALUATIONS] >= options.budget:
+            outcome = PAUSED if filled >= output.pause else BUDGET_EXCEEDED
+            break
         smallest = smallest_step(time)
         used = min(controller.step, options.step, end - time)
         if not known:
@@ -143,7 +147,7 @@ def advance(status: Status, end: float, state: Array, system: System, options: O
             statistics[REJECTED] += 1
             if controller.step < smallest:
                 outcome = STEP_TOO_SMALL if is_finite(workspace.y_new) else NOT_FINITE
-                return Status(outcome, time, filled, controller)
+                break
             continue
         statistics[STEPS] += 1
         grow = FASTEST_GROWTH if error == 0.0 else min(
@@ -160,5 +164,6 @@ def advance(status: Status, end: float, state: Array, system: System, options: O
         before, known = used, False
         time = end if end - reached < smallest else reached
         if state[Y] <= ground_height(system.ground, state[X]):
-            return Status(PENETRATED, time, filled, controller)
-    return Status(FINISHED, time, filled, controller)
+            outcome = PENETRATED
+            break
+    return Status(outcome, time, filled, controller, status.rate, True, status.may_fly, before)

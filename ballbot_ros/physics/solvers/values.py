@@ -10,7 +10,7 @@ from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
 
 # The outcome of a run.
-FINISHED, NOT_FINITE, PENETRATED, STEP_TOO_SMALL, BUDGET_EXCEEDED = range(5)
+FINISHED, NOT_FINITE, PENETRATED, STEP_TOO_SMALL, BUDGET_EXCEEDED, PAUSED = range(6)
 
 # What `Workspace.statistics` counts; the last: right-hand sides that looking at many features
 # of the ground is worth.
@@ -40,6 +40,7 @@ class Output(NamedTuple):
     rows: Array  # (n, 15)
     begin: float  # [s]
     interval: float  # [s]
+    pause: int = 2**62  # so many filled rows interrupt the run: PAUSED
 
 
 class StepController(NamedTuple):
@@ -51,16 +52,27 @@ class StepController(NamedTuple):
     explicit_step: float = 0.0  # to go back to, if it does not [s]
     stiff_steps: int = 0  # explicit steps at the limit of stability since the last trial
     patience: int = 0  # so many of them before the next trial
-    kept: bool = False  # whether a run that goes on begins with implicit steps
+
+
+class EventRate(NamedTuple):
+    """How quickly events have followed each other, so many in a row; see `events`."""
+
+    chattering: int = 0  # within CHATTER
+    crowded: int = 0  # within SOON of a step
+    stuck: int = 0  # without time between them
 
 
 class Status(NamedTuple):
-    """Where a run is."""
+    """Where a run is, and all that it needs to go on as if it had not been interrupted."""
 
-    outcome: int  # FINISHED or why it cannot go on
+    outcome: int  # FINISHED, PAUSED, or why it cannot go on
     time: float  # reached [s]
-    filled: int  # rows of the output
-    controller: StepController
+    filled: int = 0  # rows of the output
+    controller: StepController = StepController()
+    rate: EventRate = EventRate()
+    begun: bool = False  # whether mode and stages[0] in the workspace are those of the state
+    may_fly: bool = True  # not just after a flight that was not worth it
+    before: float = 0.0  # the step before, for a method that looks back [s]
 
 
 class Workspace(NamedTuple):

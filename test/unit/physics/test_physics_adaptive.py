@@ -13,6 +13,7 @@ from ballbot_ros.physics import (
 from ballbot_ros.physics.mechanics import contact, equations, modes
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import SIZE
+from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.physics.solvers.values import Workspace
 
 MOVING = ('fig7_top', 'fig7_middle', 'fig7_bottom', 'household', 'ramp_release',
@@ -75,6 +76,22 @@ def test_times_in_between_do_not_change_the_run():
     scene = with_tolerance(load_scene('fig7_top'), 1e-10)
     coarse = replace(scene, run=replace(scene.run, output_step=0.1)).simulate()
     assert coarse['x'] == pytest.approx(scene.simulate()['x'][::100], abs=1e-9)
+
+
+@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('name', ['fig7_top', 'shellball_drop'])
+def test_how_often_progress_is_reported_does_not_change_the_run(name, method, monkeypatch):
+    scene = load_scene(name)
+    solver = Solver(method, 1e-3 if method == 'trapezoidal' else 1e-4, 1e-7)
+    model, runs = replace(scene.model, solver=solver), []
+    for chunk in (7, 100, 10**9):
+        monkeypatch.setattr('ballbot_ros.physics.simulation.simulate.CHUNK', chunk)
+        heard = []
+        runs.append(simulate(model, scene.start, scene.actuation, 0.6, 1e-3, heard.append))
+        assert heard[-1] == pytest.approx(0.6) and (len(heard) > 5) == (chunk < 10**9)
+    for run in runs[1:]:
+        assert np.array_equal(run.rows, runs[0].rows)
+        assert run.effort == runs[0].effort and run.spans == runs[0].spans
 
 
 def test_advancing_period_by_period_agrees_with_one_run():

@@ -13,7 +13,7 @@ from ballbot_ros.physics import (
     Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
 from ballbot_ros.physics.mechanics.equations import X
 from ballbot_ros.physics.simulation.integrator import Integrator
-from ballbot_ros.physics.solvers.values import FINISHED
+from ballbot_ros.physics.solvers.values import FINISHED, Status
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'extremes'))
 BY_NAME, make_case = (
@@ -114,7 +114,7 @@ def test_a_tolerance_coarser_than_the_penetration_does_not_make_a_run_hang(metho
     assert model.solver.tolerance > 5.0 * model.robot.static_penetration
     # It may be too coarse for the ledger, but not for an end.
     vector = np.array(scene.start[1:])
-    outcome, time, _, _ = Integrator(model.parameters, model.profile, model.solver).advance(
-        scene.actuation.actuator(model.robot), vector, 0.0, scene.run.duration)
-    assert outcome == FINISHED and time == scene.run.duration
+    status = Integrator(model.parameters, model.profile, model.solver).advance(
+        scene.actuation.actuator(model.robot), vector, Status(FINISHED, 0.0), scene.run.duration)
+    assert status.outcome == FINISHED and status.time == scene.run.duration
     assert 0.0 < vector[X] < 0.5
