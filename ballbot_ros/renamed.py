@@ -9,9 +9,11 @@ also reached as attributes calls `refuse_old_names`.
 """
 from importlib.abc import MetaPathFinder
 import sys
-from typing import Any, Iterable
+from typing import Any, Callable, Iterable, TypeVar
 
 from ballbot_ros.errors import RenamedError
+
+Class = TypeVar('Class', bound=type)
 
 # Modules, and names of packages -> where they are now.
 PYTHON = {
@@ -45,6 +47,9 @@ PYTHON = {
     'ballbot_ros.plant.pace': 'ballbot_ros.plant.pacing',
     'ballbot_ros.plant.sensor': 'ballbot_ros.plant.step_sensor',
     'ballbot_ros.physics.crossing': 'ballbot_ros.crossing',
+    'ballbot_ros.physics.dynamics': 'ballbot_ros.physics.mechanics.equations',
+    'ballbot_ros.physics.laws': 'ballbot_ros.physics.mechanics.laws',
+    'ballbot_ros.physics.integrators': 'ballbot_ros.physics.solvers.registry',
     'ballbot_ros.physics.actuation': 'ballbot_ros.physics.model.actuation',
     'ballbot_ros.physics.options': 'ballbot_ros.physics.model.contact_options',
     'ballbot_ros.physics.robot': 'ballbot_ros.physics.model.robot',
@@ -102,6 +107,17 @@ def refuse_old_names(facade: dict[str, Any]) -> None:
         _refuse(f'{module}.{name}')
         raise AttributeError(f'module {module!r} has no attribute {name!r}')
     facade['__getattr__'] = __getattr__
+
+
+def old_attributes(**renamed: str) -> Callable[[Class], Class]:
+    """Return a decorator that lets the instances of a class name what an old attribute became."""
+    def mark(cls: Class) -> Class:
+        def __getattr__(self: Any, name: str) -> Any:
+            now = f'; it is now {renamed[name]!r}' if name in renamed else ''
+            raise AttributeError(f'{cls.__name__!r} object has no attribute {name!r}{now}')
+        setattr(cls, '__getattr__', __getattr__)
+        return cls
+    return mark
 
 
 class _OldNames(MetaPathFinder):

@@ -7,10 +7,12 @@ from ballbot_ros.config.fields import Checked, flag, quantity, text
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.parameters import Actuator, POSITION, TORQUE, VELOCITY, VOLTAGE
 from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.renamed import old_attributes
 
 LAWS = ('free', 'position', 'velocity', 'voltage', 'torque')
 
 
+@old_attributes(drive='actuator')
 @dataclass(frozen=True)
 class Actuation(Checked):
     """

@@ -18,8 +18,10 @@ from ballbot_ros.physics.simulation.integrator import Integrator
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.physics.solvers.values import FINISHED, Status
+from ballbot_ros.renamed import old_attributes
 
 
+@old_attributes(numbers='parameters')
 @dataclass(frozen=True)
 class Model:
     """

@@ -17,6 +17,7 @@ from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.solvers.spans import Span
+from ballbot_ros.renamed import old_attributes
 
 # Every column of a trajectory and its unit, in the order of the files.
 UNITS: Mapping[str, str] = {
@@ -65,6 +66,7 @@ def evaluate_rows(states: Array, parameters: Parameters, ground: Array, contacts
                 row[10] = slip
 
 
+@old_attributes(refused='rejected')
 class Effort(NamedTuple):
     """What a run has cost."""
 

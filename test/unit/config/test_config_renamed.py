@@ -5,7 +5,7 @@ from importlib.util import find_spec
 
 import pytest
 
-from ballbot_ros import renamed
+from ballbot_ros import physics, renamed
 from ballbot_ros.cli import main
 from ballbot_ros.cli.command import VERBS
 from ballbot_ros.config.fields import suggestion
@@ -82,3 +82,14 @@ def test_a_choice_that_is_gone_says_why(capsys):
     assert main(['simulate', 'flat', '--models', 'reduced']) == 2
     assert renamed.GONE['reduced'] in capsys.readouterr().err
     assert renamed.GONE['reduced'] in suggestion('reduced', ['auto', 'full'], listing=False)
+
+
+@pytest.mark.parametrize('value, old, new', [
+    (physics.Actuation(), 'drive', 'actuator'),
+    (physics.load_scene('flat').model, 'numbers', 'parameters'),
+    (physics.Trajectory(physics.load_scene('flat').model, []).effort, 'refused', 'rejected'),
+])
+def test_an_old_attribute_names_the_new_one(value, old, new):
+    with pytest.raises(AttributeError, match=f"'{old}'; it is now '{new}'"):
+        getattr(value, old)
+    assert hasattr(value, new) and not hasattr(value, 'never_there')
