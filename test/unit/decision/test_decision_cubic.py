@@ -204,7 +204,7 @@ def test_a_crossing_past_the_point_of_no_return_goes_on_with_half_the_margins():
     fast = replace(crossing(), set_speed=1.05)
     assert on(distance=0.15, speed=0.88, previous=fast).set_speed == 1.05
     # As long as it could still stop, it drives no faster than it must.
-    assert on(previous=fast).set_speed == on().set_speed < 1.05
+    assert on(distance=3.0, previous=fast).set_speed == on(distance=3.0).set_speed < 1.05
 
 
 def test_a_hopeless_crossing_is_broken_off_even_then():
