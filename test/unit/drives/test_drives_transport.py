@@ -11,7 +11,7 @@ import time
 import pytest
 import serial
 
-from ballbot_ros.drives.capture import read_capture, Recorder, Replay
+from ballbot_ros.drives.capture import read_capture, Record, Recorder, Replay
 from ballbot_ros.drives.transport import Link
 from ballbot_ros.errors import BallbotError, ConfigurationError, LinkError
 
@@ -201,6 +201,13 @@ def test_traffic_is_recorded_and_played_back(tmp_path):
     assert replay.wait(1.0) and replay.read() == b'request' and replay.finished
     with pytest.raises(LinkError):
         replay.read()
+
+
+def test_a_capture_gives_back_what_came_from_the_drive_and_counts_what_is_written():
+    replay = Replay([Record(0.0, '>', b'ask'), Record(0.1, '<', b'reply'), Record(0.2, '>', b'x')])
+    replay.write(b'four')
+    assert replay.read() == b'reply' and replay.finished
+    assert (replay.written, replay.bytes_out, replay.bytes_in) == ([b'four'], 4, 5)
 
 
 def test_a_full_disk_ends_the_recording_and_not_the_link():
