@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 import time
 
-from ballbot_ros.cli.sweep import obey
+from ballbot_ros.cli.sweep import follow
 from ballbot_ros.physics import load_robot
 from ballbot_ros.studies.sweep import run_block, run_sweep
 from ballbot_ros.studies.sweep_plan import Plan
@@ -36,7 +36,7 @@ def measure():
     cores = os.cpu_count() or 1
     times = {size: [] for size in SIZES}
     with TemporaryDirectory() as folder, ProcessPoolExecutor(
-            cores, multiprocessing.get_context('fork'), obey, (os.getpid(),)) as pool:
+            cores, multiprocessing.get_context('fork'), follow, (os.getpid(),)) as pool:
         def spent(size):
             plan = planned(size)
             begin = time.perf_counter()
