@@ -28,6 +28,12 @@ PYTHON = {
     'ballbot_ros.bridge.calibration': 'ballbot_ros.bridge.commissioning.calibration',
     'ballbot_ros.bridge.doctor': 'ballbot_ros.bridge.commissioning.doctor',
     'ballbot_ros.decision.fitting': 'ballbot_ros.studies.curve_fit',
+    'ballbot_ros.decision.estimate': 'ballbot_ros.decision.planners.reach',
+    'ballbot_ros.decision.policy': 'ballbot_ros.decision.planners.cubic',
+    'ballbot_ros.decision.curve.Making': 'ballbot_ros.decision.curve.CurveProvenance',
+    'ballbot_ros.emulator.device': 'ballbot_ros.drives.emulated_device',
+    **{f'ballbot_ros.emulator.{vendor}': f'ballbot_ros.drives.{vendor}.emulated'
+       for vendor in ('odrive', 'roboclaw', 'vesc')},
     'ballbot_ros.ros.timekeeper': 'ballbot_ros.ros.scheduler',
     'ballbot_ros.ros.lockstep': 'ballbot_ros.ros.run_control',
     'ballbot_ros.demo.story': 'ballbot_ros.demo.timeline',

@@ -93,7 +93,7 @@ def draw(root, package, folder, seed, count, only='', again=None):
     """
     Draw mutants of the files below a folder whose path contains a word; count None: all.
 
-    If names of mutants are given in `again`, none but those are drawn.
+    If names of mutants are given in `again`, those are drawn, whatever their seed was.
     """
     begins = None if again is None else {(name[0], name[1].split('\n')[0]) for name in again}
     ranked = []
@@ -113,12 +113,16 @@ def draw(root, package, folder, seed, count, only='', again=None):
             break
         for way in ways:
             source = mutated(text, way)
-            if source is not None:
-                number, line, to = changes(text, source)
-                drawn.append(Mutant(package, path.relative_to(root).as_posix(), module, function,
-                                    number, line, to, way.name, source))
+            if source is None:
+                continue
+            number, line, to = changes(text, source)
+            mutant = Mutant(package, path.relative_to(root).as_posix(), module, function,
+                            number, line, to, way.name, source)
+            if again is None or mutant.name in again:
+                drawn.append(mutant)
+            if again is None:
                 break
-    return [mutant for mutant in drawn if again is None or mutant.name in again]
+    return drawn
 
 
 def changes(text, source):

@@ -124,6 +124,14 @@ def test_a_sample_is_repeatable_and_stays_when_its_file_moves(modules, toy):
     assert [mutant.name for mutant in moved] == everything[:3]
 
 
+def test_a_survivor_is_drawn_again_whatever_the_seed_was(modules, toy):
+    sample = modules('sample')
+    for seed in range(6):
+        survivor = sample.draw(toy, 'toy', 'toy/inner', seed, 1)[0].name
+        again = sample.draw(toy, 'toy', 'toy/inner', seed + 1, None, again={survivor})
+        assert [mutant.name for mutant in again] == [survivor]
+
+
 def test_nothing_of_annotations_docstrings_and_texts_of_errors_is_drawn(modules, toy):
     drawn = modules('sample').draw(toy, 'toy', 'toy/inner', 1, None)
     lines = SOURCE.splitlines()
