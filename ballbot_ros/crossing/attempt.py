@@ -24,7 +24,7 @@ from ballbot_ros.physics.model.parameters import FREE, Parameters, System
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y)
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, VERTEX_X, VERTEX_Y
-from ballbot_ros.physics.solvers.integrate import advance
+from ballbot_ros.physics.solvers.integrate import integrate
 from ballbot_ros.physics.solvers.values import (
     AUTOMATIC, EVALUATIONS, EventRate, FINISHED, Options, Output, Status, StepController,
     Workspace)
@@ -185,8 +185,8 @@ def run_to_verdict(height: float, tolerance: float,
     while status.time < course.time_limit:
         for i in range(SIZE):
             before[i] = state[i]
-        later = advance(status, min(status.time + block, course.time_limit), state, system,
-                        options, crossing.output, workspace)
+        later = integrate(status, min(status.time + block, course.time_limit), state, system,
+                          options, crossing.output, workspace)
         if later.outcome != FINISHED:
             return UNDECIDED, 0.0, later.time, later.outcome
         top = peak(before[X], before[VELOCITY_X], state[X], state[VELOCITY_X],

@@ -99,10 +99,10 @@ def outcome_of(rate: EventRate, state: Array, ground: Array) -> int:
     return PENETRATED if state[Y] <= ground_height(ground, state[X]) else FINISHED
 
 
-@outlined
-def advance(status: Status, end: float, state: Array, system: System, options: Options,
-            output: Output, workspace: Workspace) -> Status:
-    """Advance `state` in place up to `end` [s]; see the contract in `solvers`."""
+@compiled
+def integrate(status: Status, end: float, state: Array, system: System, options: Options,
+              output: Output, workspace: Workspace) -> Status:
+    """Do what `advance` does, inside the kernel that calls it: what it never uses is left out."""
     parameters, ground, statistics = system.parameters, system.ground, workspace.statistics
     time, filled, controller, rate = status.time, status.filled, status.controller, status.rate
     begun, may_fly, known = status.begun, status.may_fly, False  # known: the Jacobian
@@ -171,3 +171,10 @@ def advance(status: Status, end: float, state: Array, system: System, options: O
             may_fly = may_fly or count > 0
             begun = count > 0 or not (flies and may_fly)
     return Status(outcome, time, filled, controller, rate, begun, may_fly, 0.0)
+
+
+@outlined
+def advance(status: Status, end: float, state: Array, system: System, options: Options,
+            output: Output, workspace: Workspace) -> Status:
+    """Advance `state` in place up to `end` [s]; see the contract in `solvers`."""
+    return integrate(status, end, state, system, options, output, workspace)
