@@ -66,7 +66,7 @@ class Integrator:
         solver = self._solver
         if budget is None:
             budget = self.work + solver.work_budget
-        return self._method.advance(
+        return Status.of(self._method.advance(
             status, end, state, System(self._parameters, self._ground, actuator),
             Options(solver.tolerance, solver.step, self._method.steps, budget, self._flight),
-            output, self.workspace)
+            output, self.workspace))

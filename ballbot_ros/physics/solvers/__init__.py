@@ -4,7 +4,7 @@ From one state to a later one: methods, step sizes, events.
 
 **A solver is a file with one function**::
 
-    advance(status, end, state, system, options, output, workspace) -> Status
+    advance(status, end, state, system, options, output, workspace) -> PackedStatus
 
 It takes `state`, a (13,) array at ``status.time``, to the time `end` in place; fills those rows
 of `output` whose time it passes, beginning with number ``status.filled``; and returns where it

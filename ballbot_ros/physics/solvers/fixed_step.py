@@ -10,7 +10,8 @@ from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.dense import write_row
 from ballbot_ros.physics.solvers.values import (
-    EVALUATIONS, FINISHED, NOT_FINITE, Options, Output, PENETRATED, Status, STEPS, Workspace)
+    EVALUATIONS, FINISHED, NOT_FINITE, Options, Output, packed, PackedStatus, PENETRATED, Status,
+    STEPS, Workspace)
 
 
 @compiled
@@ -29,10 +30,10 @@ def stretches(status: Status, end: float, options: Options,
 
 
 @compiled
-def moved(status: Status, outcome: int, time: float, filled: int) -> Status:
+def moved(status: Status, outcome: int, time: float, filled: int) -> PackedStatus:
     """Return the status of a run that has come to another time."""
-    return Status(outcome, time, filled, status.controller, status.rate, status.begun,
-                  status.may_fly, status.before)
+    return packed(Status(outcome, time, filled, status.controller, status.rate, status.begun,
+                         status.may_fly, status.before))
 
 
 @compiled

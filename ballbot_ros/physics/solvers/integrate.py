@@ -33,7 +33,8 @@ from ballbot_ros.physics.solvers.spans import FLIGHT, FULL, note
 from ballbot_ros.physics.solvers.touch_down import fly_to_touch, SHORT_FLIGHT
 from ballbot_ros.physics.solvers.values import (
     BUDGET_EXCEEDED, EVALUATIONS, EventRate, EVENTS, FINISHED, LOOKING, NOT_FINITE, Options,
-    Output, PAUSED, PENETRATED, REJECTED, Status, STEP_TOO_SMALL, StepController, STEPS, Workspace)
+    Output, packed, PackedStatus, PAUSED, PENETRATED, REJECTED, Status, STEP_TOO_SMALL,
+    StepController, STEPS, Workspace)
 
 FREE_FEATURES = 32  # of the ground that a right-hand side pays for; more cost work, too
 
@@ -175,6 +176,6 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
 
 @outlined
 def advance(status: Status, end: float, state: Array, system: System, options: Options,
-            output: Output, workspace: Workspace) -> Status:
+            output: Output, workspace: Workspace) -> PackedStatus:
     """Advance `state` in place up to `end` [s]; see the contract in `solvers`."""
-    return integrate(status, end, state, system, options, output, workspace)
+    return packed(integrate(status, end, state, system, options, output, workspace))

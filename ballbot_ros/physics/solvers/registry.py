@@ -6,9 +6,9 @@ from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import integrate, rk4, semi_implicit, trapezoidal
 from ballbot_ros.physics.solvers.values import (
-    AUTOMATIC, EXPLICIT, IMPLICIT, Options, Output, Status, Workspace)
+    AUTOMATIC, EXPLICIT, IMPLICIT, Options, Output, PackedStatus, Status, Workspace)
 
-Advance = Callable[[Status, float, Array, System, Options, Output, Workspace], Status]
+Advance = Callable[[Status, float, Array, System, Options, Output, Workspace], PackedStatus]
 
 
 class Method(NamedTuple):

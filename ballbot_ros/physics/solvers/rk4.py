@@ -10,7 +10,8 @@ from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.fixed_step import end_stretch, moved, outcome_of, stretches
-from ballbot_ros.physics.solvers.values import FINISHED, Options, Output, PAUSED, Status, Workspace
+from ballbot_ros.physics.solvers.values import (
+    FINISHED, Options, Output, PackedStatus, PAUSED, Status, Workspace)
 
 ORDER = 4
 EVALUATIONS = 4  # of the right-hand side, for each step
@@ -37,7 +38,7 @@ def step(time: float, state: Array, size: float, system: System, workspace: Work
 
 @outlined
 def advance(status: Status, end: float, state: Array, system: System, options: Options,
-            output: Output, workspace: Workspace) -> Status:
+            output: Output, workspace: Workspace) -> PackedStatus:
     """Advance `state` in place up to `end` [s]; see the contract in `solvers`."""
     start, count, steps = stretches(status, end, options, output)
     filled, size = status.filled, options.step

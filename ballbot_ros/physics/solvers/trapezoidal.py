@@ -25,17 +25,15 @@ from ballbot_ros.physics.solvers.controller import (
 from ballbot_ros.physics.solvers.dense import write_rows
 from ballbot_ros.physics.solvers.rodas5p import invert, solve
 from ballbot_ros.physics.solvers.values import (
-    BUDGET_EXCEEDED, EVALUATIONS, FINISHED, NOT_FINITE, Options, Output, PAUSED, PENETRATED,
-    REJECTED, Status, STEP_TOO_SMALL, STEPS, Workspace)
+    BUDGET_EXCEEDED, EVALUATIONS, FINISHED, NOT_FINITE, Options, Output, packed, PackedStatus,
+    PAUSED, PENETRATED, REJECTED, Status, STEP_TOO_SMALL, STEPS, Workspace)
 
 # Rows of the stages: f0, that of the step before, and what the iteration needs.
 F0, PREVIOUS, RIGHT, CHANGE = range(4)
 
-ITERATIONS = 8      # of Newton's method, before the step is with_step
+ITERATIONS = 8      # of Newton's method, before the step is shortened
 CONVERGED = 0.01    # of the tolerance: the last change of an iteration
 FIRST_STEP = 1e-6   # [s], as in table 1
-
-
 FASTEST_GROWTH = 2.0  # of a step
 FAILED = 0.25       # of a step whose iteration failed, for the next
 
@@ -115,7 +113,7 @@ def factor(error: float, tolerance: float) -> float:
 
 @outlined
 def advance(status: Status, end: float, state: Array, system: System, options: Options,
-            output: Output, workspace: Workspace) -> Status:
+            output: Output, workspace: Workspace) -> PackedStatus:
     """Advance `state` in place up to `end` [s]; see the contract in `solvers`."""
     statistics, stages, tolerance = workspace.statistics, workspace.stages, options.tolerance
     time, filled, controller, before = (
@@ -166,4 +164,5 @@ def advance(status: Status, end: float, state: Array, system: System, options: O
         if state[Y] <= ground_height(system.ground, state[X]):
             outcome = PENETRATED
             break
-    return Status(outcome, time, filled, controller, status.rate, True, status.may_fly, before)
+    return packed(Status(
+        outcome, time, filled, controller, status.rate, True, status.may_fly, before))

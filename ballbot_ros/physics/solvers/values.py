@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ballbot_ros.compiled import compiled
 from ballbot_ros.physics.mechanics.jacobian import jacobian_table
 from ballbot_ros.physics.mechanics.modes import ContactMode, IntArray
 from ballbot_ros.physics.model.state import SIZE
@@ -73,6 +74,30 @@ class Status(NamedTuple):
     begun: bool = False  # whether mode and stages[0] in the workspace are those of the state
     may_fly: bool = True  # not just after a flight that was not worth it
     before: float = 0.0  # the step before, for a method that looks back [s]
+
+    @classmethod
+    def of(cls, packed: 'PackedStatus') -> 'Status':
+        """Return what a solver returned to Python."""
+        outcome, time, filled, controller, rate, begun, may_fly, before = packed
+        return cls(outcome, time, filled, StepController(*controller), EventRate(*rate), begun,
+                   may_fly, before)
+
+
+# A status as plain tuples. Solvers return it so: numba makes a named tuple by calling its class,
+# which is Python code, where a Ctrl-C that has arrived meanwhile raises, and numba crashes.
+PackedStatus = tuple[int, float, int, tuple[float, bool, bool, float, int, int],
+                     tuple[int, int, int], bool, bool, float]
+
+
+@compiled
+def packed(status: Status) -> PackedStatus:
+    """Return a status as a solver returns it."""
+    now, rate = status.controller, status.rate
+    return (status.outcome, status.time, status.filled,
+            (now.step, now.implicit, now.on_trial, now.explicit_step, now.stiff_steps,
+             now.patience),
+            (rate.chattering, rate.crowded, rate.stuck), status.begun, status.may_fly,
+            status.before)
 
 
 class Workspace(NamedTuple):
