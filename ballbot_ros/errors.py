@@ -24,6 +24,15 @@ class BallbotError(Exception):
     """Base of all errors of this package; catch this to catch them all."""
 
 
+class _ErrorWithReason(BallbotError):
+    """An error whose reason, one word, stands beside its sentence."""
+
+    def __init__(self, reason: str, explanation: str):
+        """Keep the one-word reason beside the sentence."""
+        super().__init__(explanation)
+        self.reason = reason
+
+
 class ConfigurationError(BallbotError, ValueError):
     """
     A value in a file, on a command line or in a parameter is not acceptable.
@@ -64,7 +73,7 @@ class UnstableLoopError(BallbotError, ValueError):
     """A control law, closed at the given rate and delay, amplifies instead of damping."""
 
 
-class MessageError(BallbotError, ValueError):
+class MessageError(_ErrorWithReason, ValueError):
     """
     A message is refused.
 
@@ -75,13 +84,8 @@ class MessageError(BallbotError, ValueError):
 
     """
 
-    def __init__(self, reason: str, explanation: str):
-        """Keep the one-word reason beside the sentence."""
-        super().__init__(explanation)
-        self.reason = reason
 
-
-class LinkError(BallbotError, OSError):
+class LinkError(_ErrorWithReason, OSError):
     """
     The line to the motor controller cannot be opened or does not carry bytes any more.
 
@@ -94,13 +98,8 @@ class LinkError(BallbotError, OSError):
 
     """
 
-    def __init__(self, reason: str, explanation: str):
-        """Keep the one-word reason beside the sentence."""
-        super().__init__(explanation)
-        self.reason = reason
 
-
-class DriveError(BallbotError):
+class DriveError(_ErrorWithReason):
     """
     The line is there, but the motor controller does not do what it must.
 
@@ -111,11 +110,6 @@ class DriveError(BallbotError):
         noise), ``'wrong_protocol'``, ``'firmware'``, ``'not_armed'``, ``'not_stopped'``.
 
     """
-
-    def __init__(self, reason: str, explanation: str):
-        """Keep the one-word reason beside the sentence."""
-        super().__init__(explanation)
-        self.reason = reason
 
 
 class EstimateLostError(BallbotError, ArithmeticError):

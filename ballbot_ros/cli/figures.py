@@ -27,7 +27,6 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.figures.gallery import FIGURES
     from ballbot_ros.results.files import check_writable
-    from ballbot_ros.studies.progress import ignore
     if arguments.list:
         for name, draw in FIGURES.items():
             print(f'{name:<12} {(draw.__doc__ or "").splitlines()[0]}')
@@ -38,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         with watched(len(names), arguments.quiet, 'drawing', 'figures') as progress:
             for number, name in enumerate(names):
-                figure = FIGURES[name](lambda done: (progress or ignore)(number + done))
+                figure = FIGURES[name](lambda done: progress(number + done))
                 files += save_figure(figure, arguments.out, name, arguments.format)
     except KeyboardInterrupt:
         done = f'; {", ".join(files)} are in {arguments.out}' if files else ''

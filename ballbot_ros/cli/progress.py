@@ -3,7 +3,9 @@
 from contextlib import contextmanager
 import sys
 from time import perf_counter
-from typing import Any, Callable, Iterator, Optional
+from typing import Any, Callable, Iterator
+
+from ballbot_ros.studies.progress import ignore
 
 # A run shorter than this needs no progress [s].
 PATIENCE = 0.5
@@ -45,7 +47,7 @@ class _Progress:
 
 @contextmanager
 def watched(total: float, silent: bool, doing: str = 'simulating',
-            unit: str = 's', keeps: bool = True) -> Iterator[Optional[Callable[[float], None]]]:
+            unit: str = 's', keeps: bool = True) -> Iterator[Callable[[float], None]]:
     """
     Give a callback that shows on standard error how far something has got.
 
@@ -54,16 +56,19 @@ def watched(total: float, silent: bool, doing: str = 'simulating',
     total : float
         All that is to be done: of a run, its simulated time [s].
     silent : bool
-        Show nothing and give None.
+        Show nothing.
     doing, unit : str
         What is done, and what `total` counts.
     keeps : bool
         What is done by then survives Ctrl-C.
 
     """
-    progress = None if silent else _Progress(total, doing, unit, keeps)
+    if silent:
+        yield ignore
+        return
+    progress = _Progress(total, doing, unit, keeps)
     try:
         yield progress
     finally:
-        if progress is not None and progress.bar is not None:
+        if progress.bar is not None:
             progress.bar.stop()

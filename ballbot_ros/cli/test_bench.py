@@ -8,6 +8,7 @@ from typing import Any, Iterator
 from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
 from ballbot_ros.cli.options import add_quiet, add_robot, read_robot
 from ballbot_ros.cli.output import save_figure
+from ballbot_ros.errors import ConfigurationError
 
 DEFAULT_FOLDER = Path('ballbot_output')
 STEEPEST = 45.0  # ramp [degrees]
@@ -36,7 +37,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Roll, write the files and print what was found."""
     robot, bench = read_robot(arguments), make_bench(arguments)
     from ballbot_ros.cli.progress import watched
-    from ballbot_ros.errors import ConfigurationError
     from ballbot_ros.results.files import check_writable
     from ballbot_ros.studies.procedure import HEIGHTS, run_tests
     if arguments.seed < 0:
@@ -50,8 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             for roll in run_tests(bench, robot, HEIGHTS, arguments.seed, arguments.rolls):
                 rolls.append(roll)
-                if progress is not None:
-                    progress(HEIGHTS.index(roll.step_height))
+                progress(HEIGHTS.index(roll.step_height))
         except KeyboardInterrupt:
             interrupted = True
     files = write_all(robot, bench, rolls, folder)
@@ -66,7 +65,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def make_bench(arguments: argparse.Namespace) -> Any:
     """Return the test bench that the command line describes."""
-    from ballbot_ros.errors import ConfigurationError
     from ballbot_ros.studies.test_bench import Ramp, RunUp
     for option, value, wanted in (('--slope', arguments.slope, not arguments.driven),
                                   ('--run-up', arguments.run_up, arguments.driven)):

@@ -16,7 +16,7 @@ ever, has failed.
 from dataclasses import dataclass, replace
 from functools import lru_cache
 import math
-from typing import Optional
+from typing import Any, Optional
 
 from ballbot_ros.config.fields import Checked, quantity, text
 from ballbot_ros.crossing.attempt import Course
@@ -109,6 +109,21 @@ def touch_distance(radius: float, height: float, penetration: float = 0.0) -> fl
     """
     below = min(max(height + penetration, 0.0), radius)
     return math.sqrt(2.0 * radius * below - below * below)
+
+
+def is_over(x: Any, y: Any, edge_x: float, edge_y: float, radius: float) -> Any:
+    """
+    Return whether the centre of a ball is past an edge, with the contact below it.
+
+    Parameters
+    ----------
+    x, y : float or array
+        Centre [m].
+    edge_x, edge_y, radius : float
+        [m]
+
+    """
+    return (x > edge_x) & (y > edge_y + 0.5 * radius)
 
 
 def check_gravity(robot: Robot) -> None:

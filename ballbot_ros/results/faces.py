@@ -6,6 +6,7 @@ from typing import Optional
 
 import numpy as np
 
+from ballbot_ros.crossing.rules import is_over
 from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 
@@ -81,7 +82,7 @@ def _meet(trajectory: Trajectory, vertices: Array, radius: float) -> Face:
     touch = int(touching[0])
     before = max(touch - 1, 0)
     speed = math.hypot(trajectory['velocity_x'][before], trajectory['velocity_y'][before])
-    over = (x[touch:] > top_x) & (y[touch:] > top_y + 0.5 * radius)
+    over = is_over(x[touch:], y[touch:], top_x, top_y, radius)
     return Face(foot_x, height, float(trajectory['time'][touch]), speed, bool(over.any()))
 
 

@@ -247,12 +247,6 @@ def bisect(enough: Callable[[float], bool], high: float, low: float = 0.0,
     """
     if enough(high):
         return high
-    while high - low > tolerance:
-        middle = 0.5 * (low + high)
-        if not low < middle < high:
-            break
-        if enough(middle):
-            low = middle
-        else:
-            high = middle
+    while high - low > tolerance and low < (middle := 0.5 * (low + high)) < high:
+        low, high = (middle, high) if enough(middle) else (low, middle)
     return low

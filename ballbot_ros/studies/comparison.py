@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """How far simpler models are from the full one, at which speeds, and what each costs."""
-from dataclasses import dataclass
+from itertools import count
 from statistics import median
 from time import perf_counter
-from typing import Callable, NamedTuple, Optional
+from typing import Callable, NamedTuple
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.studies import comparators, rigid_impact
 from ballbot_ros.studies.cases import Case, step_height
+from ballbot_ros.studies.progress import ignore
 
 LEVELS = (1e-3, 3e-3, 1e-2)  # deviations of the height that are asked for [m]
 
@@ -45,29 +46,16 @@ COMPARATORS = (
 )
 
 
-@dataclass(frozen=True)
-class Curve:
-    """
-    Heights of one model.
-
-    Attributes
-    ----------
-    name, source : str
-    heights : (n,) array
-        [m]
-    cost : float
-        Wall time of one height, the median of some [s].
-
-    """
+class Curve(NamedTuple):
+    """Heights of one model."""
 
     name: str
     source: str
-    heights: Array
-    cost: float
+    heights: Array  # (n,) [m]
+    cost: float  # wall time of one height, the median of some [s]
 
 
-@dataclass(frozen=True)
-class Comparison:
+class Comparison(NamedTuple):
     """The full model and all simpler ones that apply, at the same speeds [m/s]."""
 
     speeds: Array
@@ -76,7 +64,7 @@ class Comparison:
 
 
 def compare(case: Case, speeds: Array,
-            progress: Optional[Callable[[int], None]] = None) -> Comparison:
+            progress: Callable[[int], None] = ignore) -> Comparison:
     """
     Compute the highest step by every model that applies.
 
@@ -100,19 +88,16 @@ def compare(case: Case, speeds: Array,
         raise ConfigurationError(
             'the simpler models know a pendulum that is free or held by law (11), not one '
             f'under the law {case.actuation.law!r}')
-    done = 0
+    done = count(1)
 
     def curve(name: str, source: str, height: Callable[[Case, float], float]) -> Curve:
-        nonlocal done
         heights, times = [], []
         height(case, float(speeds[0]))  # whatever is compiled or loaded at the first call
         for speed in speeds.tolist():
             begin = perf_counter()
             heights.append(height(case, speed))
             times.append(perf_counter() - begin)
-            done += 1
-            if progress is not None:
-                progress(done)
+            progress(next(done))
         return Curve(name, source, np.array(heights), median(times))
 
     full = curve('full model', 'eqs. (4) to (13)', step_height)

@@ -9,9 +9,10 @@ many robots drawn from the ranges of the uncertain numbers.
 """
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+import itertools
 import math
 import os
-from typing import Callable, Optional, Sequence, Tuple
+from typing import Callable, Sequence, Tuple
 
 import numpy as np
 from scipy.optimize import linprog, minimize
@@ -24,6 +25,7 @@ from ballbot_ros.decision.curve import CurveProvenance, HeightCurve
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Actuation, Robot
 from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.studies.progress import ignore
 from ballbot_ros.studies.uncertainty import draw, uncertain
 
 LEAST_SLOPE = 1e-4  # of a curve [s]
@@ -68,7 +70,7 @@ def heights_for(robot: Robot, request: Request) -> int:
 
 def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
               request: Request = Request(), rules: Rules = Rules(),
-              progress: Optional[Callable[[int], None]] = None) -> HeightCurve:
+              progress: Callable[[int], None] = ignore) -> HeightCurve:
     """
     Simulate and fit.
 
@@ -97,7 +99,7 @@ def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
             f'fit_curve: law must be one of {", ".join(LAWS)}, got {actuation.law!r}')
     low, high = request.lowest_speed, request.highest_speed
     dense: Array = np.array(np.linspace(low, high, dense_points(request)).round(12), float)
-    done = 0
+    done = itertools.count(1)
 
     def find(item: Tuple[Robot, float]) -> Tuple[float, float]:
         found = max_step_height(item[0], item[1], actuation_for(item[0], actuation)(item[1]),
@@ -105,14 +107,11 @@ def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
         return found.height, found.error
 
     def all_of(robots: Sequence[Robot], speeds: Array) -> Array:
-        nonlocal done
         rows = []
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
             for row in pool.map(find, [(each, speed) for each in robots for speed in speeds]):
                 rows.append(row)
-                done += 1
-                if progress is not None:
-                    progress(done)
+                progress(next(done))
         return np.array(rows).reshape(len(robots), len(speeds), 2)
 
     heights, errors = all_of([robot], dense)[0].T

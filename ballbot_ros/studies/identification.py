@@ -13,7 +13,7 @@ residuals showing it is not determined, and neither is a number that takes part 
 """
 from dataclasses import replace
 import math
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence, Tuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -24,7 +24,8 @@ from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.physics import Scene
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.scene import Initial
-from ballbot_ros.studies.parameters import MOTOR, ROBOT, with_parameters
+from ballbot_ros.studies.parameters import described, MOTOR, ROBOT, with_parameters
+from ballbot_ros.studies.progress import ignore
 from ballbot_ros.studies.recording import Recording, replay
 
 VAGUE = 0.5   # relative standard deviation of a combination that is not determined
@@ -33,8 +34,7 @@ CONFIDENCE = 0.95
 STEP = 1e-4   # relative, for the Jacobian
 STARTS, REACH = 8, 0.5  # beside the given numbers: how many, and how far away, relative
 FAR = 1e3     # sigmas that a sample counts as where a trial cannot be simulated
-INITIAL = {f'initial.{name}': item.metadata
-           for name, item in Initial.__dataclass_fields__.items()}
+INITIAL = described(Initial, 'initial.')
 NUMBERS = {**ROBOT, **MOTOR, **INITIAL}
 
 
@@ -107,7 +107,7 @@ def present(scene: Scene, name: str) -> float:
 
 
 def identify(scene: Scene, recording: Recording, names: Sequence[str], use_torque: bool = False,
-             progress: Optional[Callable[[int], None]] = None) -> Identification:
+             progress: Callable[[int], None] = ignore) -> Identification:
     """
     Estimate numbers of a scene from a recording.
 
@@ -140,16 +140,12 @@ def identify(scene: Scene, recording: Recording, names: Sequence[str], use_torqu
     scales = np.where(starts != 0.0, np.abs(starts), 1.0)
     runs = 0
 
-    def simulated(shift: Array) -> Dict[str, Array]:
+    def differences(shift: Array) -> Dict[str, Array]:
         nonlocal runs
         runs += 1
-        if progress is not None:
-            progress(runs)
-        values = (starts + scales * shift).tolist()
-        return replay(with_values(scene, dict(zip(names, values))), recording, use_torque)
-
-    def differences(shift: Array) -> Dict[str, Array]:
-        found = simulated(shift)
+        progress(runs)
+        trial = dict(zip(names, (starts + scales * shift).tolist()))
+        found = replay(with_values(scene, trial), recording, use_torque)
         return {name: found[name] - values
                 for name, (_, values) in recording.channels.items()}
 

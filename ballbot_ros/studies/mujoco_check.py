@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ballbot_ros.crossing.attempt import RETREAT
-from ballbot_ros.crossing.rules import touch_distance
+from ballbot_ros.crossing.rules import is_over, touch_distance
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.mechanics import contact, equations
 from ballbot_ros.physics.model.parameters import FREE
@@ -186,10 +186,10 @@ class MujocoRun:
     def reset(self) -> None:
         """Put the ball back to its start."""
         mujoco.mj_resetData(self.model, self.data)
-        begin = self.start
-        joints = ([begin.joint_angle], [begin.joint_rate]) if self.model.nq == 4 else ([], [])
-        self.data.qpos[:] = [begin.x, begin.y, begin.ball_angle, *joints[0]]
-        self.data.qvel[:] = [begin.velocity_x, begin.velocity_y, begin.ball_rate, *joints[1]]
+        begin, joints = self.start, self.model.nq  # 4, or 3 without a pendulum
+        self.data.qpos[:] = [begin.x, begin.y, begin.ball_angle, begin.joint_angle][:joints]
+        self.data.qvel[:] = [
+            begin.velocity_x, begin.velocity_y, begin.ball_rate, begin.joint_rate][:joints]
 
     def advance(self, steps: int) -> None:
         """Go on by a number of steps."""
@@ -207,15 +207,11 @@ class MujocoRun:
         """Add what our laws say to MuJoCo's passive forces, at each stage of a step."""
         state, place, rates = self.vector, data.qpos, data.qvel
         state[X], state[Y], state[BALL_ANGLE] = place[:3]
-        state[VELOCITY_X], state[VELOCITY_Y] = rates[:2]
-        state[BALL_RATE] = rates[2]
+        state[VELOCITY_X], state[VELOCITY_Y], state[BALL_RATE] = rates[:3]
         force = data.qfrc_passive
         if self.forces:
-            loads = contact.contact_loads(
-                state, self.own.parameters, self.own.profile, self.table)
-            force[0] += loads[0]
-            force[1] += loads[1]
-            force[2] += loads[2]
+            force[:3] += contact.contact_loads(
+                state, self.own.parameters, self.own.profile, self.table)[:3]
         if self.driven:
             state[PENDULUM_ANGLE] = place[2] + place[3]
             state[PENDULUM_RATE] = rates[2] + rates[3]
@@ -243,7 +239,7 @@ class MujocoRun:
         while self.data.time < time_limit:
             self.advance(steps)
             x, y = self.data.qpos[:2].tolist()
-            if x > 0.0 and y > self.height + 0.5 * self.own.robot.ball_radius:
+            if is_over(x, y, 0.0, self.height, self.own.robot.ball_radius):
                 return True
             if x < self.begin - RETREAT and self.data.qvel[0] < 0.0:
                 return False

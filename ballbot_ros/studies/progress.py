@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """How much of a long computation is done, reported as a fraction from 0 to 1."""
-from typing import Callable
+from itertools import count
+from typing import Callable, Iterator, Sequence, TypeVar
 
+T = TypeVar('T')
 Progress = Callable[[float], None]
 
 
@@ -16,10 +18,12 @@ def part_of(progress: Progress, number: int, parts: int) -> Progress:
 
 def counted(progress: Progress, parts: int) -> Callable[[], None]:
     """Return a function that reports that one more of several equal parts is done."""
-    done = 0
+    done = count(1)
+    return lambda: progress(next(done) / parts)
 
-    def report() -> None:
-        nonlocal done
-        done += 1
-        progress(done / parts)
-    return report
+
+def tracked(items: Sequence[T], progress: Progress) -> Iterator[T]:
+    """Yield equal parts of the work; each is done when the next is asked for."""
+    for number, item in enumerate(items, 1):
+        yield item
+        progress(number / len(items))

@@ -8,7 +8,7 @@ import numpy as np
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.studies.cases import Case, step_height, step_heights
 from ballbot_ros.studies.parameters import MOTOR, ROBOT
-from ballbot_ros.studies.progress import ignore, Progress
+from ballbot_ros.studies.progress import ignore, Progress, tracked
 from ballbot_ros.studies.uncertainty import changed, draw, independent, ranges
 
 COARSE = 1e-4  # accuracy of heights that only shade a map [m]
@@ -47,12 +47,11 @@ def sensitivity(case: Case, speed: float, progress: Progress = ignore) -> list[B
     spans += [(name, (1.0 - WHAT_IF) * getattr(robot, name), (1.0 + WHAT_IF)
                * getattr(robot, name), False) for name in what_if]
     bars = []
-    for number, (name, low, high, uncertain) in enumerate(spans):
+    for name, low, high, uncertain in tracked(spans, progress):
         at_low, at_high = (step_height(case._replace(robot=changed(robot, {name: value})), speed)
                            for value in (low, high))
         unit = {**ROBOT, **MOTOR}[name]['unit']
         bars.append(Bar(name, '' if unit == '1' else unit, low, high, at_low, at_high, uncertain))
-        progress((number + 1) / len(spans))
     return sorted(bars, key=lambda bar: -abs(bar.height_high - bar.height_low))
 
 
@@ -63,11 +62,8 @@ def sampled_heights(case: Case, speeds: Array, samples: int, seed: int = 0,
 
     See `uncertainty.draw`.
     """
-    rows = []
-    for number, robot in enumerate(draw(case.robot, samples, seed)):
-        rows.append(step_heights(case._replace(robot=robot), speeds))
-        progress((number + 1) / samples)
-    return np.array(rows)
+    return np.array([step_heights(case._replace(robot=robot), speeds)
+                     for robot in tracked(draw(case.robot, samples, seed), progress)])
 
 
 def design_map(case: Case, speed: float, lengths: Array, masses: Array,
@@ -85,13 +81,11 @@ def design_map(case: Case, speed: float, lengths: Array, masses: Array,
         Of the pendulum [m], [kg].
 
     """
-    found = np.empty((len(masses), len(lengths)))
-    for row, mass in enumerate(masses.tolist()):
-        for column, length in enumerate(lengths.tolist()):
-            robot = replace(case.robot, pendulum_mass=mass, pendulum_length=length)
-            found[row, column] = step_height(case._replace(robot=robot), speed, COARSE)
-        progress((row + 1) / len(masses))
-    return found
+    def height(mass: float, length: float) -> float:
+        robot = replace(case.robot, pendulum_mass=mass, pendulum_length=length)
+        return step_height(case._replace(robot=robot), speed, COARSE)
+    return np.array([[height(mass, length) for length in lengths.tolist()]
+                     for mass in tracked(masses.tolist(), progress)])
 
 
 def heights_on_slopes(case: Case, speeds: Array, slopes: Array, progress: Progress = ignore
@@ -108,10 +102,7 @@ def heights_on_slopes(case: Case, speeds: Array, slopes: Array, progress: Progre
         Of the ground behind the step, positive uphill [rad].
 
     """
-    rows = []
-    for number, slope in enumerate(slopes.tolist()):
-        site = replace(case.site, slope_behind=slope)
-        rows.append(step_heights(case._replace(site=site), speeds))
-        progress((number + 1) / len(slopes))
-    return np.array(rows)
+    return np.array([
+        step_heights(case._replace(site=replace(case.site, slope_behind=slope)), speeds)
+        for slope in tracked(slopes.tolist(), progress)])
 

@@ -7,6 +7,7 @@ that is killed goes on with those that are missing.  At the end they become one 
 units and provenance in its metadata, and the folder goes.
 """
 from concurrent.futures import Executor, FIRST_COMPLETED, Future, wait
+from itertools import islice
 import json
 from pathlib import Path
 import shutil
@@ -17,6 +18,7 @@ import numpy as np
 from ballbot_ros.crossing import max_step_height, try_step
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.results.files import replacing, write_text
+from ballbot_ros.studies.progress import ignore
 from ballbot_ros.studies.sweep_plan import NUMBERS, Plan
 
 BLOCK = 1000  # cases between two files
@@ -61,7 +63,7 @@ def run_block(plan: Plan, first: int, behind: int) -> Dict[str, List[Any]]:
 
 
 def run_sweep(plan: Plan, out: Path, pool: Executor, workers: int,
-              progress: Optional[Callable[[float], None]] = None, block: int = BLOCK) -> int:
+              progress: Callable[[float], None] = ignore, block: int = BLOCK) -> int:
     """
     Run a plan into a Parquet file, going on with what an earlier run has left.
 
@@ -94,20 +96,15 @@ def run_sweep(plan: Plan, out: Path, pool: Executor, workers: int,
     refuse_foreign(arrow, out)
     folder = out.with_name(out.name + '.blocks')
     block = _open(plan, folder, block)
-    starts = list(range(0, plan.size, block))
+    starts = range(0, plan.size, block)
     left = [first for first in starts if not _part(folder, first).is_file()]
-    found = done = sum(min(block, plan.size - first)
-                       for first in starts if _part(folder, first).is_file())
+    found = done = plan.size - sum(min(block, plan.size - first) for first in left)
     waiting: Set[Future[Any]] = set()
     pending = iter(left)
-    if progress is not None:
-        progress(done)
+    progress(done)
     while True:
-        for first in pending:
-            future = pool.submit(run_block, plan, first, min(first + block, plan.size))
-            waiting.add(future)
-            if len(waiting) >= AHEAD * workers:
-                break
+        waiting |= {pool.submit(run_block, plan, first, min(first + block, plan.size))
+                    for first in islice(pending, AHEAD * workers - len(waiting))}
         if not waiting:
             break
         ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
@@ -116,8 +113,7 @@ def run_sweep(plan: Plan, out: Path, pool: Executor, workers: int,
             first = table['case'][0]
             write_parquet(arrow, plan, table, _part(folder, first))
             done += len(table['case'])
-            if progress is not None:
-                progress(done)
+            progress(done)
     _join(arrow, plan, [_part(folder, first) for first in starts], out)
     shutil.rmtree(folder)
     return found

@@ -15,7 +15,7 @@ import numpy as np
 
 from ballbot_ros.config.fields import Checked, quantity
 from ballbot_ros.crossing.attempt import RETREAT
-from ballbot_ros.crossing.rules import touch_distance
+from ballbot_ros.crossing.rules import is_over, touch_distance
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.robot import Robot
@@ -115,7 +115,7 @@ class Bench(Checked):
         start, actuation = self.begin(model, setting, chance)
         phase = chance.random()
         rows, passed = run_to_the_end(model, start, actuation, touch, height)
-        time, x = rows[:, 0], rows[:, 1 + State._fields[1:].index('x')]
+        time, x = rows[:, 0], rows[:, State._fields.index('x')]
         gate = self.sensor_distance + self.sensor_gap
         first, second = (first_passage(time, x, -before)
                          for before in (gate, self.sensor_distance))
@@ -234,14 +234,14 @@ def run_to_the_end(model: Model, start: State, actuation: Actuation, touch: floa
     passed : bool
 
     """
-    x, y, velocity = (1 + State._fields[1:].index(name) for name in ('x', 'y', 'velocity_x'))
+    x, y, velocity = (State._fields.index(name) for name in ('x', 'y', 'velocity_x'))
     pieces: list[Array] = []
     state = start
     while state.time < LIMIT:
         run = simulate(model, state, actuation, PIECE, OUTPUT)
         rows = run.rows
         pieces.append(rows if not pieces else rows[1:])
-        over = (rows[:, x] > 0.0) & (rows[:, y] > height + 0.5 * model.robot.ball_radius)
+        over = is_over(rows[:, x], rows[:, y], 0.0, height, model.robot.ball_radius)
         # On the ramp a ball may at first roll up a little: only by the step it is back.
         back = (rows[:, velocity] < 0.0) & (rows[:, x] < -touch - RETREAT) & (
             rows[:, x].max() > -touch - 0.3)
