@@ -6,7 +6,8 @@ from typing import Any, Iterator
 
 from ballbot_ros.cli.command import DONE
 from ballbot_ros.cli.options import add_robot, read_robot
-from ballbot_ros.cli.output import print_json
+from ballbot_ros.cli.output import print_json, table_row, table_rule
+from ballbot_ros.errors import ConfigurationError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +22,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Compute and print the table."""
-    from ballbot_ros.errors import ConfigurationError
     if arguments.angle is not None and arguments.actuation != 'held':
         raise ConfigurationError(f'--angle goes with --actuation held, not {arguments.actuation}')
     angle = arguments.angle or 0.0
@@ -65,10 +65,8 @@ def table(found: Any, title: str) -> Iterator[str]:
             f'{1e3 * worst:+.1f} mm', f'{1e6 * curve.cost:.3g} us' if curve.cost < 1e-3
             else f'{1e3 * curve.cost:.2g} ms'))
     widths = [max(map(len, column)) for column in zip(*rows)]
-    for index, row in enumerate(rows):
-        yield f'| {" | ".join(f"{cell:<{width}}" for cell, width in zip(row, widths))} |'
-        if index == 0:
-            yield f'|{"|".join("-" * (width + 2) for width in widths)}|'
+    heading, *lines = (table_row(row, widths) for row in rows)
+    yield from (heading, table_rule(widths), *lines)
 
 
 def write_spans(ranges: list) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
 from ballbot_ros.cli.options import add_format, add_quiet
 from ballbot_ros.cli.output import save_figure
+from ballbot_ros.errors import ConfigurationError
 
 DEFAULT_FOLDER = Path('ballbot_output/figures')
 
@@ -51,7 +52,6 @@ def run(arguments: argparse.Namespace) -> int:
 def chosen(names: list[str], known: Any) -> list[str]:
     """Return the names that were asked for, each once, or all."""
     from ballbot_ros.config.fields import suggestion
-    from ballbot_ros.errors import ConfigurationError
     for name in names:
         if name not in known:
             raise ConfigurationError(

@@ -37,6 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.figures.residuals import residual_figure
     from ballbot_ros.physics import load_scene
     from ballbot_ros.results.files import check_writable, read_columns, write_text
+    from ballbot_ros.results.summary import plain
     from ballbot_ros.studies.identification import identify
     from ballbot_ros.studies.recording import CHANNELS, Recording
     check_name('scenes', arguments.scene)
@@ -55,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         print('fitting; some hundred simulations, Ctrl-C ends it', file=sys.stderr, flush=True)
     found = identify(scene, recording, arguments.estimate, arguments.recorded_torque)
     content = {
-        'estimates': [_plain(item._asdict()) for item in found.estimates],
+        'estimates': [plain(item._asdict()) for item in found.estimates],
         'vague': found.vague, 'rivals': found.rivals, 'noise': found.noise,
         'singular_values': found.singular_values, 'simulations': found.runs}
     text = json.dumps(content, indent=2, allow_nan=False)
@@ -70,11 +71,6 @@ def run(arguments: argparse.Namespace) -> int:
         print_table(found)
         print(f'\nWritten to {folder}: {", ".join(files)}')
     return DONE
-
-
-def _plain(values: dict) -> dict:
-    """Return values without NaN, which JSON does not know."""
-    return {name: None if value != value else value for name, value in values.items()}
 
 
 def print_table(found: Any) -> None:

@@ -6,15 +6,10 @@ import shutil
 import textwrap
 
 from ballbot_ros.config.fields import suggestion
-from ballbot_ros.config.files import config_folder
+from ballbot_ros.config.files import is_path, shipped_files
 from ballbot_ros.errors import ConfigurationError
 
 _SENTENCE = re.compile(r'(?<=[\w)])\.\s+(?=[A-Z])')
-
-
-def known(kind: str) -> list[Path]:
-    """Return the files of a kind, ``'scenes'`` or ``'robots'``, in the order of their names."""
-    return sorted((config_folder() / kind).glob('*.yaml'))
 
 
 def check_name(kind: str, name: str) -> None:
@@ -29,8 +24,8 @@ def check_name(kind: str, name: str) -> None:
         Naming what was asked for and what there is.
 
     """
-    names = [path.stem for path in known(kind)]
-    if '/' in name or name.endswith(('.yaml', '.yml')) or name in names:
+    names = [path.stem for path in shipped_files(kind)]
+    if is_path(name) or name in names:
         return
     what = kind[:-1]
     raise ConfigurationError(
@@ -51,7 +46,7 @@ def describe(path: Path) -> str:
 
 def print_list(kind: str) -> None:
     """Print name and description of each file of a kind, a line each."""
-    files = known(kind)
+    files = shipped_files(kind)
     width = max(len(path.stem) for path in files)
     # 200 where the output is no terminal and nothing says otherwise: grep wants all of it.
     left = shutil.get_terminal_size((200, 24)).columns - width - 2

@@ -5,6 +5,7 @@ import math
 from typing import Any, Iterator, List
 
 from ballbot_ros.cli.command import DONE
+from ballbot_ros.cli.output import table_row, table_rule
 from ballbot_ros.errors import ConfigurationError
 
 AFTER = (1.0, 3.0, 10.0)  # at which distance and speed are printed [s]
@@ -87,9 +88,9 @@ def read_slopes(slopes: List[float]) -> List[float]:
 
 def heading() -> Iterator[str]:
     """Yield the first two lines of the table; it is Markdown, too."""
-    yield _line(('start', 'slope', 'policy', *(f'after {time:g} s' for time in AFTER),
-                 'largest angle', 'within 5 degrees', 'motor gave'))
-    yield f'|{"|".join("-" * (width + 2) for width in WIDTHS)}|'
+    yield table_row(('start', 'slope', 'policy', *(f'after {time:g} s' for time in AFTER),
+                     'largest angle', 'within 5 degrees', 'motor gave'), WIDTHS)
+    yield table_rule(WIDTHS)
 
 
 def row(response: Any) -> str:
@@ -97,7 +98,7 @@ def row(response: Any) -> str:
     scenario = response.scenario
     degrees = f'{abs(math.degrees(scenario.slope)):g}'
     hangs = response.hangs_after
-    return _line((
+    return table_row((
         f'{scenario.speed:g} m/s' if scenario.speed else 'rest',
         'level' if scenario.slope == 0.0
         else f'{degrees} {"up" if scenario.slope > 0.0 else "down"}',
@@ -106,13 +107,9 @@ def row(response: Any) -> str:
           for time in AFTER),
         f'{math.degrees(response.largest_angle):.0f} degrees',
         f'not in {response.time[-1]:.0f} s' if hangs is None else f'after {hangs:.1f} s',
-        f'{response.energy_given:.2f} J'))
+        f'{response.energy_given:.2f} J'), WIDTHS)
 
 
 def _plain(value: float) -> float:
     """Return a number rounded for the table, without a sign before zero."""
     return round(value, 2) + 0.0
-
-
-def _line(cells: Any) -> str:
-    return f'| {" | ".join(f"{cell:<{width}}" for cell, width in zip(cells, WIDTHS))} |'

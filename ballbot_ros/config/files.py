@@ -46,6 +46,16 @@ def config_folder() -> Path:
     return shipped_folder('config')
 
 
+def shipped_files(kind: str) -> list[Path]:
+    """Return the files in a subfolder of ``config/``, in the order of their names."""
+    return sorted((config_folder() / kind).glob('*.yaml'))
+
+
+def is_path(name_or_path: str) -> bool:
+    """Return whether this is the path of a YAML file, not a name: has a ``/`` or an ending."""
+    return '/' in name_or_path or name_or_path.endswith(('.yaml', '.yml'))
+
+
 def find_config(kind: str, name_or_path: str) -> Path:
     """
     Turn a name such as ``'gimball'``, or the path of a file, into a path.
@@ -55,7 +65,7 @@ def find_config(kind: str, name_or_path: str) -> Path:
     kind : str
         Subfolder of ``config/``: ``'robots'``, ``'scenes'``, ..., ``'hardware'``.
     name_or_path : str
-        Something with a ``/`` or ending in ``.yaml`` is a path, all else is a name.
+        See `is_path`.
 
     Raises
     ------
@@ -63,19 +73,17 @@ def find_config(kind: str, name_or_path: str) -> Path:
         If there is no such file; the message lists the names that exist.
 
     """
-    if '/' in name_or_path or name_or_path.endswith(('.yaml', '.yml')):
+    if is_path(name_or_path):
         path = Path(name_or_path).expanduser()
         if path.is_file():
             return path
         raise ConfigurationError(f'{kind.removesuffix("s")} file {name_or_path!r} does not exist')
-    folder = config_folder() / kind
-    path = folder / f'{name_or_path}.yaml'
-    if path.is_file():
-        return path
-    known = ', '.join(sorted(file.stem for file in folder.glob('*.yaml')))
+    files = {file.stem: file for file in shipped_files(kind)}
+    if name_or_path in files:
+        return files[name_or_path]
     raise ConfigurationError(
-        f'there is no {kind.removesuffix("s")} named {name_or_path!r}; known are {known}. '
-        'A path to a YAML file of your own is accepted too.')
+        f'there is no {kind.removesuffix("s")} named {name_or_path!r}; known are '
+        f'{", ".join(files)}. A path to a YAML file of your own is accepted too.')
 
 
 class _StrictLoader(yaml.SafeLoader):

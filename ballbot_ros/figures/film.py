@@ -27,14 +27,7 @@ def strip(trajectory: Trajectory, title: str = '') -> Figure:
     Return outlines of the ball along its path, with pendulum, rotation and time.
 
     A row is a part of the run in which the ball goes in one direction.  A run too long for four
-    rows shows those about its hardest impact.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-    title : str
-        Name of the scene, say.
-
+    rows shows those about its hardest impact.  The title is the name of the scene, say.
     """
     run = sane(trajectory)
     chosen = lay_out(run)
@@ -78,12 +71,7 @@ def stacked(runs: Sequence[tuple[Trajectory, str]], title: str) -> Figure:
     """
     Return short runs below one another, at the same scale.
 
-    Parameters
-    ----------
-    runs : sequence of (Trajectory, str)
-        Of each run the first row of its strip, and what is written above it.
-    title : str
-
+    Of each run the first row of its strip, with its text above it.
     """
     chosen = [(run, lay_out(run).rows[0], label) for run, label in runs]
     views = [_view(run, row) for run, row, _ in chosen]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which moments of a run a film strip shows, and in which rows."""
-from dataclasses import dataclass
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,42 +23,19 @@ MOST_ROWS = 4
 _LOOKS = 6000
 
 
-@dataclass(frozen=True)
-class Row:
-    """
-    A part of a run in which the ball goes in one direction.
+class Row(NamedTuple):
+    """A part of a run in which the ball goes in one direction."""
 
-    Attributes
-    ----------
-    samples : array of int
-        Looked at, in the order of time.
-    frames : array of int
-        Those at which the ball is drawn.
-
-    """
-
-    samples: Array
-    frames: Array
+    samples: Array  # numbers of those looked at, in the order of time
+    frames: Array  # numbers of those at which the ball is drawn
 
 
-@dataclass(frozen=True)
-class Layout:
-    """
-    The rows of a strip.
-
-    Attributes
-    ----------
-    rows : tuple of Row
-    gap : float
-        Distance between two outlines, at least [m].
-    of : int
-        How many rows the whole run would take.
-
-    """
+class Layout(NamedTuple):
+    """The rows of a strip."""
 
     rows: tuple[Row, ...]
-    gap: float
-    of: int
+    gap: float  # between two outlines, at least [m]
+    of: int  # how many rows the whole run would take
 
 
 def lay_out(run: Trajectory) -> Layout:

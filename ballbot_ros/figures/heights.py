@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Height of a step against speed: curves of models, and rolls that passed or did not."""
 import math
-from typing import Any, Iterable, NamedTuple, Optional, Sequence
+from typing import Any, Iterable, NamedTuple, Sequence
 
 from matplotlib.figure import Figure
 import numpy as np
@@ -30,19 +30,9 @@ class HeightLine(NamedTuple):
 def height_axes(figure: Figure, box: tuple[float, float, float, float], title: str,
                 highest: float, fastest: float = 1.3, slowest: float = 0.0) -> Any:
     """
-    Add axes of height against speed.
+    Add axes of height, up to the highest step shown [m], against speed [m/s].
 
-    Parameters
-    ----------
-    figure : Figure
-    box : tuple
-        Left, bottom, width and height, as parts of the figure.
-    title : str
-    highest : float
-        Of the steps shown [m].
-    fastest, slowest : float
-        Ends of the axis of speed [m/s].
-
+    The box is left, bottom, width and height, as parts of the figure.
     """
     axes = figure.add_axes(box)
     axes.set_xlim(slowest, fastest)
@@ -62,22 +52,12 @@ def draw_curves(axes: Any, curves: Iterable[HeightLine]) -> None:
                   lw=curve.width, label=curve.label, zorder=3)
 
 
-def draw_rolls(axes: Any, rolls: Sequence[Roll], measured: bool = True) -> None:
-    """
-    Draw rolls by their speed, those that passed a little above the others.
-
-    Parameters
-    ----------
-    axes : matplotlib axes
-    rolls : sequence of Roll
-    measured : bool
-        Take the speed that the sensors gave, not that at the touch.
-
-    """
+def draw_rolls(axes: Any, rolls: Sequence[Roll]) -> None:
+    """Draw rolls by their measured speed, those that passed a little above the others."""
     for passed, marker, colour, label, up in ((True, 'o', canvas.GREEN, 'passed', 0.35),
                                               (False, 'x', canvas.VERMILION, 'not passed', -0.35)):
         chosen = [roll for roll in rolls if roll.passed == passed]
-        axes.plot([roll.measured_speed if measured else roll.touch_speed for roll in chosen],
+        axes.plot([roll.measured_speed for roll in chosen],
                   [1e3 * roll.step_height + up for roll in chosen], marker, ms=3.6, mew=0.9,
                   mfc='none', color=colour, label=f'{label}, virtual bench', zorder=4)
 
@@ -90,10 +70,10 @@ def draw_heading(figure: Figure, title: str, origin: str = RESIMULATED) -> None:
                 color=canvas.GREY, ha='right')
 
 
-def place_legend(axes: Any, where: str = 'upper left', **options: Any) -> None:
+def place_legend(axes: Any) -> None:
     """Add a legend without a frame that hides what is below it."""
-    axes.legend(loc=where, fontsize=7.5, framealpha=0.9, edgecolor='none',
-                handlelength=2.2, **options)
+    axes.legend(loc='upper left', fontsize=7.5, framealpha=0.9, edgecolor='none',
+                handlelength=2.2)
 
 
 def bench_curves(robot: Robot, bench: Bench) -> list[HeightLine]:
@@ -117,16 +97,15 @@ def quasi_static_curve(robot: Robot) -> HeightLine:
                        np.full(2, quasi_static(robot)), canvas.GREY, ':')
 
 
-def bench_figure(rolls: Sequence[Roll], curves: Sequence[HeightLine], title: str,
-                 subtitle: str = RESIMULATED, highest: Optional[float] = None) -> Figure:
+def bench_figure(rolls: Sequence[Roll], curves: Sequence[HeightLine], title: str) -> Figure:
     """Return the plot of a test: each roll, and curves to compare with."""
     fastest = max((roll.measured_speed for roll in rolls
                    if math.isfinite(roll.measured_speed)), default=1.0)
-    top = max((roll.step_height for roll in rolls), default=0.05) if highest is None else highest
+    top = max((roll.step_height for roll in rolls), default=0.05)
     with canvas.drawing(6.4, 4.6) as figure:
         axes = height_axes(figure, (0.10, 0.115, 0.87, 0.79), title, 1.12 * top,
                            0.1 * math.ceil(10.5 * fastest))
-        axes.text(1.0, 1.02, subtitle, transform=axes.transAxes, ha='right', fontsize=7.5,
+        axes.text(1.0, 1.02, RESIMULATED, transform=axes.transAxes, ha='right', fontsize=7.5,
                   color=canvas.GREY)
         axes.set_xlabel('speed by the sensors; of curves: speed at the touch [m/s]')
         draw_curves(axes, curves)

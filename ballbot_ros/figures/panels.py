@@ -52,14 +52,7 @@ def time_series(trajectory: Trajectory, title: str = '') -> Figure:
     """
     Return speed, pendulum, forces, slip and energies over time.
 
-    Bands in the background mark the time in flight.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-    title : str
-        Name of the scene, say.
-
+    Bands in the background mark the time in flight.  The title is the name of the scene, say.
     """
     run = sane(trajectory)
     panels = list(_panels(run))

@@ -13,13 +13,7 @@ def residual_figure(series: Mapping[str, Tuple[Array, Array]], units: Mapping[st
     """
     Draw residuals against time, a panel per channel, with twice their scatter.
 
-    Parameters
-    ----------
-    series : mapping of str to (times, residuals)
-    units : mapping of str to str
-    noise : mapping of str to float
-        Root mean square of each.
-
+    `series` has times and residuals of each channel, `noise` their root mean square.
     """
     with canvas.drawing(7.0, 0.9 + 1.25 * len(series)) as figure:
         axes: Any = figure.subplots(len(series), 1, sharex=True, squeeze=False)[:, 0]

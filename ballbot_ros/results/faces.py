@@ -51,12 +51,7 @@ def rising_faces(terrain: Terrain, radius: float) -> list[Array]:
     """
     Return the vertices of every rising face of at least `LEAST_HEIGHT`, from left to right.
 
-    Parameters
-    ----------
-    terrain : Terrain
-    radius : float
-        Of the ball [m]: what is short beside it is not a slope.
-
+    What is short beside the radius [m] of the ball is not a slope.
     """
     return [face for face in terrain.faces(
         LEAST_SLOPE, LEAST_HEIGHT, SHORT * radius, endless=False) if face[-1, 1] > face[0, 1]]

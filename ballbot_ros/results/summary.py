@@ -92,8 +92,7 @@ class Summary:
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain values for JSON; a number that is not finite is None."""
-        content = plain(asdict(self))
-        assert isinstance(content, dict)
+        content: dict[str, Any] = plain(asdict(self))
         return content
 
     def to_json(self) -> str:

@@ -37,7 +37,8 @@ def _rows(summary: Summary) -> Iterator[tuple[str, str]]:
     if summary.pendulum_angle is not None and summary.pendulum_torque is not None:
         yield 'largest pendulum angle', f'{math.degrees(summary.pendulum_angle):.1f} deg'
         yield 'largest pendulum torque', f'{summary.pendulum_torque:.2f} N m'
-    yield 'in flight', f'{summary.flight_fraction:.1%} of the time, {_count(summary.landings)}'
+    yield 'in flight', (f'{summary.flight_fraction:.1%} of the time, '
+                        f'{plural(summary.landings, "landing")}')
     if summary.energy_residual is not None:
         yield 'energy ledger', (f'off by {summary.energy_residual:.1e} of the '
                                 f'{summary.energy_in_play:.3g} J in play')
@@ -51,8 +52,9 @@ def _rows(summary: Summary) -> Iterator[tuple[str, str]]:
                        'fast as real time')
 
 
-def _count(landings: int) -> str:
-    return f'{landings} landing{"" if landings == 1 else "s"}'
+def plural(number: int, what: str) -> str:
+    """Return a number of things, as people write it."""
+    return f'{number} {what}{"" if number == 1 else "s"}'
 
 
 def _table(faces: tuple[Face, ...]) -> Iterator[str]:

@@ -44,18 +44,7 @@ def holding(robot: Robot, angle: float) -> Case:
 
 
 def step_height(case: Case, speed: float, accuracy: float = ACCURACY) -> float:
-    """
-    Return the highest step by the full model [m].
-
-    Parameters
-    ----------
-    case : Case
-    speed : float
-        Collision speed [m/s].
-    accuracy : float
-        Of the height [m].
-
-    """
+    """Return the highest step by the full model [m], to an accuracy [m], at a speed [m/s]."""
     return max_step_height(case.robot, speed, case.actuation, case.pendulum_angle, accuracy,
                            case.site).height
 

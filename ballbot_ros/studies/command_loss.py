@@ -184,18 +184,9 @@ def _response(scenario: Scenario, states: Sequence[State], given: Sequence[float
 def scenarios(speed: float, slopes: Iterable[float],
           policies: Sequence[str] = ON_TIMEOUT) -> Iterator[Scenario]:
     """
-    Yield the scenarios of the study.
+    Yield the scenarios of the study, for a speed [m/s] and slopes from 0 on [rad].
 
     At rest on each slope, down it: up is the mirror image.  Then rolling down each, then up.
-
-    Parameters
-    ----------
-    speed : float
-        Of the rolling ball [m/s].
-    slopes : iterable of float
-        From 0 on [rad].
-    policies : sequence of str
-
     """
     steps = list(slopes)
     starts = [(0.0, -slope) for slope in steps]

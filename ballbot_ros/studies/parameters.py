@@ -18,13 +18,7 @@ ROBOT, MOTOR = described(Robot), described(Motor, 'motor.')
 
 def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
     """
-    Return a robot with other parameters.
-
-    Parameters
-    ----------
-    robot : Robot
-    values : mapping of str to float
-        Names of `ROBOT` and `MOTOR`, SI.
+    Return a robot with other parameters, named as in `ROBOT` and `MOTOR`, SI.
 
     Raises
     ------

@@ -71,15 +71,7 @@ def design_map(case: Case, speed: float, lengths: Array, masses: Array,
     """
     Return the highest step for other pendulums in the same ball, a row for each mass [m].
 
-    Parameters
-    ----------
-    case : Case
-        With a pendulum.
-    speed : float
-        Collision speed [m/s].
-    lengths, masses : array
-        Of the pendulum [m], [kg].
-
+    At one collision speed [m/s]; `lengths` [m] and `masses` [kg] are those of the pendulum.
     """
     def height(mass: float, length: float) -> float:
         robot = replace(case.robot, pendulum_mass=mass, pendulum_length=length)
@@ -93,14 +85,7 @@ def heights_on_slopes(case: Case, speeds: Array, slopes: Array, progress: Progre
     """
     Return the highest step where the ground behind it slopes, a row for each slope [m].
 
-    Parameters
-    ----------
-    case : Case
-    speeds : array
-        Collision speeds [m/s].
-    slopes : array
-        Of the ground behind the step, positive uphill [rad].
-
+    At some collision speeds [m/s]; slopes [rad] are positive uphill.
     """
     return np.array([
         step_heights(case._replace(site=replace(case.site, slope_behind=slope)), speeds)

@@ -225,14 +225,8 @@ def run_to_the_end(model: Model, start: State, actuation: Actuation, touch: floa
     """
     Simulate until the ball is over the step, or rolls back from it, or lies still.
 
-    Over is as in `crossing.rules`: the first attempt counts.
-
-    Returns
-    -------
-    rows : array
-        Samples, see `Trajectory`.
-    passed : bool
-
+    Over is as in `crossing.rules`: the first attempt counts.  Returns the samples, see
+    `Trajectory`, and whether it passed.
     """
     x, y, velocity = (State._fields.index(name) for name in ('x', 'y', 'velocity_x'))
     pieces: list[Array] = []

@@ -6,7 +6,7 @@ Numbers are drawn evenly and independently, but for one thing: where the masses 
 pendulum are both uncertain, their sum stays, for it is what a balance measures (and the paper
 prints) while the split is not.
 """
-from typing import Collection, Dict, List, Mapping, Sequence, Tuple, TypeVar
+from typing import Dict, List, Mapping, Tuple, TypeVar
 
 import numpy as np
 from scipy.stats import qmc
@@ -18,41 +18,16 @@ MASSES = ('pendulum_mass', 'ball_mass')
 Ends = TypeVar('Ends')
 
 
-def ranges(robot: Robot, sources: Collection[str] = ()) -> Dict[str, Tuple[float, float]]:
-    """
-    Return the numbers of a robot that have a range, as field names with low and high ends.
-
-    Parameters
-    ----------
-    robot : Robot
-    sources : collection of str, optional
-        Only numbers from these, see `Provenance`; from all if not given.
-
-    """
+def ranges(robot: Robot) -> Dict[str, Tuple[float, float]]:
+    """Return the low and high ends of the numbers that have a range, by field name, SI."""
     return {name: (item.low, item.high) for name, item in robot.provenance.items()
-            if item.low is not None and item.high is not None
-            and (not sources or item.source in sources)}
+            if item.low is not None and item.high is not None}
 
 
-def uncertain(robot: Robot, sources: Sequence[str] = ('derived',)) -> Dict[
-        str, Tuple[float, float]]:
-    """
-    Return the ranges of the numbers of a robot that come from some sources.
-
-    Parameters
-    ----------
-    robot : Robot
-    sources : sequence of str
-        See `Provenance`; numbers of the motor are left out.
-
-    Returns
-    -------
-    dict of str to (low, high)
-        By field name, SI.
-
-    """
-    return {name: (low, high) for name, (low, high) in ranges(robot, sources).items()
-            if '.' not in name and low < high}
+def uncertain(robot: Robot) -> Dict[str, Tuple[float, float]]:
+    """Return the `ranges` of derived numbers, see `Provenance`, but those of the motor."""
+    return {name: (low, high) for name, (low, high) in ranges(robot).items()
+            if robot.provenance[name].source == 'derived' and '.' not in name and low < high}
 
 
 def independent(found: Mapping[str, Ends]) -> Dict[str, Ends]:
@@ -75,8 +50,7 @@ def changed(robot: Robot, values: Mapping[str, float]) -> Robot:
     return with_parameters(robot, change)
 
 
-def draw(robot: Robot, count: int, seed: int = 0,
-         sources: Sequence[str] = ('derived',)) -> List[Robot]:
+def draw(robot: Robot, count: int, seed: int = 0) -> List[Robot]:
     """
     Draw robots from the ranges of the uncertain numbers; Sobol's sequence, scrambled.
 
@@ -86,7 +60,7 @@ def draw(robot: Robot, count: int, seed: int = 0,
         If numbers of the ranges contradict each other.
 
     """
-    free = independent(uncertain(robot, sources))
+    free = independent(uncertain(robot))
     if not free:
         return [robot] * count
     # A power of two keeps the sequence balanced; more than asked for are thrown away.
