@@ -3,6 +3,7 @@
 import random
 
 from ballbot_ros.drives import device_class, driver_class, DRIVES, open_driver
+from ballbot_ros.drives.memory_line import MemoryLine
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.line import Direction, LineFaults
 from ballbot_ros.physics.simulation.scene import load_scene
@@ -14,14 +15,12 @@ TICK = 1e-4  # the drive looks at its line so often [s]
 RECENT = 50
 
 
-class FloodedLine:
+class FloodedLine(MemoryLine):
     """A line with time of its own, a drive at its other end, and bytes that nobody sent."""
 
-    port = 'flood'
-
     def __init__(self, device, baud):
+        super().__init__(device)
         rng = random.Random(7)
-        self.device, self.now = device, 0.0
         device.baud = baud
         self.directions = (Direction(baud, rng), Direction(baud, rng))
 
@@ -37,11 +36,6 @@ class FloodedLine:
     def read(self):
         """Return what has arrived."""
         return self.directions[1].take(self.now)
-
-    def wait(self, seconds):
-        """Let time pass."""
-        self.pass_time(min(seconds, 0.001))
-        return True
 
     def pass_time(self, seconds):
         """Let drive and line live on."""
@@ -59,7 +53,7 @@ def flood(protocol, firmware):
     baud = max(driver_class(protocol).baud_rates)
     line = FloodedLine(device_class(protocol)(settings), baud)
     driver = open_driver(protocol, line, driver_class(protocol).Options(
-        torque_limit=settings.torque_limit), lambda: line.now)
+        torque_limit=settings.torque_limit), line.clock)
     driver.identify()
     driver.arm()
     line.flood(GARBAGE)

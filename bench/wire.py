@@ -7,6 +7,7 @@ import threading
 import time
 
 from ballbot_ros.drives import codec_of, device_class, driver_class, DRIVES, open_driver
+from ballbot_ros.drives.memory_line import MemoryLine
 from ballbot_ros.drives.transport import Link
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import Emulator
@@ -108,51 +109,26 @@ def quantile(values, part):
     return ordered[min(len(ordered) - 1, int(part * len(ordered)))]
 
 
-class BadLine:
-    """A line without time to an emulated drive; it changes one byte in some of the frames."""
-
-    port = 'bench'
-
-    def __init__(self, device):
-        self.device, self.now, self.part = device, 0.0, 0.0
-        self._rng = random.Random(7)
-        self._waiting = b''
-
-    def write(self, data):
-        """Give the bytes to the drive and keep its reply."""
-        self._waiting += self._damaged(self.device.receive(self._damaged(data), self.now))
-
-    def read(self):
-        """Return what waits."""
-        data, self._waiting = self._waiting, b''
-        return data
-
-    def wait(self, seconds):
-        """Let time pass."""
-        self.now += 0.001
-        self.device.tick(self.now)
-        return bool(self._waiting)
-
-    def _damaged(self, data):
-        if not data or self._rng.random() >= self.part:
-            return data
-        changed = bytearray(data)
-        changed[self._rng.randrange(len(data))] ^= self._rng.randrange(1, 256)
-        return bytes(changed)
-
-
 def run_bad_line(protocol, frames, part):
     """Send torques over a bad line and return what the motor did after each."""
     settings = settings_for(load_scene('flat').model.robot)
-    line = BadLine(device_class(protocol)(settings))
-    driver = open_driver(protocol, line, options_for(protocol, settings), lambda: line.now)
+    line = MemoryLine(device_class(protocol)(settings))
+    driver = open_driver(protocol, line, options_for(protocol, settings), line.clock)
+    rng, damage = random.Random(7), 0.0
+
+    def damaged(data):
+        if not data or rng.random() >= damage:
+            return data
+        changed = bytearray(data)
+        changed[rng.randrange(len(data))] ^= rng.randrange(1, 256)
+        return bytes(changed)
+    line.to_drive = line.from_drive = damaged
     driver.identify()
     driver.arm()
-    line.part = part
+    damage = part
     torques = []
     for number in range(frames):
-        line.now += 0.002
-        line.device.tick(line.now)
+        line.pass_time(0.002)
         driver.poll()
         driver.send_torque(STEP * ((number * 37) % 129 - 64))
         torques.append(line.device.torque())

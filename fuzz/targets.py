@@ -11,6 +11,7 @@ import math
 
 from ballbot_ros.drives import codec_of, device_class, driver_class, DRIVES
 from ballbot_ros.drives.emulated_device import DriveSettings
+from ballbot_ros.drives.memory_line import MemoryLine
 
 # All are imported here, where run.py has them instrumented, and not with the first input.
 CODECS = {protocol: codec_of(protocol) for protocol in sorted(DRIVES)}
@@ -18,34 +19,6 @@ DRIVERS = {protocol: driver_class(protocol) for protocol in CODECS}
 DEVICES = {protocol: device_class(protocol) for protocol in CODECS}
 # A line without checksum may set an ODrive's own limits, if it says so in full.
 LIMITS = {'odrive': math.inf}
-
-
-class Memory:
-    """A line that gives what it was given; with a device at its other end, its replies."""
-
-    port = 'fuzz'
-
-    def __init__(self):
-        self.data, self.device, self.now = b'', None, 0.0
-
-    def clock(self):
-        """Let a millisecond pass and return the time."""
-        self.now += 1e-3
-        return self.now
-
-    def write(self, data):
-        """Pass it on."""
-        if self.device is not None:
-            self.data += self.device.receive(data, self.now)
-
-    def read(self):
-        """Return what there is."""
-        data, self.data = self.data, b''
-        return data
-
-    def wait(self, seconds):
-        """Do not."""
-        return False
 
 
 def pieces(protocol, data):
@@ -65,17 +38,18 @@ def device_for(protocol, data):
 
 def fuzz_host(protocol, data):
     """Feed parser and driver; return the bytes fed and the messages found."""
-    codec, found, memory = CODECS[protocol], DRIVERS[protocol], Memory()
-    driver = found(memory, found.Options(torque_limit=0.1), memory.clock)
-    memory.device = device_for(protocol, data)
+    codec, found = CODECS[protocol], DRIVERS[protocol]
+    line = MemoryLine(device_for(protocol, data), delay=0.001)
+    driver = found(line, found.Options(torque_limit=0.1), line.clock)
     driver.identify()
-    memory.device = None
+    line.from_drive = lambda _: b''
     parser, stream, messages = codec.parser(), b'', []
     for piece in pieces(protocol, data):
         stream += piece
         messages += parser.feed(piece)
+        line.pass_time(0.003)
         driver.ask()
-        memory.data = piece
+        line.waiting.append((line.now, piece))
         telemetry = driver.poll()
         for value in telemetry:
             assert not isinstance(value, float) or math.isfinite(value), telemetry

@@ -5,12 +5,9 @@ import math
 
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.session import Session
-from ballbot_ros.drives import open_driver
+from ballbot_ros.drives import device_class, open_driver
 from ballbot_ros.drives.emulated_device import DriveSettings, Sensed
-from ballbot_ros.drives.odrive.emulated import ODriveDevice
-from ballbot_ros.drives.roboclaw.emulated import RoboClawDevice
-from ballbot_ros.drives.vesc.emulated import VescDevice
-from ballbot_ros.errors import LinkError
+from ballbot_ros.drives.memory_line import MemoryLine
 from ballbot_ros.estimation import ImuReading
 from ballbot_ros.physics import load_robot
 from ballbot_ros.physics.model.state import State
@@ -18,7 +15,8 @@ from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Imu, Plant
 
 STEP = 0.002
-DEVICES = {'odrive': ODriveDevice, 'vesc': VescDevice, 'roboclaw': RoboClawDevice}
+# A reply is there a step later [s].
+LINE_TIME = 0.5 * STEP
 
 
 class HeldShell:
@@ -40,9 +38,9 @@ class HeldShell:
         return self.state
 
 
-class VirtualRobot:
+class VirtualRobot(MemoryLine):
     """
-    A session that drives a plant through an emulated drive.
+    A session that drives a plant through an emulated drive, and the line between them.
 
     Parameters
     ----------
@@ -51,8 +49,6 @@ class VirtualRobot:
 
     Attributes
     ----------
-    plugged : bool
-        Whether the cable is in.
     temperature : float
         Of the drive [degrees Celsius].
 
@@ -60,7 +56,6 @@ class VirtualRobot:
 
     def __init__(self, protocol='odrive', imu=True, settings=None, held=False, terrain=None,
                  **limits):
-        self.now = 100.0
         protocol, _, firmware = protocol.partition(' ')
         self.hardware = load_hardware(f'gimball_{protocol}')
         self.hardware = replace(
@@ -68,14 +63,14 @@ class VirtualRobot:
             connection=replace(self.hardware.connection, imu_required=imu))
         self.joint = self.hardware.joint
         torque = self.hardware.options().torque_limit
-        self.device = DEVICES[protocol](replace(settings or DriveSettings(
+        super().__init__(device_class(protocol)(replace(settings or DriveSettings(
             torque_limit=torque, current_limit=torque / DriveSettings.torque_constant),
-            firmware=firmware))
+            firmware=firmware)), LINE_TIME)
+        self.now = 100.0
         self.plant = HeldShell() if held else Plant(read_scene(
             {'robot': 'gimball', 'initial': {'x': 0.0}, 'duration': 1.0,
              'terrain': terrain or [{'flat': {'length': 10.0}}]}, 'test', 'test'), 500.0)
         self._imu = Imu(9.81) if imu else None
-        self.plugged = True
         self.temperature = self.device.sensed.temperature
         self.lines = 0  # opened and not closed
         self.torques = []  # at the motor, at each step
@@ -85,18 +80,20 @@ class VirtualRobot:
         """Begin a new session."""
         self.session = Session(self.hardware, load_robot('gimball'), self.connect, self.clock)
 
-    def clock(self):
-        """Return the time."""
-        return self.now
-
     def connect(self):
-        """Return a driver on a new line."""
-        return open_driver(self.hardware.connection.protocol, _Cable(self),
+        """Return a driver on the line."""
+        self.read()  # what a predecessor left
+        self.lines += 1
+        return open_driver(self.hardware.connection.protocol, self,
                            self.hardware.options(), self.clock)
 
+    def close(self):
+        """Count it."""
+        self.lines -= 1
+
     def pass_time(self, seconds):
-        """Let ball and drive live on, without the bridge."""
-        end = self.now + seconds - 1e-9
+        """Let ball and drive live on, without the bridge, for a step at least."""
+        end = self.now + max(seconds, STEP) - 1e-9
         while self.now < end:
             self.now += STEP
             motor = self.device.torque() if self.device.booted_at <= self.now else 0.0
@@ -135,35 +132,3 @@ class VirtualRobot:
     def motor(self):
         """Return the torque at the motor shaft now [N m]."""
         return self.torques[-1]
-
-
-class _Cable:
-    port = 'cable'
-
-    def __init__(self, robot):
-        self._robot, self._waiting = robot, []  # when it was sent, what
-        self._check()
-        robot.lines += 1
-
-    def _check(self):
-        if not self._robot.plugged:
-            raise LinkError('gone', 'the cable is out')
-
-    def write(self, data):
-        self._check()
-        now = self._robot.now
-        self._waiting.append((now, self._robot.device.receive(data, now)))
-
-    def read(self):
-        self._check()
-        data = b''.join(reply for when, reply in self._waiting if when < self._robot.now)
-        self._waiting = [item for item in self._waiting if item[0] >= self._robot.now]
-        return data
-
-    def wait(self, seconds):
-        self._check()
-        self._robot.pass_time(max(STEP, min(seconds, STEP)))
-        return any(reply for _, reply in self._waiting)
-
-    def close(self):
-        self._robot.lines -= 1

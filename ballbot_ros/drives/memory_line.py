@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A line to an emulated drive without a serial port, on a clock that only its user moves."""
+from ballbot_ros.drives.emulated_device import Device
+from ballbot_ros.errors import LinkError
+
+
+class MemoryLine:
+    """
+    Both ends of a line in memory; time passes while a driver waits.
+
+    Parameters
+    ----------
+    device : Device
+        At the other end.
+    delay : float
+        Time that a reply takes [s].
+
+    Attributes
+    ----------
+    now : float
+        [s]
+    plugged : bool
+        Whether the cable is in.
+    waiting : list of (float, bytes)
+        Replies that are under way, and when they arrive [s].
+
+    """
+
+    port = 'memory'
+
+    def __init__(self, device: Device, delay: float = 0.0):
+        """Plug in at time 0."""
+        self.device = device
+        self.now = 0.0
+        self.plugged = True
+        self.waiting: list[tuple[float, bytes]] = []
+        self._delay = delay
+
+    def clock(self) -> float:
+        """Return the time [s]."""
+        return self.now
+
+    def write(self, data: bytes) -> None:
+        """Give bytes to the drive, and let its reply come; raise `LinkError` if unplugged."""
+        self._check()
+        reply = self.from_drive(self.device.receive(self.to_drive(data), self.now))
+        self.waiting.append((self.now + self._delay, reply))
+
+    def read(self) -> bytes:
+        """Return what has arrived; raise `LinkError` if unplugged."""
+        self._check()
+        data = b''.join(reply for when, reply in self.waiting if when <= self.now)
+        self.waiting = [item for item in self.waiting if item[0] > self.now]
+        return data
+
+    def wait(self, seconds: float) -> bool:
+        """Let a millisecond pass, and return whether there are bytes."""
+        self._check()
+        self.pass_time(min(seconds, 0.001))
+        return any(when <= self.now for when, reply in self.waiting if reply)
+
+    def pass_time(self, seconds: float) -> None:
+        """Let time pass for both ends."""
+        self.now += seconds
+        self.device.tick(self.now)
+
+    def close(self) -> None:
+        """Do nothing."""
+
+    def to_drive(self, data: bytes) -> bytes:
+        """Return what arrives of bytes that are written; for a bad line replace it."""
+        return data
+
+    def from_drive(self, data: bytes) -> bytes:
+        """Return what arrives of a reply; see `to_drive`."""
+        return data
+
+    def _check(self) -> None:
+        if not self.plugged:
+            raise LinkError('gone', 'the cable is out')
