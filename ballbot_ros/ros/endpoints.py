@@ -33,7 +33,7 @@ def create_publisher(node: Node, kind: Any, topic: str, profile: QoSProfile) -> 
 
 
 def create_subscription(node: Node, kind: Any, topic: str, callback: Callable[[Any], None],
-              profile: QoSProfile, raw: bool = False) -> Subscription:
+                        profile: QoSProfile, raw: bool = False) -> Subscription:
     """Return a subscription; see `qos` for profiles."""
     return node.create_subscription(
         kind, topic, callback, profile, raw=raw,
