@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verb ``robots``: which there are, and the numbers of one with their sources."""
 import argparse
+from operator import attrgetter
 from typing import Any, Iterator
 
 # The text of a column is cut to lines of this width.
@@ -40,19 +41,15 @@ def print_table(robot: Any) -> None:
 
 def _rows(robot: Any) -> Iterator[tuple[str, str, str, str, str, str]]:
     """Yield the cells of each number, then those of what follows from them."""
-    parts = [('', robot), ('motor.', robot.motor)] if robot.motor else [('', robot)]
-    for prefix, part in parts:
-        for name, item in part.__dataclass_fields__.items():
-            if 'unit' not in item.metadata:
-                continue
-            key = f'{prefix}{name}'
-            known = robot.provenance.get(key)
-            bounds = ''
-            if known is not None and known.low is not None:
-                bounds = f'{known.low:g} to {known.high:g}'
-            yield (key, f'{getattr(part, name):.6g}', item.metadata['unit'],
-                   known.source if known else 'not given', bounds,
-                   (known.note if known else '') or item.metadata['doc'])
+    from ballbot_ros.studies.parameters import MOTOR, ROBOT
+    for name, metadata in {**ROBOT, **(MOTOR if robot.motor else {})}.items():
+        known = robot.provenance.get(name)
+        bounds = ''
+        if known is not None and known.low is not None:
+            bounds = f'{known.low:g} to {known.high:g}'
+        yield (name, f'{attrgetter(name)(robot):.6g}', metadata['unit'],
+               known.source if known else 'not given', bounds,
+               (known.note if known else '') or metadata['doc'])
     for name, unit, note in (
             ('total_mass', 'kg', 'M1 + M2'),
             ('static_penetration', 'm', 'how deep the ball rests in a level surface'),

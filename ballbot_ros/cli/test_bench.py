@@ -106,10 +106,9 @@ def as_was(rolls: list) -> Iterator[str]:
     """Yield what an experimenter cannot know: the state at the first touch."""
     yield 'test,collision speed [m/s],pendulum angle at the touch [rad]'
     for number, roll in enumerate(rolls, 1):
-        if math.isfinite(roll.touch_speed):
-            yield f'{number},{roll.touch_speed:.6f},{roll.touch_angle:.6f}'
-        else:
-            yield f'{number},,'
+        touched = math.isfinite(roll.touch_speed)
+        yield f'{number},' + (
+            f'{roll.touch_speed:.6f},{roll.touch_angle:.6f}' if touched else ',')
 
 
 def report(robot: Any, bench: Any, rolls: list) -> Iterator[str]:

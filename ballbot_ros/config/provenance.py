@@ -15,20 +15,13 @@ class Provenance:
     """
     Where a number comes from and how sure it is.
 
-    Attributes
-    ----------
-    source : str
-        ``published``: printed in the paper.  ``repaired``: printed there, damaged in the
-        copy at hand and restored.  ``derived``: computed from other statements of the
-        paper.  ``assumed``: chosen here, nothing is published.  ``measured``: on one's own robot.
-    low, high : float or None
-        Range that the true value is believed to lie in, SI units.
-    note : str
-
+    ``published``: printed in the paper.  ``repaired``: printed there, damaged in the copy at hand
+    and restored.  ``derived``: computed from other statements of the paper.  ``assumed``: chosen
+    here, nothing is published.  ``measured``: on one's own robot.
     """
 
-    source: str
-    low: Optional[float] = None
+    source: str  # one of these
+    low: Optional[float] = None  # range that the true value is believed to lie in, SI units
     high: Optional[float] = None
     note: str = ''
 

@@ -21,7 +21,7 @@ from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.studies import comparators, mujoco_check
 from ballbot_ros.studies.cases import ACCURACY, Case, holding, LEVEL, SPEEDS, step_heights
 from ballbot_ros.studies.procedure import find_thresholds, run_tests
-from ballbot_ros.studies.progress import counted, ignore, Progress
+from ballbot_ros.studies.progress import counted, ignore, Progress, tracked
 from ballbot_ros.studies.test_bench import Bench, Ramp, Roll, RunUp
 
 # The three crossings of Fig. 7: speed [m/s], step [m] and scene, from top to bottom.
@@ -89,12 +89,8 @@ def figure_6(progress: Progress = ignore) -> Figure:
 
 def figure_7(progress: Progress = ignore) -> Figure:
     """Show the three crossings whose numbers are printed, as film strips."""
-    report = counted(progress, len(PRINTED))
-    runs = []
-    for speed, height, name in PRINTED:
-        runs.append((load_scene(name).simulate(),
-                     f'{1e3 * height:.0f} mm at {speed:g} m/s, passed'))
-        report()
+    runs = [(load_scene(name).simulate(), f'{1e3 * height:.0f} mm at {speed:g} m/s, passed')
+            for speed, height, name in tracked(PRINTED, progress)]
     return stacked(runs, f'Fig. 7  Three crossings, {RESIMULATED}')
 
 

@@ -21,29 +21,13 @@ MOST_PARTS = 12
 
 @dataclass(frozen=True)
 class Explanation:
-    """
-    What a run could meet, which models it went through, and what that costs.
+    """What a run could meet, which models it went through, and what that costs."""
 
-    Attributes
-    ----------
-    analysis : Analysis
-        What was known before the run.
-    seconds : dict of str to float
-        Simulated time in each model [s].
-    spans : tuple of Span
-        Its parts in order.
-    error : float or None
-        Estimated error of the whole run [m], where an accuracy was asked for.
-    sentences : tuple of str
-        All of that in words.
-
-    """
-
-    analysis: Analysis
-    seconds: dict[str, float]
-    spans: tuple[Span, ...]
-    error: Optional[float]
-    sentences: tuple[str, ...]
+    analysis: Analysis  # what was known before the run
+    seconds: dict[str, float]  # simulated time in each model [s]
+    spans: tuple[Span, ...]  # its parts in order
+    error: Optional[float]  # estimated, of the whole run [m], where an accuracy was asked for
+    sentences: tuple[str, ...]  # all of that in words
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain values for JSON; a number that is not finite is None."""

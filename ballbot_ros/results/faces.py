@@ -22,29 +22,13 @@ SHORT = 0.05
 
 @dataclass(frozen=True)
 class Face:
-    """
-    A rising face of the terrain and the first meeting of the ball with it.
+    """A rising face of the terrain and the first meeting of the ball, from the left, with it."""
 
-    Attributes
-    ----------
-    x : float
-        Of the foot of the face [m].
-    height : float
-        From foot to top [m].
-    touch_time : float or None
-        Of the first touch [s]; None if the ball, coming from the left, never touched it.
-    touch_speed : float or None
-        Speed of the centre just before the first touch [m/s].
-    passed : bool
-        The centre got past the top, with the contact below it.
-
-    """
-
-    x: float
-    height: float
-    touch_time: Optional[float] = None
-    touch_speed: Optional[float] = None
-    passed: bool = False
+    x: float  # of the foot of the face [m]
+    height: float  # from foot to top [m]
+    touch_time: Optional[float] = None  # of the first touch [s]; None if there was none
+    touch_speed: Optional[float] = None  # of the centre just before the first touch [m/s]
+    passed: bool = False  # the centre got past the top, with the contact below it
 
 
 def rising_faces(terrain: Terrain, radius: float) -> list[Array]:

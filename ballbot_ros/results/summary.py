@@ -19,76 +19,39 @@ class Summary:
     """
     A run in a few numbers, all SI; angles in rad.
 
-    Attributes
-    ----------
-    name, robot : str
-        Of the scene and of its robot.
-    complete : bool
-        The run lasted as long as the scene asks for.
-    duration : float
-        Simulated [s].
-    samples, steps, evaluations, events : int
-        Samples kept, solver steps taken, right-hand sides computed, kinks of the contact law
-        located; where an accuracy was asked for, of all runs that it took.
-    accuracy, error_estimate, horizon : float or None
-        Largest error of position asked for and estimated [m], and the time up to which it
-        holds [s]; None where no accuracy was asked for.
-    x, y, speed : float
-        Centre and its speed at the end [m], [m/s].
-    highest_speed, lowest_speed : float
-        Of the centre [m/s].
-    surface_normal_force, edge_normal_force : float
-        Largest [N].
-    penetration : float
-        Largest [m].
-    pendulum_angle, pendulum_torque : float or None
-        Largest magnitude [rad], [N m]; None without a pendulum.
-    flight_fraction : float
-        Share of the samples without any contact.
-    landings : int
-        How often contact began again after a flight; more than one is bouncing.
-    faces : tuple of Face
-        Each rising face of the terrain.
-    energy_in_play : float
-        Energy that moved during the run [J].
-    energy_residual : float or None
-        What the energy ledger misses, relative to that; None where nothing moved.
-    wall_time, real_time_factor : float or None
-        What the run took [s]; simulated time over that.
-    warnings : tuple of str
-        What a person should know before using the run.
-
+    Where an accuracy was asked for, steps, evaluations and events are those of all runs that it
+    took; without one, `accuracy`, `error_estimate` and `horizon` are None.
     """
 
-    name: str
+    name: str  # of the scene
     robot: str
-    complete: bool
-    duration: float
-    samples: int
-    steps: int
-    evaluations: int
-    events: int
-    accuracy: Optional[float]
-    error_estimate: Optional[float]
-    horizon: Optional[float]
-    x: float
+    complete: bool  # the run lasted as long as the scene asks for
+    duration: float  # simulated [s]
+    samples: int  # kept
+    steps: int  # taken by the solver
+    evaluations: int  # right-hand sides computed
+    events: int  # kinks of the contact law located
+    accuracy: Optional[float]  # largest error of position asked for [m]
+    error_estimate: Optional[float]  # the error estimated [m]
+    horizon: Optional[float]  # time up to which it holds [s]
+    x: float  # of the centre at the end [m]
     y: float
-    speed: float
-    highest_speed: float
+    speed: float  # of the centre at the end [m/s]
+    highest_speed: float  # of the centre [m/s]
     lowest_speed: float
-    surface_normal_force: float
+    surface_normal_force: float  # largest [N]
     edge_normal_force: float
-    penetration: float
-    pendulum_angle: Optional[float]
-    pendulum_torque: Optional[float]
-    flight_fraction: float
-    landings: int
-    faces: tuple[Face, ...]
-    energy_in_play: float
-    energy_residual: Optional[float]
-    wall_time: Optional[float]
-    real_time_factor: Optional[float]
-    warnings: tuple[str, ...]
+    penetration: float  # largest [m]
+    pendulum_angle: Optional[float]  # largest magnitude [rad]; None without a pendulum
+    pendulum_torque: Optional[float]  # largest magnitude [N m]; None without a pendulum
+    flight_fraction: float  # share of the samples without any contact
+    landings: int  # how often contact began again after a flight; more than one is bouncing
+    faces: tuple[Face, ...]  # each rising face of the terrain
+    energy_in_play: float  # energy that moved during the run [J]
+    energy_residual: Optional[float]  # what the ledger misses, relative; None: nothing moved
+    wall_time: Optional[float]  # what the run took [s]
+    real_time_factor: Optional[float]  # simulated time over that
+    warnings: tuple[str, ...]  # what a person should know before using the run
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain values for JSON; a number that is not finite is None."""

@@ -13,6 +13,7 @@ residuals showing it is not determined, and neither is a number that takes part 
 """
 from dataclasses import replace
 import math
+from operator import attrgetter
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence, Tuple
 
 import numpy as np
@@ -98,12 +99,8 @@ def check_known(scene: Scene, name: str) -> None:
 
 def present(scene: Scene, name: str) -> float:
     """Return the number that a scene has."""
-    owner: Any = scene.model.robot
-    if name in INITIAL:
-        owner = scene.initial
-    elif name in MOTOR:
-        owner = owner.motor
-    return float(getattr(owner, name.split('.')[-1]) or 0.0)
+    owner = scene if name in INITIAL else scene.model.robot
+    return float(attrgetter(name)(owner) or 0.0)
 
 
 def identify(scene: Scene, recording: Recording, names: Sequence[str], use_torque: bool = False,
