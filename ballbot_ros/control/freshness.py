@@ -41,13 +41,8 @@ class Watchdog:
             raise ConfigurationError(
                 f'watchdog timeout must be more than 0 s and finite, got {timeout!r}; '
                 '0.25 s suits this robot')
-        self._timeout = timeout
+        self.timeout = timeout
         self._last: Optional[float] = None
-
-    @property
-    def timeout(self) -> float:
-        """Return the longest silence [s]."""
-        return self._timeout
 
     @property
     def fed(self) -> bool:
@@ -68,7 +63,7 @@ class Watchdog:
 
     def expired(self, now: float) -> bool:
         """Return whether the silence at `now` [s] is too long, or time ran backwards."""
-        return not 0.0 <= self.silence(now) <= self._timeout
+        return not 0.0 <= self.silence(now) <= self.timeout
 
 
 class RateMonitor:

@@ -51,10 +51,6 @@ class RollingModel:
     phi'.  `ball_rate` is theta1' [rad/s]: rolling to +x at v, it is -v / R.  `torque` is
     tau2 [N m].
 
-    Parameters
-    ----------
-    robot : Robot
-
     Attributes
     ----------
     robot : Robot

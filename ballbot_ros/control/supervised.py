@@ -50,11 +50,6 @@ class SupervisedController:
 
     All time is that of the stamps.  What a person should know is logged.
 
-    Parameters
-    ----------
-    controller : PendulumController
-    supervision : Supervision
-
     Attributes
     ----------
     too_slow : bool

@@ -32,12 +32,6 @@ class StepTracker:
     reported, not averaged in; after `forget_after` of them in a row the newest is believed,
     for then the world has changed.  After as many looks that find nothing the step is
     forgotten, but not within 1.5 radii, where a sensor may look over it.
-
-    Parameters
-    ----------
-    robot : Robot
-    tuning : DecisionTuning
-
     """
 
     def __init__(self, robot: Robot, tuning: DecisionTuning):

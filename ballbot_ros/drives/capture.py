@@ -12,6 +12,7 @@ bytes in hexadecimal::
 A capture plays back into a driver in place of a `Link`, so that a fault seen once on a real
 robot becomes a test.
 """
+from collections import deque
 from pathlib import Path
 import time
 from typing import Callable, NamedTuple, Optional, Sequence
@@ -126,13 +127,13 @@ class Replay:
         self.written: list[bytes] = []
         self.port, self.baud = 'replay', 0
         self.bytes_out = self.bytes_in = 0
-        self._pieces = [record.data for record in records if record.direction == FROM_DRIVE]
-        self._next = 0
+        self._pieces = deque(
+            record.data for record in records if record.direction == FROM_DRIVE)
 
     @property
     def finished(self) -> bool:
         """Return whether all of it was read."""
-        return self._next >= len(self._pieces)
+        return not self._pieces
 
     def write(self, data: bytes) -> None:
         """Keep what is written."""
@@ -151,9 +152,9 @@ class Replay:
         """
         if self.finished:
             raise LinkError('gone', 'the capture ends here')
-        self._next += 1
-        self.bytes_in += len(self._pieces[self._next - 1])
-        return self._pieces[self._next - 1]
+        piece = self._pieces.popleft()
+        self.bytes_in += len(piece)
+        return piece
 
     def wait(self, seconds: float) -> bool:
         """Return whether there is more."""

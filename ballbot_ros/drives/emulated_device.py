@@ -82,6 +82,7 @@ class Device(ABC):
         self.sensed = Sensed()
         self.baud = 921600.0
         self.booted_at = -1e9
+        self._boot()
 
     def receive(self, data: bytes, now: float) -> bytes:
         """Take bytes from the line and return the reply."""

@@ -10,7 +10,7 @@ Anything that ``serial.serial_for_url`` takes is a port: ``/dev/ttyUSB0``,
 ``/dev/serial/by-id/...``, ``socket://host:port``, ``rfc2217://host:port``, ``loop://``,
 ``spy:///dev/ttyUSB0?file=traffic.txt``.
 """
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import errno
 import select
 import termios
@@ -141,10 +141,9 @@ class Link:
         """Close the port; closing twice, or a port that is gone, is no error."""
         port, self._serial, self._descriptor = self._serial, None, None
         if port is not None:
-            try:
+            # One that is gone already is what was wanted.
+            with suppress(serial.SerialException, OSError, termios.error):
                 port.close()
-            except (serial.SerialException, OSError, termios.error):
-                pass  # It is gone already, which is what was wanted.
 
     def _open(self) -> Any:
         if self._serial is None:

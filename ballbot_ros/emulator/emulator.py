@@ -3,7 +3,7 @@
 from collections import deque
 import math
 from pathlib import Path
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 import random
 from threading import Event, Thread
 import time
@@ -238,11 +238,8 @@ class Emulator:
 
     def _run_calls(self) -> None:
         """Run what other threads have asked for."""
-        while True:
-            try:
-                function, done = self._calls.get_nowait()
-            except Empty:
-                return
+        while not self._calls.empty():  # no other thread takes from it
+            function, done = self._calls.get()
             try:
                 function()
             finally:

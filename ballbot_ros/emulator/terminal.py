@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A pseudo-terminal as the serial device of an emulated drive; it can be pulled out."""
+from contextlib import suppress
 import os
 from pathlib import Path
 import pty
@@ -97,13 +98,11 @@ class PseudoTerminal:
         """Return what has come, which may be nothing."""
         try:
             return os.read(self._master, most) if self.plugged and most > 0 else b''
-        except (BlockingIOError, OSError):
+        except OSError:
             return b''
 
     def write(self, data: bytes) -> None:
         """Send; what nobody reads is lost, as on a real line."""
-        try:
-            if self.plugged and data:
+        if self.plugged and data:
+            with suppress(OSError):
                 os.write(self._master, data)
-        except (BlockingIOError, OSError):
-            pass

@@ -16,7 +16,6 @@ from ballbot_ros.drives.odrive.requests import MARKER, Requests
 from ballbot_ros.drives.wire import WireBudget
 from ballbot_ros.errors import DriveError
 
-TURN = 2.0 * math.pi
 # Longest replies: "-12345.123456 -1234.123456*255\r\n", and a value cut to nine characters.
 LONGEST_FEEDBACK, LONGEST_VALUE = 32, 15
 # Serial numbers have twelve hexadecimal digits; firmware 0.5 cuts such a number off.
@@ -264,7 +263,8 @@ class ODrive(Driver):
         errors = int(self._values.get(self._generation.errors, 0.0))
         if not errors & self._generation.no_estimate:
             self.telemetry = self.telemetry._replace(
-                time=now, position=feedback.position * TURN, velocity=feedback.velocity * TURN)
+                time=now, position=feedback.position * math.tau,
+                velocity=feedback.velocity * math.tau)
 
     def _note(self, name: str, value: Optional[float], now: float) -> None:
         """Put the value of a property into the telemetry."""

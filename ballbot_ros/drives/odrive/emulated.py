@@ -17,13 +17,12 @@ import math
 import re
 from typing import Callable, Optional
 
-from ballbot_ros.drives.emulated_device import Device, DriveSettings
+from ballbot_ros.drives.emulated_device import Device
 from ballbot_ros.drives.odrive.codec import (
     checksum, CLOSED_LOOP_CONTROL, frame_reply, IDLE, LINE_END, LONGEST_LINE, TORQUE_CONTROL)
 from ballbot_ros.drives.odrive.emulated_names import NAMES, Names
 from ballbot_ros.drives.wire import BITS_PER_BYTE
 
-TURN = 2.0 * math.pi
 LONGEST_COMMAND = 256
 LONGEST_VALUE = 9
 LINE_ENDS = re.compile(rb'[\r\n!]')
@@ -36,13 +35,8 @@ class ODriveDevice(Device):
     protocol = 'odrive'
     firmwares = tuple(NAMES)
 
-    def __init__(self, settings: DriveSettings):
-        """Boot."""
-        super().__init__(settings)
-        self.names: Names = NAMES[settings.firmware or self.firmwares[0]]
-        self._boot()
-
     def _boot(self) -> None:
+        self.names: Names = NAMES[self.settings.firmware or self.firmwares[0]]
         self._line = b''
         self._reading = True
         self._fed: Optional[float] = None
@@ -147,7 +141,7 @@ class ODriveDevice(Device):
             return self._with_axis(text, now, FLOAT, self._set_torque)
         if letter == 'f':
             return self._with_axis(text, None, '', lambda _: [
-                f'{self.sensed.position / TURN:f} {self.sensed.velocity / TURN:f}'])
+                f'{self.sensed.position / math.tau:f} {self.sensed.velocity / math.tau:f}'])
         if letter == 'u':
             return self._with_axis(text, now, '', lambda _: [])
         if letter == 'i':

@@ -32,7 +32,6 @@ class RoboClawDevice(Device):
         super().__init__(settings)
         self._address = address
         self._timeout = round(settings.watchdog / TIMEOUT_UNIT)  # survives a reboot
-        self._boot()
 
     def _boot(self) -> None:
         self._buffer = b''

@@ -10,7 +10,7 @@ import math
 import struct
 from typing import Optional
 
-from ballbot_ros.drives.emulated_device import Device, DriveSettings
+from ballbot_ros.drives.emulated_device import Device
 from ballbot_ros.drives.vesc import codec
 
 FAULT_TIME = 0.5  # m_fault_stop_time_ms [s]
@@ -24,11 +24,6 @@ class VescDevice(Device):
     """See `Device`."""
 
     protocol = 'vesc'
-
-    def __init__(self, settings: DriveSettings):
-        """Boot."""
-        super().__init__(settings)
-        self._boot()
 
     def _boot(self) -> None:
         self._parser = codec.FrameParser()

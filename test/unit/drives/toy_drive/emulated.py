@@ -10,10 +10,6 @@ class ToyDevice(Device):
 
     protocol = 'toy'
 
-    def __init__(self, settings):
-        super().__init__(settings)
-        self._boot()
-
     def _boot(self):
         self._parser = codec.Parser((codec.TORQUE, codec.STOP, codec.REQUEST))
         self._armed, self._torque = False, 0.0
