@@ -113,14 +113,12 @@ def as_was(rolls: list) -> Iterator[str]:
 
 def report(robot: Any, bench: Any, rolls: list) -> Iterator[str]:
     """Yield what was found, step by step, beside what was true."""
-    from ballbot_ros.studies.procedure import find_thresholds
+    from ballbot_ros.studies.procedure import find_thresholds, true_thresholds
     yield f'{robot.name}, {bench.setting_name} varied: {len(rolls)} rolls'
     yield ''
     yield 'step mm  rolls  highest no-pass m/s  lowest pass m/s  highest no-pass at touch m/s'
-    true = {item.step_height: item for item in find_thresholds(
-        roll._replace(measured_speed=roll.touch_speed) for roll in rolls)}
-    for item in find_thresholds(rolls):
-        speeds = (item.highest_no_pass, item.lowest_pass, true[item.step_height].highest_no_pass)
+    for item, true in zip(find_thresholds(rolls), true_thresholds(rolls)):
+        speeds = (item.highest_no_pass, item.lowest_pass, true.highest_no_pass)
         cells = [f'{speed:.3f}' if math.isfinite(speed) else 'none' for speed in speeds]
         yield (f'{1e3 * item.step_height:7.0f}  {item.rolls:5d}  {cells[0]:>19}  {cells[1]:>15}'
                f'  {cells[2]:>28}')

@@ -180,13 +180,7 @@ class Checked:
     @classmethod
     def from_mapping(cls: Type[T], mapping: Any, where: str) -> T:
         """
-        Build from the mapping of a YAML file.
-
-        Parameters
-        ----------
-        mapping : mapping of str to values
-        where : str
-            Place for error messages, usually the file name.
+        Build from the mapping of a YAML file; `where` is its place, for error messages.
 
         Raises
         ------

@@ -109,14 +109,7 @@ _StrictLoader.add_implicit_resolver(
 
 def load_config(cls: Type[T], kind: str, name_or_path: str) -> T:
     """
-    Return what one YAML file says, as a checked dataclass.
-
-    Parameters
-    ----------
-    cls : type
-        Its ``from_mapping`` reads the content.
-    kind, name_or_path : str
-        See `find_config`.
+    Return what one YAML file says, see `find_config`, as a checked dataclass.
 
     Raises
     ------

@@ -115,13 +115,7 @@ def is_over(x: Any, y: Any, edge_x: float, edge_y: float, radius: float) -> Any:
     """
     Return whether the centre of a ball is past an edge, with the contact below it.
 
-    Parameters
-    ----------
-    x, y : float or array
-        Centre [m].
-    edge_x, edge_y, radius : float
-        [m]
-
+    All in m; `x` and `y`, the centre, may be arrays.
     """
     return (x > edge_x) & (y > edge_y + 0.5 * radius)
 

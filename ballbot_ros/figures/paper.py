@@ -20,7 +20,7 @@ from ballbot_ros.physics import load_robot, load_scene
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.studies import comparators, mujoco_check
 from ballbot_ros.studies.cases import ACCURACY, Case, holding, LEVEL, SPEEDS, step_heights
-from ballbot_ros.studies.procedure import find_thresholds, run_tests
+from ballbot_ros.studies.procedure import run_tests, true_thresholds
 from ballbot_ros.studies.progress import counted, ignore, Progress, tracked
 from ballbot_ros.studies.test_bench import Bench, Ramp, Roll, RunUp
 
@@ -134,7 +134,7 @@ def _rolls(bench: Bench, robot: Robot, highest: float = 1.0) -> list[Roll]:
 
 def _draw_true_thresholds(axes: Any, rolls: Sequence[Roll]) -> None:
     """Mark the highest no-pass speed at the touch, which the sensors do not see."""
-    found = find_thresholds(roll._replace(measured_speed=roll.touch_speed) for roll in rolls)
+    found = true_thresholds(rolls)
     axes.plot([item.highest_no_pass for item in found],
               [1e3 * item.step_height for item in found], '|', ms=9, mew=1.4,
               color=canvas.INK, zorder=5, label='highest not passed, at the touch')

@@ -76,18 +76,7 @@ def plain(value: Any) -> Any:
 
 def summarise(trajectory: Trajectory, scene: Scene,
               wall_time: Optional[float] = None) -> Summary:
-    """
-    Return what happened in a run.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        Of that scene, possibly ended early.
-    scene : Scene
-    wall_time : float, optional
-        What the run took [s].
-
-    """
+    """Return what happened in a run of a scene, ended early or not, that took a wall time [s]."""
     robot, run = scene.model.robot, scene.run
     asked = math.ceil(run.duration / run.output_step - 1e-9)
     samples = len(trajectory)

@@ -23,15 +23,8 @@ def find_warnings(trajectory: Trajectory, scene: Scene, expected: int,
     """
     Yield one sentence for each thing that is not as one would like it.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-    scene : Scene
-    expected : int
-        Samples of a complete run.
-    residual : float or None
-        Of the energy ledger, relative to the energy in play.
-
+    A complete run has the expected samples; the residual is that of the energy ledger, relative to
+    the energy in play.
     """
     robot, solver, assured = scene.model.robot, scene.model.solver, trajectory.assurance
     finer = (f'a smaller step than {solver.step:g} s' if METHODS[solver.method].fixed

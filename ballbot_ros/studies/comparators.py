@@ -74,13 +74,7 @@ def slope_limit(robot: Robot, with_friction: bool = True) -> float:
     The level pendulum balances gravity about the contact, sin(alpha) = M2 e / (M R); friction
     must carry the ball's weight along the slope, tan(alpha) <= mu.  Laplante [10] gives 7.68
     degrees for the first.  (His 48 degrees for the second, with mu = 0.2, are not the angle of
-    friction, which is 11.3 degrees.)  Rolling friction is left out.
-
-    Parameters
-    ----------
-    with_friction : bool
-        Heed the second condition as well.
-
+    friction, which is 11.3 degrees.)  Rolling friction is left out, and on request the second.
     """
     limit = robot.slope_limit
     return min(limit, math.atan(robot.surface_friction)) if with_friction else limit
@@ -163,18 +157,9 @@ def free_pendulum_impulse(robot: Robot, speed: float, pendulum_angle: float = 0.
         Omega = (J1 v/R + R t' W (v, 0)) / (J1 + R^2 t' W t)
 
     The energy of the swing stays in the swing; the rest, Omega^2 (J1 + R^2 t' W t) / 2, must be
-    M g h.  Derived here from A, and tested against it.  Holds as `plastic_impulse` does; the
-    swing after the impact is left out.
-
-    Parameters
-    ----------
-    robot : Robot
-        Without a pendulum this is `plastic_impulse`.
-    speed : float
-        [m/s]
-    pendulum_angle : float
-        Absolute, at the impact [rad].
-
+    M g h.  Derived here from A, and tested against it.  Holds as `plastic_impulse` does, which it
+    is for a robot without a pendulum; the swing after the impact is left out.  The speed is in
+    m/s, the angle the absolute one at the impact [rad].
     """
     check(robot, speed)
     inertia = robot.pendulum_inertia + robot.pendulum_mass * robot.pendulum_length**2
@@ -236,14 +221,8 @@ def bisect(enough: Callable[[float], bool], high: float, low: float = 0.0,
     """
     Return the largest value from `low` to `high` that is enough, found by halving.
 
-    Parameters
-    ----------
-    enough : callable
-        Is taken to hold at `low`.
-    high, low : float
-    tolerance : float
-        Width of the last bracket; its lower end is returned.
-
+    `low` is taken to be enough.  The lower end of the last bracket, as wide as the tolerance, is
+    returned.
     """
     if enough(high):
         return high

@@ -176,12 +176,7 @@ def conservative_cubic(speeds: Array, heights: Array) -> Array:
     """
     Return the coefficients of the highest rising cubic that no height exceeds from below.
 
-    Parameters
-    ----------
-    speeds : (n,) array
-        Evenly spaced and close [m/s].
-    heights : (n,) array
-        Lower ends of what was simulated [m].
+    Speeds [m/s] are evenly spaced and close, heights [m] the lower ends of what was simulated.
 
     Raises
     ------

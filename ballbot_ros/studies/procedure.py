@@ -77,6 +77,11 @@ def run_tests(bench: Bench, robot: Robot, heights: Sequence[float] = HEIGHTS, se
             yield roll
 
 
+def true_thresholds(rolls: Iterable[Roll]) -> list[Threshold]:
+    """Return `find_thresholds` by the speeds at the touch, which the sensors do not see."""
+    return find_thresholds(roll._replace(measured_speed=roll.touch_speed) for roll in rolls)
+
+
 def find_thresholds(rolls: Iterable[Roll]) -> list[Threshold]:
     """Return what the rolls say about each step, in the order of their heights."""
     by_height: dict[float, list[Roll]] = {}

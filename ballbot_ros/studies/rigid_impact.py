@@ -139,13 +139,8 @@ class RigidBall:
         """
         Stop the slip by a tangential impulse and return the new speed along the line [m/s].
 
-        Parameters
-        ----------
-        along : float
-            Speed of the centre [m/s].
-        most : float
-            Impulse per mass that friction can give [m/s].
-
+        `along` is the speed of the centre, `most` the impulse per mass that friction can give,
+        both [m/s].
         """
         wanted = self.kappa / (1.0 + self.kappa) * (self.rim_speed - along)
         given = min(max(wanted, -most), most)
