@@ -131,6 +131,6 @@ def changes(text, source):
     blocks = [block for block in difflib.SequenceMatcher(None, one, other, False).get_opcodes()
               if block[0] != 'equal']
     first, last = blocks[0], blocks[-1]
-    cut = [' '.join(lines).strip() if not lines else '\n'.join(text.strip() for text in lines)
+    cut = ['\n'.join(line.strip() for line in lines)
            for lines in (one[first[1]:last[2]], other[first[3]:last[4]])]
     return first[1] + 1, *cut

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Watchdog and rate monitor; time is passed in."""
 from collections import deque
+from itertools import pairwise
 import math
 from statistics import median
 from typing import Deque, Optional
@@ -119,10 +120,9 @@ class RateMonitor:
     @property
     def period(self) -> Optional[float]:
         """Return the median period [s], None before there are stamps enough."""
-        stamps = list(self._stamps)
-        if len(stamps) < self._least:
+        if len(self._stamps) < self._least:
             return None
-        return median(later - earlier for earlier, later in zip(stamps, stamps[1:]))
+        return median(later - earlier for earlier, later in pairwise(self._stamps))
 
     @property
     def rate(self) -> Optional[float]:

@@ -101,5 +101,4 @@ class Band(Checked):
             raise ConfigurationError(
                 f'the band holds from {self.speeds[0]:g} to {self.speeds[-1]:g} m/s, not at '
                 f'{speed!r} m/s, and is not extrapolated')
-        table = np.array(self.heights)
-        return np.array([np.interp(speed, self.speeds, column) for column in table.T])
+        return np.array([np.interp(speed, self.speeds, column) for column in zip(*self.heights)])

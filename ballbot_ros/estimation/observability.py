@@ -53,5 +53,5 @@ def unobservable(robot: Robot, imu: bool, angle: float = 0.0) -> List[str]:
                       for power in range(size)])
     _, strengths, directions = np.linalg.svd(rows)
     missing = directions[strengths < THRESHOLD * strengths[0]]
-    return [name for name, weights in zip(NAMES, missing.T) if np.abs(weights).max() > 1e-6] \
-        if len(missing) else []
+    weights = np.abs(missing).max(axis=0, initial=0.0)
+    return [name for name, weight in zip(NAMES, weights) if weight > 1e-6]

@@ -137,9 +137,7 @@ class LineParser:
         """Take bytes and return the texts of the lines that they complete."""
         *lines, rest = (self._rest + data).split(LINE_END)
         # What is longer than any line cannot become one; the end may be half a line end.
-        if len(rest) > LONGEST_LINE:
-            rest = rest[-LONGEST_LINE:]
-        self._rest = rest
+        self._rest = rest[-LONGEST_LINE:]
         return [text for text in map(self._check, lines) if text is not None]
 
     def _check(self, raw: bytes) -> Optional[str]:
