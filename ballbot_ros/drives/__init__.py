@@ -16,6 +16,7 @@ benchmarks and the tables of docs/hardware.md follow from that line.  Its folder
     A class made from `driver.Driver`; contract.py says what it must keep.
 ``emulated``
     A class made from `emulated_device.Device`: the firmware in software, for tests and demos.
+    `memory_line.MemoryLine` puts it at the other end of a driver without a serial port.
 """
 from importlib import import_module
 import time
