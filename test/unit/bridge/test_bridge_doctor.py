@@ -126,10 +126,12 @@ def test_no_port_at_all_and_a_port_that_may_not_be_opened():
      [WRONG, NOTE]),
     ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCAL'}, [OK, WRONG])])
 def test_who_receives_from_whom_is_found(environment, verdicts):
-    assert [finding.verdict for finding in look_at_ros(environment)] == verdicts
+    findings = list(look_at_ros(environment))
+    assert [finding.verdict for finding in findings] == verdicts
+    assert environment.get('ROS_DOMAIN_ID', '0') in findings[0].what
 
 
-def test_a_port_that_may_be_opened_is_all_right_and_has_a_name_that_stays(tmp_path):
+def test_a_port_that_may_be_opened_is_all_right_and_has_a_name_that_stays(tmp_path, monkeypatch):
     device = tmp_path / 'ttyUSB0'
     device.touch()
     findings = list(look_at_ports([(str(device), 'FTDI')], tmp_path))
@@ -143,6 +145,9 @@ def test_a_port_that_may_be_opened_is_all_right_and_has_a_name_that_stays(tmp_pa
     assert stable_names(str(device), folder) == [
         str(folder / 'usb-FTDI-a'), str(folder / 'usb-FTDI-b')]
     assert stable_names(str(device), tmp_path / 'nothing') == []
+    monkeypatch.setattr(doctor, 'stable_names', lambda device: ['/first', '/second'])
+    named, = look_at_ports([(str(device), 'FTDI')], tmp_path)
+    assert '/first' in named.remedy
 
 
 def test_a_port_that_a_group_may_open_is_wrong_for_another_user(tmp_path, monkeypatch):

@@ -83,6 +83,10 @@ def test_an_answer_is_expected_from_the_question_until_it_comes():
     assert not found.expecting
 
 
+def test_a_drive_that_was_never_asked_owes_no_answer():
+    assert Sensing(load_hardware('gimball_odrive'), ROBOT).silence(20.0) == 0.0
+
+
 def test_silence_counts_from_the_first_question_without_an_answer():
     found = sensing()
     assert found.silence(20.0) == 0.0

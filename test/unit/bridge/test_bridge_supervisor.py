@@ -265,6 +265,15 @@ def test_at_the_limits_of_angle_and_speed_the_torque_is_free_and_beyond_each_cut
     assert supervisor.decide(0.002, Motion(-1.7, 0.0, -12.1)) == pytest.approx(0.1)
 
 
+@pytest.mark.parametrize('motion', [Motion(1.7, 0.0, 0.0), Motion(0.0, 0.0, 12.1)])
+def test_beyond_a_limit_the_least_torque_back_passes_and_no_torque_is_no_cut(motion):
+    supervisor = released(torque_rate_limit=1e6)
+    for torque in (0.0, -0.01):
+        supervisor.offer(torque, 0.0, 0.0)
+        assert supervisor.decide(0.0, motion) == torque
+    assert not supervisor.counts
+
+
 def test_each_cut_to_the_torque_limit_is_counted_and_the_limit_itself_is_none():
     supervisor = released(torque_rate_limit=1e6)
     for number, torque in enumerate((-9.0, -4.0, 4.0, 9.0)):
