@@ -39,7 +39,7 @@ PLACES = {
     'physics.solvers': (0.5, 9.5, 3, 1, 'model'),
     'physics.simulation': (0.5, 9.5, 4, 1, 'model'), 'physics': (0.5, 9.5, 5, 1, 'model'),
     'drives': (10.6, 13.8, 1, 5, 'robot'),
-    'results': (0.9, 2.5, 6, 1, 'offline'), 'crossing': (3.3, 5.0, 6, 1, 'model'),
+    'results': (0.2, 1.5, 7, 1, 'offline'), 'crossing': (3.3, 5.0, 6, 1, 'model'),
     'control': (5.4, 7.6, 6, 1, 'robot'), 'plant': (8.1, 9.6, 6, 1, 'robot'),
     'decision': (3.3, 5.9, 7, 1, 'robot'), 'estimation': (6.2, 7.7, 7, 1, 'robot'),
     'emulator': (8.9, 12.2, 7, 1, 'robot'), 'bridge': (6.2, 7.8, 8, 1, 'robot'),
@@ -49,7 +49,8 @@ PLACES = {
 
 # Importer, imported -> x of an upright arrow, or the corners of another way.
 WAYS = {
-    ('figures', 'results'): 1.05, ('figures', 'studies'): 2.0, ('results', 'physics'): 1.7,
+    ('figures', 'results'): 1.05, ('figures', 'studies'): 2.0,
+    ('results', 'crossing'): [(0.85, 7.17), (0.85, 6.5), (3.3, 6.5)],
     ('crossing', 'physics'): 4.15, ('control', 'physics'): 6.5, ('plant', 'physics'): 8.8,
     ('decision', 'crossing'): 4.15, ('decision', 'control'): 5.65, ('estimation', 'control'): 6.9,
     ('emulator', 'plant'): 9.25, ('emulator', 'drives'): 11.4, ('bridge', 'estimation'): 7.0,
