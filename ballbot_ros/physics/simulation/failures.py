@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """How a run can fail, in words; and the energy ledger that finds out nonsense that is finite."""
 import math
-from typing import NamedTuple
 
 from ballbot_ros.compiled import compiled
 from ballbot_ros.errors import ConfigurationError, SimulationError
@@ -24,29 +23,26 @@ NAMES = ('ball_angle', 'pendulum_angle', 'x', 'y', 'ball_rate', 'pendulum_rate',
          'motor_work')
 
 
-class Energy(NamedTuple):
-    """What the ledger of a state holds [J]."""
-
-    kinetic: float
-    potential: float
-    contact: float  # in the springs of the contacts
-    lost: float  # to dampers and frictions, since the start
-    work: float  # of the motor, since the start
+# What the ledger of a state holds [J]: kinetic and potential energy, that in the springs of the
+# contacts; lost to dampers and frictions, and work of the motor, since the start.  A plain tuple:
+# it goes to Python and back, see `solvers.values.PackedStatus`.
+Energy = tuple[float, float, float, float, float]
 
 
 @compiled
-def energy_of(state: Array, parameters: Parameters, ground: Array, contacts: Array) -> Energy:
-    """Return the energy of a state; `contacts` is a table to work in."""
+def energy_of(state: Array, values: tuple[float, ...], ground: Array, contacts: Array) -> Energy:
+    """Return the energy of a state; `values` of the parameters, `contacts` to work in."""
+    parameters = Parameters(*values)
     lost = 0.0
     for item in range(CONTACT_LOSS, JOINT_LOSS + 1):
         lost += state[item]
-    return Energy(kinetic_energy(state, parameters), potential_energy(state, parameters),
-                  spring_energy(state, parameters, ground, contacts), lost, state[MOTOR_WORK])
+    return (kinetic_energy(state, parameters), potential_energy(state, parameters),
+            spring_energy(state, parameters, ground, contacts), lost, state[MOTOR_WORK])
 
 
 @compiled
-def worst_gap(states: Array, first: Energy, play: float, parameters: Parameters, ground: Array,
-              contacts: Array) -> tuple[float, int, float]:
+def worst_gap(states: Array, first: Energy, play: float, values: tuple[float, ...],
+              ground: Array, contacts: Array) -> tuple[float, int, float]:
     """
     Return the largest gap of the ledger over the energy in play, where, and that energy.
 
@@ -57,18 +53,22 @@ def worst_gap(states: Array, first: Energy, play: float, parameters: Parameters,
         At the start of the run.
     play : float
         Largest energy that has been in play so far [J]; see `Trajectory.energy_in_play`.
+    values : tuple of float
+        Of the parameters: recognised sooner than a named tuple.
 
     """
     worst, where = 0.0, 0
+    kinetic0, potential0, contact0, lost0, work0 = first
     floor = 0.0
     for part in first:
         floor += ROUNDING * abs(part)
     for row in range(len(states)):
-        now = energy_of(states[row], parameters, ground, contacts)
-        play = max(play, now.kinetic, abs(now.potential - first.potential), abs(now.contact),
-                   abs(now.lost - first.lost), abs(now.work - first.work))
-        gap = abs(now.kinetic + now.potential + now.contact + now.lost - now.work
-                  - (first.kinetic + first.potential + first.contact + first.lost - first.work))
+        kinetic, potential, contact, lost, work = energy_of(
+            states[row], values, ground, contacts)
+        play = max(play, kinetic, abs(potential - potential0), abs(contact), abs(lost - lost0),
+                   abs(work - work0))
+        gap = abs(kinetic + potential + contact + lost - work
+                  - (kinetic0 + potential0 + contact0 + lost0 - work0))
         # A gap that is no number is one without bound.
         ratio = gap / max(play, floor) if gap > 0.0 else (0.0 if gap == 0.0 else math.inf)
         if ratio > worst:
@@ -94,9 +94,9 @@ class Ledger:
 
     def __init__(self, parameters: Parameters, ground: Array, state: Array) -> None:
         """Open it."""
-        self._fixed = parameters, ground, contact_table(len(ground))
+        self._fixed = parameters[:], ground, contact_table(len(ground))
         self._first = energy_of(state, *self._fixed)
-        self._play = max(self._first.kinetic, abs(self._first.contact))
+        self._play = max(self._first[0], abs(self._first[2]))
 
     def missing(self, states: Array) -> tuple[float, int]:
         """

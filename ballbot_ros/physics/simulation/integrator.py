@@ -2,7 +2,7 @@
 """A method with the arrays that it works in, for one robot on one ground."""
 from typing import Optional
 
-from ballbot_ros.physics.model.parameters import Actuator, Parameters, System
+from ballbot_ros.physics.model.parameters import Actuator, Parameters
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.physics.solvers.registry import METHODS
@@ -33,10 +33,11 @@ class Integrator:
     def __init__(self, parameters: Parameters, ground: Array, solver: Solver,
                  flight: bool = False) -> None:
         """Allocate the workspace once."""
-        self._parameters, self._ground, self._solver = parameters, ground, solver
+        self._parameters, self._ground, self._solver = parameters[:], ground, solver
         self._method = METHODS[solver.method]
         self._flight = flight and self._method.flies
         self.workspace = Workspace.of(len(ground))
+        self._workspace = self.workspace.plain
 
     @property
     def work(self) -> int:
@@ -66,7 +67,8 @@ class Integrator:
         solver = self._solver
         if budget is None:
             budget = self.work + solver.work_budget
-        return Status.of(self._method.advance(
-            status, end, state, System(self._parameters, self._ground, actuator),
-            Options(solver.tolerance, solver.step, self._method.steps, budget, self._flight),
-            output, self.workspace))
+        options = Options(
+            solver.tolerance, solver.step, self._method.steps, budget, self._flight)
+        return Status.of(self._method.advance((
+            status.plain, end, state, (self._parameters, self._ground, actuator[:]), options[:],
+            output[:], self._workspace)))

@@ -4,11 +4,12 @@ From one state to a later one: methods, step sizes, events.
 
 **A solver is a file with one function**::
 
-    advance(status, end, state, system, options, output, workspace) -> PackedStatus
+    advance(call) -> PackedStatus
 
-It takes `state`, a (13,) array at ``status.time``, to the time `end` in place; fills those rows
-of `output` whose time it passes, beginning with number ``status.filled``; and returns where it
-came, with FINISHED or the reason why it cannot go on.  Where ``output.pause`` rows are filled, it
+``values.named(call)`` gives its status, end, state, system, options, output and workspace.  It
+takes `state`, a (13,) array at ``status.time``, to the time `end` in place; fills those rows of
+`output` whose time it passes, beginning with number ``status.filled``; and returns where it came,
+with FINISHED or the reason why it cannot go on.  Where ``output.pause`` rows are filled, it
 returns PAUSED between two steps; called again with that status, same arrays, it goes on as if it
 had not: who looks on does not change the numbers.  It adds its steps and right-hand sides to
 ``workspace.statistics``, works in the other arrays of the workspace, and makes none.  The types

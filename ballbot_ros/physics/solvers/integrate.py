@@ -32,8 +32,8 @@ from ballbot_ros.physics.solvers.flight import has_closed_form
 from ballbot_ros.physics.solvers.spans import FLIGHT, FULL, note
 from ballbot_ros.physics.solvers.touch_down import fly_to_touch, SHORT_FLIGHT
 from ballbot_ros.physics.solvers.values import (
-    BUDGET_EXCEEDED, EVALUATIONS, EventRate, EVENTS, FINISHED, LOOKING, NOT_FINITE, Options,
-    Output, packed, PackedStatus, PAUSED, PENETRATED, REJECTED, Status, STEP_TOO_SMALL,
+    BUDGET_EXCEEDED, Call, EVALUATIONS, EventRate, EVENTS, FINISHED, LOOKING, named, NOT_FINITE,
+    Options, Output, packed, PackedStatus, PAUSED, PENETRATED, REJECTED, Status, STEP_TOO_SMALL,
     StepController, STEPS, Workspace)
 
 FREE_FEATURES = 32  # of the ground that a right-hand side pays for; more cost work, too
@@ -175,7 +175,6 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
 
 
 @outlined
-def advance(status: Status, end: float, state: Array, system: System, options: Options,
-            output: Output, workspace: Workspace) -> PackedStatus:
-    """Advance `state` in place up to `end` [s]; see the contract in `solvers`."""
-    return packed(integrate(status, end, state, system, options, output, workspace))
+def advance(call: Call) -> PackedStatus:
+    """Advance a state in place; see the contract in `solvers`."""
+    return packed(integrate(*named(call)))

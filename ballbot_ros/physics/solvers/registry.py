@@ -2,19 +2,15 @@
 """The methods by name: to add one is to add its line here."""
 from typing import Callable, NamedTuple
 
-from ballbot_ros.physics.model.parameters import System
-from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import integrate, rk4, semi_implicit, trapezoidal
 from ballbot_ros.physics.solvers.values import (
-    AUTOMATIC, EXPLICIT, IMPLICIT, Options, Output, PackedStatus, Status, Workspace)
-
-Advance = Callable[[Status, float, Array, System, Options, Output, Workspace], PackedStatus]
+    AUTOMATIC, Call, EXPLICIT, IMPLICIT, PackedStatus)
 
 
 class Method(NamedTuple):
     """A method, and what users choose it by."""
 
-    advance: Advance  # see `solvers`
+    advance: Callable[[Call], PackedStatus]  # see `solvers`
     order: int
     evaluations: int = 0  # of the right-hand side in each step, where all are of one length
     steps: int = AUTOMATIC  # which steps `integrate` takes

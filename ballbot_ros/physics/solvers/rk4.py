@@ -11,7 +11,7 @@ from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.fixed_step import end_stretch, moved, outcome_of, stretches
 from ballbot_ros.physics.solvers.values import (
-    FINISHED, Options, Output, PackedStatus, PAUSED, Status, Workspace)
+    Call, FINISHED, named, PackedStatus, PAUSED, Workspace)
 
 ORDER = 4
 EVALUATIONS = 4  # of the right-hand side, for each step
@@ -37,9 +37,9 @@ def step(time: float, state: Array, size: float, system: System, workspace: Work
 
 
 @outlined
-def advance(status: Status, end: float, state: Array, system: System, options: Options,
-            output: Output, workspace: Workspace) -> PackedStatus:
-    """Advance `state` in place up to `end` [s]; see the contract in `solvers`."""
+def advance(call: Call) -> PackedStatus:
+    """Advance a state in place; see the contract in `solvers`."""
+    status, end, state, system, options, output, workspace = named(call)
     start, count, steps = stretches(status, end, options, output)
     filled, size = status.filled, options.step
     for stretch in range(filled, count):

@@ -25,8 +25,8 @@ from ballbot_ros.physics.solvers.controller import (
 from ballbot_ros.physics.solvers.dense import write_rows
 from ballbot_ros.physics.solvers.rodas5p import invert, solve
 from ballbot_ros.physics.solvers.values import (
-    BUDGET_EXCEEDED, EVALUATIONS, FINISHED, NOT_FINITE, Options, Output, packed, PackedStatus,
-    PAUSED, PENETRATED, REJECTED, Status, STEP_TOO_SMALL, STEPS, Workspace)
+    BUDGET_EXCEEDED, Call, EVALUATIONS, FINISHED, named, NOT_FINITE, packed, PackedStatus, PAUSED,
+    PENETRATED, REJECTED, Status, STEP_TOO_SMALL, STEPS, Workspace)
 
 # Rows of the stages: f0, that of the step before, and what the iteration needs.
 F0, PREVIOUS, RIGHT, CHANGE = range(4)
@@ -112,9 +112,9 @@ def factor(error: float, tolerance: float) -> float:
 
 
 @outlined
-def advance(status: Status, end: float, state: Array, system: System, options: Options,
-            output: Output, workspace: Workspace) -> PackedStatus:
-    """Advance `state` in place up to `end` [s]; see the contract in `solvers`."""
+def advance(call: Call) -> PackedStatus:
+    """Advance a state in place; see the contract in `solvers`."""
+    status, end, state, system, options, output, workspace = named(call)
     statistics, stages, tolerance = workspace.statistics, workspace.stages, options.tolerance
     time, filled, controller, before = (
         status.time, status.filled, status.controller, status.before)

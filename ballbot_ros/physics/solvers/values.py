@@ -7,6 +7,7 @@ import numpy as np
 from ballbot_ros.compiled import compiled
 from ballbot_ros.physics.mechanics.jacobian import jacobian_table
 from ballbot_ros.physics.mechanics.modes import ContactMode, IntArray
+from ballbot_ros.physics.model.parameters import Actuator, Parameters, System
 from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
 
@@ -82,11 +83,25 @@ class Status(NamedTuple):
         return cls(outcome, time, filled, StepController(*controller), EventRate(*rate), begun,
                    may_fly, before)
 
+    @property
+    def plain(self) -> 'PackedStatus':
+        """Return it as a solver takes it."""
+        return (*self[:3], self.controller[:], self.rate[:], *self[5:])
 
-# A status as plain tuples. Solvers return it so: numba makes a named tuple by calling its class,
-# which is Python code, where a Ctrl-C that has arrived meanwhile raises, and numba crashes.
+
+# Between Python and a solver all tuples are plain. numba takes half a microsecond to recognise a
+# named one, of which there are ten; and it makes one by calling its class, which is Python code,
+# where a Ctrl-C that has arrived meanwhile raises, and numba crashes.
 PackedStatus = tuple[int, float, int, tuple[float, bool, bool, float, int, int],
                      tuple[int, int, int], bool, bool, float]
+# A slice of a named tuple, ``options[:]``, is plain.
+PackedSystem = tuple[tuple[float, ...], Array,
+                     tuple[int, float, float, float, float, float, float, float]]
+PackedWorkspace = tuple[tuple[IntArray, Array], Array, Array, Array, Array, Array, Array, Array,
+                        Array, IntArray, IntArray, Array]
+# Status, end [s], state, system, options, output and workspace; see `solvers`.
+Call = tuple[PackedStatus, float, Array, PackedSystem, tuple[float, float, int, int, bool],
+             tuple[Array, float, float, int], PackedWorkspace]
 
 
 @compiled
@@ -124,6 +139,24 @@ class Workspace(NamedTuple):
             np.zeros(SIZE), np.zeros((5, SIZE)), jacobian_table(), np.zeros((4, 12)),
             np.zeros(SIZE), np.zeros((4 * vertices + 8, 2), dtype=np.int64),
             np.zeros(5, dtype=np.int64), np.zeros((LOG_LINES, 2)))
+
+    @property
+    def plain(self) -> 'PackedWorkspace':
+        """Return it as a solver takes it."""
+        return (self.mode[:], *self[1:])
+
+
+@compiled
+def named(call: Call) -> tuple[Status, float, Array, System, Options, Output, Workspace]:
+    """Return with their names what Python hands to a solver."""
+    status, end, state, system, options, output, workspace = call
+    outcome, time, filled, controller, rate, begun, may_fly, before = status
+    parameters, ground, actuator = system
+    return (Status(outcome, time, filled, StepController(*controller), EventRate(*rate), begun,
+                   may_fly, before),
+            end, state, System(Parameters(*parameters), ground, Actuator(*actuator)),
+            Options(*options), Output(*output),
+            Workspace(ContactMode(*workspace[0]), *workspace[1:]))
 
 
 NO_OUTPUT = Output(np.zeros((0, 2 + SIZE)), 0.0, 1.0)
