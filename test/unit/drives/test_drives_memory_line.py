@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The line in memory behaves as a cable does: late replies, and none when it is out."""
+import pytest
+
+from ballbot_ros.drives.memory_line import MemoryLine
+from ballbot_ros.errors import LinkError
+
+
+class Echo:
+    """A device that replies what it receives."""
+
+    def receive(self, data, now):
+        """Return it."""
+        return data
+
+    def tick(self, now):
+        """Do nothing."""
+
+
+def test_a_reply_arrives_after_its_delay_and_once():
+    line = MemoryLine(Echo(), delay=0.0025)
+    line.write(b'hello')
+    assert line.read() == b'' and not line.wait(0.001)
+    while not line.wait(1.0):
+        pass
+    assert line.clock() == pytest.approx(0.003)
+    assert line.read() == b'hello' and line.read() == b''
+
+
+@pytest.mark.parametrize('use', [
+    lambda line: line.write(b'x'), lambda line: line.read(), lambda line: line.wait(1.0)])
+def test_without_its_cable_every_use_is_refused(use):
+    line = MemoryLine(Echo())
+    use(line)
+    line.plugged = False
+    with pytest.raises(LinkError, match='cable'):
+        use(line)
+    line.plugged = True
+    use(line)
