@@ -115,8 +115,7 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
             break
         if not begun:
             if find_mode(time, state, system, workspace.mode) == 0 and flies and may_fly:
-                landed, filled = fly_to_touch(
-                    time, state, end, system, output, filled, workspace)
+                landed, filled = fly_to_touch(time, state, end, system, output, filled, workspace)
                 may_fly = landed - time >= SHORT_FLIGHT
                 if landed > time:
                     note(workspace.log, time, FLIGHT)
