@@ -33,7 +33,7 @@ except ImportError:
     COMPILED = False
 
 KEPT_CACHES = 4
-KERNELS = ('physics', 'crossing')  # the folders that may hold any
+KERNELS = ('physics', 'crossing', 'control', 'decision')  # the folders that may hold any
 
 
 def _cache_folder() -> str:
