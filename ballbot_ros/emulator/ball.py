@@ -84,7 +84,12 @@ class Ball:
         return self.plant.state
 
     def pendulum_torque(self, shaft_torque: float) -> float:
-        """Return the torque at the pendulum joint [N m] for one at the motor shaft."""
+        """
+        Return the torque at the pendulum joint [N m] for one at the motor shaft.
+
+        What the supply voltage of the robot file does not allow at the rate of the joint, the
+        plant cuts: a drive that regulates current does not know it.
+        """
         return shaft_torque * self.motor.gear_ratio * self.motor.gear_efficiency
 
     def advance(self, shaft_torque: float) -> State:

@@ -114,8 +114,8 @@ class Emulator:
 
     @property
     def pendulum_torque(self) -> float:
-        """Return the torque at the pendulum joint now [N m]."""
-        return self.ball.pendulum_torque(self.torque)
+        """Return the torque at the pendulum joint over the last period [N m]."""
+        return self.ball.plant.torque
 
     @property
     def state(self) -> State:

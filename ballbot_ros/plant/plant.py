@@ -5,6 +5,7 @@ import math
 from typing import Optional
 
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.mechanics.laws import available_torque, limited
 from ballbot_ros.physics.model.parameters import Actuator, TORQUE
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.accuracy import solvers_for
@@ -16,7 +17,7 @@ from ballbot_ros.plant.error_monitor import ErrorMonitor
 
 class Plant:
     """
-    A scene whose motor takes a torque per control period.
+    A scene whose motor takes a torque per control period, and gives what it can of it.
 
     What it promises, as the Physics of dm_control does, to an owner who brings what there is
     Task and Environment (when a period runs, which torque, what is measured and published):
@@ -26,6 +27,8 @@ class Plant:
       same start give the same states to the bit, whatever the clock.
     * `time` is the number of periods done times their length, so it carries no accumulated
       rounding; `reset` brings back the first state, and time goes on.
+    * `torque` is what the motor gave: what was asked for, cut to what the motor of the robot
+      file can give at the rate that its joint has when the period begins.
 
     Parameters
     ----------
@@ -34,7 +37,7 @@ class Plant:
     control_rate : float
         [Hz]; a control period must be a whole number of solver steps.
     torque_limit : float, optional
-        [N m]; that of the robot's motor if not given, none without a motor.
+        [N m]; cuts further than the motor does.
     accuracy : float, optional
         Chooses the solver by itself [m], and lets an `ErrorMonitor` run along.
 
@@ -60,10 +63,8 @@ class Plant:
         self.period = 1.0 / control_rate
         self._steps = steps_in(self.period, scene.model.solver.step,
                                f'a control period (control_rate {control_rate:g} Hz)')
-        if torque_limit is None:
-            motor = scene.model.robot.motor
-            torque_limit = motor.maximum_torque if motor else 1e9
-        self.torque_limit = torque_limit
+        self._line = scene.model.robot.motor_line
+        self.torque_limit = min(1e9 if torque_limit is None else torque_limit, self._line[-1])
         self._start = self.state = scene.start
         self.periods = 0
         # Compile now: the first control period must not wait for it.
@@ -94,7 +95,7 @@ class Plant:
         Parameters
         ----------
         torque : float
-            At the pendulum [N m]; cut to the torque limit.
+            At the pendulum [N m]; cut to what the motor can give, and to the torque limit.
 
         Raises
         ------
@@ -102,7 +103,8 @@ class Plant:
             If the run cannot go on; state and time stay at the last good ones.
 
         """
-        cut = min(max(torque, -self.torque_limit), self.torque_limit)
+        lowest, highest = available_torque(self.state.joint_rate, *self._line)
+        cut = limited(min(max(torque, lowest), highest), self.torque_limit)
         actuator = Actuator(TORQUE, cut, limit=self.torque_limit)
         after = self.model.advance(self.state, actuator, self._steps)
         after = after._replace(time=(self.periods + 1) * self.period)

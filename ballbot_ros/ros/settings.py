@@ -51,8 +51,8 @@ class SimulatorSettings(Checked):
         's', 'simulated time after which a command is not followed any more', default=0.1,
         minimum=1e-3, maximum=10.0)
     torque_limit: float = quantity(
-        'N m', 'largest torque at the pendulum; 0 takes that of the motor of the robot',
-        default=0.0, minimum=0.0, maximum=1e6)
+        'N m', 'largest torque at the pendulum, where the motor could give more; 0 for none but '
+        'that of the motor', default=0.0, minimum=0.0, maximum=1e6)
     clock_rate: float = _rate('/clock in simulated time', 100.0, maximum=250.0)
     odom_rate: float = _rate('odom', 100.0)
     ball_state_rate: float = _rate('ball_state', 100.0)

@@ -82,6 +82,35 @@ def motor_torque(voltage: float, joint_rate: float, stall_torque_per_volt: float
 
 
 @compiled
+def available_torque(joint_rate: float, stall_torque_per_volt: float, back_voltage: float,
+                     supply: float, maximum_torque: float) -> tuple[float, float]:
+    """
+    Return the lowest and the highest torque that a DC motor can give at a rate [N m].
+
+    Its speed-torque lines at minus and plus the supply voltage, cut to the largest torque.
+    Against the rotation there is more than along it, for the back voltage helps then; beyond
+    the idle speed supply / back_voltage even full voltage brakes.
+
+    Parameters
+    ----------
+    joint_rate : float
+        theta2' [rad/s].
+    stall_torque_per_volt, back_voltage : float
+        As in `motor_torque`.
+    supply : float
+        Voltage [V]; the armature gets any between minus and plus this.
+    maximum_torque : float
+        At the joint [N m].
+
+    """
+    return (
+        limited(motor_torque(-supply, joint_rate, stall_torque_per_volt, back_voltage),
+                maximum_torque),
+        limited(motor_torque(supply, joint_rate, stall_torque_per_volt, back_voltage),
+                maximum_torque))
+
+
+@compiled
 def limited(torque: float, limit: float) -> float:
     """Return `torque` cut to [-limit, limit]."""
     return min(max(torque, -limit), limit)

@@ -85,10 +85,8 @@ class Actuation(Checked):
             raise ConfigurationError(
                 f'actuation: voltage must be within +-{motor.maximum_voltage:g} V of the '
                 f'motor of {robot.name!r}, got {self.voltage:g}')
-        per_volt = (motor.gear_ratio * motor.gear_efficiency * motor.torque_constant
-                    / motor.resistance)
         return Actuator(
-            VOLTAGE, self.voltage, per_volt, motor.gear_ratio * motor.speed_constant,
+            VOLTAGE, self.voltage, motor.stall_torque_per_volt, motor.back_voltage,
             limit=min(self.torque_limit, motor.maximum_torque))
 
 

@@ -28,6 +28,16 @@ class Motor(Checked):
     maximum_voltage: float = quantity('V', 'supply voltage', above=0.0)
     maximum_torque: float = quantity('N m', 'largest torque at the pendulum joint', above=0.0)
 
+    @property
+    def stall_torque_per_volt(self) -> float:
+        """Return gear_ratio gear_efficiency torque_constant / resistance [N m/V]."""
+        return self.gear_ratio * self.gear_efficiency * self.torque_constant / self.resistance
+
+    @property
+    def back_voltage(self) -> float:
+        """Return the voltage per rate of the joint, gear_ratio speed_constant [V s/rad]."""
+        return self.gear_ratio * self.speed_constant
+
 
 @dataclass(frozen=True)
 class Robot(Checked):
@@ -141,6 +151,19 @@ class Robot(Checked):
     def largest_gravity_torque(self) -> float:
         """Return the torque of a level pendulum about the joint, M2 g e [N m]."""
         return self.pendulum_mass * self.gravity * self.pendulum_length
+
+    @property
+    def motor_line(self) -> tuple[float, float, float, float]:
+        """
+        Return what `laws.available_torque` takes after the rate of the joint.
+
+        Stall torque per volt [N m/V], back voltage [V s/rad], supply voltage [V] and largest
+        torque [N m].  A robot that describes no motor has one without limits.
+        """
+        if self.motor is None:
+            return 1.0, 0.0, math.inf, math.inf
+        return (self.motor.stall_torque_per_volt, self.motor.back_voltage,
+                self.motor.maximum_voltage, self.motor.maximum_torque)
 
     @property
     def slope_limit(self) -> float:

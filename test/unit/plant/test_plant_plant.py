@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plant: whole periods, time without rounding, torque within its limit."""
+from dataclasses import replace
 import math
 
 import pytest
 
 from ballbot_ros.errors import ConfigurationError, SimulationError
-from ballbot_ros.physics import load_scene
+from ballbot_ros.physics import load_robot, load_scene
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Plant
 
@@ -52,6 +53,66 @@ def test_torque_is_cut_to_the_limit_of_the_motor_or_to_ones_own():
     exact.advance(-1.0)
     assert own.torque == exact.torque == -1.0
     assert own.state == exact.state
+
+
+def spinning(joint_rate, **arguments):
+    """Return a plant of GimBall in flight, its joint turning at a rate."""
+    scene = read_scene({'robot': 'gimball', 'duration': 1.0, 'initial': {
+        'y': 50.0, 'ball_rate': -joint_rate}}, 'test', 'test')
+    return Plant(scene, 500.0, **arguments)
+
+
+MOTOR = load_robot('gimball').motor
+STALL = MOTOR.stall_torque_per_volt * MOTOR.maximum_voltage
+IDLE = MOTOR.maximum_voltage / MOTOR.back_voltage
+
+
+@pytest.mark.parametrize(('share', 'asked', 'given'), [
+    (0.0, 9.0, 4.0),  # more than the gear bears is not asked for: the stall torque is 4.32
+    (0.5, 9.0, 0.5 * STALL), (0.5, -9.0, -4.0), (0.5, -1.0, -1.0),
+    (1.0, 9.0, 0.0), (1.0, -9.0, -4.0),
+    # Faster than it would idle, the motor brakes even under full voltage.
+    (1.5, 9.0, -0.5 * STALL), (1.5, 0.0, -0.5 * STALL), (1.5, -9.0, -4.0),
+    (-0.5, 9.0, 4.0), (-0.5, -9.0, -0.5 * STALL), (-1.0, -9.0, 0.0), (-1.5, -9.0, 0.5 * STALL)])
+def test_the_motor_gives_what_its_speed_torque_line_leaves(share, asked, given):
+    plant = spinning(share * IDLE)
+    plant.advance(asked)
+    assert plant.torque == pytest.approx(given, abs=1e-12)
+
+
+def test_the_torque_limit_cuts_what_the_motor_could_give_and_never_adds():
+    for limit, given in ((1.0, 1.0), (100.0, 0.5 * STALL), (math.inf, 0.5 * STALL)):
+        plant = spinning(0.5 * IDLE, torque_limit=limit)
+        plant.advance(9.0)
+        assert plant.torque == pytest.approx(given)
+
+
+def test_a_robot_without_a_motor_has_no_line():
+    scene = read_scene({'robot': 'gimball', 'duration': 1.0, 'initial': {
+        'y': 50.0, 'ball_rate': -2.0 * IDLE}}, 'test', 'test')
+    bare = replace(scene.model.robot, motor=None)
+    plant = Plant(replace(scene, model=replace(scene.model, robot=bare)), 500.0)
+    plant.advance(30.0)
+    assert plant.torque == 30.0
+
+
+def test_the_work_of_the_motor_is_that_of_the_torque_that_it_is_said_to_have_given():
+    plant, work = flat(), 0.0
+    for _ in range(200):
+        before = plant.state
+        after = plant.advance(9.0)
+        work += plant.torque * (after.joint_angle - before.joint_angle)
+        # No more than the electrical power at its best, at half the idle speed, gives.
+        assert plant.torque * before.joint_rate <= STALL * IDLE / 4.0 + 1e-9
+    assert plant.state.motor_work == pytest.approx(work, rel=1e-6) and work > 1.0
+
+
+def test_under_full_torque_the_joint_comes_to_its_idle_speed_and_stays_there():
+    scene = read_scene({'robot': 'gimball', 'robot_changes': {'joint_friction': 0.0},
+                        'duration': 1.0, 'initial': {'y': 50.0}}, 'test', 'test')
+    plant = Plant(scene, 500.0)
+    rates = [plant.advance(9.0).joint_rate for _ in range(400)]
+    assert max(rates) <= IDLE + 1e-9 and rates[-1] == pytest.approx(IDLE, rel=1e-3)
 
 
 def test_a_ball_without_pendulum_has_no_torque():
