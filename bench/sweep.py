@@ -10,7 +10,7 @@ import time
 from ballbot_ros.cli.sweep import follow
 from ballbot_ros.physics import load_robot
 from ballbot_ros.studies.sweep import run_block, run_sweep
-from ballbot_ros.studies.sweep_plan import Plan
+from ballbot_ros.studies.sweep_plan import SweepPlan
 
 SIZES = (5_000, 10_000, 20_000, 40_000)
 REPEATS = 3
@@ -19,7 +19,7 @@ MILLION = 1e6
 
 def planned(size):
     """Return a sweep over four numbers."""
-    return Plan(load_robot('gimball'), design='sobol', cases=size, ranges={
+    return SweepPlan(load_robot('gimball'), design='sobol', cases=size, ranges={
         'speed': (0.3, 1.2), 'height': (0.003, 0.06), 'ball_inertia': (0.05, 0.116),
         'edge_friction': (0.1, 0.3)})
 

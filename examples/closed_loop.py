@@ -8,8 +8,7 @@ The nodes do the same with topics in between.
 """
 from ballbot_ros.control import JointReadings, load_tuning, Mode, PendulumController, SetPoint
 from ballbot_ros.decision import (
-    check_decision, load_curve, load_decision_tuning, Motion, PLANNERS, set_angle, StepObservation,
-    StepTracker)
+    check_decision, Decider, Knowledge, load_curve, load_decision_tuning, Motion, StepObservation)
 from ballbot_ros.physics import load_scene
 from ballbot_ros.plant import Plant, Sensor
 
@@ -25,19 +24,16 @@ def main() -> None:
     plant = Plant(scene, RATE)
     controller = PendulumController(robot, load_tuning('published'))
     sensor = Sensor(scene.model.terrain, reach=3.0, distance_sd=0.01, height_sd=0.001)
-    tracker = StepTracker(robot, tuning)
-    decision, said = None, ''
+    decider, said = Decider(Knowledge(robot, curve, tuning), planner='cubic'), ''
 
     for period in range(12 * RATE):
         state = plant.state
         if period % LOOK_EVERY == 0:
             seen = sensor.look(state.x, period // LOOK_EVERY)
-            track = tracker.update(StepObservation(
-                plant.time, seen.detected, seen.distance, seen.height, 0.01, 0.001), state.x)
-            decision = PLANNERS['cubic'](
-                track, Motion(plant.time, state.x, state.velocity_x), decision,
-                robot=robot, curve=curve, tuning=tuning)
-            angle = set_angle(decision, state.velocity_x, robot, tuning)
+            decider.observe(StepObservation(
+                plant.time, seen.detected, seen.distance, seen.height, 0.01, 0.001))
+            decider.move(Motion(plant.time, state.x, state.velocity_x))
+            _, decision, angle = decider.decide()
             controller.give(SetPoint(Mode.HOLD, angle, plant.time))
             if decision.reason.value != said:
                 said = decision.reason.value

@@ -111,12 +111,12 @@ def test_a_drive_is_a_folder_and_a_line(house):
 def test_a_planner_is_a_file_and_a_line(house):
     house.copy('decision/planners/cubic.py', 'decision/planners/timid.py')
     house.change('decision/planners/timid.py', (
-        r'    step = track\.step', '    if track and track.step:\n'
-        "        return _stop(Reason.TOO_HIGH, 'I had rather not')\n    step = track.step"))
+        r'    step = profile\.face', '    if profile and profile.face:\n'
+        "        return _stop(Reason.TOO_HIGH, 'I had rather not')\n    step = profile.face"))
     house.change('decision/planners/__init__.py', (r'import cubic\n', 'import cubic, timid\n'),
-                 (r"\{'cubic'", "{'timid': timid.decide, 'cubic'"))
+                 (r"\{'cubic'", "{'timid': timid.planner, 'cubic'"))
     loop = house.folder / 'examples' / 'closed_loop.py'
-    loop.write_text(loop.read_text().replace("PLANNERS['cubic']", "PLANNERS['timid']").replace(
+    loop.write_text(loop.read_text().replace("planner='cubic'", "planner='timid'").replace(
         '12 * RATE', 'RATE // 10'), encoding='utf-8')
     assert 'I had rather not' in house.run('examples/closed_loop.py')
 

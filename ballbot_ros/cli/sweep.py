@@ -50,14 +50,14 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.results.files import check_writable
     from ballbot_ros.studies.sweep import load_arrow, refuse_foreign, run_sweep, spread
-    from ballbot_ros.studies.sweep_plan import Plan
+    from ballbot_ros.studies.sweep_plan import SweepPlan
     varied = dict(map(spread, arguments.vary))
     fixed = {}
     for name, values in map(spread, arguments.fix):
         if not isinstance(values, list) or len(values) != 1:
             raise ConfigurationError(f'--fix {name}: give one value')
         fixed[name] = values[0]
-    plan = Plan(
+    plan = SweepPlan(
         robot, options.read_law(arguments), options.read_site(arguments),
         options.read_rules(arguments), arguments.design, arguments.cases, arguments.seed,
         arguments.accuracy, fixed,

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fuse observations of the next step with odometry into one step, or say why not."""
 import math
-from typing import Optional
+from typing import Optional, Tuple
 
+from ballbot_ros.decision.observations import StepObservation
+from ballbot_ros.decision.profile import Face, Profile
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Reason, StepObservation, Track, TrackedStep
+from ballbot_ros.decision.values import Reason
 from ballbot_ros.physics.model.robot import Robot
 
 # No sensor is as good as the zero deviation that some claim: odometry and observation are
@@ -44,13 +46,13 @@ class StepTracker:
 
     def reset(self) -> None:
         """Forget all, for a jump of time or place; the numbers of steps go on counting."""
-        self._step: Optional[TrackedStep] = None
-        self._answer: Optional[Track] = None
+        self._step: Optional[Face] = None
+        self._answer: Optional[Profile] = None
         self._newest = -math.inf
         self._strikes = 0
         self._misses = 0
 
-    def update(self, observation: StepObservation, position: float) -> Track:
+    def update(self, observation: StepObservation, position: float) -> Profile:
         """
         Take in one observation; the same stamp again gives the same answer again.
 
@@ -62,7 +64,7 @@ class StepTracker:
 
         Returns
         -------
-        Track
+        Profile
             With the reason of a rejection, if it is one; never raises for what a sensor says.
 
         """
@@ -70,7 +72,7 @@ class StepTracker:
             self._answer = self._judge(observation, position)
         return self._answer
 
-    def _judge(self, observation: StepObservation, position: float) -> Track:
+    def _judge(self, observation: StepObservation, position: float) -> Profile:
         """Return what is known after a new observation."""
         fault = _fault(observation, position)
         if fault:
@@ -91,11 +93,16 @@ class StepTracker:
             self._take(observation, position)
         else:
             self._miss(position)
-        return Track(observation.stamp, self._step)
+        return Profile(observation.stamp, self._faces)
 
-    def _reject(self, observation: StepObservation, reason: Reason, why: str) -> Track:
-        """Return a track that reports a rejection and keeps the step."""
-        return Track(observation.stamp, self._step, reason, why)
+    @property
+    def _faces(self) -> Tuple[Face, ...]:
+        """Return the step, if there is one."""
+        return (self._step,) if self._step else ()
+
+    def _reject(self, observation: StepObservation, reason: Reason, why: str) -> Profile:
+        """Return a profile that reports a rejection and keeps the step."""
+        return Profile(observation.stamp, self._faces, rejection=reason, explanation=why)
 
     def _contradiction(self, observation: StepObservation, position: float) -> str:
         """Return how a sane observation contradicts what is known, or nothing."""
@@ -125,7 +132,7 @@ class StepTracker:
     def _begin(self, observation: StepObservation, position: float, number: int) -> None:
         """Start a step with an observation."""
         self._number = number
-        self._step = TrackedStep(
+        self._step = Face(
             number, position + observation.distance, observation.height,
             *_deviations(observation))
 
@@ -152,7 +159,7 @@ class StepTracker:
         place, place_sd = _average(step.position, step.position_sd, place, place_sd)
         height, height_sd = _average(
             step.height, step.height_sd, observation.height, height_sd)
-        self._step = TrackedStep(
+        self._step = Face(
             step.number, place, height, max(place_sd, DISTANCE_FLOOR),
             max(height_sd, HEIGHT_FLOOR))
 

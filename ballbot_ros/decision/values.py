@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Values that the decision takes and gives."""
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from enum import Enum
 import math
-from typing import Optional
+from typing import Optional, Tuple
+
+from ballbot_ros.decision.plan import Plan
 
 
 class Kind(str, Enum):
@@ -13,6 +15,7 @@ class Kind(str, Enum):
     CROSS = 'cross'
     STOP = 'stop'
     GO_ROUND = 'go_round'
+    BACK_OFF = 'back_off'
 
 
 class Reason(str, Enum):
@@ -28,88 +31,14 @@ class Reason(str, Enum):
     BAD_OBSERVATION = 'bad_observation'
     STALE = 'stale'
     CONTRADICTORY = 'contradictory'
-
-
-@dataclass(frozen=True)
-class StepObservation:
-    """
-    One look at the floor ahead, as a sensor gave it: nothing is checked yet.
-
-    Attributes
-    ----------
-    stamp : float
-        When it was made [s].
-    detected : bool
-        Whether there is a step; if not, distance and height are 0.
-    distance : float
-        Horizontally from the ball's centre to the face of the step [m].
-    height : float
-        Of the step [m], negative for a drop.
-    distance_sd, height_sd : float
-        Standard deviations [m], 0 if unknown.
-
-    """
-
-    stamp: float
-    detected: bool
-    distance: float = 0.0
-    height: float = 0.0
-    distance_sd: float = 0.0
-    height_sd: float = 0.0
-
-    @property
-    def finite(self) -> bool:
-        """Return whether all its numbers are finite."""
-        return all(math.isfinite(number) for number in astuple(self))
-
-
-@dataclass(frozen=True)
-class TrackedStep:
-    """
-    A step, fused from observations.
-
-    Attributes
-    ----------
-    number : int
-        Counts the steps met, from 1.
-    position : float
-        Of its face along the odometry axis [m].
-    height : float
-        [m]
-    position_sd, height_sd : float
-        Standard deviations [m].
-
-    """
-
-    number: int
-    position: float
-    height: float
-    position_sd: float
-    height_sd: float
-
-
-@dataclass(frozen=True)
-class Track:
-    """
-    What the tracker knows after an observation.
-
-    Attributes
-    ----------
-    stamp : float
-        Of the observation [s].
-    step : TrackedStep or None
-        The next step; kept where an observation is rejected.
-    rejection : Reason or None
-        ``BAD_OBSERVATION`` or ``CONTRADICTORY``: do not act on it.
-    explanation : str
-        Of the rejection.
-
-    """
-
-    stamp: float
-    step: Optional[TrackedStep] = None
-    rejection: Optional[Reason] = None
-    explanation: str = ''
+    NOT_LIKELY = 'not_likely'
+    LANDING = 'landing'
+    STEEP = 'steep'
+    FAILED_BEFORE = 'failed_before'
+    RUN_UP = 'run_up'
+    STUCK = 'stuck'
+    WALL = 'wall'
+    LIKELY = 'likely'
 
 
 @dataclass(frozen=True)
@@ -123,12 +52,56 @@ class Motion:
         Now, on the clock of the observations [s].
     position, speed : float
         Of the ball's centre along its axis of travel [m], [m/s].
+    pendulum_angle, pendulum_rate : float
+        Absolute, as the model says after the set angles given [rad], [rad/s].
+    slope : float
+        Of the ground below the ball as its speed tells, positive uphill [rad].
 
     """
 
     stamp: float
     position: float
     speed: float
+    pendulum_angle: float = 0.0
+    pendulum_rate: float = 0.0
+    slope: float = 0.0
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """
+    What is expected of a plan, from attempts on many robots and grounds.
+
+    Attributes
+    ----------
+    probability : float
+        That the ball gets over and stays where it may be.
+    stuck, falls : float
+        Probabilities of the other ends.
+    required : float
+        Probability that a crossing must have.
+    touch_speed : float
+        Expected at the first touch [m/s].
+    height_limit : float
+        Highest step that this very plan crosses as surely as required [m].
+    braking_room : float
+        To the last point where braking still works [m]; negative: passed.
+    attempts : int
+        That stand behind it.
+    others : tuple of str
+        Other plans, each with why it lost.
+
+    """
+
+    probability: float = math.nan
+    stuck: float = math.nan
+    falls: float = math.nan
+    required: float = math.nan
+    touch_speed: float = math.nan
+    height_limit: float = math.nan
+    braking_room: float = math.nan
+    attempts: int = 0
+    others: Tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -159,6 +132,12 @@ class Decision:
         Number of the step, 0 for none.
     contact_since : float or None
         When the ball touched the step that it is crossing [s].
+    start_distance, swing_distance : float
+        From the centre back to where the plan begins, and on to where the pendulum swings [m].
+    plan : Plan or None
+        None from a planner that makes none.
+    outlook : Outlook or None
+        What is expected of the plan.
 
     """
 
@@ -173,3 +152,7 @@ class Decision:
     distance: float = math.nan
     step: int = 0
     contact_since: Optional[float] = None
+    start_distance: float = math.nan
+    swing_distance: float = math.nan
+    plan: Optional[Plan] = None
+    outlook: Optional[Outlook] = None

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node ``obstacle_decision``: what to do about the step ahead, and a set-point for it."""
-from collections import Counter, deque
+from collections import Counter
 import sys
-from typing import Any, Deque, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
@@ -10,8 +10,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.decision import (
-    check_decision, Decision, Kind, load_curve, load_decision_tuning, Motion, PLANNERS, set_angle,
-    StepTracker, Track)
+    check_decision, Decider, Kind, Knowledge, load_curve, load_decision_tuning)
 from ballbot_ros.msg import StepDecision, StepObservation
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
@@ -21,9 +20,6 @@ from ballbot_ros.ros.endpoints import create_publisher, create_subscription, wai
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import DecisionSettings
-
-# So many messages are kept while the other topic lags behind.
-KEPT = 50
 
 
 class ObstacleDecision(Node):
@@ -38,16 +34,15 @@ class ObstacleDecision(Node):
         """Check that robot, curve and tuning belong together, then wait."""
         super().__init__('obstacle_decision', **kwargs)
         settings = declare(self, DecisionSettings)
-        self._robot = load_robot(settings.robot)
-        self._curve = load_curve(settings.curve, settings.variant)
-        self._tuning = load_decision_tuning(settings.tuning)
-        check_decision(self._robot, self._curve, self._tuning)
-        self._decide_on = PLANNERS[settings.planner]
-        self._tracker = StepTracker(self._robot, self._tuning)
-        self._track: Optional[Track] = None
-        self._decision: Optional[Decision] = None
-        self._odometry: Deque[Odometry] = deque(maxlen=KEPT)
-        self._pending: Deque[StepObservation] = deque(maxlen=KEPT)
+        knowledge = Knowledge(load_robot(settings.robot),
+                              load_curve(settings.curve, settings.variant),
+                              load_decision_tuning(settings.tuning))
+        check_decision(knowledge.robot, knowledge.curve, knowledge.tuning)
+        self._decider = Decider(knowledge, settings.planner)
+        self._timeout = knowledge.tuning.observation_timeout
+        self._odometry: Optional[Odometry] = None
+        self._observed: Optional[Time] = None
+        self._pending = False
         self._counts: Counter = Counter()
         self._answer: Optional[Tuple[StepDecision, JointState]] = None
         self._decisions = create_publisher(self, StepDecision, 'step_decision', qos.LATCHED)
@@ -62,50 +57,39 @@ class ObstacleDecision(Node):
             # The observation is repeated: to decide again might give another answer.
             self._publish()
             return
-        self._pending.append(message)
+        self._decider.observe(observation(message))
+        self._observed, self._pending = message.header.stamp, True
         self._decide_pending()
 
     def _on_odometry(self, message: Odometry) -> None:
-        if self._odometry and _key(message) < _key(self._odometry[-1]):
+        if self._odometry is not None and _key(message) < _key(self._odometry):
             self.get_logger().warning('time went back: all observations so far are dropped')
-            self._odometry.clear()
-            self._pending.clear()
-            self._tracker.reset()
-            self._track = self._decision = self._answer = None
-        self._odometry.append(message)
+            self._decider.reset()
+            self._observed, self._pending, self._answer = None, False, None
+        self._odometry = message
+        self._decider.move(motion(message))
         self._decide_pending()
-        self._check_silence(message)
+        if self._observed is not None and not self._pending \
+                and to_seconds(message.header.stamp) - to_seconds(self._observed) > self._timeout:
+            # Observations have timed out while odometry goes on.
+            self._decide(message.header.stamp)
 
     def _decide_pending(self) -> None:
-        """Decide on each observation for which there is odometry."""
-        while self._pending:
-            seen = self._pending[0]
-            after = [item for item in self._odometry if _key(item) >= _key(seen)]
-            if not after:
-                return
-            self._pending.popleft()
-            now = motion(after[0])
-            self._track = self._tracker.update(observation(seen), now.position)
-            self._decide(seen.header.stamp, now)
+        """Decide on the newest observation when there is odometry that is not older."""
+        if self._pending and self._odometry is not None and self._observed is not None \
+                and _key(self._odometry) >= (self._observed.sec, self._observed.nanosec):
+            self._pending = False
+            self._decide(self._observed)
 
-    def _check_silence(self, message: Odometry) -> None:
-        """Decide again when observations have timed out while odometry goes on."""
-        if self._pending or self._decision is None or self._track is None:
-            return
-        silence = to_seconds(message.header.stamp) - self._track.stamp
-        if silence > self._tuning.observation_timeout:
-            self._decide(message.header.stamp, motion(message))
-
-    def _decide(self, stamp: Time, now: Motion) -> None:
+    def _decide(self, stamp: Time) -> None:
         """Publish a decision and the set-point that follows from it."""
-        before = self._decision
-        self._decision = decision = self._decide_on(
-            self._track, now, before, robot=self._robot, curve=self._curve,
-            tuning=self._tuning)
+        before = self._decider.decision
+        answer = self._decider.decide()
+        decision = answer.decision
         self._counts[decision.kind.value] += 1
-        angle = set_angle(decision, now.speed, self._robot, self._tuning)
         # Stamped with the observation: in lockstep this names the period that it is for.
-        self._answer = decision_message(stamp, decision), set_point_message(stamp, angle)
+        self._answer = (decision_message(stamp, decision),
+                        set_point_message(stamp, answer.set_angle))
         self._publish()
         if before is None or (before.kind, before.reason) != (decision.kind, decision.reason):
             self.get_logger().info(f'{decision.kind.name}: {decision.explanation}')
@@ -118,22 +102,21 @@ class ObstacleDecision(Node):
 
     def make_safe(self) -> None:
         """Let the pendulum down."""
-        if self._decision is not None and self._odometry:
-            self._set_points.publish(
-                set_point_message(self._odometry[-1].header.stamp, 0.0))
+        if self._answer is not None and self._odometry is not None:
+            self._set_points.publish(set_point_message(self._odometry.header.stamp, 0.0))
             wait_until_received(self._set_points)
 
     def _health(self) -> Tuple[bytes, str, dict]:
         """Return level, message and numbers for /diagnostics."""
         values: Dict[str, object] = {
             f'decided_{kind}': number for kind, number in self._counts.items()}
-        if self._decision is None:
+        decision, profile = self._decider.decision, self._decider.profile
+        if decision is None:
             return diagnostics.WARN, 'waiting for step_observation and odom', values
-        values['set_speed'] = f'{self._decision.set_speed:.3f}'
-        rejected = self._track is not None and self._track.rejection is not None
-        level = diagnostics.WARN if rejected or self._decision.kind is Kind.STOP \
-            else diagnostics.OK
-        return level, self._decision.explanation, values
+        values['set_speed'] = f'{decision.set_speed:.3f}'
+        rejected = profile is not None and profile.rejection is not None
+        level = diagnostics.WARN if rejected or decision.kind is Kind.STOP else diagnostics.OK
+        return level, decision.explanation, values
 
 
 def _key(message: Any) -> Tuple[int, int]:

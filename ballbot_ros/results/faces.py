@@ -21,7 +21,7 @@ SHORT = 0.05
 
 
 @dataclass(frozen=True)
-class Face:
+class FaceMeeting:
     """A rising face of the terrain and the first meeting of the ball, from the left, with it."""
 
     x: float  # of the foot of the face [m]
@@ -41,14 +41,14 @@ def rising_faces(terrain: Terrain, radius: float) -> list[Array]:
         LEAST_SLOPE, LEAST_HEIGHT, SHORT * radius, endless=False) if face[-1, 1] > face[0, 1]]
 
 
-def meet_faces(trajectory: Trajectory) -> list[Face]:
+def meet_faces(trajectory: Trajectory) -> list[FaceMeeting]:
     """Return every rising face with what the ball did there."""
     radius = trajectory.model.robot.ball_radius
     return [_meet(trajectory, vertices, radius)
             for vertices in rising_faces(trajectory.model.terrain, radius)]
 
 
-def _meet(trajectory: Trajectory, vertices: Array, radius: float) -> Face:
+def _meet(trajectory: Trajectory, vertices: Array, radius: float) -> FaceMeeting:
     """Return the first meeting with one face."""
     (foot_x, foot_y), (top_x, top_y) = vertices[0].tolist(), vertices[-1].tolist()
     height = top_y - foot_y
@@ -57,12 +57,12 @@ def _meet(trajectory: Trajectory, vertices: Array, radius: float) -> Face:
     near = np.flatnonzero((x > foot_x - radius) & (x < top_x) & (y > foot_y))
     touching = near[_distance(x[near], y[near], vertices) < radius]
     if x[0] >= top_x or not len(touching):
-        return Face(foot_x, height)
+        return FaceMeeting(foot_x, height)
     touch = int(touching[0])
     before = max(touch - 1, 0)
     speed = math.hypot(trajectory['velocity_x'][before], trajectory['velocity_y'][before])
     over = is_over(x[touch:], y[touch:], top_x, top_y, radius)
-    return Face(foot_x, height, float(trajectory['time'][touch]), speed, bool(over.any()))
+    return FaceMeeting(foot_x, height, float(trajectory['time'][touch]), speed, bool(over.any()))
 
 
 def _distance(x: Array, y: Array, vertices: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.physics.simulation.trajectory import Trajectory
-from ballbot_ros.results.faces import Face, meet_faces
+from ballbot_ros.results.faces import FaceMeeting, meet_faces
 from ballbot_ros.results.warn import find_warnings
 
 
@@ -46,7 +46,7 @@ class Summary:
     pendulum_torque: Optional[float]  # largest magnitude [N m]; None without a pendulum
     flight_fraction: float  # share of the samples without any contact
     landings: int  # how often contact began again after a flight; more than one is bouncing
-    faces: tuple[Face, ...]  # each rising face of the terrain
+    faces: tuple[FaceMeeting, ...]  # each rising face of the terrain
     energy_in_play: float  # energy that moved during the run [J]
     energy_residual: Optional[float]  # what the ledger misses, relative; None: nothing moved
     wall_time: Optional[float]  # what the run took [s]

@@ -4,7 +4,7 @@ import math
 from textwrap import wrap
 from typing import Iterator
 
-from ballbot_ros.results.faces import Face
+from ballbot_ros.results.faces import FaceMeeting
 from ballbot_ros.results.summary import Summary
 
 _WIDTH = 88
@@ -57,7 +57,7 @@ def plural(number: int, what: str) -> str:
     return f'{number} {what}{"" if number == 1 else "s"}'
 
 
-def _table(faces: tuple[Face, ...]) -> Iterator[str]:
+def _table(faces: tuple[FaceMeeting, ...]) -> Iterator[str]:
     """Yield the lines of the table of rising faces."""
     yield 'rising face at    height    touched at    with speed    passed'
     for face in faces:

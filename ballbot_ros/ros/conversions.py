@@ -8,7 +8,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import JointReadings, Mode, SetPoint
-from ballbot_ros.decision import Decision, Kind, Motion, Reason, StepObservation
+from ballbot_ros.decision import Decision, Kind, Motion, Outlook, Reason, StepObservation
 from ballbot_ros.errors import MessageError
 from ballbot_ros.msg import BallState, Contact, StepDecision, StepObservation as StepObservationMsg
 from ballbot_ros.physics.model.state import State
@@ -196,12 +196,12 @@ def observation(message: StepObservationMsg) -> StepObservation:
         message.distance_sd, message.height_sd)
 
 
-_KINDS = {Kind.CLEAR: StepDecision.CLEAR, Kind.CROSS: StepDecision.CROSS,
-          Kind.STOP: StepDecision.STOP, Kind.GO_ROUND: StepDecision.GO_ROUND}
+_KINDS = {kind: getattr(StepDecision, kind.name) for kind in Kind}
 
 
 def decision_message(stamp: Time, decision: Decision) -> StepDecision:
     """Return a decision as a message."""
+    outlook, plan = decision.outlook or Outlook(), decision.plan
     message = StepDecision(
         decision=_KINDS[decision.kind],
         reason=getattr(StepDecision, Reason(decision.reason).name),
@@ -209,6 +209,13 @@ def decision_message(stamp: Time, decision: Decision) -> StepDecision:
         reachable_speed=decision.reachable_speed,
         height=0.0 if math.isnan(decision.height) else decision.height,
         height_margin=decision.height_margin, distance=decision.distance,
-        explanation=decision.explanation)
+        explanation=decision.explanation, plan=plan.strategy.value if plan else '',
+        probability=outlook.probability, probability_stuck=outlook.stuck,
+        probability_falls=outlook.falls, required_probability=outlook.required,
+        touch_speed=outlook.touch_speed, height_limit=outlook.height_limit,
+        braking_room=outlook.braking_room, start_distance=decision.start_distance,
+        swing_distance=decision.swing_distance,
+        swing_angle=plan.swing_angle if plan and math.isfinite(plan.swing_position) else math.nan,
+        attempts=outlook.attempts, others=list(outlook.others))
     message.header.stamp = stamp
     return message

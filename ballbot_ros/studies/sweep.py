@@ -19,7 +19,7 @@ from ballbot_ros.crossing import max_step_height, try_step
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.results.files import replacing, write_text
 from ballbot_ros.studies.progress import ignore
-from ballbot_ros.studies.sweep_plan import NUMBERS, Plan
+from ballbot_ros.studies.sweep_plan import NUMBERS, SweepPlan
 
 BLOCK = 1000  # cases between two files
 AHEAD = 3     # blocks handed out for each worker
@@ -28,13 +28,13 @@ NOTE = b'ballbot_sweep'  # in the metadata of a result: what it was made from
 SEARCHED = {'max_height': 'm', 'error': 'm'}
 
 
-def columns(plan: Plan) -> Dict[str, str]:
+def columns(plan: SweepPlan) -> Dict[str, str]:
     """Return the unit of each column of the result."""
     units = {name: NUMBERS[name]['unit'] for name in plan.names}
     return {'case': '1', **units, **(SEARCHED if plan.searches else TRIED), 'failure': ''}
 
 
-def run_block(plan: Plan, first: int, behind: int) -> Dict[str, List[Any]]:
+def run_block(plan: SweepPlan, first: int, behind: int) -> Dict[str, List[Any]]:
     """
     Run the cases from one number to before another.
 
@@ -62,14 +62,14 @@ def run_block(plan: Plan, first: int, behind: int) -> Dict[str, List[Any]]:
     return table
 
 
-def run_sweep(plan: Plan, out: Path, pool: Executor, workers: int,
+def run_sweep(plan: SweepPlan, out: Path, pool: Executor, workers: int,
               progress: Callable[[float], None] = ignore, block: int = BLOCK) -> int:
     """
     Run a plan into a Parquet file, going on with what an earlier run has left.
 
     Parameters
     ----------
-    plan : Plan
+    plan : SweepPlan
     out : Path
     pool : Executor
         Of processes, or of a cluster.
@@ -156,7 +156,7 @@ def _part(folder: Path, first: int) -> Path:
     return folder / f'{first:010d}.parquet'
 
 
-def _open(plan: Plan, folder: Path, block: int) -> int:
+def _open(plan: SweepPlan, folder: Path, block: int) -> int:
     """Make the folder of the blocks, or check that it is of this plan; return their size."""
     note = folder / 'plan.json'
     if not note.is_file():
@@ -175,7 +175,7 @@ def _open(plan: Plan, folder: Path, block: int) -> int:
     return size
 
 
-def _schema(arrow: Any, plan: Plan) -> Any:
+def _schema(arrow: Any, plan: SweepPlan) -> Any:
     """Return the columns with their units, and what the file was made from."""
     kinds = {'case': arrow.int64(), 'passes': arrow.bool_(), 'failure': arrow.string()}
     described = {'plan': plan.describe(), 'digest': plan.digest, 'units': columns(plan),
@@ -186,13 +186,13 @@ def _schema(arrow: Any, plan: Plan) -> Any:
         metadata={NOTE: json.dumps(described)})
 
 
-def write_parquet(arrow: Any, plan: Plan, table: Dict[str, List[Any]], path: Path) -> None:
+def write_parquet(arrow: Any, plan: SweepPlan, table: Dict[str, List[Any]], path: Path) -> None:
     """Write one block, whole or not at all."""
     with replacing(path) as stream:
         arrow.parquet.write_table(arrow.table(table, schema=_schema(arrow, plan)), stream)
 
 
-def _join(arrow: Any, plan: Plan, parts: List[Path], out: Path) -> None:
+def _join(arrow: Any, plan: SweepPlan, parts: List[Path], out: Path) -> None:
     """Write all blocks as one file, a block at a time."""
     with replacing(out) as stream, \
             arrow.parquet.ParquetWriter(stream, _schema(arrow, plan)) as writer:

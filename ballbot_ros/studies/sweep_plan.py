@@ -32,7 +32,7 @@ NUMBERS = {**CASE, **SITE, **RULES, **ACTUATION, **ROBOT, **MOTOR}
 
 
 @dataclass(frozen=True)
-class Plan(Checked):
+class SweepPlan(Checked):
     """
     A sweep; immutable, and the same plan is the same cases.
 

@@ -13,8 +13,10 @@ from typing import Optional
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.curve import HeightCurve
 from ballbot_ros.decision.planners.reach import reach
+from ballbot_ros.decision.profile import Face, Profile
+from ballbot_ros.decision.situation import Knowledge, Planner, Situation
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Decision, Kind, Motion, Reason, Track, TrackedStep
+from ballbot_ros.decision.values import Decision, Kind, Motion, Reason
 from ballbot_ros.physics.model.robot import Robot
 
 # Down by less than this is an uneven floor, more is a drop [m].
@@ -30,16 +32,24 @@ LONGEST_CONTACT = 1.5
 CONTACT_SLACK = 0.03
 
 
-def decide(track: Optional[Track], motion: Motion, previous: Optional[Decision], *,
+def planner(knowledge: Knowledge) -> Planner:
+    """Return the planner for a robot, its curve and a tuning."""
+    def planned(situation: Situation, previous: Optional[Decision]) -> Decision:
+        return decide(situation.profile, situation.motion, previous, robot=knowledge.robot,
+                      curve=knowledge.curve, tuning=knowledge.tuning)
+    return planned
+
+
+def decide(profile: Optional[Profile], motion: Motion, previous: Optional[Decision], *,
            robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> Decision:
     """
-    Decide on the step ahead; see `planners.Planner` for the arguments.
+    Decide on the step ahead; see `situation.Planner`.
 
     A crossing that cannot be broken off any more goes on with half the margins, and one in
     contact goes on until the centre has passed the face.
 
     """
-    step = track.step if track is not None else None
+    step = profile.face if profile is not None else None
     # First of all: whatever is compared with NaN is false, and could be taken for an answer.
     if not all(map(math.isfinite, astuple(motion))):
         return _stop(Reason.BAD_OBSERVATION, 'Stopping: odometry is not finite')
@@ -49,7 +59,7 @@ def decide(track: Optional[Track], motion: Motion, previous: Optional[Decision],
     pushing = _push(previous, step, motion, robot)
     if pushing is not None:
         return pushing
-    unusable = _unusable(track, motion, tuning)
+    unusable = _unusable(profile, motion, tuning)
     if unusable is not None:
         return replace(unusable, distance=distance, step=step.number if step else 0)
     if step is None or distance <= 0.0:
@@ -67,15 +77,15 @@ def _stop(reason: Reason, explanation: str, **numbers: float) -> Decision:
     return Decision(Kind.STOP, reason, 0.0, explanation, **numbers)  # type: ignore[arg-type]
 
 
-def _unusable(track: Optional[Track], motion: Motion,
+def _unusable(profile: Optional[Profile], motion: Motion,
               tuning: DecisionTuning) -> Optional[Decision]:
     """Return the STOP that a missing, old or rejected observation asks for."""
-    if track is None:
+    if profile is None:
         return _stop(Reason.STALE, 'Stopping: nothing has been observed yet')
-    if track.rejection is not None:
-        return _stop(track.rejection,
-                     f'Stopping: the observation is rejected, {track.explanation}')
-    age = motion.stamp - track.stamp
+    if profile.rejection is not None:
+        return _stop(profile.rejection,
+                     f'Stopping: the observation is rejected, {profile.explanation}')
+    age = motion.stamp - profile.stamp
     # Written so that an age that is not a number is too old; from the future is no better.
     if not abs(age) <= tuning.observation_timeout:
         when = f'{age:.2f} s old' if age >= 0.0 else f'{-age:.2f} s ahead of the clock'
@@ -84,13 +94,13 @@ def _unusable(track: Optional[Track], motion: Motion,
     return None
 
 
-def _crosses(previous: Optional[Decision], step: TrackedStep) -> bool:
+def _crosses(previous: Optional[Decision], step: Face) -> bool:
     """Return whether the ball is on its way over this very step."""
     return (previous is not None and previous.kind is Kind.CROSS
             and previous.step == step.number)
 
 
-def _push(previous: Optional[Decision], step: Optional[TrackedStep], motion: Motion,
+def _push(previous: Optional[Decision], step: Optional[Face], motion: Motion,
           robot: Robot) -> Optional[Decision]:
     """
     Return the decision of a crossing ball in contact: on, unless it lasts too long.
@@ -117,7 +127,7 @@ def _push(previous: Optional[Decision], step: Optional[TrackedStep], motion: Mot
         explanation=f'On the step, {distance:.2f} m to its face: pushing on')
 
 
-def _weigh(step: TrackedStep, distance: float, speed: float, previous: Optional[Decision],
+def _weigh(step: Face, distance: float, speed: float, previous: Optional[Decision],
            robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> Decision:
     """Return the decision on a known step ahead."""
     margins = (tuning.speed_margin, tuning.height_margin, tuning.sigma_margin)

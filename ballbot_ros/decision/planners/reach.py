@@ -6,8 +6,8 @@ from typing import Optional
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.curve import HeightCurve
+from ballbot_ros.decision.profile import Face
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import TrackedStep
 from ballbot_ros.physics.model.robot import Robot
 
 
@@ -45,14 +45,14 @@ class Reach:
     spare: float
 
 
-def reach(step: TrackedStep, distance: float, speed: float, margins: tuple[float, float, float],
+def reach(step: Face, distance: float, speed: float, margins: tuple[float, float, float],
           robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> Reach:
     """
     Return what the step asks for and what can be had.
 
     Parameters
     ----------
-    step : TrackedStep
+    step : Face
     distance : float
         Ball's centre to the face [m].
     speed : float

@@ -9,7 +9,7 @@ import pytest
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import (
-    decide, Decision, Kind, load_curve, load_decision_tuning, Motion, Reason, Track, TrackedStep)
+    decide, Decision, Face, Kind, load_curve, load_decision_tuning, Motion, Profile, Reason)
 from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL = load_robot('gimball')
@@ -24,9 +24,10 @@ speeds = strategies.floats(-0.5, 1.5)
 def on(height=0.031, distance=0.8, speed=0.8, *, previous=None, sd=0.0005, now=0.0, stamp=None,
        rejection=None):
     """Return the decision on a step at `distance` ahead of a ball at 0."""
-    step = TrackedStep(1, distance, height, 0.01, sd)
+    step = Face(1, distance, height, 0.01, sd)
     return decide(
-        Track(now if stamp is None else stamp, step, rejection, 'it is a test'),
+        Profile(now if stamp is None else stamp, (step,), rejection=rejection,
+                explanation='it is a test'),
         Motion(now, 0.0, speed), previous, robot=GIMBALL, curve=CURVE, tuning=TUNING)
 
 
@@ -120,14 +121,14 @@ def test_a_stop_for_its_observation_still_names_the_step(reason):
 
 
 def test_an_observation_without_a_step_is_refused_for_its_age_too():
-    answer = decide(Track(0.0), Motion(1.0, 0.0, 0.4), None, robot=GIMBALL, curve=CURVE,
+    answer = decide(Profile(0.0), Motion(1.0, 0.0, 0.4), None, robot=GIMBALL, curve=CURVE,
                     tuning=TUNING)
     assert (answer.reason, answer.step) == (Reason.STALE, 0)
     assert math.isnan(answer.distance)
 
 
 def test_nothing_ahead_is_cruised():
-    answer = decide(Track(0.0), Motion(0.1, 0.0, 0.4), None, robot=GIMBALL, curve=CURVE,
+    answer = decide(Profile(0.0), Motion(0.1, 0.0, 0.4), None, robot=GIMBALL, curve=CURVE,
                     tuning=TUNING)
     assert answer.kind is Kind.CLEAR and answer.set_speed == TUNING.cruise_speed
     assert on(distance=0.0).kind is Kind.CLEAR and on(distance=1e-6).kind is not Kind.CLEAR

@@ -35,7 +35,7 @@ def test_noise_averages_out_while_the_ball_rolls():
             seen(0.02 * index, 1.5 - position + random.normal(0.0, 0.03),
                  0.03 + random.normal(0.0, 0.004), 0.03, 0.004), position)
         assert track.rejection is None
-    step = track.step
+    step = track.face
     assert step.number == 1
     assert step.position == pytest.approx(1.5, abs=0.02)
     assert step.height == pytest.approx(0.03, abs=0.001)
@@ -43,7 +43,7 @@ def test_noise_averages_out_while_the_ball_rolls():
 
 
 def test_deviation_of_zero_is_not_believed():
-    step = tracker().update(seen(0.0, distance_sd=0.0, height_sd=0.0), 0.0).step
+    step = tracker().update(seen(0.0, distance_sd=0.0, height_sd=0.0), 0.0).face
     assert step.position_sd > 0.0 and step.height_sd > 0.0
 
 
@@ -55,9 +55,9 @@ def test_same_stamp_gives_the_same_answer():
 
 def test_next_step_is_another_step():
     tracking = tracker()
-    assert tracking.update(seen(0.0, 0.5), 0.0).step.number == 1
-    assert tracking.update(seen(0.1, 0.5), 0.0).step.number == 1
-    step = tracking.update(seen(0.2, 0.8, height=0.05), 0.51).step
+    assert tracking.update(seen(0.0, 0.5), 0.0).face.number == 1
+    assert tracking.update(seen(0.1, 0.5), 0.0).face.number == 1
+    step = tracking.update(seen(0.2, 0.8, height=0.05), 0.51).face
     assert step.number == 2 and step.height == 0.05
     assert step.position == pytest.approx(1.31)
 
@@ -65,7 +65,7 @@ def test_next_step_is_another_step():
 def test_passed_step_is_forgotten():
     tracking = tracker()
     tracking.update(seen(0.0, 0.5), 0.0)
-    assert tracking.update(nothing(0.1), 0.49).step is None
+    assert tracking.update(nothing(0.1), 0.49).face is None
 
 
 @pytest.mark.parametrize('second', [
@@ -73,10 +73,10 @@ def test_passed_step_is_forgotten():
     StepObservation(0.1, False, height=0.03)])
 def test_contradictions_are_reported_and_not_averaged_in(second):
     tracking = tracker()
-    before = tracking.update(seen(0.0), 0.0).step
+    before = tracking.update(seen(0.0), 0.0).face
     track = tracking.update(second, 0.0)
     assert track.rejection is Reason.CONTRADICTORY and track.explanation
-    assert track.step == before
+    assert track.face == before
 
 
 def test_a_world_that_really_changed_is_believed_after_some_looks():
@@ -84,7 +84,7 @@ def test_a_world_that_really_changed_is_believed_after_some_looks():
     tracking.update(seen(0.0, height=0.03), 0.0)
     answers = [tracking.update(seen(0.1 * index, height=0.06), 0.0) for index in range(1, 6)]
     assert [answer.rejection is None for answer in answers] == [False] * 4 + [True]
-    assert answers[-1].step.height == 0.06 and answers[-1].step.number == 2
+    assert answers[-1].face.height == 0.06 and answers[-1].face.number == 2
 
 
 def test_slip_that_displaces_the_step_does_not_make_another_of_it():
@@ -92,8 +92,8 @@ def test_slip_that_displaces_the_step_does_not_make_another_of_it():
     tracking.update(seen(0.0, 0.3), 0.0)
     for index in range(1, 6):
         track = tracking.update(seen(0.1 * index, 0.2), 0.0)
-    assert track.rejection is None and track.step.number == 1
-    assert track.step.position == pytest.approx(0.2)
+    assert track.rejection is None and track.face.number == 1
+    assert track.face.position == pytest.approx(0.2)
 
 
 def test_step_is_kept_where_a_sensor_may_look_over_it_and_forgotten_far_off():
@@ -101,8 +101,8 @@ def test_step_is_kept_where_a_sensor_may_look_over_it_and_forgotten_far_off():
     near.update(seen(0.0, 0.3), 0.0)
     far.update(seen(0.0, 1.0), 0.0)
     for index in range(1, 20):
-        assert near.update(nothing(0.1 * index), 0.0).step is not None
-        assert (far.update(nothing(0.1 * index), 0.0).step is None) == (index >= 5)
+        assert near.update(nothing(0.1 * index), 0.0).face is not None
+        assert (far.update(nothing(0.1 * index), 0.0).face is None) == (index >= 5)
 
 
 @pytest.mark.parametrize('change', [
@@ -110,9 +110,9 @@ def test_step_is_kept_where_a_sensor_may_look_over_it_and_forgotten_far_off():
     {'height': math.inf}, {'stamp': math.nan}, {'distance_sd': 1e200}, {'height': 1e30}])
 def test_impossible_observations_are_reported(change):
     tracking = tracker()
-    before = tracking.update(seen(0.0), 0.0).step
+    before = tracking.update(seen(0.0), 0.0).face
     track = tracking.update(replace(seen(0.1), **change), 0.0)
-    assert track.rejection is Reason.BAD_OBSERVATION and track.step == before
+    assert track.rejection is Reason.BAD_OBSERVATION and track.face == before
 
 
 def test_odometry_that_is_not_finite_is_reported():
@@ -124,7 +124,7 @@ def test_reset_forgets_but_does_not_reuse_numbers():
     tracking.update(seen(100.0), 0.0)
     tracking.reset()
     track = tracking.update(seen(0.0), 0.0)
-    assert track.rejection is None and track.step.number == 2
+    assert track.rejection is None and track.face.number == 2
 
 
 @given(strategies.lists(strategies.tuples(
@@ -133,7 +133,7 @@ def test_reset_forgets_but_does_not_reuse_numbers():
 def test_no_observation_makes_it_raise_or_invent_a_step(rows):
     tracking = tracker()
     for *observation, position in rows:
-        step = tracking.update(StepObservation(*observation), position).step
+        step = tracking.update(StepObservation(*observation), position).face
         if step is not None:
             assert math.isfinite(step.position) and math.isfinite(step.height)
             assert step.position_sd > 0.0 and step.height_sd > 0.0
@@ -149,21 +149,21 @@ def fused(first, second):
 def test_a_better_look_counts_for_more():
     tracking = tracker()
     tracking.update(seen(0.0, 1.0, 0.030, 0.02, 0.002), 0.0)
-    step = tracking.update(seen(0.1, 0.92, 0.033, 0.04, 0.001), 0.1).step
+    step = tracking.update(seen(0.1, 0.92, 0.033, 0.04, 0.001), 0.1).face
     assert (step.position, step.position_sd) == pytest.approx(fused((1.0, 0.02), (1.02, 0.04)))
     assert (step.height, step.height_sd) == pytest.approx(fused((0.03, 0.002), (0.033, 0.001)))
     assert step.number == 1
 
 
 def test_a_deviation_that_is_not_given_is_unknown():
-    assert tracker().update(StepObservation(0.0, True, 1.0, 0.03), 0.0).step \
-        == tracker().update(seen(0.0, distance_sd=0.0, height_sd=0.0), 0.0).step
+    assert tracker().update(StepObservation(0.0, True, 1.0, 0.03), 0.0).face \
+        == tracker().update(seen(0.0, distance_sd=0.0, height_sd=0.0), 0.0).face
 
 
 def test_no_number_of_looks_makes_a_step_known_exactly():
     tracking = tracker()
     for index in range(5):
-        step = tracking.update(seen(0.1 * index, distance_sd=0.0, height_sd=0.0), 0.0).step
+        step = tracking.update(seen(0.1 * index, distance_sd=0.0, height_sd=0.0), 0.0).face
         assert (step.position_sd, step.height_sd) == (0.01, 0.0005)
 
 
@@ -226,7 +226,7 @@ def test_a_look_that_finds_the_step_makes_misses_none_in_a_row():
     tracking.update(seen(0.0), 0.0)
     for index in range(1, 15):
         look = seen if index % 5 == 0 else nothing
-        assert tracking.update(look(0.1 * index), 0.0).step is not None
+        assert tracking.update(look(0.1 * index), 0.0).face is not None
 
 
 def test_after_a_step_was_forgotten_the_next_is_given_as_many_looks():
@@ -234,10 +234,10 @@ def test_after_a_step_was_forgotten_the_next_is_given_as_many_looks():
     tracking.update(seen(0.0), 0.0)
     for index in range(1, 6):
         answer = tracking.update(nothing(0.1 * index), 0.0)
-    assert answer.step is None
-    assert tracking.update(nothing(0.6), 0.0).step is None
-    assert tracking.update(seen(0.7), 0.0).step.number == 2
-    assert tracking.update(nothing(0.8), 0.0).step.number == 2
+    assert answer.face is None
+    assert tracking.update(nothing(0.6), 0.0).face is None
+    assert tracking.update(seen(0.7), 0.0).face.number == 2
+    assert tracking.update(nothing(0.8), 0.0).face.number == 2
 
 
 @pytest.mark.parametrize('height, moved, number', [
@@ -249,8 +249,8 @@ def test_a_place_that_is_believed_anew_is_the_same_step_if_slip_explains_it(
     tracking.update(seen(0.0, radius), 0.0)
     for index in range(1, 6):
         answer = tracking.update(seen(0.1 * index, moved * radius, height), 0.0)
-    assert answer.rejection is None and answer.step.number == number
-    assert answer.step.position == moved * radius and answer.step.height == height
+    assert answer.rejection is None and answer.face.number == number
+    assert answer.face.position == moved * radius and answer.face.height == height
 
 
 def test_a_clock_set_back_is_believed_after_some_looks_with_the_step_they_show():
@@ -258,7 +258,7 @@ def test_a_clock_set_back_is_believed_after_some_looks_with_the_step_they_show()
     tracking.update(nothing(10.0), 0.0)
     answers = [tracking.update(seen(0.1 * index), 0.0) for index in range(5)]
     assert [answer.rejection is None for answer in answers] == [False] * 4 + [True]
-    assert answers[-1].step.number == 1
+    assert answers[-1].face.number == 1
 
 
 def test_a_step_that_is_no_longer_seen_and_a_clock_set_back_make_no_other_step():
@@ -266,7 +266,7 @@ def test_a_step_that_is_no_longer_seen_and_a_clock_set_back_make_no_other_step()
     tracking.update(seen(10.0), 0.0)
     for index in range(5):
         answer = tracking.update(nothing(0.1 * index), 0.0)
-    assert answer.rejection is None and answer.step is None
+    assert answer.rejection is None and answer.face is None
 
 
 @pytest.mark.parametrize('position, distance, number', [
@@ -278,7 +278,7 @@ def test_a_step_is_the_next_one_once_the_last_is_passed_and_it_is_further_on(
     tracking = tracker()
     tracking.update(seen(0.0, 0.5, distance_sd=0.03), 0.0)
     answer = tracking.update(seen(0.1, distance, distance_sd=0.03), position)
-    assert answer.rejection is None and answer.step.number == number
+    assert answer.rejection is None and answer.face.number == number
 
 
 @pytest.mark.parametrize('distance, kept', [(1.49, True), (1.51, False)])
@@ -287,4 +287,4 @@ def test_within_one_and_a_half_radii_a_step_is_kept_though_it_is_not_seen(distan
     tracking.update(seen(0.0, distance * radius), 0.0)
     for index in range(1, 8):
         answer = tracking.update(nothing(0.1 * index), 0.0)
-    assert (answer.step is not None) == kept
+    assert (answer.face is not None) == kept

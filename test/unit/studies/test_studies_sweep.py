@@ -18,7 +18,7 @@ from ballbot_ros.crossing import held_at, max_step_height, rolling, Site, try_st
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_robot
 from ballbot_ros.studies.sweep import columns, run_block, run_sweep, spread
-from ballbot_ros.studies.sweep_plan import Plan
+from ballbot_ros.studies.sweep_plan import SweepPlan
 
 parquet = pytest.importorskip('pyarrow.parquet', reason='sweeps are written with pyarrow')
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
@@ -31,7 +31,7 @@ def sweep(plan, out, block=50):
 
 
 def test_a_grid_is_every_combination_and_each_case_what_the_search_says():
-    plan = Plan(GIMBALL, held_at(0.3), fixed={}, grid={
+    plan = SweepPlan(GIMBALL, held_at(0.3), fixed={}, grid={
         'speed': [0.5, 0.9], 'edge_friction': [0.1, 0.2, 0.3], 'slope_before': [-0.1, 0.0]})
     assert plan.size == 12 and plan.searches
     table = run_block(plan, 0, 12)
@@ -52,19 +52,19 @@ def found_at(table, **values):
 
 @pytest.mark.parametrize('design', ['sobol', 'random'])
 def test_cases_of_a_design_depend_on_its_seed_alone(design):
-    plan = Plan(GIMBALL, design=design, cases=300, seed=4, ranges=RANGES)
+    plan = SweepPlan(GIMBALL, design=design, cases=300, seed=4, ranges=RANGES)
     whole = plan.block(0, 300)
     parts = np.vstack([plan.block(first, first + 70) for first in range(0, 300, 70)])
     np.testing.assert_array_equal(whole, parts)
     low, high = np.array(list(RANGES.values())).T
     assert ((whole >= low) & (whole <= high)).all()
     np.testing.assert_allclose(whole.mean(axis=0), 0.5 * (low + high), rtol=0.05)
-    other = Plan(GIMBALL, design=design, cases=300, seed=5, ranges=RANGES)
+    other = SweepPlan(GIMBALL, design=design, cases=300, seed=5, ranges=RANGES)
     assert (other.block(0, 300) != whole).all()
 
 
 def test_given_heights_are_tried_and_the_velocity_law_follows_the_speed():
-    plan = Plan(GIMBALL, rolling(GIMBALL)(1.0), fixed={'height': 0.02},
+    plan = SweepPlan(GIMBALL, rolling(GIMBALL)(1.0), fixed={'height': 0.02},
                 grid={'speed': [0.5, 0.7], 'contact_damping': [52.0, 100.0]})
     table = run_block(plan, 0, 4)
     assert table['passes'] == [
@@ -75,14 +75,14 @@ def test_given_heights_are_tried_and_the_velocity_law_follows_the_speed():
 
 
 def test_a_case_that_fails_says_why_and_the_others_go_on():
-    plan = Plan(GIMBALL, fixed={'speed': 3.0}, grid={'contact_stiffness': [300.0, 33000.0]})
+    plan = SweepPlan(GIMBALL, fixed={'speed': 3.0}, grid={'contact_stiffness': [300.0, 33000.0]})
     table = run_block(plan, 0, 2)
     assert 'under the ground' in table['failure'][0] and table['max_height'][0] is None
     assert table['failure'][1] is None and table['max_height'][1] > 0.05
 
 
 def test_the_file_has_all_cases_with_units_and_provenance(tmp_path):
-    plan = Plan(GIMBALL, design='sobol', cases=128, ranges=RANGES)
+    plan = SweepPlan(GIMBALL, design='sobol', cases=128, ranges=RANGES)
     out = tmp_path / 'sweep.parquet'
     assert sweep(plan, out) == 0
     table = parquet.read_table(out)
@@ -100,7 +100,7 @@ def test_the_file_has_all_cases_with_units_and_provenance(tmp_path):
 
 
 def test_the_size_of_blocks_and_how_often_it_was_begun_change_nothing(tmp_path):
-    plan = Plan(GIMBALL, design='random', cases=90, ranges=RANGES)
+    plan = SweepPlan(GIMBALL, design='random', cases=90, ranges=RANGES)
     sweep(plan, tmp_path / 'a.parquet', block=7)
     sweep(plan, tmp_path / 'b.parquet', block=40)
     assert parquet.read_table(tmp_path / 'a.parquet') == parquet.read_table(
@@ -127,7 +127,7 @@ def test_a_killed_sweep_goes_on_and_loses_nothing(tmp_path):
 
     def look(path=blocks):
         stamps.update({part: part.stat().st_mtime_ns for part in path.glob('[0-9]*.parquet')})
-    plan = Plan(GIMBALL, design='sobol', cases=cases,
+    plan = SweepPlan(GIMBALL, design='sobol', cases=cases,
                 ranges={'speed': (0.3, 1.2), 'height': (0.003, 0.06)})
     with ThreadPoolExecutor(1) as pool:
         found = run_sweep(plan, killed, pool, 1, lambda _: look())
@@ -174,7 +174,7 @@ def test_another_sweep_in_the_same_place_is_refused(tmp_path):
     blocks = tmp_path / 'x.parquet.blocks'
     blocks.mkdir()
     (blocks / 'plan.json').write_text('{"digest": "other", "block": 10}')
-    plan = Plan(GIMBALL, design='sobol', cases=10, ranges=RANGES)
+    plan = SweepPlan(GIMBALL, design='sobol', cases=10, ranges=RANGES)
     with pytest.raises(ConfigurationError, match='holds another sweep'):
         sweep(plan, out)
     (blocks / 'plan.json').write_text('{')
@@ -183,7 +183,7 @@ def test_another_sweep_in_the_same_place_is_refused(tmp_path):
 
 
 def test_only_the_result_of_a_sweep_is_overwritten(tmp_path, capsys):
-    plan = Plan(GIMBALL, fixed={}, grid={'speed': [0.5], 'height': [0.01]})
+    plan = SweepPlan(GIMBALL, fixed={}, grid={'speed': [0.5], 'height': [0.01]})
     out = tmp_path / 'x.parquet'
     sweep(plan, out)
     before = out.read_bytes()
@@ -214,7 +214,7 @@ def test_only_the_result_of_a_sweep_is_overwritten(tmp_path, capsys):
     ({'robot': SHELLBALL, 'grid': {'speed': [1.0], 'motor.resistance': [1.0]}}, 'no motor')])
 def test_a_plan_that_makes_no_sense_is_refused(given, told):
     with pytest.raises(ConfigurationError, match=told):
-        Plan(**{'robot': GIMBALL, **given})
+        SweepPlan(**{'robot': GIMBALL, **given})
 
 
 def test_what_varies_is_read_from_words():

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a planner is told: once, and at each decision."""
+from dataclasses import dataclass
+from typing import Optional, Protocol, Tuple
+
+from ballbot_ros.decision.curve import HeightCurve
+from ballbot_ros.decision.plan import Plan
+from ballbot_ros.decision.profile import Profile
+from ballbot_ros.decision.tuning import DecisionTuning
+from ballbot_ros.decision.values import Decision, Motion
+from ballbot_ros.physics.model.robot import Robot
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """
+    What holds for all decisions; robot, curve and tuning must belong together.
+
+    See `tuning.check_decision`.
+    """
+
+    robot: Robot
+    curve: HeightCurve
+    tuning: DecisionTuning
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Failure:
+    """
+    A plan that did not get over.
+
+    Attributes
+    ----------
+    face : int
+        Number of the face.
+    position : float
+        Of the face [m].
+    height : float
+        Of the face, as it was believed to be [m].
+    plan : Plan
+    touch_speed : float
+        [m/s]
+
+    """
+
+    face: int
+    position: float
+    height: float
+    plan: Plan
+    touch_speed: float
+
+
+@dataclass(frozen=True)
+class Situation:
+    """
+    What is known now.
+
+    Attributes
+    ----------
+    motion : Motion
+        Propagated to when an answer will act.
+    profile : Profile or None
+        None if nothing was observed yet.
+    failures : tuple of Failure
+        What was tried at faces ahead.
+    free_from : float
+        Farthest position behind the ball to which it may roll back [m].
+
+    """
+
+    motion: Motion
+    profile: Optional[Profile] = None
+    failures: Tuple[Failure, ...] = ()
+    free_from: float = float('inf')
+
+
+class Planner(Protocol):
+    """What every planner promises; it may keep what it has worked out, and nothing else."""
+
+    def __call__(self, situation: Situation, previous: Optional[Decision]) -> Decision:
+        """
+        Decide on the ground ahead.
+
+        Parameters
+        ----------
+        situation : Situation
+        previous : Decision or None
+            The last answer.
+
+        Returns
+        -------
+        Decision
+            Whatever is not known for certain is answered with STOP and a reason.  Nothing is
+            raised for anything that a sensor says.
+
+        """
