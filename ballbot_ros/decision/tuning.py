@@ -18,7 +18,8 @@ class DecisionTuning(Checked):
     Raises
     ------
     ConfigurationError
-        If a value is out of range, or the cruise speed is above the highest speed.
+        If a value is out of range, the cruise speed is above the highest speed, or the
+        emergency lean below the largest one.
 
     """
 
@@ -43,6 +44,12 @@ class DecisionTuning(Checked):
         'm', 'front of the resting ball to the step', minimum=0.0, default=0.25)
     largest_lean: float = quantity(
         'rad', 'largest pendulum angle', above=0.0, maximum=1.5, default=0.7)
+    emergency_lean: float = quantity(
+        'rad', 'largest pendulum angle where the ball would not stop in time otherwise',
+        above=0.0, maximum=1.55, default=1.4)
+    largest_swing: float = quantity(
+        'rad', 'largest pendulum angle of a swing before or on a step', minimum=0.0, maximum=3.1,
+        default=2.6)
     speed_gain: float = quantity(
         'rad s/m', 'pendulum angle per speed error', above=0.0, default=1.8)
     observation_timeout: float = quantity(
@@ -53,6 +60,22 @@ class DecisionTuning(Checked):
         'observations in a row after which the newest are believed instead', minimum=1,
         default=5)
 
+    required_probability: float = quantity(
+        '1', 'probability of getting over that a crossing must have', minimum=0.5,
+        maximum=0.999, default=0.9)
+    room_behind: float = quantity(
+        'm', 'ground known to be free behind the place where the ball started', minimum=0.0,
+        default=0.0)
+    unseen_room: float = quantity(
+        'm', 'floor taken for granted behind an edge that a sensor does not see beyond',
+        minimum=0.0, default=0.45)
+    actuation_delay: float = quantity(
+        's', 'time from an odometry message until its answer acts', minimum=0.0, maximum=0.5,
+        default=0.0)
+    height_bias_sd: float = quantity(
+        'm', 'standard deviation of what a sensor of heights is off by all the time',
+        minimum=0.0, default=0.0005)
+
     def __post_init__(self) -> None:
         """Check each value, then that the speeds agree."""
         super().__post_init__()
@@ -60,6 +83,10 @@ class DecisionTuning(Checked):
             raise ConfigurationError(
                 f'DecisionTuning: cruise_speed must be at most highest_speed '
                 f'({self.highest_speed:g} m/s), got {self.cruise_speed:g} m/s')
+        if self.emergency_lean < self.largest_lean:
+            raise ConfigurationError(
+                f'DecisionTuning: emergency_lean must be at least largest_lean '
+                f'({self.largest_lean:g} rad), got {self.emergency_lean:g} rad')
 
     @property
     def halved(self) -> tuple[float, float, float]:

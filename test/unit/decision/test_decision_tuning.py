@@ -38,6 +38,13 @@ def test_cruising_above_the_limit_is_refused():
     assert DecisionTuning(cruise_speed=1.1).cruise_speed == 1.1
 
 
+def test_an_emergency_that_leans_less_than_usual_is_refused():
+    with pytest.raises(ConfigurationError, match='emergency_lean must be at least largest_lean'):
+        DecisionTuning(largest_lean=1.45)
+    assert DecisionTuning(largest_lean=1.4).emergency_lean == 1.4
+    assert DecisionTuning(largest_lean=1.5, emergency_lean=1.5).largest_lean == 1.5
+
+
 TINY = 1e-9
 
 
@@ -45,10 +52,16 @@ TINY = 1e-9
     *((name, [TINY], [0.0, -TINY]) for name in (
         'acceleration', 'deceleration', 'reaction_time', 'speed_gain', 'observation_timeout',
         'contradiction_sigma', 'cruise_speed')),
-    *((name, [0.0], [-TINY]) for name in ('height_margin', 'sigma_margin', 'stop_gap')),
+    *((name, [0.0], [-TINY]) for name in (
+        'height_margin', 'sigma_margin', 'stop_gap', 'room_behind', 'unseen_room',
+        'height_bias_sd')),
+    ('required_probability', [0.5, 0.999], [0.5 - TINY, 0.999 + TINY]),
+    ('actuation_delay', [0.0, 0.5], [-TINY, 0.5 + TINY]),
+    ('emergency_lean', [0.7, 1.55], [0.0, 1.55 + TINY]),
+    ('largest_swing', [0.0, 3.1], [-TINY, 3.1 + TINY]),
     ('highest_speed', [0.4], [0.0]),
     ('speed_margin', [0.0, 1.0], [-TINY, 1.0 + TINY]),
-    ('largest_lean', [TINY, 1.5], [0.0, 1.5 + TINY]),
+    ('largest_lean', [TINY, 1.4], [0.0, 1.5 + TINY]),
     ('forget_after', [1], [0])])
 def test_each_number_has_its_range(name, allowed, refused):
     for value in allowed:
