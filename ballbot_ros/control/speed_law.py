@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Speed control by the angle of the pendulum: holds slopes, stops in time, and stays there.
+
+A pendulum at the angle phi speeds the ball up, along a slope s (positive where it rises
+towards +x), by::
+
+    a = R (M2 g e sin(phi) - D) / (J1 + M R^2 - M2 e R cos(phi - s)),   D = M g R sin(s)
+
+The law is a cascade around law (11), which follows a set angle with the lag kd / kp:
+
+* An observer estimates the resistance D from speed and pendulum angle.  It is told where the
+  pendulum *is*, not where it should be, so that it does not wind up while the pendulum is at its
+  largest lean, swings, or has no torque; an integral of the speed error would.
+* The wanted angle is the one that overcomes D and gives the acceleration
+  speed_gain (set_speed - speed), within the largest lean.
+* The set angle leads the wanted one by as much as makes the pendulum get there within
+  swing_time instead of lag, and by what law (11) is seen to fall short in the mean (friction of
+  the joint, gravity where it is not compensated).
+
+All functions are pure and compiled.  From Python, hand in ``law[:]`` where a `SpeedLaw` is
+asked for: kernels take plain tuples.
+"""
+import math
+from typing import NamedTuple
+
+from ballbot_ros.compiled import compiled
+from ballbot_ros.control.rolling_model import require_pendulum
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.model.robot import Robot
+
+# Speed [m/s] and resistance [N m] as estimated, pendulum angle at the last step, angle that law
+# (11) should have brought it to, how far it falls short of that in the mean, last set angle.
+SpeedState = tuple[float, float, float, float, float, float]
+# The numbers of a `SpeedLaw`.
+Numbers = tuple[float, float, float, float, float, float, float, float, float]
+
+FURTHEST = math.pi / 2.0  # the set angle leads no further than to a level pendulum [rad]
+MOST_RESISTANCE = 1.5  # of what a level pendulum overcomes; a wall is no slope
+SHORTFALL_RATE = 1.5  # [1/s] at which the mean shortfall of law (11) is learnt
+MOST_SHORTFALL = 0.35  # [rad]
+
+
+class SpeedLaw(NamedTuple):
+    """Robot and gains as the functions of this module read them."""
+
+    gravity_torque: float  # M2 g e [N m]
+    weight_torque: float  # M g R [N m]
+    inertia: float  # J1 + M R^2 [kg m2]
+    coupling: float  # M2 e R [kg m2]
+    radius: float  # [m]
+    lag: float  # kd / kp of law (11) [s]
+    speed_gain: float  # wanted acceleration per speed error [1/s]
+    swing_time: float  # within which the pendulum follows the wanted angle [s]
+    observer_rate: float  # at which the estimate of the resistance converges [1/s]
+
+    @classmethod
+    def of(cls, robot: Robot, lag: float, speed_gain: float = 2.5, swing_time: float = 0.1,
+           observer_rate: float = 4.0) -> 'SpeedLaw':
+        """
+        Return the law for a robot with a pendulum that follows set angles with a lag [s].
+
+        Raises
+        ------
+        ConfigurationError
+            If the robot has no pendulum.
+
+        """
+        require_pendulum(robot)
+        for name, value in (('lag', lag), ('speed_gain', speed_gain), ('swing_time', swing_time),
+                            ('observer_rate', observer_rate)):
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigurationError(f'{name} must be above 0 and finite, got {value!r}')
+        return cls(
+            robot.largest_gravity_torque, robot.weight * robot.ball_radius,
+            robot.ball_inertia + robot.total_mass * robot.ball_radius**2,
+            robot.pendulum_mass * robot.pendulum_length * robot.ball_radius, robot.ball_radius,
+            lag, speed_gain, swing_time, observer_rate)
+
+
+@compiled
+def speed_law_start(speed: float, pendulum_angle: float, slope: float, law: Numbers) -> SpeedState:
+    """Return the state of the law for a ball at a speed [m/s] on a slope that it expects [rad]."""
+    return (speed, SpeedLaw(*law).weight_torque * math.sin(slope), pendulum_angle, pendulum_angle,
+            0.0, pendulum_angle)
+
+
+@compiled
+def acceleration(pendulum_angle: float, slope: float, law: Numbers) -> float:
+    """Return the acceleration along a slope with the pendulum held, friction left out [m/s2]."""
+    own = SpeedLaw(*law)
+    return own.radius * (
+        own.gravity_torque * math.sin(pendulum_angle) - own.weight_torque * math.sin(slope)) / (
+            own.inertia - own.coupling * math.cos(pendulum_angle - slope))
+
+
+@compiled
+def wanted_angle(wanted: float, resistance: float, lean: float, law: Numbers) -> float:
+    """
+    Return the pendulum angle for an acceleration against a resistance, within +-lean [rad].
+
+    Parameters
+    ----------
+    wanted : float
+        Acceleration [m/s2].
+    resistance : float
+        [N m] about the contact; on a slope s it is M g R sin(s).
+    lean : float
+        [rad], at most pi / 2.
+    law : Numbers
+
+    """
+    own = SpeedLaw(*law)
+    # R M2 g e sin(phi) + a M2 e R cos(phi) = a (J1 + M R^2) + R D
+    along, across = own.radius * own.gravity_torque, wanted * own.coupling
+    share = (wanted * own.inertia + own.radius * resistance) / math.hypot(along, across)
+    angle = math.asin(min(max(share, -1.0), 1.0)) - math.atan2(across, along)
+    return min(max(angle, -lean), lean)
+
+
+@compiled
+def speed_law_step(state: SpeedState, speed: float, pendulum_angle: float, set_speed: float,
+                   lean: float, period: float, law: Numbers) -> tuple[SpeedState, float]:
+    """
+    Return the next state of the law, and the set angle for law (11) [rad].
+
+    Parameters
+    ----------
+    state : SpeedState
+        See `speed_law_start`.
+    speed : float
+        Of the ball [m/s].
+    pendulum_angle : float
+        Absolute [rad]; NaN where it is not measured: then it is taken from the set angles.
+    set_speed : float
+        [m/s]
+    lean : float
+        Largest wanted angle of the pendulum [rad], at most pi / 2.
+    period : float
+        Since the last step, above 0 [s].
+    law : Numbers
+
+    """
+    own = SpeedLaw(*law)
+    estimate, resistance, before, followed, shortfall, set_angle = state
+    followed = set_angle + (followed - set_angle) * math.exp(-period / own.lag)
+    angle = followed if math.isnan(pendulum_angle) else pendulum_angle
+    # The observer: both of its poles at observer_rate, whatever the period.
+    middle = 0.5 * (before + angle)
+    inertia = (own.inertia - own.coupling * math.cos(middle)) / own.radius
+    estimate += period * (own.gravity_torque * math.sin(middle) - resistance) / inertia
+    error, pole = speed - estimate, math.exp(-own.observer_rate * period)
+    estimate += (1.0 - pole * pole) * error
+    most = MOST_RESISTANCE * own.gravity_torque
+    resistance -= (1.0 - pole) * (1.0 - pole) / period * inertia * error
+    resistance = min(max(resistance, -most), most)
+    # What law (11) falls short by in the mean.
+    shortfall += (1.0 - math.exp(-SHORTFALL_RATE * period)) * (followed - angle - shortfall)
+    shortfall = min(max(shortfall, -MOST_SHORTFALL), MOST_SHORTFALL)
+    wanted = wanted_angle(own.speed_gain * (set_speed - estimate), resistance, lean, law)
+    lead = max(own.lag / own.swing_time - 1.0, 0.0)
+    set_angle = wanted + lead * (wanted - angle) + shortfall
+    set_angle = min(max(set_angle, -FURTHEST), FURTHEST)
+    return (estimate, resistance, angle, followed, shortfall, set_angle), set_angle
+
+
+@compiled
+def estimated_slope(state: SpeedState, law: Numbers) -> float:
+    """Return the slope that resists as the law estimates, positive uphill towards +x [rad]."""
+    return math.asin(min(max(state[1] / SpeedLaw(*law).weight_torque, -1.0), 1.0))
+
+
+@compiled
+def holding_angle(slope: float, law: Numbers) -> float:
+    """Return the pendulum angle that stands on a slope, NaN where it is too steep [rad]."""
+    own = SpeedLaw(*law)
+    share = own.weight_torque * math.sin(slope) / own.gravity_torque
+    return math.asin(share) if -1.0 <= share <= 1.0 else math.nan
+
+
+@compiled
+def steepest_slope(lean: float, law: Numbers) -> float:
+    """Return the slope that a lean holds, asin(M2 e sin(lean) / (M R)) [rad]."""
+    own = SpeedLaw(*law)
+    return math.asin(min(own.gravity_torque * math.sin(lean) / own.weight_torque, 1.0))
+
+
+@compiled
+def braking_distance(speed: float, slope: float, lean: float, reaction: float,
+                     law: Numbers) -> float:
+    """
+    Return the way to a stop, v (reaction + lag) + v^2 / (2 b) [m].
+
+    Parameters
+    ----------
+    speed : float
+        Towards +x [m/s], rolling steadily; backwards the way is 0.
+    slope : float
+        Positive where it rises towards +x [rad].
+    lean : float
+        Of the pendulum against the motion [rad].
+    reaction : float
+        Time until the set angle answers [s].
+    law : Numbers
+
+    Returns
+    -------
+    float
+        Infinite where the ball cannot be braked.
+
+    """
+    if speed <= 0.0:
+        return 0.0
+    braking = -acceleration(-lean, slope, law)
+    if braking <= 0.0:
+        return math.inf
+    return speed * (reaction + SpeedLaw(*law).lag + speed / (2.0 * braking))
+
+
+@compiled
+def stopping_speed(gap: float, slope: float, lean: float, reaction: float,
+                   law: Numbers) -> float:
+    """
+    Return the speed from which the ball stops within a gap: inverse of `braking_distance` [m/s].
+
+    0 where there is no gap, or no braking.
+    """
+    braking = -acceleration(-lean, slope, law)
+    if gap <= 0.0 or braking <= 0.0:
+        return 0.0
+    lost = braking * (reaction + SpeedLaw(*law).lag)
+    return 2.0 * braking * gap / (math.sqrt(lost * lost + 2.0 * braking * gap) + lost)
