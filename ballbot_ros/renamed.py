@@ -41,6 +41,8 @@ PYTHON = {
     'ballbot_ros.decision.lean': 'ballbot_ros.decision.set_angle',
     'ballbot_ros.decision.wanted_speed': 'ballbot_ros.decision.approach_speed',
     'ballbot_ros.decision.Sighting': 'ballbot_ros.decision.Profile',
+    'ballbot_ros.studies.uncertainty': 'ballbot_ros.physics.model.uncertainty',
+    'ballbot_ros.studies.parameters': 'ballbot_ros.physics.model.named_parameters',
     'ballbot_ros.results.Face': 'ballbot_ros.results.FaceMeeting',
     'ballbot_ros.studies.sweep_plan.Plan': 'ballbot_ros.studies.sweep_plan.SweepPlan',
     'ballbot_ros.decision.Track': 'ballbot_ros.decision.Profile',

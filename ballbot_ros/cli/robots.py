@@ -41,7 +41,7 @@ def print_table(robot: Any) -> None:
 
 def _rows(robot: Any) -> Iterator[tuple[str, str, str, str, str, str]]:
     """Yield the cells of each number, then those of what follows from them."""
-    from ballbot_ros.studies.parameters import MOTOR, ROBOT
+    from ballbot_ros.physics.model.named_parameters import MOTOR, ROBOT
     for name, metadata in {**ROBOT, **(MOTOR if robot.motor else {})}.items():
         known = robot.provenance.get(name)
         bounds = ''

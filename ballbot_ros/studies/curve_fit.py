@@ -25,8 +25,8 @@ from ballbot_ros.decision.curve import CurveProvenance, HeightCurve
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Actuation, Robot
 from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.model.uncertainty import draw, uncertain
 from ballbot_ros.studies.progress import ignore
-from ballbot_ros.studies.uncertainty import draw, uncertain
 
 LEAST_SLOPE = 1e-4  # of a curve [s]
 PROBABILITIES = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 1.0)

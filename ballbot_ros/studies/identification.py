@@ -23,9 +23,9 @@ from scipy.stats import chi2, qmc, t as student
 from ballbot_ros.config.fields import suggestion
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.physics import Scene
+from ballbot_ros.physics.model.named_parameters import described, MOTOR, ROBOT, with_parameters
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.scene import Initial
-from ballbot_ros.studies.parameters import described, MOTOR, ROBOT, with_parameters
 from ballbot_ros.studies.progress import ignore
 from ballbot_ros.studies.recording import Recording, replay
 

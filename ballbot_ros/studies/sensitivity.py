@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ballbot_ros.physics.model.named_parameters import MOTOR, ROBOT
 from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.model.uncertainty import changed, draw, independent, ranges
 from ballbot_ros.studies.cases import Case, step_height, step_heights
-from ballbot_ros.studies.parameters import MOTOR, ROBOT
 from ballbot_ros.studies.progress import ignore, Progress, tracked
-from ballbot_ros.studies.uncertainty import changed, draw, independent, ranges
 
 COARSE = 1e-4  # accuracy of heights that only shade a map [m]
 WHAT_IF = 0.1  # part by which numbers without a range are changed

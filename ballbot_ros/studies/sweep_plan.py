@@ -20,8 +20,8 @@ from ballbot_ros.crossing import actuation_for, Rules, Site
 from ballbot_ros.crossing.rules import HEIGHT, SPEED
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Actuation, Robot
+from ballbot_ros.physics.model.named_parameters import described, MOTOR, ROBOT, with_parameters
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.studies.parameters import described, MOTOR, ROBOT, with_parameters
 
 DESIGNS = ('grid', 'sobol', 'random')
 MOST_CASES = 10**9

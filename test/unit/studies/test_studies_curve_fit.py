@@ -12,9 +12,9 @@ from ballbot_ros.crossing import held_at, max_step_height, rolling
 from ballbot_ros.decision import load_curve
 from ballbot_ros.decision.curve_file import curve_text
 from ballbot_ros.physics import Actuation, load_robot
+from ballbot_ros.physics.model.uncertainty import draw, uncertain
 from ballbot_ros.studies.curve_fit import (
     conservative_cubic, fit_curve, LEAST_SLOPE, monotone_cubic, Request)
-from ballbot_ros.studies.uncertainty import draw, uncertain
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 SPEEDS = np.linspace(0.2, 1.2, 21)

@@ -8,10 +8,10 @@ import pytest
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Actuation, load_robot
+from ballbot_ros.physics.model.uncertainty import changed, draw, independent, ranges
 from ballbot_ros.studies.cases import Case, holding, LEVEL, step_height, step_heights
 from ballbot_ros.studies.sensitivity import (
     design_map, heights_on_slopes, sampled_heights, sensitivity)
-from ballbot_ros.studies.uncertainty import changed, draw, independent, ranges
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 

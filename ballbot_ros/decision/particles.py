@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Robots and sensors that may be the ones at hand, each with a weight: what the decision counts on.
+
+Particles are drawn from what is known beforehand (`Prior`): the ranges of the derived numbers of
+the robot file, friction in a range around its coefficients, for what is published is of one floor
+(unless the file has a range), and a constant error of the heights that the sensor tells. The motor
+is left as the robot file gives it: its ranges span different motors, and one's own is in its data
+sheet. Outcomes of attempts change the weights (`learning`).
+"""
+from dataclasses import dataclass, replace
+from statistics import NormalDist
+from typing import Mapping, Tuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballbot_ros.config.fields import Checked, count, quantity
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.model.uncertainty import (
+    changed, independent, ranges, rows_of_parameters, spread_points, uncertain)
+
+# Columns that every set of particles has, whatever the robot file is uncertain of.
+SURFACE_FRICTION, EDGE_FRICTION, HEIGHT_BIAS = 'surface_friction', 'edge_friction', 'height_bias'
+GROUND = (SURFACE_FRICTION, EDGE_FRICTION)
+
+# Weights that amount to fewer than this part of the particles: they are drawn anew.
+FEWEST = 1.0 / 3.0
+# Part of the spread of the particles that drawing anew adds, and takes from their distances.
+JITTER = 0.25
+# The height bias is drawn within so many standard deviations.
+FARTHEST = 4.0
+
+
+@dataclass(frozen=True)
+class Prior(Checked):
+    """
+    What is assumed of a robot and its sensor before the first attempt.
+
+    Raises
+    ------
+    ConfigurationError
+        If a value is out of range, or the friction range is empty.
+
+    """
+
+    particles: int = count('robots that are counted with', minimum=8, maximum=4096, default=256)
+    lowest_friction: float = quantity(
+        '1', 'least friction of this floor, over that of the robot file; assumed',
+        above=0.0, default=0.6)
+    highest_friction: float = quantity(
+        '1', 'most friction of this floor, over that of the robot file; assumed',
+        above=0.0, default=1.3)
+    height_bias_sd: float = quantity(
+        'm', 'standard deviation of the constant error of heights that the sensor tells; '
+        'assumed', minimum=0.0, maximum=0.05, default=0.003)
+    seed: int = count('of the draw', default=0)
+
+    def __post_init__(self) -> None:
+        """Check each value, then the range."""
+        super().__post_init__()
+        if self.lowest_friction > self.highest_friction:
+            raise ConfigurationError(
+                f'Prior: lowest_friction must be at most highest_friction '
+                f'({self.highest_friction:g}), got {self.lowest_friction:g}')
+
+
+@dataclass(frozen=True, eq=False)
+class Particles:
+    """
+    Robots that may be the one at hand; make them with `Particles.of`.
+
+    Attributes
+    ----------
+    robot : Robot
+        As its file says.
+    names : tuple of str
+        Of the columns: fields of the robot, and ``height_bias``: what the sensor tells minus what
+        is true [m].
+    values : (N, k) array
+        SI.
+    weights : (N,) array
+        Their sum is 1.
+    lows, highs : (k,) arrays
+        Between these lie the values.
+    rows : (N, 15) array
+        `Parameters` of each robot.
+    outcomes : int
+        By which the weights were changed.
+
+    """
+
+    robot: Robot
+    names: Tuple[str, ...]
+    values: Array
+    weights: Array
+    lows: Array
+    highs: Array
+    rows: Array
+    outcomes: int = 0
+
+    @classmethod
+    def of(cls, robot: Robot, prior: Prior = Prior()) -> 'Particles':
+        """
+        Draw robots; the same for the same seed, all of the same weight.
+
+        Raises
+        ------
+        ConfigurationError
+            If an end of a range contradicts other numbers of the robot.
+
+        """
+        known = ranges(robot)
+        drawn = {**independent(uncertain(robot)), **{
+            name: known.get(name, (prior.lowest_friction * getattr(robot, name),
+                                   prior.highest_friction * getattr(robot, name)))
+            for name in GROUND}}
+        for name, ends in drawn.items():
+            for end in ends:
+                changed(robot, {name: end})  # refuses what contradicts
+        number, reach = prior.particles, FARTHEST * prior.height_bias_sd
+        lows = np.array([low for low, _ in drawn.values()] + [-reach])
+        highs = np.array([high for _, high in drawn.values()] + [reach])
+        points = spread_points(len(lows), number, prior.seed)
+        # Not in the order of the sequence: every n-th of its points are no even sample.
+        points = points[np.random.default_rng(prior.seed).permutation(number)]
+        values = lows + points * (highs - lows)
+        middle = np.clip(points[:, -1], 1e-9, 1.0 - 1e-9)
+        bias = np.array([NormalDist().inv_cdf(part) for part in middle.tolist()])
+        values[:, -1] = np.clip(prior.height_bias_sd * bias, -reach, reach)
+        names = (*drawn, HEIGHT_BIAS)
+        return cls(robot, names, _fixed(values), _fixed(np.full(number, 1.0 / number)),
+                   _fixed(lows), _fixed(highs), _rows(robot, names, values))
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self.weights)
+
+    def column(self, name: str) -> Array:
+        """Return a number of each particle, (N,), SI; that of the robot where it is certain."""
+        if name in self.names:
+            column: Array = self.values[:, self.names.index(name)]
+            return column
+        return np.full(len(self), getattr(self.robot, name))
+
+    def parameters(self, index: int) -> Tuple[float, ...]:
+        """Return a robot as the kernels read it: its `Parameters` as a plain tuple."""
+        return tuple(self.rows[index].tolist())
+
+    def one(self, index: int) -> Robot:
+        """Return a particle as a robot."""
+        values = dict(zip(self.names, self.values[index].tolist()))
+        values.pop(HEIGHT_BIAS)
+        return changed(self.robot, values)
+
+    @property
+    def effective_size(self) -> float:
+        """Return 1 / sum(w^2): so many particles of the same weight tell as much."""
+        return float(1.0 / np.sum(self.weights**2))
+
+    def mean(self, name: str) -> float:
+        """Return the weighted mean of a column."""
+        return float(self.weights @ self.column(name))
+
+    def deviation(self, name: str) -> float:
+        """Return the weighted standard deviation of a column."""
+        apart = self.column(name) - self.mean(name)
+        return float(np.sqrt(self.weights @ apart**2))
+
+    def draw(self, number: int, seed: int = 0) -> NDArray[np.int64]:
+        """
+        Return `number` indices of particles, by weight; systematic resampling.
+
+        A particle of weight w comes between floor(w number) and ceil(w number) times.
+        """
+        start = np.random.default_rng(seed).random()
+        steps = (start + np.arange(number)) / number
+        # The sum of all weights may miss 1 by rounding.
+        found = np.searchsorted(np.cumsum(self.weights), steps, side='right')
+        return np.minimum(found, len(self) - 1)
+
+    def reweighted(self, log_likelihood: ArrayLike) -> 'Particles':
+        """
+        Return the particles after an outcome.
+
+        Where few of them carry all the weight, they are drawn anew around those, with the same
+        mean and covariance (Liu and West 2001, Combined parameter and state estimation).
+
+        Parameters
+        ----------
+        log_likelihood : (N,) array_like
+            Of what happened, under each particle.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is not a finite one for each particle.
+
+        """
+        given = np.asarray(log_likelihood, dtype=float)
+        if given.shape != self.weights.shape or not np.isfinite(given).all():
+            raise ConfigurationError(
+                f'log_likelihood must hold {len(self)} finite numbers, got shape {given.shape}')
+        weights = self.weights * np.exp(given - given.max())
+        after = replace(self, weights=_fixed(weights / weights.sum()),
+                        outcomes=self.outcomes + 1)
+        if after.effective_size >= FEWEST * len(self):
+            return after
+        return after._drawn_anew()
+
+    def _drawn_anew(self) -> 'Particles':
+        """Return particles of the same weight, spread as these are with their weights."""
+        mean = self.weights @ self.values
+        apart = self.values - mean
+        covariance = (self.weights[:, None] * apart).T @ apart
+        # Numbers that are certain have no spread; eigenvalues may miss 0 by rounding.
+        sizes, axes = np.linalg.eigh(covariance)
+        root = axes * np.sqrt(np.maximum(sizes, 0.0))
+        random = np.random.default_rng(self.outcomes)
+        chosen = self.values[self.draw(len(self), self.outcomes)]
+        values = (mean + np.sqrt(1.0 - JITTER**2) * (chosen - mean)
+                  + JITTER * random.standard_normal(chosen.shape) @ root.T)
+        # What leaves its range comes back in, as from a mirror.
+        values = np.where(values > self.highs, 2.0 * self.highs - values, values)
+        values = np.where(values < self.lows, 2.0 * self.lows - values, values)
+        values = np.clip(values, self.lows, self.highs)
+        return replace(self, values=_fixed(values), rows=_rows(self.robot, self.names, values),
+                       weights=_fixed(np.full(len(self), 1.0 / len(self))))
+
+
+def _rows(robot: Robot, names: Tuple[str, ...], values: Array) -> Array:
+    columns: Mapping[str, Array] = {
+        name: column for name, column in zip(names, values.T) if name != HEIGHT_BIAS}
+    return _fixed(rows_of_parameters(robot, columns, len(values)))
+
+
+def _fixed(array: Array) -> Array:
+    array.setflags(write=False)
+    return array

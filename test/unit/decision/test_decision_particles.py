@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Robots that may be the one at hand: drawn, weighed and drawn anew."""
+from dataclasses import replace
+from time import perf_counter
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+from ballbot_ros.config.provenance import Provenance
+from ballbot_ros.decision.particles import Particles, Prior
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import load_robot
+from ballbot_ros.physics.model.contact_options import ContactOptions
+from ballbot_ros.physics.model.parameters import Parameters
+
+GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
+PARTICLES = Particles.of(GIMBALL)
+
+
+def pulled(particles, name, middle, deviation):
+    """Return particles after a measurement of a column with normal errors."""
+    return particles.reweighted(-0.5 * ((particles.column(name) - middle) / deviation)**2)
+
+
+def test_each_row_is_what_the_kernels_read_of_that_robot():
+    for particles in (PARTICLES, Particles.of(SHELLBALL),
+                      pulled(PARTICLES, 'pendulum_mass', 1.4, 0.02)):
+        for index in (0, 7, len(particles) - 1):
+            robot = particles.one(index)
+            assert particles.parameters(index) == pytest.approx(
+                Parameters.of(robot, ContactOptions())[:], rel=1e-14)
+            assert robot.total_mass == pytest.approx(particles.robot.total_mass, rel=1e-14)
+            assert robot.edge_friction == particles.column('edge_friction')[index]
+
+
+def test_the_draw_fills_the_ranges_evenly():
+    assert set(PARTICLES.names) == {'ball_inertia', 'pendulum_mass', 'surface_friction',
+                                    'edge_friction', 'height_bias'}
+    for name in PARTICLES.names[:-1]:
+        column = PARTICLES.column(name)
+        index = PARTICLES.names.index(name)
+        low, high = PARTICLES.lows[index], PARTICLES.highs[index]
+        counts, _ = np.histogram(column, 8, (low, high))
+        assert counts.tolist() == [32] * 8, name
+    assert PARTICLES.deviation('height_bias') == pytest.approx(0.003, rel=0.02)
+    assert abs(PARTICLES.mean('height_bias')) < 1e-4
+    assert (PARTICLES.column('ball_radius') == GIMBALL.ball_radius).all()
+
+
+def test_a_range_in_the_robot_file_goes_before_the_assumed_one():
+    known = {**GIMBALL.provenance,
+             'edge_friction': Provenance('measured', 0.13, 0.15)}
+    particles = Particles.of(replace(GIMBALL, provenance=known))
+    assert 0.13 <= particles.column('edge_friction').min() < 0.131
+    assert 0.149 < particles.column('edge_friction').max() <= 0.15
+
+
+def test_they_are_made_within_50_ms():
+    begin = perf_counter()
+    for _ in range(5):
+        Particles.of(GIMBALL)
+    assert (perf_counter() - begin) / 5 < 0.05
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(1, 600), st.integers(0, 99))
+def test_each_particle_is_drawn_as_often_as_its_weight_says(number, seed):
+    particles = pulled(PARTICLES, 'edge_friction', 0.12, 0.02)
+    drawn = particles.draw(number, seed)
+    often = np.bincount(drawn, minlength=len(particles))
+    assert len(drawn) == number
+    assert (abs(often - number * particles.weights) < 1.0 + 1e-9).all()
+    assert (drawn == particles.draw(number, seed)).all()
+
+
+@pytest.mark.parametrize('deviation', [0.02, 0.01, 0.003])
+def test_drawn_anew_they_keep_mean_and_deviation(deviation):
+    weights = np.exp(-0.5 * ((PARTICLES.column('edge_friction') - 0.12) / deviation)**2)
+    expected = np.average(PARTICLES.values, axis=0, weights=weights)
+    after = pulled(PARTICLES, 'edge_friction', 0.12, deviation)
+    assert after.effective_size >= len(after) / 3
+    assert after.mean('edge_friction') == pytest.approx(0.12, abs=0.15 * deviation)
+    assert after.deviation('edge_friction') == pytest.approx(deviation, rel=0.15)
+    for name, mean in zip(after.names, expected):
+        assert after.mean(name) == pytest.approx(mean, abs=0.15 * PARTICLES.deviation(name))
+    assert (after.values >= after.lows).all() and (after.values <= after.highs).all()
+
+
+def test_hundreds_of_outcomes_leave_particles_that_differ_and_stay_in_range():
+    particles = PARTICLES
+    for number in range(300):
+        particles = pulled(particles, particles.names[number % 5],
+                           particles.highs[number % 5] * 1.2, 0.05 * particles.highs[number % 5])
+        assert particles.weights.sum() == pytest.approx(1.0, abs=1e-12)
+    assert particles.outcomes == 300
+    assert (particles.values <= particles.highs).all()
+    assert len(np.unique(particles.values[:, 0])) > 100
+
+
+@pytest.mark.parametrize('wrong', [[0.0], [np.nan] * 256, [np.inf] * 256, [-np.inf] * 256])
+def test_a_likelihood_that_is_none_is_refused(wrong):
+    with pytest.raises(ConfigurationError, match='256 finite numbers'):
+        PARTICLES.reweighted(wrong)
+
+
+def test_a_value_cannot_be_changed():
+    for array in (PARTICLES.values, PARTICLES.weights, PARTICLES.rows):
+        with pytest.raises(ValueError):
+            array[0] = 0.0
+
+
+@pytest.mark.parametrize('change, words', [
+    ({'lowest_friction': 1.4}, 'at most highest_friction'),
+    ({'particles': 4}, 'at least 8'), ({'height_bias_sd': 0.1}, 'at most 0.05 m')])
+def test_a_prior_that_makes_no_sense_is_refused(change, words):
+    with pytest.raises(ConfigurationError, match=words):
+        Prior(**change)
+
+
+def test_a_range_that_contradicts_the_robot_is_refused():
+    known = {**GIMBALL.provenance, 'pendulum_length': Provenance('derived', 0.05, 0.3)}
+    with pytest.raises(ConfigurationError, match='pendulum_length must be at most ball_radius'):
+        Particles.of(replace(GIMBALL, provenance=known))
