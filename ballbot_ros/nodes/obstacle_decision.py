@@ -21,13 +21,16 @@ from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import DecisionSettings
 
+# Where observations come more slowly, set-points are published with the odometry in between [s].
+LONGEST_SILENCE = 0.025
+
 
 class ObstacleDecision(Node):
     """
     Decides and publishes set-points; see `DecisionSettings` for what can be set.
 
-    An observation is judged with the first odometry that is not older than it, so that the
-    answer depends on stamps alone and not on which message happened to arrive first.
+    An observation waits for odometry that is not older than it, so that the answer depends on
+    stamps alone and not on which message happened to arrive first.
     """
 
     def __init__(self, **kwargs: Any):
@@ -39,10 +42,8 @@ class ObstacleDecision(Node):
                               load_decision_tuning(settings.tuning))
         check_decision(knowledge.robot, knowledge.curve, knowledge.tuning)
         self._decider = Decider(knowledge, settings.planner)
-        self._timeout = knowledge.tuning.observation_timeout
         self._odometry: Optional[Odometry] = None
-        self._observed: Optional[Time] = None
-        self._pending = False
+        self._observed: Optional[StepObservation] = None
         self._counts: Counter = Counter()
         self._answer: Optional[Tuple[StepDecision, JointState]] = None
         self._decisions = create_publisher(self, StepDecision, 'step_decision', qos.LATCHED)
@@ -58,38 +59,39 @@ class ObstacleDecision(Node):
             self._publish()
             return
         self._decider.observe(observation(message))
-        self._observed, self._pending = message.header.stamp, True
+        self._observed = message
         self._decide_pending()
 
     def _on_odometry(self, message: Odometry) -> None:
         if self._odometry is not None and _key(message) < _key(self._odometry):
             self.get_logger().warning('time went back: all observations so far are dropped')
             self._decider.reset()
-            self._observed, self._pending, self._answer = None, False, None
+            self._observed, self._answer = None, None
         self._odometry = message
         self._decider.move(motion(message))
         self._decide_pending()
-        if self._observed is not None and not self._pending \
-                and to_seconds(message.header.stamp) - to_seconds(self._observed) > self._timeout:
-            # Observations have timed out while odometry goes on.
+        # Between observations, and when they have ended, the ball is driven all the same.
+        if self._answer is not None and to_seconds(message.header.stamp) \
+                - to_seconds(self._answer[1].header.stamp) > LONGEST_SILENCE:
             self._decide(message.header.stamp)
 
     def _decide_pending(self) -> None:
         """Decide on the newest observation when there is odometry that is not older."""
-        if self._pending and self._odometry is not None and self._observed is not None \
-                and _key(self._odometry) >= (self._observed.sec, self._observed.nanosec):
-            self._pending = False
-            self._decide(self._observed)
+        if self._observed is not None and self._odometry is not None \
+                and _key(self._odometry) >= _key(self._observed):
+            stamp, self._observed = self._observed.header.stamp, None
+            self._decide(stamp)
 
     def _decide(self, stamp: Time) -> None:
-        """Publish a decision and the set-point that follows from it."""
+        """Publish a decision stamped like its observation, and the set-point for now."""
         before = self._decider.decision
         answer = self._decider.decide()
         decision = answer.decision
         self._counts[decision.kind.value] += 1
-        # Stamped with the observation: in lockstep this names the period that it is for.
+        # In lockstep the stamp of the set-point names the period that it is for.
+        now = self._odometry.header.stamp if self._odometry is not None else stamp
         self._answer = (decision_message(stamp, decision),
-                        set_point_message(stamp, answer.set_angle))
+                        set_point_message(now, answer.set_angle))
         self._publish()
         if before is None or (before.kind, before.reason) != (decision.kind, decision.reason):
             self.get_logger().info(f'{decision.kind.name}: {decision.explanation}')

@@ -70,7 +70,8 @@ def test_two_runs_are_the_same_to_the_bit_even_under_load_and_another_seed_is_an
     other = record(make_graph(), scene, seed=8)
     assert len(first) == 2 * (PERIODS + 1) + PERIODS // 5 + 1
     assert first.keys() == second.keys()
-    assert {key for key, text in first.items() if text != second[key]} == set()
+    differ = sorted((key[1], key[0]) for key, text in first.items() if text != second[key])
+    assert differ[:3] == []
     assert first != other
     assert 'kind=2' in ''.join(first.values())  # the edge of the step was in it
 
