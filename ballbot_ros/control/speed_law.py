@@ -37,6 +37,8 @@ Numbers = tuple[float, float, float, float, float, float, float, float, float]
 
 FURTHEST = math.pi / 2.0  # the set angle leads no further than to a level pendulum [rad]
 MOST_RESISTANCE = 1.5  # of what a level pendulum overcomes; a wall is no slope
+BRAKING = 0.7  # share of the possible deceleration with which the ball comes to a place
+LEAST_BRAKING = 0.02  # [m/s2]
 SHORTFALL_RATE = 1.5  # [1/s] at which the mean shortfall of law (11) is learnt
 MOST_SHORTFALL = 0.35  # [rad]
 
@@ -55,7 +57,7 @@ class SpeedLaw(NamedTuple):
     observer_rate: float  # at which the estimate of the resistance converges [1/s]
 
     @classmethod
-    def of(cls, robot: Robot, lag: float, speed_gain: float = 2.5, swing_time: float = 0.1,
+    def of(cls, robot: Robot, lag: float, speed_gain: float = 2.0, swing_time: float = 0.15,
            observer_rate: float = 4.0) -> 'SpeedLaw':
         """
         Return the law for a robot with a pendulum that follows set angles with a lag [s].
@@ -119,8 +121,9 @@ def wanted_angle(wanted: float, resistance: float, lean: float, law: Numbers) ->
 
 
 @compiled
-def speed_law_step(state: SpeedState, speed: float, pendulum_angle: float, set_speed: float,
-                   lean: float, period: float, law: Numbers) -> tuple[SpeedState, float]:
+def motion_law_step(state: SpeedState, speed: float, pendulum_angle: float, set_speed: float,
+                    set_acceleration: float, lean: float, period: float, law: Numbers
+                    ) -> tuple[SpeedState, float]:
     """
     Return the next state of the law, and the set angle for law (11) [rad].
 
@@ -132,8 +135,8 @@ def speed_law_step(state: SpeedState, speed: float, pendulum_angle: float, set_s
         Of the ball [m/s].
     pendulum_angle : float
         Absolute [rad]; NaN where it is not measured: then it is taken from the set angles.
-    set_speed : float
-        [m/s]
+    set_speed, set_acceleration : float
+        [m/s] and how that changes [m/s2].
     lean : float
         Largest wanted angle of the pendulum [rad], at most pi / 2.
     period : float
@@ -157,11 +160,58 @@ def speed_law_step(state: SpeedState, speed: float, pendulum_angle: float, set_s
     # What law (11) falls short by in the mean.
     shortfall += (1.0 - math.exp(-SHORTFALL_RATE * period)) * (followed - angle - shortfall)
     shortfall = min(max(shortfall, -MOST_SHORTFALL), MOST_SHORTFALL)
-    wanted = wanted_angle(own.speed_gain * (set_speed - estimate), resistance, lean, law)
+    wanted = wanted_angle(set_acceleration + own.speed_gain * (set_speed - estimate),
+                          resistance, lean, law)
     lead = max(own.lag / own.swing_time - 1.0, 0.0)
     set_angle = wanted + lead * (wanted - angle) + shortfall
     set_angle = min(max(set_angle, -FURTHEST), FURTHEST)
     return (estimate, resistance, angle, followed, shortfall, set_angle), set_angle
+
+
+@compiled
+def speed_law_step(state: SpeedState, speed: float, pendulum_angle: float, set_speed: float,
+                   lean: float, period: float, law: Numbers) -> tuple[SpeedState, float]:
+    """Drive at a constant set speed, 0 to brake and stand; see `motion_law_step`."""
+    return motion_law_step(state, speed, pendulum_angle, set_speed, 0.0, lean, period, law)
+
+
+@compiled
+def place_law_step(state: SpeedState, speed: float, pendulum_angle: float, gap: float,
+                   top_speed: float, lean: float, period: float, law: Numbers
+                   ) -> tuple[SpeedState, float]:
+    """
+    Come to rest at a place, and stand there; see `motion_law_step`.
+
+    The set speed v is the one with gap = v / speed_gain + v^2 / (2 b), b being BRAKING of the
+    deceleration that the lean gives against the estimated resistance: the gap closes from one
+    side.
+
+    Parameters
+    ----------
+    state, speed, pendulum_angle, lean, period, law
+        As there.
+    gap : float
+        From the ball to the place, positive towards +x [m].
+    top_speed : float
+        Never faster than this [m/s].
+
+    """
+    own = SpeedLaw(*law)
+    ahead = math.copysign(1.0, gap)
+    braking = max(LEAST_BRAKING, BRAKING * own.radius * (
+        own.gravity_torque * math.sin(lean) + ahead * state[1]) / own.inertia)
+    lost = braking / own.speed_gain
+    distance = math.fabs(gap)
+    set_speed = 2.0 * braking * distance / (
+        math.sqrt(lost * lost + 2.0 * braking * distance) + lost)
+    change = 0.0
+    if set_speed > top_speed:
+        set_speed = top_speed
+    else:
+        # d(set_speed)/dt while the gap closes with the speed that the ball has
+        change = -speed * braking / (lost + set_speed)
+    return motion_law_step(
+        state, speed, pendulum_angle, ahead * set_speed, change, lean, period, law)
 
 
 @compiled
@@ -189,7 +239,11 @@ def steepest_slope(lean: float, law: Numbers) -> float:
 def braking_distance(speed: float, slope: float, lean: float, reaction: float,
                      law: Numbers) -> float:
     """
-    Return the way to a stop, v (reaction + lag) + v^2 / (2 b) [m].
+    Return the way to a stop by `speed_law_step`, for a set speed of 0 [m].
+
+    Full lean brakes down to the speed b / speed_gain, from which on the lean is eased off:
+    v (reaction + swing_time) + v^2 / (2 b) + b / (2 speed_gain^2), or v (reaction + swing_time)
+    + v / speed_gain for a v below that speed.
 
     Parameters
     ----------
@@ -214,7 +268,10 @@ def braking_distance(speed: float, slope: float, lean: float, reaction: float,
     braking = -acceleration(-lean, slope, law)
     if braking <= 0.0:
         return math.inf
-    return speed * (reaction + SpeedLaw(*law).lag + speed / (2.0 * braking))
+    own = SpeedLaw(*law)
+    eased = min(speed, braking / own.speed_gain)
+    return (speed * (reaction + own.swing_time) + (speed * speed - eased * eased) / (2.0 * braking)
+            + eased / own.speed_gain)
 
 
 @compiled
@@ -228,5 +285,9 @@ def stopping_speed(gap: float, slope: float, lean: float, reaction: float,
     braking = -acceleration(-lean, slope, law)
     if gap <= 0.0 or braking <= 0.0:
         return 0.0
-    lost = braking * (reaction + SpeedLaw(*law).lag)
+    own = SpeedLaw(*law)
+    delay, eased = reaction + own.swing_time, braking / own.speed_gain
+    if gap <= eased * (delay + 1.0 / own.speed_gain):
+        return gap / (delay + 1.0 / own.speed_gain)
+    lost, gap = braking * delay, gap - 0.5 * eased / own.speed_gain
     return 2.0 * braking * gap / (math.sqrt(lost * lost + 2.0 * braking * gap) + lost)
