@@ -30,8 +30,8 @@ GROUND = (SURFACE_FRICTION, EDGE_FRICTION)
 FEWEST = 1.0 / 3.0
 # Part of the spread of the particles that drawing anew adds, and takes from their distances.
 JITTER = 0.25
-# The height bias is drawn within so many standard deviations.
-FARTHEST = 4.0
+# The height bias is drawn within so many standard deviations of the worse sensors.
+FARTHEST = 3.0
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,12 @@ class Prior(Checked):
     highest_friction: float = quantity(
         '1', 'most friction of this floor, over that of the robot file; assumed',
         above=0.0, default=1.3)
-    height_bias_sd: float = quantity(
-        'm', 'standard deviation of the constant error of heights that the sensor tells; '
-        'assumed', minimum=0.0, maximum=0.05, default=0.003)
+    sensors_off: float = quantity(
+        '1', 'part of the sensors that are worse than they should be: bent, or calibrated for '
+        'another mounting; assumed', minimum=0.0, maximum=0.5, default=0.1)
+    off_sd: float = quantity(
+        'm', 'standard deviation of the constant error of their heights; assumed',
+        minimum=0.0, maximum=0.05, default=0.004)
     seed: int = count('of the draw', default=0)
 
     def __post_init__(self) -> None:
@@ -102,9 +105,16 @@ class Particles:
     outcomes: int = 0
 
     @classmethod
-    def of(cls, robot: Robot, prior: Prior = Prior()) -> 'Particles':
+    def of(cls, robot: Robot, height_bias_sd: float, prior: Prior = Prior()) -> 'Particles':
         """
         Draw robots; the same for the same seed, all of the same weight.
+
+        Parameters
+        ----------
+        robot : Robot
+        height_bias_sd : float
+            Of most sensors, see `DecisionTuning` [m].
+        prior : Prior
 
         Raises
         ------
@@ -120,16 +130,15 @@ class Particles:
         for name, ends in drawn.items():
             for end in ends:
                 changed(robot, {name: end})  # refuses what contradicts
-        number, reach = prior.particles, FARTHEST * prior.height_bias_sd
+        number = prior.particles
+        reach = FARTHEST * max(prior.off_sd, height_bias_sd)
         lows = np.array([low for low, _ in drawn.values()] + [-reach])
         highs = np.array([high for _, high in drawn.values()] + [reach])
         points = spread_points(len(lows), number, prior.seed)
         # Not in the order of the sequence: every n-th of its points are no even sample.
         points = points[np.random.default_rng(prior.seed).permutation(number)]
         values = lows + points * (highs - lows)
-        middle = np.clip(points[:, -1], 1e-9, 1.0 - 1e-9)
-        bias = np.array([NormalDist().inv_cdf(part) for part in middle.tolist()])
-        values[:, -1] = np.clip(prior.height_bias_sd * bias, -reach, reach)
+        values[:, -1] = np.clip(_biases(points[:, -1], height_bias_sd, prior), -reach, reach)
         names = (*drawn, HEIGHT_BIAS)
         return cls(robot, names, _fixed(values), _fixed(np.full(number, 1.0 / number)),
                    _fixed(lows), _fixed(highs), _rows(robot, names, values))
@@ -228,6 +237,15 @@ class Particles:
         values = np.clip(values, self.lows, self.highs)
         return replace(self, values=_fixed(values), rows=_rows(self.robot, self.names, values),
                        weights=_fixed(np.full(len(self), 1.0 / len(self))))
+
+
+def _biases(points: Array, height_bias_sd: float, prior: Prior) -> Array:
+    """Return errors of heights [m] for points between 0 and 1: of two normal distributions."""
+    normal, off = NormalDist().inv_cdf, prior.sensors_off
+    within = [(prior.off_sd, point / off) if point < off else
+              (height_bias_sd, (point - off) / (1.0 - off)) for point in points.tolist()]
+    return np.array([
+        deviation * normal(min(max(part, 1e-9), 1.0 - 1e-9)) for deviation, part in within])
 
 
 def _rows(robot: Robot, names: Tuple[str, ...], values: Array) -> Array:
