@@ -4,6 +4,7 @@ from bisect import bisect_left
 from collections import deque
 from typing import Deque, NamedTuple, Optional, Union
 
+from ballbot_ros.decision.guard import guarded
 from ballbot_ros.decision.observations import StepObservation
 from ballbot_ros.decision.pilot import Pilot
 from ballbot_ros.decision.planners import PLANNERS
@@ -56,7 +57,7 @@ class Decider:
     def __init__(self, knowledge: Knowledge, planner: str = 'cubic'):
         """Start with nothing seen."""
         self._knowledge = knowledge
-        self._plan = PLANNERS[planner](knowledge)
+        self._plan = guarded(PLANNERS[planner](knowledge), knowledge)
         self._tracker = StepTracker(knowledge.robot, knowledge.tuning)
         self._pilot = Pilot(knowledge)
         self.reset()

@@ -6,12 +6,13 @@ The ball touches a step when its centre is sqrt(2 R h - h^2) before the face; wh
 before that is the run-up.  The curve says which speed at touch the step asks
 for.  Whatever is not known for certain is answered with STOP and a reason, never a guess.
 """
-from dataclasses import astuple, replace
+from dataclasses import replace
 import math
 from typing import Optional
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.curve import HeightCurve
+from ballbot_ros.decision.guard import guarded, stop
 from ballbot_ros.decision.planners.reach import reach
 from ballbot_ros.decision.profile import Face, Profile
 from ballbot_ros.decision.situation import Knowledge, Planner, Situation
@@ -35,8 +36,7 @@ CONTACT_SLACK = 0.03
 def planner(knowledge: Knowledge) -> Planner:
     """Return the planner for a robot, its curve and a tuning."""
     def planned(situation: Situation, previous: Optional[Decision]) -> Decision:
-        return decide(situation.profile, situation.motion, previous, robot=knowledge.robot,
-                      curve=knowledge.curve, tuning=knowledge.tuning)
+        return _decide(situation.profile, situation.motion, previous, knowledge)
     return planned
 
 
@@ -49,49 +49,27 @@ def decide(profile: Optional[Profile], motion: Motion, previous: Optional[Decisi
     contact goes on until the centre has passed the face.
 
     """
+    knowledge = Knowledge(robot, curve, tuning)
+    return guarded(planner(knowledge), knowledge)(Situation(motion, profile), previous)
+
+
+def _decide(profile: Optional[Profile], motion: Motion, previous: Optional[Decision],
+            knowledge: Knowledge) -> Decision:
+    """Return the decision on observations that can be used."""
+    robot, curve, tuning = knowledge.robot, knowledge.curve, knowledge.tuning
     step = profile.face if profile is not None else None
-    # First of all: whatever is compared with NaN is false, and could be taken for an answer.
-    if not all(map(math.isfinite, astuple(motion))):
-        return _stop(Reason.BAD_OBSERVATION, 'Stopping: odometry is not finite')
     distance = step.position - motion.position if step is not None else math.nan
-    if step is not None and not all(map(math.isfinite, (*astuple(step), distance))):
-        return _stop(Reason.BAD_OBSERVATION, 'Stopping: the step is not finite')
     pushing = _push(previous, step, motion, robot)
     if pushing is not None:
         return pushing
-    unusable = _unusable(profile, motion, tuning)
-    if unusable is not None:
-        return replace(unusable, distance=distance, step=step.number if step else 0)
     if step is None or distance <= 0.0:
         return Decision(Kind.CLEAR, Reason.NOTHING_AHEAD, tuning.cruise_speed,
                         f'Nothing ahead: cruising at {tuning.cruise_speed:.2f} m/s')
     if step.height < -SMALLEST_DROP:
-        return _stop(
+        return stop(
             Reason.DROP, f'Stopping: the floor drops by {-1e3 * step.height:.0f} mm at '
             f'{distance:.2f} m', height=step.height, distance=distance, step=step.number)
     return _weigh(step, distance, motion.speed, previous, robot, curve, tuning)
-
-
-def _stop(reason: Reason, explanation: str, **numbers: float) -> Decision:
-    """Return a STOP."""
-    return Decision(Kind.STOP, reason, 0.0, explanation, **numbers)  # type: ignore[arg-type]
-
-
-def _unusable(profile: Optional[Profile], motion: Motion,
-              tuning: DecisionTuning) -> Optional[Decision]:
-    """Return the STOP that a missing, old or rejected observation asks for."""
-    if profile is None:
-        return _stop(Reason.STALE, 'Stopping: nothing has been observed yet')
-    if profile.rejection is not None:
-        return _stop(profile.rejection,
-                     f'Stopping: the observation is rejected, {profile.explanation}')
-    age = motion.stamp - profile.stamp
-    # Written so that an age that is not a number is too old; from the future is no better.
-    if not abs(age) <= tuning.observation_timeout:
-        when = f'{age:.2f} s old' if age >= 0.0 else f'{-age:.2f} s ahead of the clock'
-        return _stop(Reason.STALE, f'Stopping: the last observation is {when}, '
-                     f'{tuning.observation_timeout:g} s is allowed')
-    return None
 
 
 def _crosses(previous: Optional[Decision], step: Face) -> bool:

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What no planner may answer, whatever it thinks: a shell of safety around each of them.
+
+Pure functions.  `unusable` says before planning whether there is anything to plan with;
+`checked` looks at the answer.  `guarded` puts both around a planner.
+"""
+from dataclasses import astuple, replace
+import math
+from typing import Optional
+
+from ballbot_ros.decision.plan import Plan, Strategy
+from ballbot_ros.decision.profile import Profile
+from ballbot_ros.decision.situation import Knowledge, Planner, Situation
+from ballbot_ros.decision.tuning import DecisionTuning
+from ballbot_ros.decision.values import Decision, Kind, Motion, Reason
+from ballbot_ros.physics.model.robot import Robot
+
+# Once observations were too old, only such a part of the allowed age is young again: latency
+# near the limit must not make the answer alternate.
+YOUNG = 0.8
+
+ROUNDING = 1e-9  # [m/s], [m]
+
+
+def stop(reason: Reason, explanation: str, **numbers: float) -> Decision:
+    """Return a STOP as soon as possible."""
+    return Decision(Kind.STOP, reason, 0.0, explanation, plan=Plan(Strategy.STOP),
+                    **numbers)  # type: ignore[arg-type]
+
+
+def energy_bound(robot: Robot, speed: float, swing: float) -> float:
+    """
+    Return a height that no step can have that is crossed at a speed [m].
+
+    Where all energy of rolling, the fall of a pendulum from the highest angle that it swings
+    to, and its push on the way up are spent on the height h of the step::
+
+        M g h = (M + J1 / R^2) v^2 / 2 + M2 g e (1 - cos(swing) + acos(1 - h / R))
+
+    Parameters
+    ----------
+    robot : Robot
+    speed : float
+        At touch, or the highest until then [m/s].
+    swing : float
+        Largest angle of the pendulum [rad].
+
+    Returns
+    -------
+    float
+        At most the radius: a higher face is a wall.
+
+    """
+    radius, pendulum = robot.ball_radius, robot.largest_gravity_torque
+    given = pendulum * (1.0 - math.cos(swing)) + 0.5 * speed * speed * (
+        robot.total_mass + robot.ball_inertia / radius**2)
+    low, high = 0.0, radius
+    # What is left over falls with the height, or rises first and falls then: none at the
+    # radius is none there; otherwise the radius is the bound.
+    if given + pendulum * 0.5 * math.pi >= robot.weight * radius:
+        return radius
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        if given + pendulum * math.acos(1.0 - middle / radius) >= robot.weight * middle:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+def unusable(situation: Situation, previous: Optional[Decision],
+             tuning: DecisionTuning) -> Optional[Decision]:
+    """
+    Return the STOP that missing, old, rejected or meaningless input asks for, or None.
+
+    Parameters
+    ----------
+    situation : Situation
+    previous : Decision or None
+        Observations that were too old must be clearly younger to count again.
+    tuning : DecisionTuning
+
+    """
+    fault = meaningless(situation)
+    if fault:
+        return stop(Reason.BAD_OBSERVATION, f'Stopping: {fault}')
+    motion, profile = situation.motion, situation.profile
+    if profile is None:
+        return stop(Reason.STALE, 'Stopping: nothing has been observed yet')
+    answer, face = _rejected(profile, motion, previous, tuning), profile.face
+    if answer is None or face is None:
+        return answer
+    return replace(answer, distance=face.position - motion.position, step=face.number)
+
+
+def meaningless(situation: Situation) -> str:
+    """Return what is no number where one is needed, or nothing."""
+    # Whatever is compared with NaN is false, and could be taken for an answer.
+    if not all(map(math.isfinite, astuple(situation.motion))):
+        return 'odometry is not finite'
+    faces = situation.profile.faces if situation.profile is not None else ()
+    if not all(math.isfinite(number) for face in faces for number in astuple(face)):
+        return 'the step is not finite'
+    return ''
+
+
+def _rejected(profile: Profile, motion: Motion, previous: Optional[Decision],
+              tuning: DecisionTuning) -> Optional[Decision]:
+    """Return the STOP that a rejected or old observation asks for, or None."""
+    if profile.rejection is not None:
+        return stop(profile.rejection,
+                    f'Stopping: the observation is rejected, {profile.explanation}')
+    age, allowed = motion.stamp - profile.stamp, tuning.observation_timeout
+    if previous is not None and previous.reason is Reason.STALE:
+        allowed *= YOUNG
+    # Written so that an age that is not a number is too old; from the future is no better.
+    if not abs(age) <= allowed:
+        when = f'{age:.2f} s old' if age >= 0.0 else f'{-age:.2f} s ahead of the clock'
+        return stop(Reason.STALE,
+                    f'Stopping: the last observation is {when}, {allowed:g} s is allowed')
+    return None
+
+
+def checked(decision: Decision, situation: Situation, knowledge: Knowledge) -> Decision:
+    """
+    Return a decision, or the STOP that takes its place.
+
+    A crossing stands only if it aims at a face that is known and not passed, is asked for no
+    speed above `highest_speed` and no swing beyond `largest_swing`, and the step is within
+    `energy_bound`.  No other decision asks for more than `cruise_speed`, and backing off ends
+    within ground that is known to be free.
+    """
+    tuning, plan = knowledge.tuning, decision.plan or Plan(Strategy.STOP)
+    crossing = decision.kind is Kind.CROSS
+    most = tuning.highest_speed if crossing else tuning.cruise_speed
+    # Written so that what is not a number is refused.
+    if not (all(0.0 <= speed <= most + ROUNDING for speed in (decision.set_speed, plan.speed))
+            and abs(plan.swing_angle) <= tuning.largest_swing):
+        return stop(
+            Reason.BAD_OBSERVATION, f'Stopping: a plan asked for {decision.set_speed:g} and '
+            f'{plan.speed:g} m/s and {plan.swing_angle:g} rad, {most:g} m/s and '
+            f'{tuning.largest_swing:g} rad are allowed')
+    if decision.kind is Kind.BACK_OFF and not plan.start >= situation.free_from - ROUNDING:
+        return stop(Reason.NO_ROOM, 'Stopping: a plan backs off over ground that is not known '
+                    'to be free')
+    if not crossing:
+        return decision
+    faces = situation.profile.faces if situation.profile is not None else ()
+    face = next((item for item in faces if item.number == decision.step), None)
+    if face is None:
+        return stop(Reason.BAD_OBSERVATION, 'Stopping: a plan crosses a step that is not known')
+    bound = energy_bound(knowledge.robot, max(tuning.highest_speed, situation.motion.speed),
+                         max(tuning.largest_lean, abs(plan.swing_angle)))
+    if not face.height <= bound:
+        return stop(
+            Reason.TOO_HIGH, f'Stopping: {1e3 * face.height:.0f} mm are more than all energy of '
+            f'the ball lifts it, {1e3 * bound:.0f} mm', height=face.height, step=face.number,
+            distance=face.position - situation.motion.position)
+    return decision
+
+
+def guarded(planner: Planner, knowledge: Knowledge) -> Planner:
+    """
+    Return a planner whose answers are `checked`, and which is not asked without sound input.
+
+    A ball on its way over a step whose brakes would not stop it any more is not asked to stop
+    because an observation is old or rejected: it has nothing better to do than to go on.
+    """
+    def answer(situation: Situation, previous: Optional[Decision]) -> Decision:
+        trouble = unusable(situation, previous, knowledge.tuning)
+        if trouble is not None and not _committed(previous, situation):
+            return trouble
+        return checked(planner(situation, previous), situation, knowledge)
+    return answer
+
+
+def _committed(previous: Optional[Decision], situation: Situation) -> bool:
+    """Return whether the ball crosses a step that it cannot stop before any more."""
+    return (previous is not None and previous.kind is Kind.CROSS
+            and previous.reason is Reason.COMMITTED and situation.profile is not None
+            and not meaningless(situation)
+            and any(face.number == previous.step for face in situation.profile.faces))

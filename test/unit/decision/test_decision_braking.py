@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is counted on when the ball brakes: less downhill, and nothing beyond a slope."""
+from dataclasses import replace
+import math
+
+from hypothesis import given, strategies
+import pytest
+
+from ballbot_ros.decision import load_decision_tuning
+from ballbot_ros.decision.braking import Braking
+from ballbot_ros.physics.model.robot import load_robot
+
+GIMBALL, TUNING = load_robot('gimball'), load_decision_tuning('decision_default')
+BRAKING = Braking(GIMBALL, TUNING)
+slopes = strategies.floats(-0.15, 0.15)
+
+
+def test_on_a_level_floor_it_counts_on_what_the_tuning_says():
+    uneven = Braking(GIMBALL, replace(TUNING, acceleration=0.3))
+    assert uneven.acceleration(0.0) == pytest.approx(0.3)
+    assert uneven.deceleration(0.0) == pytest.approx(TUNING.deceleration)
+    assert uneven.deceleration(0.0, emergency=True) > TUNING.deceleration
+
+
+def test_the_way_to_a_stop_is_reaction_and_then_braking():
+    slow = Braking(GIMBALL, replace(TUNING, reaction_time=0.5, actuation_delay=0.1,
+                                    deceleration=0.25))
+    assert slow.distance(1.0, 0.0) == pytest.approx(0.6 + 2.0)
+    assert slow.distance(-1.0, 0.0) == 0.0
+
+
+@given(strategies.floats(0.0, 1.5), slopes, slopes, strategies.booleans())
+def test_braking_gets_longer_downhill_and_is_inverted(speed, one, other, emergency):
+    down, up = min(one, other), max(one, other)
+    way = BRAKING.distance(speed, down, emergency)
+    assert way >= BRAKING.distance(speed, up, emergency)
+    if math.isfinite(way):
+        assert BRAKING.speed_within(way, down, emergency) == pytest.approx(speed, abs=1e-6)
+    assert BRAKING.acceleration(down) >= BRAKING.acceleration(up)
+
+
+def test_beyond_the_steepest_slope_nothing_brakes():
+    # The part of its weight that is counted on: 0.4 of 0.537 m/s2, leaning by 1.4 rad.
+    limit = math.asin(0.745 * 1.6 * 0.0787 * math.sin(1.4) / (5.4 * 0.226))
+    assert BRAKING.steepest == pytest.approx(limit, rel=0.01)
+    assert math.isfinite(BRAKING.distance(0.1, -BRAKING.steepest + 1e-6, emergency=True))
+    assert BRAKING.distance(0.1, -BRAKING.steepest - 1e-6, emergency=True) == math.inf
+    assert BRAKING.speed_within(10.0, -BRAKING.steepest - 1e-6, emergency=True) == 0.0
