@@ -7,7 +7,7 @@ from typing import Optional
 from ballbot_ros.control.speed_law import (
     braking_distance, estimated_slope, speed_law_start, SpeedLaw, SpeedState)
 from ballbot_ros.decision.pilot_law import Order, pilot_step
-from ballbot_ros.decision.plan import After, Plan
+from ballbot_ros.decision.plan import After, Plan, Strategy
 from ballbot_ros.decision.situation import Knowledge
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Decision, Kind, Motion
@@ -16,8 +16,8 @@ from ballbot_ros.decision.values import Decision, Kind, Motion
 CREEP, BACKING = 0.1, 0.3
 # From one odometry message to the next; a longer silence is no reason for a longer step [s].
 SHORTEST, LONGEST = 1e-3, 0.1
-# Reaction of the pilot itself: half a period of 50 Hz, and what the speed law takes [s].
-REACTION = 0.1
+# Reaction of the pilot itself: half a period of 50 Hz, and the swing of the pendulum [s].
+REACTION = 0.2
 
 
 def order_for(decision: Decision, tuning: DecisionTuning, stand: float) -> Order:
@@ -32,7 +32,7 @@ def order_for(decision: Decision, tuning: DecisionTuning, stand: float) -> Order
         Where to stand if the decision stops and its plan does not say where [m].
 
     """
-    plan = decision.plan or Plan(decision.kind.value)  # type: ignore[arg-type]
+    plan = decision.plan or Plan(Strategy.STOP)
     common = Order(lean=tuning.largest_lean, emergency_lean=tuning.emergency_lean,
                    reaction=REACTION + tuning.actuation_delay)
     stop = plan.stop_position if math.isfinite(plan.stop_position) else stand
@@ -115,9 +115,9 @@ class Pilot:
             self._stand = math.inf
         elif not math.isfinite(self._stand):
             slope = 0.0 if self._state is None else estimated_slope(self._state, self.law[:])
-            ahead = braking_distance(abs(motion.speed), math.copysign(slope, slope * motion.speed)
-                                     if slope else 0.0, self._tuning.largest_lean, REACTION,
-                                     self.law[:])
+            ahead = braking_distance(
+                abs(motion.speed), slope if motion.speed > 0.0 else -slope,
+                self._tuning.largest_lean, REACTION, self.law[:])
             # Where it cannot be braked it stands as soon as it can.
             self._stand = motion.position + math.copysign(min(ahead, 1.0), motion.speed)
         return self._stand
