@@ -108,7 +108,7 @@ class Decider:
         """
         self.fuse()
         motion = self._motions[-1]
-        situation = Situation(motion, self._profile)
+        situation = Situation(self._pilot.feel(motion), self._profile)
         self._decision = decision = self._plan(situation, self._decision)
         return Answer(motion.stamp, decision, self._pilot.angle(decision, motion))
 

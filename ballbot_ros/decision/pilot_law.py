@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 from ballbot_ros.compiled import compiled
 from ballbot_ros.control.speed_law import (
-    estimated_slope, holding_angle, Numbers, speed_law_step, SpeedState, stopping_speed)
+    estimated_slope, holding_angle, Numbers, place_law_step, speed_law_step, SpeedState,
+    stopping_speed)
 
 # The numbers of an `Order`.
 PlainOrder = tuple[float, float, float, float, float, float, float, float, float, float]
@@ -26,7 +27,7 @@ class Order(NamedTuple):
     """What to do until further notice; positions along the odometry axis."""
 
     forward: float = 0.0  # fastest forward [m/s]
-    backward: float = 0.0  # fastest backward [m/s]
+    backward: float = 0.0  # fastest backward to `stop` [m/s]
     stop: float = math.inf  # where to stand [m]; infinite for nowhere
     swing: float = math.inf  # where the pendulum swings, and the speed does not matter [m]
     swing_angle: float = 0.0  # set angle there [rad]
@@ -34,19 +35,24 @@ class Order(NamedTuple):
     after: float = 0.0  # speed behind the edge [m/s]
     lean: float = 0.7  # largest lean [rad]
     emergency_lean: float = 1.4  # to brake with and to hold slopes [rad]
-    reaction: float = 0.1  # until a set angle acts, beside the lag of law (11) [s]
+    reaction: float = 0.1  # until a set angle acts [s]
 
 
 @compiled
-def allowed_speed(position: float, slope: float, order: Order, law: Numbers) -> float:
-    """Return the speed to drive at where the ball is, negative for backwards [m/s]."""
-    forward = order.forward if position < order.edge or order.edge == -math.inf else order.after
-    if not math.isfinite(order.stop):
-        return forward
+def enough_lean(position: float, speed: float, slope: float, order: Order,
+                law: Numbers) -> float:
+    """Return the lean for a slope, or for a stop that comes too late for the usual one [rad]."""
+    holding = holding_angle(slope, law)
+    if math.isnan(holding):
+        return order.emergency_lean
     gap = order.stop - position
-    if gap >= 0.0:
-        return min(forward, stopping_speed(gap, slope, order.lean, order.reaction, law))
-    return -min(order.backward, stopping_speed(-gap, -slope, order.lean, order.reaction, law))
+    if math.isfinite(gap):
+        # As seen by a ball that moves forward.
+        towards = stopping_speed(gap, slope, order.lean, order.reaction, law) if speed > 0.0 \
+            else stopping_speed(-gap, -slope, order.lean, order.reaction, law)
+        if abs(speed) > towards + TOO_FAST:
+            return order.emergency_lean
+    return min(max(order.lean, abs(holding) + BEYOND_HOLDING), order.emergency_lean)
 
 
 @compiled
@@ -72,15 +78,16 @@ def pilot_step(state: SpeedState, position: float, speed: float, pendulum_angle:
 
     """
     own = Order(*order)
-    slope = estimated_slope(state, law)
-    set_speed = allowed_speed(position, slope, own, law)
-    lean = own.lean
-    holding = holding_angle(slope, law)
-    if math.isnan(holding) or math.isfinite(own.stop) and abs(speed) > abs(set_speed) + TOO_FAST:
-        lean = own.emergency_lean
+    lean = enough_lean(position, speed, estimated_slope(state, law), own, law)
+    if math.isfinite(own.stop):
+        gap = own.stop - position
+        later, set_angle = place_law_step(
+            state, speed, pendulum_angle, gap, own.forward if gap > 0.0 else own.backward, lean,
+            period, law)
     else:
-        lean = min(max(lean, abs(holding) + BEYOND_HOLDING), own.emergency_lean)
-    later, set_angle = speed_law_step(state, speed, pendulum_angle, set_speed, lean, period, law)
+        set_speed = own.after if -math.inf < own.edge <= position else own.forward
+        later, set_angle = speed_law_step(
+            state, speed, pendulum_angle, set_speed, lean, period, law)
     if own.swing <= position < own.edge:
         # On the step the ball is held up by its face: that is no slope.
         set_angle = own.swing_angle

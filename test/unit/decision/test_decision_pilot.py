@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pilot in closed loop: set angles at 50 Hz, law (11) and the motor at 500 Hz."""
+import math
+
+import pytest
+
+from ballbot_ros.control import JointReadings, load_tuning, Mode, PendulumController, SetPoint
+from ballbot_ros.decision import (
+    Decision, Kind, Knowledge, load_curve, load_decision_tuning, Motion, Pilot, Plan, Reason,
+    Strategy)
+from ballbot_ros.physics.model.actuation import Actuation
+from ballbot_ros.physics.model.robot import load_robot
+from ballbot_ros.physics.model.terrain import Terrain
+from ballbot_ros.physics.simulation.model import Model
+from ballbot_ros.physics.simulation.scene import Initial, Run, Scene
+from ballbot_ros.physics.simulation.solver import Solver
+from ballbot_ros.plant import Plant
+
+GIMBALL = load_robot('gimball')
+KNOWLEDGE = Knowledge(
+    GIMBALL, load_curve('gimball_down'), load_decision_tuning('decision_default'))
+CRUISE = Decision(Kind.CLEAR, Reason.NOTHING_AHEAD, 0.6, '')
+STOP = Decision(Kind.STOP, Reason.STALE, 0.0, '')
+NOWHERE = Motion(math.nan, math.nan, math.nan)
+
+
+def stop_at(position, speed=0.8):
+    """Return the decision to stop at a place."""
+    return Decision(Kind.STOP, Reason.DROP, speed, '',
+                    plan=Plan(Strategy.STOP, stop_position=position))
+
+
+def drive(slope_deg, decide, seconds=8.0, speed=0.0):
+    """Return (time, x, speed, pendulum angle) at 50 Hz; `decide` maps time to a decision."""
+    rise = math.tan(math.radians(slope_deg))
+    model = Model(GIMBALL, Terrain([[-5.0, -5.0 * rise], [20.0, 20.0 * rise]]),
+                  solver=Solver(step=1e-3))
+    plant = Plant(Scene('slope', model, Initial(speed=speed), Actuation(), Run(duration=seconds)),
+                  500.0)
+    controller = PendulumController(GIMBALL, load_tuning('published'))
+    pilot, log = Pilot(KNOWLEDGE), []
+    for period in range(int(500 * seconds)):
+        state = plant.state
+        if period % 10 == 0:
+            angle = pilot.angle(decide(plant.time),
+                                Motion(plant.time, state.x, state.velocity_x))
+            controller.give(SetPoint(Mode.HOLD, angle, plant.time))
+            log.append((plant.time, state.x, state.velocity_x, state.pendulum_angle))
+        plant.advance(controller.torque(JointReadings(
+            plant.time, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate)))
+    return log
+
+
+@pytest.mark.parametrize('slope_deg', [-3.0, -0.5, 0.0, 3.0])
+def test_it_comes_to_rest_at_the_place_and_stands_there(slope_deg):
+    log = drive(slope_deg, lambda now: stop_at(1.5), seconds=9.0)
+    assert max(x for _, x, *_ in log) < 1.505
+    assert log[-1][1] == pytest.approx(1.5, abs=0.005)
+    assert abs(log[-1][2]) < 1e-3
+
+
+@pytest.mark.parametrize('slope_deg', [-3.0, 0.0, 3.0])
+def test_told_to_stop_at_once_it_stands_where_it_came_to_rest(slope_deg):
+    log = drive(slope_deg, lambda now: CRUISE if now < 3.0 else STOP)
+    rest = [x for now, x, *_ in log if now > 6.0]
+    assert max(rest) - min(rest) < 0.01
+    assert min(speed for now, _, speed, _ in log if now > 3.0) > -0.02
+
+
+@pytest.mark.parametrize('slope_deg', [-3.0, 0.0, 3.0])
+def test_it_backs_off_to_where_a_plan_begins(slope_deg):
+    back = Decision(Kind.BACK_OFF, Reason.RUN_UP, 0.0, '', plan=Plan(Strategy.BACK_OFF, -0.7))
+    log = drive(slope_deg, lambda now: back)
+    assert min(x for _, x, *_ in log) > -0.705
+    assert log[-1][1] == pytest.approx(-0.7, abs=0.005)
+
+
+def test_between_swing_and_edge_the_pendulum_has_the_angle_of_the_plan():
+    cross = Decision(Kind.CROSS, Reason.LIKELY, 0.6, '', plan=Plan(
+        Strategy.SWING, speed=0.6, swing_position=0.8, swing_angle=1.8, edge=1.3))
+    log = drive(0.0, lambda now: cross, seconds=5.0)
+    assert max(angle for _, x, _, angle in log if x < 0.8) < 0.8
+    assert max(angle for _, x, _, angle in log if 1.0 < x < 1.3) > 1.5
+    assert abs(log[-1][3]) < 0.2
+
+
+def test_a_motion_that_is_not_finite_lets_the_pendulum_down():
+    pilot = Pilot(KNOWLEDGE)
+    assert pilot.angle(CRUISE, Motion(0.0, 0.0, 0.0)) > 0.1
+    assert pilot.angle(CRUISE, NOWHERE) == 0.0
+
+
+def test_the_same_stamp_gets_the_same_angle():
+    pilot = Pilot(KNOWLEDGE)
+    first = pilot.angle(CRUISE, Motion(0.02, 0.0, 0.0))
+    assert pilot.angle(CRUISE, Motion(0.02, 0.0, 0.5)) == first
