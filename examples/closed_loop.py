@@ -30,8 +30,9 @@ def main() -> None:
         state = plant.state
         if period % LOOK_EVERY == 0:
             seen = sensor.look(state.x, period // LOOK_EVERY)
-            decider.observe(StepObservation(
-                plant.time, seen.detected, seen.distance, seen.height, 0.01, 0.001))
+            if seen is not None:
+                decider.observe(StepObservation(
+                    plant.time, seen.detected, seen.distance, seen.height, 0.01, 0.001))
             decider.move(Motion(plant.time, state.x, state.velocity_x))
             _, decision, angle = decider.decide()
             controller.give(SetPoint(Mode.HOLD, angle, plant.time))

@@ -87,7 +87,8 @@ class EmulatedRobot(Node):
             self._odometry.publish(odometry_message(here))
         if self._number % OBSERVATION_EVERY == 0:
             sight = self._sensor.look(state.x, self._number // OBSERVATION_EVERY)
-            self._observation.publish(observation_message(to_time(now), sight, self._sensor))
+            if sight is not None:
+                self._observation.publish(observation_message(to_time(now), sight, self._sensor))
 
     def make_safe(self) -> None:
         """Unplug."""

@@ -13,7 +13,7 @@ from ballbot_ros.control import CommandGate
 from ballbot_ros.errors import ConfigurationError, MessageError, RefusedError
 from ballbot_ros.physics.simulation.scene import load_scene
 from ballbot_ros.physics.simulation.solver import Solver
-from ballbot_ros.plant import Plant, Sensor
+from ballbot_ros.plant import Plant
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import command_torque, to_seconds, to_time
 from ballbot_ros.ros.endpoints import create_service, create_subscription, create_trigger
@@ -40,10 +40,7 @@ class Simulator(Node):
         self._plant = Plant(scene, settings.control_rate, settings.torque_limit or None,
                             settings.accuracy or None)
         self._gate = CommandGate(settings.command_timeout)
-        sensor = Sensor(
-            scene.model.terrain, settings.observation_reach, settings.observation_distance_sd,
-            settings.observation_height_sd, settings.seed)
-        outputs = Outputs(self, self._plant, sensor, settings)
+        outputs = Outputs(self, self._plant, settings)
         self._diagnostics = diagnostics.Diagnostics(self, 'simulation', self._health)
         self._scheduler = Scheduler(self._plant, self._gate, outputs, settings,
                                     self.get_logger(), self._diagnostics.publish)

@@ -2,12 +2,13 @@
 """A sensor that looks ahead along the floor for the next step."""
 from dataclasses import dataclass
 import math
-from typing import Tuple
+from typing import Optional, Tuple
 
 import numpy as np
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.terrain import Terrain
+from ballbot_ros.plant.sensor_faults import SensorFaults
 
 # What a sensor takes for a step: at least so high [m], and steeper than 45 degrees.
 LEAST_HEIGHT, LEAST_SLOPE = 0.002, 1.0
@@ -44,12 +45,19 @@ def faces(terrain: Terrain) -> Tuple[Tuple[float, float], ...]:
     return tuple((float(face[0, 0]), float(face[-1, 1] - face[0, 1])) for face in found)
 
 
+def check_sensor(**deviations: float) -> None:
+    """Raise `ConfigurationError` for a standard deviation that is none."""
+    for name, value in deviations.items():
+        if not (value >= 0.0 and math.isfinite(value)):
+            raise ConfigurationError(f'{name} must be at least 0 m, got {value!r}')
+
+
 class Sensor:
     """
     Sees the next face ahead of the ball centre, with Gaussian noise.
 
-    The noise of look number n is a function of the seed and n alone: a run is repeated
-    exactly whatever else draws random numbers.
+    Noise and losses of look number n are a function of the seed and n alone: a run is
+    repeated exactly whatever else draws random numbers.
 
     Parameters
     ----------
@@ -57,26 +65,33 @@ class Sensor:
     reach : float
         How far it sees [m].
     distance_sd, height_sd : float
-        Standard deviations [m].
+        True standard deviations [m].
     seed : int
+    faults : SensorFaults
+        Whoever publishes the looks makes them late, see `Latency`.
+
+    Attributes
+    ----------
+    distance_sd, height_sd : float
+        The standard deviations that it tells [m].
 
     """
 
     def __init__(self, terrain: Terrain, reach: float, distance_sd: float = 0.0,
-                 height_sd: float = 0.0, seed: int = 0):
+                 height_sd: float = 0.0, seed: int = 0, faults: SensorFaults = SensorFaults()):
         """Find the faces of the terrain."""
-        for name, value in (('distance_sd', distance_sd), ('height_sd', height_sd)):
-            if not (value >= 0.0 and math.isfinite(value)):
-                raise ConfigurationError(f'{name} must be at least 0 m, got {value!r}')
+        check_sensor(distance_sd=distance_sd, height_sd=height_sd)
         self._faces = faces(terrain)
         self._reach = reach
+        self._noise = distance_sd, height_sd
         self._seed = seed
-        self.distance_sd = distance_sd
-        self.height_sd = height_sd
+        self.faults = faults
+        self.distance_sd = faults.told * distance_sd
+        self.height_sd = faults.told * height_sd
 
-    def look(self, x: float, number: int) -> Sight:
+    def look(self, x: float, number: int) -> Optional[Sight]:
         """
-        Look ahead.
+        Look ahead; return None for a look that is lost.
 
         Parameters
         ----------
@@ -87,8 +102,13 @@ class Sensor:
 
         """
         ahead = next((face for face in self._faces if face[0] > x), None)
+        random = np.random.default_rng([self._seed, number])
+        noise = random.standard_normal(2)
+        if self.faults.dropout and random.random() < self.faults.dropout:
+            return None
         if ahead is None or ahead[0] - x > self._reach:
             return Sight(False, self._reach, 0.0)
-        noise = np.random.default_rng([self._seed, number]).standard_normal(2)
-        return Sight(True, max(0.0, ahead[0] - x + self.distance_sd * float(noise[0])),
-                     ahead[1] + self.height_sd * float(noise[1]))
+        distance, faults = ahead[0] - x, self.faults
+        height = ahead[1] * (1.0 + faults.scale) * max(0.0, 1.0 - faults.growth * distance)
+        return Sight(True, max(0.0, distance + self._noise[0] * float(noise[0])),
+                     height + faults.bias + self._noise[1] * float(noise[1]))

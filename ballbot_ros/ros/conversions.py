@@ -8,12 +8,15 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import JointReadings, Mode, SetPoint
-from ballbot_ros.decision import Decision, Kind, Motion, Outlook, Reason, StepObservation
+from ballbot_ros.decision import (
+    Decision, Kind, Motion, Outlook, Reason, StepObservation, TerrainObservation)
 from ballbot_ros.errors import MessageError
-from ballbot_ros.msg import BallState, Contact, StepDecision, StepObservation as StepObservationMsg
+from ballbot_ros.msg import (
+    BallState, Contact, StepDecision, StepObservation as StepObservationMsg,
+    TerrainObservation as TerrainObservationMsg)
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.model import Model
-from ballbot_ros.plant import Sensor, Sight
+from ballbot_ros.plant import Sensor, Sight, TerrainSight
 
 SHELL, PENDULUM = 'shell', 'pendulum'
 JOINTS = [SHELL, PENDULUM]
@@ -194,6 +197,22 @@ def observation(message: StepObservationMsg) -> StepObservation:
     return StepObservation(
         to_seconds(message.header.stamp), message.detected, message.distance, message.height,
         message.distance_sd, message.height_sd)
+
+
+def terrain_message(stamp: Time, sight: TerrainSight) -> TerrainObservationMsg:
+    """Return what a terrain sensor has seen."""
+    message = TerrainObservationMsg(
+        x=sight.x, z=sight.z, z_sd=sight.z_sd, x_min=sight.x_min, x_max=sight.x_max)
+    message.header.frame_id = 'base_link'
+    message.header.stamp = stamp
+    return message
+
+
+def terrain_observation(message: TerrainObservationMsg) -> TerrainObservation:
+    """Return an observation as the decision takes it; nothing is checked here."""
+    return TerrainObservation(
+        to_seconds(message.header.stamp), tuple(message.x), tuple(message.z),
+        tuple(message.z_sd), message.x_min, message.x_max, message.header.frame_id)
 
 
 _KINDS = {kind: getattr(StepDecision, kind.name) for kind in Kind}

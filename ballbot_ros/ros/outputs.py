@@ -8,12 +8,13 @@ from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from ballbot_ros.msg import BallState, StepObservation
-from ballbot_ros.plant import periods_per, Plant, Sensor
+from ballbot_ros.msg import BallState
+from ballbot_ros.plant import periods_per, Plant
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import (
-    ball_state_message, joint_state_message, observation_message, odometry_message, to_time)
+    ball_state_message, joint_state_message, odometry_message, to_time)
 from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.sensors import Sensors
 from ballbot_ros.ros.settings import SimulatorSettings
 
 try:
@@ -34,7 +35,6 @@ class Outputs:
     ----------
     node : Node
     plant : Plant
-    sensor : Sensor
     settings : SimulatorSettings
 
     Raises
@@ -44,22 +44,19 @@ class Outputs:
 
     """
 
-    def __init__(self, node: Node, plant: Plant, sensor: Sensor, settings: SimulatorSettings):
+    def __init__(self, node: Node, plant: Plant, settings: SimulatorSettings):
         """Create the publishers."""
-        self._plant, self._sensor = plant, sensor
+        self._plant = plant
         self._last: Dict[Publisher, Any] = {}
-        rates = ('clock_rate', 'odom_rate', 'observation_rate', 'ball_state_rate')
+        rates = ('clock_rate', 'odom_rate', 'ball_state_rate')
         every = [periods_per(getattr(settings, rate), settings.control_rate, rate)
                  for rate in rates]
         self._schedule = list(zip(every, (
-            self._publish_clock, self._publish_odometry, self._publish_observation,
-            self._publish_ball_state)))
-        self._observation_periods = every[2]
+            self._publish_clock, self._publish_odometry, self._publish_ball_state)))
         self._clock = create_publisher(node, Clock, '/clock', qos.CLOCK)
         self._odometry = create_publisher(node, Odometry, 'odom', qos.STATE)
-        self._observation = create_publisher(
-            node, StepObservation, 'step_observation', qos.STATE)
         self._ball = create_publisher(node, BallState, 'ball_state', qos.STATE)
+        self._sensors = Sensors(node, plant, settings)
         self._joints = create_publisher(node, JointState, 'joint_states', qos.STATE)
         self._transforms = None
         if TFMessage is None:
@@ -72,6 +69,8 @@ class Outputs:
         for every, publish in self._schedule:
             if everything or self._plant.periods % every == 0:
                 publish()
+        for publisher, message in self._sensors.look(everything):
+            self._send(publisher, message)
         self._send(self._joints, joint_state_message(
             self._plant.state, self._plant.torque, self._plant.model.robot.has_pendulum))
 
@@ -101,12 +100,6 @@ class Outputs:
             transform.transform.translation.x = message.pose.pose.position.x
             transform.transform.translation.z = message.pose.pose.position.z
             self._send(self._transforms, TFMessage(transforms=[transform]))
-
-    def _publish_observation(self) -> None:
-        sight = self._sensor.look(
-            self._plant.state.x, self._plant.periods // self._observation_periods)
-        message = observation_message(to_time(self._plant.time), sight, self._sensor)
-        self._send(self._observation, message)
 
     def _publish_ball_state(self) -> None:
         self._send(self._ball, ball_state_message(

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of the nodes: name, unit, range, default and meaning of each."""
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from ballbot_ros.config.fields import Checked, count, flag, quantity, text
 from ballbot_ros.decision.planners import PLANNERS
 from ballbot_ros.physics.solvers.registry import METHODS
+from ballbot_ros.plant import SensorFaults
 
 
 def _file(folder: str, default: str, kind: str = '', doc: str = '') -> Any:
@@ -17,6 +18,12 @@ def _file(folder: str, default: str, kind: str = '', doc: str = '') -> Any:
 def _rate(topic: str, default: float, minimum: float = 1.0, maximum: float = 10000.0) -> Any:
     """Declare how often a topic is published."""
     return quantity('Hz', f'rate of {topic}', default=default, minimum=minimum, maximum=maximum)
+
+
+def _fault(name: str) -> Any:
+    """Declare a fault of both sensors as `SensorFaults` does."""
+    declared = SensorFaults.__dataclass_fields__[name]
+    return field(default=declared.default, metadata=declared.metadata)
 
 
 @dataclass(frozen=True)
@@ -63,7 +70,22 @@ class SimulatorSettings(Checked):
         'm', 'standard deviation of the observed distance', default=0.0, minimum=0.0, maximum=10.0)
     observation_height_sd: float = quantity(
         'm', 'standard deviation of the observed height', default=0.0, minimum=0.0, maximum=1.0)
-    seed: int = count('of the observation noise', default=0)
+    terrain_rate: float = _rate('terrain_observation; 0 for none', 0.0, minimum=0.0)
+    terrain_reach: float = quantity(
+        'm', 'how far ahead the terrain sensor sees', default=3.0, above=0.0, maximum=100.0)
+    terrain_height_sd: float = quantity(
+        'm', 'standard deviation of the height of a point of the terrain', default=0.0,
+        minimum=0.0, maximum=1.0)
+    sensor_told: float = _fault('told')
+    sensor_bias: float = _fault('bias')
+    sensor_scale: float = _fault('scale')
+    sensor_growth: float = _fault('growth')
+    sensor_dropout: float = _fault('dropout')
+    sensor_latency: float = _fault('latency')
+    sensor_holes: float = _fault('holes')
+    sensor_offset: float = _fault('offset')
+    sensor_tilt: float = _fault('tilt')
+    seed: int = count('of the noise and the losses of the sensors', default=0)
 
 
 @dataclass(frozen=True)

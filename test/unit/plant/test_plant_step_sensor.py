@@ -6,7 +6,7 @@ import pytest
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Terrain
 from ballbot_ros.physics.model.terrain_file import read_terrain
-from ballbot_ros.plant import Sensor
+from ballbot_ros.plant import Latency, Sensor, SensorFaults
 from ballbot_ros.plant.step_sensor import faces
 
 
@@ -59,3 +59,41 @@ def test_the_noise_has_the_stated_deviations_and_no_bias():
 def test_a_deviation_that_is_none_is_refused(deviation):
     with pytest.raises(ConfigurationError, match='height_sd must be at least 0 m'):
         Sensor(Terrain.flat(), 3.0, 0.0, deviation)
+
+
+def faulty(height=0.03, height_sd=0.0, **faults):
+    return Sensor(Terrain.step(height, at=1.0), 3.0, 0.01, height_sd,
+                  faults=SensorFaults(**faults))
+
+
+@pytest.mark.parametrize('told', [0.0, 0.5, 1.0])
+def test_a_sensor_tells_a_part_of_its_noise_and_makes_all_of_it(told):
+    sensor = faulty(height_sd=0.002, told=told)
+    assert (sensor.distance_sd, sensor.height_sd) == (told * 0.01, told * 0.002)
+    assert sensor.look(0.0, 3) == faulty(height_sd=0.002).look(0.0, 3)
+
+
+def test_bias_is_the_same_for_rise_and_drop_and_scale_is_a_part_of_the_height():
+    assert faulty(bias=0.004).look(0.0, 0).height == pytest.approx(0.034)
+    assert faulty(-0.03, bias=0.004).look(0.0, 0).height == pytest.approx(-0.026)
+    assert faulty(-0.03, scale=0.1).look(0.0, 0).height == pytest.approx(-0.033)
+
+
+def test_a_step_grows_on_approach_to_its_height():
+    heights = [faulty(growth=0.5).look(x, 0).height for x in (-2.0, 0.0, 0.5, 0.99)]
+    assert heights == pytest.approx([0.0, 0.015, 0.0225, 0.02985])
+
+
+def test_looks_are_lost_at_random_but_always_the_same_ones():
+    looks = [[faulty(dropout=0.3).look(0.0, number) is None for number in range(500)]
+             for _ in range(2)]
+    assert looks[0] == looks[1] and sum(looks[0]) == pytest.approx(150, abs=40)
+
+
+def test_what_is_late_comes_in_its_order_when_it_is_old_enough():
+    late = Latency(0.3)
+    for index in range(3):
+        late.put(0.1 * index, index)
+    assert [late.due(now) for now in (0.0, 0.2, 0.1 + 0.2, 0.45)] == [[], [], [0], [1]]
+    late.clear()
+    assert late.due(9.0) == []

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is wrong with a simulated sensor, beside the noise that it tells of."""
+from collections import deque
+from dataclasses import dataclass
+from typing import Deque, Generic, List, Tuple, TypeVar
+
+from ballbot_ros.config.fields import Checked, quantity
+
+T = TypeVar('T')
+
+
+@dataclass(frozen=True)
+class SensorFaults(Checked):
+    """Faults of a sensor that looks at the ground ahead; none by default."""
+
+    told: float = quantity(
+        '1', 'part of its true standard deviations that the sensor tells; 0 for none', default=1.0,
+        minimum=0.0, maximum=10.0)
+    bias: float = quantity(
+        'm', 'constant error of the height of every face', default=0.0, minimum=-0.1, maximum=0.1)
+    scale: float = quantity(
+        '1', 'relative error of all heights', default=0.0, minimum=-0.9, maximum=1.0)
+    growth: float = quantity(
+        '1/m', 'part of a height that is not seen yet, per distance', default=0.0, minimum=0.0,
+        maximum=10.0)
+    dropout: float = quantity(
+        '1', 'probability that a look is lost', default=0.0, minimum=0.0, maximum=1.0)
+    latency: float = quantity(
+        's', 'from a look to its message', default=0.0, minimum=0.0, maximum=10.0)
+    holes: float = quantity(
+        '1', 'probability that a point of the terrain is lost', default=0.0, minimum=0.0,
+        maximum=1.0)
+    offset: float = quantity(
+        'm', 'by which the whole terrain is seen too high', default=0.0, minimum=-1.0, maximum=1.0)
+    tilt: float = quantity(
+        'rad', 'by which the whole terrain is seen rising too much', default=0.0, minimum=-0.5,
+        maximum=0.5)
+
+
+class Latency(Generic[T]):
+    """
+    Holds back what was made until it has become so old.
+
+    Parameters
+    ----------
+    seconds : float
+        [s]
+
+    """
+
+    def __init__(self, seconds: float):
+        """Start with nothing held back."""
+        self._seconds = seconds
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget what is held back."""
+        self._held: Deque[Tuple[float, T]] = deque()
+
+    def put(self, made: float, item: T) -> None:
+        """Take an item that was made at a time, not before the last one [s]."""
+        self._held.append((made, item))
+
+    def due(self, now: float) -> List[T]:
+        """Return what has become old enough, in its order, and hold it no longer."""
+        ripe = []
+        # Times are sums of periods: what is due up to rounding is due.
+        while self._held and self._held[0][0] + self._seconds <= now + 1e-9:
+            ripe.append(self._held.popleft()[1])
+        return ripe

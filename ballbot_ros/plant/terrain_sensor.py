@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A sensor that sees the ground ahead as a polyline, as a depth camera does."""
+from dataclasses import dataclass
+import math
+from typing import Optional, Tuple
+
+import numpy as np
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.model.terrain import Array, Terrain
+from ballbot_ros.plant.sensor_faults import SensorFaults
+from ballbot_ros.plant.step_sensor import check_sensor, faces
+
+# Ground nearer to the eye than this, ahead, hides nothing [m]: it lies below the ball.
+BELOW = 0.02
+
+ENDLESS = 1e4  # [m] the first and last segments of a terrain go on for ever
+
+
+@dataclass(frozen=True)
+class TerrainSight:
+    """
+    One look ahead, in the level frame at the centre of the ball.
+
+    Attributes
+    ----------
+    x, z, z_sd : tuple of float
+        Points from behind to ahead, and the standard deviations that are told, 0 for
+        unknown [m].
+    x_min, x_max : float
+        Between these the ground was seen [m].
+
+    """
+
+    x: Tuple[float, ...]
+    z: Tuple[float, ...]
+    z_sd: Tuple[float, ...]
+    x_min: float
+    x_max: float
+
+
+class TerrainSensor:
+    """
+    Sees points of the ground, equally far apart along it, with Gaussian noise of their height.
+
+    As the pixels of a camera the points lie where they happen to lie, not on the vertices;
+    a vertical face has several.  The eye is level with the centre of the ball, and what the
+    ground between hides is not seen: nothing of a drop, of the floor right behind it, or of
+    what lies behind a wall.  What lies below and behind the ball always is seen, for it was
+    ahead before.
+
+    Noise and losses of look number n are a function of the seed and n alone.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    reach : float
+        How far ahead it sees [m].
+    height_sd : float
+        True standard deviation of a point's height [m].
+    seed : int
+    faults : SensorFaults
+        Whoever publishes the looks makes them late, see `Latency`.
+    behind : float
+        How far behind the centre it sees [m].
+    spacing : float
+        Between points [m].
+
+    """
+
+    def __init__(self, terrain: Terrain, reach: float, height_sd: float = 0.0, seed: int = 0,
+                 faults: SensorFaults = SensorFaults(), behind: float = 0.3,
+                 spacing: float = 0.015):
+        """Measure the terrain along its course."""
+        check_sensor(height_sd=height_sd)
+        if not (reach > 0.0 and behind >= 0.0 and spacing > 0.0):
+            raise ConfigurationError(
+                'a terrain sensor needs reach and spacing above 0 m and behind of at least 0 m, '
+                f'got {reach!r}, {spacing!r} and {behind!r}')
+        ends = np.array([[-ENDLESS], [ENDLESS]]) + terrain.vertices[[0, -1], 0][:, None]
+        ground = np.vstack([
+            np.column_stack([ends[:1], terrain.height(ends[0])]), terrain.vertices,
+            np.column_stack([ends[1:], terrain.height(ends[1])])])
+        self._x, self._y = np.ascontiguousarray(ground.T)
+        self._course = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ground, axis=0).T))])
+        self._faces = np.array([face[0] for face in faces(terrain)])
+        self._reach, self._behind, self._spacing = reach, behind, spacing
+        self._noise, self._seed = height_sd, seed
+        self.faults = faults
+
+    def look(self, x: float, y: float, number: int) -> Optional[TerrainSight]:
+        """
+        Look ahead; return None for a look that is lost.
+
+        Parameters
+        ----------
+        x, y : float
+            Of the ball centre [m].
+        number : int
+            Of this look, counted from 0; decides the noise.
+
+        """
+        faults = self.faults
+        random = np.random.default_rng([self._seed, number])
+        phase, lost = random.random(2)
+        if lost < faults.dropout:
+            return None
+        first, last = np.interp([x - self._behind, x + self._reach], self._x, self._course)
+        course = np.arange(first + phase * self._spacing, last, self._spacing)
+        ahead = np.interp(course, self._course, self._x) - x
+        up = np.interp(course, self._course, self._y) - y
+        noise = random.standard_normal(len(course))
+        # Edges hide what is behind them whether or not a point lies on them.
+        seen = _elevation(ahead, up) >= self._horizon(x, y, course) - 1e-12
+        if faults.holes:
+            seen = seen & (random.random(len(course)) >= faults.holes)
+        ahead, up, noise = ahead[seen], up[seen], noise[seen]
+        if not len(ahead):
+            return None
+        floor = float(np.interp(x, self._x, self._y)) - y
+        up = self._distorted(x, ahead, up, floor) + self._noise * noise
+        return TerrainSight(
+            tuple(ahead.tolist()), tuple(up.tolist()),
+            (faults.told * self._noise,) * len(ahead), float(ahead[0]), float(ahead[-1]))
+
+    def _horizon(self, x: float, y: float, course: Array) -> Array:
+        """Return the largest elevation of the vertices up to each place of the course."""
+        inside = slice(*np.searchsorted(self._course, course[[0, -1]]))
+        elevation = _elevation(self._x[inside] - x, self._y[inside] - y)
+        highest = np.concatenate([[-np.inf], np.maximum.accumulate(elevation)])
+        found: Array = highest[np.searchsorted(self._course[inside], course)]
+        return found
+
+    def _distorted(self, x: float, ahead: Array, up: Array, floor: float) -> Array:
+        """Return heights with all faults but noise; `floor` is the height below the ball."""
+        faults = self.faults
+        seen = floor + (up - floor) * (1.0 + faults.scale) * np.clip(
+            1.0 - faults.growth * ahead, 0.0, 1.0)
+        if faults.bias:
+            passed = np.searchsorted(self._faces, [x])[0]
+            # A point on a face is beyond it.
+            met = np.searchsorted(self._faces, ahead + x, side='right') - passed
+            seen += faults.bias * np.maximum(0, met)
+        return seen + faults.offset + math.tan(faults.tilt) * ahead
+
+
+def _elevation(ahead: Array, up: Array) -> Array:
+    """Return rise over run from the centre of the ball to points, -inf where nothing hides."""
+    front = ahead > BELOW
+    found: Array = np.where(front, up / np.where(front, ahead, 1.0), -np.inf)
+    return found

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the simulated sensors of the ground ahead publish, and when."""
+from dataclasses import fields
+from typing import Any, List, Optional, Tuple
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+
+from ballbot_ros.msg import StepObservation, TerrainObservation
+from ballbot_ros.plant import Latency, periods_per, Plant, Sensor, SensorFaults, TerrainSensor
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.conversions import observation_message, terrain_message, to_time
+from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.settings import SimulatorSettings
+
+
+class Sensors:
+    """
+    The step sensor and, where it has a rate, the terrain sensor.
+
+    A look is stamped when it was made and published when its latency has passed.
+
+    Parameters
+    ----------
+    node : Node
+    plant : Plant
+    settings : SimulatorSettings
+
+    Raises
+    ------
+    ConfigurationError
+        If a rate does not divide the control rate.
+
+    """
+
+    def __init__(self, node: Node, plant: Plant, settings: SimulatorSettings):
+        """Create sensors and publishers."""
+        faults = SensorFaults(**{item.name: getattr(settings, f'sensor_{item.name}')
+                                 for item in fields(SensorFaults)})
+        terrain = plant.model.terrain
+        self._plant = plant
+        self._late: Latency[Tuple[Publisher, Any]] = Latency(faults.latency)
+        self._step = Sensor(
+            terrain, settings.observation_reach, settings.observation_distance_sd,
+            settings.observation_height_sd, settings.seed, faults)
+        self._step_periods = periods_per(
+            settings.observation_rate, settings.control_rate, 'observation_rate')
+        self._step_topic = create_publisher(node, StepObservation, 'step_observation', qos.STATE)
+        self._terrain: Optional[TerrainSensor] = None
+        if settings.terrain_rate > 0.0:
+            self._terrain = TerrainSensor(
+                terrain, settings.terrain_reach, settings.terrain_height_sd, settings.seed, faults)
+            self._terrain_periods = periods_per(
+                settings.terrain_rate, settings.control_rate, 'terrain_rate')
+            self._terrain_topic = create_publisher(
+                node, TerrainObservation, 'terrain_observation', qos.STATE)
+
+    def look(self, everything: bool = False) -> List[Tuple[Publisher, Any]]:
+        """
+        Return the messages that are to be published now, each with its publisher.
+
+        Parameters
+        ----------
+        everything : bool
+            The state is new: forget what is held back, and look now.
+
+        """
+        plant = self._plant
+        if everything:
+            self._late.clear()
+        if everything or plant.periods % self._step_periods == 0:
+            sight = self._step.look(plant.state.x, plant.periods // self._step_periods)
+            if sight is not None:
+                self._late.put(plant.time, (self._step_topic, observation_message(
+                    to_time(plant.time), sight, self._step)))
+        if self._terrain is not None and (
+                everything or plant.periods % self._terrain_periods == 0):
+            ground = self._terrain.look(
+                plant.state.x, plant.state.y, plant.periods // self._terrain_periods)
+            if ground is not None:
+                self._late.put(plant.time, (self._terrain_topic, terrain_message(
+                    to_time(plant.time), ground)))
+        return self._late.due(plant.time)
