@@ -62,7 +62,8 @@ class Pilot:
     def __init__(self, knowledge: Knowledge):
         """Start with the pendulum hanging down."""
         self._tuning = knowledge.tuning
-        self.law = SpeedLaw.of(knowledge.robot, knowledge.tuning.angle_lag)
+        self.law = SpeedLaw.of(
+            knowledge.robot, knowledge.control.position_kd / knowledge.control.position_kp)
         self.reset()
 
     def reset(self) -> None:

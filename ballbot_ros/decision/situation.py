@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a planner is told: once, and at each decision."""
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Optional, Protocol, Tuple
 
+from ballbot_ros.control import ControlTuning, load_tuning
 from ballbot_ros.decision.curve import HeightCurve
 from ballbot_ros.decision.plan import Plan
 from ballbot_ros.decision.profile import Profile
@@ -16,12 +17,14 @@ class Knowledge:
     """
     What holds for all decisions; robot, curve and tuning must belong together.
 
-    See `tuning.check_decision`.
+    See `tuning.check_decision`.  `control` is the tuning that the controller runs with: law (11)
+    makes of the set angles what it says.
     """
 
     robot: Robot
     curve: HeightCurve
     tuning: DecisionTuning
+    control: ControlTuning = field(default_factory=lambda: load_tuning('published'))
     seed: int = 0
 
 

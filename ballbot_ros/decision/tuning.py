@@ -69,9 +69,6 @@ class DecisionTuning(Checked):
     unseen_room: float = quantity(
         'm', 'floor taken for granted behind an edge that a sensor does not see beyond',
         minimum=0.0, default=0.45)
-    angle_lag: float = quantity(
-        's', 'lag with which the pendulum follows a set angle: position_kd / position_kp of the '
-        'tuning of the controller', above=0.0, maximum=5.0, default=0.25)
     actuation_delay: float = quantity(
         's', 'time from an odometry message until its answer acts', minimum=0.0, maximum=0.5,
         default=0.0)
