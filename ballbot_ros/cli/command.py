@@ -28,6 +28,8 @@ VERBS = {
                         'find the highest step that a robot gets over'),
     'fit-curve': ('ballbot_ros.cli.fit_curve', 'make the height curve of a robot, for '
                   'obstacle_decision'),
+    'evaluate-decision': ('ballbot_ros.cli.evaluate_decision', 'prove the obstacle decision in '
+                          'closed loop: thousands of drawn approaches'),
     'sweep': ('ballbot_ros.cli.sweep', 'try crossings over any numbers, on all cores or a '
               'cluster'),
     'identify': ('ballbot_ros.cli.identify', 'estimate numbers of a robot from a recorded run'),
