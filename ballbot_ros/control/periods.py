@@ -75,7 +75,8 @@ def scripted_angle(state: Array, script: Script) -> float:
     angle, gain, speed, lean, swing_position, swing_angle = script
     if state[X] >= swing_position:
         return swing_angle
-    return min(max(angle + gain * (speed - state[VELOCITY_X]), -lean), lean)
+    missing: float = speed - state[VELOCITY_X]
+    return min(max(angle + gain * missing, -lean), lean)
 
 
 @unlocked
