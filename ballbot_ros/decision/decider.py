@@ -5,15 +5,12 @@ from collections import deque
 from typing import Callable, Deque, NamedTuple, Optional, Union
 
 from ballbot_ros.decision.guard import guarded
-from ballbot_ros.decision.observations import StepObservation
+from ballbot_ros.decision.perception import Observation, ProfileTracker
 from ballbot_ros.decision.pilot import Pilot
 from ballbot_ros.decision.planners import PLANNERS
 from ballbot_ros.decision.profile import Profile
 from ballbot_ros.decision.situation import Knowledge, Planner, Situation
-from ballbot_ros.decision.tracker import StepTracker
 from ballbot_ros.decision.values import Decision, Motion
-
-Observation = Union[StepObservation]
 
 # So many odometry messages and observations are kept while the other lags behind.
 KEPT = 100
@@ -60,7 +57,7 @@ class Decider:
         self._knowledge = knowledge
         maker = PLANNERS[planner] if isinstance(planner, str) else planner
         self._plan = guarded(maker(knowledge), knowledge)
-        self._tracker = StepTracker(knowledge.robot, knowledge.tuning)
+        self._tracker = ProfileTracker(knowledge.robot, knowledge.tuning)
         self._pilot = Pilot(knowledge)
         self.reset()
 
