@@ -46,7 +46,7 @@ class Found(NamedTuple):
     after: Tuple[int, int]
 
 
-class Ground(NamedTuple):
+class GroundSeen(NamedTuple):
     """
     What a map shows around the ball.
 
@@ -76,12 +76,12 @@ class Ground(NamedTuple):
     slope_sd: float
 
 
-def ground_of(found: ElevationMap, position: float) -> Ground:
+def ground_of(found: ElevationMap, position: float) -> GroundSeen:
     """Return what a map shows around a position; empty where it shows nothing."""
     known = np.flatnonzero(np.isfinite(found.variance))
     if len(known) < 3:
         nan = math.nan
-        return Ground([], [], [], [], nan, nan, nan, nan)
+        return GroundSeen([], [], [], [], nan, nan, nan, nan)
     # Neighbouring nodes share the points that they lie between.
     shared = min(max(1.5 * found.spacing / CELL, 1.0), 20.0)
     nodes, gaps = _bridged(found, known, shared)
@@ -89,7 +89,7 @@ def ground_of(found: ElevationMap, position: float) -> Ground:
     datum, slope, _, slope_variance = _below(nodes, position)
     points, sds, faces = _assemble(nodes, pieces, datum)
     slope_sd = math.sqrt(slope_variance + found.tilt_sd**2 + SLOPE_SD**2)
-    return Ground(points, sds, faces, gaps, float(nodes.x[0]), float(nodes.x[-1]),
+    return GroundSeen(points, sds, faces, gaps, float(nodes.x[0]), float(nodes.x[-1]),
                   math.atan(slope), slope_sd)
 
 

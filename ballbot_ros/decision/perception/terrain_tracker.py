@@ -9,7 +9,7 @@ import numpy as np
 from ballbot_ros.decision.observations import TerrainObservation
 from ballbot_ros.decision.perception.checks import arrays, fault, misplaced
 from ballbot_ros.decision.perception.elevation import ElevationMap, Look, PLACE_SD, resample
-from ballbot_ros.decision.perception.ground import Found, Ground, ground_of
+from ballbot_ros.decision.perception.ground import Found, GroundSeen, ground_of
 from ballbot_ros.decision.perception.trend import Trend
 from ballbot_ros.decision.profile import Face, Profile
 from ballbot_ros.decision.tuning import DecisionTuning
@@ -137,7 +137,7 @@ class TerrainTracker:
         self._name(ground, look, residual, position)
         return self._profile(stamp, ground, position)
 
-    def _profile(self, stamp: float, ground: Ground, position: float) -> Profile:
+    def _profile(self, stamp: float, ground: GroundSeen, position: float) -> Profile:
         """Return what the decision is told of a ground."""
         return Profile(
             stamp, tuple(known.face for known in self._faces if known.face.position > position),
@@ -158,7 +158,7 @@ class TerrainTracker:
                            explanation=why)
         return replace(self._answer, stamp=observation.stamp, rejection=reason, explanation=why)
 
-    def _name(self, ground: Ground, look: Look, residual: Array, position: float) -> None:
+    def _name(self, ground: GroundSeen, look: Look, residual: Array, position: float) -> None:
         """Give numbers to the faces that were found; those that are known keep theirs."""
         known, self._faces = self._faces, []
         for found in ground.faces:
