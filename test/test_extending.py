@@ -112,9 +112,9 @@ def test_a_planner_is_a_file_and_a_line(house):
     house.copy('decision/planners/cubic.py', 'decision/planners/timid.py')
     house.change('decision/planners/timid.py', (
         r'    step = profile\.face', '    if profile and profile.face:\n'
-        "        return _stop(Reason.TOO_HIGH, 'I had rather not')\n    step = profile.face"))
-    house.change('decision/planners/__init__.py', (r'import cubic\n', 'import cubic, timid\n'),
-                 (r"\{'cubic'", "{'timid': timid.planner, 'cubic'"))
+        "        return stop(Reason.TOO_HIGH, 'I had rather not')\n    step = profile.face"))
+    house.change('decision/planners/__init__.py', (r'import cubic,', 'import cubic, timid,'),
+                 (r"\{\n    'cubic'", "{'timid': timid.planner, 'cubic'"))
     loop = house.folder / 'examples' / 'closed_loop.py'
     loop.write_text(loop.read_text().replace("planner='cubic'", "planner='timid'").replace(
         '12 * RATE', 'RATE // 10'), encoding='utf-8')

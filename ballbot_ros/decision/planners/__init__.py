@@ -7,7 +7,8 @@ the parameter `planner` of the node ``obstacle_decision`` then takes its name.
 """
 from typing import Callable, Mapping
 
-from ballbot_ros.decision.planners import cubic
+from ballbot_ros.decision.planners import cubic, rollout
 from ballbot_ros.decision.situation import Knowledge, Planner
 
-PLANNERS: Mapping[str, Callable[[Knowledge], Planner]] = {'cubic': cubic.planner}
+PLANNERS: Mapping[str, Callable[[Knowledge], Planner]] = {
+    'cubic': cubic.planner, 'rollout': rollout.planner}

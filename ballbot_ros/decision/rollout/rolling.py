@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The approach: a ball that rolls without slip along gentle ground, with law (11) in its motor.
+
+With the slope a of the ground, v along it and phi the absolute angle of the pendulum::
+
+    (M + J1 / r^2) v' + M2 e cos(phi - a) phi'' = M2 e sin(phi - a) phi'^2
+        + (tau - c2 (phi' + v / r)) / r - c1 v / r^2 - M g sin(a)
+    (J2 + M2 e^2) phi'' + M2 e cos(phi - a) v' = tau - c2 (phi' + v / r) - M2 g e sin(phi)
+
+(`rolling_model` on a level floor).  The derivative gain makes for a pole of some hundred per
+second, so the rate of the pendulum is stepped implicitly, and steps may be ten times longer.
+"""
+import math
+from typing import NamedTuple
+
+from ballbot_ros.compiled import compiled, inlined
+from ballbot_ros.decision.rollout.layout import Drive
+from ballbot_ros.physics.mechanics.laws import available_torque
+from ballbot_ros.physics.model.parameters import Parameters
+
+
+class Rolling(NamedTuple):
+    """The state of a rolling ball."""
+
+    position: float  # of the centre, horizontally [m]
+    speed: float  # along the ground [m/s]
+    angle: float  # of the pendulum, absolute [rad]
+    rate: float  # [rad/s]
+
+
+@inlined
+def motor_torque_of(asked: float, joint_rate: float, drive: Drive) -> float:
+    """Return what the motor gives of a torque that is asked for, as the plant does [N m]."""
+    asked = min(max(asked, -drive.limit), drive.limit)
+    per_volt, back, supply, most = drive.motor_line
+    lowest, highest = available_torque(joint_rate, per_volt, back, supply, most)
+    return min(max(asked, lowest), highest)
+
+
+@compiled
+def roll(now: Rolling, set_angle: float, slope: float, step: float, robot: Parameters,
+         drive: Drive) -> Rolling:
+    """
+    Return the state a step later.
+
+    Parameters
+    ----------
+    now : Rolling
+    set_angle : float
+        Of law (11) [rad].
+    slope : float
+        Of the ground, positive uphill [rad].
+    step : float
+        [s]
+    robot : Parameters
+    drive : Drive
+
+    """
+    radius = robot.radius - robot.mass * robot.gravity / robot.stiffness
+    moment = robot.pendulum_moment
+    inertia = robot.mass + robot.ball_inertia / (radius * radius)
+    sine = math.sin(now.angle)
+    coupling = moment * math.cos(now.angle - slope)
+    joint_rate = now.rate + now.speed / radius
+    friction = robot.joint_friction * joint_rate
+    on_ball = (moment * math.sin(now.angle - slope) * now.rate * now.rate
+               - friction / radius - robot.rolling_friction * now.speed / (radius * radius)
+               - robot.mass * robot.gravity * math.sin(slope))
+    on_pendulum = -friction - moment * robot.gravity * sine
+    # Both equations without v': share * torque + rest = left * phi''.
+    left = robot.pendulum_inertia - coupling * coupling / inertia
+    share = 1.0 - coupling / (inertia * radius)
+    rest = on_pendulum - coupling / inertia * on_ball
+    weight = drive.compensated * moment * robot.gravity * sine
+    # The torque at the end of the step: kp (set - phi - h phi'_new) - kd phi'_new + weight.
+    fixed = drive.kp * (set_angle - now.angle) + weight
+    damping = drive.kd + drive.kp * step
+    rate = (now.rate + step * (share * fixed + rest) / left) / (
+        1.0 + step * share * damping / left)
+    asked = fixed - damping * rate
+    torque = motor_torque_of(asked, joint_rate, drive)
+    if torque != asked:
+        rate = now.rate + step * (share * torque + rest) / left
+    turned = (rate - now.rate) / step
+    gain = (on_ball + torque / radius - coupling * turned) / inertia
+    speed = now.speed + step * gain
+    return Rolling(now.position + 0.5 * step * (now.speed + speed) * math.cos(slope), speed,
+                   now.angle + step * rate, rate)
