@@ -83,7 +83,8 @@ class _Release:
         if self._answer is not None and self._answer.done() and self._answer.result().success:
             self._done = True
             # Not before: the e-stop is not released while a command asks for torque.
-            self._graph.nodes.start('obstacle_decision', {'curve': CURVE})
+            self._graph.nodes.start('obstacle_decision', {
+                'curve': CURVE, 'control_tuning': TUNING})
         elif self._client.service_is_ready() and time.monotonic() > self._next:
             self._answer = self._client.call_async(Trigger.Request())
             self._next = time.monotonic() + AGAIN

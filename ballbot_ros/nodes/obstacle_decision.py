@@ -9,6 +9,7 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
+from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import (
     check_decision, Decider, Kind, Knowledge, load_curve, load_decision_tuning)
 from ballbot_ros.msg import StepDecision, StepObservation
@@ -39,7 +40,8 @@ class ObstacleDecision(Node):
         settings = declare(self, DecisionSettings)
         knowledge = Knowledge(load_robot(settings.robot),
                               load_curve(settings.curve, settings.variant),
-                              load_decision_tuning(settings.tuning))
+                              load_decision_tuning(settings.tuning),
+                              load_tuning(settings.control_tuning))
         check_decision(knowledge.robot, knowledge.curve, knowledge.tuning)
         self._decider = Decider(knowledge, settings.planner)
         self._odometry: Optional[Odometry] = None

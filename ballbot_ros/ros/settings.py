@@ -125,6 +125,8 @@ class DecisionSettings(Checked):
         'of the curve: the best fit, or the one that is nowhere above the simulation',
         default='fit', choices=('fit', 'conservative'))
     tuning: str = _file('tunings', 'decision_default', 'decision tuning')
+    control_tuning: str = _file(
+        'tunings', 'published', doc=': the one that the controller runs with')
     planner: str = text('how decisions are made', default='cubic', choices=tuple(PLANNERS))
 
 
