@@ -1,29 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run the demo: simulator, controller and decision, with timeline, bag, picture and verdict."""
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 import signal
 import sys
 import time
-from typing import Any, Callable, Iterator, List
+from typing import Any, Callable, Iterator, List, NamedTuple, Sequence, Tuple
 
 from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import JointState
 
-from ballbot_ros.decision import load_curve
 from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.demo.recorded_graph import recorded_graph
 from ballbot_ros.demo.synchronized_start import SynchronizedStart
-from ballbot_ros.demo.timeline import Timeline
+from ballbot_ros.demo.timeline import Expected, Passage, Timeline
 from ballbot_ros.figures.run import save, strip
 from ballbot_ros.msg import BallState, StepDecision, StepObservation
 from ballbot_ros.physics import load_scene, Scene, Trajectory
-from ballbot_ros.plant.step_sensor import faces
+from ballbot_ros.plant.step_sensor import LEAST_HEIGHT, LEAST_SLOPE
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.settings import SimulatorSettings
 
-SCENE, CURVE = 'doorstep', 'gimball_down'
+CURVE = 'gimball_down'
 LONGEST = 30.0  # simulated time after which the robot has had its chance [s]
 
 TOPICS = (
@@ -33,74 +33,89 @@ TOPICS = (
     ('step_decision', StepDecision, qos.RECORD_LATCHED))
 
 
+class Act(NamedTuple):
+    """A scene, and what the robot should do about its faces, from left to right."""
+
+    title: str
+    scene: str
+    expected: Tuple[Expected, ...]
+
+
+TWO_STEPS = Act('The ball stands before a door-step, and behind that is a higher one.',
+                'doorstep', (Expected.CROSSED, Expected.REFUSED))
+ACTS = (TWO_STEPS, Act('The floor falls, and then drops.', 'drop_on_slope', (Expected.REFUSED,)))
+
+
 def run_demo(out: Path, real_time: bool = False, quiet: bool = False,
-             timeout: float = 60.0, scene_name: str = SCENE) -> int:
+             timeout: float = 60.0, acts: Sequence[Act] = ACTS) -> int:
     """
-    Let the robot meet two door-steps.
+    Let the robot meet two door-steps, and a drop on a slope.
 
     Parameters
     ----------
     out : Path
-        Folder for the bag, the picture and the logs.
+        Folder with a folder for each act: bag, picture and logs.
     real_time : bool
         Run in real time instead of in lockstep, as fast as it goes.
     quiet : bool
         Print only the verdict.
     timeout : float
-        Wall time after which it is given up [s].
-    scene_name : str
-        A scene with two steps, or its file.
+        Wall time after which an act is given up [s].
+    acts : sequence of Act
 
     Returns
     -------
     int
-        0 if the robot crossed the first step and came to rest before the second, 1 if not.
+        0 if the robot did in each act what it should, 1 if not.
 
     """
     lockstep_period = 0.0 if real_time else 1.0 / SimulatorSettings.observation_rate
+    how = 'in real time' if real_time else 'in lockstep, as fast as it goes'
+    if not quiet:
+        print(f'Three nodes on ROS domain {own_domain()}, {how}.', flush=True)
 
-    def play(timeline: Timeline) -> List[str]:
-        with recorded_graph(out, TOPICS, timeline) as graph:
+    def play(act: Act, folder: Path, timeline: Timeline) -> List[str]:
+        with recorded_graph(folder, TOPICS, timeline) as graph:
             graph.nodes.start('controller', {'lockstep_set_point_period': lockstep_period})
             graph.nodes.start('obstacle_decision', {'curve': CURVE})
             graph.nodes.start('simulator', {
-                'scene': scene_name, 'lockstep': not real_time,
+                'scene': act.scene, 'lockstep': not real_time,
                 'real_time_factor': 1.0 if real_time else 0.0, 'start_paused': True})
             start = SynchronizedStart(graph.node, graph.bag, (topic for topic, *_ in TOPICS))
             return graph.run(start.poll, timeout, LONGEST)
 
-    how = 'in real time' if real_time else 'in lockstep, as fast as it goes'
-    return perform(out, scene_name, quiet, f'Three nodes on ROS domain {own_domain()}, {how}.  '
-                   'The ball stands before a door-step.', play)
+    return max([perform(out / Path(act.scene).stem, act, quiet, partial(play, act))
+                for act in acts])
 
 
-def perform(out: Path, scene_name: str, quiet: bool, heading: str,
-            play: Callable[[Timeline], List[str]]) -> int:
+def perform(out: Path, act: Act, quiet: bool,
+            play: Callable[[Path, Timeline], List[str]]) -> int:
     """
     Print the timeline of a run, draw its picture, and return the exit code.
 
     Parameters
     ----------
     out : Path
-        Folder for the picture.
-    scene_name : str
+        Folder for bag, picture and logs.
+    act : Act
     quiet : bool
         Print only the verdict.
-    heading : str
-        Printed before the timeline.
     play : callable
-        Runs the nodes, and returns what went wrong on the way.
+        Runs the nodes with that folder, and returns what went wrong on the way.
 
     """
-    scene = load_scene(scene_name)
+    scene = load_scene(act.scene)
     out.mkdir(parents=True, exist_ok=True)
-    timeline = Timeline(faces(scene.model.terrain), scene.model.robot, load_curve(CURVE),
-                        (lambda *_: None) if quiet else print_event)
+    passages = [Passage(float(face[0, 0]), float(face[-1, 1] - face[0, 1]),
+                        float(face[-1, 1]), due)
+                for face, due in zip(scene.model.terrain.faces(LEAST_SLOPE, LEAST_HEIGHT),
+                                     act.expected)]
+    timeline = Timeline(passages, scene.model.robot, (lambda *_: None) if quiet else print_event)
     begun = time.monotonic()
     if not quiet:
-        print(f'{heading}\n', flush=True)
+        print(f'\n{act.title}\n', flush=True)
     with ending_by_signal():
-        wrong = play(timeline)
+        wrong = play(out, timeline)
     wrong = wrong + timeline.verdict()
     picture = out / 'crossing.png'
     if timeline.states:

@@ -10,7 +10,7 @@ from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
 
 from ballbot_ros.bridge.hardware_file import load_hardware
-from ballbot_ros.demo.demo import CURVE, perform, SCENE, TOPICS
+from ballbot_ros.demo.demo import CURVE, perform, TOPICS, TWO_STEPS
 from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.demo.recorded_graph import recorded_graph, RecordedGraph
 from ballbot_ros.demo.timeline import Timeline
@@ -49,21 +49,23 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', quiet: bool 
     """
     hardware = load_hardware(f'gimball_{protocol}')
 
-    def play(timeline: Timeline) -> List[str]:
+    def play(folder: Path, timeline: Timeline) -> List[str]:
         # Absolute: whoever opens it may be in another folder.
-        link = str((out / 'motor').resolve())
-        with recorded_graph(out, (*TOPICS, *MORE_TOPICS), timeline) as graph:
+        link = str((folder / 'motor').resolve())
+        with recorded_graph(folder, (*TOPICS, *MORE_TOPICS), timeline) as graph:
             graph.nodes.start('emulated_robot', {
-                'hardware': hardware.name, 'firmware': firmware, 'scene': SCENE, 'link': link})
+                'hardware': hardware.name, 'firmware': firmware, 'scene': TWO_STEPS.scene,
+                'link': link})
             graph.nodes.start('bridge', {
                 'hardware': hardware.name, 'port': link, 'tuning': TUNING})
             graph.nodes.start('controller', {'tuning': TUNING, 'delay': 1})
             return graph.run(_Release(graph).poll, timeout, math.inf)
 
-    return perform(
-        out, SCENE, quiet, f'An emulated {f"{protocol} {firmware}".strip()} drive, '
-        f'{hardware.connection.baud} baud; bridge, controller and decision on ROS domain '
-        f'{own_domain()}, in real time.', play)
+    if not quiet:
+        print(f'An emulated {f"{protocol} {firmware}".strip()} drive, '
+              f'{hardware.connection.baud} baud; bridge, controller and decision on ROS domain '
+              f'{own_domain()}, in real time.', flush=True)
+    return perform(out, TWO_STEPS, quiet, play)
 
 
 class _Release:

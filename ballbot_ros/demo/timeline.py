@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What happened, from the topics: a timeline for people and a verdict for programs."""
 from dataclasses import dataclass, field
+from enum import Enum
 import math
-from typing import Any, Callable, List, Optional, Sequence, Tuple
+from typing import Any, Callable, List, Optional, Tuple
 
-from ballbot_ros.decision import HeightCurve
 from ballbot_ros.msg import BallState, Contact, StepDecision
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.ros.conversions import to_seconds
@@ -14,20 +14,47 @@ REST_SPEED, REST_TIME = 0.02, 1.0
 # A contact with an edge this close to a face belongs to it [m].
 NEAR = 0.01
 
+# A ball that has come so far from where it started has been driven [m].
+DRIVEN = 0.2
+
 NAMES = {StepDecision.CLEAR: 'CLEAR', StepDecision.CROSS: 'CROSS', StepDecision.STOP: 'STOP',
-         StepDecision.GO_ROUND: 'GO ROUND'}
+         StepDecision.GO_ROUND: 'GO ROUND', StepDecision.BACK_OFF: 'BACK OFF'}
+
+
+class Expected(str, Enum):
+    """What the robot should do about a face."""
+
+    CROSSED = 'crossed'
+    REFUSED = 'refused'
 
 
 @dataclass
 class Passage:
-    """What became of one step."""
+    """
+    What became of one face.
+
+    Attributes
+    ----------
+    x, height, top : float
+        Where it is, how high (negative for a drop), and the level of the ground behind it [m].
+    expected : Expected
+
+    """
 
     x: float
     height: float
+    top: float
+    expected: Expected
     decided: List[int] = field(default_factory=list)
     touched: Optional[float] = None  # when [s]
     touch_speed: float = math.nan
     crossed: Optional[float] = None
+
+    @property
+    def name(self) -> str:
+        """Return what people call it."""
+        return (f'{1e3 * abs(self.height):.0f} mm '
+                f'{"step" if self.height > 0.0 else "drop"}')
 
 
 class Timeline:
@@ -38,28 +65,27 @@ class Timeline:
 
     Parameters
     ----------
-    steps : sequence of (x, height)
-        Of the scene, from left to right [m].
+    passages : list of Passage
+        The faces of the scene, from left to right; those to be crossed come first.
     robot : Robot
-    curve : HeightCurve
-        To say how much was to spare.
     report : callable
         Called with time [s], a mark and a sentence.
 
     Attributes
     ----------
     rested : float or None
-        When the ball came to rest behind the first step [s].
+        When the ball came to rest behind all that it should cross [s].
 
     """
 
-    def __init__(self, steps: Sequence[Tuple[float, float]], robot: Robot, curve: HeightCurve,
+    def __init__(self, passages: List[Passage], robot: Robot,
                  report: Callable[[float, str, str], None]):
         """Start without an event."""
-        self.passages = [Passage(x, height) for x, height in steps]
+        self.passages = passages
         self.states: List[BallState] = []
         self._pending: List[StepDecision] = []
-        self._robot, self._curve, self._report = robot, curve, report
+        self._robot, self._report = robot, report
+        self._limit = math.nan
         self._last: Optional[Tuple[int, int, int]] = None
         self._resting: Optional[float] = None
         self.rested: Optional[float] = None
@@ -109,12 +135,17 @@ class Timeline:
         self._last = key
         if index < len(self.passages) and message.decision != StepDecision.CLEAR:
             if not seen_before:
-                self._report(time, 'sees', f'a step of {1e3 * message.height:.0f} mm, '
-                             f'{message.distance:.2f} m ahead of its centre')
+                self._report(
+                    time, 'sees', f'a {"step" if message.height > 0.0 else "drop"} of '
+                    f'{1e3 * abs(message.height):.0f} mm, {message.distance:.2f} m ahead of its '
+                    'centre')
             if message.decision not in self.passages[index].decided:
                 self.passages[index].decided.append(message.decision)
         late = 'too late to stop: ' if message.reason == StepDecision.COMMITTED else ''
-        self._report(time, NAMES.get(message.decision, '?'), late + message.explanation)
+        if message.decision == StepDecision.CROSS:
+            self._limit = message.height_limit
+        self._report(time, NAMES.get(message.decision, '?'),
+                     f'{_plan(message)}{late}{message.explanation}')
 
     def _follow(self, passage: Passage, message: BallState, before: BallState) -> None:
         """Report when the ball touches a step, and when it has crossed it."""
@@ -122,25 +153,22 @@ class Timeline:
                 touch.kind == Contact.EDGE and abs(touch.x - passage.x) < NEAR
                 for touch in message.contacts):
             passage.touched, passage.touch_speed = self.now, before.velocity_x
-            self._report(self.now, 'touches', f'the {1e3 * passage.height:.0f} mm step at '
-                         f'{before.velocity_x:.2f} m/s{self._spare(passage)}')
+            good = '' if math.isnan(self._limit) else (
+                f': the plan is good for {1e3 * self._limit:.0f} mm')
+            self._report(self.now, 'touches', f'the {passage.name} at '
+                         f'{before.velocity_x:.2f} m/s{good}')
         radius = self._robot.ball_radius
         if passage.crossed is None and message.x > passage.x \
-                and message.y > passage.height + 0.5 * radius:
+                and message.y > passage.top + 0.5 * radius:
             passage.crossed = self.now
             self._report(self.now, 'crossed', f'over it, now at {message.velocity_x:.2f} m/s, '
                          f'pendulum at {math.degrees(message.pendulum_angle):.0f} degrees')
 
-    def _spare(self, passage: Passage) -> str:
-        speed = min(max(passage.touch_speed, self._curve.lowest_speed),
-                    self._curve.highest_speed)
-        spare = self._curve.height(speed) - passage.height
-        word = 'to spare' if spare >= 0.0 else 'short'
-        return f': {1e3 * abs(spare):.0f} mm {word} on the curve'
-
     def _watch_rest(self, message: BallState) -> None:
-        """Report when the ball has come to rest after the first step."""
-        if self.next_step == 0 or abs(message.velocity_x) > REST_SPEED:
+        """Report when the ball has come to rest behind all that it should cross."""
+        due = sum(passage.expected is Expected.CROSSED for passage in self.passages)
+        driven = abs(message.x - self.states[0].x) > DRIVEN
+        if self.next_step < due or not driven or abs(message.velocity_x) > REST_SPEED:
             self._resting = None
             return
         if self._resting is None:
@@ -149,7 +177,7 @@ class Timeline:
             self.rested = self._resting
             gap = self._gap(message)
             self._report(self._resting, 'rests', 'still' if math.isnan(gap) else
-                         f'{gap:.2f} m before the next step')
+                         f'{gap:.2f} m before the {self.passages[self.next_step].name}')
 
     def _gap(self, message: BallState) -> float:
         """Return the distance from the front of the ball to the next face [m], NaN if none."""
@@ -159,19 +187,28 @@ class Timeline:
 
     def verdict(self) -> List[str]:
         """Return what did not happen as it should have; empty for a success."""
-        first, second = self.passages[:2]
-        height = f'{1e3 * second.height:.0f} mm'
         wrong = []
-        if StepDecision.CROSS not in first.decided:
-            wrong.append(f'the {1e3 * first.height:.0f} mm step was never accepted')
-        if first.crossed is None:
-            wrong.append(f'the {1e3 * first.height:.0f} mm step was not crossed')
-        if StepDecision.CROSS in second.decided:
-            wrong.append(f'the {height} step was accepted, and cannot be crossed')
-        if StepDecision.GO_ROUND not in second.decided:
-            wrong.append(f'the {height} step was never refused')
-        if second.touched is not None:
-            wrong.append(f'the {height} step was touched')
+        for passage in self.passages:
+            accepted = StepDecision.CROSS in passage.decided
+            if passage.expected is Expected.CROSSED:
+                if not accepted:
+                    wrong.append(f'the {passage.name} was never accepted')
+                if passage.crossed is None:
+                    wrong.append(f'the {passage.name} was not crossed')
+                continue
+            if accepted:
+                wrong.append(f'the {passage.name} was accepted, and is not to be taken')
+            if not {StepDecision.GO_ROUND, StepDecision.STOP} & set(passage.decided):
+                wrong.append(f'the {passage.name} was never refused')
+            if passage.touched is not None or passage.crossed is not None:
+                wrong.append(f'the {passage.name} was touched')
         if self.rested is None:
             wrong.append('the robot did not come to rest')
         return wrong
+
+
+def _plan(message: StepDecision) -> str:
+    """Return plan and probability of a decision, as the beginning of a sentence."""
+    if not message.plan or math.isnan(message.probability):
+        return ''
+    return f'{message.plan.replace("_", " ")}, {100.0 * message.probability:.0f} %: '

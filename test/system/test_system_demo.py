@@ -75,12 +75,12 @@ def test_first_step_is_crossed_second_refused_and_all_of_it_printed_and_recorded
     places = [printed.find(words) for words in order]
     assert -1 not in places and places == sorted(places), printed
 
-    with Image.open(tmp_path / 'out' / 'crossing.png') as picture:
+    with Image.open(tmp_path / 'out' / 'doorstep' / 'crossing.png') as picture:
         assert picture.format == 'PNG'
         assert 500 < picture.width < 5000 and 150 < picture.height < 5000
         assert np.asarray(picture.convert('L')).std() > 10.0  # there is something on it
 
-    with AnyReader([tmp_path / 'out' / 'bag']) as bag:
+    with AnyReader([tmp_path / 'out' / 'doorstep' / 'bag']) as bag:
         stamps = {connection.topic: set() for connection in bag.connections}
         heights, last = set(), None
         for connection, _, data in bag.messages():
@@ -109,7 +109,7 @@ def test_first_step_is_crossed_second_refused_and_all_of_it_printed_and_recorded
     assert not stamps
     assert 1.426 < last.x < 4.426 - 0.226 and abs(last.velocity_x) < 0.02
 
-    with open(tmp_path / 'out' / 'bag' / 'bag.mcap', 'rb') as file:
+    with open(tmp_path / 'out' / 'doorstep' / 'bag' / 'bag.mcap', 'rb') as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         states = [message for *_, message in reader.iter_decoded_messages(['/ball_state'])]
     assert states[-1].x == last.x and states[-1].contacts[0].normal_force > 0.0
@@ -119,7 +119,7 @@ def test_a_node_that_dies_fails_the_demo_and_is_named(demo, tmp_path):
     process = demo()
     nodes = wait(lambda: (nodes_of(process).keys() == NODES) and nodes_of(process), 'all started')
     wait(lambda: 'joint states have arrived' in (
-        tmp_path / 'out' / 'logs' / 'controller.log').read_text(), 'they communicate')
+        tmp_path / 'out' / 'doorstep' / 'logs' / 'controller.log').read_text(), 'they communicate')
     subprocess.run(['kill', '-KILL', str(nodes['controller'])], check=True)
     printed = process.communicate(timeout=PATIENCE)[0]
     assert process.returncode == 1, printed
@@ -132,7 +132,7 @@ def test_a_node_that_dies_fails_the_demo_and_is_named(demo, tmp_path):
 def test_demo_that_is_interrupted_leaves_nothing_running(demo, tmp_path, number, code):
     process = demo()
     nodes = wait(lambda: (nodes_of(process).keys() == NODES) and nodes_of(process), 'all started')
-    wait(lambda: all('running with' in (tmp_path / 'out' / 'logs' / f'{name}.log').read_text()
+    wait(lambda: all('running with' in (tmp_path / 'out' / 'doorstep' / 'logs' / f'{name}.log').read_text()
                      for name in NODES), 'they run')
     process.send_signal(number)
     printed = process.communicate(timeout=PATIENCE)[0]
@@ -148,12 +148,14 @@ def test_demo_whose_robot_cannot_do_it_fails_and_says_what_was_missing(domain, t
                      '  - step: {height: 0.06}\n  - flat: {length: 1.0}\n'
                      '  - step: {height: 0.08}\n  - flat: {length: 1.0}\nduration: 10.0\n')
     done = subprocess.run(
-        [sys.executable, '-c', 'import pathlib, sys; from ballbot_ros.demo import run_demo; '
-         f'sys.exit(run_demo(pathlib.Path("out"), timeout=5.0, scene_name="{scene}"))'],
+        [sys.executable, '-c', 'import pathlib, sys; '
+         'from ballbot_ros.demo.demo import run_demo, TWO_STEPS; '
+         f'acts = [TWO_STEPS._replace(scene="{scene}")]; '
+         'sys.exit(run_demo(pathlib.Path("out"), timeout=5.0, acts=acts))'],
         cwd=tmp_path, env=environment(domain, tmp_path), capture_output=True, text=True,
         timeout=PATIENCE)
     assert done.returncode == 1, done.stderr
     for words in ('the 60 mm step was never accepted', 'the 60 mm step was not crossed',
                   'the robot did not come to rest', 'given up after 5 s'):
         assert words in done.stderr
-    assert (tmp_path / 'out' / 'bag' / 'bag.mcap').exists()
+    assert (tmp_path / 'out' / 'too_high' / 'bag' / 'bag.mcap').exists()

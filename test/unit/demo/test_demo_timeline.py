@@ -2,12 +2,12 @@
 """The timeline of a demo: which events, in which order, and what counts as a success."""
 import pytest
 
-from ballbot_ros.decision import load_curve
-from ballbot_ros.demo.timeline import Timeline
+from ballbot_ros.demo.timeline import Expected, Passage, Timeline
 from ballbot_ros.msg import BallState, Contact, StepDecision
 from ballbot_ros.ros.conversions import to_time
 
-STEPS = ((1.426, 0.031), (4.426, 0.080))
+STEPS = ((1.426, 0.031, 0.031, Expected.CROSSED), (4.426, 0.080, 0.111, Expected.REFUSED))
+DROP = ((2.5, -0.1, -0.15, Expected.REFUSED),)
 RADIUS = 0.226
 CROSS = (StepDecision.CROSS, StepDecision.WITHIN_CURVE)
 GO_ROUND = (StepDecision.GO_ROUND, StepDecision.TOO_HIGH)
@@ -16,8 +16,8 @@ GO_ROUND = (StepDecision.GO_ROUND, StepDecision.TOO_HIGH)
 @pytest.fixture
 def timeline(gimball):
     """Return a timeline that keeps what it reports."""
-    timeline = Timeline(STEPS, gimball, load_curve('gimball_down'),
-                  lambda *event: timeline.events.append(event))
+    timeline = Timeline([Passage(*step) for step in STEPS], gimball,
+                        lambda *event: timeline.events.append(event))
     timeline.events = []
     return timeline
 
@@ -31,7 +31,8 @@ def ball(stamp, x, y=RADIUS, speed=0.5, touching=()):
 
 def decided(stamp, kind, height=0.031, explanation='because'):
     message = StepDecision(decision=kind[0], reason=kind[1], height=height, distance=1.0,
-                           explanation=explanation)
+                           explanation=explanation, plan='swing', probability=0.97,
+                           height_limit=0.045)
     message.header.stamp = to_time(stamp)
     return message
 
@@ -64,8 +65,8 @@ def test_a_run_as_it_should_be_is_reported_and_has_nothing_wrong(timeline):
     play(timeline)
     assert marks(timeline) == ['sees', 'CROSS', 'touches', 'crossed', 'sees', 'GO ROUND', 'rests']
     sentences = {mark: sentence for _, mark, sentence in timeline.events}
-    assert sentences['touches'] == 'the 31 mm step at 0.90 m/s: 6 mm to spare on the curve'
-    assert sentences['rests'] == '0.30 m before the next step'
+    assert sentences['touches'] == 'the 31 mm step at 0.90 m/s: the plan is good for 45 mm'
+    assert sentences['rests'] == '0.30 m before the 80 mm step'
     assert [time for time, *_ in timeline.events] == [0.0, 0.0, 1.5, 2.0, 2.0, 2.0, 5.0]
     assert timeline.rested == 5.0 and timeline.verdict() == []
 
@@ -91,7 +92,7 @@ def test_the_second_step_must_be_neither_accepted_nor_touched(timeline):
     play(timeline)
     timeline.add_decision(decided(5.5, CROSS, 0.08))
     timeline.add_state(ball(9.0, 4.3, touching=[4.426]))
-    assert timeline.verdict() == ['the 80 mm step was accepted, and cannot be crossed',
+    assert timeline.verdict() == ['the 80 mm step was accepted, and is not to be taken',
                                'the 80 mm step was touched']
 
 
@@ -115,7 +116,7 @@ def test_only_a_change_of_decision_is_reported(timeline):
         timeline.add_decision(decided(0.02 * number, CROSS, explanation=f'look {number}'))
     timeline.add_decision(decided(1.0, (StepDecision.CROSS, StepDecision.COMMITTED)))
     assert marks(timeline) == ['sees', 'CROSS', 'CROSS']
-    assert timeline.events[-1][2] == 'too late to stop: because'
+    assert timeline.events[-1][2] == 'swing, 97 %: too late to stop: because'
 
 
 def test_a_decision_that_overtakes_the_states_waits_for_them(timeline):
@@ -157,3 +158,27 @@ def test_times_count_from_the_first_state(timeline):
     assert timeline.now == 0.0 and not timeline.events
     timeline.add_state(ball(1001.0, 0.4))
     assert [(time, mark) for time, mark, _ in timeline.events] == [(0.5, 'sees'), (0.5, 'CROSS')]
+
+
+def test_before_a_drop_it_is_right_to_stop_and_wrong_to_fall(gimball):
+    def new():
+        return Timeline([Passage(*face) for face in DROP], gimball, lambda *event: None)
+
+    stop = (StepDecision.STOP, StepDecision.DROP)
+    right, wrong = new(), new()
+    for timeline in (right, wrong):
+        timeline.add_state(ball(0.0, 0.0, speed=0.0))
+        timeline.add_decision(decided(0.0, stop, -0.1))
+        assert timeline.rested is None
+    for number in range(12):
+        right.add_state(ball(5.0 + 0.1 * number, 2.0, y=0.18, speed=0.0))
+    assert right.rested == 5.0 and right.verdict() == []
+    wrong.add_state(ball(5.0, 2.6, y=0.07))
+    assert 'the 100 mm drop was touched' in wrong.verdict()
+
+
+def test_a_ball_that_was_not_driven_yet_does_not_rest(gimball):
+    timeline = Timeline([Passage(*face) for face in DROP], gimball, lambda *event: None)
+    for number in range(30):
+        timeline.add_state(ball(0.1 * number, 0.1, speed=0.0))
+    assert timeline.rested is None
