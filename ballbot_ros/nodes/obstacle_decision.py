@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node ``obstacle_decision``: what to do about the step ahead, and a set-point for it."""
 from collections import Counter
+from functools import partial
 import sys
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
@@ -11,12 +12,13 @@ from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import (
-    check_decision, Decider, Kind, Knowledge, load_curve, load_decision_tuning)
-from ballbot_ros.msg import StepDecision, StepObservation
+    check_decision, Decider, Kind, Knowledge, load_curve, load_decision_tuning,
+    Observation)
+from ballbot_ros.msg import StepDecision, StepObservation, TerrainObservation
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import (
-    decision_message, motion, observation, set_point_message, to_seconds)
+    decision_message, motion, observation, set_point_message, terrain_observation, to_seconds)
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription, wait_until_received
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
@@ -45,22 +47,28 @@ class ObstacleDecision(Node):
         check_decision(knowledge.robot, knowledge.curve, knowledge.tuning)
         self._decider = Decider(knowledge, settings.planner)
         self._odometry: Optional[Odometry] = None
-        self._observed: Optional[StepObservation] = None
+        self._observed: Any = None  # the newest observation that waits for odometry
+        self._seen: Dict[type, Tuple[int, int]] = {}
         self._counts: Counter = Counter()
         self._answer: Optional[Tuple[StepDecision, JointState]] = None
         self._decisions = create_publisher(self, StepDecision, 'step_decision', qos.LATCHED)
         self._set_points = create_publisher(self, JointState, 'set_point', qos.NEWEST)
-        create_subscription(self, StepObservation, 'step_observation', self._on_observation,
-                            qos.SHORT)
+        for topic, kind, convert in (
+                ('step_observation', StepObservation, observation),
+                ('terrain_observation', TerrainObservation, terrain_observation)):
+            create_subscription(self, kind, topic, partial(self._on_observation, convert),
+                                qos.SHORT)
         create_subscription(self, Odometry, 'odom', self._on_odometry, qos.SHORT)
         self._diagnostics = diagnostics.Diagnostics(self, 'decision', self._health)
 
-    def _on_observation(self, message: StepObservation) -> None:
-        if self._answer is not None and _key(message) == _key(self._answer[0]):
+    def _on_observation(self, convert: Callable[[Any], Observation], message: Any) -> None:
+        if self._seen.get(type(message)) == _key(message):
             # The observation is repeated: to decide again might give another answer.
-            self._publish()
+            if self._observed is None:
+                self._publish()
             return
-        self._decider.observe(observation(message))
+        self._seen[type(message)] = _key(message)
+        self._decider.observe(convert(message))
         self._observed = message
         self._decide_pending()
 
@@ -69,6 +77,7 @@ class ObstacleDecision(Node):
             self.get_logger().warning('time went back: all observations so far are dropped')
             self._decider.reset()
             self._observed, self._answer = None, None
+            self._seen.clear()
         self._odometry = message
         self._decider.move(motion(message))
         self._decide_pending()

@@ -6,6 +6,7 @@ from typing import Any, List, Optional, Tuple
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
+from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.msg import StepObservation, TerrainObservation
 from ballbot_ros.plant import Latency, periods_per, Plant, Sensor, SensorFaults, TerrainSensor
 from ballbot_ros.ros import qos
@@ -29,7 +30,8 @@ class Sensors:
     Raises
     ------
     ConfigurationError
-        If a rate does not divide the control rate.
+        If a rate does not divide the control rate, or in lockstep, where each period of the
+        observations waits for its one answer, there may be none or two of them.
 
     """
 
@@ -37,15 +39,20 @@ class Sensors:
         """Create sensors and publishers."""
         faults = SensorFaults(**{item.name: getattr(settings, f'sensor_{item.name}')
                                  for item in fields(SensorFaults)})
+        if settings.lockstep:
+            check_lockstep(settings)
         terrain = plant.model.terrain
         self._plant = plant
         self._late: Latency[Tuple[Publisher, Any]] = Latency(faults.latency)
-        self._step = Sensor(
-            terrain, settings.observation_reach, settings.observation_distance_sd,
-            settings.observation_height_sd, settings.seed, faults)
-        self._step_periods = periods_per(
-            settings.observation_rate, settings.control_rate, 'observation_rate')
-        self._step_topic = create_publisher(node, StepObservation, 'step_observation', qos.STATE)
+        self._step: Optional[Sensor] = None
+        if settings.observation_rate > 0.0:
+            self._step = Sensor(
+                terrain, settings.observation_reach, settings.observation_distance_sd,
+                settings.observation_height_sd, settings.seed, faults)
+            self._step_periods = periods_per(
+                settings.observation_rate, settings.control_rate, 'observation_rate')
+            self._step_topic = create_publisher(
+                node, StepObservation, 'step_observation', qos.STATE)
         self._terrain: Optional[TerrainSensor] = None
         if settings.terrain_rate > 0.0:
             self._terrain = TerrainSensor(
@@ -68,7 +75,8 @@ class Sensors:
         plant = self._plant
         if everything:
             self._late.clear()
-        if everything or plant.periods % self._step_periods == 0:
+        if self._step is not None and (
+                everything or plant.periods % self._step_periods == 0):
             sight = self._step.look(plant.state.x, plant.periods // self._step_periods)
             if sight is not None:
                 self._late.put(plant.time, (self._step_topic, observation_message(
@@ -81,3 +89,17 @@ class Sensors:
                 self._late.put(plant.time, (self._terrain_topic, terrain_message(
                     to_time(plant.time), ground)))
         return self._late.due(plant.time)
+
+
+def check_lockstep(settings: SimulatorSettings) -> None:
+    """Refuse observations that may come twice, late or not at all."""
+    if settings.observation_rate > 0.0 and settings.terrain_rate > 0.0:
+        raise ConfigurationError(
+            'terrain_rate must be 0 Hz where observation_rate is above 0 Hz in lockstep, where '
+            f'each period has one answer, got {settings.observation_rate:g} and '
+            f'{settings.terrain_rate:g} Hz; set one of them to 0')
+    for name in ('sensor_latency', 'sensor_dropout'):
+        if getattr(settings, name) > 0.0:
+            raise ConfigurationError(
+                f'{name} must be 0 in lockstep, where each period waits for its observation, got '
+                f'{getattr(settings, name):g}; set lockstep to false')

@@ -63,7 +63,7 @@ class SimulatorSettings(Checked):
     clock_rate: float = _rate('/clock in simulated time', 100.0, maximum=250.0)
     odom_rate: float = _rate('odom', 100.0)
     ball_state_rate: float = _rate('ball_state', 100.0)
-    observation_rate: float = _rate('step_observation', 50.0, minimum=0.1)
+    observation_rate: float = _rate('step_observation; 0 for none', 50.0, minimum=0.0)
     observation_reach: float = quantity(
         'm', 'how far ahead the step sensor sees', default=3.0, above=0.0, maximum=1000.0)
     observation_distance_sd: float = quantity(

@@ -132,8 +132,9 @@ def test_a_node_that_dies_fails_the_demo_and_is_named(demo, tmp_path):
 def test_demo_that_is_interrupted_leaves_nothing_running(demo, tmp_path, number, code):
     process = demo()
     nodes = wait(lambda: (nodes_of(process).keys() == NODES) and nodes_of(process), 'all started')
-    wait(lambda: all('running with' in (tmp_path / 'out' / 'doorstep' / 'logs' / f'{name}.log').read_text()
-                     for name in NODES), 'they run')
+    logs = tmp_path / 'out' / 'doorstep' / 'logs'
+    wait(lambda: all('running with' in (logs / f'{name}.log').read_text() for name in NODES),
+         'they run')
     process.send_signal(number)
     printed = process.communicate(timeout=PATIENCE)[0]
     assert process.returncode == code, printed

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The decision among real topics: simulator, controller and decision, a process each.
+
+Every case was a way in which a decision that only looks at the next step and its curve hurts the
+robot.
+"""
+import math
+
+import pytest
+import yaml
+
+from ballbot_ros.msg import BallState, StepDecision
+from ballbot_ros.ros.conversions import to_seconds
+
+RADIUS = 0.226
+STOPPED = 0.02  # slower is at rest [m/s]
+HIT = 0.1  # faster, against what is not crossed, is a hit [m/s]
+SEES_STEPS = {'observation_rate': 50.0, 'terrain_rate': 0.0}
+SEES_TERRAIN = {'observation_rate': 0.0, 'terrain_rate': 50.0}
+
+
+class Ride:
+    """What a run published."""
+
+    def __init__(self, states, decisions):
+        self.states, self.decisions = states, decisions
+
+    @property
+    def x(self):
+        return [state.x for state in self.states]
+
+    @property
+    def kinds(self):
+        return {message.decision for message in self.decisions}
+
+    @property
+    def reasons(self):
+        return {message.reason for message in self.decisions}
+
+    @property
+    def changes(self):
+        """Return how often the decision became another one."""
+        return sum(one.decision != other.decision
+                   for one, other in zip(self.decisions, self.decisions[1:]))
+
+    def at_rest(self, seconds=1.0):
+        """Return whether the ball stood still in the last seconds."""
+        end = to_seconds(self.states[-1].header.stamp)
+        last = [state for state in self.states if to_seconds(state.header.stamp) > end - seconds]
+        return all(abs(state.velocity_x) < STOPPED for state in last)
+
+    def speed_at(self, x):
+        """Return how fast the ball was when its front first reached x, 0 if it never did."""
+        return next((abs(state.velocity_x) for state in self.states if state.x + RADIUS >= x), 0.0)
+
+
+@pytest.fixture
+def ride(graph, tmp_path):
+    """Return a function that drives a scene for some seconds, in lockstep where that can be."""
+    def run(terrain, seconds, start=0.0, speed=0.0, planner='rollout', tuning=None, **sensor):
+        scene = tmp_path / 'scene.yaml'
+        scene.write_text(yaml.safe_dump({
+            'robot': 'gimball', 'terrain': terrain, 'initial': {'x': start, 'speed': speed},
+            'duration': seconds}))
+        decision = {'planner': planner}
+        if tuning:
+            decision['tuning'] = tmp_path / 'tuning.yaml'
+            decision['tuning'].write_text(yaml.safe_dump(tuning))
+        lockstep = not {'sensor_latency', 'sensor_dropout'} & sensor.keys()
+        states = graph.subscribe('ball_state', BallState)
+        decisions = graph.subscribe('step_decision', StepDecision)
+        graph.start('controller', lockstep_set_point_period=0.02 if lockstep else 0.0)
+        graph.start('obstacle_decision', **decision)
+        graph.start('simulator', scene=scene, lockstep=lockstep,
+                    real_time_factor=0.0 if lockstep else 1.0, start_paused=True, **sensor)
+        graph.wait_until_connected(states, decisions)
+        first = to_seconds(states[-1].header.stamp)
+        graph.trigger('resume')
+        graph.wait_for_time(states, first + seconds)
+        assert all(math.isfinite(message.speed) for message in decisions)
+        return Ride([state for state in states if to_seconds(state.header.stamp) >= first],
+                    decisions)
+    return run
+
+
+def flat(length):
+    return {'flat': {'length': length}}
+
+
+def step(height):
+    return {'step': {'height': height}}
+
+
+def slope(length, angle_deg):
+    return {'slope': {'length': length, 'angle_deg': angle_deg}}
+
+
+@pytest.mark.parametrize('sensor', [SEES_STEPS, SEES_TERRAIN])
+def test_before_a_drop_behind_half_a_degree_downhill_it_stands(ride, sensor):
+    seen = ride([flat(0.4), slope(2.0, -0.5), step(-0.1), flat(2.0)], 12.0, **sensor)
+    assert max(seen.x) < 2.4 - RADIUS and seen.at_rest()
+    assert StepDecision.CROSS not in seen.kinds
+
+
+def test_on_three_degrees_downhill_it_does_not_hit_the_step_that_it_goes_round(ride):
+    seen = ride([flat(0.4), slope(2.2, -3.0), step(0.08), flat(1.0)], 12.0, **SEES_TERRAIN)
+    assert seen.speed_at(2.6) < HIT and seen.at_rest()
+
+
+@pytest.mark.parametrize('sensor', [SEES_STEPS, SEES_TERRAIN])
+def test_it_does_not_fall_off_what_lies_behind_a_step(ride, sensor):
+    seen = ride([flat(1.2), step(0.02), flat(0.3), step(-0.1), flat(2.0)], 10.0, **sensor)
+    assert max(seen.x) < 1.5
+
+
+def test_it_is_not_thrown_against_a_wall_behind_a_step(ride):
+    seen = ride([flat(1.2), step(0.02), flat(0.4), step(0.5), flat(1.0)], 10.0, **SEES_TERRAIN)
+    assert seen.speed_at(1.6) < HIT
+
+
+def test_what_failed_is_not_tried_again_in_the_same_way(ride):
+    # The sensor sees the step half as high as it is: it is tried, in vain.
+    seen = ride([flat(1.2), step(0.06), flat(2.0)], 20.0, sensor_scale=-0.5, **SEES_STEPS)
+    touches, away = [], True
+    for state in seen.states:
+        near = state.x + RADIUS > 1.2
+        if near and away and state.velocity_x > HIT:
+            touches.append(state.velocity_x)
+        away = state.x + RADIUS < 1.15
+    assert len(touches) <= 3
+    assert all(later > before for before, later in zip(touches, touches[1:]))
+
+
+def test_where_the_run_up_is_too_short_it_backs_off_and_crosses(ride):
+    seen = ride([flat(2.0), step(0.031), flat(3.0)], 14.0, start=1.62,
+                tuning={'room_behind': 1.5}, **SEES_TERRAIN)
+    assert min(seen.x) < 1.5 and StepDecision.BACK_OFF in seen.kinds
+    assert max(seen.x) > 2.1
+
+
+def test_uphill_it_does_not_roll_back_without_a_word(ride):
+    seen = ride([slope(6.0, 4.0), flat(2.0)], 8.0, start=0.5, **SEES_TERRAIN)
+    assert min(seen.x) > 0.4
+
+
+@pytest.mark.parametrize('angle_deg', [4.0, 8.0])
+def test_a_ramp_is_seen_before_the_ball_is_on_it(ride, angle_deg):
+    seen = ride([flat(1.5), slope(0.6, angle_deg), flat(1.0)], 10.0, **SEES_TERRAIN)
+    climbed = max(seen.x) > 2.2
+    refused = seen.kinds & {StepDecision.STOP, StepDecision.GO_ROUND}
+    assert climbed or refused and seen.at_rest() and max(seen.x) < 1.6
+
+
+@pytest.mark.parametrize('sensor', [
+    {'observation_height_sd': 0.003, **SEES_STEPS}, {'terrain_height_sd': 0.003, **SEES_TERRAIN}])
+def test_noise_that_nobody_told_of_is_no_reason_to_hit_a_step(ride, sensor):
+    seen = ride([flat(1.0), step(0.055), flat(1.0)], 8.0, sensor_told=0.0, **sensor)
+    if StepDecision.CROSS not in seen.kinds:
+        assert seen.speed_at(1.0) < HIT
+    assert seen.changes <= 3
+
+
+@pytest.mark.slow
+def test_with_a_late_sensor_it_makes_up_its_mind(ride):
+    seen = ride([flat(1.426), step(0.025), flat(3.0)], 6.0, sensor_latency=0.28, **SEES_TERRAIN)
+    assert seen.changes <= 4

@@ -1,0 +1,20 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What of the simulated sensors would leave a lockstep run without its one answer a period."""
+import pytest
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.ros.sensors import check_lockstep
+from ballbot_ros.ros.settings import SimulatorSettings
+
+
+@pytest.mark.parametrize('given, named', [
+    ({'terrain_rate': 50.0}, 'terrain_rate'), ({'sensor_latency': 0.1}, 'sensor_latency'),
+    ({'sensor_dropout': 0.1}, 'sensor_dropout')])
+def test_in_lockstep_an_observation_comes_once_at_once_and_always(given, named):
+    with pytest.raises(ConfigurationError, match=f'{named} must'):
+        check_lockstep(SimulatorSettings(lockstep=True, **given))
+
+
+def test_one_sensor_of_either_kind_goes_with_lockstep():
+    check_lockstep(SimulatorSettings(lockstep=True))
+    check_lockstep(SimulatorSettings(lockstep=True, terrain_rate=50.0, observation_rate=0.0))
