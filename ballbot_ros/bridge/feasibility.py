@@ -13,7 +13,7 @@ from ballbot_ros.physics.model.robot import Robot
 
 # What serial adapters and drives commonly do.
 BAUD_RATES = (57600, 115200, 230400, 460800, 500000, 921600, 1000000, 2000000)
-LAWS = (Mode.HOLD, Mode.DRIVE)
+LAWS = (Mode.HOLD, Mode.DRIVE, Mode.SPEED)
 
 
 def wire_budget(hardware: Hardware) -> WireBudget:

@@ -1,18 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pendulum controller: set-points and readings in, torque out; no clock, no ROS."""
+from functools import cached_property
+import math
 from typing import Optional
 
 from ballbot_ros.control.rolling_model import require_pendulum
 from ballbot_ros.control.signals import JointReadings, Mode, SetPoint
+from ballbot_ros.control.speed_law import (
+    estimated_slope, Numbers, speed_law_start, speed_law_step, SpeedLaw, SpeedState,
+    steepest_slope)
 from ballbot_ros.control.tuning import ControlTuning
 from ballbot_ros.errors import MessageError
 from ballbot_ros.physics.mechanics.laws import limited, position_torque, velocity_torque
 from ballbot_ros.physics.model.robot import Robot
 
 
+# Where readings were missing for so long, the speed law starts anew [s].
+LONGEST_STEP = 0.5
+
+
 class PendulumController:
     """
-    Laws (11) and (12) with a torque limit.
+    Laws (11) and (12), and the speed law over (11), with a torque limit.
 
     All time comes from the stamps of readings, so that a paused or replayed simulation
     gives the same torque.  Until a set-point is given the torque is zero.
@@ -21,6 +30,8 @@ class PendulumController:
     first reading under this set-point; the same set-point given again, as a publisher does
     periodically, does not restart it.  While the torque is limited the integral only moves
     in the direction that leaves the limit; where it is not limited the law is untouched.
+
+    What the speed law has learnt of the ground outlasts another set speed, but no other mode.
 
     Parameters
     ----------
@@ -38,7 +49,7 @@ class PendulumController:
     def __init__(self, robot: Robot, tuning: ControlTuning):
         """Start idle."""
         require_pendulum(robot)
-        self._tuning = tuning
+        self._robot, self._tuning = robot, tuning
         self._gravity_torque = (
             robot.largest_gravity_torque if tuning.gravity_compensation else 0.0)
         self.reset()
@@ -71,7 +82,8 @@ class PendulumController:
                 'stale', f'set-point of {set_point.stamp:.6g} s refused: the one in force is '
                 f'of {current.stamp:.6g} s; if time was set back, reset the controller')
         if (set_point.mode, set_point.value) != (current.mode, current.value):
-            self._restart()
+            if not set_point.mode is current.mode is Mode.SPEED:
+                self._restart()
             # The reading to come is answered, even if its stamp was answered before.
             self._answered = False
         self._set_point = set_point
@@ -105,18 +117,63 @@ class PendulumController:
         self._surplus = 0.0
         self._lag = 0.0
         self._answered = False
+        # Stamp and state of the speed law, before the last readings and with them.
+        self._before: Optional[tuple[float, SpeedState]] = None
+        self._learnt: Optional[tuple[float, SpeedState]] = None
 
     def _law(self, readings: JointReadings) -> float:
         """Return the saturated torque of the law in force [N m]."""
         if self._set_point.mode is Mode.IDLE:
             return 0.0
-        if self._set_point.mode is Mode.HOLD:
-            unsaturated = position_torque(
-                readings.pendulum_angle, readings.pendulum_rate, self._set_point.value,
-                self._tuning.position_kp, self._tuning.position_kd, self._gravity_torque)
-        else:
+        if self._set_point.mode is Mode.DRIVE:
             unsaturated = self._drive(readings)
+        else:
+            set_angle = (self._set_point.value if self._set_point.mode is Mode.HOLD
+                         else self._speed(readings))
+            unsaturated = position_torque(
+                readings.pendulum_angle, readings.pendulum_rate, set_angle,
+                self._tuning.position_kp, self._tuning.position_kd, self._gravity_torque)
         return limited(unsaturated, self._tuning.torque_limit)
+
+    @cached_property
+    def _speed_numbers(self) -> Numbers:
+        """Return the speed law as its kernels read it."""
+        return SpeedLaw.tuned(self._robot, self._tuning)[:]
+
+    @property
+    def slope(self) -> float:
+        """Return the slope that resists as the speed law estimates, NaN without it [rad]."""
+        return estimated_slope(self._learnt[1], self._speed_numbers) if self._learnt else math.nan
+
+    @property
+    def steepest_slope(self) -> float:
+        """Return the slope that the speed law holds with its largest lean [rad]."""
+        return steepest_slope(self._tuning.largest_lean, self._speed_numbers)
+
+    @property
+    def overcome(self) -> bool:
+        """Return whether more resists than the speed law could hold at its largest lean."""
+        return self._learnt is not None and not abs(self.slope) <= self.steepest_slope
+
+    def _speed(self, readings: JointReadings) -> float:
+        """Return the set angle of the speed law [rad]."""
+        stamp, speed = readings.stamp, -self._robot.ball_radius * readings.ball_rate
+        if self._learnt is not None and stamp > self._learnt[0]:
+            self._before = self._learnt
+        if self._before is None or not 0.0 < stamp - self._before[0] <= LONGEST_STEP:
+            self._before = None
+            self._learnt = stamp, speed_law_start(
+                speed, readings.pendulum_angle, 0.0, self._speed_numbers)
+            return readings.pendulum_angle
+        # The same readings again, under another set speed, are stepped to from the same state.
+        state, set_angle = speed_law_step(
+            self._before[1], speed, readings.pendulum_angle, self._set_point.value,
+            self._tuning.largest_lean, stamp - self._before[0], self._speed_numbers)
+        if not math.isfinite(sum(state)):  # readings beyond reason
+            self._before = self._learnt = None
+            return readings.pendulum_angle
+        self._learnt = stamp, state
+        return set_angle
 
     def _drive(self, readings: JointReadings) -> float:
         """Return the unsaturated torque of law (12) [N m]; its integral does not wind up."""

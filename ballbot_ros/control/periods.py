@@ -19,8 +19,11 @@ from ballbot_ros.physics.solvers.integrate import integrate
 from ballbot_ros.physics.solvers.values import (
     EventRate, FINISHED, Options, Output, PackedWorkspace, Status, StepController, Workspace)
 
-# Number of the first period, how many, length of each [s], set angle [rad].
-Span = Tuple[int, int, float, float]
+# Number of the first period, how many, length of each [s].
+Span = Tuple[int, int, float]
+# Set angle [rad], more of it per missing speed [rad s/m], set speed [m/s], largest such angle
+# [rad]; from which position on [m] there is another set angle [rad].
+Script = Tuple[float, float, float, float, float, float]
 # Gains of law (11), gravity torque and torque limit; then the four of `Robot.motor_line`.
 Drive = Tuple[float, float, float, float, float, float, float, float]
 
@@ -31,10 +34,11 @@ AX, AY, BX, BY, TOUCHED, TOUCH_SPEED, TOUCH_PERIOD = range(7)
 APART = 0.03  # a ball that was farther off than this touches anew [m]
 
 
-# Period and set angle; how long a period is for the solver [s]; system and options as Python
-# hands them in; state (13,); what is watched (n, 7); output without rows; workspace.
-Call = Tuple[Span, Drive, Tuple[Tuple[float, ...], Array], Tuple[float, float, int, int, bool],
-             Array, Array, Tuple[Array, float, float, int], PackedWorkspace]
+# Which periods, set angles, law and motor, system, options, state (13,), what is watched (n, 7),
+# output without rows, workspace.
+Call = Tuple[Span, Script, Drive, Tuple[Tuple[float, ...], Array],
+             Tuple[float, float, int, int, bool], Array, Array,
+             Tuple[Array, float, float, int], PackedWorkspace]
 
 
 @compiled
@@ -65,6 +69,16 @@ def watch_touches(watched: Array, before: float, state: Array, radius: float, pe
             piece[TOUCH_PERIOD] = period
 
 
+@compiled
+def scripted_angle(state: Array, script: Script) -> float:
+    """Return the set angle of the pendulum [rad]."""
+    angle, gain, speed, lean, swing_position, swing_angle = script
+    if state[X] >= swing_position:
+        return swing_angle
+    missing: float = speed - state[VELOCITY_X]
+    return min(max(angle + gain * missing, -lean), lean)
+
+
 @unlocked
 def advance_periods(call: Call) -> Tuple[int, int, float]:
     """
@@ -80,15 +94,17 @@ def advance_periods(call: Call) -> Tuple[int, int, float]:
         In the last period [N m].
 
     """
-    (first, count, period, set_angle), drive, packed, solving, state, watched, rows, arrays = call
+    span, script, drive, packed, solving, state, watched, rows, arrays = call
+    first, count, period = span
     kp, kd, gravity_torque, most, stall, back, supply, maximum = drive
     parameters, ground = Parameters(*packed[0]), packed[1]
     options, output = Options(*solving), Output(*rows)
     workspace = Workspace(ContactMode(*arrays[0]), *arrays[1:])
     torque = 0.0
     for number in range(first, first + count):
-        wanted = limited(position_torque(state[PENDULUM_ANGLE], state[PENDULUM_RATE], set_angle,
-                                         kp, kd, gravity_torque), most)
+        wanted = limited(position_torque(state[PENDULUM_ANGLE], state[PENDULUM_RATE],
+                                         scripted_angle(state, script), kp, kd,
+                                         gravity_torque), most)
         lowest, highest = available_torque(
             state[PENDULUM_RATE] - state[BALL_RATE], stall, back, supply, maximum)
         torque = min(max(wanted, lowest), highest)

@@ -20,8 +20,10 @@ from scipy.linalg import expm
 
 from ballbot_ros.control.rolling_model import Array, RollingModel
 from ballbot_ros.control.signals import Mode
+from ballbot_ros.control.speed_law import speed_law_step, SpeedLaw
 from ballbot_ros.control.tuning import ControlTuning
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
+from ballbot_ros.physics.mechanics.laws import position_torque
 from ballbot_ros.physics.model.robot import Robot
 
 # Neither law controls where the ball rolls: its speed is a nearly neutral mode that rests on
@@ -34,8 +36,19 @@ LOWEST_RATE = 1.0       # [Hz]
 HALF_CIRCLE = tuple(math.radians(degrees) for degrees in range(0, 181, 15))
 
 
-def _angles(law: Mode) -> Sequence[float]:
-    """Return the set angles to be judged: (11) holds any, (12) rolls with it hanging."""
+CLOSED = (Mode.HOLD, Mode.DRIVE, Mode.SPEED)  # laws that close a loop
+# Step of the differences that linearise the speed law; it is smooth where nothing is limited.
+DIFFERENCE = 1e-4
+
+
+def _angles(law: Mode, tuning: ControlTuning) -> Sequence[float]:
+    """
+    Return the set angles to be judged.
+
+    (11) holds any, (12) rolls with it hanging, the speed law stands on slopes.
+    """
+    if law is Mode.SPEED:
+        return 0.0, 0.45 * tuning.largest_lean, 0.9 * tuning.largest_lean
     return HALF_CIRCLE if law is Mode.HOLD else (0.0,)
 
 
@@ -46,9 +59,10 @@ def _check(law: Union[Mode, str], rate: float, delay: int) -> Mode:
     if not (isinstance(delay, int) and 0 <= delay <= 100):
         raise ConfigurationError(
             f'delay must be a whole number of samples from 0 to 100, got {delay!r}')
-    if law not in (Mode.HOLD, Mode.DRIVE):
+    if law not in CLOSED:
         raise ConfigurationError(
-            f"law must be 'hold' (11) or 'drive' (12), got {law!r}: only these close a loop")
+            f"law must be 'hold' (11), 'drive' (12) or 'speed', got {law!r}: only these close a "
+            'loop')
     return Mode(law)
 
 
@@ -70,13 +84,14 @@ def loop_poles(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
     robot : Robot
     tuning : ControlTuning
     law : Mode or str
-        ``'hold'``, eq. (11), or ``'drive'``, eq. (12).
+        ``'hold'``, eq. (11), ``'drive'``, eq. (12), or ``'speed'``, the speed law.
     rate : float
         Of the controller [Hz].
     delay : int
         Whole samples from reading to torque.
     set_angle : float
-        Pendulum angle about which to linearise [rad].
+        Pendulum angle about which to linearise [rad]; for the speed law the one that stands on
+        a slope.
 
     Raises
     ------
@@ -85,6 +100,9 @@ def loop_poles(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
 
     """
     law = _check(law, rate, delay)
+    if law is Mode.SPEED:
+        return np.linalg.eigvals(
+            _speed_loop(robot, tuning, rate, delay, set_angle)).astype(np.complex128)
     matrix, column = RollingModel(robot).about_held(set_angle)
     # theta2 is a state only where the law looks at it: elsewhere it would be a pole at 1
     # that says no more than that positions do not matter.
@@ -106,16 +124,58 @@ def loop_poles(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
     return np.linalg.eigvals(loop).astype(np.complex128)
 
 
+def _speed_loop(robot: Robot, tuning: ControlTuning, rate: float, delay: int, set_angle: float
+                ) -> Array:
+    """
+    Return the loop of the speed law over law (11), about a ball that stands on a slope.
+
+    The states are those of the ball (phi, phi', theta1'), of the law (`SpeedState`) and the
+    torques on their way.  The law is linearised by differences of the very function that runs.
+    """
+    model, numbers = RollingModel(robot), SpeedLaw.tuned(robot, tuning)[:]
+    gravity = robot.largest_gravity_torque
+    # phi'' and theta1'' by phi, phi', theta1' and torque.
+    columns = [model.response(set_angle, *forces) for forces in (
+        (-gravity * math.cos(set_angle), 0.0),
+        (-robot.joint_friction, robot.joint_friction),
+        (robot.joint_friction, -robot.joint_friction - robot.rolling_friction), (1.0, -1.0))]
+    plant = np.zeros((4, 4))
+    plant[0, 1] = 1.0
+    plant[1:3] = np.array(columns).T
+    held = expm(plant / rate)[:3]
+    compensated = gravity * tuning.gravity_compensation
+    resting = gravity * math.sin(set_angle)
+    # Where law (11) falls short, the set angle is further.
+    short = (resting - compensated * math.sin(set_angle)) / tuning.position_kp
+    rest = np.array([set_angle, 0.0, 0.0, 0.0, resting, set_angle, set_angle + short, short,
+                     set_angle + short, *[resting] * delay])
+
+    def step(state: Array) -> Array:
+        angle, pendulum_rate, ball_rate, *others = state.tolist()
+        learnt, wanted = speed_law_step(
+            tuple(others[:6]), -robot.ball_radius * ball_rate, angle, 0.0, math.pi / 2.0,
+            1.0 / rate, numbers)
+        torques = [*others[6:], position_torque(
+            angle, pendulum_rate, wanted, tuning.position_kp, tuning.position_kd, compensated)]
+        moved = held @ np.array([angle - set_angle, pendulum_rate, ball_rate,
+                                 torques[0] - resting])
+        return np.array([moved[0] + set_angle, *moved[1:], *learnt, *torques[1:]])
+    return np.column_stack([
+        (step(rest + shift) - step(rest - shift)) / (2.0 * DIFFERENCE)
+        for shift in DIFFERENCE * np.eye(len(rest))])
+
+
 def growth_rate(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate: float,
                 delay: int = 0, set_angles: Optional[Sequence[float]] = None) -> float:
     """
     Return how fast the worst deviation grows, negative if it decays [1/s].
 
     That is log(largest pole) * rate, the worst over `set_angles` [rad]; by default 0 to 180
-    degrees for law (11).  Parameters as in `loop_poles`.
+    degrees for law (11), and for the speed law what it holds slopes with.  Parameters as in
+    `loop_poles`.
     """
     law = _check(law, rate, delay)
-    angles = _angles(law) if set_angles is None else set_angles
+    angles = _angles(law, tuning) if set_angles is None else set_angles
     radius = max(float(np.abs(loop_poles(robot, tuning, law, rate, delay, angle)).max())
                  for angle in angles)
     return math.log(radius) * rate
@@ -167,8 +227,9 @@ def check_loop(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
     law = _check(law, rate, delay)
     if is_stable(robot, tuning, law, rate, delay):
         return
-    names = (('position_kp', 'position_kd') if law is Mode.HOLD
-             else ('velocity_kp', 'velocity_ki'))
+    names = {Mode.HOLD: ('position_kp', 'position_kd'),
+             Mode.DRIVE: ('velocity_kp', 'velocity_ki'),
+             Mode.SPEED: ('position_kp', 'position_kd', 'speed_gain', 'observer_rate')}[law]
     gains = ', '.join(f'{name} {getattr(tuning, name):g}' for name in names)
     samples = f'{delay} sample{"" if delay == 1 else "s"} of delay'
     raise UnstableLoopError(
@@ -183,7 +244,7 @@ def _remedy(robot: Robot, tuning: ControlTuning, law: Mode, rate: float, delay: 
     if math.isfinite(lowest):
         remedies.append(f'run it at {math.ceil(lowest)} Hz or more')
     # The gain on rates is what diverges first: it meets the small pendulum inertia alone.
-    name = 'position_kd' if law is Mode.HOLD else 'velocity_kp'
+    name = {Mode.HOLD: 'position_kd', Mode.DRIVE: 'velocity_kp', Mode.SPEED: 'speed_gain'}[law]
     for percent in range(95, 0, -1):
         gain = float(f'{percent / 100 * getattr(tuning, name):.2g}')
         lowered = ControlTuning(**{**vars(tuning), name: gain})

@@ -13,11 +13,13 @@ class Mode(str, Enum):
     IDLE = 'idle'
     HOLD = 'hold'
     DRIVE = 'drive'
+    SPEED = 'speed'
 
     @property
     def law(self) -> str:
-        """Return the law of the paper behind this mode, for messages to people."""
-        return {'idle': 'no torque', 'hold': 'law (11)', 'drive': 'law (12)'}[self.value]
+        """Return the law behind this mode, by its number in the paper, for messages to people."""
+        return {'idle': 'no torque', 'hold': 'law (11)', 'drive': 'law (12)',
+                'speed': 'the speed law'}[self.value]
 
 
 @dataclass(frozen=True)
@@ -29,11 +31,12 @@ class SetPoint:
     ----------
     mode : Mode
         ``hold``: keep the absolute pendulum angle, eq. (11).  ``drive``: keep the rate of
-        the joint, eq. (12).  ``idle``: no torque.
+        the joint, eq. (12).  ``speed``: keep the speed of the ball, `speed_law`.  ``idle``:
+        no torque.
     value : float
         Pendulum angle theta1 + theta2 [rad] or joint rate theta2' [rad/s], counter-clockwise
-        positive.  Positive values drive the ball towards +x.  Angles are counted, not
-        wrapped: 2 pi is one turn away from 0.
+        positive, or speed [m/s].  Positive values drive the ball towards +x.  Angles are
+        counted, not wrapped: 2 pi is one turn away from 0.
     stamp : float
         When it was given [s].
 

@@ -7,16 +7,11 @@ towards +x), by::
 
     a = R (M2 g e sin(phi) - D) / (J1 + M R^2 - M2 e R cos(phi - s)),   D = M g R sin(s)
 
-The law is a cascade around law (11), which follows a set angle with the lag kd / kp:
-
-* An observer estimates the resistance D from speed and pendulum angle.  It is told where the
-  pendulum *is*, not where it should be, so that it does not wind up while the pendulum is at its
-  largest lean, swings, or has no torque; an integral of the speed error would.
-* The wanted angle is the one that overcomes D and gives the acceleration
-  speed_gain (set_speed - speed), within the largest lean.
-* The set angle leads the wanted one by as much as makes the pendulum get there within
-  swing_time instead of lag, and by what law (11) is seen to fall short in the mean (friction of
-  the joint, gravity where it is not compensated).
+An observer learns the resistance D from speed and pendulum angle.  It is told where the pendulum
+*is*, not where it should be, so that it does not wind up while the pendulum swings or is at its
+largest lean, as an integral of the speed error would.  The wanted angle overcomes D and gives the
+acceleration speed_gain (set_speed - speed); the set angle for law (11) leads it, for law (11) lags
+by kd / kp.  More in docs/speed_law.md.
 
 All functions are pure and compiled.  From Python, hand in ``law[:]`` where a `SpeedLaw` is
 asked for: kernels take plain tuples.
@@ -26,6 +21,7 @@ from typing import NamedTuple
 
 from ballbot_ros.compiled import compiled
 from ballbot_ros.control.rolling_model import require_pendulum
+from ballbot_ros.control.tuning import ControlTuning
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import Robot
 
@@ -39,7 +35,7 @@ FURTHEST = math.pi / 2.0  # the set angle leads no further than to a level pendu
 MOST_RESISTANCE = 1.5  # of what a level pendulum overcomes; a wall is no slope
 BRAKING = 0.7  # share of the possible deceleration with which the ball comes to a place
 LEAST_BRAKING = 0.02  # [m/s2]
-SHORTFALL_RATE = 1.5  # [1/s] at which the mean shortfall of law (11) is learnt
+SHORTFALL_RATE = 3.0  # [1/s] at which the mean shortfall of law (11) is learnt
 MOST_SHORTFALL = 0.35  # [rad]
 
 
@@ -58,7 +54,7 @@ class SpeedLaw(NamedTuple):
 
     @classmethod
     def of(cls, robot: Robot, lag: float, speed_gain: float = 2.0, swing_time: float = 0.15,
-           observer_rate: float = 4.0) -> 'SpeedLaw':
+           observer_rate: float = 6.0) -> 'SpeedLaw':
         """
         Return the law for a robot with a pendulum that follows set angles with a lag [s].
 
@@ -78,6 +74,24 @@ class SpeedLaw(NamedTuple):
             robot.ball_inertia + robot.total_mass * robot.ball_radius**2,
             robot.pendulum_mass * robot.pendulum_length * robot.ball_radius, robot.ball_radius,
             lag, speed_gain, swing_time, observer_rate)
+
+    @classmethod
+    def tuned(cls, robot: Robot, tuning: ControlTuning) -> 'SpeedLaw':
+        """
+        Return the law for a robot whose controller has these gains.
+
+        Raises
+        ------
+        ConfigurationError
+            If the robot has no pendulum, or its law (11) follows no set angle.
+
+        """
+        if tuning.position_kp == 0.0 or tuning.position_kd == 0.0:
+            raise ConfigurationError(
+                'the speed law needs a law (11) that follows set angles: position_kp and '
+                f'position_kd above 0, got {tuning.position_kp:g} and {tuning.position_kd:g}')
+        return cls.of(robot, tuning.position_kd / tuning.position_kp, tuning.speed_gain,
+                      tuning.swing_time, tuning.observer_rate)
 
 
 @compiled
@@ -188,8 +202,6 @@ def place_law_step(state: SpeedState, speed: float, pendulum_angle: float, gap: 
 
     Parameters
     ----------
-    state, speed, pendulum_angle, lean, period, law
-        As there.
     gap : float
         From the ball to the place, positive towards +x [m].
     top_speed : float
@@ -204,12 +216,9 @@ def place_law_step(state: SpeedState, speed: float, pendulum_angle: float, gap: 
     distance = math.fabs(gap)
     set_speed = 2.0 * braking * distance / (
         math.sqrt(lost * lost + 2.0 * braking * distance) + lost)
-    change = 0.0
-    if set_speed > top_speed:
-        set_speed = top_speed
-    else:
-        # d(set_speed)/dt while the gap closes with the speed that the ball has
-        change = -speed * braking / (lost + set_speed)
+    # d(set_speed)/dt while the gap closes with the speed that the ball has
+    change = -speed * braking / (lost + set_speed) if set_speed <= top_speed else 0.0
+    set_speed = min(set_speed, top_speed)
     return motion_law_step(
         state, speed, pendulum_angle, ahead * set_speed, change, lean, period, law)
 
@@ -241,9 +250,9 @@ def braking_distance(speed: float, slope: float, lean: float, reaction: float,
     """
     Return the way to a stop by `speed_law_step`, for a set speed of 0 [m].
 
-    Full lean brakes down to the speed b / speed_gain, from which on the lean is eased off:
-    v (reaction + swing_time) + v^2 / (2 b) + b / (2 speed_gain^2), or v (reaction + swing_time)
-    + v / speed_gain for a v below that speed.
+    v (reaction + swing_time) + v^2 / (2 b) + b / (2 speed_gain^2), as below b / speed_gain the
+    lean is eased off; for a v below that, v (reaction + swing_time + 1 / speed_gain).  Infinite
+    where the ball cannot be braked.
 
     Parameters
     ----------
@@ -256,11 +265,6 @@ def braking_distance(speed: float, slope: float, lean: float, reaction: float,
     reaction : float
         Time until the set angle answers [s].
     law : Numbers
-
-    Returns
-    -------
-    float
-        Infinite where the ball cannot be braked.
 
     """
     if speed <= 0.0:

@@ -2,6 +2,7 @@
 """The controller among unreliable publishers: old set-points, slow joint states, new time."""
 from dataclasses import dataclass
 import logging
+import math
 from typing import Optional
 
 from ballbot_ros.control.controller import PendulumController
@@ -18,6 +19,8 @@ RATE_SLACK = 0.98
 # So many joint states are seen before their rate is judged: one lost at the start is no reason
 # to stop.
 JUDGED = 11
+# More than the speed law can hold is said when it has lasted for so long [s]: pushes pass.
+PUSH = 1.0
 # Stamps are rounded to the nanosecond; this is well above and well below any period [s].
 ROUNDING = 1e-6
 
@@ -54,6 +57,8 @@ class SupervisedController:
     ----------
     too_slow : bool
         The joint states come too rarely: torque is held at 0.
+    overcome : bool
+        More resists the set speed than the largest lean holds: the ball rolls away.
 
     """
 
@@ -65,7 +70,8 @@ class SupervisedController:
         self._newest: Optional[JointReadings] = None
         self._waiting: Optional[JointReadings] = None
         self._let_down = False
-        self.too_slow = False
+        self._held_at = -math.inf
+        self.too_slow = self.overcome = False
 
     @property
     def set_point(self) -> SetPoint:
@@ -138,7 +144,20 @@ class SupervisedController:
                 'another tuning')
         self.too_slow = slow
         torque = self._controller.torque(readings)
+        self._check_hold(readings.stamp)
         return 0.0 if slow else torque
+
+    def _check_hold(self, stamp: float) -> None:
+        """Say when what resists is more than the pendulum holds."""
+        if not self._controller.overcome or stamp < self._held_at:
+            self._held_at, self.overcome = stamp, False
+        elif stamp - self._held_at > PUSH and not self.overcome:
+            self.overcome = True
+            LOG.warning(
+                f'the set speed of {self.set_point.value:g} m/s is not kept: what resists is like '
+                f'a slope of {math.degrees(self._controller.slope):.1f} degrees, and the largest '
+                f'lean holds {math.degrees(self._controller.steepest_slope):.1f}; the ball may '
+                'roll away')
 
     def _too_early(self, stamp: float) -> bool:
         """In lockstep, return whether the set-point of this state's period is missing."""

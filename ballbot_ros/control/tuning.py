@@ -9,7 +9,7 @@ from ballbot_ros.config.files import load_config
 @dataclass(frozen=True)
 class ControlTuning(Checked):
     """
-    Gains of laws (11) and (12) and the torque they may ask for.
+    Gains of laws (11) and (12), of the speed law over law (11), and the torque they may ask for.
 
     The defaults are the paper's gains.  They are fast: sampled at less than about 550 Hz,
     with one sample of delay, they diverge.  See `ballbot_ros.control.check_loop`.
@@ -33,6 +33,18 @@ class ControlTuning(Checked):
         'add M2 g e sin(theta1 + theta2), as the paper does', default=True)
     torque_limit: float = quantity(
         'N m', 'largest torque that is ever asked for', above=0.0, default=4.0)
+    speed_gain: float = quantity(
+        '1/s', 'acceleration per speed error that the speed law wants', above=0.0, maximum=100.0,
+        default=2.0)
+    swing_time: float = quantity(
+        's', 'within which the pendulum follows the angle that the speed law wants', above=0.0,
+        maximum=10.0, default=0.15)
+    observer_rate: float = quantity(
+        '1/s', 'at which the speed law learns what resists', above=0.0, maximum=100.0,
+        default=6.0)
+    largest_lean: float = quantity(
+        'rad', 'largest pendulum angle that the speed law wants', above=0.0, maximum=1.5,
+        default=1.2)
 
 
 def load_tuning(name_or_path: str) -> ControlTuning:

@@ -4,13 +4,14 @@ from ballbot_ros.decision.approach import approach_speed, set_angle
 from ballbot_ros.decision.curve import HeightCurve, load_curve
 from ballbot_ros.decision.decider import Answer, Decider
 from ballbot_ros.decision.observations import StepObservation, TerrainObservation
+from ballbot_ros.decision.perception import (
+    Observation, ProfileTracker, StepTracker, TerrainTracker)
 from ballbot_ros.decision.pilot import Pilot
 from ballbot_ros.decision.plan import After, Plan, Strategy
 from ballbot_ros.decision.planners import PLANNERS
 from ballbot_ros.decision.planners.cubic import decide
 from ballbot_ros.decision.profile import Face, Profile
 from ballbot_ros.decision.situation import Failure, Knowledge, Planner, Situation
-from ballbot_ros.decision.tracker import StepTracker
 from ballbot_ros.decision.tuning import check_decision, DecisionTuning, load_decision_tuning
 from ballbot_ros.decision.values import Decision, Kind, Motion, Outlook, Reason
 from ballbot_ros.renamed import refuse_old_names
@@ -18,8 +19,8 @@ from ballbot_ros.renamed import refuse_old_names
 __all__ = [
     'After', 'Answer', 'approach_speed', 'check_decision', 'decide', 'Decider', 'Decision',
     'DecisionTuning', 'Face', 'Failure', 'HeightCurve', 'Kind', 'Knowledge', 'load_curve',
-    'load_decision_tuning', 'Motion', 'Outlook', 'Pilot', 'Plan', 'Planner', 'PLANNERS',
-    'Profile', 'Reason', 'set_angle', 'Situation', 'StepObservation', 'StepTracker',
-    'Strategy', 'TerrainObservation']
+    'load_decision_tuning', 'Motion', 'Observation', 'Outlook', 'Pilot', 'Plan', 'Planner',
+    'PLANNERS', 'Profile', 'ProfileTracker', 'Reason', 'set_angle', 'Situation',
+    'StepObservation', 'StepTracker', 'Strategy', 'TerrainObservation', 'TerrainTracker']
 
 refuse_old_names(globals())

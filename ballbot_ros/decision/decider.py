@@ -2,18 +2,15 @@
 """The whole decision without ROS: observations and odometry in, decision and set angle out."""
 from bisect import bisect_left
 from collections import deque
-from typing import Deque, NamedTuple, Optional, Union
+from typing import Callable, Deque, NamedTuple, Optional, Union
 
 from ballbot_ros.decision.guard import guarded
-from ballbot_ros.decision.observations import StepObservation
+from ballbot_ros.decision.perception import Observation, ProfileTracker
 from ballbot_ros.decision.pilot import Pilot
 from ballbot_ros.decision.planners import PLANNERS
 from ballbot_ros.decision.profile import Profile
-from ballbot_ros.decision.situation import Knowledge, Situation
-from ballbot_ros.decision.tracker import StepTracker
+from ballbot_ros.decision.situation import Knowledge, Planner, Situation
 from ballbot_ros.decision.values import Decision, Motion
-
-Observation = Union[StepObservation]
 
 # So many odometry messages and observations are kept while the other lags behind.
 KEPT = 100
@@ -49,16 +46,18 @@ class Decider:
     Parameters
     ----------
     knowledge : Knowledge
-    planner : str
-        One of `PLANNERS`.
+    planner : str or callable
+        One of `PLANNERS`, or what makes a planner of knowledge as those do.
 
     """
 
-    def __init__(self, knowledge: Knowledge, planner: str = 'cubic'):
+    def __init__(self, knowledge: Knowledge,
+                 planner: Union[str, Callable[[Knowledge], Planner]] = 'cubic'):
         """Start with nothing seen."""
         self._knowledge = knowledge
-        self._plan = guarded(PLANNERS[planner](knowledge), knowledge)
-        self._tracker = StepTracker(knowledge.robot, knowledge.tuning)
+        maker = PLANNERS[planner] if isinstance(planner, str) else planner
+        self._plan = guarded(maker(knowledge), knowledge)
+        self._tracker = ProfileTracker(knowledge.robot, knowledge.tuning)
         self._pilot = Pilot(knowledge)
         self.reset()
 

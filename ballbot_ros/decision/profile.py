@@ -52,6 +52,14 @@ class Profile:
         Positions between which the ground is known [m].
     slope, slope_sd : float
         Of the ground below the ball, positive uphill [rad]; NaN where it is not seen.
+    points_sd : tuple of float
+        Standard deviations of the heights of the points [m].
+    gaps : tuple of (float, float)
+        Between these positions nothing was seen, though `seen_from` and `seen_to` are around
+        them: what edges hide.  The polyline drops there at once to what is seen next [m].
+    bias_sd : float
+        Part of the deviations of heights that is the same for all faces, and that no number of
+        looks brings down [m].
     rejection : Reason or None
         ``BAD_OBSERVATION`` or ``CONTRADICTORY``: do not act on it.
     explanation : str
@@ -68,6 +76,9 @@ class Profile:
     slope_sd: float = float('nan')
     rejection: Optional[Reason] = None
     explanation: str = ''
+    points_sd: Tuple[float, ...] = ()
+    gaps: Tuple[Tuple[float, float], ...] = ()
+    bias_sd: float = 0.0
 
     @property
     def face(self) -> Optional[Face]:

@@ -75,6 +75,9 @@ class DecisionTuning(Checked):
     height_bias_sd: float = quantity(
         'm', 'standard deviation of what a sensor of heights is off by all the time',
         minimum=0.0, default=0.0005)
+    untold_bias_sd: float = quantity(
+        'm', 'the same for a sensor that does not tell its standard deviation', minimum=0.0,
+        default=0.002)
 
     def __post_init__(self) -> None:
         """Check each value, then that the speeds agree."""

@@ -15,7 +15,6 @@ from sensor_msgs.msg import JointState
 from ballbot_ros.control import (
     check_loop, load_tuning, lowest_stable_rate, Mode, PendulumController, SetPoint,
     SupervisedController, Supervision, Watchdog)
-from ballbot_ros.physics.model.actuation import set_rate_for_speed
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import command_message, readings, set_point, to_seconds
@@ -26,7 +25,7 @@ from ballbot_ros.ros.settings import ControllerSettings
 
 
 class Controller(Node):
-    """Runs laws (11) and (12); see `ControllerSettings` for what can be set."""
+    """Runs laws (11) and (12) and the speed law; see `ControllerSettings` for what can be set."""
 
     def __init__(self, **kwargs: Any):
         """Refuse a loop that would diverge, then wait for joint states."""
@@ -37,7 +36,7 @@ class Controller(Node):
         if settings.torque_limit > 0.0:
             tuning = replace(tuning, torque_limit=settings.torque_limit)
         controller = PendulumController(self._robot, tuning)
-        laws = (Mode.HOLD, Mode.DRIVE)
+        laws = (Mode.HOLD, Mode.DRIVE, Mode.SPEED)
         for law in laws:
             check_loop(self._robot, tuning, law, settings.rate, settings.delay)
         lowest = max(lowest_stable_rate(self._robot, tuning, law, settings.delay)
@@ -86,10 +85,9 @@ class Controller(Node):
             given if given.stamp else replace(given, stamp=self._controller.time))
 
     def _on_cmd_vel(self, message: TwistStamped) -> None:
-        """Take a forward speed v as a set-point of law (12), the joint rate v / R."""
-        rate = set_rate_for_speed(self._robot, message.twist.linear.x)
+        """Take a forward speed as a set-point of the speed law."""
         stamp = to_seconds(message.header.stamp) or self._controller.time
-        self._controller.give(SetPoint(Mode.DRIVE, rate, stamp))
+        self._controller.give(SetPoint(Mode.SPEED, message.twist.linear.x, stamp))
 
     def _answer(self) -> None:
         """Publish the torque for the newest joint state, if it is to be answered now."""
@@ -132,6 +130,8 @@ class Controller(Node):
             return diagnostics.WARN, 'no joint_states any more, torque is 0', values
         if self._controller.too_slow:
             return diagnostics.ERROR, 'joint_states come too rarely, torque is 0', values
+        if self._controller.overcome:
+            return diagnostics.WARN, 'running; more resists the set speed than can be held', values
         if self._refused:
             return diagnostics.WARN, 'running; messages were refused', values
         return diagnostics.OK, 'running', values

@@ -20,6 +20,8 @@ from ballbot_ros.studies.evaluation.sensors import draw_flaws, Flaws
 # Behind the room that is known to be free, this much more floor is there, and then none [m].
 BRINK = 0.35
 
+SLIPPERY = 0.15  # part of the floors with less friction than anybody would count on
+
 
 @dataclass(frozen=True)
 class Approach:
@@ -65,12 +67,11 @@ def draw_robot(robot: Robot, random: np.random.Generator) -> Robot:
     parts = random.random(len(free))
     drawn = changed(robot, {name: low + part * (high - low)
                             for part, (name, (low, high)) in zip(parts, free.items())})
-    slippery = random.random() < 0.25
-    surface = random.uniform(0.06, 0.15) if slippery else (
-        robot.surface_friction * random.uniform(0.7, 1.4))
+    slippery = random.random() < SLIPPERY
+    share = random.uniform(0.35, 0.6) if slippery else random.uniform(0.6, 1.3)
     return with_parameters(drawn, {
-        'surface_friction': float(surface),
-        'edge_friction': float(robot.edge_friction * random.uniform(0.7, 1.3))})
+        'surface_friction': float(robot.surface_friction * share),
+        'edge_friction': float(robot.edge_friction * random.uniform(0.6, 1.3))})
 
 
 def draw_approach(nominal: Robot, tuning: DecisionTuning, seed: int, number: int,
@@ -84,7 +85,7 @@ def draw_approach(nominal: Robot, tuning: DecisionTuning, seed: int, number: int
     slope = float(random.uniform(-STEEPEST, STEEPEST)) if random.random() < 0.6 else 0.0
     speed = round(float(random.uniform(0.1, 0.6)), 2) if random.random() < 0.4 else 0.0
     # Nobody is started where he cannot stop any more.
-    late = speed * flaws.latency + tuning.braking_distance(speed)
+    late = speed * flaws.faults.latency + tuning.braking_distance(speed)
     room = late + float(random.uniform(0.2, 2.2))
     behind = round(float(random.uniform(0.3, 1.5)), 2) if random.random() < 0.5 else 0.0
     brink = random.random() < 0.5

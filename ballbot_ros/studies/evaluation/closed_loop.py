@@ -5,7 +5,7 @@ from typing import Tuple
 
 import numpy as np
 
-from ballbot_ros.control.periods import advance_periods
+from ballbot_ros.control.periods import advance_periods, Script
 from ballbot_ros.control.tuning import ControlTuning
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.state import State
@@ -48,10 +48,10 @@ class ClosedLoop:
     """
 
     def __init__(self, robot: Robot, terrain: Terrain, nominal: Robot, gains: ControlTuning,
-                 speed: float, pendulum_angle: float):
+                 speed: float, pendulum_angle: float, x: float = 0.0):
         """Put the ball on the ground, rolling."""
         self.model = Model(robot, terrain, solver=SOLVER)
-        self._vector = np.array(self.model.at_rest(0.0, speed, pendulum_angle)[1:])
+        self._vector = np.array(self.model.at_rest(x, speed, pendulum_angle)[1:])
         gravity = nominal.largest_gravity_torque if gains.gravity_compensation else 0.0
         self._drive = (gains.position_kp, gains.position_kd, gravity, gains.torque_limit,
                        *robot.motor_line)
@@ -73,8 +73,12 @@ class ClosedLoop:
         return State(self.time, *self._vector.tolist())
 
     def advance(self, set_angle: float, periods: int) -> None:
+        """Advance by some periods under one set angle [rad]; see `follow`."""
+        self.follow((set_angle, 0.0, 0.0, math.inf, math.inf, 0.0), periods)
+
+    def follow(self, script: Script, periods: int) -> None:
         """
-        Advance by some periods under one set angle [rad].
+        Advance by some periods with set angles by a script, see `control.periods`.
 
         Raises
         ------
@@ -83,7 +87,7 @@ class ClosedLoop:
 
         """
         outcome, done, self.torque = advance_periods((
-            (self.periods, periods, PERIOD, set_angle), self._drive, self._system, self._options,
+            (self.periods, periods, PERIOD), script, self._drive, self._system, self._options,
             self._vector, self.watched, NO_OUTPUT[:], self._workspace))
         self.periods += done
         if outcome != FINISHED:

@@ -50,8 +50,8 @@ class Believer:
     def knowledge(self, approach: Approach) -> Knowledge:
         """Return what the decision knows before an approach."""
         return Knowledge(self.robot, self.curve,
-                         replace(self.tuning, room_behind=approach.room_behind),
-                         seed=approach.number)
+                         replace(self.tuning, room_behind=approach.room_behind), self.gains,
+                         approach.number)
 
 
 class ChangesOfMind:
@@ -99,7 +99,7 @@ def run_approach(approach: Approach, planner: str, believer: Believer,
                       approach.speed, balanced_angle(approach.robot, ground.slope))
     knowledge = believer.knowledge(approach)
     decider = Decider(knowledge, planner)
-    looks = Looks(ground.terrain, ground.slope, approach.flaws, (approach.seed, approach.number))
+    looks = Looks(ground.terrain, approach.flaws, approach.number)
     judge, minds = Judge(approach, loop, knowledge.tuning), ChangesOfMind()
     spent: List[float] = []
     failure = ''

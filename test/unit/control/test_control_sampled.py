@@ -241,6 +241,51 @@ def test_torque_limit_turns_divergence_into_rattling():
     assert rattle.max() - rattle.min() > 0.02  # ... but never at rest
 
 
+@pytest.mark.parametrize('tuning, delay, rate', [
+    ('published', 0, 233.0), ('published', 1, 467.0), ('gentle', 0, 20.7), ('gentle', 1, 43.1)])
+def test_the_speed_law_needs_hardly_more_than_the_laws_below_it(tuning, delay, rate):
+    tuning = load_tuning(tuning)
+    assert lowest_stable_rate(GIMBALL, tuning, 'speed', delay) == pytest.approx(rate, rel=5e-3)
+    assert lowest_stable_rate(GIMBALL, tuning, 'hold', delay) > rate
+
+
+@pytest.mark.parametrize('delay, refused, accepted', [(0, 225.0, 245.0), (1, 450.0, 490.0)])
+def test_the_speed_law_diverges_as_fast_as_its_poles_say_and_only_where_it_is_refused(
+        delay, refused, accepted):
+    tuning, standing = replace(PUBLISHED, torque_limit=1e9), SetPoint('speed', 0.0)
+    assert is_stable(GIMBALL, tuning, 'speed', accepted, delay)
+    assert np.abs(roll(tuning, standing, accepted, delay, seconds=2.0))[-20:].max() < 1e-3
+    growth = growth_rate(GIMBALL, tuning, 'speed', refused, delay)
+    # The envelope of what rattles, where it is small enough to be linear.
+    rattle, window = np.abs(np.diff(roll(tuning, standing, refused, delay, seconds=3.0), 2)), 10
+    tops = np.array([rattle[index:index + window].max()
+                     for index in range(0, len(rattle) - window, window)])
+    tops = tops[tops.argmin():]
+    tops = np.log(tops[(tops > 1e-4) & (tops < 0.01)])
+    assert len(tops) > 5 and growth > 1.0
+    measured = np.polyfit(np.arange(len(tops)) * window / refused, tops, 1)[0]
+    assert measured == pytest.approx(growth, rel=0.05)
+
+
+def test_a_speed_law_that_reacts_too_late_is_refused_with_its_gains_and_a_remedy():
+    hasty = replace(load_tuning('gentle'), speed_gain=20.0)
+    with pytest.raises(UnstableLoopError) as caught:
+        check_loop(GIMBALL, hasty, 'speed', 100.0, 1)
+    text = str(caught.value)
+    for part in ('the speed law', 'speed_gain 20', 'observer_rate 6', '100 Hz'):
+        assert part in text
+    offered = float(text.split('lower speed_gain to ')[1])
+    check_loop(GIMBALL, replace(hasty, speed_gain=offered), 'speed', 100.0, 1)
+
+
+@pytest.mark.parametrize('mass', [1.25, 1.6, 2.1])
+@pytest.mark.parametrize('tuning, rate, delay', [('published', 500.0, 0), ('gentle', 100.0, 1)])
+def test_the_speed_law_is_stable_over_the_range_of_the_robot(
+        mass, tuning, rate, delay):
+    robot = replace(GIMBALL, pendulum_mass=mass, ball_mass=5.4 - mass)
+    check_loop(robot, load_tuning(tuning), 'speed', rate, delay)
+
+
 def test_drive_law_diverges_where_it_is_refused():
     tuning = replace(PUBLISHED, torque_limit=1e9)
     assert np.abs(roll(tuning, SetPoint('drive', 1.0), 430.0, 1)).max() > 1.0

@@ -9,6 +9,7 @@ import pytest
 from ballbot_ros.decision import Decision, Kind, Reason
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.terrain import Terrain
+from ballbot_ros.plant import SensorFaults
 from ballbot_ros.studies.evaluation.approaches import draw_approach
 from ballbot_ros.studies.evaluation.campaign import Campaign, FILE, read_rows, run_campaign
 from ballbot_ros.studies.evaluation.closed_loop import ClosedLoop
@@ -59,8 +60,7 @@ def test_each_kind_of_ground_can_be_rolled_on_and_seen(kind):
         loop.advance(0.1, 10)
         assert -0.1 < loop.state.x < 0.1
         assert ground.foot > approach.robot.ball_radius
-        looks = Looks(ground.terrain, ground.slope, replace(
-            approach.flaws, dropout=0.0, blind=0.0, latency=0.0), (0, 0))
+        looks = Looks(ground.terrain, replace(approach.flaws, faults=SensorFaults()), 0)
         looks.look(0, 0.0, 0.0, loop.state.y)
         assert len(looks.arrived(0.0)) == 1
 
@@ -75,7 +75,7 @@ def test_an_approach_depends_on_its_seed_and_number_alone():
 
 
 def test_messages_arrive_late_by_the_latency_and_keep_their_stamp():
-    looks = Looks(Terrain.step(0.02, 1.0), 0.0, Flaws(latency=0.1), (0, 0))
+    looks = Looks(Terrain.step(0.02, 1.0), Flaws(faults=SensorFaults(latency=0.1)), 0)
     looks.look(0, 5.0, 0.0, 0.226)
     assert looks.arrived(5.08) == []
     seen, = looks.arrived(5.1)

@@ -1,0 +1,293 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A map of heights along the odometry axis, to which each look is aligned and added."""
+import math
+from typing import NamedTuple, Optional, Tuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.decision.tuning import DecisionTuning
+from ballbot_ros.physics.model.terrain import Array
+
+Whole = NDArray[np.intp]
+Flags = NDArray[np.bool_]
+
+CELL = 0.01          # [m] between the nodes of the map
+NODES = 640
+BEHIND, AHEAD = 1.0, 5.0  # [m] kept, and looked at
+
+# A point whose place on the axis is known to this [m]: stamps of odometry and look differ.
+PLACE_SD = 0.01
+
+# Noise where a sensor tells none, until looks have told it [m].  So many looks have.
+UNTOLD_SD, ENOUGH = 0.005, 5
+LEAST_SD = 1e-4      # [m]
+
+# What the ball rolls adds to the variance of the map: odometry slips a little [m2/m].
+DRIFT = 0.0005**2 / 0.5
+
+# Points farther apart than this, that fall as a line of sight does, hide what is between [m].
+SHADOW = 0.03
+# A line over an edge, from one point to the next seen, is so steep at least, over the line of
+# sight: points do not lie on the edge, nor where the line of sight meets the ground.
+STEEPNESS = 0.35
+
+# So many nodes must overlap for a look to be aligned; over this length its tilt as well [m].
+LEAST_OVERLAP, TILT_BASE = 20, 0.5
+
+# Part of the overlap that may contradict; one point in a hundred is an outlier of any camera.
+OUTLIERS = 0.15
+
+
+class Look(NamedTuple):
+    """
+    A look on the nodes of the map.
+
+    Attributes
+    ----------
+    first : int
+        Node of the first element; node k is at k CELL on the odometry axis.
+    z : (n,) array
+        Relative to the centre of the ball [m], NaN where nothing was seen.
+    steep : (n,) array
+        By how much it changes within `PLACE_SD` [m].
+    told_sd, roughness : float
+        Standard deviation of a point as it was told, 0 for not told, and as neighbours show [m].
+    spacing : float
+        Of the points that were seen [m].
+
+    """
+
+    first: int
+    z: Array
+    steep: Array
+    told_sd: Array
+    roughness: float
+    spacing: float
+
+    @property
+    def places(self) -> Array:
+        """Return the positions of the nodes along the odometry axis [m]."""
+        found: Array = np.arange(self.first, self.first + len(self.z), dtype=float) * CELL
+        return found
+
+
+def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Look]:
+    """
+    Return a look on the nodes, None if it reaches none.
+
+    Parameters
+    ----------
+    x, z, z_sd : (n,) arrays
+        Relative to the centre of the ball; x never falls [m].
+    position : float
+        Of the centre [m].
+
+    """
+    first = math.ceil(max(x[0], -BEHIND) / CELL + position / CELL - 1e-9)
+    last = math.floor(min(x[-1], AHEAD) / CELL + position / CELL + 1e-9)
+    if last - first < 2:
+        return None
+    places = np.arange(first, last + 1) * CELL - position
+    heights = np.interp(places, x, z)
+    run, rise = np.diff(x), np.diff(z)
+    # Seen from the centre, what is behind an edge is hidden up to a line through the edge.
+    hidden = (run > SHADOW) & (x[:-1] > 0.0) & (
+        rise * np.maximum(x[:-1], CELL) < STEEPNESS * np.minimum(z[:-1], 0.0) * run)
+    for index in np.flatnonzero(hidden):
+        heights[(places > x[index] + 1e-9) & (places < x[index + 1] - 1e-9)] = np.nan
+    steep = np.zeros(len(heights))
+    steep[1:-1] = 0.5 * PLACE_SD / CELL * np.abs(heights[2:] - heights[:-2])
+    steep[np.isnan(steep)] = 0.0
+    bend = np.abs(rise[1:] * run[:-1] - rise[:-1] * run[1:]) / np.maximum(
+        np.maximum(run[1:], run[:-1]), 1e-9)
+    roughness = 1.4826 * float(np.median(bend)) / math.sqrt(6.0) if len(bend) > 20 else 0.0
+    return Look(first, heights, steep, np.interp(places, x, z_sd), roughness,
+                float(np.median(run)))
+
+
+class ElevationMap:
+    """
+    Heights of the ground at nodes `CELL` apart, each with its variance.
+
+    A Kalman filter for each node: looks are averaged with weights 1 / variance.  As z is
+    relative to a centre that moves up and down, a look is first shifted, and tilted, to fit
+    what it has in common with the map.
+
+    Parameters
+    ----------
+    tuning : DecisionTuning
+
+    Attributes
+    ----------
+    first : int
+        Node of the first element.
+    height, variance : (NODES,) arrays
+        [m], [m2]; infinite variance where nothing is known.
+    noise_sd : float
+        Of a node in one look, estimated [m].
+    tilt_sd : float
+        Of the looks against each other [rad].
+    spacing : float
+        Of the points that are seen [m].
+    told : bool
+        Whether the sensor tells its standard deviations.
+
+    """
+
+    def __init__(self, tuning: DecisionTuning):
+        """Start with nothing known."""
+        self._sigmas, self._patience = tuning.contradiction_sigma, tuning.forget_after
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all."""
+        self.first = 0
+        self.height = np.zeros(NODES)
+        self.variance = np.full(NODES, np.inf)
+        self._strikes = np.zeros(NODES)
+        self.looks = 0
+        self.noise_sd = UNTOLD_SD
+        self.tilt_sd = 0.0
+        self.spacing = CELL
+        self.told = True
+        self._residuals = 0.0
+        self._position = 0.0
+
+    def add(self, look: Look, position: float) -> Tuple[str, Array]:
+        """
+        Add a look, unless it contradicts the map.
+
+        Parameters
+        ----------
+        look : Look
+        position : float
+            Of the ball [m].
+
+        Returns
+        -------
+        contradiction : str
+            Empty if there is none.
+        residual : (n,) array
+            By how much the look is above the map [m]; NaN where it has nothing in common.
+
+        """
+        self._follow(position)
+        inside = slice(look.first - self.first, look.first - self.first + len(look.z))
+        old, variance = self.height[inside], self.variance[inside]
+        noise = self._noise(look)
+        sd = np.where(look.told_sd > 0.0, np.maximum(look.told_sd * math.sqrt(2.0 / 3.0), noise),
+                      noise)
+        new_variance = sd**2 + look.steep**2
+        seen = np.isfinite(look.z)
+        common = seen & np.isfinite(variance)
+        places = look.places - position
+        if np.count_nonzero(common) < LEAST_OVERLAP:
+            self._begin(inside, look, new_variance, places)
+            return '', np.full(len(look.z), np.nan)
+        together = variance + new_variance
+        shift, tilt = _alignment(places, old - look.z, together, common)
+        residual = look.z + shift + tilt * places - old
+        outside = common & (residual**2 > self._sigmas**2 * together)
+        if np.count_nonzero(outside) > max(5, OUTLIERS * np.count_nonzero(common)):
+            worst = int(np.argmax(np.where(common, residual**2 / together, -1.0)))
+            return (f'the ground changed by {1e3 * residual[worst]:.0f} mm at '
+                    f'{places[worst]:.2f} m, and by more than {self._sigmas:g} deviations at '
+                    f'{np.count_nonzero(outside)} of {np.count_nonzero(common)} places'), residual
+        self._learn(residual, variance, look, common, tilt)
+        self._fuse(inside, look.z + shift + tilt * places, new_variance, residual, seen, outside)
+        return '', np.where(common, residual, np.nan)
+
+    def _noise(self, look: Look) -> float:
+        """Return what a sensor's noise is at least, or is taken for where none is told [m]."""
+        told = bool(look.told_sd.max() > 0.0)
+        shown = max(LEAST_SD, min(look.roughness, UNTOLD_SD) * math.sqrt(2.0 / 3.0))
+        estimate = self.noise_sd if self.looks >= ENOUGH else 0.0
+        self.told, self.spacing = told, look.spacing
+        if told:
+            # What is told is believed until looks show clearly more.
+            average = float(look.told_sd.mean()) * math.sqrt(2.0 / 3.0)
+            found = max(shown, estimate)
+            return found if found > 1.3 * average else LEAST_SD
+        return max(shown, estimate) if self.looks >= ENOUGH else UNTOLD_SD
+
+    def _begin(self, inside: slice, look: Look, variance: Array, places: Array) -> None:
+        """Start the map with a look; the floor below the ball is at 0."""
+        self.variance[:] = np.inf
+        self._strikes[:] = 0.0
+        below = look.z[(np.abs(places) < 0.1) & np.isfinite(look.z)]
+        datum = float(np.median(below)) if len(below) else float(
+            look.z[np.isfinite(look.z)][0])
+        seen = np.isfinite(look.z)
+        self.height[inside] = np.where(seen, look.z - datum, 0.0)
+        self.variance[inside] = np.where(seen, variance, np.inf)
+        self.looks = 1
+
+    def _learn(self, residual: Array, variance: Array, look: Look, common: Flags,
+               tilt: float) -> None:
+        """Learn noise and tilt of the looks from how they differ from the map."""
+        even = common & (look.steep < 0.001)
+        self.looks += 1
+        weight = 1.0 / min(self.looks - 1, 50)
+        if np.count_nonzero(even) >= LEAST_OVERLAP:
+            spread = 1.4826 * float(np.median(np.abs(residual[even])))
+            own = max(LEAST_SD**2, spread**2 - float(np.median(variance[even])))
+            self._residuals += weight * (own - self._residuals)
+            self.noise_sd = math.sqrt(self._residuals)
+        self.tilt_sd = math.sqrt(self.tilt_sd**2 + weight * (tilt**2 - self.tilt_sd**2))
+
+    def _fuse(self, inside: slice, new: Array, new_variance: Array, residual: Array,
+              seen: Flags, outside: Flags) -> None:
+        """Average an aligned look into the map; believe points that insist."""
+        old, variance, strikes = self.height[inside], self.variance[inside], self._strikes[inside]
+        strikes[:] = np.where(outside, strikes + 1.0, np.where(seen, 0.0, strikes))
+        fresh = seen & (np.isinf(variance) | (strikes >= self._patience))
+        fused = seen & ~outside & ~fresh
+        known = np.where(fused, variance, 0.0)
+        gain = known / (known + new_variance)
+        gain[fresh] = 1.0
+        # A point that contradicts is not averaged in, but what it is about is less certain.
+        variance[:] = np.where(outside, variance + 0.04 * residual**2, variance)
+        strikes[fresh] = 0.0
+        old[:] = np.where(seen, old + gain * np.where(fused, residual, new - old), old)
+        variance[:] = np.where(fused, (1.0 - gain) * known, variance)
+        variance[fresh] = new_variance[fresh]
+
+    def _follow(self, position: float) -> None:
+        """Move the map with the ball, and let it age with the way."""
+        self.variance += DRIFT * min(abs(position - self._position), 10.0)
+        self._position = position
+        wanted = math.floor((position - BEHIND) / CELL) - 4
+        by = wanted - self.first
+        if -4 <= by <= 4:
+            return
+        self.first = wanted
+        if abs(by) >= NODES:
+            self.variance[:] = np.inf
+            return
+        for array, blank in ((self.height, 0.0), (self.variance, np.inf), (self._strikes, 0.0)):
+            if by > 0:
+                array[:-by] = array[by:].copy()
+                array[-by:] = blank
+            else:
+                array[-by:] = array[:by].copy()
+                array[:-by] = blank
+
+
+def _alignment(places: Array, difference: Array, variance: Array,
+               common: Flags) -> Tuple[float, float]:
+    """Return shift [m] and tilt that fit map minus look, outliers left out."""
+    x, d, weight = places[common], difference[common], 1.0 / variance[common]
+    shift, tilt = float(np.median(d)), 0.0
+    long = x[-1] - x[0] > TILT_BASE
+    for _ in range(2):
+        off = np.abs(d - shift - tilt * x)
+        limit = max(3.0 * 1.4826 * float(np.median(off)), 0.0005)
+        kept = np.where(off <= limit, weight, 0.0)
+        total = kept.sum()
+        mean_x, mean_d = (kept * x).sum() / total, (kept * d).sum() / total
+        spread = (kept * (x - mean_x)**2).sum()
+        if long and spread > 0.0:
+            tilt = float((kept * (x - mean_x) * (d - mean_d)).sum() / spread)
+        shift = float(mean_d - tilt * mean_x)
+    return shift, tilt

@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Make a polyline and faces of a map of heights."""
+import math
+from typing import List, NamedTuple, Tuple
+
+import numpy as np
+
+from ballbot_ros.decision.perception.elevation import CELL, ElevationMap, Whole
+from ballbot_ros.decision.perception.kernels import line
+from ballbot_ros.decision.perception.pieces import (
+    CERTAIN, LEAST_FACE, Nodes, Piece, pieces_of)
+from ballbot_ros.physics.model.terrain import Array
+
+# So much ground before and behind a face tells its height [m], and so much below the ball its
+# slope to either side.
+ASIDE, BELOW = 0.2, 0.1
+
+# A slope is never known better [rad]: sensors are not mounted better.
+SLOPE_SD = 0.003
+
+# A face whose upper end is not seen may be any amount higher [m].
+UNSEEN_SD = 0.05
+
+# Unseen ground that is longer is reported as a gap [m].
+LEAST_GAP = 0.03
+
+
+class Found(NamedTuple):
+    """
+    A face as the map shows it.
+
+    Attributes
+    ----------
+    position, run, height, height_sd : float
+        As of `Face` [m].
+    before, after : (int, int)
+        Nodes of the map that tell its height, the second one not included.
+
+    """
+
+    position: float
+    run: float
+    height: float
+    height_sd: float
+    before: Tuple[int, int]
+    after: Tuple[int, int]
+
+
+class GroundSeen(NamedTuple):
+    """
+    What a map shows around the ball.
+
+    Attributes
+    ----------
+    points : list of (float, float)
+        Polyline, position and height above the floor below the ball [m].
+    sds : list of float
+        Standard deviations of the heights [m].
+    faces : list of Found
+    gaps : list of (float, float)
+        Between these positions nothing was seen [m].
+    seen_from, seen_to : float
+        [m]
+    slope, slope_sd : float
+        [rad]
+
+    """
+
+    points: List[Tuple[float, float]]
+    sds: List[float]
+    faces: List[Found]
+    gaps: List[Tuple[float, float]]
+    seen_from: float
+    seen_to: float
+    slope: float
+    slope_sd: float
+
+
+def ground_of(found: ElevationMap, position: float) -> GroundSeen:
+    """Return what a map shows around a position; empty where it shows nothing."""
+    known = np.flatnonzero(np.isfinite(found.variance))
+    if len(known) < 3:
+        nan = math.nan
+        return GroundSeen([], [], [], [], nan, nan, nan, nan)
+    # Neighbouring nodes share the points that they lie between.
+    shared = min(max(1.5 * found.spacing / CELL, 1.0), 20.0)
+    nodes, gaps = _bridged(found, known, shared)
+    pieces = pieces_of(nodes, shared)
+    datum, slope, _, slope_variance = _below(nodes, position)
+    points, sds, faces = _assemble(nodes, pieces, datum)
+    slope_sd = math.sqrt(slope_variance + found.tilt_sd**2 + SLOPE_SD**2)
+    return GroundSeen(points, sds, faces, gaps, float(nodes.x[0]), float(nodes.x[-1]),
+                  math.atan(slope), slope_sd)
+
+
+def _bridged(found: ElevationMap, known: Whole,
+             shared: float) -> Tuple[Nodes, List[Tuple[float, float]]]:
+    """Return the known nodes, with edges where unseen ground begins, and the gaps."""
+    x: Array = (known + found.first).astype(float) * CELL
+    z, variance = found.height[known], shared * found.variance[known]
+    breaks = np.flatnonzero(np.diff(known) > 1)
+    if not len(breaks):
+        return Nodes(x, z, variance, known), []
+    gaps = [(float(x[index]), float(x[index + 1])) for index in breaks
+            if x[index + 1] - x[index] > LEAST_GAP + 1e-9]
+    # What is hidden is taken to begin at once: a drop at its edge, a rise at its nearest.
+    jumps = breaks[np.abs(z[breaks + 1] - z[breaks]) > LEAST_FACE]
+    return Nodes(np.insert(x, jumps + 1, x[jumps] + 1e-4),
+                  np.insert(z, jumps + 1, z[jumps + 1]),
+                  np.insert(variance, jumps + 1, variance[jumps + 1]),
+                  np.insert(known, jumps + 1, known[jumps])), gaps
+
+
+def _below(nodes: Nodes, position: float) -> Tuple[float, float, float, float]:
+    """Return height and slope of the ground below the ball, and their variances."""
+    begin, end = np.searchsorted(nodes.x, [position - BELOW, position + BELOW])
+    if end - begin < 3:
+        nearest = int(np.argmin(np.abs(nodes.x - position)))
+        return float(nodes.z[nearest]), math.nan, math.nan, math.nan
+    return line(nodes.x, nodes.z, nodes.variance, int(begin), int(end), position)
+
+
+def _assemble(nodes: Nodes, pieces: List[Piece], datum: float
+              ) -> Tuple[List[Tuple[float, float]], List[float], List[Found]]:
+    """Return polyline, its deviations and the faces."""
+    points: List[Tuple[float, float]] = []
+    sds: List[float] = []
+    faces: List[Found] = []
+
+    def put(x: float, z: float, variance: float) -> None:
+        points.append((x, z - datum))
+        sds.append(math.sqrt(variance))
+
+    for number, piece in enumerate(pieces):
+        if piece.sign:
+            face, low, high = _face(nodes, pieces, number)
+            put(face.position, *low)
+            put(face.position + face.run, *high)
+            if abs(face.height) > max(LEAST_FACE, CERTAIN * math.sqrt(low[1] + high[1])):
+                faces.append(face)
+            continue
+        if number == 0:
+            put(float(nodes.x[piece.begin]), *_end(nodes, pieces, number, piece.begin))
+        if number == len(pieces) - 1:
+            put(float(nodes.x[piece.end]), *_end(nodes, pieces, number, piece.end))
+        elif pieces[number + 1].sign == 0:
+            put(float(nodes.x[piece.end]), *_joint(nodes, pieces, number))
+    return points, sds, faces
+
+
+def _is_seen_whole(pieces: List[Piece], number: int) -> bool:
+    """Return whether there is ground seen behind a face."""
+    return pieces[-1].end - pieces[number].end >= 2
+
+
+def _inside(pieces: List[Piece], number: int) -> Tuple[int, int]:
+    """Return the nodes of a gentle piece that no face next to it blurs, the end not included."""
+    piece = pieces[number]
+    begin, end = piece.begin, piece.end + 1
+    spare = end - begin - 6
+    if number > 0 and pieces[number - 1].sign and spare > 0:
+        begin += min(2, spare)
+    if number + 1 < len(pieces) and pieces[number + 1].sign and spare > 2:
+        end -= min(2, spare - 2)
+    return begin, end
+
+
+def _end(nodes: Nodes, pieces: List[Piece], number: int, node: int) -> Tuple[float, float]:
+    """Return height and variance of a gentle piece at one of its nodes."""
+    begin, end = _inside(pieces, number)
+    z, _, variance, _ = line(nodes.x, nodes.z, nodes.variance, begin, end, float(nodes.x[node]))
+    return z, variance
+
+
+def _joint(nodes: Nodes, pieces: List[Piece], number: int) -> Tuple[float, float]:
+    """Return height and variance where a gentle piece meets the next one."""
+    one = _end(nodes, pieces, number, pieces[number].end)
+    two = _end(nodes, pieces, number + 1, pieces[number].end)
+    return 0.5 * (one[0] + two[0]), max(one[1], two[1])
+
+
+def _aside(nodes: Nodes, pieces: List[Piece], number: int, at: float,
+           ahead: bool) -> Tuple[Tuple[float, float], Tuple[int, int]]:
+    """Return height and variance of the ground beside a face at `at`, and its nodes."""
+    other = number + (1 if ahead else -1)
+    face = pieces[number]
+    if not 0 <= other < len(pieces) or pieces[other].sign:
+        node = face.end if ahead else face.begin
+        return ((float(nodes.z[node]), float(nodes.variance[node])),
+                (int(nodes.number[node]), int(nodes.number[node]) + 1))
+    begin, end = _inside(pieces, other)
+    if end - begin > ASIDE / CELL:
+        if ahead:
+            end = begin + round(ASIDE / CELL)
+        else:
+            begin = end - round(ASIDE / CELL)
+    z, _, variance, _ = line(nodes.x, nodes.z, nodes.variance, begin, end, at)
+    if end - begin < 4:
+        # A cord or a groove: its mean would be less than what was seen.
+        extreme = np.max if (face.sign > 0) == ahead else np.min
+        z = float(extreme(nodes.z[begin:end]))
+    return (z, variance), (int(nodes.number[begin]), int(nodes.number[end - 1]) + 1)
+
+
+def _face(nodes: Nodes, pieces: List[Piece], number: int
+          ) -> Tuple[Found, Tuple[float, float], Tuple[float, float]]:
+    """Return a face, and height and variance of the ground before and behind it."""
+    piece = pieces[number]
+    x = nodes.x[piece.begin:piece.end + 1]
+    begin, end = float(x[0]), float(x[-1])
+    low, before = _aside(nodes, pieces, number, begin, ahead=False)
+    high, after = _aside(nodes, pieces, number, end, ahead=True)
+    part = (nodes.z[piece.begin:piece.end + 1] - low[0]) / ((high[0] - low[0]) or 1.0)
+    tenth, middle, most = np.interp([0.1, 0.5, 0.9], np.maximum.accumulate(part), x)
+    # The step between two nodes, seen from changing places, is not narrower than this.
+    run = (most - tenth) / 0.8 - CELL
+    run = 0.0 if run < 1.5 * CELL else float(run) + CELL
+    position = min(max(float(middle) - 0.5 * run, begin), end)
+    if run == 0.0 and end > begin:
+        low, before = _aside(nodes, pieces, number, position, ahead=False)
+        high, after = _aside(nodes, pieces, number, position, ahead=True)
+    height = high[0] - low[0]
+    variance = low[1] + high[1]
+    if not _is_seen_whole(pieces, number):
+        variance += UNSEEN_SD**2
+    return Found(position, run, height, math.sqrt(variance), before, after), low, high
+
+

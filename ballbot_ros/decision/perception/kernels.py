@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The loops of the perception: simplify a polyline, fit lines to pieces of it."""
+import math
+
+from ballbot_ros.compiled import compiled
+from ballbot_ros.physics.model.terrain import Array
+
+
+@compiled
+def simplify(x: Array, z: Array, tolerance: Array, keep: Array, stack: Array) -> int:
+    """
+    Mark the points without which a polyline would be wrong by more than its tolerance.
+
+    Douglas and Peucker, with a tolerance at each point.
+
+    Parameters
+    ----------
+    x, z, tolerance : (n,) arrays
+        x rising [m].
+    keep : (n,) array
+        Set to 1 where a point is kept, to 0 elsewhere.
+    stack : (n, 2) array
+        To work in.
+
+    Returns
+    -------
+    int
+        How many are kept.
+
+    """
+    last = len(x) - 1
+    for index in range(len(x)):
+        keep[index] = 0.0
+    keep[0] = keep[last] = 1.0
+    kept, depth = 2, 1
+    stack[0, 0], stack[0, 1] = 0.0, last
+    while depth > 0:
+        depth -= 1
+        begin, end = int(stack[depth, 0]), int(stack[depth, 1])
+        grade = (z[end] - z[begin]) / max(x[end] - x[begin], 1e-9)
+        worst, where = 1.0, -1
+        for index in range(begin + 1, end):
+            off = abs(z[index] - z[begin] - grade * (x[index] - x[begin])) / tolerance[index]
+            if off > worst:
+                worst, where = off, index
+        if where >= 0:
+            keep[where] = 1.0
+            kept += 1
+            stack[depth, 0], stack[depth, 1] = begin, where
+            stack[depth + 1, 0], stack[depth + 1, 1] = where, end
+            depth += 2
+    return kept
+
+
+@compiled
+def line(x: Array, z: Array, variance: Array, begin: int, end: int,
+         at: float) -> tuple[float, float, float, float]:
+    """
+    Return height and slope of the line through some points, and their variances.
+
+    Parameters
+    ----------
+    x, z, variance : (n,) arrays
+        [m], [m2]
+    begin, end : int
+        The points, `end` not included; fewer than 6 of them have no slope.
+    at : float
+        Where the height is wanted [m].
+
+    """
+    weights = mean_x = mean_z = 0.0
+    for index in range(begin, end):
+        weight = 1.0 / variance[index]
+        weights += weight
+        mean_x += weight * x[index]
+        mean_z += weight * z[index]
+    mean_x /= weights
+    mean_z /= weights
+    if end - begin < 6:
+        return mean_z, 0.0, 1.0 / weights, math.inf
+    spread = product = 0.0
+    for index in range(begin, end):
+        weight = 1.0 / variance[index]
+        spread += weight * (x[index] - mean_x) ** 2
+        product += weight * (x[index] - mean_x) * (z[index] - mean_z)
+    slope = product / spread
+    return (mean_z + slope * (at - mean_x), slope,
+            1.0 / weights + (at - mean_x) ** 2 / spread, 1.0 / spread)

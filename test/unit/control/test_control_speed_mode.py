@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The mode behind cmd_vel: the full model, driven at a speed by the controller at 500 Hz."""
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from ballbot_ros.control import (
+    ControlTuning, JointReadings, load_tuning, Mode, PendulumController, SetPoint,
+    SupervisedController, Supervision)
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import load_robot
+from ballbot_ros.physics.simulation.scene import read_scene
+from ballbot_ros.plant import Plant
+
+GIMBALL = load_robot('gimball')
+RATE = 500
+LONG = 40.0  # of a slope [m]
+
+
+def plant(slope=0.0, terrain=None, **changes):
+    """Return a robot of other numbers at rest in the middle of a slope [degrees]."""
+    scene = read_scene({
+        'robot': 'gimball', 'robot_changes': changes, 'duration': 1.0,
+        'terrain': terrain or [{'slope': {'length': LONG, 'angle_deg': slope}}],
+        'initial': {'x': 0.5 * LONG * math.cos(math.radians(slope))}}, 'test', 'test')
+    return Plant(scene, RATE)
+
+
+def drive(ball, controller, speeds):
+    """Ask for speeds, each for a time; return time, speed of the ball and pendulum angle."""
+    rows = []
+    for speed, duration in speeds:
+        controller.give(SetPoint(Mode.SPEED, speed, ball.time))
+        for _ in range(round(duration * RATE)):
+            state = ball.state
+            ball.advance(controller.torque(JointReadings(
+                ball.time, state.ball_angle, state.joint_angle, state.ball_rate,
+                state.joint_rate)))
+            rows.append((ball.time, -GIMBALL.ball_radius * ball.state.ball_rate,
+                         ball.state.pendulum_angle))
+    return np.array(rows)
+
+
+def controller_for(tuning='published'):
+    return PendulumController(GIMBALL, load_tuning(tuning))
+
+
+def settling_time(rows, speed, share=0.05):
+    """Return after what time the speed stays within a share of the set speed [s]."""
+    off = np.flatnonzero(np.abs(rows[:, 1] - speed) > share * abs(speed))
+    return (off[-1] + 1) / RATE if len(off) else 0.0
+
+
+@pytest.mark.parametrize('tuning', ['published', 'gentle'])
+@pytest.mark.parametrize('slope', [-3.0, 0.0, 3.0])
+def test_a_speed_settles_within_5_percent_in_3_s_and_a_stop_stands(slope, tuning):
+    ball, controller = plant(slope), controller_for(tuning)
+    drive(ball, controller, [(0.0, 3.0)])  # from nothing known: it learns the slope
+    rows = drive(ball, controller, [(0.3, 3.0)])
+    assert settling_time(rows, 0.3) < 3.0 and rows[:, 1].max() < 0.315
+    rows = drive(ball, controller, [(0.0, 3.0)])
+    assert rows[:, 1].min() > -0.002  # no rolling back, on whatever slope
+    assert abs(rows[-1, 1]) < 0.001
+    # It knows the slope then, to what the gravity of an ideal ball explains of it.
+    assert math.degrees(controller.slope) == pytest.approx(slope, abs=0.05)
+
+
+@pytest.mark.parametrize('slope', [-2.0, 0.0, 2.0])
+def test_steps_of_the_set_speed_up_and_down_and_back_do_not_run_over(slope):
+    ball, controller = plant(slope), controller_for()
+    drive(ball, controller, [(0.0, 2.5)])
+    before = 0.0
+    for speed in (0.1, 0.8, 0.3, -0.3, 0.0):
+        rows = drive(ball, controller, [(speed, 3.5)])
+        assert settling_time(rows, speed) < 3.5 if speed else abs(rows[-1, 1]) < 0.002
+        over = (rows[:, 1] - speed) * math.copysign(1.0, speed - before)
+        assert over.max() < 0.05 * max(abs(speed), 0.1)
+        before = speed
+
+
+@pytest.mark.parametrize(('pendulum_mass', 'slope'), [(1.25, -3.0), (1.25, 3.0), (2.1, 3.0)])
+def test_robots_at_the_ends_of_their_ranges_settle_too(pendulum_mass, slope):
+    # The law counts with 1.6 kg.
+    ball = plant(slope, pendulum_mass=pendulum_mass, ball_mass=5.4 - pendulum_mass)
+    controller = controller_for()
+    drive(ball, controller, [(0.0, 3.0)])
+    rows = drive(ball, controller, [(0.3, 3.0)])
+    assert settling_time(rows, 0.3) < 3.0 and rows[:, 1].max() < 0.33
+    rows = drive(ball, controller, [(0.0, 3.0)])
+    assert rows[:, 1].min() > -0.03 and abs(rows[-1, 1]) < 0.007
+
+
+def test_on_a_slope_that_no_lean_holds_it_says_so_and_not_on_one_that_it_holds(caplog):
+    for slope, told in ((4.5, 0), (-7.0, 1)):
+        controller = SupervisedController(controller_for(), Supervision())
+        ball = plant(slope)
+        controller.give(SetPoint(Mode.SPEED, 0.0, 0.0))
+        for _ in range(4 * RATE):
+            state = ball.state
+            controller.take(JointReadings(ball.time, state.ball_angle, state.joint_angle,
+                                          state.ball_rate, state.joint_rate))
+            ball.advance(controller.answer())
+        assert controller.overcome == bool(told)
+        assert len(caplog.messages) == told
+    assert 'a slope of -6.9 degrees' in caplog.text and 'largest lean holds 5.5' in caplog.text
+
+
+def test_a_ball_held_by_a_wall_leaves_it_at_once_when_asked_back():
+    ball = plant(terrain=[{'flat': {'length': 20.3}}, {'step': {'height': 0.3}},
+                          {'flat': {'length': 5.0}}])
+    controller = controller_for()
+    rows = drive(ball, controller, [(0.3, 10.0)])
+    assert abs(rows[-1, 1]) < 0.01
+    rows = drive(ball, controller, [(-0.3, 3.0)])
+    assert rows[:RATE, 1].min() < -0.02  # within a second
+    assert settling_time(rows, -0.3) < 3.0
+
+
+def test_a_torque_limit_that_hardly_swings_the_pendulum_does_not_wind_it_up():
+    # 0.9 N m holds 47 degrees of the pendulum, without acceleration.
+    tuning = replace(load_tuning('published'), torque_limit=0.9)
+    ball, controller = plant(), PendulumController(GIMBALL, tuning)
+    rows = drive(ball, controller, [(0.6, 5.0), (0.0, 5.0)])
+    assert rows[:, 1].max() < 0.66 and rows[:, 1].min() > -0.06
+    assert abs(rows[-1, 1]) < 0.007
+
+
+def test_the_first_answer_holds_the_pendulum_where_it_is():
+    controller = controller_for()
+    controller.give(SetPoint(Mode.SPEED, 0.5, 0.0))
+    torque = controller.torque(JointReadings(0.0, 0.0, 0.4, 0.0, 0.0))
+    assert torque == pytest.approx(GIMBALL.largest_gravity_torque * math.sin(0.4))
+
+
+def readings(stamp, speed=0.0, angle=0.1):
+    rate = -speed / GIMBALL.ball_radius
+    return JointReadings(stamp, 0.0, angle, rate, -rate)
+
+
+def test_the_same_readings_are_answered_alike_and_another_set_speed_at_once():
+    tuning = replace(load_tuning('published'), torque_limit=1e6)
+    controller, other = (PendulumController(GIMBALL, tuning) for _ in range(2))
+    for one in (controller, other):
+        one.give(SetPoint(Mode.SPEED, 0.2, 0.0))
+        for index in range(10):
+            one.torque(readings(0.002 * index, 0.01 * index))
+    again = readings(0.002 * 9, 0.09)
+    first = controller.torque(again)
+    assert controller.torque(again) == first
+    controller.give(SetPoint(Mode.SPEED, 0.1, 0.018))
+    assert controller.torque(again) != first
+    # As if the other speed had been asked for all along since the readings before.
+    controller.give(SetPoint(Mode.SPEED, 0.2, 0.018))
+    assert controller.torque(again) == first == other.torque(again)
+
+
+def test_what_is_learnt_outlasts_another_speed_and_no_other_mode():
+    controller = controller_for()
+    controller.give(SetPoint(Mode.SPEED, 0.0, 0.0))
+    for index in range(1000):  # the pendulum leans and nothing moves: a slope
+        controller.torque(readings(0.002 * index))
+    learnt = controller.slope
+    assert math.degrees(learnt) == pytest.approx(0.59, abs=0.02)  # asin(M2 e sin(0.1) / (M R))
+    controller.give(SetPoint(Mode.SPEED, 0.1, 2.0))
+    controller.torque(readings(2.0))
+    assert controller.slope == pytest.approx(learnt, rel=1e-2)
+    controller.give(SetPoint(Mode.HOLD, 0.1, 2.0))
+    assert math.isnan(controller.slope) and not controller.overcome
+    controller.give(SetPoint(Mode.SPEED, 0.1, 2.0))
+    controller.torque(readings(2.002))
+    assert controller.slope == 0.0
+
+
+def test_after_a_gap_in_the_readings_the_law_starts_anew():
+    controller = controller_for()
+    controller.give(SetPoint(Mode.SPEED, 0.0, 0.0))
+    for index in range(500):
+        controller.torque(readings(0.002 * index))
+    assert controller.slope != 0.0
+    controller.torque(readings(1.6))
+    assert controller.slope == 0.0
+
+
+@pytest.mark.parametrize('name', ['position_kp', 'position_kd'])
+def test_gains_that_follow_no_set_angle_are_refused(name):
+    controller = PendulumController(GIMBALL, ControlTuning(**{name: 0.0}))
+    controller.give(SetPoint(Mode.SPEED, 0.1, 0.0))
+    with pytest.raises(ConfigurationError, match='follows set angles'):
+        controller.torque(readings(0.0))
+
+
+def test_readings_beyond_reason_give_a_torque_within_the_limit():
+    controller = controller_for()
+    controller.give(SetPoint(Mode.SPEED, 0.1, 0.0))
+    for index, speed in enumerate([0.0, 1e200, -1e300, 1e10, 0.0, 0.0]):
+        assert abs(controller.torque(readings(0.002 * index, speed))) <= 4.0

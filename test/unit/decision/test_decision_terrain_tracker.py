@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Polylines become a profile: faces, slopes, what is uncertain, and what is refused."""
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from ballbot_ros.decision import DecisionTuning, ProfileTracker, Reason, TerrainObservation
+from ballbot_ros.physics import Terrain
+from ballbot_ros.physics.model.robot import load_robot
+from ballbot_ros.plant import SensorFaults, TerrainSensor
+
+GIMBALL = load_robot('gimball')
+RADIUS = GIMBALL.ball_radius
+
+
+def tracker():
+    return ProfileTracker(GIMBALL, DecisionTuning())
+
+
+def ground(*pieces):
+    """Return level floor to x = 1.2 m, pieces of run and rise, and level floor again."""
+    vertices = [(-2.0, 0.0), (1.2, 0.0)]
+    for run, rise in (*pieces, (4.0, 0.0)):
+        vertices.append((vertices[-1][0] + run, vertices[-1][1] + rise))
+    return Terrain(vertices)
+
+
+def approach(terrain, looks=40, to=0.8, height_sd=0.0, seed=0, tracking=None, **faults):
+    """Return the profiles of an approach from x = 0 at 20 looks a second."""
+    sensor = TerrainSensor(terrain, 3.0, height_sd, seed, SensorFaults(**faults))
+    tracking, profiles = tracking or tracker(), []
+    for number, x in enumerate(np.linspace(0.0, to, looks)):
+        sight = sensor.look(x, float(terrain.height(x)) + RADIUS, number)
+        if sight is not None:
+            profiles.append(tracking.update(TerrainObservation(
+                0.05 * number, sight.x, sight.z, sight.z_sd, sight.x_min, sight.x_max), x))
+    return profiles
+
+
+def exact(terrain, at=0.0, stamp=0.0, **change):
+    """Return the observation of all vertices of a terrain between -0.3 and 3 m."""
+    places = np.unique(np.concatenate([[-0.3, 3.0], terrain.vertices[:, 0] - at]))
+    places = np.repeat(places[(places >= -0.3) & (places <= 3.0)], 2)
+    left = np.interp(places + at - 1e-9, *terrain.vertices.T)
+    right = np.interp(places + at + 1e-9, *terrain.vertices.T)
+    heights = np.where(np.arange(len(places)) % 2, right, left) - terrain.height(at) - RADIUS
+    return replace(TerrainObservation(
+        stamp, tuple(places.tolist()), tuple(heights.tolist()), (), -0.3, 3.0), **change)
+
+
+SCENES = {
+    'rise': (ground((0.0, 0.03)), [(1.2, 0.03)]),
+    'drop': (ground((0.0, -0.1)), [(1.2, -0.1)]),
+    'threshold': (ground((0.0, 0.02), (0.08, 0.0), (0.0, -0.02)), [(1.2, 0.02), (1.28, -0.02)]),
+    'cord': (ground((0.0, 0.02), (0.02, 0.0), (0.0, -0.02)), [(1.2, 0.02), (1.22, -0.02)]),
+    'carpet': (ground((0.005, 0.006)), [(1.2, 0.006)]),
+    'bevel': (ground((0.04, 0.03)), [(1.2, 0.03)]),
+    'two': (ground((0.0, 0.03), (0.3, 0.0), (0.0, -0.1)), [(1.2, 0.03), (1.5, -0.1)]),
+    'wall behind': (ground((0.0, 0.03), (0.4, 0.0), (0.0, 0.5)), [(1.2, 0.03), (1.6, 0.5)]),
+    'ramp': (ground((0.5, 0.07)), []),
+    'flat': (Terrain.flat(), []),
+    'slope': (Terrain.slope(-0.06), []),
+}
+
+
+@pytest.mark.parametrize('name', SCENES)
+@pytest.mark.parametrize('height_sd', [0.0, 0.001])
+def test_the_faces_of_a_ground_are_found_and_no_others(name, height_sd):
+    terrain, expected = SCENES[name]
+    profile = approach(terrain, height_sd=height_sd)[-1]
+    assert profile.rejection is None
+    found = [(face.position, face.height) for face in profile.faces]
+    assert len(found) == len(expected)
+    for (place, height), (true_place, true_height) in zip(found, expected):
+        assert place == pytest.approx(true_place, abs=0.015)
+        assert height == pytest.approx(true_height, abs=0.003 if abs(true_height) < 0.2 else 0.01)
+
+
+@pytest.mark.parametrize('name', ['rise', 'threshold', 'carpet', 'bevel', 'ramp', 'slope'])
+def test_looks_without_noise_reproduce_the_ground_to_a_millimetre(name):
+    terrain, _ = SCENES[name]
+    profile = approach(terrain)[-1]
+    x, z = np.array(profile.points).T
+    places = np.linspace(0.6, 3.0, 500)
+    # A face is known to a place, not to a millimetre.
+    near = [np.abs(places - corner) < 0.04 for corner, _ in terrain.vertices]
+    places = places[~np.any(near, axis=0)]
+    assert np.interp(places, x, z) == pytest.approx(
+        terrain.height(places) - terrain.height(0.8), abs=0.001)
+    assert len(x) < 12
+
+
+def test_ramps_and_slopes_are_no_faces_but_changes_of_the_polyline():
+    profile = approach(SCENES['ramp'][0], height_sd=0.001)[-1]
+    x, z = np.array(profile.points).T
+    grade = (np.interp(1.6, x, z) - np.interp(1.3, x, z)) / 0.3
+    assert not profile.faces and grade == pytest.approx(0.14, abs=0.01)
+    slope = approach(Terrain.slope(-0.06), height_sd=0.001)[-1]
+    assert slope.slope == pytest.approx(-0.06, abs=3.0 * slope.slope_sd)
+    assert slope.slope_sd < 0.006
+
+
+def test_a_bevel_has_a_run_and_a_vertical_face_none():
+    bevel, rise = (approach(SCENES[name][0])[-1].face for name in ('bevel', 'rise'))
+    assert bevel.run == pytest.approx(0.04, abs=0.01) and rise.run == 0.0
+
+
+def test_what_an_edge_hides_is_a_gap():
+    profile = approach(SCENES['drop'][0])[-1]
+    (begin, end), = profile.gaps
+    assert begin == pytest.approx(1.2, abs=0.015)
+    assert end == pytest.approx(1.2 + 0.1 / RADIUS * 0.4, abs=0.03)
+    assert profile.seen_to == pytest.approx(3.8, abs=0.03)
+
+
+def test_nothing_is_known_behind_a_wall():
+    assert approach(SCENES['wall behind'][0])[-1].seen_to == pytest.approx(1.6, abs=0.02)
+
+
+def test_faces_keep_their_numbers_and_a_passed_one_is_not_ahead_any_more():
+    tracking = tracker()
+    numbers = [[face.number for face in profile.faces] for profile in approach(
+        SCENES['two'][0], 80, 1.3, 0.001, tracking=tracking)]
+    assert numbers[10] == [1, 2] and numbers[-1] == [2]
+    assert {tuple(row) for row in numbers[10:]} == {(1, 2), (2,)}
+
+
+@pytest.mark.parametrize('looks', [2, 8, 30])
+@pytest.mark.parametrize('height_sd', [0.001, 0.003])
+def test_errors_of_height_are_as_large_as_told(looks, height_sd):
+    errors = []
+    for seed in range(30):
+        face = approach(SCENES['rise'][0], looks, 0.01 * looks, height_sd, seed)[-1].face
+        if face is not None:
+            errors.append((face.height - 0.03) / face.height_sd)
+    squares = float(np.sum(np.square(errors)))
+    # The chi-square bound of 99.9 % for 30; the floor of the deviation makes it less.
+    assert len(errors) >= 28 and squares < 59.7
+    assert squares > 0.02 * len(errors)
+
+
+@pytest.mark.parametrize('told, floor', [(1.0, 0.0005), (0.0, 0.002)])
+def test_no_number_of_looks_makes_a_height_known_exactly(told, floor):
+    face = approach(SCENES['rise'][0], 60, 0.3, 0.001, told=told)[-1].face
+    assert face.height_sd == floor
+
+
+def test_noise_that_is_not_told_is_estimated_and_not_believed_at_first():
+    profiles = approach(SCENES['rise'][0], 40, 0.4, 0.003, told=0.0)
+    assert all(profile.face is None or profile.face.height_sd > 0.0025 for profile in profiles[:4])
+    assert abs(profiles[-1].face.height - 0.03) < 3.0 * profiles[-1].face.height_sd
+
+
+def test_a_step_that_grows_on_approach_is_uncertain_by_what_it_may_grow_yet():
+    steady, growing = (approach(SCENES['rise'][0], 40, 0.6, 0.0005, growth=growth)[-1].face
+                       for growth in (0.0, 0.2))
+    assert growing.height < 0.027
+    assert growing.height + 2.0 * growing.height_sd > 0.03
+    assert steady.height_sd == 0.0005
+
+
+@pytest.mark.parametrize('change, words', [
+    ({'frame': 'camera'}, "frame 'camera'"),
+    ({'z': (1.0,)}, '1 z'),
+    ({'z_sd': (0.1,)}, '1 standard deviations'),
+    ({'x': (), 'z': (), 'z_sd': ()}, '0 points'),
+    ({'x': (0.0,) * 6000, 'z': (0.0,) * 6000, 'z_sd': ()}, '6000 points'),
+    ({'x': (0.0, 0.0), 'z': (0.0, 0.1)}, 'the same x'),
+    ({'x': (0.0, math.nan), 'z': (0.0, 0.1)}, 'not finite'),
+    ({'x': (0.0, 1.0), 'z': (0.0, math.inf)}, 'not finite'),
+    ({'x': (0.0, 1.0), 'z': (0.0, -2e6)}, 'beyond all measure'),
+    ({'x': (0.0, 1.0), 'z': (-0.226, -0.226), 'z_sd': (-0.1, 0.0)}, 'negative'),
+    ({'x': (0.0, 1.0, 0.5), 'z': (-0.226,) * 3}, 'x falls from 1 to 0.5 m at point 2'),
+    ({'x_min': math.nan}, 'not finite'),
+    ({'x_max': -1.0}, 'x_max -1'),
+    ({'x': (-3.0, 0.3), 'z': (-0.226,) * 2, 'x_min': -3.0}, 'backwards'),
+    ({'x': (-0.3, 3.0), 'z': (0.226,) * 2}, 'upside down'),
+    ({'x': (-0.3, 3.0), 'z': (-0.26,) * 2}, '34 mm from the ball'),
+    ({'x': (-0.3, 3.0), 'z': (-0.19,) * 2}, '-36 mm from the ball'),
+    ({'x': (8.0, 9.0), 'z': (-0.226,) * 2, 'x_max': 9.0}, 'nothing of the ground'),
+    ({'stamp': math.nan}, 'not finite')])
+def test_impossible_observations_are_refused_with_what_is_wrong(change, words):
+    for tracking in (tracker(), tracker()):
+        profile = tracking.update(exact(Terrain.flat(), **change), 0.0)
+        assert profile.rejection is Reason.BAD_OBSERVATION and words in profile.explanation
+
+
+def test_a_floor_that_is_seen_a_little_too_low_is_the_floor():
+    for bias in (-0.029, 0.029):
+        profile = tracker().update(exact(Terrain.flat(), z=(-RADIUS + bias,) * 8, x=tuple(
+            np.linspace(-0.3, 3.0, 8).tolist())), 0.0)
+        assert profile.rejection is None
+        assert profile.points[0][1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_same_stamp_gives_the_same_answer():
+    tracking = tracker()
+    first = tracking.update(exact(Terrain.flat()), 0.0)
+    assert tracking.update(exact(Terrain.step(0.1, at=1.0)), 0.0) is first
+
+
+def test_ground_that_changed_is_a_contradiction_and_believed_if_it_insists():
+    tracking = tracker()
+    for index in range(5):
+        before = tracking.update(exact(Terrain.step(0.06, at=1.0), stamp=0.1 * index), 0.0)
+    answers = [tracking.update(exact(Terrain.step(0.02, at=1.0), stamp=1.0 + 0.1 * index), 0.0)
+               for index in range(5)]
+    assert [answer.rejection for answer in answers] == [Reason.CONTRADICTORY] * 4 + [None]
+    assert [answer.face for answer in answers[:4]] == [before.face] * 4
+    assert answers[-1].face.height == pytest.approx(0.02, abs=1e-4)
+
+
+def test_a_look_from_before_the_last_one_is_a_contradiction():
+    tracking = tracker()
+    tracking.update(exact(Terrain.flat(), stamp=1.0), 0.0)
+    assert tracking.update(exact(Terrain.flat(), stamp=0.9), 0.0).rejection \
+        is Reason.CONTRADICTORY
