@@ -38,8 +38,9 @@ PYTHON = {
     'ballbot_ros.ros.lockstep': 'ballbot_ros.ros.run_control',
     'ballbot_ros.demo.story': 'ballbot_ros.demo.timeline',
     'ballbot_ros.demo.beginning': 'ballbot_ros.demo.synchronized_start',
-    'ballbot_ros.decision.lean': 'ballbot_ros.decision.set_angle',
-    'ballbot_ros.decision.wanted_speed': 'ballbot_ros.decision.approach_speed',
+    **{f'ballbot_ros.decision.{old}': 'ballbot_ros.decision.Pilot'
+       for old in ('lean', 'wanted_speed', 'set_angle', 'approach_speed', 'approach')},
+    'ballbot_ros.decision.decide': 'ballbot_ros.decision.Decider',
     'ballbot_ros.decision.Sighting': 'ballbot_ros.decision.Profile',
     'ballbot_ros.studies.uncertainty': 'ballbot_ros.physics.model.uncertainty',
     'ballbot_ros.studies.parameters': 'ballbot_ros.physics.model.named_parameters',

@@ -111,8 +111,8 @@ def test_a_drive_is_a_folder_and_a_line(house):
 def test_a_planner_is_a_file_and_a_line(house):
     house.copy('decision/planners/cubic.py', 'decision/planners/timid.py')
     house.change('decision/planners/timid.py', (
-        r'    step = profile\.face', '    if profile and profile.face:\n'
-        "        return stop(Reason.TOO_HIGH, 'I had rather not')\n    step = profile.face"))
+        r'        step = next', '        if profile.face:\n'
+        "            return stop(Reason.TOO_HIGH, 'I had rather not')\n        step = next"))
     house.change('decision/planners/__init__.py', (r'import cubic,', 'import cubic, timid,'),
                  (r"\{\n    'cubic'", "{'timid': timid.planner, 'cubic'"))
     loop = house.folder / 'examples' / 'closed_loop.py'

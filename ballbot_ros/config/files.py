@@ -27,7 +27,7 @@ def shipped_folder(name: str) -> Path:
 
     """
     here = Path(__file__).resolve().parent
-    candidates = [here.parent]
+    candidates = [here.parents[1]]
     # <prefix>/lib/pythonX.Y/site-packages/ballbot_ros: the prefix is three levels up.
     candidates += [up / 'share' / PACKAGE for up in here.parents[2:6]]
     candidates.append(Path(sys.prefix) / 'share' / PACKAGE)

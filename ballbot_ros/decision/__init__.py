@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether and how fast to cross the step ahead; no ROS, no clock."""
-from ballbot_ros.decision.approach import approach_speed, set_angle
 from ballbot_ros.decision.curve import HeightCurve, load_curve
 from ballbot_ros.decision.decider import Answer, Decider
 from ballbot_ros.decision.observations import StepObservation, TerrainObservation
@@ -9,7 +8,6 @@ from ballbot_ros.decision.perception import (
 from ballbot_ros.decision.pilot import Pilot
 from ballbot_ros.decision.plan import After, Plan, Strategy
 from ballbot_ros.decision.planners import PLANNERS
-from ballbot_ros.decision.planners.cubic import decide
 from ballbot_ros.decision.profile import Face, Profile
 from ballbot_ros.decision.situation import Failure, Knowledge, Planner, Situation
 from ballbot_ros.decision.tuning import check_decision, DecisionTuning, load_decision_tuning
@@ -17,10 +15,10 @@ from ballbot_ros.decision.values import Decision, Kind, Motion, Outlook, Reason
 from ballbot_ros.renamed import refuse_old_names
 
 __all__ = [
-    'After', 'Answer', 'approach_speed', 'check_decision', 'decide', 'Decider', 'Decision',
+    'After', 'Answer', 'check_decision', 'Decider', 'Decision',
     'DecisionTuning', 'Face', 'Failure', 'HeightCurve', 'Kind', 'Knowledge', 'load_curve',
     'load_decision_tuning', 'Motion', 'Observation', 'Outlook', 'Pilot', 'Plan', 'Planner',
-    'PLANNERS', 'Profile', 'ProfileTracker', 'Reason', 'set_angle', 'Situation',
+    'PLANNERS', 'Profile', 'ProfileTracker', 'Reason', 'Situation',
     'StepObservation', 'StepTracker', 'Strategy', 'TerrainObservation', 'TerrainTracker']
 
 refuse_old_names(globals())

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """How sure a height curve is, where numbers of the robot are only known to a range."""
+from bisect import bisect_right
 from dataclasses import dataclass
-from typing import Any, Mapping, Tuple
+import math
+from typing import Any, List, Mapping, Tuple
 
 import numpy as np
 
@@ -87,18 +89,26 @@ class Band(Checked):
             Outside the speeds [m/s], or for a height that is not a number.
 
         """
-        if not np.isfinite(height):
+        if not math.isfinite(height):
             raise ConfigurationError(f'height must be any finite number m, got {height!r}')
         row = self._row(speed)
         if height <= row[0]:
             return 1.0
-        # Where heights are the same, interp takes the last of them: fewest robots fail.
-        return float(1.0 - np.interp(height, row, self.probabilities))
+        # Where heights are the same, the last of them counts: fewest robots pass.
+        after = bisect_right(row, height)
+        if after == len(row):
+            return 0.0
+        low, high = self.probabilities[after - 1:after + 1]
+        return 1.0 - low - (high - low) * (height - row[after - 1]) / (row[after] - row[after - 1])
 
-    def _row(self, speed: float) -> Any:
+    def _row(self, speed: float) -> List[float]:
         """Return the heights at a speed [m]."""
         if not self.speeds[0] <= speed <= self.speeds[-1]:
             raise ConfigurationError(
                 f'the band holds from {self.speeds[0]:g} to {self.speeds[-1]:g} m/s, not at '
                 f'{speed!r} m/s, and is not extrapolated')
-        return np.array([np.interp(speed, self.speeds, column) for column in zip(*self.heights)])
+        after = min(max(bisect_right(self.speeds, speed), 1), len(self.speeds) - 1)
+        before = self.speeds[after - 1]
+        part = (speed - before) / (self.speeds[after] - before)
+        return [low + part * (high - low)
+                for low, high in zip(self.heights[after - 1], self.heights[after])]

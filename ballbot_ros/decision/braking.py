@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What can be counted on when a ball speeds up or brakes, on any slope."""
+import math
+from typing import Tuple
+
+from ballbot_ros.control import ControlTuning
 from ballbot_ros.control.speed_law import (
     acceleration, braking_distance, Numbers, SpeedLaw, steepest_slope, stopping_speed)
 from ballbot_ros.decision.tuning import DecisionTuning
@@ -20,9 +24,9 @@ class Braking:
 
     """
 
-    def __init__(self, robot: Robot, tuning: DecisionTuning):
+    def __init__(self, robot: Robot, tuning: DecisionTuning, control: ControlTuning):
         """Work the constants out once."""
-        law = SpeedLaw.of(robot, tuning.reaction_time)
+        law = SpeedLaw.of(robot, control.position_kd / control.position_kp)
         whole = acceleration(tuning.largest_lean, 0.0, law[:])
 
         def weaker(counted_on: float) -> Numbers:
@@ -30,8 +34,12 @@ class Braking:
             return law._replace(gravity_torque=part * law.gravity_torque)[:]
 
         self._faster, self._slower = weaker(tuning.acceleration), weaker(tuning.deceleration)
+        # With all lean until it stands: in an emergency nothing is eased off.
+        self._abrupt = SpeedLaw(*self._slower)._replace(speed_gain=math.inf)[:]
+        self._expected = law._replace(speed_gain=math.inf)[:]
+        self._gain = law.speed_gain
         self._lean, self._furthest = tuning.largest_lean, tuning.emergency_lean
-        self._delay = tuning.actuation_delay
+        self._delay = tuning.reaction_time + tuning.actuation_delay
         self.steepest = steepest_slope(tuning.emergency_lean, self._slower)
 
     def acceleration(self, slope: float) -> float:
@@ -61,13 +69,59 @@ class Braking:
             Infinite where it does not stop.
 
         """
-        return braking_distance(
-            speed, slope, self._lean_of(emergency), self._delay, self._slower)
+        return braking_distance(speed, slope, *self._with(emergency))
+
+    def expected_distance(self, speed: float, slope: float) -> float:
+        """Return how far the ball of the robot file rolls on in an emergency; see `distance`."""
+        return braking_distance(speed, slope, self._furthest, self._delay, self._expected)
 
     def speed_within(self, room: float, slope: float, emergency: bool = False) -> float:
         """Return the speed from which the ball stands within some room [m/s]; see `distance`."""
-        return stopping_speed(
-            room, slope, self._lean_of(emergency), self._delay, self._slower)
+        return stopping_speed(room, slope, *self._with(emergency))
+
+    def touch_speed(self, speed: float, set_speed: float, room: float, slope: float) -> float:
+        """
+        Return the speed after some room, driven by `speed_law_step` [m/s].
+
+        As long as the error asks for more than can be counted on, the acceleration is that;
+        then the error decays as exp(-speed_gain t).
+
+        Parameters
+        ----------
+        speed, set_speed : float
+            Now, and asked for [m/s]; backwards is at rest.
+        room : float
+            [m]
+        slope : float
+            [rad]
+
+        """
+        faster = set_speed > speed
+        most = self.acceleration(slope) if faster else self.deceleration(slope)
+        speed, sign = max(0.0, speed), 1.0 if faster else -1.0
+        if not (room > 0.0 and most > 0.0):
+            return speed
+        eased = set_speed - sign * most / self._gain
+        if sign * (eased - speed) > 0.0:
+            way = abs(eased * eased - speed * speed) / (2.0 * most)
+            if way >= room:
+                return math.sqrt(max(0.0, speed * speed + sign * 2.0 * most * room))
+            speed, room = eased, room - way
+        # x = (u - v) / gain + set_speed / gain log((set_speed - u) / (set_speed - v))
+        near, far = speed, set_speed
+        for _ in range(20):
+            middle = 0.5 * (near + far)
+            rest = (set_speed - speed) / (set_speed - middle) if middle != set_speed else math.inf
+            if (speed - middle) + set_speed * math.log(rest) < room * self._gain:
+                near = middle
+            else:
+                far = middle
+        return near
+
+    def _with(self, emergency: bool) -> Tuple[float, float, Numbers]:
+        """Return lean, delay and law."""
+        return ((self._furthest, self._delay, self._abrupt) if emergency
+                else (self._lean, self._delay, self._slower))
 
     def _lean_of(self, emergency: bool) -> float:
         return self._furthest if emergency else self._lean

@@ -18,7 +18,7 @@ from ballbot_ros.physics.model.robot import Robot
 
 # Once observations were too old, only such a part of the allowed age is young again: latency
 # near the limit must not make the answer alternate.
-YOUNG = 0.8
+YOUNG = 0.9
 
 ROUNDING = 1e-9  # [m/s], [m]
 

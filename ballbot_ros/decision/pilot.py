@@ -16,8 +16,6 @@ from ballbot_ros.decision.values import Decision, Kind, Motion
 CREEP, BACKING = 0.1, 0.3
 # From one odometry message to the next; a longer silence is no reason for a longer step [s].
 SHORTEST, LONGEST = 1e-3, 0.1
-# Reaction of the pilot itself: half a period of 50 Hz, and the swing of the pendulum [s].
-REACTION = 0.2
 
 
 def order_for(decision: Decision, tuning: DecisionTuning, stand: float) -> Order:
@@ -34,7 +32,7 @@ def order_for(decision: Decision, tuning: DecisionTuning, stand: float) -> Order
     """
     plan = decision.plan or Plan(Strategy.STOP)
     common = Order(lean=tuning.largest_lean, emergency_lean=tuning.emergency_lean,
-                   reaction=REACTION + tuning.actuation_delay)
+                   reaction=tuning.reaction_time + tuning.actuation_delay)
     stop = plan.stop_position if math.isfinite(plan.stop_position) else stand
     if decision.kind is Kind.BACK_OFF:
         return common._replace(forward=CREEP, backward=BACKING, stop=plan.start)
@@ -112,13 +110,14 @@ class Pilot:
 
     def _standing(self, decision: Decision, motion: Motion) -> float:
         """Return where the ball stands that was told to stop, but not where [m]."""
-        if decision.kind not in (Kind.STOP, Kind.GO_ROUND):
+        own = decision.plan is not None and math.isfinite(decision.plan.stop_position)
+        if own or decision.kind not in (Kind.STOP, Kind.GO_ROUND):
             self._stand = math.inf
         elif not math.isfinite(self._stand):
             slope = 0.0 if self._state is None else estimated_slope(self._state, self.law[:])
             ahead = braking_distance(
                 abs(motion.speed), slope if motion.speed > 0.0 else -slope,
-                self._tuning.largest_lean, REACTION, self.law[:])
+                self._tuning.largest_lean, self._tuning.reaction_time, self.law[:])
             # Where it cannot be braked it stands as soon as it can.
             self._stand = motion.position + math.copysign(min(ahead, 1.0), motion.speed)
         return self._stand

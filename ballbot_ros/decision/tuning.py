@@ -9,6 +9,9 @@ from ballbot_ros.decision.curve import HeightCurve
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import Robot
 
+# Law and set angle [rad] with which the approach by a height curve touches a step.
+APPROACH = ('position', 0.0)
+
 
 @dataclass(frozen=True)
 class DecisionTuning(Checked):
@@ -28,11 +31,12 @@ class DecisionTuning(Checked):
     highest_speed: float = quantity(
         'm/s', 'speed that is never asked for more', above=0.0, default=1.1)
     acceleration: float = quantity(
-        'm/s2', 'acceleration that can be counted on', above=0.0, default=0.4)
+        'm/s2', 'acceleration that can be counted on', above=0.0, default=0.46)
     deceleration: float = quantity(
         'm/s2', 'deceleration that can be counted on', above=0.0, default=0.4)
     reaction_time: float = quantity(
-        's', 'time until a new set speed shows in the speed', above=0.0, default=0.9)
+        's', 'time until a set angle is given and the pendulum begins to follow', above=0.0,
+        default=0.2)
     speed_margin: float = quantity(
         '1', 'part by which the required speed is raised', minimum=0.0, maximum=1.0,
         default=0.08)
@@ -50,10 +54,8 @@ class DecisionTuning(Checked):
     largest_swing: float = quantity(
         'rad', 'largest pendulum angle of a swing before or on a step', minimum=0.0, maximum=3.1,
         default=2.6)
-    speed_gain: float = quantity(
-        'rad s/m', 'pendulum angle per speed error', above=0.0, default=1.8)
     observation_timeout: float = quantity(
-        's', 'age at which an observation is worth nothing', above=0.0, default=0.3)
+        's', 'age at which an observation is worth nothing', above=0.0, default=0.6)
     contradiction_sigma: float = quantity(
         '1', 'deviations at which an observation contradicts', above=0.0, default=5.0)
     forget_after: int = count(
@@ -91,16 +93,6 @@ class DecisionTuning(Checked):
                 f'DecisionTuning: emergency_lean must be at least largest_lean '
                 f'({self.largest_lean:g} rad), got {self.emergency_lean:g} rad')
 
-    @property
-    def halved(self) -> tuple[float, float, float]:
-        """Return half of (speed_margin, height_margin, sigma_margin)."""
-        return self.speed_margin / 2, self.height_margin / 2, self.sigma_margin / 2
-
-    def braking_distance(self, speed: float) -> float:
-        """Return v reaction_time + v^2 / (2 deceleration) for a speed [m/s] forward [m]."""
-        forward = max(0.0, speed)
-        return forward * (self.reaction_time + forward / (2.0 * self.deceleration))
-
 
 def load_decision_tuning(name_or_path: str) -> DecisionTuning:
     """
@@ -122,8 +114,9 @@ def check_decision(robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> 
     Raises
     ------
     ConfigurationError
-        If the curve is of another robot, starts above the highest speed or fits worse than
-        the height margin, or if the pendulum cannot give the accelerations counted on.
+        If the curve is of another robot, starts above the highest speed, fits worse than the
+        height margin or is for another law or angle than those of the approach, or if the
+        pendulum cannot give the accelerations counted on.
 
     """
     if curve.robot != robot.name:
@@ -143,6 +136,11 @@ def check_decision(robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> 
         raise ConfigurationError(
             f'height_margin must be at least the residual of curve {curve.name} '
             f'({curve.residual:g} m), got {tuning.height_margin:g} m')
+    if curve.made is not None and (curve.made.law, curve.made.set_angle) != APPROACH:
+        raise ConfigurationError(
+            f'curve {curve.name} is for law {curve.made.law} at a set angle of '
+            f'{curve.made.set_angle:g} rad, but the ball touches with its pendulum held by law '
+            f'{APPROACH[0]} at {APPROACH[1]:g} rad: make a curve for that')
     possible = RollingModel(robot).held_acceleration(tuning.largest_lean)
     for name in ('acceleration', 'deceleration'):
         if getattr(tuning, name) > possible:

@@ -2,7 +2,7 @@
 """
 How a decision is made: a module for each planner, and the only table of them.
 
-For a further one copy `cubic.py`, change its function `decide`, and add a line to `PLANNERS`:
+For a further one copy `cubic.py`, change its class, and add a line to `PLANNERS`:
 the parameter `planner` of the node ``obstacle_decision`` then takes its name.
 """
 from typing import Callable, Mapping

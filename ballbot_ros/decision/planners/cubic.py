@@ -3,28 +3,23 @@
 The planner ``cubic``: section 8 of the paper, with margins.
 
 The ball touches a step when its centre is sqrt(2 R h - h^2) before the face; what lies
-before that is the run-up.  The curve says which speed at touch the step asks
-for.  Whatever is not known for certain is answered with STOP and a reason, never a guess.
+before that is the run-up.  The curve says which speed at touch the step asks for, with the
+pendulum hanging down; so the ball lets it hang before the touch.  What counts is the speed that
+will be driven, and the band of the curve says how likely it is enough.
 """
 from dataclasses import replace
 import math
-from typing import Optional
+from typing import Any, Dict, List, Optional, Tuple
 
 from ballbot_ros.crossing.rules import touch_distance
-from ballbot_ros.decision.curve import HeightCurve
-from ballbot_ros.decision.guard import guarded, stop
-from ballbot_ros.decision.planners.reach import reach
+from ballbot_ros.decision.beyond import Beyond, beyond
+from ballbot_ros.decision.guard import stop
+from ballbot_ros.decision.halts import Halts
+from ballbot_ros.decision.plan import Plan, Strategy
+from ballbot_ros.decision.planners.reach import Reach, Reckoning
 from ballbot_ros.decision.profile import Face, Profile
-from ballbot_ros.decision.situation import Knowledge, Planner, Situation
-from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Decision, Kind, Motion, Reason
-from ballbot_ros.physics.model.robot import Robot
-
-# Down by less than this is an uneven floor, more is a drop [m].
-SMALLEST_DROP = 0.005
-
-# Aim above the required speed by this [m/s]: the margin must not be eaten by the lag.
-HEADROOM = 0.1
+from ballbot_ros.decision.situation import Failure, Knowledge, Planner, Situation
+from ballbot_ros.decision.values import Decision, Kind, Motion, Outlook, Reason
 
 # A ball that leans against a step for this long is not going to make it [s].
 LONGEST_CONTACT = 1.5
@@ -32,113 +27,232 @@ LONGEST_CONTACT = 1.5
 # In contact the ball bounces; this far off the step it still is in contact [m].
 CONTACT_SLACK = 0.03
 
+# The pendulum is let down so long before the touch [s].
+HANGING = 0.3
+
+# Parts of the margins that a crossing keeps that was begun with all of them, and that one must
+# have which was given up before, as long as the ball rolls: no change of mind without news.
+BEGUN, GIVEN_UP = 0.5, 1.25
+BEGUN_LANDING = 0.8  # of the way to a stop behind the edge
+ROLLING = 0.05  # [m/s]
+
+# After a failure the ball must be this much faster, and after so many it gives up.
+FASTER, MOST_FAILURES = 1.1, 3
+
+# Where backing off ends [m], and steps that are taken with any speed behind another one [m].
+ARRIVED, PASSABLE = 0.03, 0.002
+
 
 def planner(knowledge: Knowledge) -> Planner:
     """Return the planner for a robot, its curve and a tuning."""
-    def planned(situation: Situation, previous: Optional[Decision]) -> Decision:
-        return _decide(situation.profile, situation.motion, previous, knowledge)
-    return planned
+    return Cubic(knowledge)
 
 
-def decide(profile: Optional[Profile], motion: Motion, previous: Optional[Decision], *,
-           robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> Decision:
-    """
-    Decide on the step ahead; see `situation.Planner`.
+class Cubic:
+    """See `situation.Planner`; keeps nothing but what follows from what it was made with."""
 
-    A crossing that cannot be broken off any more goes on with half the margins, and one in
-    contact goes on until the centre has passed the face.
+    def __init__(self, knowledge: Knowledge):
+        """Work the constants out once."""
+        self._radius = knowledge.robot.ball_radius
+        self._curve, self._tuning = knowledge.curve, knowledge.tuning
+        self._halts = Halts(knowledge)
+        self._reckoning = Reckoning(knowledge, self._halts.braking)
 
-    """
-    knowledge = Knowledge(robot, curve, tuning)
-    return guarded(planner(knowledge), knowledge)(Situation(motion, profile), previous)
+    def __call__(self, situation: Situation, previous: Optional[Decision]) -> Decision:
+        """
+        Decide on the ground ahead.
 
+        A crossing that was begun goes on with half the margins, and one in contact goes on
+        until the centre has passed the face.
+        """
+        profile, motion = situation.profile, situation.motion
+        if profile is None:
+            return stop(Reason.STALE, 'Stopping: nothing has been observed yet')
+        step = next((face for face in profile.faces if face.position > motion.position), None)
+        pushing = self._push(previous, step, profile, motion)
+        if pushing is not None:
+            return pushing
+        slope = profile.slope if math.isfinite(profile.slope) else motion.slope
+        steep = self._halts.steep(profile, situation, slope, previous)
+        if steep is not None and (step is None or steep.distance < step.position
+                                  - motion.position):
+            return steep
+        if step is None:
+            return self._halts.cruise(profile, motion, slope)
+        drop = self._halts.drop(step, situation, slope, previous)
+        return drop or self._weigh(step, profile, situation, slope, previous)
 
-def _decide(profile: Optional[Profile], motion: Motion, previous: Optional[Decision],
-            knowledge: Knowledge) -> Decision:
-    """Return the decision on observations that can be used."""
-    robot, curve, tuning = knowledge.robot, knowledge.curve, knowledge.tuning
-    step = profile.face if profile is not None else None
-    distance = step.position - motion.position if step is not None else math.nan
-    pushing = _push(previous, step, motion, robot)
-    if pushing is not None:
-        return pushing
-    if step is None or distance <= 0.0:
-        return Decision(Kind.CLEAR, Reason.NOTHING_AHEAD, tuning.cruise_speed,
-                        f'Nothing ahead: cruising at {tuning.cruise_speed:.2f} m/s')
-    if step.height < -SMALLEST_DROP:
-        return stop(
-            Reason.DROP, f'Stopping: the floor drops by {-1e3 * step.height:.0f} mm at '
-            f'{distance:.2f} m', height=step.height, distance=distance, step=step.number)
-    return _weigh(step, distance, motion.speed, previous, robot, curve, tuning)
+    def _push(self, previous: Optional[Decision], step: Optional[Face], profile: Profile,
+              motion: Motion) -> Optional[Decision]:
+        """
+        Return the decision of a crossing ball in contact: on, unless it lasts too long.
 
-
-def _crosses(previous: Optional[Decision], step: Face) -> bool:
-    """Return whether the ball is on its way over this very step."""
-    return (previous is not None and previous.kind is Kind.CROSS
-            and previous.step == step.number)
-
-
-def _push(previous: Optional[Decision], step: Optional[Face], motion: Motion,
-          robot: Robot) -> Optional[Decision]:
-    """
-    Return the decision of a crossing ball in contact: on, unless it lasts too long.
-
-    Observations do not matter here.  The face is below the ball, the odometry slips, and
-    there is nothing better to do than to push.
-    """
-    if previous is None or step is None or not _crosses(previous, step):
-        return None
-    distance = step.position - motion.position
-    run_up = distance - touch_distance(robot.ball_radius, step.height)
-    since = previous.contact_since
-    if distance <= 0.0 or run_up > (0.0 if since is None else CONTACT_SLACK):
-        return None
-    since = motion.stamp if since is None else since
-    if not 0.0 <= motion.stamp - since <= LONGEST_CONTACT:
+        Observations do not matter here.  The face is below the ball, the odometry slips, and
+        there is nothing better to do than to push.
+        """
+        if previous is None or previous.kind is not Kind.CROSS or previous.plan is None:
+            return None
+        since = previous.contact_since
+        if step is None or step.number != previous.step:
+            # On top of a sill, before its far edge.
+            known = any(face.number == previous.step for face in profile.faces)
+            if not (known and since is not None and motion.position < previous.plan.edge):
+                return None
+            distance = -math.inf
+        else:
+            distance = step.position - motion.position
+            run_up = distance - touch_distance(self._radius, step.height)
+            if run_up > (0.0 if since is None else CONTACT_SLACK):
+                return None
+        since = motion.stamp if since is None else since
+        if not 0.0 <= motion.stamp - since <= LONGEST_CONTACT:
+            return replace(stop(
+                Reason.STUCK, 'Stopping: still not over the step after '
+                f'{LONGEST_CONTACT:g} s of pushing', height=previous.height,
+                distance=previous.distance, step=previous.step), outlook=previous.outlook)
         return replace(
-            previous, kind=Kind.STOP, reason=Reason.NO_ROOM, set_speed=0.0,
-            distance=distance, contact_since=None,
-            explanation='Stopping: still not over the step after '
-            f'{LONGEST_CONTACT:g} s of pushing; back off for a longer run-up')
-    return replace(
-        previous, reason=Reason.COMMITTED, distance=distance, contact_since=since,
-        explanation=f'On the step, {distance:.2f} m to its face: pushing on')
+            previous, reason=Reason.COMMITTED, contact_since=since,
+            distance=previous.distance if distance == -math.inf else distance,
+            explanation='On the step: going on')
+
+    def _margins(self, step: Face, motion: Motion, previous: Optional[Decision],
+                 room: float) -> float:
+        """Return the part of the margins that a crossing must keep."""
+        # What cannot be avoided any more is better crossed than hit.
+        if room < 0.0 and motion.speed > ROLLING:
+            return BEGUN
+        if previous is None or previous.step != step.number:
+            return 1.0
+        if previous.kind is Kind.CROSS:
+            return BEGUN
+        given_up = previous.kind in (Kind.STOP, Kind.GO_ROUND) and previous.reason not in (
+            Reason.STALE, Reason.CONTRADICTORY, Reason.BAD_OBSERVATION)
+        return GIVEN_UP if given_up and abs(motion.speed) > ROLLING else 1.0
+
+    def _weigh(self, step: Face, profile: Profile, situation: Situation, slope: float,
+               previous: Optional[Decision]) -> Decision:
+        """Return the decision on a step that does not drop."""
+        motion = situation.motion
+        distance = step.position - motion.position
+        room = self._halts.braking_room(step, motion, slope)
+        margins = self._margins(step, motion, previous, room)
+        before = previous if previous is not None and previous.step == step.number else None
+        begun = before if before is not None and before.kind is Kind.CROSS else None
+        failed = [one for one in situation.failures if one.face == step.number]
+        found = self._reckoning.reach(
+            step, distance, motion.speed, slope, margins=margins, faster_than=faster(failed),
+            kept=begun.set_speed if begun is not None else 0.0)
+        outlook = Outlook(
+            found.probability, 1.0 - found.probability, 0.0, self._tuning.required_probability,
+            found.driven, self._reckoning.height_limit(found.driven), room)
+        late = begun is not None and room < 0.0
+        answer = Decision(
+            Kind.CROSS, Reason.COMMITTED if room < 0.0 else Reason.WITHIN_CURVE,
+            found.set_speed, '', math.nan if found.required is None else found.required, found.reachable,
+            step.height, found.spare, distance, step.number, outlook=outlook)
+        where = f'{1e3 * step.height:.0f} mm at {distance:.2f} m: '
+        if found.slowest > self._curve.highest_speed:
+            return replace(
+                stop(Reason.TOO_FAST, f'{where}touched at {found.slowest:.2f} m/s even when '
+                     f'braking, the curve ends at {self._curve.highest_speed:.2f} m/s'),
+                **numbers(answer))
+        around = self._forbidden(step, found, failed)
+        land = beyond(profile, step, self._radius, PASSABLE, self._tuning)
+        if around is None and not late:
+            around = self._landing(step, found, land, slope, begun is not None)
+        if around is not None:
+            reason, why = around
+            return self._halts.stand(
+                replace(answer, kind=Kind.GO_ROUND, reason=reason,
+                        explanation=f'{where}{why}; find another way'),
+                step.position, situation, slope)
+        backing = before.plan if before is not None and before.kind is Kind.BACK_OFF else None
+        on_the_way = backing is not None and (
+            motion.position > backing.start + ARRIVED or motion.speed < -ROLLING)
+        if on_the_way or not answer.required_speed <= found.driven:
+            return self._longer_run_up(answer, where, step, situation, slope, backing, failed)
+        plan = self._plan(step, found, land, begun, motion)
+        return replace(
+            answer, plan=plan, start_distance=motion.position - plan.start,
+            swing_distance=plan.swing_position - motion.position,
+            explanation=f'{where}needs {answer.required_speed:.2f} m/s, {found.driven:.2f} m/s '
+            f'will be driven, {math.floor(1e3 * found.spare):.0f} mm to spare, probability '
+            f'{found.probability:.2f}')
+
+    def _plan(self, step: Face, found: Reach, land: Beyond, begun: Optional[Decision],
+              motion: Motion) -> Plan:
+        """Return the plan of a crossing."""
+        touch = step.position - touch_distance(self._radius, step.height)
+        start = begun.plan.start if begun is not None and begun.plan is not None \
+            else motion.position
+        cruising = found.set_speed <= self._tuning.cruise_speed
+        return Plan(Strategy.CRUISE if cruising else Strategy.ACCELERATE, start, found.set_speed,
+                    touch - HANGING * found.driven, 0.0, land.edge)
+
+    def _forbidden(self, step: Face, found: Reach,
+                   failed: List[Failure]) -> Optional[Tuple[Reason, str]]:
+        """Return why a step is not crossed from anywhere, if so."""
+        if step.height >= self._radius:
+            return Reason.WALL, 'a wall'
+        if len(failed) >= MOST_FAILURES:
+            return Reason.FAILED_BEFORE, f'tried {len(failed)} times'
+        if found.required is not None and found.required <= found.top:
+            return None
+        if failed and found.conservative <= self._curve.height(found.top):
+            return Reason.FAILED_BEFORE, 'tried already, and no faster way is allowed'
+        if found.required is None and found.conservative <= self._curve.height(found.top):
+            return Reason.NOT_LIKELY, (f'at {found.top:.2f} m/s not as likely as '
+                                       f'{self._tuning.required_probability:g}')
+        wish = 'more than the curve knows' if found.required is None \
+            else f'{found.required:.2f} m/s'
+        return Reason.TOO_HIGH, f'needs {wish}, {found.top:.2f} m/s is the most'
+
+    def _landing(self, step: Face, found: Reach, land: Beyond, slope: float,
+                 begun: bool) -> Optional[Tuple[Reason, str]]:
+        """Return why what lies behind a step forbids to cross it, if so."""
+        driven = max(found.driven, found.required or 0.0)
+        if land.known:
+            fastest = self._reckoning.speed_behind(step, driven, self._tuning.sigma_margin)
+            needed = self._halts.braking.distance(fastest, min(0.0, slope), emergency=True)
+        else:
+            fastest = self._reckoning.speed_behind(step, driven, 0.0)
+            needed = self._halts.braking.expected_distance(fastest, min(0.0, slope))
+        if needed * (BEGUN_LANDING if begun else 1.0) <= land.room:
+            return None
+        return Reason.LANDING, (f'behind it {land.room:.2f} m until {land.trouble}, '
+                                f'{needed:.2f} m to stop from {fastest:.2f} m/s')
+
+    def _longer_run_up(self, answer: Decision, where: str, step: Face, situation: Situation,
+                       slope: float, backing: Optional[Plan], failed: List[Failure]) -> Decision:
+        """Return BACK_OFF to where the run-up is long enough, or that there is no room."""
+        position, needed = situation.motion.position, answer.required_speed
+        touch = step.position - touch_distance(self._radius, step.height)
+        start = touch - self._reckoning.run_up_for(needed, slope)
+        if backing is not None and backing.start >= situation.free_from:
+            start = backing.start
+        reached = answer.outlook.touch_speed if answer.outlook is not None else math.nan
+        short = f'needs {needed:.2f} m/s, only {reached:.2f} m/s reachable from here'
+        if start >= situation.free_from:
+            return replace(
+                answer, kind=Kind.BACK_OFF, reason=Reason.RUN_UP, set_speed=0.0,
+                plan=Plan(Strategy.BACK_OFF, start), start_distance=position - start,
+                explanation=f'{where}{short}; backing off by {position - start:.2f} m')
+        if failed:
+            return self._halts.stand(
+                replace(answer, kind=Kind.GO_ROUND, reason=Reason.FAILED_BEFORE,
+                        explanation=f'{where}tried already; {short}; find another way'),
+                step.position, situation, slope)
+        return replace(stop(Reason.NO_ROOM, f'{where}{short}; a longer run-up would do'),
+                       **numbers(answer))
 
 
-def _weigh(step: Face, distance: float, speed: float, previous: Optional[Decision],
-           robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> Decision:
-    """Return the decision on a known step ahead."""
-    margins = (tuning.speed_margin, tuning.height_margin, tuning.sigma_margin)
-    reason = Reason.WITHIN_CURVE
-    found = reach(step, distance, speed, margins, robot, curve, tuning)
-    if _crosses(previous, step) and found.run_up < tuning.braking_distance(speed):
-        reason, margins = Reason.COMMITTED, tuning.halved
-        found = reach(step, distance, speed, margins, robot, curve, tuning)
-    needed = found.required
-    answer = Decision(
-        Kind.CROSS, reason, 0.0, '', math.nan if needed is None else needed,
-        found.reachable, step.height, found.spare, distance, step.number)
-    where = f'{1e3 * step.height:.0f} mm at {distance:.2f} m'
-    if needed is None or needed > found.top:
-        wish = 'more than the curve knows' if needed is None else f'{needed:.2f} m/s'
-        return replace(
-            answer, kind=Kind.GO_ROUND, reason=Reason.TOO_HIGH,
-            set_speed=min(tuning.cruise_speed, found.top),
-            explanation=f'{where}: needs {wish}, {found.top:.2f} m/s is the most; '
-            'find another way')
-    if found.slowest > curve.highest_speed:
-        return replace(
-            answer, kind=Kind.STOP, reason=Reason.TOO_FAST,
-            explanation=f'{where}: touched at {found.slowest:.2f} m/s even when braking, the '
-            f'curve ends at {curve.highest_speed:.2f} m/s')
-    if not needed <= found.reachable:
-        return replace(
-            answer, kind=Kind.STOP, reason=Reason.NO_ROOM,
-            explanation=f'{where}: needs {needed:.2f} m/s, only {found.reachable:.2f} m/s '
-            'reachable from here; a longer run-up would do')
-    # Going on with half the margins is no reason to slow down.
-    pace = previous.set_speed if previous and reason is Reason.COMMITTED else 0.0
-    return replace(
-        answer, set_speed=min(found.top, max(tuning.cruise_speed, needed + HEADROOM, pace)),
-        explanation=f'{where}: needs {needed:.2f} m/s, {found.reachable:.2f} m/s reachable, '
-        f'{math.floor(1e3 * found.spare):.0f} mm to spare')
+def numbers(answer: Decision) -> Dict[str, Any]:
+    """Return what a decision says of the step."""
+    return {name: getattr(answer, name) for name in (
+        'required_speed', 'reachable_speed', 'height', 'height_margin', 'distance', 'step',
+        'outlook')}
+
+
+def faster(failed: List[Failure]) -> float:
+    """Return the speed at touch below which a plan is one that failed already [m/s]."""
+    return max((max(FASTER * one.touch_speed, one.plan.speed) for one in failed), default=0.0)

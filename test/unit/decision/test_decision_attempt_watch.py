@@ -64,7 +64,7 @@ def drive(ground, speed, lean, robot=GIMBALL, unseen=UNSEEN, seconds=4.5):
                 Motion(now, x, v, state.pendulum_angle), profile, decision)
             if outcome is not None:
                 outcomes.append(outcome)
-            angle = min(max(TUNING.speed_gain * (speed - v), -lean), lean)
+            angle = min(max(1.8 * (speed - v), -lean), lean)
             controller.give(SetPoint('hold', angle, now))
         late, torque = torque, controller.torque(JointReadings(
             now, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate))

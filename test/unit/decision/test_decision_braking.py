@@ -6,17 +6,19 @@ import math
 from hypothesis import given, strategies
 import pytest
 
+from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import load_decision_tuning
 from ballbot_ros.decision.braking import Braking
 from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL, TUNING = load_robot('gimball'), load_decision_tuning('decision_default')
-BRAKING = Braking(GIMBALL, TUNING)
+CONTROL = load_tuning('published')
+BRAKING = Braking(GIMBALL, TUNING, CONTROL)
 slopes = strategies.floats(-0.15, 0.15)
 
 
 def test_on_a_level_floor_it_counts_on_what_the_tuning_says():
-    uneven = Braking(GIMBALL, replace(TUNING, acceleration=0.3))
+    uneven = Braking(GIMBALL, replace(TUNING, acceleration=0.3), CONTROL)
     assert uneven.acceleration(0.0) == pytest.approx(0.3)
     assert uneven.deceleration(0.0) == pytest.approx(TUNING.deceleration)
     assert uneven.deceleration(0.0, emergency=True) > TUNING.deceleration
@@ -24,9 +26,14 @@ def test_on_a_level_floor_it_counts_on_what_the_tuning_says():
 
 def test_the_way_to_a_stop_is_reaction_and_then_braking():
     slow = Braking(GIMBALL, replace(TUNING, reaction_time=0.5, actuation_delay=0.1,
-                                    deceleration=0.25))
-    assert slow.distance(1.0, 0.0) == pytest.approx(0.6 + 2.0)
+                                    deceleration=0.25), CONTROL)
+    # The law takes its swing time, and eases off below 0.25 / 2 m/s.
+    assert slow.distance(1.0, 0.0) == pytest.approx(
+        0.6 + 0.15 + (1.0 - 0.125**2) / 0.5 + 0.125 / 2.0)
     assert slow.distance(-1.0, 0.0) == 0.0
+    strong = slow.deceleration(0.0, emergency=True)
+    assert slow.distance(1.0, 0.0, emergency=True) == pytest.approx(0.75 + 0.5 / strong)
+    assert slow.expected_distance(1.0, 0.0) < slow.distance(1.0, 0.0, emergency=True)
 
 
 @given(strategies.floats(0.0, 1.5), slopes, slopes, strategies.booleans())
@@ -46,3 +53,28 @@ def test_beyond_the_steepest_slope_nothing_brakes():
     assert math.isfinite(BRAKING.distance(0.1, -BRAKING.steepest + 1e-6, emergency=True))
     assert BRAKING.distance(0.1, -BRAKING.steepest - 1e-6, emergency=True) == math.inf
     assert BRAKING.speed_within(10.0, -BRAKING.steepest - 1e-6, emergency=True) == 0.0
+
+
+def rolled(speed, set_speed, room, acceleration):
+    """Return the speed after some room, where the law asks for 2 / s times the error."""
+    position, step = 0.0, 1e-4
+    while position < room:
+        wanted = 2.0 * (set_speed - speed)
+        position += step * speed
+        speed += step * min(max(wanted, -0.4), acceleration)
+    return speed
+
+
+@pytest.mark.parametrize('speed, set_speed, room', [
+    (0.001, 1.1, 0.3), (0.001, 1.1, 2.5), (0.4, 0.45, 0.2), (0.4, 0.9, 0.6), (1.0, 0.5, 0.3),
+    (1.0, 0.5, 3.0), (0.5, 0.5, 1.0)])
+def test_the_speed_at_touch_is_that_of_the_law(speed, set_speed, room):
+    assert BRAKING.touch_speed(speed, set_speed, room, 0.0) == pytest.approx(
+        rolled(speed, set_speed, room, TUNING.acceleration), abs=2e-3)
+
+
+def test_a_slope_takes_from_the_speed_at_touch():
+    level = BRAKING.touch_speed(0.0, 1.1, 1.0, 0.0)
+    assert BRAKING.touch_speed(0.0, 1.1, 1.0, 0.03) < level - 0.1
+    assert BRAKING.touch_speed(0.0, 1.1, 1.0, -0.03) > level
+    assert BRAKING.touch_speed(0.3, 1.1, 1.0, 0.2) == 0.3, 'too steep to speed up on'

@@ -9,12 +9,19 @@ import pytest
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import (
-    decide, Decision, Face, Kind, load_curve, load_decision_tuning, Motion, Profile, Reason)
+    Decision, Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion, Plan, Profile,
+    Reason, Situation, Strategy)
+from ballbot_ros.decision.braking import Braking
+from ballbot_ros.decision.guard import guarded
+from ballbot_ros.decision.planners import cubic
+from ballbot_ros.decision.planners.reach import Reckoning
 from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL = load_robot('gimball')
 CURVE = load_curve('gimball_down')
 TUNING = load_decision_tuning('decision_default')
+KNOWN = Knowledge(GIMBALL, CURVE, TUNING)
+DECIDE = guarded(cubic.planner(KNOWN), KNOWN)
 anything = strategies.floats(allow_nan=True, allow_infinity=True)
 heights = strategies.floats(-0.05, 0.12)
 distances = strategies.floats(0.0, 4.0)
@@ -25,26 +32,30 @@ def on(height=0.031, distance=0.8, speed=0.8, *, previous=None, sd=0.0005, now=0
        rejection=None):
     """Return the decision on a step at `distance` ahead of a ball at 0."""
     step = Face(1, distance, height, 0.01, sd)
-    return decide(
-        Profile(now if stamp is None else stamp, (step,), rejection=rejection,
-                explanation='it is a test'),
-        Motion(now, 0.0, speed), previous, robot=GIMBALL, curve=CURVE, tuning=TUNING)
+    return DECIDE(Situation(
+        Motion(now, 0.0, speed), Profile(now if stamp is None else stamp, (step,),
+                                         rejection=rejection, explanation='it is a test')),
+        previous)
 
 
 def crossing(**numbers):
-    return Decision(Kind.CROSS, Reason.WITHIN_CURVE, 0.9, '', step=1, **numbers)
+    return Decision(Kind.CROSS, Reason.WITHIN_CURVE, 0.9, '', step=1,
+                    plan=Plan(Strategy.ACCELERATE, 0.0, 0.9, edge=0.0), **numbers)
 
 
 @pytest.mark.parametrize('height, distance, speed, kind, reason', [
-    (0.031, 0.80, 0.80, 'cross', 'within_curve'),
+    (0.031, 0.80, 0.80, 'cross', 'committed'),       # too late to stop
+    (0.031, 0.80, 0.40, 'stop', 'no_room'),
+    (0.031, 1.30, 0.40, 'cross', 'within_curve'),
     (0.031, 1.20, 0.00, 'cross', 'within_curve'),    # the paper's run-up
-    (0.005, 0.30, 0.40, 'cross', 'within_curve'),
+    (0.005, 0.30, 0.40, 'cross', 'committed'),
+    (0.005, 0.60, 0.40, 'cross', 'within_curve'),
     (0.000, 1.00, 0.40, 'cross', 'within_curve'),    # a line on the floor
     (0.031, 0.40, 0.30, 'stop', 'no_room'),
     (0.035, 0.50, 0.40, 'stop', 'no_room'),
     (0.056, 3.00, 0.40, 'go_round', 'too_high'),
     (0.080, 1.20, 0.00, 'go_round', 'too_high'),
-    (0.500, 1.20, 0.00, 'go_round', 'too_high'),     # a wall
+    (0.500, 1.20, 0.00, 'go_round', 'wall'),
     (0.031, 0.20, 1.40, 'stop', 'too_fast'),
     (-0.03, 1.00, 0.40, 'stop', 'drop')])
 def test_golden_cases(height, distance, speed, kind, reason):
@@ -54,43 +65,75 @@ def test_golden_cases(height, distance, speed, kind, reason):
 
 
 @pytest.mark.parametrize('where, numbers', [
-    # Height [mm], distance, speed asked for, speed reachable, height to spare [mm].
-    ({'distance': 0.62, 'speed': 0.86}, ['31', '0.62', '0.92', '1.07', '7']),
+    # Height [mm], distance, speed asked for, speed driven, height to spare [mm], probability.
+    ({'distance': 1.3, 'speed': 0.5}, ['31', '1.30', '0.93', '0.95', '0', '1.00']),
     ({'height': -0.03}, ['30', '0.80']),
     ({'height': 0.08}, ['80', '0.80', '1.10']),
-    ({'height': 2.0}, ['2000', '0.80', '1.10']),
+    ({'height': 2.0}, ['2000', '0.80']),
     ({'height': -2.0}, ['2000', '0.80']),
     ({'distance': 0.2, 'speed': 1.4}, ['31', '0.20', '1.38', '1.20']),
-    ({'distance': 0.4, 'speed': 0.3}, ['31', '0.40', '0.92', '0.56']),
-    ({'now': 1.0, 'stamp': 0.5}, ['0.50', '0.3']),
-    ({'now': 1.0, 'stamp': 1.5}, ['0.50', '0.3'])])
+    ({'distance': 0.4, 'speed': 0.3}, ['31', '0.40', '0.93', '0.59']),
+    ({'now': 1.0, 'stamp': 0.3}, ['0.70', '0.6']),
+    ({'now': 1.0, 'stamp': 1.7}, ['0.70', '0.6'])])
 def test_the_explanation_has_the_numbers_in_it(where, numbers):
     assert re.findall(r'\d+\.?\d*', on(**where).explanation) == numbers
 
 
 def test_an_observation_from_the_future_is_not_called_old():
-    old, early = (on(now=1.0, stamp=stamp).explanation for stamp in (0.5, 1.5))
+    old, early = (on(now=1.0, stamp=stamp).explanation for stamp in (0.3, 1.7))
     assert 'old' in old and 'ahead' in early and 'old' not in early
 
 
 def test_the_numbers_of_the_answer_are_those_of_the_step_and_its_margins():
-    answer = on(0.031, 0.62, 0.86, sd=0.001)
-    assert (answer.height, answer.distance, answer.step) == (0.031, 0.62, 1)
-    # Two deviations and 2 mm more in height, 8 % more in speed.
-    assert answer.required_speed == pytest.approx(1.08 * CURVE.required_speed(0.035))
-    room = 0.62 - touch_distance(GIMBALL.ball_radius, 0.031)
-    assert answer.reachable_speed == pytest.approx(math.sqrt(0.86**2 + 0.8 * room))
-    assert answer.height_margin == pytest.approx(
-        CURVE.height(answer.reachable_speed / 1.08) - 0.035)
+    answer = on(0.031, 1.3, 0.5, sd=0.001)
+    assert (answer.height, answer.distance, answer.step) == (0.031, 1.3, 1)
+    # Two deviations, with those of a bias, and 2 mm more in height, 8 % more in speed.
+    conservative = 0.031 + 2.0 * math.hypot(0.001, TUNING.height_bias_sd) + 0.002
+    assert answer.required_speed == pytest.approx(1.08 * CURVE.required_speed(conservative))
+    room = 1.3 - touch_distance(GIMBALL.ball_radius, 0.031)
+    braking = Braking(GIMBALL, TUNING, KNOWN.control)
+    assert answer.reachable_speed == braking.touch_speed(0.5, 1.1, room, 0.0)
+    # What counts is the speed that is driven, not the one that could be reached.
+    driven = braking.touch_speed(0.5, answer.set_speed, room, 0.0)
+    assert answer.required_speed <= driven < answer.reachable_speed
+    assert answer.outlook.touch_speed == driven
+    assert answer.height_margin == pytest.approx(CURVE.height(driven / 1.08) - conservative)
+
+
+def test_the_probability_is_that_of_the_band_at_the_speed_driven():
+    sure = Knowledge(GIMBALL, CURVE, replace(TUNING, speed_margin=0.0, height_bias_sd=0.0))
+    reckoning = Reckoning(sure, Braking(GIMBALL, TUNING, KNOWN.control))
+    for speed, height in ((0.7, 0.0256), (0.9, 0.036), (1.05, 0.0443)):
+        assert reckoning.probability(speed, height, 0.0) == pytest.approx(
+            CURVE.band.probability_of_passing(speed, height))
+    # What is uncertain of the height draws it towards a half.
+    assert 0.5 < reckoning.probability(0.7, 0.024, 0.002) < reckoning.probability(0.7, 0.024, 0.0)
+    assert 0.5 > reckoning.probability(0.7, 0.027, 0.002) > reckoning.probability(0.7, 0.027, 0.0)
+    answer = on(0.031, 1.3, 0.5)
+    assert TUNING.required_probability < answer.outlook.probability <= 1.0
+    assert answer.outlook.required == TUNING.required_probability
+    assert answer.outlook.height_limit == CURVE.band.quantile(
+        answer.outlook.touch_speed, 1.0 - TUNING.required_probability)
+
+
+def test_more_confidence_asks_for_more_speed():
+    def required(probability):
+        known = replace(KNOWN, tuning=replace(
+            TUNING, required_probability=probability, sigma_margin=0.0, height_margin=0.001))
+        return Reckoning(known, Braking(GIMBALL, TUNING, KNOWN.control)).reach(
+            Face(1, 3.0, 0.03, 0.01, 0.001), 3.0, 0.4, 0.0).required
+
+    speeds = [required(probability) for probability in (0.5, 0.9, 0.99, 0.999)]
+    assert speeds == sorted(speeds) and speeds[-1] > speeds[0] + 0.02
 
 
 def test_what_could_be_added_is_unknown_below_the_curve_and_negative_where_it_is_too_high():
     assert math.isnan(on(0.031, 0.13, 0.0).height_margin)
-    assert on(0.08, 2.0).height_margin == pytest.approx(CURVE.height(1.1 / 1.08) - 0.083)
+    assert on(0.08, 2.0).height_margin < -0.035
 
 
-def test_a_deviation_below_zero_is_none():
-    assert on(sd=-0.01).required_speed == on(sd=0.0).required_speed
+def test_a_deviation_below_zero_is_one_above():
+    assert on(sd=-0.01).required_speed == on(sd=0.01).required_speed
 
 
 def test_backwards_is_as_slow_as_at_rest():
@@ -99,12 +142,26 @@ def test_backwards_is_as_slow_as_at_rest():
 
 @pytest.mark.parametrize('where, speed', [
     ({'height': 0.0}, 0.4),                         # as fast as it cruises
-    ({}, 1.02),                                     # a headroom above what is asked for
+    ({}, 0.98),                                     # a headroom above what is asked for
     ({'height': 0.0375, 'distance': 1.5}, 1.1),     # no faster than allowed
-    ({'height': 0.08}, 0.4), ({'distance': 0.4, 'speed': 0.3}, 0.0),
-    ({'distance': 0.2, 'speed': 1.4}, 0.0), ({'height': -0.03}, 0.0)])
+    ({'distance': 0.4, 'speed': 0.3}, 0.0), ({'distance': 0.2, 'speed': 1.4}, 0.0)])
 def test_the_set_speed(where, speed):
     assert on(**where).set_speed == pytest.approx(speed, abs=0.005)
+
+
+@pytest.mark.parametrize('height, kind', [(0.08, 'go_round'), (-0.03, 'stop'), (0.5, 'go_round')])
+def test_it_stands_with_the_gap_before_what_it_does_not_cross(height, kind):
+    answer = on(height, 2.0)
+    assert (answer.kind.value, answer.set_speed) == (kind, TUNING.cruise_speed)
+    assert answer.plan.stop_position == 2.0 - GIMBALL.ball_radius - TUNING.stop_gap
+    near = on(height, 0.6, 0.2)
+    assert 0.0 < near.set_speed < TUNING.cruise_speed
+    # Where there is no such room, at once; not back over ground that may not be free.
+    at_once = on(height, 0.4, 0.2)
+    assert at_once.set_speed == 0.0 and at_once.plan.stop_position == math.inf
+    step = Face(1, 0.4, height, 0.01, 0.0)
+    free = DECIDE(Situation(Motion(0.0, 0.0, 0.2), Profile(0.0, (step,)), free_from=-0.2), None)
+    assert free.plan.stop_position == pytest.approx(0.4 - GIMBALL.ball_radius - TUNING.stop_gap)
 
 
 def test_a_drop_is_told_from_an_uneven_floor():
@@ -121,15 +178,13 @@ def test_a_stop_for_its_observation_still_names_the_step(reason):
 
 
 def test_an_observation_without_a_step_is_refused_for_its_age_too():
-    answer = decide(Profile(0.0), Motion(1.0, 0.0, 0.4), None, robot=GIMBALL, curve=CURVE,
-                    tuning=TUNING)
+    answer = DECIDE(Situation(Motion(1.0, 0.0, 0.4), Profile(0.0)), None)
     assert (answer.reason, answer.step) == (Reason.STALE, 0)
     assert math.isnan(answer.distance)
 
 
 def test_nothing_ahead_is_cruised():
-    answer = decide(Profile(0.0), Motion(0.1, 0.0, 0.4), None, robot=GIMBALL, curve=CURVE,
-                    tuning=TUNING)
+    answer = DECIDE(Situation(Motion(0.1, 0.0, 0.4), Profile(0.0)), None)
     assert answer.kind is Kind.CLEAR and answer.set_speed == TUNING.cruise_speed
     assert on(distance=0.0).kind is Kind.CLEAR and on(distance=1e-6).kind is not Kind.CLEAR
 
@@ -138,14 +193,18 @@ def test_nothing_ahead_is_cruised():
 def test_crossing_is_only_tried_when_fast_enough_at_touch(height, distance, speed, sd):
     answer = on(height, distance, speed, sd=sd)
     if answer.kind is not Kind.CROSS:
-        assert answer.set_speed in (0.0, TUNING.cruise_speed)
+        assert 0.0 <= answer.set_speed <= TUNING.cruise_speed
         return
-    assert answer.required_speed <= answer.reachable_speed <= TUNING.highest_speed
+    assert answer.required_speed <= answer.outlook.touch_speed
     assert answer.height_margin >= -1e-9
     assert answer.set_speed >= answer.required_speed
     room = max(0.0, distance - touch_distance(GIMBALL.ball_radius, height))
-    assert answer.reachable_speed**2 <= max(speed, 0.0)**2 + 0.8 * room + 1e-9
-    assert CURVE.height(answer.required_speed) >= height + 2.0 * sd
+    assert answer.outlook.touch_speed**2 <= max(
+        max(speed, 0.0), answer.set_speed)**2 + 1e-9
+    assert answer.reachable_speed**2 <= max(speed, 0.0)**2 + 0.92 * room + 1e-9
+    late = answer.reason is Reason.COMMITTED
+    assert CURVE.height(min(answer.required_speed, 1.2)) >= height + (1.0 if late else 2.0) * sd
+    assert answer.outlook.probability >= (0.8 if late else 0.9) - 1e-3
 
 
 @given(heights, heights, distances, speeds)
@@ -179,12 +238,11 @@ def test_odometry_that_is_not_finite_stops(speed, now):
 
 
 def test_old_missing_and_future_observations_stop():
-    assert on(now=10.0, stamp=9.71).kind is Kind.CROSS
-    for stamp in (9.69, 0.0, 10.5):
+    assert on(now=10.0, stamp=9.41).kind is Kind.CROSS
+    for stamp in (9.39, 0.0, 10.7):
         answer = on(now=10.0, stamp=stamp)
         assert (answer.kind, answer.reason) == (Kind.STOP, Reason.STALE)
-    answer = decide(None, Motion(0.0, 0.0, 0.4), None, robot=GIMBALL, curve=CURVE,
-                    tuning=TUNING)
+    answer = DECIDE(Situation(Motion(0.0, 0.0, 0.4)), None)
     assert (answer.kind, answer.reason) == (Kind.STOP, Reason.STALE)
 
 
@@ -195,17 +253,33 @@ def test_a_rejected_observation_stops_with_its_reason(reason):
     assert 'it is a test' in answer.explanation
 
 
-def test_a_crossing_past_the_point_of_no_return_goes_on_with_half_the_margins():
-    # Full margins ask for 0.92 m/s, half of them for 0.86 m/s, the step itself for 0.80 m/s.
-    assert on(distance=0.15, speed=0.88).reason is Reason.NO_ROOM
-    answer = on(distance=0.15, speed=0.88, previous=crossing())
-    assert (answer.kind, answer.reason) == (Kind.CROSS, Reason.COMMITTED)
-    assert answer.set_speed >= 0.9
+def test_a_crossing_that_was_begun_goes_on_with_half_the_margins():
+    # Full margins ask for 0.93 m/s, half of them for 0.86 m/s, the step itself for 0.80 m/s.
+    assert on(distance=0.87, speed=0.4).reason is Reason.NO_ROOM
+    answer = on(distance=0.87, speed=0.4, previous=crossing())
+    assert (answer.kind, answer.reason) == (Kind.CROSS, Reason.WITHIN_CURVE)
+    assert answer.required_speed == pytest.approx(0.86, abs=0.005)
     # It does not slow down for having halved its margins.
+    assert answer.set_speed > 0.93
     fast = replace(crossing(), set_speed=1.05)
-    assert on(distance=0.15, speed=0.88, previous=fast).set_speed == 1.05
-    # As long as it could still stop, it drives no faster than it must.
-    assert on(distance=3.0, previous=fast).set_speed == on(distance=3.0).set_speed < 1.05
+    assert on(distance=1.5, speed=0.9, previous=fast).set_speed == 1.05
+    # A step that turns out much lower is not taken as fast as before.
+    assert on(0.01, distance=3.0, previous=fast).set_speed < 0.7
+
+
+def test_what_cannot_be_avoided_any_more_is_rather_crossed_than_hit():
+    assert on(distance=0.15, speed=0.88).reason is Reason.COMMITTED
+    assert on(distance=0.15, speed=0.7).kind is Kind.STOP
+
+
+def test_what_was_given_up_is_not_taken_up_again_while_rolling_without_news():
+    begun = on(distance=0.92, speed=0.4)
+    assert begun.kind is Kind.CROSS and begun.height_margin < 0.002
+    given_up = replace(on(distance=0.87, speed=0.4), reason=Reason.NO_ROOM)
+    assert on(distance=0.92, speed=0.4, previous=given_up).kind is Kind.STOP
+    assert on(0.029, distance=0.92, speed=0.4, previous=given_up).kind is Kind.CROSS
+    stale = replace(given_up, reason=Reason.STALE)
+    assert on(distance=0.92, speed=0.4, previous=stale).kind is Kind.CROSS
 
 
 def test_a_hopeless_crossing_is_broken_off_even_then():
@@ -214,7 +288,7 @@ def test_a_hopeless_crossing_is_broken_off_even_then():
 
 def test_commitment_is_to_one_step_only():
     other = replace(crossing(), step=2)
-    assert on(distance=0.15, speed=0.88, previous=other).kind is Kind.STOP
+    assert on(distance=0.87, speed=0.4, previous=other).kind is Kind.STOP
 
 
 def test_in_contact_it_pushes_until_the_centre_has_passed():
@@ -231,7 +305,7 @@ def test_in_contact_it_pushes_until_the_centre_has_passed():
 def test_a_ball_that_does_not_get_over_stops_pushing():
     answer = on(distance=0.1, speed=0.1, previous=crossing())
     answer = on(distance=0.1, speed=0.0, now=1.6, previous=answer)
-    assert (answer.kind, answer.reason) == (Kind.STOP, Reason.NO_ROOM)
+    assert (answer.kind, answer.reason) == (Kind.STOP, Reason.STUCK)
     assert (answer.set_speed, answer.distance, answer.contact_since) == (0.0, 0.1, None)
     assert on(distance=0.1, speed=0.0, now=1.7, previous=answer).kind is Kind.STOP
 

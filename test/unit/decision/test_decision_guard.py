@@ -107,7 +107,7 @@ def test_latency_near_the_limit_does_not_alternate():
     assert old.reason is Reason.STALE
     assert unusable(situation(age=0.99 * most), None, TUNING) is None
     assert unusable(situation(age=0.99 * most), old, TUNING).reason is Reason.STALE
-    assert unusable(situation(age=0.79 * most), old, TUNING) is None
+    assert unusable(situation(age=0.89 * most), old, TUNING) is None
 
 
 @given(*[anything] * 9)

@@ -28,8 +28,16 @@ def test_what_does_not_belong_together_is_refused(curve, change, complaint):
 
 def test_shipped_tuning_fits_the_shipped_curves():
     assert TUNING == DecisionTuning()
-    for name in ('gimball_down', 'gimball_free', 'gimball_horizontal'):
+    check_decision(GIMBALL, load_curve('gimball_down'), TUNING)
+
+
+@pytest.mark.parametrize('name, told', [('gimball_horizontal', '1.5708 rad'),
+                                        ('gimball_free', 'law ')])
+def test_a_curve_for_another_approach_is_refused(name, told):
+    with pytest.raises(ConfigurationError, match=told + '.*held by law position at 0 rad'):
         check_decision(GIMBALL, load_curve(name), TUNING)
+    unknown = replace(load_curve(name), made=None)
+    check_decision(GIMBALL, unknown, TUNING)
 
 
 def test_cruising_above_the_limit_is_refused():
@@ -50,7 +58,7 @@ TINY = 1e-9
 
 @pytest.mark.parametrize('name, allowed, refused', [
     *((name, [TINY], [0.0, -TINY]) for name in (
-        'acceleration', 'deceleration', 'reaction_time', 'speed_gain', 'observation_timeout',
+        'acceleration', 'deceleration', 'reaction_time', 'observation_timeout',
         'contradiction_sigma', 'cruise_speed')),
     *((name, [0.0], [-TINY]) for name in (
         'height_margin', 'sigma_margin', 'stop_gap', 'room_behind', 'unseen_room',
@@ -78,17 +86,6 @@ def test_what_just_belongs_together_is_accepted():
         cruise_speed=CURVE.lowest_speed, acceleration=possible, deceleration=possible))
     with pytest.raises(ConfigurationError, match='deceleration must be at most'):
         check_decision(GIMBALL, CURVE, replace(TUNING, deceleration=possible + 1e-6))
-
-
-def test_braking_takes_the_reaction_and_then_the_deceleration():
-    tuning = replace(TUNING, reaction_time=0.5, deceleration=0.25)
-    assert tuning.braking_distance(1.0) == pytest.approx(0.5 + 2.0)
-    assert tuning.braking_distance(-1.0) == 0.0
-
-
-def test_half_the_margins():
-    tuning = replace(TUNING, speed_margin=0.1, height_margin=0.004, sigma_margin=3.0)
-    assert tuning.halved == (0.05, 0.002, 1.5)
 
 
 def test_a_curve_is_refused_by_a_robot_of_other_numbers():
