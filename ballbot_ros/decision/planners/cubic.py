@@ -148,8 +148,8 @@ class Cubic:
         late = begun is not None and room < 0.0
         answer = Decision(
             Kind.CROSS, Reason.COMMITTED if room < 0.0 else Reason.WITHIN_CURVE,
-            found.set_speed, '', math.nan if found.required is None else found.required, found.reachable,
-            step.height, found.spare, distance, step.number, outlook=outlook)
+            found.set_speed, '', math.nan if found.required is None else found.required,
+            found.reachable, step.height, found.spare, distance, step.number, outlook=outlook)
         where = f'{1e3 * step.height:.0f} mm at {distance:.2f} m: '
         if found.slowest > self._curve.highest_speed:
             return replace(
