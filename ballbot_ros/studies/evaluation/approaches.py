@@ -10,6 +10,8 @@ from typing import Optional
 
 import numpy as np
 
+from ballbot_ros.control import load_tuning
+from ballbot_ros.decision.braking import Braking
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.physics.model.named_parameters import with_parameters
 from ballbot_ros.physics.model.robot import Robot
@@ -85,7 +87,8 @@ def draw_approach(nominal: Robot, tuning: DecisionTuning, seed: int, number: int
     slope = float(random.uniform(-STEEPEST, STEEPEST)) if random.random() < 0.6 else 0.0
     speed = round(float(random.uniform(0.1, 0.6)), 2) if random.random() < 0.4 else 0.0
     # Nobody is started where he cannot stop any more.
-    late = speed * flaws.faults.latency + tuning.braking_distance(speed)
+    braking = Braking(nominal, tuning, load_tuning('published'))
+    late = speed * flaws.faults.latency + braking.distance(speed, min(0.0, slope), emergency=True)
     room = late + float(random.uniform(0.2, 2.2))
     behind = round(float(random.uniform(0.3, 1.5)), 2) if random.random() < 0.5 else 0.0
     brink = random.random() < 0.5
