@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fuse observations of the next step with odometry into one step, or say why not."""
+from dataclasses import replace
 import math
 from typing import Optional, Tuple
 
 from ballbot_ros.decision.observations import StepObservation
+from ballbot_ros.decision.perception.trend import Scatter, Trend
 from ballbot_ros.decision.profile import Face, Profile
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Reason
@@ -12,7 +14,16 @@ from ballbot_ros.physics.model.robot import Robot
 # No sensor is as good as the zero deviation that some claim: odometry and observation are
 # never of exactly the same moment, and odometry drifts while the step is approached.
 DISTANCE_FLOOR = 0.010   # [m]
-HEIGHT_FLOOR = 0.0005    # [m]
+HEIGHT_FLOOR = 0.0001    # [m]
+
+# Deviations of a look where none are told, until looks have shown how they scatter [m].
+UNTOLD_DISTANCE, UNTOLD_HEIGHT = 0.020, 0.005
+
+# Looks that scatter more are not noisy but contradict each other; no average is better [m].
+NOISE = 0.010
+
+# What is told is believed until looks scatter by so many times as much.
+BELIEVED = 1.5
 
 # A step this close ahead of the centre may be seen as passed already.
 PASSED_SLACK = 0.02      # [m]
@@ -29,7 +40,9 @@ class StepTracker:
     Keeps the next step ahead.
 
     Observations of one step are averaged with weights 1 / variance at a fixed place on the
-    odometry axis.  Once the centre has passed that place, the next detection is another
+    odometry axis.  A standard deviation of 0 is unknown and estimated from how looks scatter;
+    none of the average falls below that of a constant error.  A height that changes with the
+    distance from which it is seen is uncertain by what it may change yet.  Once the centre has passed that place, the next detection is another
     step.  One that contradicts the step by more than `contradiction_sigma` deviations is
     reported, not averaged in; after `forget_after` of them in a row the newest is believed,
     for then the world has changed.  After as many looks that find nothing the step is
@@ -41,12 +54,15 @@ class StepTracker:
         self._radius = robot.ball_radius
         self._sigmas = tuning.contradiction_sigma
         self._patience = tuning.forget_after
+        self._bias = tuning.height_bias_sd
+        self._untold_bias = max(tuning.height_bias_sd, tuning.untold_bias_sd)
         self._number = 0
         self.reset()
 
     def reset(self) -> None:
         """Forget all, for a jump of time or place; the numbers of steps go on counting."""
         self._step: Optional[Face] = None
+        self._trend, self._heights, self._places = Trend(), Scatter(), Scatter()
         self._answer: Optional[Profile] = None
         self._newest = -math.inf
         self._strikes = 0
@@ -81,6 +97,10 @@ class StepTracker:
             return self._reject(
                 observation, Reason.CONTRADICTORY, 'nothing is detected, and yet it is '
                 f'{1e3 * observation.height:.0f} mm high')
+        if observation.detected:
+            # Whether it is believed or not: it tells how looks scatter.
+            self._heights.add(observation.height)
+            self._places.add(position + observation.distance)
         contradiction = self._contradiction(observation, position)
         if contradiction:
             self._strikes += 1
@@ -89,16 +109,35 @@ class StepTracker:
             self._replace(observation, position)
         self._strikes = 0
         self._newest = observation.stamp
+        seen_to = math.inf
         if observation.detected:
             self._take(observation, position)
         else:
             self._miss(position)
-        return Profile(observation.stamp, self._faces)
+            if observation.distance > 0.0:
+                seen_to = position + observation.distance
+        return Profile(observation.stamp, self._faces, seen_to=seen_to,
+                       bias_sd=self._bias_of(observation))
+
+    def _bias_of(self, observation: StepObservation) -> float:
+        """Return the standard deviation that no number of looks brings down [m]."""
+        return self._bias if observation.height_sd > 0.0 else self._untold_bias
 
     @property
     def _faces(self) -> Tuple[Face, ...]:
-        """Return the step, if there is one."""
-        return (self._step,) if self._step else ()
+        """Return the step, if there is one, with all that is uncertain about it."""
+        step = self._step
+        if step is None:
+            return ()
+        height_sd = max(step.height_sd, self._shown)
+        return (replace(step, height_sd=math.hypot(height_sd, self._trend.growth)),)
+
+    @property
+    def _shown(self) -> float:
+        """Return the deviation of the mean height that the scatter of looks shows, or 0 [m]."""
+        found = [scatter / math.sqrt(max(1, self._trend.count))
+                 for scatter in (self._trend.scatter, self._heights.sd)]
+        return max((sd for sd in found if sd > 0.0), default=0.0)
 
     def _reject(self, observation: StepObservation, reason: Reason, why: str) -> Profile:
         """Return a profile that reports a rejection and keeps the step."""
@@ -109,10 +148,10 @@ class StepTracker:
         if observation.stamp < self._newest:
             return (f'it is of {observation.stamp:.3f} s, before the last one of '
                     f'{self._newest:.3f} s')
-        step = self._step
+        step = next(iter(self._faces), None)
         if step is None or not observation.detected or self._is_passed(position):
             return ''
-        place_sd, height_sd = _deviations(observation)
+        place_sd, height_sd = self._deviations(observation)
         far = math.hypot(step.position_sd, place_sd)
         high = math.hypot(step.height_sd, height_sd)
         moved = position + observation.distance - step.position
@@ -131,10 +170,19 @@ class StepTracker:
 
     def _begin(self, observation: StepObservation, position: float, number: int) -> None:
         """Start a step with an observation."""
-        self._number = number
+        self._number, self._trend = number, Trend()
+        place_sd, height_sd = self._deviations(observation)
         self._step = Face(
-            number, position + observation.distance, observation.height,
-            *_deviations(observation))
+            number, position + observation.distance, observation.height, place_sd,
+            max(height_sd, self._bias_of(observation)))
+        self._trend.add(observation.distance, observation.height)
+
+    def _deviations(self, observation: StepObservation) -> Tuple[float, float]:
+        """Return the deviations of distance and height of one look that are believed [m]."""
+        return (_believed(observation.distance_sd, self._places.sd, UNTOLD_DISTANCE,
+                          DISTANCE_FLOOR),
+                _believed(observation.height_sd, self._heights.sd, UNTOLD_HEIGHT,
+                          HEIGHT_FLOOR))
 
     def _replace(self, observation: StepObservation, position: float) -> None:
         """Believe the newest observation instead of all before."""
@@ -143,7 +191,7 @@ class StepTracker:
             return
         moved = abs(position + observation.distance - step.position)
         grown = abs(observation.height - step.height)
-        deviation = math.hypot(step.height_sd, _deviations(observation)[1])
+        deviation = math.hypot(step.height_sd, self._deviations(observation)[1])
         # Odometry that slipped by less than a ball has not brought another step.
         same = moved < self._radius and grown <= self._sigmas * deviation
         self._begin(observation, position, self._number + (0 if same else 1))
@@ -155,13 +203,15 @@ class StepTracker:
         if step is None or (self._is_passed(position) and place > step.position + NEXT_FACE):
             self._begin(observation, position, self._number + 1)
             return
-        place_sd, height_sd = _deviations(observation)
+        place_sd, height_sd = self._deviations(observation)
         place, place_sd = _average(step.position, step.position_sd, place, place_sd)
+        # Looks were weighted by what was told of them; by now it may be known better.
         height, height_sd = _average(
-            step.height, step.height_sd, observation.height, height_sd)
+            step.height, max(step.height_sd, self._shown), observation.height, height_sd)
         self._step = Face(
             step.number, place, height, max(place_sd, DISTANCE_FLOOR),
-            max(height_sd, HEIGHT_FLOOR))
+            max(height_sd, self._bias_of(observation)))
+        self._trend.add(observation.distance, observation.height)
 
     def _miss(self, position: float) -> None:
         """Forget the step when it is passed, or was looked for in vain often enough."""
@@ -186,10 +236,13 @@ def _fault(observation: StepObservation, position: float) -> str:
     return ''
 
 
-def _deviations(observation: StepObservation) -> tuple[float, float]:
-    """Return the deviations of distance and height that are believed [m]."""
-    return (max(observation.distance_sd, DISTANCE_FLOOR),
-            max(observation.height_sd, HEIGHT_FLOOR))
+def _believed(told: float, scatter: float, untold: float, floor: float) -> float:
+    """Return the deviation of a look that is believed, of what is told and of how looks scatter."""
+    scatter = min(scatter, NOISE) if math.isfinite(scatter) else math.nan
+    if told > 0.0:
+        # Written so that a scatter that is not known counts for nothing.
+        return max(scatter if scatter > BELIEVED * told else told, floor)
+    return max(scatter, floor) if math.isfinite(scatter) else untold
 
 
 def _average(first: float, first_sd: float, second: float,

@@ -1,9 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the height of a face changes with the distance from which it is seen, and scatters."""
+from collections import deque
 import math
+from statistics import median
+from typing import Deque
 
 # So many looks tell how they scatter; before, a sensor that tells nothing counts as bad.
 ENOUGH = 5
+
+# So many looks back counts how they scatter, and so many there must be.
+KEPT, LEAST_KEPT = 25, 10
 
 # Looks from so different distances tell a trend [m].
 LEAST_BASE = 0.1
@@ -54,3 +60,30 @@ class Trend:
         if abs(slope) * math.sqrt(self._dd) <= SIGNIFICANT * scatter:
             return 0.0
         return -slope * self._distance
+
+
+class Scatter:
+    """
+    How much looks at one thing scatter, by the differences from each to the next.
+
+    One jump among them is no scatter: of the differences the median counts.
+    """
+
+    def __init__(self) -> None:
+        """Start without a look."""
+        self._last = math.nan
+        self._steps: Deque[float] = deque(maxlen=KEPT)
+
+    def add(self, value: float) -> None:
+        """Take a look [m]."""
+        if not math.isnan(self._last):
+            self._steps.append(abs(value - self._last))
+        self._last = value
+
+    @property
+    def sd(self) -> float:
+        """Return the standard deviation of a look [m]; NaN for too few."""
+        if len(self._steps) < LEAST_KEPT:
+            return math.nan
+        # Of Gaussian values, half of the differences are within 0.6745 sqrt(2) deviations.
+        return median(self._steps) / 0.9539

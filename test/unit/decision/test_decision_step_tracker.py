@@ -163,8 +163,47 @@ def test_a_deviation_that_is_not_given_is_unknown():
 def test_no_number_of_looks_makes_a_step_known_exactly():
     tracking = tracker()
     for index in range(5):
-        step = tracking.update(seen(0.1 * index, distance_sd=0.0, height_sd=0.0), 0.0).face
-        assert (step.position_sd, step.height_sd) == (0.01, 0.0005)
+        told = tracking.update(seen(0.1 * index, distance_sd=0.01, height_sd=1e-5), 0.0).face
+        assert (told.position_sd, told.height_sd) == (0.01, 0.0005)
+
+
+def test_a_sensor_that_tells_nothing_is_bad_until_its_looks_show_how_they_scatter():
+    tracking = tracker()
+    steps = [tracking.update(seen(0.1 * index, distance_sd=0.0, height_sd=0.0), 0.0).face
+             for index in range(20)]
+    assert (steps[0].position_sd, steps[0].height_sd) == (0.02, 0.005)
+    assert steps[4].height_sd == pytest.approx(0.005 / math.sqrt(5))
+    assert (steps[-1].position_sd, steps[-1].height_sd) == (0.01, 0.002)
+
+
+@pytest.mark.parametrize('told', [0.0, 0.0005])
+def test_looks_that_scatter_more_than_told_are_believed_by_their_scatter(told):
+    random, errors = np.random.default_rng(1), []
+    for _ in range(40):
+        tracking = tracker()
+        for index in range(30):
+            step = tracking.update(seen(0.1 * index, height_sd=told, height=float(
+                random.normal(0.03, 0.004))), 0.0).face
+        errors.append((step.height - 0.03) / step.height_sd)
+    assert 0.3 < np.sqrt(np.mean(np.square(errors))) < 1.35
+
+
+def test_a_step_that_grows_on_approach_is_uncertain_by_what_it_may_grow_yet():
+    tracking = tracker()
+    for index in range(60):
+        distance = 2.0 - 0.03 * index
+        track = tracking.update(seen(
+            0.1 * index, distance, 0.03 * (1.0 - 0.2 * distance), 0.01, 0.0005), 0.03 * index)
+        assert track.rejection is None
+        if index > 20:
+            assert track.face.height + 2.0 * track.face.height_sd > 0.03
+    assert track.face.height < 0.029
+
+
+def test_floor_that_is_seen_to_be_clear_is_known_as_far_as_it_was_seen():
+    assert tracker().update(StepObservation(0.0, False, 1.5), 0.2).seen_to == 1.7
+    assert tracker().update(nothing(0.0), 0.2).seen_to == math.inf
+    assert tracker().update(seen(0.0), 0.2).seen_to == math.inf
 
 
 @pytest.mark.parametrize('name, deviation', [
