@@ -13,6 +13,9 @@ from ballbot_ros.plant.sensor_faults import SensorFaults
 # What a sensor takes for a step: at least so high [m], and steeper than 45 degrees.
 LEAST_HEIGHT, LEAST_SLOPE = 0.002, 1.0
 
+# A sensor that tells deviations tells no smaller ones than these, for 0 means unknown [m].
+DISTANCE_RESOLUTION, HEIGHT_RESOLUTION = 0.001, 0.0005
+
 
 @dataclass(frozen=True)
 class Sight:
@@ -73,7 +76,7 @@ class Sensor:
     Attributes
     ----------
     distance_sd, height_sd : float
-        The standard deviations that it tells [m].
+        The standard deviations that it tells, not below its resolution; 0 for none [m].
 
     """
 
@@ -86,8 +89,8 @@ class Sensor:
         self._noise = distance_sd, height_sd
         self._seed = seed
         self.faults = faults
-        self.distance_sd = faults.told * distance_sd
-        self.height_sd = faults.told * height_sd
+        self.distance_sd = faults.told * max(distance_sd, DISTANCE_RESOLUTION)
+        self.height_sd = faults.told * max(height_sd, HEIGHT_RESOLUTION)
 
     def look(self, x: float, number: int) -> Optional[Sight]:
         """

@@ -9,7 +9,7 @@ import numpy as np
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.plant.sensor_faults import SensorFaults
-from ballbot_ros.plant.step_sensor import check_sensor, faces
+from ballbot_ros.plant.step_sensor import check_sensor, faces, HEIGHT_RESOLUTION
 
 # Ground nearer to the eye than this, ahead, hides nothing [m]: it lies below the ball.
 BELOW = 0.02
@@ -121,7 +121,7 @@ class TerrainSensor:
         up = self._distorted(x, ahead, up, floor) + self._noise * noise
         return TerrainSight(
             tuple(ahead.tolist()), tuple(up.tolist()),
-            (faults.told * self._noise,) * len(ahead), float(ahead[0]), float(ahead[-1]))
+            (faults.told * max(self._noise, HEIGHT_RESOLUTION),) * len(ahead), float(ahead[0]), float(ahead[-1]))
 
     def _horizon(self, x: float, y: float, course: Array) -> Array:
         """Return the largest elevation of the vertices up to each place of the course."""

@@ -72,10 +72,10 @@ class ProfileTracker:
         else:
             newest = self._step_profile = self._steps.update(observation, position)
             other = self._terrain_profile
-        if other is None or not newest.stamp - other.stamp <= SILENT:
+        if other is None or not abs(newest.stamp - other.stamp) <= SILENT:
             return newest
         ground, steps = (newest, other) if newest is self._terrain_profile else (other, newest)
-        return self._merged(ground, steps, newest.stamp, position)
+        return self._merged(ground, steps, max(newest.stamp, other.stamp), position)
 
     def _merged(self, ground: Profile, steps: Profile, stamp: float, position: float) -> Profile:
         """Return what both sensors show: the ground of one, its faces as both see them."""

@@ -97,3 +97,10 @@ def test_what_is_late_comes_in_its_order_when_it_is_old_enough():
     assert [late.due(now) for now in (0.0, 0.2, 0.1 + 0.2, 0.45)] == [[], [], [0], [1]]
     late.clear()
     assert late.due(9.0) == []
+
+
+def test_a_sensor_without_noise_tells_its_resolution_for_0_means_unknown():
+    exact = Sensor(Terrain.step(0.03), 3.0)
+    assert exact.distance_sd > 0.0 and exact.height_sd == 0.0005
+    silent = Sensor(Terrain.step(0.03), 3.0, faults=SensorFaults(told=0.0))
+    assert (silent.distance_sd, silent.height_sd) == (0.0, 0.0)

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bring observations and odometry together that come at different times, late, or never."""
+from bisect import bisect_left
+from collections import deque
+from dataclasses import replace
+import math
+from typing import Deque, Optional
+
+from ballbot_ros.decision.perception.tracker import Observation, ProfileTracker
+from ballbot_ros.decision.profile import Profile
+from ballbot_ros.decision.tuning import DecisionTuning
+from ballbot_ros.decision.values import Motion, Reason
+from ballbot_ros.physics.model.robot import Robot
+
+# Odometry is kept for so long [s], and no more than so many messages.  An observation that is
+# older cannot be placed.
+HISTORY, KEPT = 1.5, 5000
+
+# An observation so far ahead of odometry is of another clock [s]; so many wait for odometry.
+AHEAD, WAITING = 0.5, 200
+
+# Since the last look the place of a face has become uncertain by so much of the way [1] and by
+# so much a second [m/s], and its height by so much a second [m/s].
+WAY_SD, PLACE_RATE, HEIGHT_RATE = 0.03, 0.01, 0.002
+
+
+class Fusion:
+    """
+    Fuses each observation at the position that the ball had when it was made.
+
+    What it gives depends on stamps alone, not on when a message happened to arrive.
+
+    Parameters
+    ----------
+    robot : Robot
+    tuning : DecisionTuning
+    frame : str
+        In which the polylines must be.
+
+    Attributes
+    ----------
+    profile : Profile or None
+        After the newest observation, None before the first.
+
+    """
+
+    def __init__(self, robot: Robot, tuning: DecisionTuning, frame: str = 'base_link'):
+        """Start with nothing seen."""
+        self._tracker = ProfileTracker(robot, tuning, frame)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all, for a jump of time or place."""
+        self._tracker.reset()
+        self._stamps: Deque[float] = deque(maxlen=KEPT)
+        self._positions: Deque[float] = deque(maxlen=KEPT)
+        self._pending: Deque[Observation] = deque(maxlen=WAITING)
+        self.profile: Optional[Profile] = None
+
+    def observe(self, observation: Observation) -> None:
+        """Take an observation; it is fused when there is odometry that is not older."""
+        self._pending.append(observation)
+
+    def move(self, motion: Motion) -> None:
+        """Take odometry, not older than the last; what is not finite places nothing."""
+        if not (math.isfinite(motion.stamp) and math.isfinite(motion.position)):
+            return
+        self._stamps.append(motion.stamp)
+        self._positions.append(motion.position)
+        while self._stamps[0] < motion.stamp - HISTORY:
+            self._stamps.popleft()
+            self._positions.popleft()
+
+    def fuse(self) -> Optional[float]:
+        """Fuse observations for which there is odometry; return the stamp of the last one [s]."""
+        fused, waiting = None, []
+        for observation in self._pending if self._stamps else ():
+            age = self._stamps[-1] - observation.stamp
+            if -AHEAD <= age < 0.0:
+                waiting.append(observation)
+                continue
+            fused = observation.stamp
+            self.profile = self._fused(observation, age)
+        if self._stamps:
+            self._pending = deque(waiting, maxlen=WAITING)
+        return fused
+
+    def _fused(self, observation: Observation, age: float) -> Profile:
+        """Return the profile after an observation of some age [s]."""
+        if age < -AHEAD:
+            return self._refused(observation, Reason.BAD_OBSERVATION,
+                                 f'it is {-age:.2f} s ahead of the odometry')
+        if age > HISTORY:
+            return self._refused(observation, Reason.STALE, f'it came {age:.2f} s late, odometry '
+                                 f'is kept for {HISTORY:g} s')
+        # An age that is not a number is for the tracker to refuse.
+        return self._tracker.update(observation, self._position_at(observation.stamp))
+
+    def _refused(self, observation: Observation, reason: Reason, why: str) -> Profile:
+        """Return what is known, with the reason of a rejection."""
+        if self.profile is None:
+            return Profile(observation.stamp, rejection=reason, explanation=why)
+        return replace(self.profile, rejection=reason, explanation=why)
+
+    def at(self, motion: Motion) -> Optional[Profile]:
+        """
+        Return the profile as it is known at a later motion.
+
+        The ground does not change, but what is known of its place does, with the way and the
+        time since the last look.  Faces that the centre has passed are left out where the
+        ground is seen.
+        """
+        profile = self.profile
+        if profile is None or not profile.faces or not math.isfinite(motion.position):
+            return profile
+        age = max(0.0, motion.stamp - profile.stamp) if math.isfinite(profile.stamp) else 0.0
+        way = abs(motion.position - self._position_at(profile.stamp))
+        more, higher = WAY_SD * way + PLACE_RATE * age, HEIGHT_RATE * age
+        faces = tuple(
+            replace(face, position_sd=math.hypot(face.position_sd, more),
+                    height_sd=math.hypot(face.height_sd, higher))
+            for face in profile.faces
+            if not profile.points or face.position > motion.position)
+        return replace(profile, faces=faces)
+
+    def _position_at(self, stamp: float) -> float:
+        """Return the position at a time that odometry covers, or the nearest to it [m]."""
+        stamps, positions = self._stamps, self._positions
+        if not stamps:
+            return math.nan
+        after = bisect_left(stamps, stamp)
+        if after == 0:
+            return positions[0]
+        if after == len(stamps):
+            return positions[-1]
+        early, late = stamps[after - 1], stamps[after]
+        part = (stamp - early) / (late - early)
+        return positions[after - 1] + part * (positions[after] - positions[after - 1])
