@@ -119,9 +119,9 @@ class TerrainSensor:
             return None
         floor = float(np.interp(x, self._x, self._y)) - y
         up = self._distorted(x, ahead, up, floor) + self._noise * noise
-        return TerrainSight(
-            tuple(ahead.tolist()), tuple(up.tolist()),
-            (faults.told * max(self._noise, HEIGHT_RESOLUTION),) * len(ahead), float(ahead[0]), float(ahead[-1]))
+        told = faults.told * max(self._noise, HEIGHT_RESOLUTION)
+        return TerrainSight(tuple(ahead.tolist()), tuple(up.tolist()), (told,) * len(ahead),
+                            float(ahead[0]), float(ahead[-1]))
 
     def _horizon(self, x: float, y: float, course: Array) -> Array:
         """Return the largest elevation of the vertices up to each place of the course."""

@@ -42,11 +42,13 @@ class StepTracker:
     Observations of one step are averaged with weights 1 / variance at a fixed place on the
     odometry axis.  A standard deviation of 0 is unknown and estimated from how looks scatter;
     none of the average falls below that of a constant error.  A height that changes with the
-    distance from which it is seen is uncertain by what it may change yet.  Once the centre has passed that place, the next detection is another
-    step.  One that contradicts the step by more than `contradiction_sigma` deviations is
-    reported, not averaged in; after `forget_after` of them in a row the newest is believed,
-    for then the world has changed.  After as many looks that find nothing the step is
-    forgotten, but not within 1.5 radii, where a sensor may look over it.
+    distance from which it is seen is uncertain by what it may change yet.
+
+    Once the centre has passed that place, the next detection is another step.  One that
+    contradicts the step by more than `contradiction_sigma` deviations is reported, not
+    averaged in; after `forget_after` of them in a row the newest is believed, for then the
+    world has changed.  After as many looks that find nothing the step is forgotten, but not
+    within 1.5 radii, where a sensor may look over it.
     """
 
     def __init__(self, robot: Robot, tuning: DecisionTuning):
@@ -237,7 +239,7 @@ def _fault(observation: StepObservation, position: float) -> str:
 
 
 def _believed(told: float, scatter: float, untold: float, floor: float) -> float:
-    """Return the deviation of a look that is believed, of what is told and of how looks scatter."""
+    """Return the deviation of a look that is believed, from what is told and how looks scatter."""
     scatter = min(scatter, NOISE) if math.isfinite(scatter) else math.nan
     if told > 0.0:
         # Written so that a scatter that is not known counts for nothing.
