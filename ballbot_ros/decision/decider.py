@@ -3,7 +3,7 @@
 from typing import Callable, NamedTuple, Optional, Union
 
 from ballbot_ros.decision.guard import guarded
-from ballbot_ros.decision.perception import Fusion, Observation
+from ballbot_ros.decision.perception import GroundFusion, Observation
 from ballbot_ros.decision.pilot import Pilot
 from ballbot_ros.decision.planners import PLANNERS
 from ballbot_ros.decision.profile import Profile
@@ -55,7 +55,7 @@ class Decider:
         self._knowledge = knowledge
         maker = PLANNERS[planner] if isinstance(planner, str) else planner
         self._plan = guarded(maker(knowledge), knowledge)
-        self._fusion = Fusion(knowledge.robot, knowledge.tuning, frame)
+        self._fusion = GroundFusion(knowledge.robot, knowledge.tuning, frame)
         self._pilot = Pilot(knowledge)
         self.reset()
 

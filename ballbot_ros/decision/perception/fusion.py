@@ -24,7 +24,7 @@ AHEAD, WAITING = 0.5, 200
 WAY_SD, PLACE_RATE, HEIGHT_RATE = 0.03, 0.01, 0.002
 
 
-class Fusion:
+class GroundFusion:
     """
     Fuses each observation at the position that the ball had when it was made.
 
