@@ -47,6 +47,8 @@ VERBS = {
     'scenes': ('ballbot_ros.cli.scenes', 'list the scenes that come with the package'),
     'test-bench': ('ballbot_ros.cli.test_bench', 'roll a virtual robot into steps as the '
                    "paper's tests did"),
+    'outcomes': ('ballbot_ros.cli.outcomes', 'attempts at steps that a robot has made: list, '
+                 'export or reset them, and what they teach'),
     'robots': ('ballbot_ros.cli.robots', 'list the robots, or the numbers of one of them'),
 }
 

@@ -214,7 +214,8 @@ class AttemptWatch:
         if along > attempt.best + PROGRESS:
             attempt = replace(attempt, best=along, best_at=now)
         if attempt.passed is None and along > 0.0:
-            attempt = replace(attempt, passed=now)
+            attempt = replace(attempt, passed=now,
+                              passed_speed=min(max(0.0, motion.speed), FASTEST))
         if now - attempt.touched <= HELD:
             attempt = replace(attempt, lean=attempt.lean + motion.pendulum_angle,
                               leans=attempt.leans + 1)
@@ -270,7 +271,8 @@ class AttemptWatch:
         self._run_up = math.nan
         held = attempt.lean / attempt.leans if attempt.leans else attempt.outcome.touch_angle
         return replace(attempt.outcome, stamp=max(0.0, motion.stamp), result=result.value,
-                       position=attempt.face.position, held_angle=_wrapped(held))
+                       position=attempt.face.position, held_angle=_wrapped(held),
+                       passed_speed=None if result is Result.STUCK else attempt.passed_speed)
 
 
 def _wrapped(angle: float) -> float:

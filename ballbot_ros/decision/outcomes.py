@@ -50,6 +50,9 @@ class Outcome(Checked):
         'rad', 'of the pendulum at the touch', minimum=-math.pi, maximum=math.pi)
     held_angle: float = quantity(
         'rad', 'of the pendulum, mean of the contact', minimum=-math.pi, maximum=math.pi)
+    passed_speed: Optional[float] = quantity(
+        'm/s', 'of the ball, by its rotation, when its centre was above the face', minimum=0.0,
+        maximum=10.0, optional=True)
     slope: float = quantity(
         'rad', 'of the ground before the face, positive uphill', minimum=-1.0, maximum=1.0,
         default=0.0)
@@ -63,9 +66,10 @@ class Outcome(Checked):
     plan: Optional[Plan] = field(default=None)
 
     @property
-    def over(self) -> bool:
-        """Return whether the ball got over."""
-        return self.result == Result.OVER.value
+    def got_over(self) -> bool:
+        """Return whether the ball got over the face, whatever came behind it."""
+        return self.result == Result.OVER.value or (
+            self.result == Result.FELL.value and self.height > 0.0)
 
     @property
     def failure(self) -> Failure:
@@ -93,6 +97,8 @@ class Attempt:
         Farthest so far, as `touch`, and when.
     passed : float or None
         When the ball went past the face [s].
+    passed_speed : float or None
+        Its speed then [m/s].
     farthest : float
         Position of the centre so far [m].
     again : Face or None
@@ -112,6 +118,7 @@ class Attempt:
     best: float
     best_at: float
     passed: Optional[float] = None
+    passed_speed: Optional[float] = None
     farthest: float = -math.inf
     again: Optional[Face] = None
     doubt: Optional[Doubt] = None

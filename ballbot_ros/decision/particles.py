@@ -30,6 +30,8 @@ GROUND = (SURFACE_FRICTION, EDGE_FRICTION)
 FEWEST = 1.0 / 3.0
 # Part of the spread of the particles that drawing anew adds, and takes from their distances.
 JITTER = 0.25
+# Part of those drawn anew that is drawn as in the beginning: floors change, sensors are knocked.
+REDRAWN = 0.1
 # The height bias is drawn within so many standard deviations of the worse sensors.
 FARTHEST = 3.0
 
@@ -55,7 +57,7 @@ class Prior(Checked):
         above=0.0, default=1.3)
     sensors_off: float = quantity(
         '1', 'part of the sensors that are worse than they should be: bent, or calibrated for '
-        'another mounting; assumed', minimum=0.0, maximum=0.5, default=0.1)
+        'another mounting; assumed', minimum=0.0, maximum=0.5, default=0.2)
     off_sd: float = quantity(
         'm', 'standard deviation of the constant error of their heights; assumed',
         minimum=0.0, maximum=0.05, default=0.004)
@@ -88,6 +90,8 @@ class Particles:
         Their sum is 1.
     lows, highs : (k,) arrays
         Between these lie the values.
+    first : (N, k) array
+        The values before any outcome.
     rows : (N, 15) array
         `Parameters` of each robot.
     outcomes : int
@@ -101,6 +105,7 @@ class Particles:
     weights: Array
     lows: Array
     highs: Array
+    first: Array
     rows: Array
     outcomes: int = 0
 
@@ -141,7 +146,8 @@ class Particles:
         values[:, -1] = np.clip(_biases(points[:, -1], height_bias_sd, prior), -reach, reach)
         names = (*drawn, HEIGHT_BIAS)
         return cls(robot, names, _fixed(values), _fixed(np.full(number, 1.0 / number)),
-                   _fixed(lows), _fixed(highs), _rows(robot, names, values))
+                   _fixed(lows), _fixed(highs), _fixed(values),
+                   _rows(robot, names, values))
 
     def __len__(self) -> int:
         """Return how many there are."""
@@ -235,6 +241,8 @@ class Particles:
         values = np.where(values > self.highs, 2.0 * self.highs - values, values)
         values = np.where(values < self.lows, 2.0 * self.lows - values, values)
         values = np.clip(values, self.lows, self.highs)
+        redrawn = random.permutation(len(self))[:round(REDRAWN * len(self))]
+        values[redrawn] = self.first[redrawn]
         return replace(self, values=_fixed(values), rows=_rows(self.robot, self.names, values),
                        weights=_fixed(np.full(len(self), 1.0 / len(self))))
 

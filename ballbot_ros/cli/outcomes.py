@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verb ``outcomes``: attempts that a robot has made, and what they teach."""
+import argparse
+import os
+from pathlib import Path
+from typing import Any, Sequence
+
+from ballbot_ros.cli import options
+from ballbot_ros.cli.command import DONE
+from ballbot_ros.errors import ConfigurationError
+
+ACTIONS = {'list': 'a line for each', 'learned': 'the numbers of the robot before and after',
+           'export': 'all numbers as CSV or JSON', 'reset': 'begin another log, keep this one as '
+           'a backup', 'show-learning': 'how virtual robots that are not as assumed are learned'}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what to do, the file, and the robots of the study."""
+    parser.add_argument('action', choices=ACTIONS, help='; '.join(
+        f'{name}: {what}' for name, what in ACTIONS.items()))
+    parser.add_argument('file', nargs='?', type=Path, metavar='FILE',
+                        help='log of outcomes: the parameter outcome_log of obstacle_decision')
+    options.add_robot(parser)
+    parser.add_argument('--out', type=Path, metavar='FILE',
+                        help='of export: a .csv or .json file (default: CSV to the terminal)')
+    parser.add_argument('--robots', type=int, default=24, metavar='N',
+                        help='of show-learning (default: %(default)s)')
+    parser.add_argument('--attempts', type=int, default=20, metavar='N',
+                        help='of each robot in show-learning (default: %(default)s)')
+    parser.add_argument('--seed', type=int, default=0, help='of show-learning')
+    options.add_quiet(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Do what was asked for."""
+    if arguments.action == 'show-learning':
+        return show_learning(arguments)
+    if arguments.file is None:
+        raise ConfigurationError(
+            f'{arguments.action} needs a FILE: the parameter outcome_log of obstacle_decision '
+            'says where the robot keeps its outcomes')
+    if not arguments.file.is_file():
+        raise ConfigurationError(f'{arguments.file} does not exist')
+    if arguments.action == 'reset':
+        return reset(arguments.file, arguments.quiet)
+    outcomes = read(arguments.file)
+    if arguments.action == 'export':
+        return export(outcomes, arguments.out)
+    if arguments.action == 'learned':
+        return print_learned(outcomes, options.read_robot(arguments))
+    print_table(outcomes)
+    return DONE
+
+
+def read(path: Path) -> Sequence[Any]:
+    """Return the outcomes of a log; `ConfigurationError` if it is refused."""
+    from ballbot_ros.decision.outcome_log import read_outcomes
+    reading = read_outcomes(path)
+    if reading.refusal:
+        raise ConfigurationError(
+            f'{reading.refusal}; "ballbot outcomes reset {path}" begins another log and keeps '
+            'this one')
+    return reading.outcomes
+
+
+def print_table(outcomes: Sequence[Any]) -> None:
+    """Print a line for each outcome, and how many got over."""
+    rows = [('time', 'result', 'height', 'touched at', 'past at', 'promised', 'plan')]
+    for item in outcomes:
+        rows.append((
+            f'{item.stamp:.2f} s', item.result, f'{1e3 * item.height:.1f} mm',
+            f'{item.touch_speed:.2f} m/s',
+            '-' if item.passed_speed is None else f'{item.passed_speed:.2f} m/s',
+            '-' if item.probability is None else f'{item.probability:.2f}',
+            '-' if item.plan is None else item.plan.strategy.value))
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    for row in rows:
+        print('  '.join(f'{cell:<{width}}' for cell, width in zip(row, widths)).rstrip())
+    over = sum(item.got_over for item in outcomes)
+    print(f'{len(outcomes)} outcomes, {over} of them over')
+
+
+def export(outcomes: Sequence[Any], out: Any) -> int:
+    """Write all numbers to a file, or as CSV to the terminal."""
+    import json
+    from ballbot_ros.results.files import check_writable
+    rows = [_flat(item) for item in outcomes]
+    if out is None:
+        print(_csv(rows), end='')
+        return DONE
+    if out.suffix not in ('.csv', '.json'):
+        raise ConfigurationError(f'--out must end in .csv or .json, got {str(out)!r}')
+    check_writable(out)
+    out.write_text(_csv(rows) if out.suffix == '.csv' else json.dumps(rows, indent=2) + '\n',
+                   encoding='utf-8')
+    return DONE
+
+
+def _flat(outcome: Any) -> dict[str, Any]:
+    """Return the numbers of an outcome and of its plan by name; infinite ones as text."""
+    from dataclasses import asdict
+    import math
+    values = asdict(outcome)
+    plan = values.pop('plan') or {}
+    values.update({f'plan.{name}': value for name, value in plan.items()})
+    return {name: str(value) if isinstance(value, float) and not math.isfinite(value) else value
+            for name, value in values.items()}
+
+
+def _csv(rows: Sequence[dict[str, Any]]) -> str:
+    import csv
+    from io import StringIO
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    text = StringIO()
+    writer = csv.DictWriter(text, names, lineterminator='\n')
+    writer.writeheader()
+    writer.writerows({name: getattr(value, 'value', value) for name, value in row.items()}
+                     for row in rows)
+    return text.getvalue()
+
+
+def reset(path: Path, quiet: bool) -> int:
+    """Move a log out of the way, to a name that is free."""
+    from ballbot_ros.decision.outcome_log import lock
+    number = 1
+    while (backup := path.with_name(f'{path.name}.{number}')).exists():
+        number += 1
+    try:
+        with open(path, 'rb') as file:
+            lock(file.fileno())
+            os.rename(path, backup)
+    except OSError as error:
+        raise ConfigurationError(
+            f'{path} cannot be reset: {error.strerror or error}; stop obstacle_decision first '
+            'if it runs') from error
+    if not quiet:
+        print(f'kept as {backup}; the next outcome begins another log')
+    return DONE
+
+
+def print_learned(outcomes: Sequence[Any], robot: Any) -> int:
+    """Print mean and deviation of each uncertain number, as assumed and as learned."""
+    from ballbot_ros.decision.learning import learned
+    from ballbot_ros.decision.particles import Particles
+    from ballbot_ros.decision.tuning import DecisionTuning
+    foreign = [item for item in outcomes if item.robot != robot.digest]
+    if foreign:
+        raise ConfigurationError(
+            f'the log is of another robot (digest {foreign[0].robot}) than {robot.name} '
+            f'({robot.digest}); name its file with --robot')
+    before = Particles.of(robot, DecisionTuning().height_bias_sd)
+    after = learned(before, outcomes)
+    print(f'{"":18} {"assumed":>19} {f"after {after.outcomes} outcomes":>19}')
+    for name in before.names:
+        cells = [f'{item.mean(name):.4f} +- {item.deviation(name):.4f}'
+                 for item in (before, after)]
+        print(f'{name:18} {cells[0]:>19} {cells[1]:>19}')
+    return DONE
+
+
+def show_learning(arguments: argparse.Namespace) -> int:
+    """Print how well promises are kept before and after some attempts."""
+    from ballbot_ros.cli.progress import watched
+    from ballbot_ros.studies.learning import CASES, study, told
+    if arguments.robots < 1 or arguments.attempts < 1:
+        raise ConfigurationError('--robots and --attempts must be at least 1')
+    robot = options.read_robot(arguments)
+    with watched(len(CASES) * arguments.robots, arguments.quiet, 'learning',
+                 'robots') as progress:
+        found = study(robot, arguments.robots, arguments.attempts, arguments.seed,
+                      progress=progress)
+    print('\n'.join(told(found, arguments.attempts)))
+    return DONE

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+How robots that are not as assumed are learned: promises before and after some attempts.
+
+Virtual robots are drawn from the ranges of a robot file; some have less friction, or a sensor
+that is off.  Each meets steps within 10 mm below the highest that the robot of the file crosses,
+tries those that it promises itself to cross, and learns.  Then its promises for other such steps
+are compared with what happens there, and so are those that it would have made in the beginning.
+"""
+from dataclasses import dataclass, replace
+from typing import Callable, List, Sequence, Tuple
+
+import numpy as np
+
+from ballbot_ros.decision.chances import Learning, probability, score_of, Touching
+from ballbot_ros.decision.learning import Learner
+from ballbot_ros.decision.outcomes import Outcome, Result
+from ballbot_ros.decision.particles import Particles, Prior
+from ballbot_ros.decision.tuning import DecisionTuning
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.model.uncertainty import draw
+
+# What is different: a factor of both frictions, and what the sensor tells too much [m].
+CASES = {
+    'as assumed': (1.0, 0.0),
+    'friction 30 % lower': (0.7, 0.0),
+    'heights told 4 mm too low': (1.0, -0.004),
+    'heights told 4 mm too high': (1.0, 0.004),
+}
+# Steps are within this below the highest one that the robot of the file crosses [m].
+NEAR = 0.010
+SPEEDS, HEIGHTS = (0.45, 1.15), (0.005, 0.065)  # [m/s], [m]
+ANGLES = (0.2, 0.7, 1.5, 2.2)  # that the pendulum is held at [rad]
+HEIGHT_SD = 0.001  # of what the sensor tells, beside its bias [m]
+ODOMETRY_SD = 0.02  # of the speed past the face [m/s]
+OTHERS = 10_000  # seeds from which robots are drawn, so that none is one of the particles
+TESTS, REPEATS = 24, 5  # steps, and attempts at each, that promises are compared with
+
+
+@dataclass(frozen=True)
+class Promises:
+    """
+    Promises and what came of them.
+
+    Attributes
+    ----------
+    case : str
+        One of `CASES`.
+    before, after : (n, 2) array
+        Probability promised, and part of the attempts that got over; of each step that would
+        have been tried.
+
+    """
+
+    case: str
+    before: Array
+    after: Array
+
+
+class Truth:
+    """What really happens to a robot."""
+
+    def __init__(self, robot: Robot, bias: float, random: np.random.Generator,
+                 learning: Learning):
+        """Keep the robot, and what its sensor tells too much [m]."""
+        self._robot, self._bias, self._random = robot, bias, random
+        self._learning = learning
+
+    def attempt(self, told: Touching) -> Tuple[bool, float]:
+        """Return whether it gets over, and how fast past the face as odometry tells [m/s]."""
+        noise = self._random.standard_normal(3)
+        height = told.height - self._bias + told.height_sd * noise[0]
+        speed = told.speed + self._learning.speed_sd * noise[1]
+        score, passed = score_of(self._robot, told._replace(
+            height=max(height, 1e-3), speed=speed))
+        return score > 0.0, max(0.0, passed + ODOMETRY_SD * noise[2])
+
+
+def demanding(robot: Robot, random: np.random.Generator) -> Touching:
+    """Draw a step that is nearly as high as a robot crosses."""
+    while True:
+        angle = float(random.choice(ANGLES))
+        told = Touching(float(random.uniform(*HEIGHTS)), HEIGHT_SD,
+                        float(random.uniform(*SPEEDS)), 0.6 * angle, angle)
+        higher = told._replace(height=told.height + NEAR)
+        if score_of(robot, told)[0] > 0.0 >= score_of(robot, higher)[0]:
+            return told
+
+
+def outcome_of_attempt(told: Touching, over: bool, passed: float) -> Outcome:
+    """Return the outcome of an attempt."""
+    return Outcome(
+        stamp=0.0, result=(Result.OVER if over else Result.STUCK).value, face=1, position=0.0,
+        height=told.height, height_sd=told.height_sd, touch_speed=told.speed,
+        touch_angle=told.angle, held_angle=told.set_angle, passed_speed=passed if over else None)
+
+
+def promises(particles: Particles, truth: Truth, steps: Sequence[Touching], required: float,
+             learning: Learning) -> List[Tuple[float, float]]:
+    """Return promise and part that got over, of the steps that would be tried."""
+    found = []
+    for told in steps:
+        promise = probability(particles, told, learning)
+        if promise >= required:
+            kept = [truth.attempt(told)[0] for _ in range(REPEATS)]
+            found.append((promise, float(np.mean(kept))))
+    return found
+
+
+def study(robot: Robot, robots: int, attempts: int, seed: int = 0, required: float = 0.9,
+          cases: Sequence[str] = tuple(CASES),
+          progress: Callable[[float], None] = lambda done: None) -> List[Promises]:
+    """
+    Let robots learn.
+
+    Parameters
+    ----------
+    robot : Robot
+        As its file says.
+    robots : int
+        That are drawn, for each case.
+    attempts : int
+        From which each learns.
+    seed : int
+    required : float
+        Promise below which a step is not tried.
+    cases : sequence of str
+        Of `CASES`.
+    progress : callable
+        Is told how many robots are done.
+
+    """
+    learning = Learning()
+    found: List[Promises] = []
+    for case in cases:
+        factor, bias = CASES[case]
+        before: List[Tuple[float, float]] = []
+        after: List[Tuple[float, float]] = []
+        for number, drawn in enumerate(draw(robot, robots, OTHERS + seed)):
+            random = np.random.default_rng([seed, number])
+            true = replace(drawn, surface_friction=factor * drawn.surface_friction,
+                           edge_friction=factor * drawn.edge_friction)
+            truth = Truth(true, bias, random, learning)
+            prior = Particles.of(robot, DecisionTuning().height_bias_sd, Prior(seed=number))
+            learner, tried = Learner(prior, learning), 0
+            while tried < attempts:
+                told = demanding(robot, random)
+                if probability(learner.particles, told, learning) >= required:
+                    learner.take(outcome_of_attempt(told, *truth.attempt(told)))
+                    learner.work()
+                    tried += 1
+            steps = [demanding(robot, random) for _ in range(TESTS)]
+            before += promises(prior, truth, steps, required, learning)
+            after += promises(learner.particles, truth, steps, required, learning)
+            progress(len(found) * robots + number + 1)
+        found.append(Promises(case, np.array(before).reshape(-1, 2),
+                                 np.array(after).reshape(-1, 2)))
+    return found
+
+
+def told(found: Sequence[Promises], attempts: int) -> List[str]:
+    """Return lines of a table."""
+    lines = [f'{"":27} {"at first":^24}   {f"after {attempts} attempts":^24}',
+             f'{"robot and sensor":27} {"promised":>8} {"kept":>6} {"steps":>8}   '
+             f'{"promised":>8} {"kept":>6} {"steps":>8}']
+    for item in found:
+        cells = [f'{table[:, 0].mean():8.3f} {table[:, 1].mean():6.3f} {len(table):8d}'
+                 if len(table) else f'{"-":>8} {"-":>6} {0:8d}'
+                 for table in (item.before, item.after)]
+        lines.append(f'{item.case:27} {cells[0]}   {cells[1]}')
+    return lines
