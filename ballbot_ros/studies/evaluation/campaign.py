@@ -11,6 +11,7 @@ from functools import lru_cache
 import hashlib
 from itertools import islice
 import json
+import math
 import os
 from pathlib import Path
 from typing import Any, Dict, IO, List, Optional, Set, Tuple
@@ -18,7 +19,9 @@ from typing import Any, Dict, IO, List, Optional, Set, Tuple
 from ballbot_ros import __version__
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.studies.evaluation.approaches import Approach, draw_approach
-from ballbot_ros.studies.evaluation.loop import Believer, run_approach
+from ballbot_ros.studies.evaluation.crossable import crossable_approach
+from ballbot_ros.studies.evaluation.loop import about, Believer, run_approach
+from ballbot_ros.studies.evaluation.search import possible
 from ballbot_ros.studies.progress import ignore, Progress
 
 BLOCK = 5   # approaches between two writings
@@ -36,40 +39,51 @@ class Campaign:
 
     Attributes
     ----------
-    parts : tuple of (str, int)
-        Planners, and how many approaches each has: the first ones.
+    parts : tuple of (str, str, int)
+        Planner, group (``drawn`` or ``crossable``), and how many approaches: the first ones.
     seed : int
     kind, sensor : str or None
         Of all grounds and sensors, if given; see `grounds.KINDS` and `sensors.Flaws.kind`.
     required_probability : float or None
         Other than the tuning says.
+    limits : tuple of (float, float)
+        Run-ups and the steps that most robots cross from there, see `search.limit_of_most`; only
+        needed for the group ``crossable``.
+    searched : int
+        Of the first planner: the first so many approaches that were not crossed are searched for
+        a way.
 
     """
 
-    parts: Tuple[Tuple[str, int], ...]
+    parts: Tuple[Tuple[str, str, int], ...]
     seed: int = 0
     kind: Optional[str] = None
     sensor: Optional[str] = None
     required_probability: Optional[float] = None
+    limits: Tuple[Tuple[float, float], ...] = ()
+    searched: int = 0
 
     @property
     def size(self) -> int:
         """Return the number of runs."""
-        return sum(count for _, count in self.parts)
+        return sum(count for _, _, count in self.parts)
 
     @property
     def digest(self) -> str:
         """Return what tells campaigns apart whose lines must not be mixed."""
-        same = {name: value for name, value in asdict(self).items() if name != 'parts'}
+        same = {name: value for name, value in asdict(self).items()
+                if name not in ('parts', 'limits', 'searched')}
         return hashlib.sha256(repr((__version__, same)).encode()).hexdigest()[:16]
 
     def believer(self) -> Believer:
         """Return what the decision believes."""
         return _believer(self.required_probability)
 
-    def approach(self, number: int) -> Approach:
+    def approach(self, group: str, number: int) -> Approach:
         """Return one of its approaches."""
         believer = self.believer()
+        if group == 'crossable':
+            return crossable_approach(believer.robot, self.limits, self.seed, number)
         approach = draw_approach(believer.robot, believer.tuning, self.seed, number, self.kind)
         if self.sensor is None or approach.ground.sensors not in ('any', self.sensor):
             return approach
@@ -83,18 +97,25 @@ def _believer(required_probability: Optional[float]) -> Believer:
     return Believer(**changes)
 
 
-def run_block(campaign: Campaign, planner: str, numbers: List[int]) -> List[Dict[str, Any]]:
+def run_block(campaign: Campaign, planner: str, group: str,
+              numbers: List[int]) -> List[Dict[str, Any]]:
     """Run some approaches; a decision that raises has failed, and the others go on."""
     rows = []
+    believer = campaign.believer()
     for number in numbers:
-        approach = campaign.approach(number)
+        approach = campaign.approach(group, number)
         try:
-            rows.append(run_approach(approach, planner, campaign.believer()))
+            row = run_approach(approach, planner, believer)
         except RAISED as error:
-            rows.append({'number': number, 'planner': planner, 'kind': approach.ground.kind,
-                         'seed': campaign.seed, 'slope': approach.ground.slope,
-                         'sensor': approach.flaws.kind, 'outcome': 'raised', 'attempts': [],
-                         'changes': 0, 'failure': f'{type(error).__name__}: {error}'})
+            row = {**about(approach, planner), 'outcome': 'raised', 'attempts': [], 'changes': 0,
+                   'failure': f'{type(error).__name__}: {error}'}
+        row['group'] = group
+        first = planner == campaign.parts[0][0] and group == 'drawn'
+        if (first and number < campaign.searched and math.isfinite(approach.ground.goal)
+                and row['kind'] != 'nothing'):
+            row['possible'] = row['outcome'] == 'over' or possible(
+                approach, believer.robot, believer.gains)
+        rows.append(row)
     return rows
 
 
@@ -177,15 +198,15 @@ def run_campaign(campaign: Campaign, folder: Path, pool: Executor, workers: int,
             f'{folder / FILE}: cannot be written: {error.strerror or error}; choose another '
             'folder') from error
     with stream:
-        wanted = {(planner, number) for planner, count in campaign.parts
+        wanted = {(planner, group, number) for planner, group, count in campaign.parts
                   for number in range(count)}
-        done = {(row['planner'], row['number']) for row in rows}
+        done = set(map(_key, rows))
         pending = iter(_blocks(campaign, done))
         progress(len(wanted & done))
         waiting: Set[Future[List[Dict[str, Any]]]] = set()
         while True:
-            waiting |= {pool.submit(run_block, campaign, planner, numbers)
-                        for planner, numbers in islice(pending, AHEAD * workers - len(waiting))}
+            waiting |= {pool.submit(run_block, campaign, *block)
+                        for block in islice(pending, AHEAD * workers - len(waiting))}
             if not waiting:
                 break
             ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
@@ -193,15 +214,21 @@ def run_campaign(campaign: Campaign, folder: Path, pool: Executor, workers: int,
                 found = future.result()
                 _append(stream, found)
                 rows += found
-                done |= {(row['planner'], row['number']) for row in found}
+                done |= set(map(_key, found))
                 progress(len(wanted & done))
-    return [row for row in rows if (row['planner'], row['number']) in wanted]
+    return [row for row in rows if _key(row) in wanted]
 
 
-def _blocks(campaign: Campaign, done: Set[Tuple[str, int]]) -> List[Tuple[str, List[int]]]:
-    """Return what is to be done, a planner and some numbers each."""
+def _key(row: Dict[str, Any]) -> Tuple[str, str, int]:
+    return row['planner'], row['group'], row['number']
+
+
+def _blocks(campaign: Campaign,
+            done: Set[Tuple[str, str, int]]) -> List[Tuple[str, str, List[int]]]:
+    """Return what is to be done: a planner, a group and some numbers each."""
     blocks = []
-    for planner, count in campaign.parts:
-        left = [number for number in range(count) if (planner, number) not in done]
-        blocks += [(planner, left[begin:begin + BLOCK]) for begin in range(0, len(left), BLOCK)]
+    for planner, group, count in campaign.parts:
+        left = [number for number in range(count) if (planner, group, number) not in done]
+        blocks += [(planner, group, left[begin:begin + BLOCK])
+                   for begin in range(0, len(left), BLOCK)]
     return blocks

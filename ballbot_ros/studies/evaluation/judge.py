@@ -16,6 +16,9 @@ its plan (without a plan: the step that it names) is not before that face.
 ``stuck``      it stood for 4 s, or the time was up, and it touched a face
 ``idle``       it stood for 4 s, and the decision was to move
 ``undecided``  the time was up
+
+*Hidden* is a face that is less than `unseen_room` of the decision tuning behind another, where the
+sensor sees the next face only: the decision takes that much floor for granted.
 """
 from collections import deque
 from dataclasses import asdict, dataclass, field
@@ -69,6 +72,7 @@ class Verdict:
     gap: float = math.nan       # of a ball at rest to the next face [m]
     hit_speed: float = 0.0      # [m/s]
     depth: float = 0.0          # of the drop that it fell [m]
+    hidden: bool = False        # whether what it fell or hit could not be seen in time
     changes: int = 0            # of mind, without news
     attempts: List[JudgedAttempt] = field(default_factory=list)
 
@@ -146,6 +150,13 @@ class Judge:
         return any(crosses(decision, x, place) for when, x, decision in self._said
                    if when >= now - long - 1e-9)
 
+    def _hidden(self, place: float) -> bool:
+        """Return whether a face is near behind another, and the sensor sees the next only."""
+        before = [left + width for left, _, width, _ in self._faces
+                  if 0.0 < left + width < place - 1e-6]
+        return (self._approach.flaws.kind == 'step' and bool(before)
+                and place - max(before) < self._tuning.unseen_room)
+
     def _gap(self, state: State) -> float:
         """Return the distance of the front of the ball to the next face [m]."""
         ahead = [left for left, _, width, _ in self._faces if left + width > state.x]
@@ -172,6 +183,7 @@ class Judge:
             if not self._passed[edge] and state.y < floor + self._radius / math.cos(
                     slope) - FALL - SINKING:
                 self.verdict.outcome, self.verdict.depth = 'fell', abs(height)
+                self.verdict.hidden = side > 0.0 and self._hidden(edge)
                 return True
         return False
 
@@ -188,6 +200,7 @@ class Judge:
                 self._begin(when, place, speed)
             elif speed > HIT and not self._taken(place, MEMORY):
                 self.verdict.outcome, self.verdict.hit_speed = 'hit', speed
+                self.verdict.hidden = self._hidden(place)
                 return True
         return False
 

@@ -13,6 +13,7 @@ from ballbot_ros.physics.model.state import State
 from ballbot_ros.studies.evaluation.approaches import Approach, balanced_angle
 from ballbot_ros.studies.evaluation.closed_loop import ClosedLoop
 from ballbot_ros.studies.evaluation.judge import Judge
+from ballbot_ros.studies.evaluation.rules import RULES
 from ballbot_ros.studies.evaluation.sensors import Looks
 
 TICK = 10        # control periods between two observations
@@ -75,6 +76,16 @@ class ChangesOfMind:
         self._last = mind
 
 
+def about(approach: Approach, planner: str) -> Dict[str, Any]:
+    """Return what a row says of an approach before it is run."""
+    ground = approach.ground
+    return {'number': approach.number, 'seed': approach.seed, 'planner': planner,
+            'kind': ground.kind, 'words': ground.words, 'slope': ground.slope,
+            'sensor': approach.flaws.kind, 'friction': approach.robot.surface_friction,
+            'latency': approach.flaws.faults.latency, 'foot': ground.foot,
+            'room_behind': approach.room_behind}
+
+
 def run_approach(approach: Approach, planner: str, believer: Believer,
                  listener: Optional[Listener] = None) -> Dict[str, Any]:
     """
@@ -98,7 +109,7 @@ def run_approach(approach: Approach, planner: str, believer: Believer,
     loop = ClosedLoop(approach.robot, ground.terrain, believer.robot, believer.gains,
                       approach.speed, balanced_angle(approach.robot, ground.slope))
     knowledge = believer.knowledge(approach)
-    decider = Decider(knowledge, planner)
+    decider = Decider(knowledge, RULES.get(planner, planner))
     looks = Looks(ground.terrain, approach.flaws, approach.number)
     judge, minds = Judge(approach, loop, knowledge.tuning), ChangesOfMind()
     spent: List[float] = []
@@ -129,9 +140,7 @@ def run_approach(approach: Approach, planner: str, believer: Believer,
     except SimulationError as error:
         failure = str(error)
     judge.verdict.changes = minds.count
-    return {'number': approach.number, 'seed': approach.seed, 'planner': planner,
-            'kind': ground.kind, 'words': ground.words, 'slope': ground.slope,
-            'sensor': approach.flaws.kind, **judge.verdict.row, 'failure': failure,
+    return {**about(approach, planner), **judge.verdict.row, 'failure': failure,
             'mean_ms': 1e3 * sum(spent) / max(len(spent), 1),
             'first_ms': 1e3 * spent[0] if spent else 0.0,
             'decisions': len(spent)}

@@ -66,7 +66,7 @@ def _number(value: Optional[float]) -> str:
     return '-' if value is None else f'{value:.3f}'
 
 
-def replay(campaign: Campaign, planner: str, number: int,
+def replay(campaign: Campaign, planner: str, group: str, number: int,
            every: float = REGULAR) -> Tuple[List[str], Dict[str, Any]]:
     """
     Run one approach of a campaign again.
@@ -79,7 +79,7 @@ def replay(campaign: Campaign, planner: str, number: int,
         As the campaign keeps it.
 
     """
-    approach = campaign.approach(number)
+    approach = campaign.approach(group, number)
     timeline = DecisionLog(every)
     row = run_approach(approach, planner, campaign.believer(), timeline.note)
     faces = '; '.join(f'{1e3 * height:+.1f} mm at {left:.3f} m' for left, _, _, height in
