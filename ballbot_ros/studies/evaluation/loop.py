@@ -2,7 +2,7 @@
 """One approach in closed loop, the decision as the node ``obstacle_decision`` uses it."""
 from dataclasses import replace
 from time import perf_counter
-from typing import Any, Callable, cast, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from ballbot_ros.control.tuning import ControlTuning, load_tuning
 from ballbot_ros.decision import (
@@ -122,7 +122,7 @@ def run_approach(approach: Approach, planner: str, believer: Believer,
             begin = perf_counter()
             decider.move(Motion(now, state.x, state.velocity_x))
             for observation in looks.arrived(now):
-                decider.observe(cast(Any, observation))
+                decider.observe(observation)
             answer = decider.decide()
             spent.append(perf_counter() - begin)
             if listener is not None:

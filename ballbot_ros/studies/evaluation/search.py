@@ -8,6 +8,8 @@ The decision does not know which robot it has; this search does.
 import math
 from typing import List, NamedTuple, Sequence, Tuple
 
+import numpy as np
+
 from ballbot_ros.control.periods import Script, TOUCH_PERIOD, TOUCH_SPEED
 from ballbot_ros.control.tuning import ControlTuning
 from ballbot_ros.crossing.rules import touch_distance
@@ -22,7 +24,7 @@ FASTEST = 1.15         # touch [m/s]
 GAIN, LEAN = 4.0, 1.2  # of the run-up [rad s/m], [rad]
 CHUNK, LONGEST = 50, 8.0  # control periods between two looks, [s]
 ROBOTS, MOST = 24, 23
-KNOTS = (0.05, 0.15, 0.3, 0.5, 0.8, 1.2, 2.0, 4.0)  # run-ups [m]
+KNOTS = (0.05, 0.15, 0.3, 0.5, 0.8, 1.2, 1.8)  # run-ups [m]
 LOWEST, HIGHEST, FINE = 0.006, 0.09, 0.0005  # heights that are searched [m]
 
 
@@ -124,11 +126,8 @@ def limit_of_most(nominal: Robot, gains: ControlTuning, run_up: float) -> float:
 
 def limit_at(limits: Sequence[Tuple[float, float]], run_up: float) -> float:
     """Return the limit of most at a run-up, from that at the `KNOTS` [m]; 0 below the first."""
-    before = [knot for knot in limits if knot[0] <= run_up]
-    behind = [knot for knot in limits if knot[0] > run_up]
-    if not before:
+    if run_up < limits[0][0]:
         return 0.0
-    if not behind:
-        return before[-1][1]
-    (left, low), (right, high) = before[-1], behind[0]
-    return low + (run_up - left) / (right - left) * (high - low)
+    knots, heights = np.array(limits).T
+    # Whoever has more room may begin with less.
+    return float(np.interp(run_up, knots, np.maximum.accumulate(heights)))

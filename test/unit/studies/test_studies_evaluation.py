@@ -20,7 +20,7 @@ from ballbot_ros.studies.evaluation.replay import replay
 from ballbot_ros.studies.evaluation.sensors import Flaws, Looks
 
 BELIEVER = Believer()
-SMALL = Campaign((('cubic', 6),), sensor='step', kind='step')
+SMALL = Campaign((('cubic', 'drawn', 6),), sensor='step', kind='step')
 
 
 def timeless(row):
@@ -137,7 +137,7 @@ def test_a_campaign_goes_on_where_it_was_killed(tmp_path):
 
 def test_results_of_another_campaign_are_not_mixed_in(tmp_path):
     with ThreadPoolExecutor(1) as pool:
-        run_campaign(replace(SMALL, parts=(('cubic', 1),)), tmp_path, pool, 1)
+        run_campaign(replace(SMALL, parts=(('cubic', 'drawn', 1),)), tmp_path, pool, 1)
         with pytest.raises(ConfigurationError, match='another seed'):
             run_campaign(replace(SMALL, seed=1), tmp_path, pool, 1)
         (tmp_path / FILE).write_text('something else')
@@ -146,6 +146,6 @@ def test_results_of_another_campaign_are_not_mixed_in(tmp_path):
 
 
 def test_a_replay_says_what_was_decided_and_what_came_of_it():
-    lines, row = replay(SMALL, 'cubic', 2)
+    lines, row = replay(SMALL, 'cubic', 'drawn', 2)
     text = '\n'.join(lines)
     assert 'true faces' in text and row['outcome'] in text and 'approach 2 of seed 0' in text

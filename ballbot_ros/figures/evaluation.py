@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the evaluation of the decision found; see `studies.evaluation`."""
+from typing import Any, Dict
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ballbot_ros.figures import canvas
+
+COLOURS = (canvas.BLUE, canvas.VERMILION, canvas.GREEN, canvas.ORANGE, canvas.PURPLE, canvas.SKY)
+BAD = {'fell': canvas.VERMILION, 'hit': canvas.ORANGE, 'ran away': canvas.PURPLE,
+       'stuck': canvas.GREY}
+
+
+def evaluation(report: Dict[str, Any]) -> Figure:
+    """
+    Draw reliability, what went wrong, and crossings by room.
+
+    Parameters
+    ----------
+    report : dict
+        As `studies.evaluation.report.report` returns it.
+
+    """
+    planners = report['planners']
+    with canvas.drawing(10.4, 3.6) as figure:
+        left, middle, right = (figure.add_axes((0.06 + 0.33 * place, 0.17, 0.255, 0.68))
+                               for place in range(3))
+        draw_reliability(left, planners)
+        draw_failures(middle, planners)
+        draw_rooms(right, planners)
+        for axes, title in ((left, 'Promised and kept'), (middle, 'Went wrong, per 1,000'),
+                            (right, 'Crossed of what 23 of 24 robots can')):
+            axes.set_title(title, loc='left', fontsize=9.5, weight='bold')
+            axes.grid(color=canvas.SOIL, lw=0.5)
+            axes.set_axisbelow(True)
+    return figure
+
+
+def draw_reliability(axes: Axes, planners: Dict[str, Any]) -> None:
+    """Draw how often a promised probability of getting over was kept."""
+    axes.plot([0.4, 1.0], [0.4, 1.0], color=canvas.GREY, lw=0.8, ls='--')
+    for (name, one), colour in zip(planners.items(), COLOURS):
+        parts = [part for part in one['reliability'] if part['attempts']]
+        if not parts:
+            continue
+        promised, share = ([part[key] for part in parts] for key in ('promised', 'kept'))
+        errors = [[max(0.0, part['kept'] - part['interval'][0]) for part in parts],
+                  [max(0.0, part['interval'][1] - part['kept']) for part in parts]]
+        axes.errorbar(promised, share, errors, fmt='o', ms=4, lw=1.0, color=colour, label=name)
+        axes.legend(fontsize=7.5, frameon=False, loc='upper left')
+    axes.set_xlim(0.4, 1.01)
+    axes.set_ylim(0.4, 1.01)
+    axes.set_xlabel('promised probability of getting over')
+    axes.set_ylabel('kept, with 95 % intervals')
+
+
+def draw_failures(axes: Axes, planners: Dict[str, Any]) -> None:
+    """Draw what went wrong per thousand approaches."""
+    names = list(planners)
+    before = [0.0] * len(names)
+    for outcome, colour in BAD.items():
+        shares = [planners[name]['per thousand'][outcome] for name in names]
+        axes.barh(names, shares, left=before, color=colour, label=outcome, height=0.6)
+        before = [low + share for low, share in zip(before, shares)]
+    axes.invert_yaxis()
+    axes.tick_params(axis='y', labelsize=7.5)
+    axes.legend(fontsize=7.5, frameon=False)
+    axes.set_xlabel('approaches of 1,000')
+
+
+def draw_rooms(axes: Axes, planners: Dict[str, Any]) -> None:
+    """Draw the part of the crossable steps that was crossed, by the room before them."""
+    for (name, one), colour in zip(planners.items(), COLOURS):
+        parts = [part for part in one['crossable']['by room'] if part['approaches']]
+        axes.plot([0.5 * (part['from'] + part['to']) for part in parts],
+                  [part['over'] / part['approaches'] for part in parts],
+                  'o-', ms=3.5, color=colour, label=name)
+    axes.set_ylim(-0.03, 1.03)
+    axes.set_xlabel('room before the step [m]')
+    axes.set_ylabel('part that was crossed')
+    axes.legend(fontsize=7.5, frameon=False)
