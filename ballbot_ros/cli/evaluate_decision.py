@@ -85,7 +85,7 @@ def limits_for(arguments: argparse.Namespace, campaign: Any, pool: Any) -> Any:
     with watched(1.0, arguments.quiet, 'searching what most robots cross:', 'in all',
                  keeps=False) as progress:
         return replace(campaign, limits=limits_of_most(
-            believer.robot, believer.gains, arguments.out, pool, progress))
+            *believer.names, arguments.out, pool, progress))
 
 
 def show(arguments: argparse.Namespace, campaign: Any, pool: Any) -> None:
@@ -147,7 +147,8 @@ def read_campaign(arguments: argparse.Namespace) -> Any:
         if name not in known:
             raise ConfigurationError(
                 f'{name!r} is none of {", ".join(known)}{suggestion(name, known)}')
-    for option in ('approaches', 'compared', 'crossable', 'searched', 'workers', 'only', 'seed'):
+    for option in ('approaches', 'compared', 'crossable', 'searched', 'workers', 'only',
+                   'seed'):
         value = getattr(arguments, option)
         if value is not None and value < (1 if option in ('approaches', 'workers') else 0):
             raise ConfigurationError(f'--{option} must not be {value}')

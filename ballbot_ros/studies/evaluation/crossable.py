@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Approaches to steps that most robots can cross: how many of them does a decision cross?
+Approaches to steps that most robots can cross, to see how many of them a decision crosses.
 
 A single step on level ground, a sensor without flaws, room behind that is known to be free.  The
 robot is one of those that the limit of most is for, see `search.limit_of_most`.
@@ -13,9 +13,9 @@ from typing import Sequence, Tuple
 
 import numpy as np
 
-from ballbot_ros.control.tuning import ControlTuning
+from ballbot_ros.control.tuning import load_tuning
 from ballbot_ros.crossing.rules import touch_distance
-from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.robot import load_robot, Robot
 from ballbot_ros.results.files import write_text
 from ballbot_ros.studies.evaluation.approaches import Approach, BRINK
 from ballbot_ros.studies.evaluation.grounds import lay, Shape
@@ -31,21 +31,26 @@ ROOM = (0.15, 2.5)     # front of the ball to the step [m]
 HEIGHT = (0.008, 0.06)  # [m]
 
 
-def limits_of_most(nominal: Robot, gains: ControlTuning, folder: Path, pool: Executor,
+def named_limit(robot: str, gains: str, run_up: float) -> float:
+    """Return the limit of most at a run-up [m]; robot and tuning by name, for other processes."""
+    return limit_of_most(load_robot(robot), load_tuning(gains), run_up)
+
+
+def limits_of_most(robot: str, gains: str, folder: Path, pool: Executor,
                    progress: Progress = ignore) -> Limits:
     """
     Return the highest steps that most robots cross, by run-up; kept in a file of the folder.
 
     Progress is reported as the part of them that is known.
     """
-    path, key = folder / FILE, nominal.digest
+    path, key = folder / FILE, load_robot(robot).digest
     try:
         known = json.loads(path.read_text(encoding='utf-8'))
         if known['robot'] == key:
             return tuple((float(knot), float(limit)) for knot, limit in known['limits'])
     except (OSError, ValueError, KeyError, TypeError):
         pass
-    parts = [pool.submit(limit_of_most, nominal, gains, knot) for knot in reversed(KNOTS)]
+    parts = [pool.submit(named_limit, robot, gains, knot) for knot in reversed(KNOTS)]
     found = []
     for number, part in enumerate(parts, 1):
         found.append(part.result())

@@ -42,6 +42,7 @@ class Believer:
                  tuning: str = 'decision_default', gains: str = 'published',
                  **changes: Any):
         """Load and check."""
+        self.names = robot, gains
         self.robot: Robot = load_robot(robot)
         self.curve = load_curve(curve)
         self.tuning = replace(load_decision_tuning(tuning), **changes)

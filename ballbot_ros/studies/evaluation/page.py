@@ -7,7 +7,7 @@ from ballbot_ros.studies.evaluation.report import BAD, LISTED
 
 Report = Dict[str, Any]
 
-INTRODUCTION = '''\
+INTRODUCTION = """\
 # The decision in closed loop
 
 Written by `{command}`; do not edit it. Approach number n is shown with all its decisions by the
@@ -22,7 +22,7 @@ law (11) with the published gains; observations come at 50 Hz. The decision beli
 robot file. What each outcome is exactly: `ballbot_ros/studies/evaluation/judge.py`.
 
 ![Reliability, what went wrong, crossings by room](figures/decision_evaluation.png)
-'''
+"""
 
 
 def row(*cells: object) -> str:
