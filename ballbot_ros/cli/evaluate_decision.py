@@ -139,9 +139,9 @@ def read_campaign(arguments: argparse.Namespace) -> Any:
     from ballbot_ros.studies.evaluation.campaign import Campaign
     from ballbot_ros.studies.evaluation.grounds import KINDS
     from ballbot_ros.studies.evaluation.rules import RULES
+    planners = [*reversed(list(PLANNERS)), *RULES]
     names: Tuple[str, ...] = tuple(
-        arguments.planners.split(',') if arguments.planners else [*reversed(list(PLANNERS)), *RULES])
-    planners = [*PLANNERS, *RULES]
+        arguments.planners.split(',') if arguments.planners else planners)
     for name, known in [(name, planners) for name in names] + (
             [(arguments.kind, list(KINDS))] if arguments.kind is not None else []):
         if name not in known:

@@ -3,7 +3,7 @@
 Rules to compare a planner with: what one would do without knowing better.
 
 Each is the planner ``cubic`` with another curve of heights and without margins, so that all else
-(drops, stale observations, driving) is the same.
+(drops, stale observations, driving) is the same; ``always-try`` goes at the highest speed.
 """
 from dataclasses import replace
 from typing import Callable, Mapping
@@ -16,12 +16,15 @@ ANY = 10.0  # height of a step that is higher than all [m]
 RISE = 1e-6  # a curve must rise [s]
 
 
-def _ruled(knowledge: Knowledge, constant: float, square: float) -> Planner:
+def _ruled(knowledge: Knowledge, constant: float, square: float,
+           boldly: bool = False) -> Planner:
     """Return a planner that believes in the height constant + square v^2 [m, s2/m]."""
     curve = replace(knowledge.curve, coefficients=(constant, RISE, square, 0.0), conservative=(),
                     covariance=(), residual=0.0, rms=0.0, made=None, band=None,
                     lowest_speed=0.0)
     tuning = replace(knowledge.tuning, speed_margin=0.0, height_margin=0.0, sigma_margin=0.0)
+    if boldly:
+        tuning = replace(tuning, cruise_speed=tuning.highest_speed)
     return PLANNERS['cubic'](replace(knowledge, curve=curve, tuning=tuning))
 
 
@@ -31,6 +34,6 @@ def _energy(robot: Robot) -> float:
 
 # Name -> what makes a planner of what is known.
 RULES: Mapping[str, Callable[[Knowledge], Planner]] = {
-    'always-try': lambda knowledge: _ruled(knowledge, ANY, 0.0),
+    'always-try': lambda knowledge: _ruled(knowledge, ANY, 0.0, True),
     'quasi-static': lambda knowledge: _ruled(knowledge, quasi_static(knowledge.robot), 0.0),
     'energy': lambda knowledge: _ruled(knowledge, 0.0, _energy(knowledge.robot))}
