@@ -42,7 +42,7 @@ MEMORY = 0.1           # so long a crossing counts that is called off [s]
 SLACK = 0.06           # between a face and where it is believed to be [m]
 RESTING, STANDING, WAITING = 0.01, 1.0, 4.0  # [m/s], [s], [s]
 ASTRAY, RACING = 0.25, 1.5  # [m], over the highest speed
-LOST = 0.1             # so far behind its touch an attempt has failed [m]
+LOST = 0.03            # so far behind its touch an attempt has failed [m]
 AFTERMATH = 2.0        # so long a crossing may still end badly [s]
 
 
@@ -51,6 +51,7 @@ class JudgedAttempt:
     """A crossing that was begun: all as it was when the ball touched the face."""
 
     time: float
+    x: float           # [m]
     face: float        # [m]
     speed: float       # [m/s]
     strategy: str
@@ -69,7 +70,7 @@ class Verdict:
     outcome: str = 'undecided'
     time: float = 0.0
     x: float = 0.0
-    gap: float = math.nan       # of a ball at rest to the next face [m]
+    gap: float = math.nan       # at rest: front to the next face, or centre to a drop [m]
     hit_speed: float = 0.0      # [m/s]
     depth: float = 0.0          # of the drop that it fell [m]
     hidden: bool = False        # whether what it fell or hit could not be seen in time
@@ -128,7 +129,7 @@ class Judge:
         self._said.append((before, self._x, decision))
         while self._said[0][0] < before - MEMORY - 1e-9:
             self._said.popleft()
-        self._look_at_attempt(state, decision)
+        self._look_at_attempt(state)
         ended = (self._look_for_fall(state) or self._look_for_touch()
                  or self._look_for_end(state, decision))
         self._x = state.x
@@ -158,9 +159,10 @@ class Judge:
                 and place - max(before) < self._tuning.unseen_room)
 
     def _gap(self, state: State) -> float:
-        """Return the distance of the front of the ball to the next face [m]."""
-        ahead = [left for left, _, width, _ in self._faces if left + width > state.x]
-        return min(ahead) - state.x - self._radius if ahead else math.inf
+        """Return how far the ball is from the next face, its centre from a drop [m]."""
+        ahead = [left - (self._radius if height > 0.0 else 0.0)
+                 for left, _, width, height in self._faces if left + width > state.x]
+        return ahead[0] - state.x if ahead else math.inf
 
     def _look_for_fall(self, state: State) -> bool:
         """Return whether the ball has gone down a drop that was not taken."""
@@ -212,22 +214,21 @@ class Judge:
         _, x, decision = self._said[-1]
         plan, outlook = decision.plan, decision.outlook
         attempt = JudgedAttempt(
-            when, place, speed, plan.strategy.value if plan else '',
+            when, self._loop.state.x, place, speed, plan.strategy.value if plan else '',
             outlook.probability if outlook else math.nan, float(last_edge(decision, x)),
             (plan.start, plan.speed, plan.swing_position, plan.swing_angle) if plan
             else (decision.set_speed,))
         attempt.same = any(alike(attempt, other) for other in attempts if other.over is False)
         attempts.append(attempt)
 
-    def _look_at_attempt(self, state: State, decision: Decision) -> None:
+    def _look_at_attempt(self, state: State) -> None:
         """Settle the attempt under way."""
         if not self.verdict.attempts or self.verdict.attempts[-1].over is not None:
             return
         attempt = self.verdict.attempts[-1]
         if state.x > max(attempt.edge, attempt.face) + 0.5 * self._radius:
             attempt.over = True
-        elif state.x < attempt.face - self._radius - LOST or (
-                state.x < attempt.face and decision.kind is not Kind.CROSS):
+        elif state.x < attempt.x - LOST:
             attempt.over = False
         else:
             return
@@ -266,8 +267,11 @@ class Judge:
         verdict = self.verdict
         if verdict.attempts:
             last = verdict.attempts[-1]
-            late = verdict.outcome in ('fell', 'hit') and verdict.time < last.settled + AFTERMATH
-            last.over = bool(last.over) and not late
+            # A ball that stays between the edges of its plan has not got over.
+            bad = (verdict.outcome in ('fell', 'hit') and not verdict.hidden
+                   and (last.over is None or verdict.time < last.settled + AFTERMATH))
+            beyond = verdict.x > max(last.edge, last.face)
+            last.over = (beyond if last.over is None else last.over) and not bad
 
 
 def last_edge(decision: Decision, x: float) -> float:
