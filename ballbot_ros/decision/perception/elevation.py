@@ -6,6 +6,7 @@ from typing import NamedTuple, Optional, Tuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.decision.perception.kernels import middle
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.physics.model.terrain import Array
 
@@ -37,6 +38,9 @@ LEAST_OVERLAP, TILT_BASE = 20, 0.5
 
 # Part of the overlap that may contradict; one point in a hundred is an outlier of any camera.
 OUTLIERS = 0.15
+
+# By so many nodes the odometry may have slipped from one look to the next.
+SLIP = 25
 
 
 class Look(NamedTuple):
@@ -101,9 +105,9 @@ def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Look]
     steep[np.isnan(steep)] = 0.0
     bend = np.abs(rise[1:] * run[:-1] - rise[:-1] * run[1:]) / np.maximum(
         np.maximum(run[1:], run[:-1]), 1e-9)
-    roughness = 1.4826 * float(np.median(bend)) / math.sqrt(6.0) if len(bend) > 20 else 0.0
+    roughness = 1.4826 * middle(bend) / math.sqrt(6.0) if len(bend) > 20 else 0.0
     return Look(first, heights, steep, np.interp(places, x, z_sd), roughness,
-                float(np.median(run)))
+                middle(run))
 
 
 class ElevationMap:
@@ -198,6 +202,29 @@ class ElevationMap:
         self._fuse(inside, look.z + shift + tilt * places, new_variance, residual, seen, outside)
         return '', np.where(common, residual, np.nan)
 
+    def slip(self, look: Look) -> int:
+        """
+        Return by how many nodes a look that contradicts is farther on than the map, or 0.
+
+        A ball that climbs, or spins at the foot of a step, has odometry that slips: what it
+        sees is where it was, and the odometry has moved on or stayed behind.
+        """
+        fits = []
+        for nodes in range(-SLIP, SLIP + 1):
+            begin = look.first - nodes - self.first
+            if begin < 0 or begin + len(look.z) > NODES:
+                continue
+            inside = slice(begin, begin + len(look.z))
+            known = np.isfinite(self.variance[inside]) & np.isfinite(look.z)
+            if np.count_nonzero(known) >= LEAST_OVERLAP:
+                apart = self.height[inside][known] - look.z[known]
+                apart -= middle(apart)
+                together = self.variance[inside][known] + look.steep[known]**2 + UNTOLD_SD**2 / 4.0
+                outside = np.count_nonzero(apart**2 > self._sigmas**2 * together)
+                fits.append((outside / len(apart), abs(nodes), nodes))
+        best = min(fits, default=(1.0, 0, 0))
+        return best[2] if best[0] <= OUTLIERS / 3.0 else 0
+
     def _noise(self, look: Look) -> float:
         """Return what a sensor's noise is at least, or is taken for where none is told [m]."""
         told = bool(look.told_sd.max() > 0.0)
@@ -216,7 +243,7 @@ class ElevationMap:
         self.variance[:] = np.inf
         self._strikes[:] = 0.0
         below = look.z[(np.abs(places) < 0.1) & np.isfinite(look.z)]
-        datum = float(np.median(below)) if len(below) else float(
+        datum = middle(below) if len(below) else float(
             look.z[np.isfinite(look.z)][0])
         seen = np.isfinite(look.z)
         self.height[inside] = np.where(seen, look.z - datum, 0.0)
@@ -230,8 +257,8 @@ class ElevationMap:
         self.looks += 1
         weight = 1.0 / min(self.looks - 1, 50)
         if np.count_nonzero(even) >= LEAST_OVERLAP:
-            spread = 1.4826 * float(np.median(np.abs(residual[even])))
-            own = max(LEAST_SD**2, spread**2 - float(np.median(variance[even])))
+            spread = 1.4826 * middle(np.abs(residual[even]))
+            own = max(LEAST_SD**2, spread**2 - middle(variance[even]))
             self._residuals += weight * (own - self._residuals)
             self.noise_sd = math.sqrt(self._residuals)
         self.tilt_sd = math.sqrt(self.tilt_sd**2 + weight * (tilt**2 - self.tilt_sd**2))
@@ -278,11 +305,11 @@ def _alignment(places: Array, difference: Array, variance: Array,
                common: Flags) -> Tuple[float, float]:
     """Return shift [m] and tilt that fit map minus look, outliers left out."""
     x, d, weight = places[common], difference[common], 1.0 / variance[common]
-    shift, tilt = float(np.median(d)), 0.0
+    shift, tilt = middle(d), 0.0
     long = x[-1] - x[0] > TILT_BASE
     for _ in range(2):
         off = np.abs(d - shift - tilt * x)
-        limit = max(3.0 * 1.4826 * float(np.median(off)), 0.0005)
+        limit = max(3.0 * 1.4826 * middle(off), 0.0005)
         kept = np.where(off <= limit, weight, 0.0)
         total = kept.sum()
         mean_x, mean_d = (kept * x).sum() / total, (kept * d).sum() / total

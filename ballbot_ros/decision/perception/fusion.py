@@ -120,7 +120,7 @@ class GroundFusion:
             replace(face, position_sd=math.hypot(face.position_sd, more),
                     height_sd=math.hypot(face.height_sd, higher))
             for face in profile.faces
-            if not profile.points or face.position > motion.position)
+            if not profile.points or face.position + face.run > motion.position)
         return replace(profile, faces=faces)
 
     def _position_at(self, stamp: float) -> float:

@@ -128,7 +128,8 @@ def _assemble(nodes: Nodes, pieces: List[Piece], datum: float
     faces: List[Found] = []
 
     def put(x: float, z: float, variance: float) -> None:
-        points.append((x, z - datum))
+        # Where faces follow each other closely, their blurs overlap.
+        points.append((max(x, points[-1][0]) if points else x, z - datum))
         sds.append(math.sqrt(variance))
 
     for number, piece in enumerate(pieces):
@@ -179,27 +180,35 @@ def _joint(nodes: Nodes, pieces: List[Piece], number: int) -> Tuple[float, float
     return 0.5 * (one[0] + two[0]), max(one[1], two[1])
 
 
-def _aside(nodes: Nodes, pieces: List[Piece], number: int, at: float,
-           ahead: bool) -> Tuple[Tuple[float, float], Tuple[int, int]]:
-    """Return height and variance of the ground beside a face at `at`, and its nodes."""
+class _Side(NamedTuple):
+    """Ground beside a face: height, variance and slope at a place, and its nodes of the map."""
+
+    z: float
+    variance: float
+    slope: float
+    nodes: Tuple[int, int]
+
+
+def _aside(nodes: Nodes, pieces: List[Piece], number: int, at: float, ahead: bool) -> _Side:
+    """Return the ground before or behind a face, at a place."""
     other = number + (1 if ahead else -1)
     face = pieces[number]
     if not 0 <= other < len(pieces) or pieces[other].sign:
         node = face.end if ahead else face.begin
-        return ((float(nodes.z[node]), float(nodes.variance[node])),
-                (int(nodes.number[node]), int(nodes.number[node]) + 1))
+        first = int(nodes.number[node])
+        return _Side(float(nodes.z[node]), float(nodes.variance[node]), 0.0, (first, first + 1))
     begin, end = _inside(pieces, other)
     if end - begin > ASIDE / CELL:
         if ahead:
             end = begin + round(ASIDE / CELL)
         else:
             begin = end - round(ASIDE / CELL)
-    z, _, variance, _ = line(nodes.x, nodes.z, nodes.variance, begin, end, at)
+    z, slope, variance, _ = line(nodes.x, nodes.z, nodes.variance, begin, end, at)
     if end - begin < 4:
         # A cord or a groove: its mean would be less than what was seen.
         extreme = np.max if (face.sign > 0) == ahead else np.min
         z = float(extreme(nodes.z[begin:end]))
-    return (z, variance), (int(nodes.number[begin]), int(nodes.number[end - 1]) + 1)
+    return _Side(z, variance, slope, (int(nodes.number[begin]), int(nodes.number[end - 1]) + 1))
 
 
 def _face(nodes: Nodes, pieces: List[Piece], number: int
@@ -208,21 +217,21 @@ def _face(nodes: Nodes, pieces: List[Piece], number: int
     piece = pieces[number]
     x = nodes.x[piece.begin:piece.end + 1]
     begin, end = float(x[0]), float(x[-1])
-    low, before = _aside(nodes, pieces, number, begin, ahead=False)
-    high, after = _aside(nodes, pieces, number, end, ahead=True)
-    part = (nodes.z[piece.begin:piece.end + 1] - low[0]) / ((high[0] - low[0]) or 1.0)
-    tenth, middle, most = np.interp([0.1, 0.5, 0.9], np.maximum.accumulate(part), x)
+    low = _aside(nodes, pieces, number, begin, ahead=False)
+    high = _aside(nodes, pieces, number, end, ahead=True)
+    part = (nodes.z[piece.begin:piece.end + 1] - low.z) / ((high.z - low.z) or 1.0)
+    tenth, middle, most = np.interp([0.1, 0.5, 0.9], np.maximum.accumulate(part), x).tolist()
     # The step between two nodes, seen from changing places, is not narrower than this.
     run = (most - tenth) / 0.8 - CELL
-    run = 0.0 if run < 1.5 * CELL else float(run) + CELL
-    position = min(max(float(middle) - 0.5 * run, begin), end)
-    if run == 0.0 and end > begin:
-        low, before = _aside(nodes, pieces, number, position, ahead=False)
-        high, after = _aside(nodes, pieces, number, position, ahead=True)
-    height = high[0] - low[0]
-    variance = low[1] + high[1]
+    run = 0.0 if run < 1.5 * CELL else run + CELL
+    position = min(max(middle - 0.5 * run, begin), end)
+    run = min(run, end - position)
+    low = _aside(nodes, pieces, number, position, ahead=False)
+    high = _aside(nodes, pieces, number, position + run, ahead=True)
+    # On a slope, what is not known of the place is not known of the height.
+    blur = CELL * max(abs(low.slope), abs(high.slope))
+    variance = low.variance + high.variance + blur**2
     if not _is_seen_whole(pieces, number):
         variance += UNSEEN_SD**2
-    return Found(position, run, height, math.sqrt(variance), before, after), low, high
-
-
+    return (Found(position, run, high.z - low.z, math.sqrt(variance), low.nodes, high.nodes),
+            (low.z, low.variance), (high.z, high.variance))

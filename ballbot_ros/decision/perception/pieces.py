@@ -6,7 +6,7 @@ from typing import List, NamedTuple
 import numpy as np
 
 from ballbot_ros.decision.perception.elevation import Whole
-from ballbot_ros.decision.perception.kernels import simplify
+from ballbot_ros.decision.perception.kernels import middle, simplify
 from ballbot_ros.physics.model.terrain import Array
 
 # Steeper than this is a face, not a ramp: no ball of this kind rolls up 11 degrees.
@@ -49,7 +49,7 @@ class Nodes(NamedTuple):
 def pieces_of(nodes: Nodes, shared: float) -> List[Piece]:
     """Return the ground as gentle and steep pieces, from left to right."""
     own = nodes.variance / shared
-    usual = float(np.median(own))
+    usual = middle(own)
     width = next(width for width, most in WIDTHS if usual < most**2)
     z = nodes.z if width == 1 else _smooth(nodes.z, width)
     tolerance = np.maximum(

@@ -8,7 +8,7 @@ import numpy as np
 
 from ballbot_ros.decision.observations import TerrainObservation
 from ballbot_ros.decision.perception.checks import arrays, fault, misplaced
-from ballbot_ros.decision.perception.elevation import ElevationMap, Look, PLACE_SD, resample
+from ballbot_ros.decision.perception.elevation import CELL, ElevationMap, Look, PLACE_SD, resample
 from ballbot_ros.decision.perception.ground import Found, ground_of, GroundSeen
 from ballbot_ros.decision.perception.trend import Trend
 from ballbot_ros.decision.profile import Face, Profile
@@ -19,6 +19,9 @@ from ballbot_ros.physics.model.terrain import Array
 
 # Faces of two looks no farther apart are the same [m].
 SAME_PLACE = 0.06
+
+# No blur is longer [m].
+BLURRED = 0.05
 
 # The ground on this many nodes before and behind a face is what a look says of its height.
 BESIDE = 6
@@ -114,8 +117,19 @@ class TerrainTracker:
             self.offset = self._radius - float(np.hypot(x, z).min())
         contradiction, residual = self._map.add(look, position)
         if contradiction:
+            slipped = self._map.slip(look)
+            if slipped:
+                self._move(slipped)
+                contradiction, residual = self._map.add(look, position)
+        if contradiction:
             return self._contradicted(observation, look, position, contradiction)
         return self._believed(observation.stamp, look, residual, position)
+
+    def _move(self, nodes: int) -> None:
+        """Move all that is known, for the odometry has slipped."""
+        self._map.first += nodes
+        for known in self._faces:
+            known.found = known.found._replace(position=known.found.position + nodes * CELL)
 
     def _contradicted(self, observation: TerrainObservation, look: Look, position: float,
                       why: str) -> Profile:
@@ -124,6 +138,7 @@ class TerrainTracker:
         if self._strikes < self._tuning.forget_after:
             return self._reject(observation, Reason.CONTRADICTORY, why)
         self._map.clear()
+        self._faces = []
         _, residual = self._map.add(look, position)
         return self._believed(observation.stamp, look, residual, position)
 
@@ -140,7 +155,8 @@ class TerrainTracker:
     def _profile(self, stamp: float, ground: GroundSeen, position: float) -> Profile:
         """Return what the decision is told of a ground."""
         return Profile(
-            stamp, tuple(known.face for known in self._faces if known.face.position > position),
+            stamp, tuple(known.face for known in self._faces
+                         if known.face.position + known.face.run > position),
             tuple(ground.points), ground.seen_from, ground.seen_to, ground.slope,
             ground.slope_sd, points_sd=tuple(ground.sds), gaps=tuple(ground.gaps),
             bias_sd=self._bias)
@@ -196,5 +212,7 @@ class TerrainTracker:
         found, trend = known.found, known.trend
         scatter = trend.scatter / math.sqrt(trend.count) if trend.count else math.nan
         height_sd = max(found.height_sd, self._bias, scatter if scatter > 0.0 else 0.0)
-        return Face(known.face.number, found.position, found.height, PLACE_SD,
+        # A face that seems to have a run may be a vertical one, blurred by points that are lost.
+        position_sd = math.hypot(PLACE_SD, 0.3 * min(found.run, BLURRED))
+        return Face(known.face.number, found.position, found.height, position_sd,
                     math.hypot(height_sd, trend.growth), found.run)

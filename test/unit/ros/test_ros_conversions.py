@@ -7,11 +7,13 @@ from hypothesis import strategies as some
 import pytest
 from sensor_msgs.msg import JointState
 
+from ballbot_ros import decision
 from ballbot_ros.control import Mode
 from ballbot_ros.decision import Decision, Kind, Reason
 from ballbot_ros.errors import MessageError
-from ballbot_ros.msg import StepDecision, StepObservation
+from ballbot_ros.msg import StepDecision, StepObservation, TerrainObservation
 from ballbot_ros.physics import load_robot, Model, State, Terrain
+from ballbot_ros.plant import TerrainSensor
 from ballbot_ros.ros import conversions, parameters, settings
 
 
@@ -196,3 +198,22 @@ def test_a_decision_without_a_step_has_height_0_and_nan_for_what_is_not_known():
     assert message.height == 0.0 and message.speed == 0.4
     assert all(map(math.isnan, (message.required_speed, message.reachable_speed,
                                 message.height_margin, message.distance)))
+
+
+@given(some.lists(some.floats(allow_nan=True, allow_infinity=True), max_size=3),
+       some.lists(some.floats(allow_nan=True, allow_infinity=True), max_size=3),
+       some.floats(allow_nan=True, allow_infinity=True), some.text(max_size=9))
+def test_a_polyline_is_passed_on_as_it_is_for_the_tracker_to_judge(x, z, x_max, frame):
+    message = TerrainObservation(x=x, z=z, z_sd=z, x_min=-1.0, x_max=x_max)
+    message.header.frame_id = frame
+    message.header.stamp = conversions.to_time(2.5)
+    found = conversions.terrain_observation(message)
+    assert str(found) == str(decision.TerrainObservation(
+        2.5, tuple(x), tuple(z), tuple(z), -1.0, x_max, frame))
+
+
+def test_what_a_terrain_sensor_sees_is_stamped_and_in_the_level_frame():
+    sight = TerrainSensor(Terrain.flat(), 3.0, 0.001).look(0.0, 0.226, 0)
+    message = conversions.terrain_message(conversions.to_time(1.5), sight)
+    assert conversions.terrain_observation(message) == decision.TerrainObservation(
+        1.5, sight.x, sight.z, sight.z_sd, sight.x_min, sight.x_max)
