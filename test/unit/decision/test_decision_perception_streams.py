@@ -144,7 +144,8 @@ def test_latency_of_half_a_second_moves_no_face():
     (99.0, Reason.BAD_OBSERVATION), (math.nan, Reason.BAD_OBSERVATION),
     (math.inf, Reason.BAD_OBSERVATION), (-99.0, Reason.STALE)])
 def test_an_observation_of_another_clock_is_refused_and_holds_up_no_other(stamp, reason):
-    fusion, good = GroundFusion(GIMBALL, TUNING), StepObservation(0.0, True, 1.0, 0.03, 0.01, 0.001)
+    fusion = GroundFusion(GIMBALL, TUNING)
+    good = StepObservation(0.0, True, 1.0, 0.03, 0.01, 0.001)
     fusion.observe(replace(good, stamp=stamp))
     fusion.move(Motion(0.0, 0.0, 0.0))
     fusion.fuse()
