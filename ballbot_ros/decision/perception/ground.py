@@ -5,8 +5,9 @@ from typing import List, NamedTuple, Tuple
 
 import numpy as np
 
-from ballbot_ros.decision.perception.elevation import CELL, ElevationMap, Whole
+from ballbot_ros.decision.perception.elevation import ElevationMap, Whole
 from ballbot_ros.decision.perception.kernels import line
+from ballbot_ros.decision.perception.look import CELL
 from ballbot_ros.decision.perception.pieces import (
     CERTAIN, LEAST_FACE, Nodes, Piece, pieces_of)
 from ballbot_ros.physics.model.terrain import Array
