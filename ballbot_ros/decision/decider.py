@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole decision without ROS: observations and odometry in, decision and set angle out."""
+from dataclasses import replace
 from typing import Callable, NamedTuple, Optional, Union
 
+from ballbot_ros.decision.attempt_watch import AttemptWatch
 from ballbot_ros.decision.guard import guarded
+from ballbot_ros.decision.memory import Memory
+from ballbot_ros.decision.outcomes import Outcome
 from ballbot_ros.decision.perception import GroundFusion, Observation
 from ballbot_ros.decision.pilot import Pilot
 from ballbot_ros.decision.planners import PLANNERS
@@ -57,13 +61,17 @@ class Decider:
         self._plan = guarded(maker(knowledge), knowledge)
         self._fusion = GroundFusion(knowledge.robot, knowledge.tuning, frame)
         self._pilot = Pilot(knowledge)
+        self._memory, self._watch = Memory(knowledge.tuning), AttemptWatch(knowledge.robot)
         self.reset()
 
     def reset(self) -> None:
         """Forget all, for a jump of time or place."""
         self._fusion.reset()
         self._pilot.reset()
+        self._memory.reset()
+        self._watch.reset()
         self._motion: Optional[Motion] = None
+        self._outcome: Optional[Outcome] = None
         self._decision: Optional[Decision] = None
 
     @property
@@ -75,6 +83,11 @@ class Decider:
     def decision(self) -> Optional[Decision]:
         """Return the last decision."""
         return self._decision
+
+    @property
+    def outcome(self) -> Optional[Outcome]:
+        """Return what came of an attempt, if the last call of `decide` ended one."""
+        return self._outcome
 
     def observe(self, observation: Observation) -> None:
         """Take an observation; it is fused when there is odometry that is not older."""
@@ -98,7 +111,15 @@ class Decider:
         if self._motion is None:
             raise RuntimeError('decide was called before move')
         self.fuse()
-        motion = self._motion
-        situation = Situation(self._pilot.feel(motion), self._fusion.at(motion))
-        self._decision = decision = self._plan(situation, self._decision)
+        motion, memory = self._pilot.feel(self._motion), self._memory
+        profile = self._fusion.at(motion)
+        memory.move(motion, profile, self._watch.attempt is not None)
+        motion = replace(motion, slope=memory.slope)
+        self._decision = decision = self._plan(
+            Situation(motion, profile, memory.failures(profile), memory.free_from,
+                      memory.obstruction), self._decision)
+        self._outcome = self._watch.update(motion, profile, decision)
+        if self._outcome is not None:
+            memory.take(self._outcome)
+        memory.watch(motion, decision)
         return Answer(motion.stamp, decision, self._pilot.angle(decision, motion))

@@ -22,6 +22,9 @@ YOUNG = 0.9
 
 ROUNDING = 1e-9  # [m/s], [m]
 
+# Backed off far enough [m].
+ARRIVED = 0.03
+
 
 def stop(reason: Reason, explanation: str, **numbers: float) -> Decision:
     """Return a STOP as soon as possible."""
@@ -171,8 +174,38 @@ def guarded(planner: Planner, knowledge: Knowledge) -> Planner:
         trouble = unusable(situation, previous, knowledge.tuning)
         if trouble is not None and not _committed(previous, situation):
             return trouble
-        return checked(planner(situation, previous), situation, knowledge)
+        planned = planner(situation, previous)
+        return checked(held_back(planned, situation, knowledge.tuning), situation, knowledge)
     return answer
+
+
+def held_back(decision: Decision, situation: Situation, tuning: DecisionTuning) -> Decision:
+    """
+    Return a decision, or what takes its place where the ball did not get on before.
+
+    It keeps `stop_gap` before that place, backing off over ground that is free, and looks for
+    another way.
+    """
+    blocked, position = situation.obstruction, situation.motion.position
+    if blocked is None or decision.kind not in (Kind.CLEAR, Kind.CROSS):
+        return decision
+    place = blocked.position - tuning.stop_gap
+    what = ('rolled back on a slope that is too steep' if blocked.reason is Reason.STEEP
+            else 'did not get on')
+    answer = replace(
+        decision, kind=Kind.GO_ROUND, reason=blocked.reason, set_speed=0.0,
+        plan=Plan(Strategy.GO_ROUND), explanation=f'The ball {what} at {blocked.position:.2f} m; '
+        'find another way')
+    if position <= place:
+        return replace(answer, set_speed=tuning.cruise_speed, plan=replace(
+            answer.plan or Plan(Strategy.GO_ROUND), speed=tuning.cruise_speed,
+            stop_position=place))
+    start = max(place, situation.free_from)
+    if position - start <= ARRIVED:
+        return answer
+    return replace(
+        answer, kind=Kind.BACK_OFF, plan=Plan(Strategy.BACK_OFF, start),
+        start_distance=position - start, explanation=f'The ball {what} here; backing off')
 
 
 def _committed(previous: Optional[Decision], situation: Situation) -> bool:

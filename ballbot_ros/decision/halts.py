@@ -60,7 +60,9 @@ class Halts:
         if previous is not None and previous.reason is Reason.STEEP:
             steepest *= 0.9
         most = f'{math.degrees(self.braking.steepest):.1f} degrees can be held'
-        if not abs(slope) <= steepest:
+        # Uphill only where it is seen: what is felt may be a step.
+        seen = math.isfinite(profile.slope)
+        if not -steepest <= slope <= (steepest if seen else math.inf):
             return stop(Reason.STEEP, f'Stopping: the slope of {math.degrees(slope):+.1f} degrees '
                         f'is too steep, {most}', distance=0.0)
         ahead = steep_ahead(profile, position, steepest)

@@ -8,7 +8,7 @@ from ballbot_ros.decision.curve import HeightCurve
 from ballbot_ros.decision.plan import Plan
 from ballbot_ros.decision.profile import Profile
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Decision, Motion
+from ballbot_ros.decision.values import Decision, Motion, Reason
 from ballbot_ros.physics.model.robot import Robot
 
 
@@ -55,6 +55,24 @@ class Failure:
 
 
 @dataclass(frozen=True)
+class Obstruction:
+    """
+    Where the ball did not get on, though nothing was seen that would stop it.
+
+    Attributes
+    ----------
+    position : float
+        Of its centre [m].
+    reason : Reason
+        ``STUCK`` or ``STEEP``.
+
+    """
+
+    position: float
+    reason: Reason
+
+
+@dataclass(frozen=True)
 class Situation:
     """
     What is known now.
@@ -69,6 +87,7 @@ class Situation:
         What was tried at faces ahead.
     free_from : float
         Farthest position behind the ball to which it may roll back [m].
+    obstruction : Obstruction or None
 
     """
 
@@ -76,6 +95,7 @@ class Situation:
     profile: Optional[Profile] = None
     failures: Tuple[Failure, ...] = ()
     free_from: float = float('inf')
+    obstruction: Optional[Obstruction] = None
 
 
 class Planner(Protocol):

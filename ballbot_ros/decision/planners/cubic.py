@@ -24,8 +24,9 @@ from ballbot_ros.decision.values import Decision, Kind, Motion, Outlook, Reason
 # A ball that leans against a step for this long is not going to make it [s].
 LONGEST_CONTACT = 1.5
 
-# In contact the ball bounces; this far off the step it still is in contact [m].
-CONTACT_SLACK = 0.03
+# In contact the ball bounces; this far off the step it still is in contact [m].  A step that is
+# higher than it seems is touched this much earlier.
+CONTACT_SLACK = 0.04
 
 # The pendulum is let down so long before the touch [s].
 HANGING = 0.3
@@ -36,8 +37,9 @@ BEGUN, GIVEN_UP = 0.5, 1.25
 BEGUN_LANDING = 0.8  # of the way to a stop behind the edge
 ROLLING = 0.05  # [m/s]
 
-# After a failure the ball must be this much faster, and after so many it gives up.
-FASTER, MOST_FAILURES = 1.1, 3
+# After a failure the ball must be this much faster than it was, and than it was to be; after so
+# many it gives up.
+FASTER, FASTER_PLAN, MOST_FAILURES = 1.1, 1.05, 3
 
 # Where backing off ends [m], and steps that are taken with any speed behind another one [m].
 ARRIVED, PASSABLE = 0.03, 0.002
@@ -102,7 +104,8 @@ class Cubic:
         else:
             distance = step.position - motion.position
             run_up = distance - touch_distance(self._radius, step.height)
-            if run_up > (0.0 if since is None else CONTACT_SLACK):
+            late = since is not None or previous.reason is Reason.COMMITTED
+            if run_up > (CONTACT_SLACK if late else 0.0):
                 return None
         since = motion.stamp if since is None else since
         if not 0.0 <= motion.stamp - since <= LONGEST_CONTACT:
@@ -159,7 +162,7 @@ class Cubic:
         around = self._forbidden(step, found, failed)
         land = beyond(profile, step, self._radius, PASSABLE, self._tuning)
         if around is None and not late:
-            around = self._landing(step, found, land, slope, begun is not None)
+            around = self._landing(step, found, land, slope, begun is not None, failed)
         if around is not None:
             reason, why = around
             return self._halts.stand(
@@ -170,7 +173,8 @@ class Cubic:
         on_the_way = backing is not None and (
             motion.position > backing.start + ARRIVED or motion.speed < -ROLLING)
         if on_the_way or not answer.required_speed <= found.driven:
-            return self._longer_run_up(answer, where, step, situation, slope, backing, failed)
+            return self._longer_run_up(answer, where, step, situation, slope,
+                                       backing if on_the_way else None, failed)
         plan = self._plan(step, found, land, begun, motion)
         return replace(
             answer, plan=plan, start_distance=motion.position - plan.start,
@@ -207,16 +211,16 @@ class Cubic:
             else f'{found.required:.2f} m/s'
         return Reason.TOO_HIGH, f'needs {wish}, {found.top:.2f} m/s is the most'
 
-    def _landing(self, step: Face, found: Reach, land: Beyond, slope: float,
-                 begun: bool) -> Optional[Tuple[Reason, str]]:
+    def _landing(self, step: Face, found: Reach, land: Beyond, slope: float, begun: bool,
+                 failed: List[Failure]) -> Optional[Tuple[Reason, str]]:
         """Return why what lies behind a step forbids to cross it, if so."""
         driven = max(found.driven, found.required or 0.0)
-        if land.known:
-            fastest = self._reckoning.speed_behind(step, driven, self._tuning.sigma_margin)
-            needed = self._halts.braking.distance(fastest, min(0.0, slope), emergency=True)
-        else:
-            fastest = self._reckoning.speed_behind(step, driven, 0.0)
-            needed = self._halts.braking.expected_distance(fastest, min(0.0, slope))
+        sigmas = self._tuning.sigma_margin if land.known else 0.0
+        fastest = self._reckoning.speed_behind(
+            step, driven, sigmas, max((one.touch_speed for one in failed), default=0.0))
+        downhill = min(0.0, slope)
+        needed = self._halts.braking.distance(fastest, downhill, emergency=True) if land.known \
+            else self._halts.braking.expected_distance(fastest, downhill)
         if needed * (BEGUN_LANDING if begun else 1.0) <= land.room:
             return None
         return Reason.LANDING, (f'behind it {land.room:.2f} m until {land.trouble}, '
@@ -229,7 +233,7 @@ class Cubic:
         touch = step.position - touch_distance(self._radius, step.height)
         start = touch - self._reckoning.run_up_for(needed, slope)
         if backing is not None and backing.start >= situation.free_from:
-            start = backing.start
+            start = min(start, backing.start) if start >= situation.free_from else backing.start
         reached = answer.outlook.touch_speed if answer.outlook is not None else math.nan
         short = f'needs {needed:.2f} m/s, only {reached:.2f} m/s reachable from here'
         if start >= situation.free_from:
@@ -255,4 +259,5 @@ def numbers(answer: Decision) -> Dict[str, Any]:
 
 def faster(failed: List[Failure]) -> float:
     """Return the speed at touch below which a plan is one that failed already [m/s]."""
-    return max((max(FASTER * one.touch_speed, one.plan.speed) for one in failed), default=0.0)
+    return max((max(FASTER * one.touch_speed, FASTER_PLAN * one.plan.speed) for one in failed),
+               default=0.0)

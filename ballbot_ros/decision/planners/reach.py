@@ -175,7 +175,8 @@ class Reckoning:
         return band.quantile(min(max(speed, band.speeds[0]), band.speeds[-1]),
                              1.0 - self._tuning.required_probability)
 
-    def speed_behind(self, face: Face, driven: float, sigmas: float) -> float:
+    def speed_behind(self, face: Face, driven: float, sigmas: float,
+                     not_enough: float = 0.0) -> float:
         """
         Return what is left of a speed at touch when the centre passes the edge [m/s].
 
@@ -189,15 +190,18 @@ class Reckoning:
             At touch [m/s].
         sigmas : float
             Standard deviations by which the step is lower, and the ball faster, than expected.
+        not_enough : float
+            A speed at touch that did not get over it [m/s].
 
         """
         tuning = self._tuning
         lower = max(0.0, face.height - sigmas * math.hypot(
             face.height_sd, tuning.height_bias_sd))
         fastest = driven * (1.0 + 0.25 * sigmas * tuning.speed_margin)
-        if lower < self._curve.height(self._curve.lowest_speed):
-            return fastest
         needed = self._curve.required_speed(lower) or self._curve.highest_speed
+        if lower < self._curve.height(self._curve.lowest_speed):
+            needed = 0.0
+        needed = max(needed, not_enough)
         return math.sqrt(max(0.0, fastest * fastest - needed * needed))
 
     def _conservative(self, face: Face, margins: float) -> float:

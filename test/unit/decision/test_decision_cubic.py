@@ -213,7 +213,8 @@ def test_a_higher_step_is_never_easier(one, other, distance, speed):
     # More height also means an earlier touch, so less room: both work the same way.
     if high.kind is Kind.CROSS and low.reason is not Reason.DROP:
         # Braking has more room before a low step: it can only be touched slower.
-        assert low.kind is Kind.CROSS
+        # It also takes less of the speed: what lies behind may be too near.
+        assert low.kind is Kind.CROSS or low.reason is Reason.LANDING
         assert low.required_speed <= high.required_speed
 
 
@@ -322,11 +323,11 @@ def test_a_ball_that_bounces_off_the_step_is_still_in_contact():
     pushing = on(distance=touch, speed=0.1, previous=crossing())
     assert pushing.contact_since == 0.0
     near, far = (on(distance=touch + gap, speed=0.1, now=0.1, previous=pushing)
-                 for gap in (0.029, 0.031))
+                 for gap in (0.039, 0.041))
     assert near.kind is Kind.CROSS and near.contact_since == 0.0
     assert far.kind is Kind.STOP
     # Without contact before, the same place is none.
-    assert on(distance=touch + 0.029, speed=0.1, previous=crossing()).kind is Kind.STOP
+    assert on(distance=touch + 0.039, speed=0.1, previous=crossing()).kind is Kind.STOP
 
 
 def test_who_was_not_crossing_does_not_push():

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is remembered on the way: failures, free ground behind, and where nothing came of it."""
+from dataclasses import replace
+import math
+
+import pytest
+
+from ballbot_ros.decision import (
+    Decision, DecisionTuning, Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion,
+    Plan, Profile, Reason, Situation, Strategy)
+from ballbot_ros.decision.guard import guarded, held_back
+from ballbot_ros.decision.memory import Memory
+from ballbot_ros.decision.outcomes import Outcome
+from ballbot_ros.decision.planners import cubic
+from ballbot_ros.decision.situation import Failure, Obstruction
+from ballbot_ros.physics.model.robot import load_robot
+
+TUNING = load_decision_tuning('decision_default')
+KNOWN = Knowledge(load_robot('gimball'), load_curve('gimball_down'), TUNING)
+STEP = Face(4, 1.0, 0.02, 0.01, 0.001)
+DRIVING = Decision(Kind.CLEAR, Reason.NOTHING_AHEAD, 0.4, '')
+PLAN = Plan(Strategy.ACCELERATE, 0.0, 0.75, edge=1.0)
+
+
+def outcome(result='stuck', **changes):
+    return replace(Outcome(
+        stamp=3.0, result=result, face=4, position=1.0, height=0.02, height_sd=0.001,
+        touch_speed=0.7, touch_angle=0.0, held_angle=0.0, plan=PLAN), **changes)
+
+
+def moved(memory, *positions, faces=(), since=0.0, touching=False, slope=0.0, speed=0.4):
+    for index, position in enumerate(positions):
+        now = since + 0.02 * index
+        memory.move(Motion(now, position, speed, slope=slope), Profile(now, faces), touching)
+
+
+def test_what_was_rolled_over_is_free_behind_and_nothing_else():
+    memory = Memory(TUNING)
+    assert memory.free_from == math.inf
+    moved(memory, 0.3, 0.5, 0.2, 0.4)
+    assert memory.free_from == 0.2
+    roomy = Memory(DecisionTuning(room_behind=0.5))
+    moved(roomy, 0.3, 0.5)
+    assert roomy.free_from == pytest.approx(-0.2)
+    memory.reset()
+    assert memory.free_from == math.inf
+
+
+def test_behind_a_step_that_was_climbed_it_does_not_back_off_over_its_edge():
+    memory = Memory(TUNING)
+    moved(memory, 0.0, 0.9, faces=(STEP,))
+    moved(memory, 1.1, 1.5, since=0.04)
+    assert memory.free_from == pytest.approx(1.05)
+    # Down again it is where it can be.
+    moved(memory, 0.6, since=0.08)
+    assert memory.free_from == 0.6
+
+
+def test_a_failure_is_found_again_at_its_place_under_another_number():
+    memory = Memory(TUNING)
+    moved(memory, 0.0)
+    memory.take(outcome())
+    assert memory.failures(Profile(0.0, (STEP,))) == (Failure(4, 1.0, 0.02, PLAN, 0.7),)
+    later = replace(STEP, number=9, position=1.1, height=0.022)
+    assert [one.face for one in memory.failures(Profile(0.0, (later,)))] == [9]
+    for other in (replace(later, position=1.2), replace(later, height=0.06)):
+        assert memory.failures(Profile(0.0, (other,))) == ()
+    assert memory.failures(None) == ()
+    # Where the ball may have spun at the foot, less is free behind it than odometry says.
+    assert memory.free_from == pytest.approx(0.1)
+    memory.take(outcome('over'))
+    assert memory.failures(Profile(0.0, (STEP,))) == ()
+
+
+@pytest.mark.parametrize('speed, seconds, reason', [
+    (0.0, 2.6, Reason.STUCK), (-0.1, 0.7, Reason.STEEP), (0.0, 2.3, None), (-0.1, 0.5, None)])
+def test_where_the_ball_does_not_get_on_is_noticed(speed, seconds, reason):
+    memory = Memory(TUNING)
+    for index in range(int(seconds * 50)):
+        now = 0.02 * index
+        # It rocks by a few centimetres.
+        memory.watch(Motion(now, 0.5 + 0.02 * math.sin(5.0 * now), speed), DRIVING)
+    assert (None if memory.obstruction is None else memory.obstruction.reason) is reason
+
+
+@pytest.mark.parametrize('decision', [
+    replace(DRIVING, kind=Kind.STOP), replace(DRIVING, kind=Kind.GO_ROUND),
+    replace(DRIVING, set_speed=0.05), replace(DRIVING, kind=Kind.CROSS, contact_since=0.0)])
+def test_who_does_not_want_on_or_pushes_at_a_step_is_not_stuck(decision):
+    memory = Memory(TUNING)
+    for index in range(400):
+        memory.watch(Motion(0.02 * index, 0.5, 0.0), decision)
+    assert memory.obstruction is None
+
+
+def test_a_ball_that_gets_on_is_not_stuck_and_what_it_passes_was_no_obstruction():
+    memory = Memory(TUNING)
+    for index in range(500):
+        memory.watch(Motion(0.02 * index, 0.0005 * index, 0.025), DRIVING)
+    assert memory.obstruction is None
+    for index in range(200):
+        memory.watch(Motion(20.0 + 0.02 * index, 0.3, 0.0), DRIVING)
+    assert memory.obstruction.position == pytest.approx(0.3)
+    moved(memory, 0.39)
+    assert memory.obstruction is not None
+    moved(memory, 0.41, since=1.0)
+    assert memory.obstruction is None
+
+
+def test_what_is_felt_at_a_step_is_no_slope():
+    memory = Memory(TUNING)
+    moved(memory, *[0.01 * index for index in range(300)], slope=0.03)
+    assert memory.slope == pytest.approx(0.03, abs=0.002)
+    moved(memory, *[3.0] * 50, since=6.0, touching=True, slope=0.3)
+    moved(memory, *[2.9] * 45, since=7.0, slope=-0.2)
+    assert memory.slope == pytest.approx(0.03, abs=0.002)
+    moved(memory, *[2.9] * 200, since=8.0, slope=-0.02)
+    assert memory.slope == pytest.approx(-0.02, abs=0.005)
+
+
+def test_where_it_did_not_get_on_it_backs_off_and_looks_for_another_way():
+    blocked = Obstruction(0.5, Reason.STUCK)
+    here = Situation(Motion(0.0, 0.49, 0.0), Profile(0.0), free_from=0.0, obstruction=blocked)
+    back = held_back(DRIVING, here, TUNING)
+    assert (back.kind, back.reason, back.plan.start) == (Kind.BACK_OFF, Reason.STUCK, 0.25)
+    # Nowhere to go: it stands.
+    assert held_back(DRIVING, replace(here, free_from=0.48), TUNING).kind is Kind.GO_ROUND
+    there = replace(here, motion=Motion(0.0, 0.2, 0.0))
+    away = held_back(DRIVING, there, TUNING)
+    assert (away.kind, away.plan.stop_position) == (Kind.GO_ROUND, 0.25)
+    for decision in (replace(DRIVING, kind=Kind.STOP), replace(DRIVING, kind=Kind.BACK_OFF)):
+        assert held_back(decision, here, TUNING) is decision
+    assert held_back(DRIVING, replace(here, obstruction=None), TUNING) is DRIVING
+
+
+def answer(failures, position=0.0, free_from=-3.0, speed=0.0):
+    planner = guarded(cubic.planner(KNOWN), KNOWN)
+    return planner(Situation(Motion(0.0, position, speed), Profile(0.0, (STEP,)), failures,
+                             free_from), None)
+
+
+def test_after_a_failure_the_same_plan_is_never_made_again():
+    first = answer(())
+    assert first.kind is Kind.CROSS
+    failed = [Failure(4, 1.0, 0.02, first.plan, first.outlook.touch_speed)]
+    back = answer(failed, 0.8)
+    assert (back.kind, back.reason) == (Kind.BACK_OFF, Reason.RUN_UP)
+    second = answer(failed, back.plan.start)
+    assert second.kind is Kind.CROSS
+    assert second.plan.speed > 1.05 * first.plan.speed
+    assert second.outlook.touch_speed > 1.1 * first.outlook.touch_speed
+    failed.append(Failure(4, 1.0, 0.02, second.plan, second.outlook.touch_speed))
+    third = answer(failed, -3.0)
+    assert third.kind is Kind.GO_ROUND or third.plan.speed > second.plan.speed
+    assert answer(3 * failed[:1], -3.0).reason is Reason.FAILED_BEFORE
+    # Without room for a longer run-up it goes round.
+    assert answer(failed, 0.8, free_from=0.7).reason is Reason.FAILED_BEFORE
+    fast = Failure(4, 1.0, 0.02, replace(first.plan, speed=1.09), 1.05)
+    assert answer([fast], -3.0).kind is Kind.GO_ROUND
+
+
+def test_backing_off_ends_where_the_run_up_is_long_enough():
+    planner = guarded(cubic.planner(KNOWN), KNOWN)
+    position, previous = 0.6, None
+    for index in range(200):
+        told = Situation(Motion(0.02 * index, position, 0.0), Profile(0.02 * index, (STEP,)),
+                         free_from=-3.0)
+        previous = planner(told, previous)
+        if previous.kind is not Kind.BACK_OFF:
+            break
+        start = previous.plan.start
+        position -= 0.02
+    assert previous.kind is Kind.CROSS and start - 0.02 <= position <= start + 0.03
+    assert previous.outlook.touch_speed >= previous.required_speed
