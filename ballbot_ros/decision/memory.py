@@ -27,8 +27,8 @@ BACKWARDS, LASTING = 0.05, 0.6
 PASSED = 0.1
 # A ball that fails may have spun at the foot of the step: odometry is behind by up to this [m].
 SLIPPED = 0.1
-# A slope that is felt is that of the ground, and no step, when it lasts for such a time [s]; for as
-# long after a touch nothing of the kind is felt.
+# A slope that is felt is that of the ground, and no step, when it lasts for such a time [s]; for
+# as long after a touch nothing of the kind is felt.
 FELT = 1.0
 
 

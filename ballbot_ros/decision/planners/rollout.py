@@ -21,7 +21,7 @@ from ballbot_ros.decision.rollout.candidates import Candidate
 from ballbot_ros.decision.rollout.deliberation import (
     Choice, deliberate, Deliberation, from_here)
 from ballbot_ros.decision.rollout.search import good, Task
-from ballbot_ros.decision.rollout.worlds import REACTION, Worlds
+from ballbot_ros.decision.rollout.worlds import Worlds
 from ballbot_ros.decision.situation import Failure, Knowledge, Planner, Situation
 from ballbot_ros.decision.values import Decision, Kind, Motion, Reason
 
@@ -227,8 +227,9 @@ class RolloutPlanner:
 
     def _braking_room(self, ahead: Ahead, motion: Motion) -> float:
         """Return how far it is to the last point where braking still works [m]."""
-        way = braking_distance(motion.speed, ahead.slope, self._tuning.emergency_lean,
-                               REACTION + self._tuning.actuation_delay, self._worlds.law)
+        tuning = self._tuning
+        way = braking_distance(motion.speed, ahead.slope, tuning.emergency_lean,
+                               tuning.reaction_time + tuning.actuation_delay, self._worlds.law)
         return ahead.touch - GAP - motion.position - way
 
     def _answer(self, ahead: Ahead, situation: Situation) -> Decision:

@@ -20,8 +20,6 @@ from ballbot_ros.physics.model.terrain import Array
 WORLDS = 1024
 # Between an answer and what it does: the period of the odometry, at most [s].
 LATENESS = 0.02
-# Of the pilot to anything [s].
-REACTION = 0.2
 
 
 @dataclass(frozen=True)
@@ -104,7 +102,7 @@ class Worlds:
         self._drive: PlainDrive = (
             control.position_kp, control.position_kd, float(control.gravity_compensation),
             control.torque_limit, robot.motor_line, law[:], tuning.largest_lean,
-            tuning.emergency_lean, REACTION + tuning.actuation_delay)
+            tuning.emergency_lean, tuning.reaction_time + tuning.actuation_delay)
         self._scratch: Dict[int, Tuple[Array, Array, Array, Array]] = {}
         self._next = 0
         self.law = law[:]

@@ -8,7 +8,6 @@ import pytest
 from ballbot_ros.control.rolling_model import RollingModel
 from ballbot_ros.control.speed_law import speed_law_start
 from ballbot_ros.decision import Face, Knowledge, load_curve, load_decision_tuning, Profile
-from ballbot_ros.decision.pilot import REACTION
 from ballbot_ros.decision.pilot_law import pilot_step
 from ballbot_ros.decision.plan import Strategy
 from ballbot_ros.decision.rollout.ahead import look_ahead
@@ -68,7 +67,7 @@ def driven(robot, height, position, speed, row):
     plant = Plant(scene, 500.0)
     state, touched = speed_law_start(speed, 0.0, 0.0, WORLDS.law), None
     order = (row[SPEED], 0.0, math.inf, row[SWING_AT], row[SWING_ANGLE], row[EDGE], 0.0,
-             TUNING.largest_lean, TUNING.emergency_lean, REACTION)
+             TUNING.largest_lean, TUNING.emergency_lean, TUNING.reaction_time)
     for period in range(6000):
         now = plant.state
         if period % 10 == 0:
