@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What lies ahead, from a profile: the shape that rollouts move about, and where plans end."""
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 import math
 from typing import List, Sequence, Tuple
 
 import numpy as np
 
-from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.profile import Face, Profile
 from ballbot_ros.decision.rollout.layout import FACES
 from ballbot_ros.physics.model.terrain import Array
@@ -19,6 +19,8 @@ TOGETHER = 1.0
 UNEVEN = 0.004
 # Ground is drawn this far behind the ball, and this far behind the last that is known [m].
 BEYOND = 4.0
+# The ground is read so far from a face: its own points are no floor [m].
+ASIDE = 1e-4
 # Bends that are kept between two faces.
 BENDS = 4
 
@@ -86,7 +88,8 @@ def faces_ahead(profile: Profile, position: float) -> Tuple[Face, ...]:
 
 
 def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: float,
-               slope_sd: float, radius: float, unseen_room: float) -> Ahead:
+               slope_sd: float, radius: float, unseen_room: float,
+               climbed: float = 0.0) -> Ahead:
     """
     Return what lies ahead of a ball.
 
@@ -104,37 +107,36 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         Of the ball [m].
     unseen_room : float
         Floor taken for granted behind an edge [m].
+    climbed : float
+        What the ball has climbed just before [m]: so much it may go down again.
 
     """
+    floor = Floor(profile.points, slope)
     rows: List[Tuple[float, float, int, float, float]] = [
         (position - BEYOND, -BEYOND * math.tan(slope), -1, 0.0, 0.0)]
     here, level, ends = position, 0.0, []
-    climbed, last = 0.0, -math.inf
+    last = -math.inf
     for index, face in enumerate(faces):
-        for x, z in _between(profile, here, face.position, slope):
-            rows.append((x, level + z, index - 1, 1.0, 1.0))
-        level = rows[-1][1] if len(rows) > 1 else 0.0
-        # The foot, after the ground that leads to it.
         foot = max(face.position, here)
-        level += _rise(profile, rows[-1][0] if len(rows) > 1 else here, foot, slope)
+        for x, rise in floor.bends(here, foot):
+            rows.append((x, level + rise, index - 1, 1.0, 1.0))
+        level += floor.rise(here, foot)
         rows.append((foot, level, index, 0.0, 1.0))
         level += face.height
         here = foot + max(face.run, 0.0)
         rows.append((here, level, index, 1.0, 1.0))
         climbed += face.height
         if index > 0 and foot - last > TOGETHER:
-            break
+            continue
         last = here
         # Down again is fine as far as it went up before.
         if climbed >= -SMALLEST_DROP:
             ends.append(End(index + 1, len(rows) - 1, here))
     seen_to = max(profile.seen_to if profile.points else here, here + unseen_room)
-    far = max(seen_to, here) + BEYOND
-    rest = list(_between(profile, here, max(seen_to, here), slope))
-    for x, z in rest:
-        rows.append((x, level + z, len(faces) - 1, 1.0, 1.0))
-    level = rows[-1][1]
-    rows.append((far, level + _last_slope(profile, rows[-1][0], slope) * (far - rows[-1][0]),
+    for x, rise in floor.bends(here, seen_to):
+        rows.append((x, level + rise, len(faces) - 1, 1.0, 1.0))
+    level += floor.rise(here, seen_to)
+    rows.append((seen_to + BEYOND, level + floor.rise(seen_to, seen_to + BEYOND),
                  len(faces) - 1, 1.0, 1.0))
     deviations = np.zeros((2, FACES))
     for index, face in enumerate(faces[:FACES]):
@@ -142,49 +144,81 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
     first = faces[0]
     return Ahead(
         np.array(rows), tuple(faces), tuple(ends), deviations, slope, slope_sd,
-        first.position - touch_distance(radius, first.height), max(seen_to, here))
+        first.position - touch_distance_on(slope, radius, first.height), seen_to)
 
 
-def _rise(profile: Profile, begin: float, end: float, slope: float) -> float:
-    """Return by how much the ground rises between two positions without a face between [m]."""
-    if end <= begin:
-        return 0.0
-    seen = _seen(profile, begin, end)
-    if len(seen) < 2:
-        return math.tan(slope) * (end - begin)
-    (x, z), (later_x, later_z) = seen[0], seen[-1]
-    return (later_z - z) / (later_x - x) * (end - begin) if later_x - x > 1e-3 else 0.0
+def touch_distance_on(slope: float, radius: float, height: float) -> float:
+    """
+    Return how far before a face the centre is when the ball touches it [m].
+
+    The x of a centre that is a radius away from the slope and from the edge; see
+    `rules.touch_distance` for a level floor.
+    """
+    steep, above = math.tan(slope), radius / math.cos(slope) - min(max(height, 0.0), radius)
+    root = radius**2 * (1.0 + steep**2) - above**2
+    return (steep * above + math.sqrt(max(root, 0.0))) / (1.0 + steep**2)
 
 
-def _last_slope(profile: Profile, begin: float, slope: float) -> float:
-    """Return the rise over run of the ground behind the last that is known."""
-    return 0.0 if profile.points else math.tan(slope)
+class Floor:
+    """
+    The ground between faces.
+
+    Parameters
+    ----------
+    points : sequence of (float, float)
+        Polyline of the ground, faces included; may be empty.
+    slope : float
+        Of the ground where there are no points [rad].
+
+    """
+
+    def __init__(self, points: Sequence[Tuple[float, float]], slope: float):
+        """Keep them."""
+        self._points, self._slope = points, math.tan(slope)
+        self._places = [x for x, _ in points]
+
+    def bends(self, begin: float, end: float) -> List[Tuple[float, float]]:
+        """Return where the ground bends between two places, and how much higher it is [m]."""
+        inner = self._inner(begin, end)
+        if len(inner) < 3:
+            return []
+        found = simplified(inner, UNEVEN)[1:-1]
+        return [(x, z - inner[0][1]) for x, z in found] if len(found) <= BENDS else []
+
+    def rise(self, begin: float, end: float) -> float:
+        """Return how much higher the ground is at a second place, faces at both left out [m]."""
+        inner = self._inner(begin, end)
+        return inner[-1][1] - inner[0][1] if inner else 0.0
+
+    def _inner(self, begin: float, end: float) -> List[Tuple[float, float]]:
+        """Return the points from behind the first to before the second of two places."""
+        if end - begin < 2.0 * ASIDE:
+            return []
+        begin, end = begin + ASIDE, end - ASIDE
+        inner = self._points[bisect_right(self._places, begin):bisect_left(self._places, end)]
+        return [(begin, self._height(begin)), *inner, (end, self._height(end))]
+
+    def _height(self, x: float) -> float:
+        """Return the height of the ground at a place without a face [m]."""
+        if not self._points:
+            return self._slope * x
+        after = bisect_right(self._places, x)
+        if after == 0:
+            return self._points[0][1] + self._slope * (x - self._places[0])
+        if after == len(self._points):
+            return self._points[-1][1]
+        (left, low), (right, high) = self._points[after - 1], self._points[after]
+        return low + (high - low) * (x - left) / max(right - left, 1e-9)
 
 
-def _seen(profile: Profile, begin: float, end: float) -> List[Tuple[float, float]]:
-    """Return the points of the profile strictly between two positions."""
-    return [point for point in profile.points if begin + 1e-6 < point[0] < end - 1e-6]
-
-
-def _between(profile: Profile, begin: float, end: float,
-             slope: float) -> List[Tuple[float, float]]:
-    """Return where the ground bends between two positions, above that at the first [m]."""
-    seen = _seen(profile, begin, end)
-    if len(seen) < 3:
-        return []
-    bends = _simplified(seen, UNEVEN)[1:-1]
-    if len(bends) > BENDS:
-        return []
-    return [(x, z - seen[0][1]) for x, z in bends]
-
-
-def _simplified(points: Sequence[Tuple[float, float]],
-                error: float) -> List[Tuple[float, float]]:
+def simplified(points: Sequence[Tuple[float, float]], error: float) -> List[Tuple[float, float]]:
     """Return the points that a polyline needs to stay within an error (Douglas, Peucker)."""
     (x, z), (end_x, end_z) = points[0], points[-1]
-    run = max(end_x - x, 1e-9)
-    away = [abs(point[1] - z - (end_z - z) * (point[0] - x) / run) for point in points]
-    worst = max(range(len(points)), key=away.__getitem__)
-    if away[worst] <= error or len(points) < 3:
+    if len(points) < 3 or end_x - x < ASIDE:
         return [points[0], points[-1]]
-    return [*_simplified(points[:worst + 1], error)[:-1], *_simplified(points[worst:], error)]
+    steep = (end_z - z) / (end_x - x)
+    away = [abs(point[1] - z - steep * (point[0] - x)) for point in points[1:-1]]
+    worst = max(range(len(away)), key=away.__getitem__) + 1
+    if away[worst - 1] <= error:
+        return [points[0], points[-1]]
+    return [*simplified(points[:worst + 1], error)[:-1], *simplified(points[worst:], error)]

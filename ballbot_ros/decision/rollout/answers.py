@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a choice to a decision, with its plan, its numbers and one sentence."""
 import math
-from typing import Optional
 
-from ballbot_ros.decision.plan import After, Plan, Strategy
+from ballbot_ros.decision.plan import After, Plan
 from ballbot_ros.decision.rollout.ahead import Ahead
 from ballbot_ros.decision.rollout.candidates import Candidate, HELD
 from ballbot_ros.decision.rollout.deliberation import Choice
@@ -83,9 +82,9 @@ def go(choice: Choice, candidate: Candidate, ahead: Ahead, motion: Motion, next_
         swing_distance=plan.swing_position - motion.position, plan=plan, outlook=seen)
 
 
-def refuse(choice: Choice, ahead: Ahead, motion: Motion, stand: float, braking_room: float,
+def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
            tuning: DecisionTuning) -> Decision:
-    """Return the decision to stand before the first face, at `stand` [m]."""
+    """Return the decision not to cross the first face; it does not say yet where to stand."""
     face = ahead.faces[0]
     seen = outlook(choice, tuning.required_probability, braking_room)
     hopeless = choice.reason in HOPELESS
@@ -96,16 +95,17 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, stand: float, braking_r
     if seen.attempts:
         said += (f'; at best over with {100 * seen.probability:.0f} %, '
                  f'{100 * tuning.required_probability:.0f} % are required')
-    strategy = Strategy.GO_ROUND if hopeless else Strategy.STOP
     return Decision(
         Kind.GO_ROUND if hopeless else Kind.STOP, choice.reason, tuning.cruise_speed, said,
         height=face.height, distance=face.position - motion.position, step=face.number,
-        plan=Plan(strategy, stop_position=stand), outlook=seen)
+        outlook=seen)
 
 
-def stop(reason: Reason, said: str, distance: float = math.nan, height: float = math.nan,
-         step: int = 0, stand: Optional[float] = None) -> Decision:
-    """Return a STOP that no search stands behind."""
+def weighing(ahead: Ahead, motion: Motion, tuning: DecisionTuning) -> Decision:
+    """Return the decision of a ball that rolls on while plans are weighed."""
+    face = ahead.faces[0]
+    distance = face.position - motion.position
     return Decision(
-        Kind.STOP, reason, 0.0, f'Stopping: {said}', height=height, distance=distance, step=step,
-        plan=Plan(Strategy.STOP) if stand is None else Plan(Strategy.STOP, stop_position=stand))
+        Kind.CLEAR, Reason.NOT_LIKELY, tuning.cruise_speed,
+        f'{1e3 * face.height:.0f} mm at {distance:.2f} m: weighing plans', height=face.height,
+        step=face.number, distance=distance)

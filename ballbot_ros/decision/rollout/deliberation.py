@@ -62,7 +62,8 @@ Filter = Callable[[Candidate], bool]
 
 
 def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
-               kept: Optional[Candidate], failures: Sequence[Failure]) -> Deliberation:
+               kept: Optional[Candidate], failures: Sequence[Failure],
+               too_late: bool = False) -> Deliberation:
     """
     Choose; a generator that yields after each bundle of attempts.
 
@@ -77,6 +78,9 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
         The plan so far: it stays if it still does.
     failures : sequence of Failure
         At this face.
+    too_late : bool
+        Whether the ball cannot be stopped before the face any more: then the best plan is
+        better than to brake.
 
     """
     position, speed = task.start[:2]
@@ -91,6 +95,11 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
     trials: List[Trial] = []
     here = candidates(task.ahead, position, speed, tuning, reachable)
     chosen = yield from search(_promising(here, failures), task, trials)
+    if chosen is None and too_late:
+        chosen = _best(trials)
+        if chosen is not None:
+            yield from confirm(chosen, replace(task, required=0.0), CHECKED)
+            return Choice(chosen, Reason.COMMITTED, why_not(trials, chosen), chosen.many)
     if chosen is None and room_behind > 0.1:
         back = from_farther_back(task.ahead, position, room_behind, tuning)
         chosen = yield from search(_promising(back, failures), task, trials)
@@ -101,11 +110,16 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
         yield choice
         choice.limit = yield from height_limit(chosen, task)
         return choice
-    best = max(trials, key=lambda item: (item.many.attempts > 0.0, item.many.probability,
-                                         item.few.over, item.level), default=None)
+    best = _best(trials)
     tally = Tally() if best is None else best.many if best.many.attempts else best.few
     reason = yield from _reason(task, trials, tuning, failures)
     return Choice(None, reason, others, tally)
+
+
+def _best(trials: Sequence[Trial]) -> Optional[Trial]:
+    """Return the trial that gets over most often, None where none was tried in earnest."""
+    return max((trial for trial in trials if trial.few.attempts), default=None, key=lambda item: (
+        item.many.probability if item.many.attempts else item.few.probability))
 
 
 def _promising(found: Sequence[Candidate], failures: Sequence[Failure]) -> List[Candidate]:

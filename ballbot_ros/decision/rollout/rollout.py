@@ -55,10 +55,15 @@ def slope_at(ground: Array, x: float) -> float:
 
 
 @compiled
-def touch_at(ground: Array, vertex: int, floor: float, radius: float) -> float:
-    """Return where the centre is when a ball on a level floor touches a vertex [m]."""
-    rise = min(max(ground[vertex, VERTEX_Y] - floor, 0.0), radius)
-    place: float = ground[vertex, VERTEX_X] - math.sqrt(2.0 * radius * rise - rise * rise)
+def touch_at(ground: Array, foot: int, vertex: int, radius: float) -> float:
+    """Return where the centre is when a ball on the floor before a foot touches a vertex [m]."""
+    steep = ground[foot - 1, TANGENT_Y] / ground[foot - 1, TANGENT_X] if foot > 0 else 0.0
+    away = ground[vertex, VERTEX_X] - ground[foot, VERTEX_X]
+    rise = ground[vertex, VERTEX_Y] - ground[foot, VERTEX_Y] - steep * away
+    above = radius * math.sqrt(1.0 + steep * steep) - min(max(rise, 0.0), radius)
+    root = radius * radius * (1.0 + steep * steep) - above * above
+    place: float = ground[vertex, VERTEX_X] - (
+        steep * above + math.sqrt(max(root, 0.0))) / (1.0 + steep * steep)
     return place
 
 
@@ -78,12 +83,11 @@ def reached_at(ground: Array, behind: int, radius: float) -> float:
     rough = next_rough(ground, behind)
     if rough == len(ground) - 1:
         return math.inf
-    floor = ground[rough, VERTEX_Y]
     first: float = ground[rough, VERTEX_X]
     for i in range(rough, len(ground) - 1):
         if ground[i, VERTEX_X] > ground[rough, VERTEX_X] + radius:
             break
-        first = min(first, touch_at(ground, i, floor, radius))
+        first = min(first, touch_at(ground, rough, i, radius))
     return first
 
 
@@ -163,6 +167,9 @@ def climb(memory: SpeedState, plan: Array, draw: Array, robot: Parameters, drive
             touch_x, until = state[X], time + PATIENCE
             result[TOUCH_SPEED], result[TOUCH_ANGLE] = state[VELOCITY_X], state[PENDULUM_ANGLE]
         if state[X] > over_x and state[Y] > over_y:
+            if touch_x == math.inf:  # down a drop
+                result[TOUCH_SPEED], result[TOUCH_ANGLE] = (
+                    state[VELOCITY_X], state[PENDULUM_ANGLE])
             result[TIME] += time
             return OVER
         if state[X] > farthest + PROGRESS:

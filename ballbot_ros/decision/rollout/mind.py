@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What is thought about the faces ahead, from one answer to the next.
+
+For each face it deliberates once, when it is first seen: hundreds of attempts within one answer.
+From then on the choice is kept, and looked at again with a few attempts now and then; it is
+deliberated anew only where there is news (the face is believed to be of another height, or is
+known much better), or confidence is gone.  All budgets count attempts, not time, so that a run
+repeats to the bit.
+"""
+from typing import NamedTuple, Optional, Sequence
+
+from ballbot_ros.decision.particles import Particles
+from ballbot_ros.decision.profile import Face
+from ballbot_ros.decision.rollout.ahead import Ahead
+from ballbot_ros.decision.rollout.candidates import Candidate
+from ballbot_ros.decision.rollout.deliberation import (
+    Choice, deliberate, Deliberation, from_here)
+from ballbot_ros.decision.rollout.search import good, Task
+from ballbot_ros.decision.rollout.worlds import Worlds
+from ballbot_ros.decision.situation import Failure, Knowledge, Situation
+from ballbot_ros.decision.values import Motion, Reason
+
+# Attempts within the first answer about a face, and within each later one.
+FIRST, LATER = 640, 40
+# News: the height has changed by this [m], or its deviation has shrunk to this part.
+HEIGHT_NEWS, SHRUNK = 0.002, 0.6
+# After so many answers a choice is looked at again, with so many attempts; the old ones fade.
+EVERY, ATTEMPTS, FADE, MEMORABLE = 10, 24, 0.9, 300
+# A choice is given up where its probability has come this far below what is required.
+LOST = 0.05
+# With this many changes of mind about a face a rolling ball has had enough of them.
+CHANGES = 2
+# Slower than this a ball stands [m/s]; nearer than this it is there [m].
+STANDING, THERE = 0.03, 0.05
+# A ball with less braking room touches faster than 0.1 m/s [m].
+TOO_LATE = -0.01
+
+
+class Belief(NamedTuple):
+    """What a choice was made for."""
+
+    face: Face
+    faces: int
+    standing: bool
+    failures: int
+    free_from: float
+
+
+class Mind:
+    """
+    Keeps a choice for the faces ahead.
+
+    Parameters
+    ----------
+    knowledge : Knowledge
+
+    Attributes
+    ----------
+    choice : Choice or None
+        None before the first deliberation has come to something.
+    belief : Belief or None
+        What it was made for.
+
+    """
+
+    def __init__(self, knowledge: Knowledge):
+        """Draw the worlds."""
+        self._tuning = knowledge.tuning
+        self.worlds = Worlds(knowledge)
+        self.worlds.believe(Particles.of(knowledge.robot, knowledge.tuning.height_bias_sd))
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget the face ahead."""
+        self.choice: Optional[Choice] = None
+        self.belief: Optional[Belief] = None
+        self._deliberation: Optional[Deliberation] = None
+        self._answers = self._changes = 0
+
+    def think(self, ahead: Ahead, situation: Situation, braking_room: float) -> None:
+        """Deliberate, or look at the choice again, within the attempts of one answer."""
+        motion, face = situation.motion, ahead.faces[0]
+        if self.belief is not None and self.belief.face.number != face.number:
+            self.forget()
+        failures = failures_at(face, situation)
+        self.worlds.see(ahead)
+        task = Task(
+            (motion.position, motion.speed, motion.pendulum_angle, motion.pendulum_rate),
+            ahead, self.worlds, self._tuning.required_probability, self._tuning.highest_speed)
+        now = Belief(face, len(ahead.faces), abs(motion.speed) < STANDING, len(failures),
+                     situation.free_from)
+        budget = LATER if self.choice is not None else FIRST
+        kept = self.choice.candidate if self.choice is not None else None
+        if kept is not None and _arrived(kept, ahead, motion):
+            self.choice = Choice(None, Reason.NOT_LIKELY)
+            self._deliberation = deliberate(task, self._tuning, 0.0, from_here(kept), failures)
+            self.belief, budget = now, FIRST
+        elif self._deliberation is None and self._is_news(now, braking_room):
+            room = max(0.0, motion.position - situation.free_from)
+            self._deliberation = deliberate(
+                task, self._tuning, room, kept, failures, braking_room < TOO_LATE)
+            self.belief = now
+        if self._deliberation is None:
+            self._look_again(task, braking_room)
+            return
+        spent = self.worlds.attempts
+        try:
+            while self.worlds.attempts - spent < budget:
+                found = next(self._deliberation)
+                if found is not None:
+                    self._adopt(found)
+        except StopIteration as end:
+            self._adopt(end.value)
+            self._deliberation = None
+
+    def _adopt(self, choice: Choice) -> None:
+        """Take over what a deliberation has come to."""
+        before = self.choice
+        if before is not None:
+            if before.candidate == choice.candidate and not choice.others:
+                choice.limit, choice.others = before.limit, before.others
+            self._changes += (before.trial is None) != (choice.trial is None)
+        self.choice, self._answers = choice, 0
+
+    def _is_news(self, now: Belief, braking_room: float) -> bool:
+        """Return whether the choice must be made anew."""
+        then, choice = self.belief, self.choice
+        if then is None or choice is None:
+            return True
+        if now.failures != then.failures or now.faces != then.faces:
+            return True
+        if choice.trial is not None and braking_room < 0.0:
+            return False
+        if choice.trial is None:
+            freed = now.free_from < then.free_from - 0.3
+            if now.standing and (not then.standing or freed):
+                return True
+            if not now.standing and self._changes >= CHANGES - 1:
+                return False
+            known = now.face.height_sd < SHRUNK * then.face.height_sd
+            if known and choice.reason is not Reason.TOO_HIGH:
+                return True
+        return abs(now.face.height - then.face.height) > max(HEIGHT_NEWS, then.face.height_sd)
+
+    def _look_again(self, task: Task, braking_room: float) -> None:
+        """Try the chosen plan a few times more, now and then."""
+        choice = self.choice
+        self._answers += 1
+        # Where nothing can be changed any more it is for the record.
+        every = EVERY if braking_room > 0.0 else 4 * EVERY
+        if choice is None or choice.trial is None or self._answers % every:
+            return
+        trial = choice.trial
+        trial.row = trial.candidate.row(task.ahead)
+        new = task.tally(trial, task.worlds.take(ATTEMPTS))
+        fade = FADE if choice.tally.attempts > MEMORABLE else 1.0
+        choice.tally = choice.tally.faded(fade) + new
+        lost = LOST * (1 + self._changes)
+        if braking_room > 0.0 and not good(choice.tally, task.required - lost):
+            self.belief = None
+
+
+def failures_at(face: Face, situation: Situation) -> Sequence[Failure]:
+    """Return what was tried at a face."""
+    return [failure for failure in situation.failures
+            if failure.face == face.number or abs(failure.position - face.position) < 0.15]
+
+
+def _arrived(kept: Candidate, ahead: Ahead, motion: Motion) -> bool:
+    """Return whether the ball has backed off to where its plan begins."""
+    return (kept.back > 0.0 and motion.position < ahead.touch - kept.back + THERE
+            and abs(motion.speed) < STANDING)
