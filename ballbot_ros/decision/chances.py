@@ -55,7 +55,7 @@ class Learning(Checked):
         'm', 'standard deviation of the highest step of a robot whose numbers are all known',
         above=0.0, default=0.0005)
     passed_sd: float = quantity(
-        'm/s', 'standard deviation of the speed past the face', above=0.0, default=0.04)
+        'm/s', 'standard deviation of the speed past the face', above=0.0, default=0.03)
 
 
 class Touching(NamedTuple):

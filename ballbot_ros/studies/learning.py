@@ -4,8 +4,8 @@ How robots that are not as assumed are learned: promises before and after some a
 
 Virtual robots are drawn from the ranges of a robot file; some have less friction, or a sensor
 that is off.  Each meets steps within 10 mm below the highest that the robot of the file crosses,
-tries those that it promises itself to cross, and learns.  Then its promises for other such steps
-are compared with what happens there, and so are those that it would have made in the beginning.
+tries those that it promises itself to cross, and learns.  Then what it promises of other such
+steps is compared with what happens there, and so is what it would have promised at first.
 """
 from dataclasses import dataclass, replace
 from typing import Callable, List, Sequence, Tuple
@@ -31,7 +31,7 @@ CASES = {
 # Steps are within this below the highest one that the robot of the file crosses [m].
 NEAR = 0.010
 SPEEDS, HEIGHTS = (0.45, 1.15), (0.005, 0.065)  # [m/s], [m]
-ANGLES = (0.2, 0.7, 1.5, 2.2)  # that the pendulum is held at [rad]
+ANGLES = (0.7, 1.5, 2.2)  # that the pendulum is held at [rad]
 HEIGHT_SD = 0.001  # of what the sensor tells, beside its bias [m]
 ODOMETRY_SD = 0.02  # of the speed past the face [m/s]
 OTHERS = 10_000  # seeds from which robots are drawn, so that none is one of the particles
@@ -47,13 +47,15 @@ class Promises:
     ----------
     case : str
         One of `CASES`.
-    before, after : (n, 2) array
-        Probability promised, and part of the attempts that got over; of each step that would
-        have been tried.
+    kept : (n,) array
+        Part of the attempts that got over, for each step.
+    before, after : (n,) array
+        Probability that was promised.
 
     """
 
     case: str
+    kept: Array
     before: Array
     after: Array
 
@@ -96,20 +98,8 @@ def outcome_of_attempt(told: Touching, over: bool, passed: float) -> Outcome:
         touch_angle=told.angle, held_angle=told.set_angle, passed_speed=passed if over else None)
 
 
-def promises(particles: Particles, truth: Truth, steps: Sequence[Touching], required: float,
-             learning: Learning) -> List[Tuple[float, float]]:
-    """Return promise and part that got over, of the steps that would be tried."""
-    found = []
-    for told in steps:
-        promise = probability(particles, told, learning)
-        if promise >= required:
-            kept = [truth.attempt(told)[0] for _ in range(REPEATS)]
-            found.append((promise, float(np.mean(kept))))
-    return found
-
-
 def study(robot: Robot, robots: int, attempts: int, seed: int = 0, required: float = 0.9,
-          cases: Sequence[str] = tuple(CASES),
+          cases: Sequence[str] = tuple(CASES), particles: int = 256,
           progress: Callable[[float], None] = lambda done: None) -> List[Promises]:
     """
     Let robots learn.
@@ -127,6 +117,7 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0, required: flo
         Promise below which a step is not tried.
     cases : sequence of str
         Of `CASES`.
+    particles : int
     progress : callable
         Is told how many robots are done.
 
@@ -135,14 +126,13 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0, required: flo
     found: List[Promises] = []
     for case in cases:
         factor, bias = CASES[case]
-        before: List[Tuple[float, float]] = []
-        after: List[Tuple[float, float]] = []
+        rows: List[Tuple[float, float, float]] = []
         for number, drawn in enumerate(draw(robot, robots, OTHERS + seed)):
             random = np.random.default_rng([seed, number])
             true = replace(drawn, surface_friction=factor * drawn.surface_friction,
                            edge_friction=factor * drawn.edge_friction)
             truth = Truth(true, bias, random, learning)
-            prior = Particles.of(robot, DecisionTuning().height_bias_sd, Prior(seed=number))
+            prior = Particles.of(robot, DecisionTuning().height_bias_sd, Prior(particles, seed=number))
             learner, tried = Learner(prior, learning), 0
             while tried < attempts:
                 told = demanding(robot, random)
@@ -150,23 +140,29 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0, required: flo
                     learner.take(outcome_of_attempt(told, *truth.attempt(told)))
                     learner.work()
                     tried += 1
-            steps = [demanding(robot, random) for _ in range(TESTS)]
-            before += promises(prior, truth, steps, required, learning)
-            after += promises(learner.particles, truth, steps, required, learning)
+            for step in (demanding(robot, random) for _ in range(TESTS)):
+                kept = np.mean([truth.attempt(step)[0] for _ in range(REPEATS)])
+                rows.append((float(kept), probability(prior, step, learning),
+                             probability(learner.particles, step, learning)))
             progress(len(found) * robots + number + 1)
-        found.append(Promises(case, np.array(before).reshape(-1, 2),
-                                 np.array(after).reshape(-1, 2)))
+        found.append(Promises(case, *np.array(rows).T))
     return found
 
 
-def told(found: Sequence[Promises], attempts: int) -> List[str]:
-    """Return lines of a table."""
-    lines = [f'{"":27} {"at first":^24}   {f"after {attempts} attempts":^24}',
-             f'{"robot and sensor":27} {"promised":>8} {"kept":>6} {"steps":>8}   '
-             f'{"promised":>8} {"kept":>6} {"steps":>8}']
+def told(found: Sequence[Promises], attempts: int, required: float = 0.9) -> List[str]:
+    """Return lines of a table: of all steps, and of those that are promised to be crossed."""
+    each = f'{"promised":>9} {"kept":>6}'
+    lines = [f'{"":27} {"all steps":^32}   promised {required:g} or more',
+             f'{"":27} {"at first":^16} {f"after {attempts}":^16}   {"at first":^22} '
+             f'{f"after {attempts}":^22}',
+             f'{"robot and sensor":27} {each} {each}  {each} {"steps":>5} {each} {"steps":>5}']
     for item in found:
-        cells = [f'{table[:, 0].mean():8.3f} {table[:, 1].mean():6.3f} {len(table):8d}'
-                 if len(table) else f'{"-":>8} {"-":>6} {0:8d}'
-                 for table in (item.before, item.after)]
-        lines.append(f'{item.case:27} {cells[0]}   {cells[1]}')
+        cells = [f'{promised.mean():9.3f} {item.kept.mean():6.3f}'
+                 for promised in (item.before, item.after)]
+        for promised in (item.before, item.after):
+            some = promised >= required
+            cells.append(
+                (f'{promised[some].mean():9.3f} {item.kept[some].mean():6.3f}' if some.any()
+                 else f'{"-":>9} {"-":>6}') + f' {np.count_nonzero(some):5d}')
+        lines.append(f'{item.case:27} {cells[0]} {cells[1]}  {cells[2]} {cells[3]}')
     return lines
