@@ -39,7 +39,7 @@ HIGHER, FASTER = 0.002, 0.05
 # A touch more slowly than this teaches nothing [m/s].
 SLOWEST = 0.1
 # Part of the slip past the face that is not known.
-SLIP = 0.2
+SLIP = 0.4
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Learning(Checked):
         'm', 'standard deviation of the highest step of a robot whose numbers are all known',
         above=0.0, default=0.0005)
     passed_sd: float = quantity(
-        'm/s', 'standard deviation of the speed past the face', above=0.0, default=0.03)
+        'm/s', 'standard deviation of the speed past the face', above=0.0, default=0.04)
 
 
 class Touching(NamedTuple):

@@ -132,7 +132,8 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0, required: flo
             true = replace(drawn, surface_friction=factor * drawn.surface_friction,
                            edge_friction=factor * drawn.edge_friction)
             truth = Truth(true, bias, random, learning)
-            prior = Particles.of(robot, DecisionTuning().height_bias_sd, Prior(particles, seed=number))
+            prior = Particles.of(robot, DecisionTuning().height_bias_sd,
+                                 Prior(particles, seed=number))
             learner, tried = Learner(prior, learning), 0
             while tried < attempts:
                 told = demanding(robot, random)
