@@ -5,14 +5,20 @@ from typing import Callable, NamedTuple, Optional, Union
 
 from ballbot_ros.decision.attempt_watch import AttemptWatch
 from ballbot_ros.decision.guard import guarded
+from ballbot_ros.decision.learning import Learner
 from ballbot_ros.decision.memory import Memory
 from ballbot_ros.decision.outcomes import Outcome
+from ballbot_ros.decision.particles import Particles
 from ballbot_ros.decision.perception import GroundFusion, Observation
 from ballbot_ros.decision.pilot import Pilot
 from ballbot_ros.decision.planners import PLANNERS
 from ballbot_ros.decision.profile import Profile
 from ballbot_ros.decision.situation import Knowledge, Planner, Situation
 from ballbot_ros.decision.values import Decision, Motion
+
+
+# Attempts with which an answer learns from what came of earlier ones.
+LESSON = 16
 
 
 class Answer(NamedTuple):
@@ -56,7 +62,10 @@ class Decider:
                  planner: Union[str, Callable[[Knowledge], Planner]] = 'cubic',
                  frame: str = 'base_link'):
         """Start with nothing seen."""
-        self._knowledge = knowledge
+        particles = knowledge.particles or Particles.of(
+            knowledge.robot, knowledge.tuning.height_bias_sd)
+        knowledge = replace(knowledge, particles=particles)
+        self._learner = Learner(particles)
         maker = PLANNERS[planner] if isinstance(planner, str) else planner
         self._plan = guarded(maker(knowledge), knowledge)
         self._fusion = GroundFusion(knowledge.robot, knowledge.tuning, frame)
@@ -117,9 +126,11 @@ class Decider:
         motion = replace(motion, slope=memory.slope)
         self._decision = decision = self._plan(
             Situation(motion, profile, memory.failures(profile), memory.free_from,
-                      memory.obstruction), self._decision)
+                      memory.obstruction, self._learner.particles), self._decision)
         self._outcome = self._watch.update(motion, profile, decision)
         if self._outcome is not None:
             memory.take(self._outcome)
+            self._learner.take(self._outcome)
+        self._learner.work(LESSON)
         memory.watch(motion, decision)
         return Answer(motion.stamp, decision, self._pilot.angle(decision, motion))

@@ -5,6 +5,7 @@ from typing import Optional, Protocol, Tuple
 
 from ballbot_ros.control import ControlTuning, load_tuning
 from ballbot_ros.decision.curve import HeightCurve
+from ballbot_ros.decision.particles import Particles
 from ballbot_ros.decision.plan import Plan
 from ballbot_ros.decision.profile import Profile
 from ballbot_ros.decision.tuning import DecisionTuning
@@ -17,8 +18,20 @@ class Knowledge:
     """
     What holds for all decisions; robot, curve and tuning must belong together.
 
-    See `tuning.check_decision`.  `control` is the tuning that the controller runs with: law (11)
-    makes of the set angles what it says.
+    See `tuning.check_decision`.
+
+    Attributes
+    ----------
+    robot : Robot
+    curve : HeightCurve
+    tuning : DecisionTuning
+    control : ControlTuning
+        That the controller runs with: law (11) makes of the set angles what it says.
+    seed : int
+    particles : Particles or None
+        Robots and sensors that may be the ones at hand, as known at the start; None for what
+        the robot file says.
+
     """
 
     robot: Robot
@@ -26,6 +39,7 @@ class Knowledge:
     tuning: DecisionTuning
     control: ControlTuning = field(default_factory=lambda: load_tuning('published'))
     seed: int = 0
+    particles: Optional[Particles] = None
 
 
 @dataclass(frozen=True)
@@ -88,6 +102,9 @@ class Situation:
     free_from : float
         Farthest position behind the ball to which it may roll back [m].
     obstruction : Obstruction or None
+    particles : Particles or None
+        Robots and sensors that may be the ones at hand, as outcomes have taught since; None for
+        those of the `Knowledge`.
 
     """
 
@@ -96,6 +113,7 @@ class Situation:
     failures: Tuple[Failure, ...] = ()
     free_from: float = float('inf')
     obstruction: Optional[Obstruction] = None
+    particles: Optional[Particles] = None
 
 
 class Planner(Protocol):
