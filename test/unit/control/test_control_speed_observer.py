@@ -126,3 +126,51 @@ def test_the_sides_are_alike():
         left, mirrored = speed_law.place_law_step(
             left, 0.004 * step - 0.3, -0.1, -0.4, 0.5, 0.9, 0.02, LAW)
         assert mirrored == pytest.approx(-angle, abs=1e-12)
+
+
+@given(slopes)
+def test_it_starts_with_the_slope_that_is_expected(slope):
+    state = speed_law.speed_law_start(0.2, 0.3, slope, LAW)
+    assert speed_law.estimated_slope(state, LAW) == pytest.approx(slope)
+    # Standing on it, nothing is learnt: the pendulum holds what resists.
+    holding = speed_law.holding_angle(slope, LAW)
+    state = speed_law.speed_law_start(0.0, holding, slope, LAW)
+    later, set_angle = speed_law.speed_law_step(state, 0.0, holding, 0.0, 1.5, 0.02, LAW)
+    assert later == pytest.approx(state) and set_angle == pytest.approx(holding)
+
+
+def test_the_shortfall_is_added_to_the_set_angle():
+    plain = speed_law.speed_law_start(0.0, 0.2, 0.0, LAW)
+    short = (*plain[:3], 0.2 + 0.05, 0.05, 0.2 + 0.05)  # law (11) is 0.05 behind, as always
+    _, without = speed_law.speed_law_step(plain, 0.0, 0.2, 0.1, 1.2, 1e-9, LAW)
+    _, with_it = speed_law.speed_law_step(short, 0.0, 0.2, 0.1, 1.2, 1e-9, LAW)
+    assert with_it == pytest.approx(without + 0.05, abs=1e-6)
+
+
+def test_between_two_looks_the_pendulum_is_taken_to_have_moved_evenly():
+    # A ramp of the angle, by whose mean the ball is accelerated on the level.
+    state = speed_law.speed_law_start(0.0, 0.0, 0.0, LAW)
+    speed, period = 0.0, 0.05
+    for number in range(1, 11):
+        speed += period * speed_law.acceleration(0.02 * (number - 0.5), 0.0, LAW)
+        state, _ = speed_law.speed_law_step(state, speed, 0.02 * number, 0.0, 1.2, period, LAW)
+        assert abs(speed_law.estimated_slope(state, LAW)) < 1e-9
+
+
+@given(st.floats(0.05, 0.8), st.floats(-0.03, 0.03))
+def test_on_its_braking_curve_to_a_place_the_ball_follows_the_curve(speed, slope):
+    # 70 % of what the lean gives, against or with the slope; the coupling is left out.
+    braking = 0.7 * SPEED_LAW.radius / SPEED_LAW.inertia * (
+        SPEED_LAW.gravity_torque * math.sin(1.2) + SPEED_LAW.weight_torque * math.sin(slope))
+    gap = speed / SPEED_LAW.speed_gain + speed**2 / (2.0 * braking)
+    # d(gap)/dt = -speed on the curve
+    change = -speed / (1.0 / SPEED_LAW.speed_gain + speed / braking)
+    state = speed_law.speed_law_start(speed, 0.0, slope, LAW)
+    _, found = speed_law.place_law_step(state, speed, 0.0, gap, 2.0, 1.2, 1e-9, LAW)
+    _, expected = speed_law.motion_law_step(
+        state, speed, 0.0, speed, change, 1.2, 1e-9, LAW)
+    assert found == pytest.approx(expected, abs=1e-6)
+    # And where it may not go so fast, it goes on at the top speed.
+    _, found = speed_law.place_law_step(state, speed, 0.0, gap, 0.9 * speed, 1.2, 1e-9, LAW)
+    _, expected = speed_law.speed_law_step(state, speed, 0.0, 0.9 * speed, 1.2, 1e-9, LAW)
+    assert found == pytest.approx(expected, abs=1e-6)
