@@ -12,14 +12,15 @@ from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import (
-    check_decision, Decider, Kind, Knowledge, load_curve, load_decision_tuning,
-    Observation)
+    check_decision, Decider, Kind, Knowledge, load_curve, load_decision_tuning, Observation)
 from ballbot_ros.msg import StepDecision, StepObservation, TerrainObservation
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import (
-    decision_message, motion, observation, set_point_message, terrain_observation, to_seconds)
+    decision_message, motion, observation, set_point_message, terrain_observation, to_seconds,
+    to_time)
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription, wait_until_received
+from ballbot_ros.ros.outcomes import Experience
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import DecisionSettings
@@ -45,7 +46,9 @@ class ObstacleDecision(Node):
                               load_decision_tuning(settings.tuning),
                               load_tuning(settings.control_tuning))
         check_decision(knowledge.robot, knowledge.curve, knowledge.tuning)
-        self._decider = Decider(knowledge, settings.planner)
+        self._experience = Experience(settings.outcome_log, knowledge, self.get_logger())
+        self._decider = Decider(self._experience.knowledge, settings.planner,
+                                settings.terrain_frame)
         self._odometry: Optional[Odometry] = None
         self._observed: Any = None  # the newest observation that waits for odometry
         self._seen: Dict[type, Tuple[int, int]] = {}
@@ -98,11 +101,11 @@ class ObstacleDecision(Node):
         before = self._decider.decision
         answer = self._decider.decide()
         decision = answer.decision
+        self._experience.keep(self._decider.outcome)
         self._counts[decision.kind.value] += 1
         # In lockstep the stamp of the set-point names the period that it is for.
-        now = self._odometry.header.stamp if self._odometry is not None else stamp
         self._answer = (decision_message(stamp, decision),
-                        set_point_message(now, answer.set_angle))
+                        set_point_message(to_time(answer.stamp), answer.set_angle))
         self._publish()
         if before is None or (before.kind, before.reason) != (decision.kind, decision.reason):
             self.get_logger().info(f'{decision.kind.name}: {decision.explanation}')
@@ -118,11 +121,12 @@ class ObstacleDecision(Node):
         if self._answer is not None and self._odometry is not None:
             self._set_points.publish(set_point_message(self._odometry.header.stamp, 0.0))
             wait_until_received(self._set_points)
+        self._experience.close()
 
     def _health(self) -> Tuple[bytes, str, dict]:
         """Return level, message and numbers for /diagnostics."""
-        values: Dict[str, object] = {
-            f'decided_{kind}': number for kind, number in self._counts.items()}
+        values: Dict[str, object] = {**self._experience.problem, **{
+            f'decided_{kind}': number for kind, number in self._counts.items()}}
         decision, profile = self._decider.decision, self._decider.profile
         if decision is None:
             return diagnostics.WARN, 'waiting for step_observation and odom', values

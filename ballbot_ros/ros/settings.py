@@ -127,6 +127,12 @@ class DecisionSettings(Checked):
     tuning: str = _file('tunings', 'decision_default', 'decision tuning')
     control_tuning: str = _file(
         'tunings', 'published', doc=': the one that the controller runs with')
+    outcome_log: str = text(
+        'file that keeps what came of each attempt, and is learned from at the start; empty for '
+        'none', default='')
+    terrain_frame: str = text(
+        'frame in which terrain_observation must be: level, at the centre of the ball, and not '
+        'rolling', default='base_link')
     planner: str = text('how decisions are made', default='cubic', choices=tuple(PLANNERS))
 
 

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What came of earlier attempts, for a node: learned from at its start, and kept."""
+from dataclasses import replace
+from pathlib import Path
+import time
+from typing import Dict, Optional
+
+from rclpy.impl.rcutils_logger import RcutilsLogger
+
+from ballbot_ros.decision import Knowledge
+from ballbot_ros.decision.learning import learned
+from ballbot_ros.decision.outcome_log import OutcomeLog
+from ballbot_ros.decision.outcomes import Outcome
+from ballbot_ros.decision.particles import Particles
+
+# So many of the newest outcomes are learned from at the start.
+NEWEST = 100
+
+
+class Experience:
+    """
+    A log of outcomes, or none.
+
+    Parameters
+    ----------
+    path : str
+        Of the log; empty for none.
+    knowledge : Knowledge
+    logger : RcutilsLogger
+
+    Attributes
+    ----------
+    knowledge : Knowledge
+        With the particles that the log has taught.
+
+    """
+
+    def __init__(self, path: str, knowledge: Knowledge, logger: RcutilsLogger):
+        """Read the log and learn from it."""
+        self.knowledge = knowledge
+        self._log: Optional[OutcomeLog] = None
+        if not path:
+            return
+        begun = time.monotonic()
+        self._log = OutcomeLog(Path(path).expanduser(), knowledge.robot.digest)
+        if self._log.reading.refusal:
+            logger.warning(f'outcome_log: {self._log.problem}')
+            return
+        outcomes = self._log.reading.outcomes[-NEWEST:]
+        particles = knowledge.particles or Particles.of(
+            knowledge.robot, knowledge.tuning.height_bias_sd)
+        self.knowledge = replace(knowledge, particles=learned(particles, outcomes))
+        logger.info(f'learned from {len(outcomes)} outcomes of {path} in '
+                    f'{time.monotonic() - begun:.1f} s')
+
+    @property
+    def problem(self) -> Dict[str, str]:
+        """Return for /diagnostics why outcomes are not kept just now, if they should be."""
+        problem = self._log.problem if self._log is not None else ''
+        return {'outcome_log': problem} if problem else {}
+
+    def keep(self, outcome: Optional[Outcome]) -> None:
+        """Keep what came of an attempt, if anything did."""
+        if outcome is not None and self._log is not None:
+            self._log.append(outcome)
+
+    def close(self) -> None:
+        """Write what waits."""
+        if self._log is not None:
+            self._log.close()

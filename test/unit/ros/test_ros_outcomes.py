@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A node's experience: taught by its log, silent without one, and never stopped by a bad one."""
+from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
+from ballbot_ros.decision.outcome_log import OutcomeLog
+from ballbot_ros.decision.outcomes import Outcome
+from ballbot_ros.decision.particles import Particles
+from ballbot_ros.physics.model.robot import load_robot
+from ballbot_ros.ros.outcomes import Experience
+
+GIMBALL = load_robot('gimball')
+KNOWLEDGE = Knowledge(
+    GIMBALL, load_curve('gimball_down'), load_decision_tuning('decision_default'))
+
+
+class Logger:
+    """Keeps what is logged."""
+
+    def __init__(self):
+        self.said = []
+
+    def info(self, text):
+        self.said.append(text)
+
+    warning = info
+
+
+def bias(particles):
+    """Return the mean of what the sensor tells too much [m]."""
+    return float(particles.weights @ particles.column('height_bias'))
+
+
+def stuck(stamp):
+    """Return a step that the robot should have got over and did not."""
+    return Outcome(stamp=stamp, result='stuck', face=1, position=1.0, height=0.02,
+                   height_sd=0.0005, touch_speed=0.8, touch_angle=0.0, held_angle=0.0, slope=0.0,
+                   distance=1.0, robot=GIMBALL.digest)
+
+
+def test_without_a_log_nothing_changes():
+    logger = Logger()
+    experience = Experience('', KNOWLEDGE, logger)
+    experience.keep(stuck(1.0))
+    experience.close()
+    assert experience.knowledge is KNOWLEDGE and not logger.said and experience.problem == {}
+
+
+def test_what_is_kept_is_learned_from_at_the_next_start(tmp_path):
+    path = tmp_path / 'outcomes.jsonl'
+    log = OutcomeLog(path, GIMBALL.digest)
+    for stamp in (1.0, 20.0, 40.0):
+        log.append(stuck(stamp))
+    log.close()
+    experience = Experience(str(path), KNOWLEDGE, Logger())
+    before = Particles.of(GIMBALL, KNOWLEDGE.tuning.height_bias_sd)
+    after = experience.knowledge.particles
+    assert after.outcomes == 3
+    # Such steps are higher than the sensor says.
+    assert bias(after) < bias(before) - 0.001
+    experience.close()
+
+
+def test_a_log_that_is_no_log_is_told_and_left_alone(tmp_path):
+    path, logger = tmp_path / 'outcomes.jsonl', Logger()
+    path.write_text('not an outcome\nnor this\n')
+    experience = Experience(str(path), KNOWLEDGE, logger)
+    experience.keep(stuck(1.0))
+    experience.close()
+    assert experience.knowledge is KNOWLEDGE
+    assert 'outcome_log' in logger.said[0] and 'outcome_log' in experience.problem
+    assert path.read_text() == 'not an outcome\nnor this\n'
