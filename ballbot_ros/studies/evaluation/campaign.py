@@ -29,7 +29,8 @@ AHEAD = 3   # blocks handed out for each worker
 FILE = 'approaches.jsonl'
 
 # What a decision raises that is no error of its input: a mistake in it, to be counted.
-RAISED = (ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError)
+RAISED = (ArithmeticError, AssertionError, AttributeError, LookupError, RuntimeError,
+          TypeError, ValueError)
 
 
 @dataclass(frozen=True)
