@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One approach in closed loop, the decision as the node ``obstacle_decision`` uses it."""
 from dataclasses import replace
-from time import perf_counter
+from time import thread_time
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from ballbot_ros.control.tuning import ControlTuning, load_tuning
@@ -120,12 +120,12 @@ def run_approach(approach: Approach, planner: str, believer: Believer,
         for number in range(round(LONGEST / (TICK * 0.002))):
             now = loop.time
             looks.look(number, now, state.x, state.y)
-            begin = perf_counter()
+            begin = thread_time()
             decider.move(Motion(now, state.x, state.velocity_x))
             for observation in looks.arrived(now):
                 decider.observe(observation)
             answer = decider.decide()
-            spent.append(perf_counter() - begin)
+            spent.append(thread_time() - begin)
             if listener is not None:
                 listener(now, state, answer.decision, answer.set_angle, decider)
             minds.note(now, answer.decision, judge, decider)
