@@ -14,6 +14,9 @@ SMALLEST_DROP = 0.005
 # The centre stays this far before what it must not reach [m].
 KEPT_OFF = 0.03
 
+# Less than this of the ground behind an edge is none that is seen [m].
+GLIMPSE = 0.1
+
 # Slopes are those over such a length [m]; noise of less makes slopes of its own.
 SLOPE_LENGTH = 0.2
 
@@ -66,7 +69,9 @@ def beyond(profile: Profile, face: Face, radius: float, passable: float,
     """
     edge, level = face.position + max(0.0, face.run), face.height
     known = profile.seen_to if profile.points else -math.inf
-    end, trouble = max(known, edge + tuning.unseen_room), ''
+    # Where some of it is seen, something ends the sight there.
+    taken = edge + tuning.unseen_room if known < edge + GLIMPSE else known
+    end, trouble = taken, ''
     for other in profile.faces:
         if other.position <= face.position or other.number == face.number:
             continue
@@ -81,7 +86,7 @@ def beyond(profile: Profile, face: Face, radius: float, passable: float,
             # Down again at once, as behind a door-sill: one thing to cross.
             if other.height < -SMALLEST_DROP and other.position - edge < tuning.unseen_room:
                 edge = other.position
-                end = max(known, edge + tuning.unseen_room)
+                end = known if known >= edge + GLIMPSE else edge + tuning.unseen_room
             continue
         if at < end:
             end, trouble = at, what

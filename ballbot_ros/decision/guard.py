@@ -204,8 +204,8 @@ def held_back(decision: Decision, situation: Situation, tuning: DecisionTuning) 
             answer.plan or Plan(Strategy.GO_ROUND), speed=tuning.cruise_speed,
             stop_position=place))
     start = max(place, situation.free_from)
-    if position - start <= ARRIVED:
-        return answer
+    if not position - start > ARRIVED:
+        return replace(answer, plan=Plan(Strategy.GO_ROUND, stop_position=min(start, position)))
     return replace(
         answer, kind=Kind.BACK_OFF, plan=Plan(Strategy.BACK_OFF, start),
         start_distance=position - start, explanation=f'The ball {what} here; backing off')

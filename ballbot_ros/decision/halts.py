@@ -13,6 +13,10 @@ from ballbot_ros.decision.profile import Face, Profile
 from ballbot_ros.decision.situation import Knowledge, Situation
 from ballbot_ros.decision.values import Decision, Kind, Motion, Outlook, Reason
 
+# Kept to where the sight ends [m], and the speed there in parts of the room [1/s]: a set speed is
+# followed within half a second.
+SIGHT_GAP, SIGHT_RATE = 0.1, 1.0
+
 
 class Halts:
     """Stops that need no planning; slopes are those below the ball, positive uphill [rad]."""
@@ -29,8 +33,8 @@ class Halts:
 
     def cruise(self, profile: Profile, motion: Motion, slope: float) -> Decision:
         """Return CLEAR: as fast as it cruises, but able to stop within what is seen."""
-        room = profile.seen_to - motion.position - self._radius
-        speed = min(self._tuning.cruise_speed,
+        room = profile.seen_to - motion.position - self._radius - SIGHT_GAP
+        speed = min(self._tuning.cruise_speed, max(0.0, room) * SIGHT_RATE,
                     self.braking.speed_within(room, slope, emergency=True))
         return Decision(Kind.CLEAR, Reason.NOTHING_AHEAD, speed,
                         f'Nothing ahead: cruising at {speed:.2f} m/s',
@@ -57,12 +61,15 @@ class Halts:
               previous: Optional[Decision]) -> Optional[Decision]:
         """Return the STOP that a slope below or ahead asks for, if it is too steep to hold."""
         steepest, position = self.braking.steepest, situation.motion.position
-        if previous is not None and previous.reason is Reason.STEEP:
+        if previous is not None and previous.kind is Kind.STOP \
+                and previous.reason is Reason.STEEP:
             steepest *= 0.9
         most = f'{math.degrees(self.braking.steepest):.1f} degrees can be held'
         # Uphill only where it is seen: what is felt may be a step.
+        # At an edge the slope is seen badly; its deviation tells.
         seen = math.isfinite(profile.slope)
-        if not -steepest <= slope <= (steepest if seen else math.inf):
+        doubt = profile.slope_sd if seen and math.isfinite(profile.slope_sd) else 0.0
+        if not -steepest - doubt <= slope <= (steepest + doubt if seen else math.inf):
             return stop(Reason.STEEP, f'Stopping: the slope of {math.degrees(slope):+.1f} degrees '
                         f'is too steep, {most}', distance=0.0)
         ahead = steep_ahead(profile, position, steepest)

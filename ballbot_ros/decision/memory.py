@@ -21,8 +21,9 @@ UNEVEN, KEPT_OFF = 0.005, 0.05
 # Who wants on must get on by PROGRESS [m] within PATIENCE [s]; wanting on is being told to drive
 # at least so fast [m/s].
 PROGRESS, PATIENCE, WANTING = 0.05, 2.5, 0.1
-# Who wants on and rolls back this fast [m/s] for so long [s] is on too steep a slope.
-BACKWARDS, LASTING = 0.05, 0.6
+# Who wants on and rolls back this fast [m/s] for so long [s], and so far [m], is on too steep a
+# slope; it takes a while to feel any slope.
+BACKWARDS, LASTING, LOST = 0.05, 1.0, 0.15
 # Passed by so much, it was no obstruction [m].
 PASSED = 0.1
 # A ball that fails may have spun at the foot of the step: odometry is behind by up to this [m].
@@ -146,7 +147,8 @@ class Memory:
             self._best = position, now
         self._back_since = None if motion.speed > -BACKWARDS else (
             now if self._back_since is None else self._back_since)
-        if self._back_since is not None and now - self._back_since >= LASTING:
+        if self._back_since is not None and now - self._back_since >= LASTING \
+                and position < self._best[0] - LOST:
             # A ball that bounces off something rolls back, too, but does not keep on.
             self._obstruct(self._best[0], Reason.STEEP)
         elif now - self._best[1] >= PATIENCE:

@@ -28,6 +28,9 @@ LONGEST_CONTACT = 1.5
 # higher than it seems is touched this much earlier.
 CONTACT_SLACK = 0.04
 
+# The far edge of a sill is where it was seen, within this [m].
+SILL = 0.1
+
 # The pendulum is let down so long before the touch [s].
 HANGING = 0.3
 
@@ -40,6 +43,9 @@ ROLLING = 0.05  # [m/s]
 # After a failure the ball must be this much faster than it was, and than it was to be; after so
 # many it gives up.
 FASTER, FASTER_PLAN, MOST_FAILURES = 1.1, 1.05, 3
+
+# Too late to stop, a step is taken where this is as likely as not.
+HOPE = 0.5
 
 # Where backing off ends [m], and steps that are taken with any speed behind another one [m].
 ARRIVED, PASSABLE = 0.03, 0.002
@@ -96,9 +102,10 @@ class Cubic:
             return None
         since = previous.contact_since
         if step is None or step.number != previous.step:
-            # On top of a sill, before its far edge.
-            known = any(face.number == previous.step for face in profile.faces)
-            if not (known and since is not None and motion.position < previous.plan.edge):
+            # On top of a sill, before its far edge; what else comes there is judged anew.
+            edge = previous.plan.edge
+            if since is None or not motion.position < edge or (
+                    step is not None and step.position < edge - SILL):
                 return None
             distance = -math.inf
         else:
@@ -130,7 +137,8 @@ class Cubic:
             return BEGUN
         given_up = previous.kind in (Kind.STOP, Kind.GO_ROUND) and previous.reason not in (
             Reason.STALE, Reason.CONTRADICTORY, Reason.BAD_OBSERVATION)
-        return GIVEN_UP if given_up and abs(motion.speed) > ROLLING else 1.0
+        rolling = abs(motion.speed) > ROLLING or previous.kind is Kind.GO_ROUND
+        return GIVEN_UP if given_up and rolling else 1.0
 
     def _weigh(self, step: Face, profile: Profile, situation: Situation, slope: float,
                previous: Optional[Decision]) -> Decision:
@@ -159,7 +167,10 @@ class Cubic:
                 stop(Reason.TOO_FAST, f'{where}touched at {found.slowest:.2f} m/s even when '
                      f'braking, the curve ends at {self._curve.highest_speed:.2f} m/s'),
                 **numbers(answer))
-        around = self._forbidden(step, found, failed)
+        # Late for a crossing that was begun, or for any as the brakes of the robot file are.
+        hopeful = found.probability >= HOPE and step.height < self._radius and (
+            late or found.run_up < self._halts.braking.expected_distance(motion.speed, slope))
+        around = None if hopeful else self._forbidden(step, found, failed)
         land = beyond(profile, step, self._radius, PASSABLE, self._tuning)
         if around is None and not late:
             around = self._landing(step, found, land, slope, begun is not None, failed)
@@ -172,7 +183,7 @@ class Cubic:
         backing = before.plan if before is not None and before.kind is Kind.BACK_OFF else None
         on_the_way = backing is not None and (
             motion.position > backing.start + ARRIVED or motion.speed < -ROLLING)
-        if on_the_way or not answer.required_speed <= found.driven:
+        if on_the_way or not (hopeful or answer.required_speed <= found.driven):
             return self._longer_run_up(answer, where, step, situation, slope,
                                        backing if on_the_way else None, failed)
         plan = self._plan(step, found, land, begun, motion)
@@ -180,7 +191,7 @@ class Cubic:
             answer, plan=plan, start_distance=motion.position - plan.start,
             swing_distance=plan.swing_position - motion.position,
             explanation=f'{where}needs {answer.required_speed:.2f} m/s, {found.driven:.2f} m/s '
-            f'will be driven, {math.floor(1e3 * found.spare):.0f} mm to spare, probability '
+            f'will be driven, {1e3 * found.spare - 0.5:.0f} mm to spare, probability '
             f'{found.probability:.2f}')
 
     def _plan(self, step: Face, found: Reach, land: Beyond, begun: Optional[Decision],

@@ -73,13 +73,14 @@ def test_a_failure_is_found_again_at_its_place_under_another_number():
 
 
 @pytest.mark.parametrize('speed, seconds, reason', [
-    (0.0, 2.6, Reason.STUCK), (-0.1, 0.7, Reason.STEEP), (0.0, 2.3, None), (-0.1, 0.5, None)])
+    (0.0, 2.6, Reason.STUCK), (-0.2, 1.1, Reason.STEEP), (0.0, 2.3, None),
+    (-0.2, 0.9, None), (-0.07, 1.5, None)])
 def test_where_the_ball_does_not_get_on_is_noticed(speed, seconds, reason):
     memory = Memory(TUNING)
     for index in range(int(seconds * 50)):
         now = 0.02 * index
         # It rocks by a few centimetres.
-        memory.watch(Motion(now, 0.5 + 0.02 * math.sin(5.0 * now), speed), DRIVING)
+        memory.watch(Motion(now, 0.5 + speed * now + 0.02 * math.sin(5.0 * now), speed), DRIVING)
     assert (None if memory.obstruction is None else memory.obstruction.reason) is reason
 
 
