@@ -10,6 +10,9 @@ from ballbot_ros.physics.model.terrain import Array
 # More points than any camera has in a row are an accident; so is ground this far off [m].
 MOST_POINTS, LARGEST = 5000, 1e6
 
+# A sensor that sees so far behind, and less far ahead, does not look ahead [m].
+FAR_BEHIND = 0.6
+
 # Floor this far off the bottom of the ball is an error of mounting, and subtracted; more is
 # not the floor that the ball stands on [m].
 LARGEST_OFFSET = 0.03
@@ -68,7 +71,7 @@ def _of_numbers(x: Array, z: Array, z_sd: Array, others: Array) -> str:
     if not low < high:
         return (f'it has seen from x_min {others[1]:g} to x_max {others[2]:g} m, and has points '
                 f'from {x[0]:g} to {x[-1]:g} m')
-    if high < -low:
+    if high < -low and low < -FAR_BEHIND:
         return (f'it has seen {-low:.2f} m behind the ball and {high:.2f} m ahead: is the sensor '
                 'mounted backwards?')
     return ''

@@ -23,6 +23,9 @@ LEAST_SD = 1e-4      # [m]
 # What the ball rolls adds to the variance of the map: odometry slips a little [m2/m].
 DRIFT = 0.0005**2 / 0.5
 
+# Part of the roughness of looks that no number of them averages away.
+TEXTURE = 0.5
+
 # So many nodes must overlap for a look to be aligned; over this length its tilt as well [m].
 LEAST_OVERLAP, TILT_BASE = 20, 0.5
 
@@ -78,7 +81,7 @@ class ElevationMap:
         self.tilt_sd = 0.0
         self.spacing = CELL
         self.told = True
-        self._residuals = 0.0
+        self._residuals = self._rough = 0.0
         self._position = 0.0
 
     def add(self, look: Look, position: float) -> Tuple[str, Array]:
@@ -179,6 +182,7 @@ class ElevationMap:
         even = common & (look.steep < 0.001)
         self.looks += 1
         weight = 1.0 / min(self.looks - 1, 50)
+        self._rough += weight * (look.roughness - self._rough)
         if np.count_nonzero(even) >= LEAST_OVERLAP:
             spread = 1.4826 * middle(np.abs(residual[even]))
             own = max(LEAST_SD**2, spread**2 - middle(variance[even]))
@@ -202,6 +206,8 @@ class ElevationMap:
         old[:] = np.where(seen, old + gain * np.where(fused, residual, new - old), old)
         variance[:] = np.where(fused, (1.0 - gain) * known, variance)
         variance[fresh] = new_variance[fresh]
+        # Texture of the floor, or of the sensor, is the same in each look.
+        np.maximum(variance, (TEXTURE * self._rough)**2, out=variance)
 
     def _follow(self, position: float) -> None:
         """Move the map with the ball, and let it age with the way."""

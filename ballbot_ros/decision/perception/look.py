@@ -20,6 +20,13 @@ SHADOW = 0.03
 # sight: points do not lie on the edge, nor where the line of sight meets the ground.
 STEEPNESS = 0.35
 
+# More points than this are no vertices but samples: where they are so many times as far apart
+# as usual, nothing was seen between them.
+SAMPLED, LOST = 50, 3.5
+
+# What is seen may end with a face; it is one if it is so high [m].
+WALL = 0.02
+
 
 class Look(NamedTuple):
     """
@@ -68,6 +75,8 @@ def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Look]
     """
     first = math.ceil(max(x[0], -BEHIND) / CELL + position / CELL - 1e-9)
     last = math.floor(min(x[-1], AHEAD) / CELL + position / CELL + 1e-9)
+    if np.ptp(z[x > x[-1] - CELL]) > WALL:
+        last += 1  # what is seen ends at a wall, which the last node would miss
     if last - first < 2:
         return None
     places = np.arange(first, last + 1) * CELL - position
@@ -76,8 +85,13 @@ def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Look]
     # Seen from the centre, what is behind an edge is hidden up to a line through the edge.
     hidden = (run > SHADOW) & (x[:-1] > 0.0) & (
         rise * np.maximum(x[:-1], CELL) < STEEPNESS * np.minimum(z[:-1], 0.0) * run)
+    usual = middle(run)
+    if len(x) > SAMPLED:
+        hidden |= run > max(LOST * usual, SHADOW)
     for index in np.flatnonzero(hidden):
         heights[(places > x[index] + 1e-9) & (places < x[index + 1] - 1e-9)] = np.nan
+    if np.count_nonzero(np.isfinite(heights)) < 3:
+        return None
     steep = np.zeros(len(heights))
     steep[1:-1] = 0.5 * PLACE_SD / CELL * np.abs(heights[2:] - heights[:-2])
     steep[np.isnan(steep)] = 0.0
@@ -85,4 +99,4 @@ def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Look]
         np.maximum(run[1:], run[:-1]), 1e-9)
     roughness = 1.4826 * middle(bend) / math.sqrt(6.0) if len(bend) > 20 else 0.0
     return Look(first, heights, steep, np.interp(places, x, z_sd), roughness,
-                middle(run))
+                usual)

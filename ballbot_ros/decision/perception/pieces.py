@@ -6,7 +6,7 @@ from typing import List, NamedTuple
 import numpy as np
 
 from ballbot_ros.decision.perception.elevation import Whole
-from ballbot_ros.decision.perception.kernels import middle, simplify
+from ballbot_ros.decision.perception.kernels import line, middle, simplify
 from ballbot_ros.physics.model.terrain import Array
 
 # Steeper than this is a face, not a ramp: no ball of this kind rolls up 11 degrees.
@@ -15,6 +15,9 @@ STEEP = 0.2
 # A short piece that is so much steeper than the ground on both sides is a blurred face; so long
 # is a short one [m].
 LEAST_GRADE, SHORT = 0.06, 0.065
+
+# Slopes of one line differ by no more, beside what is uncertain of them.
+BEND = 0.01
 
 # The blur of a face reaches so many nodes to either side.
 BLUR = 3
@@ -68,7 +71,7 @@ def pieces_of(nodes: Nodes, shared: float) -> List[Piece]:
             pieces[-2:] = [Piece(sign, pieces[-2].begin, end)]
         else:
             pieces.append(Piece(sign, begin, end))
-    return _without_blur(pieces)
+    return _joined(nodes, _without_blur(pieces))
 
 
 def _signs(run: Array, rise: Array) -> List[int]:
@@ -107,6 +110,32 @@ def _without_blur(pieces: List[Piece]) -> List[Piece]:
                 continue
         found.append(piece)
     return found
+
+
+def _joined(nodes: Nodes, pieces: List[Piece]) -> List[Piece]:
+    """Join gentle pieces that lie on one line: corners are chosen among noisy nodes."""
+    found = pieces[:1]
+    for piece in pieces[1:]:
+        last = found[-1]
+        if last.sign == 0 and piece.sign == 0 and _is_one(nodes, last, piece):
+            found[-1] = Piece(0, last.begin, piece.end)
+        else:
+            found.append(piece)
+    return found
+
+
+def _is_one(nodes: Nodes, one: Piece, two: Piece) -> bool:
+    """Return whether two pieces are one line, as far as can be told."""
+    short, long = sorted((one, two), key=lambda piece: piece.end - piece.begin)
+    at = 0.5 * float(nodes.x[short.begin] + nodes.x[short.end])
+    (z, slope, z_variance, slope_variance), (other_z, other, other_variance, variance) = (
+        line(nodes.x, nodes.z, nodes.variance, piece.begin, piece.end + 1, at)
+        for piece in (short, long))
+    if not abs(z - other_z) < LEAST_TOLERANCE + 3.0 * math.sqrt(z_variance + other_variance):
+        return False
+    # A short piece has no slope worth comparing.
+    apart = BEND + 3.0 * math.sqrt(slope_variance + variance)
+    return short.end - short.begin < 12 or abs(slope - other) < apart
 
 
 def _smooth(z: Array, width: int) -> Array:

@@ -143,7 +143,7 @@ def test_errors_of_height_are_as_large_as_told(looks, height_sd):
 
 @pytest.mark.parametrize('told, floor', [(1.0, 0.0005), (0.0, 0.002)])
 def test_no_number_of_looks_makes_a_height_known_exactly(told, floor):
-    face = approach(SCENES['rise'][0], 60, 0.3, 0.001, told=told)[-1].face
+    face = approach(SCENES['rise'][0], 60, 0.3, 0.0005, told=told)[-1].face
     assert face.height_sd == floor
 
 
@@ -217,3 +217,36 @@ def test_a_look_from_before_the_last_one_is_a_contradiction():
     tracking.update(exact(Terrain.flat(), stamp=1.0), 0.0)
     assert tracking.update(exact(Terrain.flat(), stamp=0.9), 0.0).rejection \
         is Reason.CONTRADICTORY
+
+
+@pytest.mark.parametrize('place', [1.2, 1.203, 1.207, 1.2099])
+def test_a_wall_that_ends_what_is_seen_is_seen_wherever_it_stands(place):
+    terrain = Terrain([(-9.0, 0.0), (place, 0.0), (place, 0.5), (9.0, 0.5)])
+    face = approach(terrain, 5, 0.05)[-1].face
+    assert face.height > 0.3 and face.height + 4.0 * face.height_sd > 0.5
+    assert face.position == pytest.approx(place, abs=0.015)
+
+
+def test_a_hole_between_samples_is_not_seen_and_one_between_vertices_is_ground():
+    x = np.arange(-0.3, 2.0, 0.015)
+    x = x[(x < 1.0) | (x > 1.1)]
+    sampled = tracker().update(TerrainObservation(
+        0.0, tuple(x.tolist()), (-RADIUS,) * len(x), (), x[0], x[-1]), 0.0)
+    (begin, end), = sampled.gaps
+    assert begin == pytest.approx(1.0, abs=0.02) and end == pytest.approx(1.1, abs=0.02)
+    assert not tracker().update(exact(Terrain.flat()), 0.0).gaps
+
+
+def test_two_walls_around_the_ball_are_no_sensor_that_looks_backwards():
+    walls = Terrain([(-9.0, 0.5), (-0.5, 0.5), (-0.5, 0.0), (0.27, 0.0), (0.27, 0.5), (9.0, 0.5)])
+    profile = approach(walls, 3, 0.01)[-1]
+    assert profile.rejection is None and profile.face.height > 0.3
+
+
+def test_a_rough_floor_that_is_looked_at_for_long_does_not_break_into_faces():
+    terrain, tracking = SCENES['rise'][0], tracker()
+    sight = TerrainSensor(terrain, 3.0, 0.001).look(0.0, RADIUS, 0)
+    for index in range(400):
+        profile = tracking.update(TerrainObservation(
+            0.02 * index, sight.x, sight.z, (), sight.x_min, sight.x_max), 0.0)
+    assert [round(face.height, 2) for face in profile.faces] == [0.03]
