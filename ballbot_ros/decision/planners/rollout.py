@@ -7,7 +7,7 @@ where nothing is ahead, and before what it does not take.
 """
 from dataclasses import replace
 import math
-from typing import List, Optional
+from typing import List, Optional, Sequence
 
 from ballbot_ros.decision.guard import stop
 from ballbot_ros.decision.halts import Halts
@@ -16,7 +16,7 @@ from ballbot_ros.decision.rollout.ahead import (
     Ahead, faces_ahead, look_ahead, TOGETHER, touch_distance_on)
 from ballbot_ros.decision.rollout.answers import go, refuse, weighing
 from ballbot_ros.decision.rollout.deliberation import Choice
-from ballbot_ros.decision.rollout.mind import Mind, STANDING
+from ballbot_ros.decision.rollout.mind import Mind, STANDING, TOO_LATE
 from ballbot_ros.decision.situation import Knowledge, Planner, Situation
 from ballbot_ros.decision.values import Decision, Kind, Motion, Reason
 
@@ -26,6 +26,12 @@ FAR = 3.5
 CONTACT, LONGEST_CONTACT = 0.005, 3.0
 # Room that a ball that stops leaves before a touch [m].
 GAP = 0.03
+# A face within this of the ball is taken for a slope [m].
+NEAR = 0.35
+# Drops up to this are better gone down on purpose than slid down [m].
+SMALL = 0.05
+# What is not seen is stood off from this early [m].
+AT_EASE = 0.2
 # Of the slope, where it is not seen [rad].
 SLOPE_SD = 0.005
 
@@ -50,6 +56,7 @@ class RolloutPlanner:
         self._tuning, self._robot = knowledge.tuning, knowledge.robot
         self._halts, self._mind = Halts(knowledge), Mind(knowledge)
         self._passed: List[Face] = []
+        self._slope, self._disturbed = 0.0, False
 
     def __call__(self, situation: Situation, previous: Optional[Decision]) -> Decision:
         """Decide on the ground ahead; see `situation.Planner`."""
@@ -61,19 +68,46 @@ class RolloutPlanner:
         if pushing is not None:
             return pushing
         faces = faces_ahead(profile, motion.position)
-        slope = profile.slope if math.isfinite(profile.slope) else motion.slope
-        steep = self._halts.steep(profile, situation, slope, previous)
+        slope = self._slope_below(profile, faces, motion)
+        steep = None if self._disturbed else self._halts.steep(
+            profile, situation, slope, previous)
         if steep is not None and not (
                 faces and faces[0].position - motion.position < steep.distance):
             return steep
         if not faces or faces[0].position - motion.position > FAR:
             self._mind.forget()
-            return self._halts.cruise(profile, motion, slope)
-        ahead = look_ahead(
-            profile, faces, motion.position, slope,
-            profile.slope_sd if math.isfinite(profile.slope_sd) else SLOPE_SD,
-            self._robot.ball_radius, self._tuning.unseen_room, climbed)
+            return self._alone(profile, situation, slope)
+        deviation = profile.slope_sd if math.isfinite(profile.slope_sd) else SLOPE_SD
+        ahead = look_ahead(profile, faces, motion.position, slope, deviation,
+                           self._robot.ball_radius, self._tuning.unseen_room, climbed)
+        if not ahead.ends and -SMALL < faces[0].height \
+                and self._braking_room(ahead, motion) < TOO_LATE:
+            # To go down a small drop on purpose is better than to slide down it.
+            ahead = look_ahead(profile, faces, motion.position, slope, deviation,
+                               self._robot.ball_radius, self._tuning.unseen_room, SMALL)
         return self._face(ahead, situation)
+
+    def _alone(self, profile: Profile, situation: Situation, slope: float) -> Decision:
+        """Decide where no face is ahead: on, but not to where nothing is seen."""
+        motion = situation.motion
+        clear = self._halts.cruise(profile, motion, slope)
+        way = self._halts.braking.distance(motion.speed, slope)
+        room = profile.seen_to - motion.position - self._robot.ball_radius
+        if not profile.points or room > way + self._tuning.stop_gap + AT_EASE:
+            return clear
+        return self._halts.stand(
+            replace(clear, kind=Kind.STOP, reason=Reason.WALL, distance=room,
+                    explanation=f'Nothing is seen beyond {room:.2f} m'),
+            profile.seen_to, situation, slope)
+
+    def _slope_below(self, profile: Profile, faces: Sequence[Face], motion: Motion) -> float:
+        """Return the slope below the ball, as it was before faces came so near to hide it."""
+        near = [face for face in (*faces, *self._passed)
+                if -NEAR < face.position - motion.position < NEAR]
+        self._disturbed = bool(near)
+        if not near:
+            self._slope = profile.slope if math.isfinite(profile.slope) else motion.slope
+        return self._slope
 
     def _face(self, ahead: Ahead, situation: Situation) -> Decision:
         """Decide on the faces ahead."""

@@ -66,7 +66,9 @@ class Ahead:
     touch : float
         Where the centre is when the ball touches the first face [m].
     room_to : float
-        Ground is known, or taken for granted, until there [m].
+        The centre may stand before this: as far as ground is known, or taken for granted [m].
+    known : bool
+        Whether it is known.
 
     """
 
@@ -78,6 +80,7 @@ class Ahead:
     slope_sd: float
     touch: float
     room_to: float
+    known: bool
 
 
 def faces_ahead(profile: Profile, position: float) -> Tuple[Face, ...]:
@@ -132,7 +135,8 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         # Down again is fine as far as it went up before.
         if climbed >= -SMALLEST_DROP:
             ends.append(End(index + 1, len(rows) - 1, here))
-    seen_to = max(profile.seen_to if profile.points else here, here + unseen_room)
+    known = bool(profile.points) and profile.seen_to > here + radius
+    seen_to = profile.seen_to if known else here + unseen_room
     for x, rise in floor.bends(here, seen_to):
         rows.append((x, level + rise, len(faces) - 1, 1.0, 1.0))
     level += floor.rise(here, seen_to)
@@ -144,7 +148,8 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
     first = faces[0]
     return Ahead(
         np.array(rows), tuple(faces), tuple(ends), deviations, slope, slope_sd,
-        first.position - touch_distance_on(slope, radius, first.height), seen_to)
+        first.position - touch_distance_on(slope, radius, first.height),
+        seen_to - radius if known else seen_to, known)
 
 
 def touch_distance_on(slope: float, radius: float, height: float) -> float:

@@ -9,7 +9,7 @@ from ballbot_ros.decision.rollout.candidates import (
     BRISK, Candidate, candidates, from_farther_back)
 from ballbot_ros.decision.rollout.layout import TOUCH_SPEED
 from ballbot_ros.decision.rollout.search import (
-    BEYOND, confirm, good, height_limit, search, Task, Trial, why_not)
+    BEYOND, confirm, FALLING, good, height_limit, search, Task, Trial, why_not)
 from ballbot_ros.decision.rollout.worlds import Tally
 from ballbot_ros.decision.situation import Failure
 from ballbot_ros.decision.tuning import DecisionTuning
@@ -87,7 +87,7 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
     if kept is not None:
         trial = Trial(kept, kept.row(task.ahead))
         yield from confirm(trial, task, CHECKED)
-        if good(trial.many, task.required - LOYALTY):
+        if good(trial.many, task.ahead, task.required - LOYALTY):
             return Choice(trial, Reason.RUN_UP if kept.back > 0.0 else Reason.LIKELY,
                           tally=trial.many)
     run_up = max(task.ahead.touch - position, 0.0)
@@ -144,7 +144,8 @@ def _reason(task: Task, trials: Sequence[Trial], tuning: DecisionTuning,
     tallies = [trial.many if trial.many.attempts else trial.few for trial in trials
                if trial.few.attempts]
     if any(trial.falls for trial in trials) or any(
-            tally.falls + tally.beyond > BEYOND * tally.attempts for tally in tallies):
+            tally.falls + tally.beyond > (FALLING if task.ahead.known else BEYOND)
+            * tally.attempts for tally in tallies):
         return Reason.LANDING
     far = from_farther_back(task.ahead, task.ahead.touch - 0.01, IMAGINED, tuning,
                             (1.2, IMAGINED))

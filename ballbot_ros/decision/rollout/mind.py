@@ -25,6 +25,8 @@ from ballbot_ros.decision.values import Motion, Reason
 FIRST, LATER = 640, 40
 # News: the height has changed by this [m], or its deviation has shrunk to this part.
 HEIGHT_NEWS, SHRUNK = 0.002, 0.6
+# Or so much more ground is seen behind an edge [m].
+ROOM_NEWS = 0.1
 # After so many answers a choice is looked at again, with so many attempts; the old ones fade.
 EVERY, ATTEMPTS, FADE, MEMORABLE = 10, 24, 0.9, 300
 # A choice is given up where its probability has come this far below what is required.
@@ -45,6 +47,7 @@ class Belief(NamedTuple):
     standing: bool
     failures: int
     free_from: float
+    room_to: float
 
 
 class Mind:
@@ -68,7 +71,8 @@ class Mind:
         """Draw the worlds."""
         self._tuning = knowledge.tuning
         self.worlds = Worlds(knowledge)
-        self.worlds.believe(Particles.of(knowledge.robot, knowledge.tuning.height_bias_sd))
+        self.worlds.believe(knowledge.particles or Particles.of(
+            knowledge.robot, knowledge.tuning.height_bias_sd))
         self.forget()
 
     def forget(self) -> None:
@@ -84,12 +88,14 @@ class Mind:
         if self.belief is not None and self.belief.face.number != face.number:
             self.forget()
         failures = failures_at(face, situation)
+        if situation.particles is not None:
+            self.worlds.believe(situation.particles)
         self.worlds.see(ahead)
         task = Task(
             (motion.position, motion.speed, motion.pendulum_angle, motion.pendulum_rate),
             ahead, self.worlds, self._tuning.required_probability, self._tuning.highest_speed)
         now = Belief(face, len(ahead.faces), abs(motion.speed) < STANDING, len(failures),
-                     situation.free_from)
+                     situation.free_from, ahead.room_to)
         budget = LATER if self.choice is not None else FIRST
         kept = self.choice.candidate if self.choice is not None else None
         if kept is not None and _arrived(kept, ahead, motion):
@@ -136,6 +142,8 @@ class Mind:
             freed = now.free_from < then.free_from - 0.3
             if now.standing and (not then.standing or freed):
                 return True
+            if choice.reason is Reason.LANDING and now.room_to > then.room_to + ROOM_NEWS:
+                return True
             if not now.standing and self._changes >= CHANGES - 1:
                 return False
             known = now.face.height_sd < SHRUNK * then.face.height_sd
@@ -157,7 +165,7 @@ class Mind:
         fade = FADE if choice.tally.attempts > MEMORABLE else 1.0
         choice.tally = choice.tally.faded(fade) + new
         lost = LOST * (1 + self._changes)
-        if braking_room > 0.0 and not good(choice.tally, task.required - lost):
+        if braking_room > 0.0 and not good(choice.tally, task.ahead, task.required - lost):
             self.belief = None
 
 

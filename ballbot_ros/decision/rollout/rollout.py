@@ -36,7 +36,8 @@ RISING = 2.5  # a ball that does not roll forward then stands [s]
 SLOW = 0.02  # what is slower stands [m/s]
 PATIENCE = 3.0  # a contact that lasts longer is not going to end well [s]
 IDLE = 0.6  # nor is one in which the ball gets no farther for so long [s]
-CLEARANCE = 0.02  # between the standing ball and what it must not reach [m]
+LATE = 0.04  # after the edge the ball is stopped [s]
+CLEARANCE = 0.04  # between the standing ball and what it must not reach [m]
 
 
 @compiled
@@ -150,7 +151,9 @@ def climb(memory: SpeedState, plan: Array, draw: Array, robot: Parameters, drive
     """Run the full model until the ball is over or not; its state is in the scratch."""
     state, ground = scratch.state, scratch.ground
     edge = int(plan[EDGE_AT])
-    over_x, over_y = ground[edge, VERTEX_X], ground[edge, VERTEX_Y] + 0.5 * robot.radius
+    # The swing ends where the edge is believed to be passed, and the stop begins a little later.
+    over_x = max(ground[edge, VERTEX_X], plan[EDGE])
+    over_y = ground[edge, VERTEX_Y] + 0.5 * robot.radius
     foot = ground[next_rough(ground, first_segment(ground, state[X])), VERTEX_X] - PROGRESS
     # What is done answers what was measured a little before.
     order = order_of(plan, draw[DELAY] * state[VELOCITY_X], drive)
@@ -166,7 +169,7 @@ def climb(memory: SpeedState, plan: Array, draw: Array, robot: Parameters, drive
         if touch_x == math.inf and foremost >= foot:
             touch_x, until = state[X], time + PATIENCE
             result[TOUCH_SPEED], result[TOUCH_ANGLE] = state[VELOCITY_X], state[PENDULUM_ANGLE]
-        if state[X] > over_x and state[Y] > over_y:
+        if state[X] - LATE * state[VELOCITY_X] > over_x and state[Y] > over_y:
             if touch_x == math.inf:  # down a drop
                 result[TOUCH_SPEED], result[TOUCH_ANGLE] = (
                     state[VELOCITY_X], state[PENDULUM_ANGLE])

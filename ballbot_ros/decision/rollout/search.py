@@ -38,7 +38,7 @@ HOPELESS = 0.12
 CHOICES = 3
 # Most of the attempts that may fall.
 FALLING = 0.01
-# Most of the attempts that can be stopped only where the ground is not known.
+# Most of the attempts that can be stopped only behind what is taken for granted.
 BEYOND = 0.4
 
 
@@ -99,14 +99,14 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
     goal = task.required + 0.5 * max(best - task.required, 0.0)
     # The gentlest of those that do, then those that do best.
     order = sorted(finalists, key=lambda item: (
-        item.few.falls > 0.0, item.few.beyond > 2.0 * BEYOND * FEW,
+        item.few.falls > 0.0, item.few.beyond > (0.0 if ahead.known else BEYOND * FEW),
         item.few.probability < goal, item.level < HIGHEST,
         item.speed if item.few.probability >= goal else -item.few.probability))
     for trial in order[:CHOICES]:
         if trial.few.probability < task.required - HOPELESS:
             continue
         yield from confirm(trial, task, MANY)
-        if good(trial.many, task.required):
+        if good(trial.many, ahead, task.required):
             return trial
     return None
 
@@ -156,14 +156,16 @@ def confirm(trial: Trial, task: Task, number: int) -> Generator[None, None, None
         yield
         if trial.many.attempts >= LOOK and (
                 trial.many.probability < task.required - HOPELESS
-                or trial.many.falls > 3.0 or trial.many.beyond > 0.3 * trial.many.attempts):
+                or trial.many.falls > 3.0 or trial.many.beyond > (
+                    3.0 if task.ahead.known else BEYOND * trial.many.attempts)):
             break
 
 
-def good(tally: Tally, required: float) -> bool:
+def good(tally: Tally, ahead: Ahead, required: float) -> bool:
     """Return whether a plan may be carried out."""
+    most = FALLING if ahead.known else BEYOND
     return (tally.probability >= required and tally.falling <= FALLING
-            and tally.beyond <= BEYOND * tally.attempts)
+            and tally.beyond <= most * tally.attempts)
 
 
 def height_limit(trial: Trial, task: Task, number: int = 24,
