@@ -148,8 +148,10 @@ class RolloutPlanner:
         if previous is None or previous.kind is not Kind.CROSS or previous.plan is None \
                 or belief is None or not motion.position < previous.plan.edge:
             return None
-        touch = belief.face.position - touch_distance_on(
-            0.0, self._robot.ball_radius, belief.face.height)
+        faces = situation.profile.faces if situation.profile is not None else ()
+        own = [face for face in faces if face.number == previous.step]
+        face = own[0] if own else belief.face
+        touch = face.position - touch_distance_on(0.0, self._robot.ball_radius, face.height)
         if previous.contact_since is None and motion.position < touch - CONTACT:
             return None
         since = motion.stamp if previous.contact_since is None else previous.contact_since
@@ -157,11 +159,9 @@ class RolloutPlanner:
                 or motion.position < touch - GAP and motion.speed < 0.0:
             self._mind.forget()
             return None
-        profile = situation.profile or Profile(motion.stamp)
         # With two edges the second one is left when the first is passed.
-        left = [face for face in profile.faces if face.number == previous.step] or [
-            face for face in profile.faces
-            if motion.position < face.position < previous.plan.edge]
+        left = own or [face for face in faces
+                       if motion.position < face.position < previous.plan.edge]
         distance = left[0].position - motion.position if left else 0.0
         return replace(
             previous, reason=Reason.COMMITTED, distance=distance, contact_since=since,

@@ -13,6 +13,8 @@ from ballbot_ros.physics.model.terrain import Array
 
 # Down by less than this is an uneven floor, more is a drop [m].
 SMALLEST_DROP = 0.005
+# Up by less than this is one, too: any speed takes it [m].
+SMALLEST_RISE = 0.0045
 # Faces that are farther apart than this are taken one by one [m].
 TOGETHER = 1.0
 # A bend of the ground between faces by less than this is none [m].
@@ -87,7 +89,7 @@ def faces_ahead(profile: Profile, position: float) -> Tuple[Face, ...]:
     """Return the faces whose end is ahead of a position, unevenness left out."""
     return tuple(face for face in profile.faces
                  if face.position + face.run > position
-                 and not -SMALLEST_DROP <= face.height <= 0.0)[:FACES]
+                 and not -SMALLEST_DROP <= face.height <= SMALLEST_RISE)[:FACES]
 
 
 def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: float,
