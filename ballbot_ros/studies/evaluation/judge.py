@@ -9,7 +9,8 @@ its plan (without a plan: the step that it names) is not before that face.
 ``fell``       the ball went down, by more than 5 mm below the edge, a drop that was not taken when
                the centre passed its edge; or one of more than 60 mm, taken or not
 ``hit``        it touched a face of 5 mm or more faster than 0.1 m/s, that was not taken then nor
-               within the 0.1 s before
+               within the 0.1 s before; one of up to 8 mm that it touches on its way, saying
+               CLEAR or CROSS, is a *bump*, and counted apart
 ``stopped``    it stood for 1 s and the decision was to stop or to go round
 ``ran away``   it was 0.25 m behind what is known to be free, or faster than 1.5 times the highest
                speed
@@ -30,6 +31,7 @@ from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Decision, Kind
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.studies.evaluation.approaches import Approach
+from ballbot_ros.studies.evaluation.attempts import alike, crosses, JudgedAttempt, last_edge
 from ballbot_ros.studies.evaluation.closed_loop import ClosedLoop, PERIOD, true_faces
 
 OUTCOMES = ('over', 'stopped', 'fell', 'hit', 'ran away', 'stuck', 'idle', 'undecided')
@@ -37,30 +39,12 @@ OUTCOMES = ('over', 'stopped', 'fell', 'hit', 'ran away', 'stuck', 'idle', 'unde
 BEYOND = 0.25          # behind the goal [m]
 FALL, DEEPEST = 0.005, 0.06  # of a drop that counts, and of one that may be taken [m]
 SINKING = 0.003        # of a ball into the ground that it rolls on, at most [m]
-HIT = 0.1              # [m/s]
+HIT, BUMP = 0.1, 0.008  # [m/s], [m]
 MEMORY = 0.1           # so long a crossing counts that is called off [s]
-SLACK = 0.06           # between a face and where it is believed to be [m]
 RESTING, STANDING, WAITING = 0.01, 1.0, 4.0  # [m/s], [s], [s]
 ASTRAY, RACING = 0.25, 1.5  # [m], over the highest speed
 LOST = 0.03            # so far behind its touch an attempt has failed [m]
 AFTERMATH = 2.0        # so long a crossing may still end badly [s]
-
-
-@dataclass
-class JudgedAttempt:
-    """A crossing that was begun: all as it was when the ball touched the face."""
-
-    time: float
-    x: float           # [m]
-    face: float        # [m]
-    speed: float       # [m/s]
-    strategy: str
-    probability: float  # promised; NaN where nothing was
-    edge: float        # last one of the plan [m]
-    plan: Tuple[float, ...]  # start, speed, swing position and angle; or the set speed
-    same: bool = False  # as one that has failed at this face
-    over: Optional[bool] = None
-    settled: float = 0.0  # when that was known [s]
 
 
 @dataclass
@@ -74,6 +58,7 @@ class Verdict:
     hit_speed: float = 0.0      # [m/s]
     depth: float = 0.0          # of the drop that it fell [m]
     hidden: bool = False        # whether what it fell or hit could not be seen in time
+    bumps: int = 0              # low faces that it went over without a plan
     changes: int = 0            # of mind, without news
     attempts: List[JudgedAttempt] = field(default_factory=list)
 
@@ -151,6 +136,11 @@ class Judge:
         return any(crosses(decision, x, place) for when, x, decision in self._said
                    if when >= now - long - 1e-9)
 
+    def _is_low(self, place: float) -> bool:
+        """Return whether the face at a place is no more than a bump."""
+        return all(abs(height) <= BUMP for left, _, width, height in self._faces
+                   if left - 1e-6 <= place <= left + width + 1e-6)
+
     def _hidden(self, place: float) -> bool:
         """Return whether a face is near behind another, and the sensor sees the next only."""
         before = [left + width for left, _, width, _ in self._faces
@@ -201,6 +191,9 @@ class Judge:
             if self._taken(place):
                 self._begin(when, place, speed)
             elif speed > HIT and not self._taken(place, MEMORY):
+                if self._is_low(place) and self._said[-1][2].kind in (Kind.CLEAR, Kind.CROSS):
+                    self.verdict.bumps += 1
+                    continue
                 self.verdict.outcome, self.verdict.hit_speed = 'hit', speed
                 self.verdict.hidden = self._hidden(place)
                 return True
@@ -272,26 +265,3 @@ class Judge:
                    and (last.over is None or verdict.time < last.settled + AFTERMATH))
             beyond = verdict.x > max(last.edge, last.face)
             last.over = (beyond if last.over is None else last.over) and not bad
-
-
-def last_edge(decision: Decision, x: float) -> float:
-    """Return the last edge that a crossing takes [m]; the ball is at x."""
-    if decision.plan is not None and math.isfinite(decision.plan.edge):
-        return decision.plan.edge
-    return x + decision.distance
-
-
-def crosses(decision: Decision, x: float, place: float) -> bool:
-    """Return whether a decision made at x means to cross a face [m]."""
-    return decision.kind is Kind.CROSS and last_edge(decision, x) >= place - SLACK
-
-
-def alike(one: JudgedAttempt, other: JudgedAttempt) -> bool:
-    """Return whether two attempts at a face are the same plan."""
-    if abs(one.face - other.face) > SLACK or one.strategy != other.strategy:
-        return False
-    if len(one.plan) == 1:
-        return abs(one.plan[0] - other.plan[0]) < 0.05
-    near = (0.1, 0.05, 0.03, 0.1)
-    return all(a == b or abs(a - b) < within
-               for a, b, within in zip(one.plan, other.plan, near))

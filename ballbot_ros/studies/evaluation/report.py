@@ -120,6 +120,7 @@ def of_planner(rows: Sequence[Row], crossable: Sequence[Row], radius: float) -> 
         'approaches': len(rows), 'outcomes': outcomes(rows),
         'per thousand': {name: 1e3 * sum(row['outcome'] == name for row in rows) / total
                          for name in BAD},
+        'bumps': sum(row.get('bumps', 0) for row in rows),
         'hidden': dict(Counter(row['outcome'] for row in rows if row.get('hidden'))),
         'kinds': {kind: outcomes([row for row in rows if row['kind'] == kind])
                   for kind in kinds},
