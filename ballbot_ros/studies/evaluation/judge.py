@@ -24,7 +24,7 @@ sensor sees the next face only: the decision takes that much floor for granted.
 from collections import deque
 from dataclasses import asdict, dataclass, field
 import math
-from typing import Any, Deque, Dict, List, Optional, Tuple
+from typing import Any, Deque, Dict, List, Tuple
 
 from ballbot_ros.control.periods import AX, AY, BX, BY, TOUCH_PERIOD, TOUCH_SPEED
 from ballbot_ros.decision.tuning import DecisionTuning

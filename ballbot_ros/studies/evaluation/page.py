@@ -113,8 +113,8 @@ def page(report: Report, command: str) -> str:
                   + ', '.join(f'{count} {name}' for name, count in hidden.items())
                   + ' a face less than `unseen_room` behind another.\n']
     if one['bumps']:
-        parts += [f'Nor are {one["bumps"]} bumps: faces of up to 8 mm that the ball touched on its '
-                  'way without a plan.\n']
+        parts += [f'Nor are {one["bumps"]} bumps: faces of up to 8 mm that the ball touched '
+                  'on its way without a plan.\n']
     parts += ['## Planners on the same approaches\n', *table_of_planners(planners), '']
     parts += [f'## By ground, with `{first}`\n', *table_of_kinds(one), '',
               f'## Promises of `{first}`\n', *table_of_reliability(one), '']
