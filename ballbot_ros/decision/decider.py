@@ -7,6 +7,7 @@ from ballbot_ros.decision.attempt_watch import AttemptWatch
 from ballbot_ros.decision.guard import guarded
 from ballbot_ros.decision.learning import Learner
 from ballbot_ros.decision.memory import Memory
+from ballbot_ros.decision.observations import StepObservation, TerrainObservation
 from ballbot_ros.decision.outcomes import Outcome
 from ballbot_ros.decision.particles import Particles
 from ballbot_ros.decision.perception import GroundFusion, Observation
@@ -19,6 +20,9 @@ from ballbot_ros.decision.values import Decision, Motion
 
 # Attempts with which an answer learns from what came of earlier ones.
 LESSON = 16
+
+# A look at a floor [m].
+FLOOR = tuple(0.02 * number - 0.2 for number in range(100))
 
 
 class Answer(NamedTuple):
@@ -134,3 +138,25 @@ class Decider:
         self._learner.work(LESSON)
         memory.watch(motion, decision)
         return Answer(motion.stamp, decision, self._pilot.angle(decision, motion))
+
+
+def warm_up(knowledge: Knowledge, planner: str) -> None:
+    """
+    Let all that decisions call be compiled, and run once, before the first one is due.
+
+    A ball is driven at a step in thought, and learns from it.
+    """
+    rehearsal = Decider(knowledge, planner)
+    for number in range(3):
+        now = 0.02 * number
+        rehearsal.observe(StepObservation(now, True, 1.0, 0.01, 0.01, 0.001))
+        rehearsal.observe(TerrainObservation(
+            now, FLOOR, tuple(-knowledge.robot.ball_radius + 0.01 * (x > 1.0) for x in FLOOR),
+            (), FLOOR[0], FLOOR[-1]))
+        rehearsal.move(Motion(now, 0.0, 0.3))
+        rehearsal.decide()
+    learner = Learner(Particles.of(knowledge.robot, knowledge.tuning.height_bias_sd))
+    learner.take(Outcome(
+        stamp=0.0, result='over', face=1, position=1.0, height=0.01, height_sd=0.001,
+        touch_speed=0.6, touch_angle=0.0, held_angle=0.0, slope=0.0, distance=1.0, robot=''))
+    learner.work(1)

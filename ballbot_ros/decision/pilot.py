@@ -14,6 +14,8 @@ from ballbot_ros.decision.values import Decision, Kind, Motion
 
 # Speed at which the ball rolls back to where it should stand, or to where a plan begins [m/s].
 CREEP, BACKING = 0.1, 0.3
+# Slower than this it stands [m/s]; without a place it stands within this distance [m].
+MOVING, FARTHEST = 0.05, 1.0
 # From one odometry message to the next; a longer silence is no reason for a longer step [s].
 SHORTEST, LONGEST = 1e-3, 0.1
 
@@ -113,11 +115,15 @@ class Pilot:
         own = decision.plan is not None and math.isfinite(decision.plan.stop_position)
         if own or decision.kind not in (Kind.STOP, Kind.GO_ROUND):
             self._stand = math.inf
-        elif not math.isfinite(self._stand):
-            slope = 0.0 if self._state is None else estimated_slope(self._state, self.law[:])
-            ahead = braking_distance(
-                abs(motion.speed), slope if motion.speed > 0.0 else -slope,
-                self._tuning.largest_lean, self._tuning.reaction_time, self.law[:])
-            # Where it cannot be braked it stands as soon as it can.
-            self._stand = motion.position + math.copysign(min(ahead, 1.0), motion.speed)
+            return math.inf
+        slope = 0.0 if self._state is None else estimated_slope(self._state, self.law[:])
+        ahead = braking_distance(
+            abs(motion.speed), slope if motion.speed > 0.0 else -slope,
+            self._tuning.emergency_lean, self._tuning.reaction_time, self.law[:])
+        # Where it cannot be braked it stands as soon as it can.
+        soonest = motion.position + math.copysign(min(ahead, FARTHEST), motion.speed)
+        # What was reckoned at an edge, or on a slope that was none, is corrected, but the ball is
+        # not let on.
+        if not math.isfinite(self._stand) or motion.speed > MOVING and soonest < self._stand:
+            self._stand = soonest
         return self._stand

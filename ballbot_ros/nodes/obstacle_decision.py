@@ -41,12 +41,12 @@ class ObstacleDecision(Node):
         """Check that robot, curve and tuning belong together, then wait."""
         super().__init__('obstacle_decision', **kwargs)
         settings = declare(self, DecisionSettings)
-        knowledge = Knowledge(load_robot(settings.robot),
-                              load_curve(settings.curve, settings.variant),
-                              load_decision_tuning(settings.tuning),
-                              load_tuning(settings.control_tuning))
+        knowledge = Knowledge(
+            load_robot(settings.robot), load_curve(settings.curve, settings.variant),
+            load_decision_tuning(settings.tuning), load_tuning(settings.control_tuning))
         check_decision(knowledge.robot, knowledge.curve, knowledge.tuning)
-        self._experience = Experience(settings.outcome_log, knowledge, self.get_logger())
+        self._experience = Experience(settings.outcome_log, knowledge, settings.planner,
+                                      self.get_logger())
         self._decider = Decider(self._experience.knowledge, settings.planner,
                                 settings.terrain_frame)
         self._odometry: Optional[Odometry] = None

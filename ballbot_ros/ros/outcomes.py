@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What came of earlier attempts, for a node: learned from at its start, and kept."""
+"""What a node does before it decides, and keeps for the next time: compiled code, and outcomes."""
 from dataclasses import replace
 from pathlib import Path
 import time
@@ -8,6 +8,7 @@ from typing import Dict, Optional
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from ballbot_ros.decision import Knowledge
+from ballbot_ros.decision.decider import warm_up
 from ballbot_ros.decision.learning import learned
 from ballbot_ros.decision.outcome_log import OutcomeLog
 from ballbot_ros.decision.outcomes import Outcome
@@ -26,6 +27,8 @@ class Experience:
     path : str
         Of the log; empty for none.
     knowledge : Knowledge
+    planner : str
+        One of `PLANNERS`.
     logger : RcutilsLogger
 
     Attributes
@@ -35,9 +38,12 @@ class Experience:
 
     """
 
-    def __init__(self, path: str, knowledge: Knowledge, logger: RcutilsLogger):
-        """Read the log and learn from it."""
+    def __init__(self, path: str, knowledge: Knowledge, planner: str, logger: RcutilsLogger):
+        """Compile what decisions call, read the log and learn from it."""
         self.knowledge = knowledge
+        begun = time.monotonic()
+        warm_up(knowledge, planner)
+        logger.info(f'ready to decide after {time.monotonic() - begun:.1f} s')
         self._log: Optional[OutcomeLog] = None
         if not path:
             return

@@ -38,10 +38,10 @@ def stuck(stamp):
 
 def test_without_a_log_nothing_changes():
     logger = Logger()
-    experience = Experience('', KNOWLEDGE, logger)
+    experience = Experience('', KNOWLEDGE, 'cubic', logger)
     experience.keep(stuck(1.0))
     experience.close()
-    assert experience.knowledge is KNOWLEDGE and not logger.said and experience.problem == {}
+    assert experience.knowledge is KNOWLEDGE and logger.said[1:] == [] and experience.problem == {}
 
 
 def test_what_is_kept_is_learned_from_at_the_next_start(tmp_path):
@@ -50,7 +50,7 @@ def test_what_is_kept_is_learned_from_at_the_next_start(tmp_path):
     for stamp in (1.0, 20.0, 40.0):
         log.append(stuck(stamp))
     log.close()
-    experience = Experience(str(path), KNOWLEDGE, Logger())
+    experience = Experience(str(path), KNOWLEDGE, 'cubic', Logger())
     before = Particles.of(GIMBALL, KNOWLEDGE.tuning.height_bias_sd)
     after = experience.knowledge.particles
     assert after.outcomes == 3
@@ -62,9 +62,9 @@ def test_what_is_kept_is_learned_from_at_the_next_start(tmp_path):
 def test_a_log_that_is_no_log_is_told_and_left_alone(tmp_path):
     path, logger = tmp_path / 'outcomes.jsonl', Logger()
     path.write_text('not an outcome\nnor this\n')
-    experience = Experience(str(path), KNOWLEDGE, logger)
+    experience = Experience(str(path), KNOWLEDGE, 'cubic', logger)
     experience.keep(stuck(1.0))
     experience.close()
     assert experience.knowledge is KNOWLEDGE
-    assert 'outcome_log' in logger.said[0] and 'outcome_log' in experience.problem
+    assert 'outcome_log' in logger.said[1] and 'outcome_log' in experience.problem
     assert path.read_text() == 'not an outcome\nnor this\n'
