@@ -70,7 +70,7 @@ class DecisionTuning(Checked):
         default=0.0)
     unseen_room: float = quantity(
         'm', 'floor taken for granted behind an edge that a sensor does not see beyond',
-        minimum=0.0, default=0.45)
+        minimum=0.0, default=0.65)
     actuation_delay: float = quantity(
         's', 'time from an odometry message until its answer acts', minimum=0.0, maximum=0.5,
         default=0.0)

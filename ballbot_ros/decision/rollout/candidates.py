@@ -28,7 +28,7 @@ SAME = 0.05
 # Acceleration with all the lean there is, about [m/s2].
 BRISK = 0.75
 # A swing is held until the centre is past the edge by this [m].
-HELD = 0.03
+HELD = 0.01
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ RISING = 2.5  # a ball that does not roll forward then stands [s]
 SLOW = 0.02  # what is slower stands [m/s]
 PATIENCE = 3.0  # a contact that lasts longer is not going to end well [s]
 IDLE = 0.6  # nor is one in which the ball gets no farther for so long [s]
-LATE = 0.04  # after the edge the ball is stopped [s]
+LATE = 0.02  # after the edge the ball is stopped [s]
 CLEARANCE = 0.04  # between the standing ball and what it must not reach [m]
 
 
