@@ -18,7 +18,7 @@ from statistics import median
 import sys
 
 PARTS = ('kernels', 'first_compile', 'search', 'threads', 'sweep', 'loop', 'wire', 'flood',
-         'accuracy', 'precision', 'models', 'estimate', 'bridge')
+         'accuracy', 'precision', 'models', 'estimate', 'bridge', 'decision')
 # Measured only when asked for: it takes ten minutes.
 EXTRA = ('loop_faults',)
 
