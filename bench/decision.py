@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the planner of rollouts costs: an attempt, the first answer about a step, all later ones."""
+"""What the planner of rollouts costs: an attempt, the first answer about a step, later ones."""
 import math
 from time import process_time
 
