@@ -85,7 +85,7 @@ def beyond(profile: Profile, face: Face, radius: float, passable: float,
             level += other.height
             # Down again at once, as behind a door-sill: one thing to cross.
             if other.height < -SMALLEST_DROP and other.position - edge < tuning.unseen_room:
-                edge = other.position
+                edge = other.position + touch_distance(radius, -other.height)
                 end = known if known >= edge + GLIMPSE else edge + tuning.unseen_room
             continue
         if at < end:

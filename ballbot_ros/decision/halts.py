@@ -17,6 +17,9 @@ from ballbot_ros.decision.values import Decision, Kind, Motion, Outlook, Reason
 # followed within half a second.
 SIGHT_GAP, SIGHT_RATE = 0.1, 1.0
 
+# A slope that is seen below the ball is there where at least this part of it is felt.
+AGREEING = 0.4
+
 
 class Halts:
     """Stops that need no planning; slopes are those below the ball, positive uphill [rad]."""
@@ -66,8 +69,11 @@ class Halts:
             steepest *= 0.9
         most = f'{math.degrees(self.braking.steepest):.1f} degrees can be held'
         # Uphill only where it is seen: what is felt may be a step.
-        # At an edge the slope is seen badly; its deviation tells.
+        # At an edge the slope is seen badly: its deviation tells, and what is felt must agree.
         seen = math.isfinite(profile.slope)
+        felt = situation.motion.slope
+        if seen and not slope * felt > AGREEING * slope * slope:
+            slope = 0.0
         doubt = profile.slope_sd if seen and math.isfinite(profile.slope_sd) else 0.0
         if not -steepest - doubt <= slope <= (steepest + doubt if seen else math.inf):
             return stop(Reason.STEEP, f'Stopping: the slope of {math.degrees(slope):+.1f} degrees '

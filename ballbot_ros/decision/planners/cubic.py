@@ -44,6 +44,12 @@ ROLLING = 0.05  # [m/s]
 # many it gives up.
 FASTER, FASTER_PLAN, MOST_FAILURES = 1.1, 1.05, 3
 
+# Not about the step itself.
+DOUBTFUL = (Reason.STALE, Reason.CONTRADICTORY, Reason.BAD_OBSERVATION)
+
+# News of a step that was refused: so much in height, or in room behind it [m].
+HEIGHT_NEWS, ROOM_NEWS = 0.003, 0.1
+
 # Too late to stop, a step is taken where this is as likely as not.
 HOPE = 0.5
 
@@ -57,7 +63,7 @@ def planner(knowledge: Knowledge) -> Planner:
 
 
 class Cubic:
-    """See `situation.Planner`; keeps nothing but what follows from what it was made with."""
+    """See `situation.Planner`; keeps what a refusal was made for."""
 
     def __init__(self, knowledge: Knowledge):
         """Work the constants out once."""
@@ -65,14 +71,11 @@ class Cubic:
         self._curve, self._tuning = knowledge.curve, knowledge.tuning
         self._halts = Halts(knowledge)
         self._reckoning = Reckoning(knowledge, self._halts.braking)
+        # Number, height and room behind of the step that was refused last, and failures at it.
+        self._refused: Optional[Tuple[int, float, float, int]] = None
 
     def __call__(self, situation: Situation, previous: Optional[Decision]) -> Decision:
-        """
-        Decide on the ground ahead.
-
-        A crossing that was begun goes on with half the margins, and one in contact goes on
-        until the centre has passed the face.
-        """
+        """Decide; what was begun keeps half the margins, in contact it goes on."""
         profile, motion = situation.profile, situation.motion
         if profile is None:
             return stop(Reason.STALE, 'Stopping: nothing has been observed yet')
@@ -88,7 +91,29 @@ class Cubic:
         if step is None:
             return self._halts.cruise(profile, motion, slope)
         drop = self._halts.drop(step, situation, slope, previous)
-        return drop or self._weigh(step, profile, situation, slope, previous)
+        if drop is not None:
+            return drop
+        return self._settled(self._weigh(step, profile, situation, slope, previous), step,
+                             profile, situation, previous)
+
+    def _settled(self, answer: Decision, step: Face, profile: Profile, situation: Situation,
+                 previous: Optional[Decision]) -> Decision:
+        """Return an answer, or the refusal so far where there is no news."""
+        deviation = math.hypot(step.height_sd, self._tuning.height_bias_sd)
+        news = (step.number, step.height + self._tuning.sigma_margin * deviation,
+                beyond(profile, step, self._radius, PASSABLE, self._tuning).room,
+                len(situation.failures))
+        refusal = answer.kind in (Kind.STOP, Kind.GO_ROUND)
+        known, standing = self._refused, abs(situation.motion.speed) < ROLLING
+        if known is None or previous is None or previous.kind not in (Kind.STOP, Kind.GO_ROUND) \
+                or previous.step != step.number or previous.reason in DOUBTFUL \
+                or known[0] != step.number or known[3] != news[3] \
+                or abs(known[1] - news[1]) > HEIGHT_NEWS or abs(known[2] - news[2]) > ROOM_NEWS \
+                or (standing and previous.kind is Kind.STOP) \
+                or (refusal and previous.kind is answer.kind):
+            self._refused = news if refusal else None
+            return answer
+        return replace(previous, distance=answer.distance, outlook=answer.outlook)
 
     def _push(self, previous: Optional[Decision], step: Optional[Face], profile: Profile,
               motion: Motion) -> Optional[Decision]:
@@ -135,8 +160,8 @@ class Cubic:
             return 1.0
         if previous.kind is Kind.CROSS:
             return BEGUN
-        given_up = previous.kind in (Kind.STOP, Kind.GO_ROUND) and previous.reason not in (
-            Reason.STALE, Reason.CONTRADICTORY, Reason.BAD_OBSERVATION)
+        given_up = previous.kind in (Kind.STOP, Kind.GO_ROUND) \
+            and previous.reason not in DOUBTFUL
         rolling = abs(motion.speed) > ROLLING or previous.kind is Kind.GO_ROUND
         return GIVEN_UP if given_up and rolling else 1.0
 

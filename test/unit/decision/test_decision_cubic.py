@@ -280,7 +280,7 @@ def test_what_was_given_up_is_not_taken_up_again_while_rolling_without_news():
     assert begun.kind is Kind.CROSS and begun.height_margin < 0.002
     given_up = replace(on(distance=0.87, speed=0.4), reason=Reason.NO_ROOM)
     assert on(distance=0.92, speed=0.4, previous=given_up).kind is Kind.STOP
-    assert on(0.029, distance=0.92, speed=0.4, previous=given_up).kind is Kind.CROSS
+    assert on(0.026, distance=0.92, speed=0.4, previous=given_up).kind is Kind.CROSS
     stale = replace(given_up, reason=Reason.STALE)
     assert on(distance=0.92, speed=0.4, previous=stale).kind is Kind.CROSS
 
