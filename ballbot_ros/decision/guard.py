@@ -100,8 +100,8 @@ def unusable(situation: Situation, previous: Optional[Decision],
 def meaningless(situation: Situation) -> str:
     """Return what is no number where one is needed, or nothing."""
     # Whatever is compared with NaN is false, and could be taken for an answer.
-    if not all(map(math.isfinite, astuple(situation.motion))):
-        return 'odometry is not finite'
+    if not situation.motion.sane:
+        return 'odometry is not finite, or beyond all measure'
     faces = situation.profile.faces if situation.profile is not None else ()
     if not all(math.isfinite(number) for face in faces for number in astuple(face)):
         return 'the step is not finite'

@@ -97,7 +97,7 @@ class Memory:
             Whether the ball is at a step.
 
         """
-        if not all(map(math.isfinite, (motion.stamp, motion.position, motion.slope))):
+        if not motion.sane:
             return
         if touching:
             self._touched = motion.stamp
@@ -139,7 +139,7 @@ class Memory:
         """
         wants = decision.kind in (Kind.CLEAR, Kind.CROSS) and decision.set_speed >= WANTING
         if not wants or decision.contact_since is not None \
-                or not (math.isfinite(motion.position) and math.isfinite(motion.stamp)):
+                or not motion.sane:
             self._rest()
             return
         now, position = motion.stamp, motion.position

@@ -94,7 +94,7 @@ class Pilot:
             One that is not finite lets the pendulum down.
 
         """
-        if not (math.isfinite(motion.position) and math.isfinite(motion.speed)):
+        if not motion.sane:
             self.reset()
             return 0.0
         if self._state is None:

@@ -41,6 +41,10 @@ class Reason(str, Enum):
     LIKELY = 'likely'
 
 
+# Farther [m] or faster [m/s] than this no ball rolls: odometry is broken.
+FARTHEST, FASTEST = 1e6, 30.0
+
+
 @dataclass(frozen=True)
 class Motion:
     """
@@ -65,6 +69,13 @@ class Motion:
     pendulum_angle: float = 0.0
     pendulum_rate: float = 0.0
     slope: float = 0.0
+
+    @property
+    def sane(self) -> bool:
+        """Return whether all is finite, and no ball could be elsewhere or faster."""
+        return (math.isfinite(self.stamp) and abs(self.position) < FARTHEST
+                and abs(self.speed) < FASTEST and math.isfinite(self.slope)
+                and math.isfinite(self.pendulum_angle) and math.isfinite(self.pendulum_rate))
 
 
 @dataclass(frozen=True)

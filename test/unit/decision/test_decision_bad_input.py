@@ -65,7 +65,7 @@ def decider(planner):
 
 @pytest.mark.parametrize('planner', PLANNERS)
 @given(stream=strategies.lists(strategies.tuples(looks, motions), min_size=1, max_size=12))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_whatever_comes_the_answer_is_clear_and_within_limits(planner, stream):
     deciding, now, position = decider(planner), 0.0, 0.0
     deciding.reset()
@@ -97,7 +97,7 @@ def test_whatever_comes_the_answer_is_clear_and_within_limits(planner, stream):
 @given(height=strategies.sampled_from([-0.1, 0.12, 0.4]), face=strategies.floats(1.3, 2.2),
        slope=strategies.floats(-3.0, 3.0), speed=strategies.floats(0.0, 0.4),
        noise=strategies.floats(0.0, 0.004), latency=strategies.sampled_from([0.0, 0.2, 0.5]))
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=4, deadline=None)
 def test_stop_ends_at_rest_where_physics_allows_it(height, face, slope, speed, noise, latency):
     rise = math.tan(math.radians(slope))
     scene = load_scene('flat')
