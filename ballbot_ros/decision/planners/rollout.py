@@ -30,8 +30,10 @@ GAP = 0.03
 NEAR = 0.35
 # Drops up to this are better gone down on purpose than slid down [m].
 SMALL = 0.05
-# What is not seen is stood off from this early [m].
+# A stand is told this early, and what is not seen is stood off from [m].
 AT_EASE = 0.2
+# Answers that a closer look does not change.
+DEFINITE = (Reason.TOO_HIGH, Reason.FAILED_BEFORE, Reason.STUCK)
 # Of the slope, where it is not seen [rad].
 SLOPE_SD = 0.005
 
@@ -91,7 +93,7 @@ class RolloutPlanner:
         """Decide where no face is ahead: on, but not to where nothing is seen."""
         motion = situation.motion
         clear = self._halts.cruise(profile, motion, slope)
-        way = self._halts.braking.distance(motion.speed, slope)
+        way = self._halts.braking.distance(motion.speed, slope, emergency=True)
         room = profile.seen_to - motion.position - self._robot.ball_radius
         if not profile.points or room > way + self._tuning.stop_gap + AT_EASE:
             return clear
@@ -120,10 +122,14 @@ class RolloutPlanner:
                 refuse(choice, ahead, motion, room, self._tuning), face.position, situation,
                 ahead.slope)
         mind.think(ahead, situation, room)
-        if mind.choice is None and abs(motion.speed) > STANDING and room > 0.1:
-            return weighing(ahead, motion, self._tuning)
         choice = mind.choice or Choice(None, Reason.NOT_LIKELY)
         if choice.trial is None:
+            # There is time to look closer, and no need to say no yet.
+            stand = face.position - self._robot.ball_radius - self._tuning.stop_gap
+            way = self._halts.braking.distance(motion.speed, ahead.slope)
+            if choice.reason not in DEFINITE and abs(motion.speed) > STANDING \
+                    and stand - motion.position > way + AT_EASE:
+                return weighing(ahead, motion, self._tuning)
             return self._halts.stand(
                 refuse(choice, ahead, motion, room, self._tuning), face.position, situation,
                 ahead.slope)

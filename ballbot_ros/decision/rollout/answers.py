@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a choice to a decision, with its plan, its numbers and one sentence."""
+from dataclasses import replace
 import math
 
 from ballbot_ros.decision.plan import After, Plan
@@ -64,6 +65,9 @@ def go(choice: Choice, candidate: Candidate, ahead: Ahead, motion: Motion, next_
     plan = plan_of(candidate, ahead, next_at)
     face = ahead.faces[0]
     back = candidate.back > 0.0
+    # Where it backs off to, it will be asked again: until then nothing is crossed at any speed.
+    speed = min(candidate.speed, tuning.cruise_speed) if back else candidate.speed
+    plan = replace(plan, speed=speed)
     seen = outlook(choice, tuning.required_probability, braking_room)
     where = f'{1e3 * face.height:.0f} mm at {face.position - motion.position:.2f} m'
     how = f'{candidate.strategy.value} at up to {candidate.speed:.2f} m/s'
@@ -75,7 +79,7 @@ def go(choice: Choice, candidate: Candidate, ahead: Ahead, motion: Motion, next_
     if back:
         said = f'{where}: back to {motion.position - plan.start:.2f} m behind here first; {said}'
     return Decision(
-        Kind.BACK_OFF if back else Kind.CROSS, reason, candidate.speed, said,
+        Kind.BACK_OFF if back else Kind.CROSS, reason, speed, said,
         height=face.height, height_margin=choice.limit - face.height,
         distance=face.position - motion.position, step=face.number,
         start_distance=motion.position - plan.start if back else 0.0,
@@ -107,5 +111,6 @@ def weighing(ahead: Ahead, motion: Motion, tuning: DecisionTuning) -> Decision:
     distance = face.position - motion.position
     return Decision(
         Kind.CLEAR, Reason.NOT_LIKELY, tuning.cruise_speed,
-        f'{1e3 * face.height:.0f} mm at {distance:.2f} m: weighing plans', height=face.height,
+        f'{1e3 * face.height:.0f} mm at {distance:.2f} m: weighing plans on the way',
+        height=face.height,
         step=face.number, distance=distance)
