@@ -17,19 +17,20 @@ from ballbot_ros.demo.recorded_graph import recorded_graph
 from ballbot_ros.demo.synchronized_start import SynchronizedStart
 from ballbot_ros.demo.timeline import Expected, Passage, Timeline
 from ballbot_ros.figures.run import save, strip
-from ballbot_ros.msg import BallState, StepDecision, StepObservation
+from ballbot_ros.msg import BallState, StepDecision, TerrainObservation
 from ballbot_ros.physics import load_scene, Scene, Trajectory
 from ballbot_ros.plant.step_sensor import LEAST_HEIGHT, LEAST_SLOPE
 from ballbot_ros.ros import qos
-from ballbot_ros.ros.settings import SimulatorSettings
 
 CURVE = 'gimball_down'
+# The simulator sees the ground ahead as a depth camera does, not only the next step.
+CAMERA = {'observation_rate': 0.0, 'terrain_rate': 50.0}
 LONGEST = 30.0  # simulated time after which the robot has had its chance [s]
 
 TOPICS = (
     ('joint_states', JointState, qos.RECORD), ('joint_commands', JointState, qos.RECORD),
     ('set_point', JointState, qos.RECORD), ('odom', Odometry, qos.RECORD),
-    ('step_observation', StepObservation, qos.RECORD), ('ball_state', BallState, qos.RECORD),
+    ('terrain_observation', TerrainObservation, qos.RECORD), ('ball_state', BallState, qos.RECORD),
     ('step_decision', StepDecision, qos.RECORD_LATCHED))
 
 
@@ -69,7 +70,7 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False,
         0 if the robot did in each act what it should, 1 if not.
 
     """
-    lockstep_period = 0.0 if real_time else 1.0 / SimulatorSettings.observation_rate
+    lockstep_period = 0.0 if real_time else 1.0 / CAMERA['terrain_rate']
     how = 'in real time' if real_time else 'in lockstep, as fast as it goes'
     if not quiet:
         print(f'Three nodes on ROS domain {own_domain()}, {how}.', flush=True)
@@ -79,7 +80,7 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False,
             graph.nodes.start('controller', {'lockstep_set_point_period': lockstep_period})
             graph.nodes.start('obstacle_decision', {'curve': CURVE})
             graph.nodes.start('simulator', {
-                'scene': act.scene, 'lockstep': not real_time,
+                'scene': act.scene, 'lockstep': not real_time, **CAMERA,
                 'real_time_factor': 1.0 if real_time else 0.0, 'start_paused': True})
             start = SynchronizedStart(graph.node, graph.bag, (topic for topic, *_ in TOPICS))
             return graph.run(start.poll, timeout, LONGEST)

@@ -16,6 +16,8 @@ NEAR = 0.01
 
 # A ball that has come so far from where it started has been driven [m].
 DRIVEN = 0.2
+# Heights are seen with an error below this [m].
+SAME_HEIGHT = 0.01
 
 NAMES = {StepDecision.CLEAR: 'CLEAR', StepDecision.CROSS: 'CROSS', StepDecision.STOP: 'STOP',
          StepDecision.GO_ROUND: 'GO ROUND', StepDecision.BACK_OFF: 'BACK OFF'}
@@ -128,6 +130,9 @@ class Timeline:
         # Topics overtake each other: what counts is which step was ahead at that time.
         index = sum(passage.crossed is not None and passage.crossed <= time
                     for passage in self.passages)
+        if index and message.decision == StepDecision.CROSS and abs(
+                message.height - self.passages[index - 1].height) < SAME_HEIGHT:
+            index -= 1  # it is not over yet for the decision
         key = (message.decision, message.reason, index)
         if key == self._last:
             return
@@ -144,8 +149,7 @@ class Timeline:
         late = 'too late to stop: ' if message.reason == StepDecision.COMMITTED else ''
         if message.decision == StepDecision.CROSS:
             self._limit = message.height_limit
-        self._report(time, NAMES.get(message.decision, '?'),
-                     f'{_plan(message)}{late}{message.explanation}')
+        self._report(time, NAMES.get(message.decision, '?'), late + message.explanation)
 
     def _follow(self, passage: Passage, message: BallState, before: BallState) -> None:
         """Report when the ball touches a step, and when it has crossed it."""
@@ -206,9 +210,3 @@ class Timeline:
             wrong.append('the robot did not come to rest')
         return wrong
 
-
-def _plan(message: StepDecision) -> str:
-    """Return plan and probability of a decision, as the beginning of a sentence."""
-    if not message.plan or math.isnan(message.probability):
-        return ''
-    return f'{message.plan.replace("_", " ")}, {100.0 * message.probability:.0f} %: '

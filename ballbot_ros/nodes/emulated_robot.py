@@ -13,12 +13,12 @@ from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.msg import BallState, StepObservation
+from ballbot_ros.msg import BallState, StepObservation, TerrainObservation
 from ballbot_ros.physics import load_scene
-from ballbot_ros.plant import Imu, Sensor
+from ballbot_ros.plant import Imu, Sensor, TerrainSensor
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import (
-    ball_state_message, observation_message, odometry_message, to_time)
+    ball_state_message, observation_message, odometry_message, terrain_message, to_time)
 from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.motor import imu_message
 from ballbot_ros.ros.parameters import declare
@@ -27,7 +27,7 @@ from ballbot_ros.ros.settings import EmulatedRobotSettings
 
 # IMU readings per message of the others.
 ODOM_EVERY, OBSERVATION_EVERY, TRUTH_EVERY = 3, 5, 3
-REACH = 3.0  # how far the step sensor sees [m]
+REACH = 3.0  # how far the sensors of the ground ahead see [m]
 SWITCH = 5e-4  # longest time that a thread keeps the other from running [s]
 
 
@@ -35,9 +35,9 @@ class EmulatedRobot(Node):
     """
     Stands for a whole robot, but for its bridge; see `EmulatedRobotSettings`.
 
-    It publishes imu, odom, step_observation and the true ball_state, stamped with the time of
-    the wall as those of a real robot are.  Joint states are not among them: these the bridge
-    publishes.
+    It publishes imu, odom, step_observation, terrain_observation and the true ball_state, stamped
+    with the time of the wall as those of a real robot are.  Joint states are not among them: these
+    the bridge publishes.
     """
 
     def __init__(self, **kwargs: Any):
@@ -50,9 +50,12 @@ class EmulatedRobot(Node):
         self._imu = Imu(scene.model.robot.gravity, gyro_sd=settings.gyro_sd,
                         force_sd=settings.force_sd, bias=settings.gyro_bias)
         self._sensor = Sensor(scene.model.terrain, REACH)
+        self._camera = TerrainSensor(scene.model.terrain, REACH)
         self._readings = create_publisher(self, ImuMessage, 'imu', qos.STATE)
         self._odometry = create_publisher(self, Odometry, 'odom', qos.STATE)
         self._observation = create_publisher(self, StepObservation, 'step_observation', qos.STATE)
+        self._terrain = create_publisher(
+            self, TerrainObservation, 'terrain_observation', qos.STATE)
         self._truth = create_publisher(self, BallState, 'ball_state', qos.STATE)
         self._emulator = Emulator(
             connection.protocol, scene, connection.baud,
@@ -89,6 +92,9 @@ class EmulatedRobot(Node):
             sight = self._sensor.look(state.x, self._number // OBSERVATION_EVERY)
             if sight is not None:
                 self._observation.publish(observation_message(to_time(now), sight, self._sensor))
+            ground = self._camera.look(state.x, state.y, self._number // OBSERVATION_EVERY)
+            if ground is not None:
+                self._terrain.publish(terrain_message(to_time(now), ground))
 
     def make_safe(self) -> None:
         """Unplug."""

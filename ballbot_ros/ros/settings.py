@@ -133,7 +133,7 @@ class DecisionSettings(Checked):
     terrain_frame: str = text(
         'frame in which terrain_observation must be: level, at the centre of the ball, and not '
         'rolling', default='base_link')
-    planner: str = text('how decisions are made', default='cubic', choices=tuple(PLANNERS))
+    planner: str = text('how decisions are made', default='rollout', choices=tuple(PLANNERS))
 
 
 @dataclass(frozen=True)

@@ -116,7 +116,7 @@ def test_only_a_change_of_decision_is_reported(timeline):
         timeline.add_decision(decided(0.02 * number, CROSS, explanation=f'look {number}'))
     timeline.add_decision(decided(1.0, (StepDecision.CROSS, StepDecision.COMMITTED)))
     assert marks(timeline) == ['sees', 'CROSS', 'CROSS']
-    assert timeline.events[-1][2] == 'swing, 97 %: too late to stop: because'
+    assert timeline.events[-1][2] == 'too late to stop: because'
 
 
 def test_a_decision_that_overtakes_the_states_waits_for_them(timeline):
