@@ -12,6 +12,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import JointState
 
+from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.demo.recorded_graph import recorded_graph
 from ballbot_ros.demo.synchronized_start import SynchronizedStart
@@ -72,6 +73,7 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False,
     """
     lockstep_period = 0.0 if real_time else 1.0 / CAMERA['terrain_rate']
     how = 'in real time' if real_time else 'in lockstep, as fast as it goes'
+    get_ready(quiet)
     if not quiet:
         print(f'Three nodes on ROS domain {own_domain()}, {how}.', flush=True)
 
@@ -87,6 +89,14 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False,
 
     return max([perform(out / Path(act.scene).stem, act, quiet, partial(play, act))
                 for act in acts])
+
+
+def get_ready(quiet: bool) -> None:
+    """Compile before anything is waited for, and say so."""
+    if not quiet:
+        print('Compiling what is not compiled yet: up to some minutes, the first time only ...',
+              flush=True)
+    prepare()
 
 
 def perform(out: Path, act: Act, quiet: bool,

@@ -10,7 +10,7 @@ from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
 
 from ballbot_ros.bridge.hardware_file import load_hardware
-from ballbot_ros.demo.demo import CURVE, perform, TOPICS, TWO_STEPS
+from ballbot_ros.demo.demo import CURVE, get_ready, perform, TOPICS, TWO_STEPS
 from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.demo.recorded_graph import recorded_graph, RecordedGraph
 from ballbot_ros.demo.timeline import Timeline
@@ -61,6 +61,7 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', quiet: bool 
             graph.nodes.start('controller', {'tuning': TUNING, 'delay': 1})
             return graph.run(_Release(graph).poll, timeout, math.inf)
 
+    get_ready(quiet)
     if not quiet:
         print(f'An emulated {f"{protocol} {firmware}".strip()} drive, '
               f'{hardware.connection.baud} baud; bridge, controller and decision on ROS domain '

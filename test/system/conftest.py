@@ -10,6 +10,7 @@ import tempfile
 from graph import Graph
 import pytest
 
+from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import local_discovery
 
 # Ports of the first lie beside those that Linux gives to programs, and the demo takes none of
@@ -55,6 +56,14 @@ def own_domain():
             yield number
         return
     pytest.fail('all ROS domains are taken')
+
+
+@pytest.fixture(scope='session', autouse=True)
+def compiled_once():
+    """Compile what the nodes call before the first of them is waited for."""
+    with open(Path(tempfile.gettempdir()) / 'ballbot_ros_test_compile.lock', 'w') as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        prepare()
 
 
 @pytest.fixture(autouse=True)
