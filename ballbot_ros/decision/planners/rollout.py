@@ -35,7 +35,7 @@ AT_EASE = 0.2
 # Answers that a closer look does not change.
 DEFINITE = (Reason.TOO_HIGH, Reason.FAILED_BEFORE, Reason.STUCK)
 # Of the slope, where it is not seen [rad].
-SLOPE_SD = 0.005
+SLOPE_SD = 0.01
 
 
 def planner(knowledge: Knowledge) -> Planner:
@@ -69,7 +69,8 @@ class RolloutPlanner:
         pushing = self._push(situation, previous)
         if pushing is not None:
             return pushing
-        faces = faces_ahead(profile, motion.position)
+        known = self._mind.belief.face.number if self._mind.belief is not None else 0
+        faces = faces_ahead(profile, motion.position, known)
         slope = self._slope_below(profile, faces, motion)
         steep = None if self._disturbed else self._halts.steep(
             profile, situation, slope, previous)
@@ -121,7 +122,11 @@ class RolloutPlanner:
             return self._halts.stand(
                 refuse(choice, ahead, motion, room, self._tuning), face.position, situation,
                 ahead.slope)
-        mind.think(ahead, situation, room)
+        begun = mind.choice is not None and mind.choice.trial is not None
+        # What was begun is broken off only where that is sure to end before the face.
+        sure = ahead.touch - motion.position - self._halts.braking.distance(
+            motion.speed, ahead.slope - 2.0 * ahead.slope_sd, emergency=True)
+        mind.think(ahead, situation, min(room, sure) if begun else room)
         choice = mind.choice or Choice(None, Reason.NOT_LIKELY)
         if choice.trial is None:
             # There is time to look closer, and no need to say no yet.

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What lies ahead, from a profile: the shape that rollouts move about, and where plans end."""
 from bisect import bisect_left, bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import List, Sequence, Tuple
 
@@ -15,6 +15,8 @@ from ballbot_ros.physics.model.terrain import Array
 SMALLEST_DROP = 0.005
 # Up by less than this is one, too: any speed takes it [m].
 SMALLEST_RISE = 0.0045
+# Noise of less is no news [m].
+NOISE = 0.003
 # Faces that are farther apart than this are taken one by one [m].
 TOGETHER = 1.0
 # A bend of the ground between faces by less than this is none [m].
@@ -40,12 +42,15 @@ class End:
         The last of its face in the shape.
     position : float
         Of that vertex [m].
+    following : int
+        The foot of the next face; the last vertex of all for none.
 
     """
 
     faces: int
     vertex: int
     position: float
+    following: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,11 +90,19 @@ class Ahead:
     known: bool
 
 
-def faces_ahead(profile: Profile, position: float) -> Tuple[Face, ...]:
-    """Return the faces whose end is ahead of a position, unevenness left out."""
-    return tuple(face for face in profile.faces
-                 if face.position + face.run > position
-                 and not -SMALLEST_DROP <= face.height <= SMALLEST_RISE)[:FACES]
+def faces_ahead(profile: Profile, position: float, known: int = 0) -> Tuple[Face, ...]:
+    """
+    Return the faces whose end is ahead of a position, unevenness left out.
+
+    The face with the number `known` was one before, and stays one for a little less.
+    """
+    found = []
+    for face in profile.faces:
+        less = NOISE if face.number == known else 0.0
+        if face.position + face.run > position and not (
+                less - SMALLEST_DROP <= face.height <= SMALLEST_RISE - less):
+            found.append(face)
+    return tuple(found[:FACES])
 
 
 def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: float,
@@ -119,13 +132,16 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
     floor = Floor(profile.points, slope)
     rows: List[Tuple[float, float, int, float, float]] = [
         (position - BEYOND, -BEYOND * math.tan(slope), -1, 0.0, 0.0)]
-    here, level, ends = position, 0.0, []
+    here, level = position, 0.0
+    ends: List[End] = []
+    feet: List[int] = []
     last = -math.inf
     for index, face in enumerate(faces):
         foot = max(face.position, here)
         for x, rise in floor.bends(here, foot):
             rows.append((x, level + rise, index - 1, 1.0, 1.0))
         level += floor.rise(here, foot)
+        feet.append(len(rows))
         rows.append((foot, level, index, 0.0, 1.0))
         level += face.height
         here = foot + max(face.run, 0.0)
@@ -149,7 +165,9 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         deviations[:, index] = max(face.height_sd, 0.0), max(face.position_sd, 0.0)
     first = faces[0]
     return Ahead(
-        np.array(rows), tuple(faces), tuple(ends), deviations, slope, slope_sd,
+        np.array(rows), tuple(faces), tuple(
+            replace(end, following=feet[end.faces] if end.faces < len(feet) else len(rows) - 1)
+            for end in ends), deviations, slope, slope_sd,
         first.position - touch_distance_on(slope, radius, first.height),
         seen_to - radius if known else seen_to, known)
 

@@ -16,7 +16,7 @@ import numpy as np
 from ballbot_ros.decision.plan import Strategy
 from ballbot_ros.decision.rollout.ahead import Ahead, End
 from ballbot_ros.decision.rollout.layout import (
-    EDGE, EDGE_AT, PLAN, SPEED, START, SWING_ANGLE, SWING_AT)
+    EDGE, EDGE_AT, NEXT_AT, PLAN, SPEED, START, SWING_ANGLE, SWING_AT)
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.physics.model.terrain import Array
 
@@ -73,7 +73,7 @@ class Candidate:
         row[SWING_ANGLE] = self.angle
         row[START] = ahead.touch - self.back if self.back > 0.0 else math.inf
         row[EDGE] = end.position + HELD
-        row[EDGE_AT] = end.vertex
+        row[EDGE_AT], row[NEXT_AT] = end.vertex, end.following
         return row
 
     def end(self, ahead: Ahead) -> End:

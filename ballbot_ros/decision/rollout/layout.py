@@ -25,7 +25,8 @@ SWING_ANGLE = 2   # to this absolute angle [rad], until the ball is past the las
 START = 3         # where the plan begins, from rest, if that is behind the ball [m]
 EDGE = 4          # where the swing ends, and the ball is stopped [m]
 EDGE_AT = 5       # number of the vertex of the ground behind which the ball is over
-PLAN = 6
+NEXT_AT = 6       # and of the foot of the next face, which it must not meet; the last for none
+PLAN = 7
 
 # Columns of a draw. The first are the robot, in the order of `Parameters`.
 ROBOT = len(Parameters._fields)

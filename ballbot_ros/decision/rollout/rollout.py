@@ -14,8 +14,8 @@ from ballbot_ros.decision.pilot_law import pilot_step, PlainOrder
 from ballbot_ros.decision.rollout.contact import PERIOD, push, torque_of
 from ballbot_ros.decision.rollout.ground import fill_ground
 from ballbot_ros.decision.rollout.layout import (
-    DELAY, Drive, EDGE, EDGE_AT, FALLS, OVER, REST, Scratch, SPEED, START, STUCK, SWING_ANGLE,
-    SWING_AT, TIME, TOUCH_ANGLE, TOUCH_SPEED, VERDICT)
+    DELAY, Drive, EDGE, EDGE_AT, FALLS, NEXT_AT, OVER, REST, Scratch, SPEED, START, STUCK,
+    SWING_ANGLE, SWING_AT, TIME, TOUCH_ANGLE, TOUCH_SPEED, VERDICT)
 from ballbot_ros.decision.rollout.rolling import roll, Rolling
 from ballbot_ros.physics.mechanics.contact import first_segment
 from ballbot_ros.physics.model.parameters import Parameters
@@ -79,10 +79,9 @@ def next_rough(ground: Array, behind: int) -> int:
 
 
 @compiled
-def reached_at(ground: Array, behind: int, radius: float) -> float:
-    """Return where the centre may get to before it meets what comes after a vertex [m]."""
-    rough = next_rough(ground, behind)
-    if rough == len(ground) - 1:
+def reached_at(ground: Array, rough: int, radius: float) -> float:
+    """Return where the centre may get to before it meets a vertex or what it leads to [m]."""
+    if rough >= len(ground) - 1:
         return math.inf
     first: float = ground[rough, VERTEX_X]
     for i in range(rough, len(ground) - 1):
@@ -213,8 +212,8 @@ def run(start: Rolling, plan: Array, draw: Array, raised: float, drive: Drive, s
         now = Rolling(plan[START], 0.0, 0.0, 0.0)
     result[TOUCH_SPEED] = result[TOUCH_ANGLE] = result[REST] = math.nan
     result[TIME] = 0.0
-    ahead = first_segment(ground, now.position)
-    until = min(reached_at(ground, ahead, robot.radius), plan[SWING_AT]) - EARLY
+    rough = next_rough(ground, first_segment(ground, now.position))
+    until = min(reached_at(ground, rough, robot.radius), plan[SWING_AT]) - EARLY
     now, memory, result[TIME] = roll_until(
         until, RISING, now, order_of(plan, 0.0, drive), robot, drive, ground)
     verdict = STUCK
@@ -223,7 +222,7 @@ def run(start: Rolling, plan: Array, draw: Array, raised: float, drive: Drive, s
         verdict = climb(memory, plan, draw, robot, drive, scratch, result)
     if verdict == OVER:
         result[REST] = stands_at(state, robot, drive, ground)
-        if result[REST] > reached_at(ground, int(plan[EDGE_AT]), robot.radius) - CLEARANCE:
+        if result[REST] > reached_at(ground, int(plan[NEXT_AT]), robot.radius) - CLEARANCE:
             verdict = FALLS
     result[VERDICT] = verdict
     return verdict

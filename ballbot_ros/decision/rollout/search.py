@@ -39,7 +39,7 @@ CHOICES = 3
 # Most of the attempts that may fall.
 FALLING = 0.01
 # Most of the attempts that can be stopped only behind what is taken for granted.
-BEYOND = 0.1
+BEYOND = 0.2
 
 
 @dataclass

@@ -177,3 +177,11 @@ def test_two_edges_are_carried_through():
     weak = Candidate(Strategy.CARRY, 0.4, faces=2)
     verdicts = WORLDS.attempt(start, [carry.row(ahead), weak.row(ahead)], robot, ahead)[:, 0, 0]
     assert verdicts.tolist() == [OVER, STUCK]
+
+
+def test_unevenness_behind_the_edge_is_rolled_over_and_no_fall():
+    points = ((-4.0, 0.0), (0.0, 0.0), (0.0, 0.012), (0.2, 0.012), (0.201, 0.0165), (3.0, 0.0165))
+    ahead = ahead_of(-1.2, Face(1, 0.0, 0.012, 0.0, 0.0), points=points)
+    plan = Candidate(Strategy.SWING, 0.5, 0.2, 1.5).row(ahead)
+    result = WORLDS.attempt((-1.2, 0.4, 0.0, 0.0), [plan], world(GIMBALL), ahead)[0, 0]
+    assert len(ahead.shape) > 4 and result[VERDICT] == OVER and result[REST] > 0.2
