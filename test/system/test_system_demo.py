@@ -65,15 +65,17 @@ def wait(condition, what):
 
 
 @pytest.mark.slow
-def test_first_step_is_crossed_second_refused_and_all_of_it_printed_and_recorded(demo, tmp_path):
+def test_first_step_is_crossed_second_refused_drop_not_fallen_off_and_all_of_it_recorded(demo, tmp_path):
     process = demo('--timeout', '110')
     printed = process.communicate(timeout=PATIENCE)[0]
     assert process.returncode == 0, printed
-    order = ['sees  a step of 31 mm', 'CROSS', 'touches  the 31 mm step', 'to spare on the curve',
-             'crossed', 'sees  a step of 80 mm', 'GO ROUND', 'rests', 'before the next step',
-             'Done:']
-    places = [printed.find(words) for words in order]
-    assert -1 not in places and places == sorted(places), printed
+    order = ['sees  a step of 31 mm', 'CROSS', 'swing', 'over with', 'touches  the 31 mm step',
+             'the plan is good for', 'crossed', 'sees  a step of 80 mm', 'GO ROUND', 'rests',
+             'before the 80 mm step', 'Done:', 'STOP', 'drops by 100 mm', 'rests',
+             'before the 100 mm drop', 'Done:']
+    place = 0
+    for words in order:
+        assert (place := printed.find(words, place)) >= 0, (words, printed)
 
     with Image.open(tmp_path / 'out' / 'doorstep' / 'crossing.png') as picture:
         assert picture.format == 'PNG'
@@ -90,9 +92,9 @@ def test_first_step_is_crossed_second_refused_and_all_of_it_printed_and_recorded
             if connection.topic == '/ball_state':
                 last = message
             if connection.topic == '/step_decision':
-                heights.add(round(1e3 * message.height))
+                heights.add(round(1e2 * message.height))
     end = max(stamps['/joint_states'])
-    assert end > 5000 and heights == {31, 80}
+    assert end > 5000 and {3, 8} <= heights
     # A machine that had time for it has recorded everything from the first moment on, but for
     # what was on its way at the end; of topics that keep the newest only a little may be lost.
     simulated, wall = map(float, re.search(r'Done: (\S+) s of simulated time in (\S+) s',
@@ -100,14 +102,14 @@ def test_first_step_is_crossed_second_refused_and_all_of_it_printed_and_recorded
     allowed = 0.0 if wall < simulated else 0.5
     for topic, period, lost in (
             ('/joint_states', 2, 0.0), ('/ball_state', 10, 0.0), ('/odom', 10, 0.0),
-            ('/step_observation', 20, 0.0), ('/joint_commands', 2, 0.1),
+            ('/terrain_observation', 20, 0.0), ('/joint_commands', 2, 0.1),
             ('/step_decision', 20, 0.1), ('/set_point', 20, 0.1)):
         wanted = set(range(0, end - 20, period))
         missing = wanted - stamps.pop(topic)
         assert len(missing) <= max(lost, allowed) * len(wanted), (topic, missing)
         assert 0 not in missing, topic
     assert not stamps
-    assert 1.426 < last.x < 4.426 - 0.226 and abs(last.velocity_x) < 0.02
+    assert 0.726 < last.x < 3.726 - 0.226 and abs(last.velocity_x) < 0.02
 
     with open(tmp_path / 'out' / 'doorstep' / 'bag' / 'bag.mcap', 'rb') as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])

@@ -5,6 +5,7 @@ import math
 
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
+import pytest
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.msg import BallState, StepDecision, StepObservation
@@ -132,10 +133,12 @@ BAD = {
 }
 
 
-def test_bad_observations_stop_the_robot_with_their_reason(graph):
+@pytest.mark.parametrize('planner, good_reason', [
+    ('cubic', StepDecision.WITHIN_CURVE), ('rollout', StepDecision.LIKELY)])
+def test_bad_observations_stop_the_robot_with_their_reason(graph, planner, good_reason):
     decisions = graph.subscribe('step_decision', StepDecision, qos.LATCHED)
     points = graph.subscribe('set_point', JointState)
-    graph.start('obstacle_decision')
+    graph.start('obstacle_decision', planner=planner)
     observations = graph.publisher('step_observation', StepObservation)
     motions = graph.publisher('odom', Odometry)
     stamp = 0.0
@@ -143,7 +146,7 @@ def test_bad_observations_stop_the_robot_with_their_reason(graph):
     def ask(observation=None, **motion):
         """Return decision and set angle for one observation, or for none."""
         nonlocal stamp
-        stamp += 0.02 if observation is not None else 0.4
+        stamp += 0.02 if observation is not None else 0.7
         motions.publish(odometry(stamp, **motion))
         if observation is not None:
             observations.publish(sight(stamp, **observation))
@@ -154,7 +157,7 @@ def test_bad_observations_stop_the_robot_with_their_reason(graph):
 
     graph.wait(lambda: graph.node.count_publishers('step_decision')
                and graph.node.count_publishers('set_point'), 'the decision publishes')
-    good = StepDecision.CROSS, StepDecision.WITHIN_CURVE
+    good = StepDecision.CROSS, good_reason
     assert ask({})[:2] == good
     for name, (change, reason) in BAD.items():
         decision, why, angle = ask(change)
