@@ -10,6 +10,8 @@ ARGUMENTS = (
     ('robot', 'gimball', 'Name of a robot in config/robots, or the path of a YAML file'),
     ('scene', 'doorstep', 'Name of a scene in config/scenes, or the path of a YAML file'),
     ('lockstep', 'false', 'true: each period waits for its command, so that a run is repeatable'),
+    ('terrain_rate', '50.0', 'How often the ground ahead is seen as a polyline [Hz]; 0: not'),
+    ('observation_rate', '0.0', 'How often the next step is seen by a simple sensor [Hz]; 0: not'),
     ('real_time_factor', '1.0', 'Simulated seconds per second; 0 means as fast as possible'),
 )
 
@@ -29,6 +31,8 @@ def generate_launch_description():
             'robot': value('robot', str),
             'scene': value('scene', str),
             'lockstep': value('lockstep', bool),
+            'terrain_rate': value('terrain_rate', float),
+            'observation_rate': value('observation_rate', float),
             'real_time_factor': value('real_time_factor', float),
         }])
     followers = GroupAction([

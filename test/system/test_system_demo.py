@@ -65,7 +65,7 @@ def wait(condition, what):
 
 
 @pytest.mark.slow
-def test_first_step_is_crossed_second_refused_drop_not_fallen_off_and_all_of_it_recorded(demo, tmp_path):
+def test_a_step_is_crossed_one_refused_a_drop_not_fallen_off_and_all_recorded(demo, tmp_path):
     process = demo('--timeout', '110')
     printed = process.communicate(timeout=PATIENCE)[0]
     assert process.returncode == 0, printed
