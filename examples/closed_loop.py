@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Close the loop in one process: robot, step sensor, decision and controller, without ROS.
+Close the loop in one process: robot, camera, decision and controller, without ROS.
 
 The nodes do the same with topics in between.
 
@@ -8,11 +8,12 @@ The nodes do the same with topics in between.
 """
 from ballbot_ros.control import JointReadings, load_tuning, Mode, PendulumController, SetPoint
 from ballbot_ros.decision import (
-    check_decision, Decider, Knowledge, load_curve, load_decision_tuning, Motion, StepObservation)
+    check_decision, Decider, Knowledge, load_curve, load_decision_tuning, Motion,
+    TerrainObservation)
 from ballbot_ros.physics import load_scene
-from ballbot_ros.plant import Plant, Sensor
+from ballbot_ros.plant import Plant, TerrainSensor
 
-RATE, LOOK_EVERY = 1000, 50  # periods per second, periods from one look ahead to the next
+RATE, LOOK_EVERY = 500, 10  # periods per second, periods from one look ahead to the next
 
 
 def main() -> None:
@@ -23,16 +24,16 @@ def main() -> None:
     check_decision(robot, curve, tuning)
     plant = Plant(scene, RATE)
     controller = PendulumController(robot, load_tuning('published'))
-    sensor = Sensor(scene.model.terrain, reach=3.0, distance_sd=0.01, height_sd=0.001)
-    decider, said = Decider(Knowledge(robot, curve, tuning), planner='cubic'), ''
+    camera = TerrainSensor(scene.model.terrain, reach=3.0, height_sd=0.001)
+    decider, said = Decider(Knowledge(robot, curve, tuning), planner='rollout'), ''
 
     for period in range(12 * RATE):
         state = plant.state
         if period % LOOK_EVERY == 0:
-            seen = sensor.look(state.x, period // LOOK_EVERY)
+            seen = camera.look(state.x, state.y, period // LOOK_EVERY)
             if seen is not None:
-                decider.observe(StepObservation(
-                    plant.time, seen.detected, seen.distance, seen.height, 0.01, 0.001))
+                decider.observe(TerrainObservation(
+                    plant.time, seen.x, seen.z, seen.z_sd, seen.x_min, seen.x_max))
             decider.move(Motion(plant.time, state.x, state.velocity_x))
             _, decision, angle = decider.decide()
             controller.give(SetPoint(Mode.HOLD, angle, plant.time))

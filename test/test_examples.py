@@ -61,7 +61,7 @@ def test_the_closed_loop_crosses_the_low_step_and_stops_before_the_high_one(run)
     kinds = [line.split()[2] for line in decisions]
     assert kinds[0] == 'CROSS' and kinds[-1] == 'GO_ROUND'
     x, speed = numbers(last)[1:]
-    assert 1.5 < x < 5.0 and abs(speed) < 0.02
+    assert 0.8 < x < 4.0 and abs(speed) < 0.02
 
 
 @pytest.mark.parametrize('protocol', ['odrive', 'roboclaw', 'vesc'])

@@ -116,7 +116,7 @@ def test_a_planner_is_a_file_and_a_line(house):
     house.change('decision/planners/__init__.py', (r'import cubic,', 'import cubic, timid,'),
                  (r"\{\n    'cubic'", "{'timid': timid.planner, 'cubic'"))
     loop = house.folder / 'examples' / 'closed_loop.py'
-    loop.write_text(loop.read_text().replace("planner='cubic'", "planner='timid'").replace(
+    loop.write_text(loop.read_text().replace("planner='rollout'", "planner='timid'").replace(
         '12 * RATE', 'RATE // 10'), encoding='utf-8')
     assert 'I had rather not' in house.run('examples/closed_loop.py')
 

@@ -22,6 +22,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Actuation, Robot
 from ballbot_ros.physics.model.named_parameters import described, MOTOR, ROBOT, with_parameters
 from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.renamed import refuse_old_names
 
 DESIGNS = ('grid', 'sobol', 'random')
 MOST_CASES = 10**9
@@ -175,3 +176,6 @@ class SweepPlan(Checked):
         """Return a fingerprint: the same for the same results."""
         return hashlib.sha256(
             json.dumps(self.describe(), sort_keys=True).encode()).hexdigest()[:16]
+
+
+refuse_old_names(globals())
