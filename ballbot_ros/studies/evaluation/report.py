@@ -115,6 +115,7 @@ def of_planner(rows: Sequence[Row], crossable: Sequence[Row], radius: float) -> 
     total = max(len(rows), 1)
     kinds = sorted({row['kind'] for row in rows})
     costs = [row['mean_ms'] for row in rows if row.get('decisions')]
+    whole = [row['mean_ms'] * row['decisions'] for row in rows if row.get('decisions')]
     firsts = [row['first_ms'] for row in rows if row.get('decisions')]
     return {
         'approaches': len(rows), 'outcomes': outcomes(rows),
@@ -137,7 +138,8 @@ def of_planner(rows: Sequence[Row], crossable: Sequence[Row], radius: float) -> 
                       'missed': [row['number'] for row in crossable
                                  if row['outcome'] != 'over'][:LISTED]},
         'cost': {'mean_ms': float(np.mean(costs)) if costs else None,
-                 'first_ms': float(np.median(firsts)) if firsts else None}}
+                 'first_ms': float(np.median(firsts)) if firsts else None,
+                 'per_approach_ms': float(np.mean(whole)) if whole else None}}
 
 
 def report(campaign: Any, rows: Sequence[Row]) -> Dict[str, Any]:
