@@ -10,15 +10,15 @@ Report = Dict[str, Any]
 INTRODUCTION = """\
 # The decision in closed loop
 
-Written by this command; do not edit it. `ballbot evaluate-decision --seed {seed} --planners {first}
---only n --crossable 0` shows approach number n with all its decisions and why they were made.
+Written by this command, which goes on where it was killed; do not edit it:
 
 ```
 {command}
 ```
 
-It goes on where it was killed. Of processor time an approach with `{first}` took {cost:.1f} s for the
-decision in the mean; 5,000 of them are more than some minutes of two cores.
+`--planners {first} --seed {seed} --crossable 0 --only n` shows approach number n with all its
+decisions and why they were made. The decisions of an approach with `{first}` took {cost:.1f} s of
+processor time in the mean: 5,000 of them are more than some minutes of two cores.
 
 Each approach is a robot drawn from the ranges of its file, with friction of 0.35 to 1.3 of what
 the file says, on a drawn ground (steps, thresholds, stairs, drops, walls, bevels, ramps, grooves,
