@@ -74,7 +74,9 @@ class Campaign:
         """Return what tells campaigns apart whose lines must not be mixed."""
         same = {name: value for name, value in asdict(self).items()
                 if name not in ('parts', 'limits', 'searched')}
-        return hashlib.sha256(repr((__version__, same)).encode()).hexdigest()[:16]
+        believed = self.believer()
+        known = (believed.robot.digest, believed.curve, believed.tuning, believed.gains)
+        return hashlib.sha256(repr((_sources(), known, same)).encode()).hexdigest()[:16]
 
     def believer(self) -> Believer:
         """Return what the decision believes."""
@@ -89,6 +91,17 @@ class Campaign:
         if self.sensor is None or approach.ground.sensors not in ('any', self.sensor):
             return approach
         return replace(approach, flaws=replace(approach.flaws, kind=self.sensor))
+
+
+@lru_cache(maxsize=1)
+def _sources() -> str:
+    """Return a digest of all that an approach depends on: what was changed must not be mixed."""
+    package = Path(__file__).resolve().parents[2]
+    digest = hashlib.sha256(__version__.encode())
+    for folder in ('control', 'crossing', 'decision', 'physics', 'plant', 'studies/evaluation'):
+        for source in sorted((package / folder).rglob('*.py')):
+            digest.update(source.read_bytes())
+    return digest.hexdigest()
 
 
 @lru_cache(maxsize=4)
@@ -140,7 +153,8 @@ def read_rows(path: Path, digest: Optional[str] = None) -> List[Dict[str, Any]]:
             'or choose another folder') from error
     if digest is not None and head != digest:
         raise ConfigurationError(
-            f'{path}: is of another seed, kind, sensor or version; choose another folder')
+            f'{path}: is of another seed, kind, sensor or version of the code; choose another '
+            'folder')
     return rows
 
 
