@@ -7,6 +7,8 @@ from ballbot_ros.studies.evaluation.report import BAD, LISTED
 
 Report = Dict[str, Any]
 
+ASKED = 5000  # approaches
+
 INTRODUCTION = """\
 # The decision in closed loop
 
@@ -117,6 +119,8 @@ def page(report: Report, command: str) -> str:
     parts = [INTRODUCTION.format(command=command, first=first, seed=report['seed'], cost=cost),
              f'## Targets, with `{first}`\n',
              *table_of_targets(one['targets']), '']
+    if one['approaches'] < ASKED:
+        parts += [f'These are {one["approaches"]} approaches; {ASKED:,} are asked for.\n']
     if hidden:
         parts += ['Not counted above, for a sensor that sees the next face only cannot show it: '
                   + ', '.join(f'{count} {name}' for name, count in hidden.items())
