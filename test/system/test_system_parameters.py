@@ -27,7 +27,7 @@ REFUSED = {
     'unlike any other': {
         'simulator': ({'zzz': 1}, ("'zzz'", 'known are', 'clock_rate')),
         'controller': ({'zzz': 1}, ("'zzz'", 'known are', 'torque_limit')),
-        'obstacle_decision': ({'zzz': 1}, ("'zzz'", 'known are curve'))},
+        'obstacle_decision': ({'zzz': 1}, ("'zzz'", 'known are', 'curve'))},
     'of the wrong type': {
         'simulator': ({'lockstep': 1}, ('node simulator: lockstep must be true or false', '1')),
         'controller': ({'rate': 'fast'}, ('node controller: rate must be a number',
