@@ -102,7 +102,10 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
             return Choice(chosen, Reason.COMMITTED, why_not(trials, chosen), chosen.many)
     if chosen is None and room_behind > 0.1:
         back = from_farther_back(task.ahead, position, room_behind, tuning)
-        chosen = yield from search(_promising(back, failures), task, trials)
+        # Apart from those that were not good enough from here.
+        farther: List[Trial] = []
+        chosen = yield from search(_promising(back, failures), task, farther)
+        trials += farther
     others = why_not(trials, chosen)
     if chosen is not None:
         choice = Choice(chosen, Reason.RUN_UP if chosen.candidate.back > 0.0 else Reason.LIKELY,
