@@ -87,12 +87,10 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
 
     """
     ahead, worlds = task.ahead, task.worlds
-    # By themselves: those of an earlier search must not take the places of what is new.
-    found = [Trial(plan, plan.row(ahead)) for plan in plans]
-    trials += found
+    trials += [Trial(plan, plan.row(ahead)) for plan in plans]
     spread = math.hypot(worlds.spread(), ROBOTS * abs(ahead.faces[0].height))
-    yield from _sort(found, task, spread)
-    finalists = _finalists(found, task.highest_speed)
+    yield from _sort(trials, task, spread)
+    finalists = _finalists(trials, task.highest_speed)
     few = worlds.first(FEW)
     for trial in finalists:
         trial.few = task.tally(trial, few)
