@@ -88,7 +88,7 @@ class RolloutPlanner:
             # To go down a small drop on purpose is better than to slide down it.
             ahead = look_ahead(profile, faces, motion.position, slope, deviation,
                                self._robot.ball_radius, self._tuning.unseen_room, SMALL)
-        return self._face(ahead, situation)
+        return self._face(ahead, situation, previous)
 
     def _alone(self, profile: Profile, situation: Situation, slope: float) -> Decision:
         """Decide where no face is ahead: on, but not to where nothing is seen."""
@@ -112,7 +112,8 @@ class RolloutPlanner:
             self._slope = profile.slope if math.isfinite(profile.slope) else motion.slope
         return self._slope
 
-    def _face(self, ahead: Ahead, situation: Situation) -> Decision:
+    def _face(self, ahead: Ahead, situation: Situation,
+              previous: Optional[Decision]) -> Decision:
         """Decide on the faces ahead."""
         motion, face, mind = situation.motion, ahead.faces[0], self._mind
         room = self._braking_room(ahead, motion)
@@ -132,12 +133,16 @@ class RolloutPlanner:
             # There is time to look closer, and no need to say no yet.
             stand = face.position - self._robot.ball_radius - self._tuning.stop_gap
             way = self._halts.braking.distance(motion.speed, ahead.slope)
+            refused = (previous is not None and previous.step == face.number
+                       and previous.kind in (Kind.STOP, Kind.GO_ROUND))
             if choice.reason not in DEFINITE and abs(motion.speed) > STANDING \
-                    and stand - motion.position > way + AT_EASE:
+                    and stand - motion.position > way + AT_EASE and not refused:
                 return weighing(ahead, motion, self._tuning)
-            return self._halts.stand(
-                refuse(choice, ahead, motion, room, self._tuning), face.position, situation,
-                ahead.slope)
+            no = refuse(choice, ahead, motion, room, self._tuning)
+            if refused and previous is not None and no.kind in (Kind.STOP, Kind.GO_ROUND):
+                # The one or the other is no other mind.
+                no = replace(no, kind=previous.kind)
+            return self._halts.stand(no, face.position, situation, ahead.slope)
         end = choice.trial.candidate.end(ahead)
         later = [item.position - self._robot.ball_radius for item in ahead.faces
                  if item.position > end.position + 1e-3]
