@@ -22,6 +22,9 @@ YOUNG = 0.9
 
 ROUNDING = 1e-9  # [m/s], [m]
 
+# A start moves with the face as it is believed to be; so little too far back, it is moved [m].
+MOVED = 0.04
+
 # Backed off far enough [m].
 ARRIVED = 0.03
 
@@ -145,6 +148,8 @@ def checked(decision: Decision, situation: Situation, knowledge: Knowledge) -> D
             f'{plan.speed:g} m/s and {plan.swing_angle:g} rad, {most:g} m/s and '
             f'{tuning.largest_swing:g} rad are allowed')
     if decision.kind is Kind.BACK_OFF and not plan.start >= situation.free_from - ROUNDING:
+        if plan.start >= situation.free_from - MOVED:
+            return replace(decision, plan=replace(plan, start=situation.free_from))
         return stop(Reason.NO_ROOM, 'Stopping: a plan backs off over ground that is not known '
                     'to be free')
     if not crossing:

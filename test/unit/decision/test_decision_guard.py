@@ -72,8 +72,11 @@ def test_backing_off_stays_on_ground_known_to_be_free():
     back = Decision(Kind.BACK_OFF, Reason.RUN_UP, 0.2, '', plan=Plan(Strategy.BACK_OFF, -0.5))
     known = replace(situation(), free_from=-0.5)
     assert checked(back, known, KNOWN) is back
-    for told in (situation(), replace(known, free_from=-0.49)):
+    for told in (situation(), replace(known, free_from=-0.45)):
         assert checked(back, told, KNOWN).reason is Reason.NO_ROOM
+    # By as little as a face is believed to have moved, the start is moved, not refused.
+    moved = checked(back, replace(known, free_from=-0.49), KNOWN)
+    assert moved.kind is Kind.BACK_OFF and moved.plan.start == -0.49
     nowhere = replace(back, plan=Plan(Strategy.BACK_OFF, math.nan))
     assert checked(nowhere, known, KNOWN).reason is Reason.NO_ROOM
 
