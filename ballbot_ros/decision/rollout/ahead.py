@@ -7,13 +7,12 @@ from typing import List, Sequence, Tuple
 
 import numpy as np
 
+from ballbot_ros.decision.beyond import SMALLEST_DROP
 from ballbot_ros.decision.profile import Face, Profile
 from ballbot_ros.decision.rollout.layout import FACES
 from ballbot_ros.physics.model.terrain import Array
 
-# Down by less than this is an uneven floor, more is a drop [m].
-SMALLEST_DROP = 0.005
-# Up by less than this is one, too: any speed takes it [m].
+# Up by less than this is an uneven floor, as down by SMALLEST_DROP: any speed takes it [m].
 SMALLEST_RISE = 0.0045
 # Noise of less is no news [m].
 NOISE = 0.003

@@ -2,7 +2,7 @@
 """From what lies ahead to a choice: a plan from here, from farther back, or a reason for none."""
 from dataclasses import dataclass, replace
 import math
-from typing import Callable, Generator, List, Optional, Sequence, Tuple
+from typing import Generator, List, Optional, Sequence, Tuple
 
 from ballbot_ros.decision.plan import Strategy
 from ballbot_ros.decision.rollout.candidates import (
@@ -58,7 +58,6 @@ class Choice:
 
 
 Deliberation = Generator[Optional[Choice], None, Choice]
-Filter = Callable[[Candidate], bool]
 
 
 def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,

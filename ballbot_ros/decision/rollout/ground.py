@@ -15,7 +15,6 @@ from ballbot_ros.physics.model.terrain import (
     Array, EDGE_FRICTION, SURFACE_FRICTION, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y)
 
 SHAPE_X, SHAPE_Z, FACE, HEIGHT_SHARE, PLACE_SHARE = range(5)
-SHAPE = 5
 
 # Two vertices that a draw would put upon each other stay this far apart [m].
 APART = 1e-6
