@@ -56,7 +56,8 @@ def work(name, wanted, seed):
         import atheris
     except ImportError:
         sys.exit(f'atheris is not installed: {HOW_TO_INSTALL}')
-    with atheris.instrument_imports(include=['ballbot_ros.drives', 'ballbot_ros.emulator']):
+    with atheris.instrument_imports(include=[
+            'ballbot_ros.drives', 'ballbot_ros.emulator', 'ballbot_ros.sensors']):
         import targets
     fuzz, protocol = targets.TARGETS[name]
     seen = {'bytes': 0, 'inputs': 0, 'messages': 0}

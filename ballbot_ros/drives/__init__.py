@@ -4,7 +4,8 @@ The motor controllers: a folder for each vendor, and the only table of them.
 
 To add one, copy the folder `vesc` (the simplest) and add a line to `DRIVES`.  The driver, the
 emulated device, the choices of the command line and of hardware files, the fuzz targets, the
-benchmarks and the tables of docs/hardware.md follow from that line.  Its folder has three modules:
+benchmarks and the tables of docs/hardware.md follow from that line, which also says whether it is
+spoken on a serial line or on a CAN bus.  Its folder has three modules:
 
 ``codec``
     Bytes to messages and back, without state but that of the parser.  `parser()` returns a new
@@ -21,14 +22,26 @@ benchmarks and the tables of docs/hardware.md follow from that line.  Its folder
 from importlib import import_module
 import time
 from types import ModuleType
-from typing import Any, Callable, Mapping, NamedTuple, Type
+from typing import Any, Callable, Mapping, NamedTuple, Optional, Type
 
 from ballbot_ros.config.fields import suggestion
+from ballbot_ros.drives.capture import TrafficSink
 from ballbot_ros.drives.contract import DriveOptions, SerialLine
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.drives.emulated_device import Device
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.renamed import refuse_old_names
+
+
+class LineKind(NamedTuple):
+    """Which class opens a port; imported when a line is first opened."""
+
+    module: str
+    opener: str
+
+
+SERIAL = LineKind('ballbot_ros.drives.transport', 'Link')
+CAN = LineKind('ballbot_ros.drives.can_transport', 'CanLink')
 
 
 class Vendor(NamedTuple):
@@ -37,13 +50,16 @@ class Vendor(NamedTuple):
     folder: str  # with the modules codec, driver and emulated
     driver: str  # class in driver
     device: str  # class in emulated
+    line: LineKind = SERIAL
 
 
 # Protocol -> vendor.
 DRIVES = {
     'odrive': Vendor('ballbot_ros.drives.odrive', 'ODrive', 'ODriveDevice'),
+    'odrive_can': Vendor('ballbot_ros.drives.odrive_can', 'ODriveCan', 'ODriveCanDevice', CAN),
     'roboclaw': Vendor('ballbot_ros.drives.roboclaw', 'RoboClaw', 'RoboClawDevice'),
     'vesc': Vendor('ballbot_ros.drives.vesc', 'Vesc', 'VescDevice'),
+    'vesc_can': Vendor('ballbot_ros.drives.vesc_can', 'VescCan', 'VescCanDevice', CAN),
 }
 
 
@@ -65,10 +81,14 @@ def device_class(protocol: str) -> Type[Device]:
 
 
 def _module(protocol: str, name: str) -> ModuleType:
+    _check(protocol)
+    return import_module(f'{DRIVES[protocol].folder}.{name}')
+
+
+def _check(protocol: str) -> None:
     if protocol not in DRIVES:
         raise ConfigurationError(
             f'{protocol!r} is not a protocol{suggestion(str(protocol), DRIVES)}')
-    return import_module(f'{DRIVES[protocol].folder}.{name}')
 
 
 def read_options(protocol: str, mapping: Mapping[str, Any], where: str) -> DriveOptions:
@@ -82,6 +102,40 @@ def read_options(protocol: str, mapping: Mapping[str, Any], where: str) -> Drive
 
     """
     return driver_class(protocol).Options.from_mapping(mapping, where)
+
+
+def line_of(protocol: str) -> LineKind:
+    """Return what kind of line a protocol is spoken on; raises as `codec_of` does."""
+    _check(protocol)
+    return DRIVES[protocol].line
+
+
+def open_line(protocol: str, port: str, baud: int,
+              recorder: Optional[TrafficSink] = None) -> SerialLine:
+    """
+    Open the line that a protocol is spoken on.
+
+    Parameters
+    ----------
+    protocol : str
+    port : str
+        See transport.py for a serial line, can_transport.py for a CAN bus.
+    baud : int
+        [bit/s]
+    recorder : TrafficSink, optional
+        Keeps a copy of the traffic.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such protocol.
+    LinkError
+        If the port cannot be opened.
+
+    """
+    kind = line_of(protocol)
+    opened: SerialLine = getattr(import_module(kind.module), kind.opener)(port, baud, recorder)
+    return opened
 
 
 def open_driver(protocol: str, line: SerialLine, options: DriveOptions,

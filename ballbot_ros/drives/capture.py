@@ -11,16 +11,46 @@ bytes in hexadecimal::
 
 A capture plays back into a driver in place of a `Link`, so that a fault seen once on a real
 robot becomes a test.
+
+A capture that has become `MOST_BYTES` long goes on in a new file, and the one before is kept
+beside it with ``.1`` behind its name; what is older is let go.  `read_capture` reads both.
 """
 from collections import deque
 from pathlib import Path
 import time
-from typing import Callable, NamedTuple, Optional, Sequence
+from typing import Callable, NamedTuple, Optional, Protocol, Sequence
 
 from ballbot_ros.errors import ConfigurationError, LinkError
 
 HEADER = '# ballbot traffic 1'
 TO_DRIVE, FROM_DRIVE = '>', '<'
+# Longest file of a capture [bytes]: half an hour at 500 Hz, whatever the protocol.
+MOST_BYTES = 256 * 1024**2
+
+
+def part_before(path: Path) -> Path:
+    """Return where the part of a capture is that came before the newest."""
+    return path.with_name(f'{path.name}.1')
+
+
+class TrafficSink(Protocol):
+    """Whoever is shown the traffic of a line."""
+
+    def record(self, direction: str, data: bytes) -> None:
+        """Take a piece of traffic."""
+
+
+class ShownToAll:
+    """Shows traffic to several."""
+
+    def __init__(self, *sinks: TrafficSink):
+        """Show it to these, in this order."""
+        self._sinks = sinks
+
+    def record(self, direction: str, data: bytes) -> None:
+        """Show a piece of traffic to all."""
+        for sink in self._sinks:
+            sink.record(direction, data)
 
 
 class Record(NamedTuple):
@@ -43,6 +73,8 @@ class Recorder:
     path : Path
     clock : callable
         Gives seconds.
+    most_bytes : int
+        Longest file.
 
     Raises
     ------
@@ -51,24 +83,37 @@ class Recorder:
 
     """
 
-    def __init__(self, path: Path, clock: Callable[[], float] = time.monotonic):
-        """Make the file."""
+    def __init__(self, path: Path, clock: Callable[[], float] = time.monotonic,
+                 most_bytes: int = MOST_BYTES):
+        """Make the file; the second part of an older capture goes."""
         self.failure: Optional[str] = None
         self._clock = clock
         self._begin = clock()
+        self._path, self._most_bytes, self._size = Path(path), most_bytes, 0
         try:
-            self._file = open(path, 'w', encoding='ascii')
-            self._file.write(f'{HEADER}\n')
+            part_before(self._path).unlink(missing_ok=True)
+            self._open()
         except OSError as error:
             raise ConfigurationError(f'cannot record to {path}: {error}') from error
 
     def record(self, direction: str, data: bytes) -> None:
         """Write a piece of traffic."""
         if self.failure is None:
+            line = f'{self._clock() - self._begin:.6f} {direction} {data.hex()}\n'
             try:
-                self._file.write(f'{self._clock() - self._begin:.6f} {direction} {data.hex()}\n')
+                if self._size + len(line) > self._most_bytes:
+                    self._file.close()
+                    self._path.replace(part_before(self._path))
+                    self._open()
+                self._file.write(line)
+                self._size += len(line)
             except OSError as error:
                 self.failure = str(error)
+
+    def _open(self) -> None:
+        self._file = open(self._path, 'w', encoding='ascii')
+        self._file.write(f'{HEADER}\n')
+        self._size = len(HEADER) + 1
 
     def close(self) -> None:
         """Finish the file."""
@@ -80,7 +125,7 @@ class Recorder:
 
 def read_capture(path: Path) -> list[Record]:
     """
-    Read a capture.
+    Read a capture, with the part before it if there is one.
 
     A last line that was cut off by the end of its process is left out.
 
@@ -90,6 +135,12 @@ def read_capture(path: Path) -> list[Record]:
         Naming file and line of what is no traffic.
 
     """
+    before = part_before(path)
+    return [*(_read(before) if before.exists() else ()), *_read(path)]
+
+
+def _read(path: Path) -> list[Record]:
+    """Return what one file holds."""
     try:
         lines = path.read_text(encoding='ascii').splitlines(keepends=True)
     except (OSError, UnicodeDecodeError) as error:
@@ -156,7 +207,7 @@ class Replay:
         self.bytes_in += len(piece)
         return piece
 
-    def wait(self, seconds: float) -> bool:
+    def wait(self, seconds: float, least: int = 1) -> bool:
         """Return whether there is more."""
         return not self.finished
 

@@ -40,8 +40,8 @@ class SerialLine(Protocol):
     def read(self) -> bytes:
         """Return what has arrived, without waiting."""
 
-    def wait(self, seconds: float) -> bool:
-        """Wait for bytes and return whether there are any."""
+    def wait(self, seconds: float, least: int = 1) -> bool:
+        """Wait for so many bytes, if it can tell, and return whether there are any."""
 
     def close(self) -> None:
         """Close the line; closing twice is no error."""
@@ -113,15 +113,20 @@ class Telemetry(NamedTuple):
     """
 
     time: Optional[float] = None  # of the driver's clock, when the position arrived [s]
+    # When the drive looked at its encoder, as well as is known: when the question was sent that
+    # the position answers, or when it came by itself less its time on the wire [s].
+    measured: Optional[float] = None
     position: Optional[float] = None  # of the motor shaft, goes on over full turns [rad]
     velocity: Optional[float] = None  # of the motor shaft [rad/s]
     current: Optional[float] = None  # that makes torque [A]
     bus_voltage: Optional[float] = None  # [V]
+    bus_current: Optional[float] = None  # from the supply, negative while braking feeds it [A]
     temperature: Optional[float] = None  # of the power stage [degC]
     motor_temperature: Optional[float] = None  # [degC]
     status_time: Optional[float] = None  # when armed and faults arrived [s]
     armed: Optional[bool] = None  # the motor is under power
-    faults: tuple[str, ...] = ()  # names that the maker gives them
+    faults: tuple[str, ...] = ()  # names that the maker gives them; the motor has no power
+    warnings: tuple[str, ...] = ()  # likewise, of what is told before the drive cuts
 
 
 @dataclass(frozen=True)
@@ -130,8 +135,22 @@ class DriveOptions(Checked):
 
     torque_limit: float = quantity(
         'N m', 'largest torque ever sent, at the motor shaft', above=0.0)
+    speed_limit: float = quantity(
+        'rad/s', 'speed of the motor shaft up to which the robot needs its torque: limits of the '
+        'drive that cut earlier are refused; 0 where nobody knows', default=0.0, minimum=0.0)
+    drive_torque_limit: float = quantity(
+        'N m', 'up to which the limits of the drive itself may be set; torque_limit where that is '
+        'more', default=0.0, minimum=0.0)
+    damping: float = quantity(
+        'N m s/rad', 'torque per speed of the motor shaft by which the drive damps by itself '
+        'between two commands; 0 for none', default=0.0, minimum=0.0)
     watchdog: float = quantity(
         's', 'time without a command after which the drive must disarm by itself', default=0.1,
         above=0.0, maximum=10.0)
     reply_timeout: float = quantity(
         's', 'after which a reply counts as lost', default=0.05, above=0.0, maximum=10.0)
+
+    @property
+    def own_limit(self) -> float:
+        """Return the largest torque that the limits of the drive itself may let through [N m]."""
+        return max(self.torque_limit, self.drive_torque_limit)

@@ -1,20 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The base class of every driver, which keeps the contract; see contract.py."""
 from abc import ABC, abstractmethod
-from collections import Counter, deque
+from collections import Counter
 import math
 import time
 from typing import Any, Callable, ClassVar, Type
 
 from ballbot_ros.drives.contract import (
     DriveOptions, Identity, SerialLine, Setting, StreamParser, Telemetry)
+from ballbot_ros.drives.questions import Asked, Questions
 from ballbot_ros.drives.wire import WireBudget
 from ballbot_ros.errors import DriveError, MessageError
 
-# A stop that is not confirmed is repeated after this time [s].
-STOP_PERIOD = 0.02
-# Requests that may be under way.
-MOST_OUTSTANDING = 1000
+STOP_PERIOD = 0.02  # after which a stop that is not confirmed is repeated [s]
 
 
 class Driver(ABC):
@@ -44,10 +42,10 @@ class Driver(ABC):
     protocol: ClassVar[str]
     maker: ClassVar[str]  # as error messages name it
     Options: ClassVar[Type[DriveOptions]] = DriveOptions
-    # Baud rates to try when looking for such a drive, the maker's default first.
-    baud_rates: ClassVar[tuple[int, ...]] = (115200,)
-    # Whether the drive makes the torque by measuring current, or a voltage is computed for it.
-    closes_torque_loop: ClassVar[bool] = True
+    baud_rates: ClassVar[tuple[int, ...]] = (115200,)  # to try, the maker's default first
+    shortest_answer: ClassVar[int] = 1  # to `ask`; a loop is not woken for fewer bytes
+    keeping: ClassVar[str] = ''  # what a person types to keep settings over a restart
+    closes_torque_loop: ClassVar[bool] = True  # by measuring current; else by a computed voltage
 
     _parser: StreamParser
 
@@ -60,10 +58,9 @@ class Driver(ABC):
         self.telemetry = Telemetry()
         self.counts: Counter[str] = Counter(lost=0)
         self._armed = False  # by us, and not stopped since
-        # When that was asked for whose reply showed that the motor has no power.
-        self._off_asked_at = -math.inf
-        # When requests were sent whose replies are to come, in this order, and which.
-        self._outstanding: deque[tuple[float, Any]] = deque(maxlen=MOST_OUTSTANDING)
+        self._off_asked_at = -math.inf  # when that was asked whose reply showed: no power
+        self._questions = Questions(options.reply_timeout)
+        self._alike = 1  # replies to take, of those read together, that answer such a request
         self._begin()
 
     # What waits
@@ -125,9 +122,12 @@ class Driver(ABC):
                 return
             if self.clock() >= begin + patience:
                 raise DriveError('not_stopped', (
-                    f'{self.line.port}: the drive did not confirm the stop within '
-                    f'{patience:g} s; its own watchdog disarms it after '
-                    f'{self.options.watchdog:g} s'))
+                    f'{self.line.port}: the drive did not confirm the stop within {patience:g} s; '
+                    f'its own watchdog disarms it after {self.options.watchdog:g} s'))
+
+    def clear_faults(self, patience: float = 0.5) -> tuple[str, ...]:
+        """Clear what latched, without power, and return what is still named; may refuse."""
+        raise DriveError('not_clearable', f'a {self.maker} clears no faults on request')
 
     # What does not wait
 
@@ -151,13 +151,16 @@ class Driver(ABC):
 
         """
         if not self._armed:
-            raise DriveError('not_armed', (
-                f'{self.line.port}: the motor gets no torque before it has been armed'))
+            raise DriveError('not_armed', f'{self.line.port}: the motor has not been armed')
         if not math.isfinite(torque):
             raise MessageError('not_finite', f'torque must be finite, got {torque!r}')
         limit = self.options.torque_limit
         self._send(self._torque_message(min(max(torque, -limit), limit))
                    + (self._requests() if ask else b''))
+
+    def send_damped(self, torque: float, speed: float, ask: bool = True) -> None:
+        """Send a torque for a speed of the shaft [rad/s]; with `damping`, less when faster."""
+        self.send_torque(torque, ask)
 
     def ask(self) -> None:
         """Send the requests of this period only; this keeps no torque alive."""
@@ -258,7 +261,9 @@ class Driver(ABC):
 
     def _send(self, data: bytes) -> None:
         if data:
+            before = self.clock()
             self.line.write(data)
+            self._questions.written(before, self.clock())
             self.counts['sent'] += 1
 
     @abstractmethod
@@ -275,21 +280,21 @@ class Driver(ABC):
 
     def _take(self, data: bytes, now: float) -> None:
         """Update telemetry and counts from received bytes; `data` may be empty."""
-        self.counts['bytes'] += len(data)
-        for reply in self._parser.feed(data):
-            self.counts['replies'] += 1
-            self._take_reply(reply, now)
-        for name, number in self._parser.counts.items():
-            self.counts[name] = number
-        while self._outstanding and self._outstanding[0][0] < now - self.options.reply_timeout:
-            self._outstanding.popleft()
-            self.counts['lost'] += 1
+        if data:
+            self.counts['bytes'] += len(data)
+            replies = self._parser.feed(data)
+            kinds = [self._question(reply) for reply in replies] if len(replies) > 1 else []
+            for number, reply in enumerate(replies):
+                self.counts['replies'] += 1
+                self._alike = kinds[number:].count(kinds[number]) if kinds else 1
+                self._take_reply(reply, now)
+            dict.update(self.counts, self._parser.counts)
+        self.counts['lost'] += self._questions.take_lost(now)
 
-    def _answered(self, request: object) -> float:
-        """Return when a request was sent to which a reply came; those before it are lost."""
-        while self._outstanding:
-            sent_at, other = self._outstanding.popleft()
-            if other == request:
-                return sent_at
-            self.counts['lost'] += 1
-        return -math.inf
+    def _question(self, reply: Any) -> object:
+        """Return what a reply answers, where there are several kinds."""
+        return None
+
+    def _answered(self, request: object, now: float) -> Asked:
+        """Return when the request was sent to which a reply has come; see `Questions`."""
+        return self._questions.answered(request, now, self._alike)

@@ -2,9 +2,9 @@
 """What the firmware of every emulated motor controller has in common."""
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Mapping, NamedTuple
 
-from ballbot_ros.config.fields import Checked, count, quantity, text
+from ballbot_ros.config.fields import Checked, count, quantity, section, suggestion, text
 from ballbot_ros.errors import ConfigurationError
 
 
@@ -16,6 +16,14 @@ class Sensed(NamedTuple):
     bus_voltage: float = 24.0  # [V]
     temperature: float = 35.0  # of the power stage [degC]
     motor_temperature: float = 30.0  # [degC]
+    stop_switch: float = 0.0  # 1 where the emergency switch at its own input is pulled
+
+
+class Quirk(NamedTuple):
+    """What some boards of a maker do, by firmware or settings, and a driver must know."""
+
+    effect: str  # in words
+    source: str  # the maker's file that says so, and of which versions
 
 
 @dataclass(frozen=True)
@@ -38,6 +46,8 @@ class DriveSettings(Checked):
     boot_time: float = quantity('s', 'after which a reboot is over', default=0.3, minimum=0.0)
     firmware: str = text('generation that the drive is of; empty for the only or oldest one',
                          default='')
+    quirks: tuple[str, ...] = section('names from `Device.quirks` of what this one does',
+                                      default=())
 
     @property
     def largest_current(self) -> float:
@@ -61,13 +71,16 @@ class Device(ABC):
     Raises
     ------
     ConfigurationError
-        If there is no such drive with the firmware of the settings.
+        If there is no such drive with the firmware, or the quirks, of the settings.
 
     """
 
     protocol: ClassVar[str]
     # Generations that differ on the line; none where all are alike.
     firmwares: ClassVar[tuple[str, ...]] = ()
+    # What a drive may be chosen to do besides, by name.  What all boards do is no quirk: it
+    # cannot be left out.
+    quirks: ClassVar[Mapping[str, Quirk]] = {}
     # Time that the firmware takes from a request to its reply [s].
     turnaround: ClassVar[float] = 0.0002
 
@@ -78,11 +91,20 @@ class Device(ABC):
             raise ConfigurationError(
                 f'firmware of an emulated {self.protocol} must be {known}, got '
                 f'{settings.firmware!r}')
+        for quirk in settings.quirks:
+            if quirk not in self.quirks:
+                raise ConfigurationError(
+                    f'{quirk!r} is no quirk of an emulated {self.protocol}'
+                    + suggestion(quirk, self.quirks))
         self.settings = settings
         self.sensed = Sensed()
         self.baud = 921600.0
         self.booted_at = -1e9
         self._boot()
+
+    def has(self, quirk: str) -> bool:
+        """Return whether this drive has a quirk."""
+        return quirk in self.settings.quirks
 
     def receive(self, data: bytes, now: float) -> bytes:
         """Take bytes from the line and return the reply."""

@@ -43,8 +43,7 @@ class MemoryLine:
     def write(self, data: bytes) -> None:
         """Give bytes to the drive, and let its reply come; raise `LinkError` if unplugged."""
         self._check()
-        reply = self.from_drive(self.device.receive(self.to_drive(data), self.now))
-        self.waiting.append((self.now + self._delay, reply))
+        self._reply(self.to_drive(data), always=True)
 
     def read(self) -> bytes:
         """Return what has arrived; raise `LinkError` if unplugged."""
@@ -53,7 +52,7 @@ class MemoryLine:
         self.waiting = [item for item in self.waiting if item[0] > self.now]
         return data
 
-    def wait(self, seconds: float) -> bool:
+    def wait(self, seconds: float, least: int = 1) -> bool:
         """Let a millisecond pass, and return whether there are bytes."""
         self._check()
         self.pass_time(min(seconds, 0.001))
@@ -62,7 +61,12 @@ class MemoryLine:
     def pass_time(self, seconds: float) -> None:
         """Let time pass for both ends."""
         self.now += seconds
+        self.live()
+
+    def live(self) -> None:
+        """Let the drive do what is due now, and say what it says unasked."""
         self.device.tick(self.now)
+        self._reply(b'')
 
     def close(self) -> None:
         """Do nothing."""
@@ -74,6 +78,11 @@ class MemoryLine:
     def from_drive(self, data: bytes) -> bytes:
         """Return what arrives of a reply; see `to_drive`."""
         return data
+
+    def _reply(self, data: bytes, always: bool = False) -> None:
+        reply = self.device.receive(data, self.now)
+        if reply or always:
+            self.waiting.append((self.now + self._delay, self.from_drive(reply)))
 
     def _check(self) -> None:
         if not self.plugged:

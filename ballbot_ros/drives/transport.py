@@ -10,28 +10,73 @@ Anything that ``serial.serial_for_url`` takes is a port: ``/dev/ttyUSB0``,
 ``/dev/serial/by-id/...``, ``socket://host:port``, ``rfc2217://host:port``, ``loop://``,
 ``spy:///dev/ttyUSB0?file=traffic.txt``.
 """
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 import errno
 import select
 import termios
 import time
-from typing import Any, Iterator, Optional
+from typing import Any, Optional, Protocol
 
 import serial
 from serial.tools import list_ports
 
-from ballbot_ros.drives.capture import Recorder
+from ballbot_ros.drives.capture import TrafficSink
+from ballbot_ros.drives.descriptor import Descriptor, LARGEST_READ, PATIENCE
 from ballbot_ros.errors import LinkError
 
-# Some hundred bytes are under way at most, and the kernel takes 4096: a port that has no room for
-# so long is one that nobody drains [s].
-PATIENCE = 0.02
 # pyserial looks at its clock after the bytes have gone, so that a process that was held up would
 # see a stuck line: this is for ports whose room cannot be asked for, and for the worst [s].
 WRITE_TIMEOUT = 0.5
-LARGEST_READ = 4096
 # How often a port without a file descriptor (loop://) is looked at while waiting [s].
 POLL_PERIOD = 0.0005
+
+# What pyserial raises, and the kernel.
+FAILURES = (serial.SerialException, OSError, termios.error, ValueError)
+
+
+class Transfer(Protocol):
+    """How bytes go in and out of an open port; see `Link` and `Descriptor`."""
+
+    def write(self, data: bytes) -> bool:
+        """Write all, and return whether there was room for it."""
+
+    def read(self) -> bytes:
+        """Return what has arrived."""
+
+    def wait(self, seconds: float, least: int) -> bool:
+        """Wait for so many bytes, if it can tell, and return whether there are any."""
+
+
+class Indirect:
+    """By pyserial, for URLs: a socket, a port of another machine, one that is listened to."""
+
+    def __init__(self, port: Any, descriptor: Optional[int]):
+        """Take an open port, and its file descriptor if it has one."""
+        self._port, self._descriptor = port, descriptor
+
+    def write(self, data: bytes) -> bool:
+        """Write all, and return whether there was room for it."""
+        if self._descriptor is not None \
+                and not select.select([], [self._descriptor], [], PATIENCE)[1]:
+            return False
+        self._port.write(data)
+        return True
+
+    def read(self) -> bytes:
+        """Return what has arrived."""
+        data: bytes = self._port.read(LARGEST_READ)
+        return data
+
+    def wait(self, seconds: float, least: int) -> bool:
+        """Wait for bytes, and return whether there are any."""
+        if self._descriptor is not None:
+            return bool(select.select([self._descriptor], [], [], max(0.0, seconds))[0])
+        deadline = time.monotonic() + seconds
+        while not self._port.in_waiting:
+            if time.monotonic() >= deadline:
+                return False
+            time.sleep(POLL_PERIOD)
+        return True
 
 
 class Link:
@@ -46,8 +91,8 @@ class Link:
         Device or URL, see above.
     baud : int
         [bit/s]; ignored by USB devices and pseudo-terminals, but set all the same.
-    recorder : Recorder, optional
-        Keeps a copy of the traffic.
+    recorder : TrafficSink, optional
+        Is shown the traffic.
 
     Attributes
     ----------
@@ -62,23 +107,26 @@ class Link:
 
     """
 
-    def __init__(self, port: str, baud: int, recorder: Optional[Recorder] = None):
+    def __init__(self, port: str, baud: int, recorder: Optional[TrafficSink] = None):
         """Open the port, exclusively."""
         self.port = port
         self.baud = baud
         self.bytes_out = self.bytes_in = 0
         self._recorder = recorder
         self._serial: Any = None
-        with _converted(port, opening=True):
+        self._transfer: Optional[Transfer] = None
+        try:
             self._serial = serial.serial_for_url(
                 port, baudrate=baud, timeout=0.0, write_timeout=WRITE_TIMEOUT, exclusive=True)
-        # Others may not share the port, but what was sent before we came is still in its buffer.
-        with _converted(port):
-            self._serial.reset_input_buffer()
+        except FAILURES as error:
+            raise _link_error(port, error, opening=True) from error
         try:
-            self._descriptor: Optional[int] = self._serial.fileno()
-        except (OSError, AttributeError):  # loop:// and the like have none
-            self._descriptor = None
+            # Others may not share the port, but what was sent before we came is still in its
+            # buffer.
+            self._serial.reset_input_buffer()
+            self._transfer = _transfer(self._serial)
+        except FAILURES as error:
+            raise _link_error(port, error) from error
 
     def write(self, data: bytes) -> None:
         """
@@ -90,12 +138,13 @@ class Link:
             If the port is gone, or has no room for 20 ms.
 
         """
-        with _converted(self.port):
-            port = self._open()
-            if self._descriptor is not None \
-                    and not select.select([], [self._descriptor], [], PATIENCE)[1]:
-                raise serial.SerialTimeoutException('no room')
-            port.write(data)
+        transfer = self._transfer or self._closed()
+        try:
+            went_out = transfer.write(data)
+        except FAILURES as error:
+            raise _link_error(self.port, error) from error
+        if not went_out:
+            raise _stuck(self.port)
         self.bytes_out += len(data)
         if self._recorder is not None:
             self._recorder.record('>', data)
@@ -110,16 +159,28 @@ class Link:
             If the port is gone.
 
         """
-        with _converted(self.port):
-            data: bytes = self._open().read(LARGEST_READ)
-        self.bytes_in += len(data)
-        if data and self._recorder is not None:
-            self._recorder.record('<', data)
+        transfer = self._transfer or self._closed()
+        try:
+            data = transfer.read()
+        except FAILURES as error:
+            raise _link_error(self.port, error) from error
+        if data:
+            self.bytes_in += len(data)
+            if self._recorder is not None:
+                self._recorder.record('<', data)
         return data
 
-    def wait(self, seconds: float) -> bool:
+    def wait(self, seconds: float, least: int = 1) -> bool:
         """
         Wait until bytes can be read, at most so long, and return whether there are any.
+
+        Parameters
+        ----------
+        seconds : float
+            [s]
+        least : int
+            Fewer bytes than these may be left waiting, at most 255: a device tells nobody of
+            them.  The same number again and again costs nothing.
 
         Raises
         ------
@@ -127,28 +188,22 @@ class Link:
             If the port is gone.
 
         """
-        with _converted(self.port):
-            if self._descriptor is not None:
-                return bool(select.select([self._descriptor], [], [], max(0.0, seconds))[0])
-            deadline = time.monotonic() + seconds
-            while not self._open().in_waiting:
-                if time.monotonic() >= deadline:
-                    return False
-                time.sleep(POLL_PERIOD)
-        return True
+        transfer = self._transfer or self._closed()
+        try:
+            return transfer.wait(seconds, least)
+        except FAILURES as error:
+            raise _link_error(self.port, error) from error
 
     def close(self) -> None:
         """Close the port; closing twice, or a port that is gone, is no error."""
-        port, self._serial, self._descriptor = self._serial, None, None
+        port, self._serial, self._transfer = self._serial, None, None
         if port is not None:
             # One that is gone already is what was wanted.
             with suppress(serial.SerialException, OSError, termios.error):
                 port.close()
 
-    def _open(self) -> Any:
-        if self._serial is None:
-            raise LinkError('closed', f'{self.port} has been closed')
-        return self._serial
+    def _closed(self) -> 'Transfer':
+        raise LinkError('closed', f'{self.port} has been closed')
 
     def __enter__(self) -> 'Link':
         """Return itself."""
@@ -165,27 +220,36 @@ def ports() -> list[tuple[str, str]]:
                   for found in list_ports.comports())
 
 
-@contextmanager
-def _converted(port: str, opening: bool = False) -> Iterator[None]:
-    """Turn what pyserial may raise into a `LinkError`."""
+def _transfer(port: Any) -> Transfer:
+    """Return how to read from and write to a port: past pyserial where it is a plain device."""
     try:
-        yield
-    except LinkError:
-        raise
-    except serial.SerialTimeoutException as error:
-        raise LinkError('stuck', (
-            f'{port} takes no more bytes: nobody reads at the other end, or flow control '
-            'holds the line; switch hardware and software handshake off')) from error
-    except (serial.SerialException, OSError, termios.error) as error:
-        if opening:
-            raise _opening_failure(port, error) from error
-        raise LinkError('gone', f'{port} is gone ({error}): unplugged, or its controller lost '
-                        'power') from error
-    except ValueError as error:  # an unknown scheme, or a baud rate that does not exist
+        descriptor = port.fileno()
+    except (OSError, AttributeError):  # loop:// and the like have none
+        descriptor = None
+    if descriptor is not None and type(port) is serial.Serial:
+        return Descriptor(descriptor)
+    return Indirect(port, descriptor)
+
+
+def _stuck(port: str) -> LinkError:
+    return LinkError('stuck', (
+        f'{port} takes no more bytes: nobody reads at the other end, or flow control holds the '
+        'line; switch hardware and software handshake off'))
+
+
+def _link_error(port: str, error: Exception, opening: bool = False) -> LinkError:
+    """Return a `LinkError` for what pyserial or the kernel raised."""
+    if isinstance(error, serial.SerialTimeoutException):
+        return _stuck(port)
+    if isinstance(error, ValueError):  # an unknown scheme, or a baud rate that does not exist
         if 'baud' in str(error).lower():
-            raise LinkError('bad_baud', f'{port} cannot do this baud rate: {error}') from error
-        raise LinkError('bad_address', (
-            f'{port!r} is neither a device nor a URL that pyserial knows: {error}')) from error
+            return LinkError('bad_baud', f'{port} cannot do this baud rate: {error}')
+        return LinkError('bad_address', (
+            f'{port!r} is neither a device nor a URL that pyserial knows: {error}'))
+    if opening:
+        return _opening_failure(port, error)
+    return LinkError(
+        'gone', f'{port} is gone ({error}): unplugged, or its controller lost power')
 
 
 def _opening_failure(port: str, error: Any) -> LinkError:

@@ -68,7 +68,8 @@ def _clear(emulator: Emulator, _: float, now: float) -> None:
     emulator.encoder_jump = 0.0
     fresh = type(emulator.device.sensed)()
     emulator.device.sensed = emulator.device.sensed._replace(
-        temperature=fresh.temperature, bus_voltage=emulator.ball.motor.maximum_voltage)
+        temperature=fresh.temperature, stop_switch=0.0,
+        bus_voltage=emulator.ball.motor.maximum_voltage)
     _plug(emulator, 0.0, now)
 
 
@@ -84,11 +85,14 @@ FAULTS = {
     'temperature': Fault('degC', 'of the power stage; hot enough, the drive trips',
                          _sense('temperature')),
     'voltage': Fault('V', 'of the supply', _sense('bus_voltage')),
+    'stop_switch': Fault('1 or 0', 'the emergency switch at the input of the drive itself is '
+                         'pulled, where one is set up', _sense('stop_switch'), 1.0),
     'encoder_jump': Fault('motor turns', 'the encoder is off by so much more', _encoder_jump),
     'slow_reader': Fault('bytes/s', 'the drive takes no more from the line', _slow_reader),
     'reset': Fault('', 'the ball is put back to the start of its scene',
                    lambda emulator, *_: emulator.ball.reset(), 0.0),
-    'clear': Fault('', 'the line is clean again, the drive cool, the encoder right', _clear,
+    'clear': Fault('', 'the line is clean again, the drive cool, its switch out, the encoder '
+                   'right', _clear,
                    0.0),
 }
 # What happens to single bytes: each field of `LineFaults`, with the direction as a second word.

@@ -9,10 +9,11 @@ from threading import Event, Thread
 import time
 from typing import Callable, Deque, NamedTuple, Optional
 
-from ballbot_ros.drives import device_class
+from ballbot_ros.drives import device_class, line_of, SERIAL
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.emulator.ball import Ball, settings_for
 from ballbot_ros.emulator.line import Direction
+from ballbot_ros.emulator.slcan import SlcanAdapter
 from ballbot_ros.emulator.terminal import PseudoTerminal
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.physics.model.state import State
@@ -21,8 +22,9 @@ from ballbot_ros.plant import Imu, ImuSample, Pace
 
 # The torque is constant over a period, and the ball is simulated by periods [s].
 PERIOD = 1e-3
-# Periods to catch up with at once; after a longer stop the ball loses the rest.
-MOST_PERIODS = 50
+# Periods to catch up with at once.  After a longer stop the ball loses the rest, which a bridge
+# takes for a jump of the encoder.
+MOST_PERIODS = 200
 # The oldest entries of the log go first.
 LONGEST_LOG = 1_000_000
 # Shortest sleep: what comes within this time is handled together [s].
@@ -38,7 +40,7 @@ class Applied(NamedTuple):
 
 class Emulator:
     """
-    A motor controller behind a pseudo-terminal.
+    A motor controller behind a pseudo-terminal; one on a CAN bus behind an slcan adapter there.
 
     Start it, open `path` as a serial port, stop it; or use it as a context manager.  The model
     runs in a thread of its own, so everything here may be called from another.
@@ -90,7 +92,8 @@ class Emulator:
         self.baud = baud
         rng = random.Random(seed)
         self.to_drive, self.from_drive = Direction(baud, rng), Direction(baud, rng)
-        self.terminal = PseudoTerminal(link)
+        self.terminal = (
+            PseudoTerminal if line_of(protocol) is SERIAL else SlcanAdapter)(link)
         self.log: Deque[Applied] = deque(maxlen=LONGEST_LOG)
         self.encoder_jump = 0.0  # [rad at the motor shaft]
         self.silent_until = -math.inf  # the drive says nothing

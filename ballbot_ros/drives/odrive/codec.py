@@ -20,7 +20,7 @@ responses, and odriverobotics/ODriveArduino, src/ODriveUART.cpp, which sends ``s
 truth as 0 and 1.  What is printed otherwise is no number here, and the drive is refused.
 """
 from collections import Counter
-from functools import reduce
+from functools import cache, reduce
 from operator import xor
 import re
 from typing import NamedTuple, Optional
@@ -65,6 +65,14 @@ def torque(axis: int, value: float) -> bytes:
     return line(f'c {axis} {value / TORQUE_SCALE:.9f}e{TORQUE_EXPONENT}')
 
 
+def velocity(axis: int, value: float, torque: float) -> bytes:
+    """Return the command for a velocity [turn/s] with a torque [N m]; feeds the watchdog."""
+    scaled = ' '.join(f'{number / TORQUE_SCALE:.9f}e{TORQUE_EXPONENT}' for number in (
+        value, torque))
+    return line(f'v {axis} {scaled}')
+
+
+@cache
 def feedback(axis: int) -> bytes:
     """Return the request for position and velocity."""
     return line(f'f {axis}')
@@ -75,6 +83,7 @@ def feed_watchdog(axis: int) -> bytes:
     return line(f'u {axis}')
 
 
+@cache
 def read(name: str) -> bytes:
     """Return the request for a property."""
     return line(f'r {name}')

@@ -1,35 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """ODrive with firmware 0.5 or 0.6, by its ASCII protocol: torque mode, current measured there."""
 from collections import Counter, deque
-from dataclasses import dataclass
+from contextlib import suppress
 import math
 from typing import Optional
 
-from ballbot_ros.config.fields import count, quantity
-from ballbot_ros.drives.contract import DriveOptions, Identity, Setting
+from ballbot_ros.drives.contract import Identity, Setting
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.drives.odrive import codec
 from ballbot_ros.drives.odrive.firmware import (
-    CONTROL_MODE, generation_of, GENERATIONS, HARDWARE, hardware_name, in_words, REQUESTED_STATE,
-    SERIAL_NUMBER, STATE, VERSION)
+    CONTROL_MODE, Generation, generation_of, GENERATIONS, HARDWARE, hardware_name, in_words,
+    REQUESTED_STATE, SERIAL_NUMBER, STATE, VERSION)
+from ballbot_ros.drives.odrive.options import ODriveOptions
 from ballbot_ros.drives.odrive.requests import MARKER, Requests
+from ballbot_ros.drives.odrive.settings import judge, set_damping
+from ballbot_ros.drives.odrive.status import DriveStatus
 from ballbot_ros.drives.wire import WireBudget
 from ballbot_ros.errors import DriveError
 
 # Longest replies: "-12345.123456 -1234.123456*255\r\n", and a value cut to nine characters.
 LONGEST_FEEDBACK, LONGEST_VALUE = 32, 15
-# Serial numbers have twelve hexadecimal digits; firmware 0.5 cuts such a number off.
-LEAST_SERIAL_NUMBER = 10**9
-
-
-@dataclass(frozen=True)
-class ODriveOptions(DriveOptions):
-    """The options of an ODrive driver."""
-
-    axis: int = count('motor output of the board', default=0, maximum=1)
-    status_period: float = quantity(
-        's', 'time between requests for errors, state, voltage, current and temperatures, of '
-        'which one is asked at a time', default=0.02, minimum=0.0, maximum=1.0)
+SHORTEST_FEEDBACK = len('0.000000 0.000000*0\r\n')
+LEAST_SERIAL_NUMBER = 10**9  # of twelve hexadecimal digits; firmware 0.5 cuts such a number off
 
 
 class ODrive(Driver):
@@ -42,19 +34,24 @@ class ODrive(Driver):
 
     options: ODriveOptions
     protocol, maker = 'odrive', 'ODrive'
+    keeping = 'ss (as any of these lines in a serial terminal; it restarts the drive)'
     Options = ODriveOptions
+    shortest_answer = SHORTEST_FEEDBACK
     baud_rates = (115200, 921600, 460800, 230400, 57600)
 
     def _begin(self) -> None:
         self._parser = codec.LineParser()
-        self._generation = GENERATIONS[-1]  # the one that less is asked of, until it is known
+        self._status = DriveStatus(GENERATIONS[-1], self.options.torque_limit)  # asked less of
         self._identified = False
         self._pending = Requests(self.options.reply_timeout)
         self._texts: deque[str] = deque(maxlen=8)  # neither feedback nor an answer
-        self._values: dict[str, float] = {}  # the last one of each property
-        self._turn = 0
         self._then: Optional[str] = None  # property to ask for once the position has come
         self._period_began = -math.inf
+        self._speed: Optional[float] = None  # that the torque being sent is for [rad/s]
+
+    @property
+    def _generation(self) -> Generation:
+        return self._status.generation
 
     # What waits
 
@@ -63,7 +60,8 @@ class ODrive(Driver):
         deadline = self.clock() + patience
         self._synchronise(deadline)
         version = tuple(self._read(name, deadline) for name in VERSION)
-        self._generation = generation_of(version, self.options.axis, self.line.port)
+        self._status = DriveStatus(generation_of(
+            version, self.options.axis, self.line.port), self.options.torque_limit)
         self._identified = True
         hardware = hardware_name(*(self._read(name, deadline) for name in HARDWARE))
         return Identity(self.protocol, hardware, in_words(version),
@@ -88,18 +86,22 @@ class ODrive(Driver):
         """Read back and judge; see `Driver`."""
         deadline = self.clock() + patience
         self._know_firmware(deadline)
-        settings = self._generation.judge(lambda name: self._read(name, deadline), self.options)
+        settings = judge(
+            self._generation, lambda name: self._read(name, deadline), self.options)
         return tuple(item._replace(remedy=self._path(item.remedy)) for item in settings)
 
     def _arm(self, deadline: float) -> None:
         self._know_firmware(deadline)
         # An error left over keeps the drive from arming; a present one comes back at once.
-        self._send(self._torque_message(0.0) + codec.CLEAR_ERRORS
-                   + codec.write(self._path(CONTROL_MODE), codec.TORQUE_CONTROL))
-        if self._read(CONTROL_MODE, deadline) != codec.TORQUE_CONTROL:
+        self._send(self._torque_message(0.0) + codec.CLEAR_ERRORS)
+        self._status.forget_errors()
+        if self._write(CONTROL_MODE, codec.TORQUE_CONTROL, deadline) != codec.TORQUE_CONTROL:
             raise DriveError('not_armed', (
                 f'{self.line.port}: the ODrive does not go into torque control, see '
                 f'{self._path(CONTROL_MODE)}'))
+        if self.options.damping:
+            set_damping(self._generation, self.options, self.line.port, lambda name, value:
+                        self._write(name, value, deadline))
         self._refuse_faults(deadline)
         self._send(codec.write(self._path(REQUESTED_STATE), codec.CLOSED_LOOP_CONTROL))
         while self._read(STATE, deadline) != codec.CLOSED_LOOP_CONTROL:
@@ -108,29 +110,39 @@ class ODrive(Driver):
             if self.clock() >= deadline - self.options.reply_timeout:
                 raise DriveError('not_armed', (
                     f'{self.line.port}: the ODrive does not go into closed loop control and '
-                    f'names {self._reasons()}'))
+                    f'names {self._named()}'))
         self._refuse_faults(deadline)
 
     def _refuse_faults(self, deadline: float) -> None:
         """Raise `DriveError` if the axis has an error, or does not report it."""
-        generation = self._generation
-        bits = self._read(generation.errors, deadline)
+        bits = self._read(self._generation.errors, deadline)
         if not math.isfinite(bits):
             raise DriveError('not_armed', (
-                f'{self.line.port}: the ODrive has no {self._path(generation.errors)}'))
+                f'{self.line.port}: the ODrive has no {self._path(self._generation.errors)}'))
         if bits:
             raise DriveError('not_armed', (
-                f'{self.line.port}: the ODrive names {", ".join(generation.names_of(bits))}; '
-                'remove the cause, odrivetool shows more with dump_errors(odrv0)'))
+                f'{self.line.port}: the ODrive names {self._named()}; remove the cause'))
 
-    def _reasons(self) -> str:
-        """Return why a state was not reached, as far as the drive reports it."""
-        generation = self._generation
-        if not generation.result:
-            return 'no error'
-        soon = self.clock() + self.options.reply_timeout
-        return generation.why(self._read(generation.result, soon),
-                              self._read(generation.reason, soon))
+    def _named(self) -> str:
+        """Return what all registers of errors name, in words; one that is silent names nothing."""
+        with suppress(DriveError):
+            return ', '.join(self._faults(math.inf, True)) or 'no error'
+        return ', '.join(self._status.faults(self._status.values, True)) or 'nothing'
+
+    def _faults(self, deadline: float, ours: bool) -> tuple[str, ...]:
+        return self._status.faults({name: self._read(name, self._soon(deadline))
+                                    for name in self._generation.inquest}, ours)
+
+    def clear_faults(self, patience: float = 0.5) -> tuple[str, ...]:
+        """Clear the errors and return those that are there again; see `Driver`."""
+        deadline = self.clock() + patience
+        self._know_firmware(deadline)
+        if self._armed or self._read(STATE, deadline) != codec.IDLE:
+            raise DriveError('not_clearable', (
+                f'{self.line.port}: the motor is under power; take it off first'))
+        self._send(codec.feed_watchdog(self.options.axis) + codec.CLEAR_ERRORS)
+        self._status.forget_errors()
+        return self._faults(deadline, False)
 
     # What does not wait
 
@@ -145,14 +157,25 @@ class ODrive(Driver):
 
     def budget(self) -> WireBudget:
         """Return the bytes of a period with the longest request, whatever the firmware."""
-        command = len(codec.torque(self.options.axis, -self.options.torque_limit))
+        axis, limit = self.options.axis, -self.options.torque_limit
+        command = len(codec.velocity(axis, -1e3, limit) if self.options.damping
+                      else codec.torque(axis, limit))
         ask = max(len(codec.read(self._path(name)))
                   for generation in GENERATIONS for name in generation.polled)
-        most = max(len(codec.feedback(self.options.axis)) + ask,
-                   len(codec.marker(codec.MARKERS[0])))
+        most = max(len(codec.feedback(axis)) + ask, len(codec.marker(codec.MARKERS[0])))
         return WireBudget(command + most, LONGEST_FEEDBACK + LONGEST_VALUE)
 
+    def send_damped(self, torque: float, speed: float, ask: bool = True) -> None:
+        """Let the drive damp from here; see `Driver`.  No torque is none, at any speed."""
+        self._speed = speed if self.options.damping and torque else None
+        try:
+            self.send_torque(torque, ask)
+        finally:
+            self._speed = None
+
     def _torque_message(self, torque: float) -> bytes:
+        if self._speed is not None:
+            return codec.velocity(self.options.axis, self._speed / math.tau, torque)
         return codec.torque(self.options.axis, torque)
 
     def _requests(self) -> bytes:
@@ -163,12 +186,11 @@ class ODrive(Driver):
             return marker  # which is long, and stands alone
         if self._generation.one_reply_at_a_time and pending.asked and pending.asked_at >= began:
             return b''  # its answer is on its way, and would cost that to another request
-        self._outstanding.append((now, codec.Feedback))
+        self._questions.ask(codec.Feedback)
         request = codec.feedback(self.options.axis)
-        if pending.free and now - pending.asked_at >= self.options.status_period:
-            names = self._generation.polled
-            self._turn = (self._turn + 1) % len(names)
-            request += self._property_request(names[self._turn])
+        if pending.free and (self._status.urgent
+                             or now - pending.asked_at >= self.options.status_period):
+            request += self._property_request(self._status.next_name(now))
         return request
 
     # Requests for properties
@@ -179,7 +201,7 @@ class ODrive(Driver):
 
     def _property_request(self, name: str) -> bytes:
         """Return what to ask for a property now, which may be nothing; see `Requests.ask`."""
-        if self._generation.one_reply_at_a_time and self._outstanding:
+        if self._generation.one_reply_at_a_time and self._questions:
             self._then = name
             return b''
         return self._pending.ask(name, self._path(name), self.clock())
@@ -220,22 +242,29 @@ class ODrive(Driver):
             self._then = None
             if not pending.free:
                 self._synchronise(deadline)
-            self._until(lambda: not self._outstanding, self._soon(deadline))
-            self._outstanding.clear()
+            self._until(lambda: not self._questions, self._soon(deadline))
+            self._questions.clear()
             self._send(self._property_request(name))
             self._until(lambda: pending.asked is None, self._soon(deadline))
             if pending.free:
                 return math.nan if pending.value is None else pending.value
             if self.clock() >= deadline:
                 raise DriveError('silent', (
-                    f'{self.line.port}: the ODrive does not answer the request for '
-                    f'{self._path(name)}'))
+                    f'{self.line.port}: the ODrive does not answer for {self._path(name)}'))
+
+    def _write(self, name: str, value: float, deadline: float) -> float:
+        """Set a property and return what it reads then."""
+        self._send(codec.write(self._path(name), value))
+        return self._read(name, deadline)
 
     # Replies
 
     def _take(self, data: bytes, now: float) -> None:
         super()._take(data, now)
         self.counts['lost'] += self._pending.overdue(now)
+
+    def _question(self, text: str) -> object:
+        return None if codec.parse_feedback(text) is None else codec.Feedback
 
     def _take_reply(self, text: str, now: float) -> None:
         feedback = codec.parse_feedback(text)
@@ -251,26 +280,21 @@ class ODrive(Driver):
             self._note(name, self._pending.value, now)
 
     def _take_feedback(self, feedback: codec.Feedback, now: float) -> None:
-        if self._generation.one_reply_at_a_time:  # those before the last one got lost
-            self.counts['lost'] += max(0, len(self._outstanding) - 1)
-            self._outstanding.clear()
+        answer = self._answered(codec.Feedback, now)
+        if self._generation.one_reply_at_a_time:  # the others got lost
+            self._questions.clear()
             if self._then is not None:
                 name, self._then = self._then, None
                 self._send(self._property_request(name))
-        else:
-            self._answered(codec.Feedback)
         # An encoder that failed reads as 0.
-        errors = int(self._values.get(self._generation.errors, 0.0))
-        if not errors & self._generation.no_estimate:
+        if not self._status.errors & self._generation.no_estimate:
             self.telemetry = self.telemetry._replace(
-                time=now, position=feedback.position * math.tau,
+                time=now, measured=answer.measured, position=feedback.position * math.tau,
                 velocity=feedback.velocity * math.tau)
 
     def _note(self, name: str, value: Optional[float], now: float) -> None:
         """Put the value of a property into the telemetry."""
-        if value is None or not math.isfinite(value):
-            return
         if name == STATE and value == codec.IDLE:
             self._off_asked_at = self._pending.asked_at
-        self._values[name] = value
-        self.telemetry = self._generation.updated(self.telemetry, name, self._values, now)
+        self._status.take(name, value, now, self._armed)
+        self.telemetry = self._status.told(self.telemetry, name, now, self._armed)

@@ -2,10 +2,10 @@
 """
 An ODrive with firmware 0.5 or 0.6, as its ASCII protocol sees it.
 
-0.5 is written after Firmware/communication/ascii_protocol.cpp and MotorControl/axis.cpp of
-odriverobotics/ODrive, with their oddities: a line without a checksum is obeyed, ``;`` starts a
-comment, ``!`` ends a line, numbers are read as far as they go, and a value is cut to nine
-characters.
+0.5 is written after Firmware/communication/ascii_protocol.cpp of odriverobotics/ODrive, with its
+oddities: a line without a checksum is obeyed, ``;`` starts a comment, ``!`` ends a line, numbers
+are read as far as they go, and a value is cut to nine characters.  What the motor does, and what
+is an error, is in emulated_board.py.
 
 The source of 0.6 is not published.  Its names, and that a response is discarded while the one
 before it is still being sent, are from the maker's documents; see firmware.py and codec.py.  All
@@ -15,18 +15,21 @@ torque to that of `init_torque`.
 """
 import math
 import re
-from typing import Callable, Optional
+from typing import Callable, Mapping, Optional
 
 from ballbot_ros.drives.emulated_device import Device
 from ballbot_ros.drives.odrive.codec import (
-    checksum, CLOSED_LOOP_CONTROL, frame_reply, IDLE, LINE_END, LONGEST_LINE, TORQUE_CONTROL)
-from ballbot_ros.drives.odrive.emulated_names import NAMES, Names
+    checksum, frame_reply, LINE_END, LONGEST_LINE, TORQUE_CONTROL)
+from ballbot_ros.drives.odrive.emulated_board import Board, CONFIG, VELOCITY_CONTROL
+from ballbot_ros.drives.odrive.emulated_names import ENUMERATIONS, NAMES, Names, QUIRKS
 from ballbot_ros.drives.wire import BITS_PER_BYTE
 
 LONGEST_COMMAND = 256
 LONGEST_VALUE = 9
 LINE_ENDS = re.compile(rb'[\r\n!]')
-FLOAT = r'\s*([-+]?(?:[0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?|\.[0-9]+(?:[eE][-+]?[0-9]+)?|inf|nan))'
+NUMBER = r'(?:[0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?|\.[0-9]+(?:[eE][-+]?[0-9]+)?|inf|nan)'
+FLOAT = rf'\s*([-+]?{NUMBER})'
+TWO_FLOATS = rf'{FLOAT}(?:{FLOAT})?'
 
 
 class ODriveDevice(Device):
@@ -34,70 +37,47 @@ class ODriveDevice(Device):
 
     protocol = 'odrive'
     firmwares = tuple(NAMES)
+    quirks = QUIRKS
+    _saved: Mapping[str, float] = {}  # by ``ss``
 
     def _boot(self) -> None:
         self.names: Names = NAMES[self.settings.firmware or self.firmwares[0]]
         self._line = b''
         self._reading = True
-        self._fed: Optional[float] = None
         self._sending_until = -math.inf
-        self._input_torque = 0.0
-        self.properties = self.names.properties(self.settings)
+        self._old = self.has('1d') or self.has('no_sc')
+        self.board = Board(self.settings, self.names, self._saved)
         self._measured: dict[str, Callable[[], float]] = {
             self.names.current: lambda: self.torque() / self.settings.torque_constant,
-            'vbus_voltage': lambda: self.sensed.bus_voltage,
+            'vbus_voltage': lambda: self.sensed.bus_voltage, 'ibus': self.board.supply_current,
+            'axis0.motor.effective_current_lim': self.board.effective_current_limit,
             'axis0.motor.fet_thermistor.temperature': lambda: self.sensed.temperature,
             'axis0.motor.motor_thermistor.temperature': lambda: self.sensed.motor_temperature,
         }
 
     @property
+    def properties(self) -> dict[str, float]:
+        """Return all properties but what is measured."""
+        return self.board.properties
+
+    @property
     def armed(self) -> bool:
         """Return whether the motor is under power."""
-        return self.properties['axis0.current_state'] == CLOSED_LOOP_CONTROL
+        return self.board.armed
 
     def torque(self) -> float:
         """Return the torque at the shaft; see `Device`."""
-        here = self.properties
-        if not self.armed or here['axis0.controller.config.control_mode'] != TORQUE_CONTROL:
-            return 0.0
-        most = here[self.names.current_limit] * here[self.names.torque_constant]
-        lowest = here[self.names.torque_min] if self.names.torque_min \
-            else -here[self.names.torque_max]
-        return min(max(self._input_torque, lowest, -most), here[self.names.torque_max], most)
+        self.board.sensed = self.sensed
+        return self.board.torque()
 
     def tick(self, now: float) -> None:
-        """Look after watchdog and temperature; see `Device`."""
-        here, names = self.properties, self.names
-        if self._fed is None:
-            self._fed = now
-        if here['axis0.config.enable_watchdog'] \
-                and now - self._fed > here['axis0.config.watchdog_timeout']:
-            self._trip(names.watchdog_expired)
-        if self.sensed.temperature >= self.settings.highest_temperature:
-            self._trip(names.too_hot)
-        wanted = here['axis0.requested_state']
-        if wanted:
-            here['axis0.requested_state'] = 0
-            if wanted == CLOSED_LOOP_CONTROL and names.ready(here):
-                self._fed = now
-                self._input_torque = here.get('axis0.config.init_torque', self._input_torque)
-            elif wanted != IDLE:
-                names.refuse(here, wanted)
-                wanted = IDLE
-            here['axis0.current_state'] = wanted
-        if here[names.errors]:
-            here['axis0.current_state'] = IDLE
+        """Look after watchdog, limits and temperature; see `Device`."""
+        self.board.sensed = self.sensed
+        self.board.tick(now)
 
     def over_current(self) -> None:
         """Trip; see `Device`."""
-        self._trip(self.names.too_much_current)
-
-    def _trip(self, bit: int) -> None:
-        here = self.properties
-        here[self.names.errors] = int(here[self.names.errors]) | bit
-        if 'axis0.disarm_reason' in here:
-            here['axis0.disarm_reason'] = int(here['axis0.disarm_reason']) | bit
-        here['axis0.current_state'] = IDLE
+        self.board.trip('too_much_current')
 
     def _receive(self, data: bytes, now: float) -> bytes:
         reply = b''
@@ -139,6 +119,8 @@ class ODriveDevice(Device):
         letter = text[:1]
         if letter == 'c':
             return self._with_axis(text, now, FLOAT, self._set_torque)
+        if letter == 'v':
+            return self._with_axis(text, now, TWO_FLOATS, self._set_velocity)
         if letter == 'f':
             return self._with_axis(text, None, '', lambda _: [
                 f'{self.sensed.position / math.tau:f} {self.sensed.velocity / math.tau:f}'])
@@ -147,21 +129,26 @@ class ODriveDevice(Device):
         if letter == 'i':
             return self.names.info(self.properties)
         if letter == 's':
-            if text[1:2] == 'r':
-                self.reboot(now)
-            elif text[1:2] == 'c':
-                self.properties.update({name: 0 for name in (
-                    self.names.errors, 'axis0.disarm_reason') if name in self.properties})
-            return []
+            return self._control_system(text[1:2], now)
         if letter == 'r':
             return self._read(text.split()[1:2])
         if letter == 'w':
             return self._write(text.split()[1:3])
         return ['unknown command']
 
+    def _control_system(self, letter: str, now: float) -> list[str]:
+        """Save and restart, restart, or clear the errors."""
+        if letter == 's' and not self.armed:
+            self._saved = self.board.save()
+        if letter in ('r', 's') and not (letter == 's' and self.armed):
+            self.reboot(now)
+        elif letter == 'c':
+            self.board.clear_errors()
+        return []
+
     def _with_axis(self, text: str, feeds: Optional[float], more: str,
-                   act: Callable[[Optional[float]], list[str]]) -> list[str]:
-        """Read the motor number, and a number after it, as sscanf does; then act."""
+                   act: Callable[[tuple[float, ...]], list[str]]) -> list[str]:
+        """Read the motor number, and numbers after it, as sscanf does; then act."""
         match = re.match(rf'.\s*\+?([0-9]+){more}', text)
         if match is None:
             return ['invalid command format']
@@ -170,34 +157,53 @@ class ODriveDevice(Device):
         if int(match[1]) != 0:  # the other motor output: nothing is connected to it
             return ['0.000000 0.000000'] if text[0] == 'f' else []
         if feeds is not None:
-            self._fed = feeds
-        return act(float(match[2]) if more else None)
+            self.board.feed(feeds)
+        return act(tuple(0.0 if math.isnan(float(number)) else float(number)
+                         for number in match.groups()[1:] if number is not None))
 
-    def _set_torque(self, value: Optional[float]) -> list[str]:
-        if self.names.torque_command_sets_mode:
-            self.properties['axis0.controller.config.control_mode'] = TORQUE_CONTROL
-        self._input_torque = 0.0 if value is None or math.isnan(value) else value
+    def _set_torque(self, numbers: tuple[float, ...]) -> list[str]:
+        self._set_mode(TORQUE_CONTROL)
+        self.board.input_torque = numbers[0]
         return []
+
+    def _set_velocity(self, numbers: tuple[float, ...]) -> list[str]:
+        self._set_mode(VELOCITY_CONTROL)
+        self.board.input_velocity = numbers[0]
+        if len(numbers) > 1:
+            self.board.input_torque = numbers[1]
+        return []
+
+    def _set_mode(self, mode: int) -> None:
+        if self.names.torque_command_sets_mode:
+            self.properties[CONFIG + 'control_mode'] = mode
 
     def _read(self, words: list[str]) -> list[str]:
         if not words:
             return ['invalid command format']
         name = words[0]
         if name in self._measured:
+            self.board.sensed = self.sensed
             return [f'{self._measured[name]():f}'[:LONGEST_VALUE]]
         if name not in self.properties:
             return ['invalid property']
         value = self.properties[name]
-        return [(f'{value:f}' if isinstance(value, float) else str(value))[:LONGEST_VALUE]]
+        text = f'{value:f}' if isinstance(value, float) else str(value)
+        return [(text + 'd' * self._garbles(name))[:LONGEST_VALUE]]
 
     def _write(self, words: list[str]) -> list[str]:
         if len(words) < 2 or words[0] not in self.properties:
             return ['invalid property']
+        if self._garbles(words[0]):
+            return ['not implemented']
         number = re.match(FLOAT, words[1])
         old = self.properties[words[0]]
         if number is not None and words[0] not in self.names.read_only:
             self.properties[words[0]] = type(old)(float(number[1]))
         return []
+
+    def _garbles(self, name: str) -> bool:
+        """Return whether this is an enumeration, and the firmware too old to print it."""
+        return self._old and name.rpartition('.')[2] in ENUMERATIONS
 
 
 def _respond(text: str, checked: bool) -> bytes:

@@ -16,26 +16,39 @@ nothing here rests on where zero is; that feedback is not valid while an estimat
 missing; that `disarm_reason` stays after the error has gone.
 """
 from dataclasses import dataclass
-import math
 from types import MappingProxyType
-from typing import Any, Callable, Mapping, NamedTuple, Sequence
+from typing import Mapping, NamedTuple, Sequence
 
-from ballbot_ros.drives.contract import bit_names, DriveOptions, Setting, Telemetry
 from ballbot_ros.drives.odrive import codec
+from ballbot_ros.drives.odrive.registers import (
+    AXIS_5, AXIS_6, CONTROLLER_5, ENCODER_5, MOTOR_5, REASON_6, Register, RESULT_6, SENSORLESS_5,
+    SYSTEM_5)
 from ballbot_ros.errors import DriveError
 
 # The same in both generations.  `axis0` stands for the motor output in use.
 STATE, REQUESTED_STATE = 'axis0.current_state', 'axis0.requested_state'
 CONTROL_MODE = 'axis0.controller.config.control_mode'
 WATCHDOG, WATCHDOG_TIMEOUT = 'axis0.config.enable_watchdog', 'axis0.config.watchdog_timeout'
-BUS_VOLTAGE = 'vbus_voltage'
+BUS_VOLTAGE, BUS_CURRENT = 'vbus_voltage', 'ibus'
+EFFECTIVE_CURRENT = 'axis0.motor.effective_current_lim'
+SATURATED = 'brake_resistor_saturated'
 TEMPERATURE = 'axis0.motor.fet_thermistor.temperature'
 MOTOR_TEMPERATURE = 'axis0.motor.motor_thermistor.temperature'
 VERSION = ('fw_version_major', 'fw_version_minor', 'fw_version_revision')
 HARDWARE = ('hw_version_major', 'hw_version_minor', 'hw_version_variant')
 SERIAL_NUMBER = 'serial_number'
+VELOCITY_LIMIT = 'axis0.controller.config.vel_limit'
+VELOCITY_TOLERANCE = 'axis0.controller.config.vel_limit_tolerance'
+VELOCITY_GAIN = 'axis0.controller.config.vel_gain'
+VELOCITY_INTEGRATOR = 'axis0.controller.config.vel_integrator_gain'
+LIMITS_TORQUE_MODE = 'axis0.controller.config.enable_torque_mode_vel_limit'
+OVERSPEED = 'axis0.controller.config.enable_overspeed_error'
+MAX_BACK = 'config.dc_max_negative_current'  # into the supply [A], negative
+BACK_ALLOWED = 'config.max_regen_current'  # before the brake resistor takes some [A]
 
-CALIBRATE = f'w {REQUESTED_STATE} 3 (calibrates: the motor turns)'
+# A watchdog that nobody feeds disarms a motor that is being calibrated, too.
+CALIBRATE = (f'w {WATCHDOG} 0, sc, w {REQUESTED_STATE} 3 (calibrates: the motor turns. Then '
+             'switch the watchdog on again)')
 
 
 class Rule(NamedTuple):
@@ -61,20 +74,24 @@ class Generation:
         Motor outputs of a board.
     one_reply_at_a_time : bool
         A reply is lost if the one before it is still being sent.
-    errors, error_names
-        Property with the errors that keep the motor from power, and the names of its bits.
+    axis : Register
+        With the errors that keep the motor from power.
     reason : str
         Property with the errors that last took the power away; empty if there is none.
-    no_estimate : int
-        Bit of the error with which position and velocity are not valid.
-    result, result_names
-        Property that says why a wanted state was not reached; empty if there is none.
+    details : tuple of Register
+        That say more of an error.
+    no_estimate, watchdog_expired : int
+        Bits of the errors with which position and velocity are not valid, and of the watchdog.
     current : str
         Property with the motor current that makes torque.
     torque_limits : tuple of str
         Properties whose size bounds the torque.
     current_limit, torque_constant : str
         Properties whose product bounds it, too.
+    brake_enabled, brake_resistance : str
+        Properties of the brake resistor.
+    warnings : tuple of str
+        Properties that say what comes before an error.
     rules : tuple of Rule
 
     """
@@ -82,17 +99,29 @@ class Generation:
     version: tuple[int, int]
     axes: int
     one_reply_at_a_time: bool
-    errors: str
-    error_names: Mapping[int, str]
+    axis: Register
     reason: str
+    details: tuple[Register, ...]
     no_estimate: int
-    result: str
-    result_names: Mapping[int, str]
+    watchdog_expired: int
     current: str
     torque_limits: tuple[str, ...]
     current_limit: str
     torque_constant: str
+    brake_enabled: str
+    brake_resistance: str
+    warnings: tuple[str, ...]
     rules: tuple[Rule, ...]
+
+    @property
+    def errors(self) -> str:
+        """Return the property with the errors that keep the motor from power."""
+        return self.axis.path
+
+    @property
+    def error_names(self) -> Mapping[int, str]:
+        """Return the names of its bits."""
+        return self.axis.names
 
     @property
     def name(self) -> str:
@@ -103,83 +132,25 @@ class Generation:
     def telemetry(self) -> Mapping[str, str]:
         """Return the field of `Telemetry` for each property that goes there as it is."""
         return {self.current: 'current', TEMPERATURE: 'temperature',
-                MOTOR_TEMPERATURE: 'motor_temperature', BUS_VOLTAGE: 'bus_voltage'}
+                MOTOR_TEMPERATURE: 'motor_temperature', BUS_VOLTAGE: 'bus_voltage',
+                BUS_CURRENT: 'bus_current'}
+
+    @property
+    def inquest(self) -> tuple[str, ...]:
+        """Return all that must be read before it is told why the motor has no power."""
+        reason = (self.reason,) if self.reason else ()
+        return (self.errors, STATE, *reason, *(item.path for item in self.details))
 
     @property
     def polled(self) -> tuple[str, ...]:
         """Return what is polled in turn: errors and state often, the others once each."""
-        others = (*self.telemetry, self.reason) if self.reason else self.telemetry
+        reason = (self.reason,) if self.reason else ()
+        others = (*self.telemetry, *self.warnings, *reason)
         return tuple(name for other in others for name in (self.errors, STATE, other))
 
     def names_of(self, bits: float) -> tuple[str, ...]:
         """Return the names of error bits; unknown ones in hexadecimal."""
-        return bit_names(int(bits), self.error_names)
-
-    def why(self, result: float, bits: float) -> str:
-        """Return why a state was not reached, from the values of `result` and `reason`."""
-        names = self.names_of(bits) if math.isfinite(bits) else ()
-        if math.isfinite(result):
-            names = (self.result_names.get(int(result), f'{result:g}'), *names)
-        return ', '.join(names) or 'no reason'
-
-    def updated(self, telemetry: Telemetry, name: str, values: Mapping[str, float],
-              now: float) -> Telemetry:
-        """Return telemetry with the value of a property that came last, of all that have come."""
-        if name in self.telemetry:
-            reported: dict[str, Any] = {self.telemetry[name]: values[name]}
-            return telemetry._replace(**reported)
-        if name == STATE:
-            return telemetry._replace(
-                status_time=now, armed=values[STATE] == codec.CLOSED_LOOP_CONTROL)
-        if name not in (self.errors, self.reason):
-            return telemetry
-        # What took the power away last time is no fault of a motor that has it again.
-        reason = 0.0 if telemetry.armed else values.get(self.reason, 0.0)
-        bits = int(values.get(self.errors, 0.0)) | int(reason)
-        return telemetry._replace(status_time=now, faults=self.names_of(bits))
-
-    def judge(self, read: Callable[[str], float], options: DriveOptions) -> tuple[Setting, ...]:
-        """
-        Read back every setting that safety rests on, and judge it.
-
-        Parameters
-        ----------
-        read : callable
-            Returns the value of a property, NaN if there is no such property.
-        options : DriveOptions
-
-        """
-        limit, watchdog = options.torque_limit, options.watchdog
-        bounds = [abs(read(name)) for name in self.torque_limits]
-        currents = read(self.current_limit) * read(self.torque_constant)
-        # A bound that is not known is none, and a torque constant below zero is no bound either.
-        ceiling = math.nan if math.isnan(sum(bounds) + currents) or currents < 0.0 \
-            else min(max(bounds), currents)
-        enabled, timeout = read(WATCHDOG) == 1.0, read(WATCHDOG_TIMEOUT)
-        return (
-            Setting('torque limit', _reading(ceiling, ' N m'), f'at most {limit:g} N m',
-                    ceiling <= 1.01 * limit, ', '.join(
-                        _write(name, -limit if name.endswith('min') else limit)
-                        for name in self.torque_limits)),
-            Setting('watchdog', _reading(timeout, ' s') if enabled else 'off',
-                    f'at most {watchdog:g} s', enabled and 0.0 < timeout <= 1.01 * watchdog,
-                    f'{_write(WATCHDOG_TIMEOUT, watchdog)}, {_write(WATCHDOG, 1)}'),
-            *(self._judge_rule(rule, read(rule.name)) for rule in self.rules))
-
-    def _judge_rule(self, rule: Rule, value: float) -> Setting:
-        words = f' ({rule.words[int(value)]})' if value in rule.words else ''
-        wanted = ' or '.join(f'{item} ({rule.words[item]})' for item in rule.wanted)
-        return Setting(rule.setting, _reading(value, words), wanted, value in rule.wanted,
-                       rule.remedy or _write(rule.name, rule.wanted[0]))
-
-
-def _reading(value: float, unit: str) -> str:
-    return 'unknown' if math.isnan(value) else f'{value:.4g}{unit}'
-
-
-def _write(name: str, value: float) -> str:
-    """Return what a person types to change a setting."""
-    return f'w {name} {value:g}'
+        return self.axis.names_of(bits)
 
 
 def hardware_name(major: float, minor: float, variant: float) -> str:
@@ -204,44 +175,28 @@ STATUS = MappingProxyType(dict(enumerate((
     'SPINOUT_DETECTED', 'ENCODER_FIELD_TOO_LOW', 'ENCODER_FIELD_TOO_HIGH'))))
 
 GENERATION_5 = Generation(
-    version=(0, 5), axes=2, one_reply_at_a_time=False, errors='axis0.error',
-    error_names=MappingProxyType({
-        0x1: 'INVALID_STATE', 0x40: 'MOTOR_FAILED', 0x80: 'SENSORLESS_ESTIMATOR_FAILED',
-        0x100: 'ENCODER_FAILED', 0x200: 'CONTROLLER_FAILED', 0x800: 'WATCHDOG_TIMER_EXPIRED',
-        0x1000: 'MIN_ENDSTOP_PRESSED', 0x2000: 'MAX_ENDSTOP_PRESSED', 0x4000: 'ESTOP_REQUESTED',
-        0x20000: 'HOMING_WITHOUT_ENDSTOP', 0x40000: 'OVER_TEMP', 0x80000: 'UNKNOWN_POSITION'}),
-    reason='', no_estimate=0x100, result='', result_names=MappingProxyType({}),
+    version=(0, 5), axes=2, one_reply_at_a_time=False, axis=AXIS_5, reason='',
+    details=(MOTOR_5, ENCODER_5, CONTROLLER_5, SENSORLESS_5, SYSTEM_5), no_estimate=0x100,
+    watchdog_expired=0x800,
     current='axis0.motor.current_control.Iq_measured',
     torque_limits=('axis0.motor.config.torque_lim',),
     current_limit='axis0.motor.config.current_lim',
     torque_constant='axis0.motor.config.torque_constant',
+    brake_enabled='config.enable_brake_resistor', brake_resistance='config.brake_resistance',
+    warnings=(EFFECTIVE_CURRENT, SATURATED),
     rules=(
         INPUT_MODE, Rule('motor', 'axis0.motor.config.motor_type', (0,), MOTOR_TYPES),
         Rule('encoder', 'axis0.encoder.is_ready', (1,), {0: 'not ready', 1: 'ready'}, CALIBRATE)))
 
 GENERATION_6 = Generation(
-    version=(0, 6), axes=1, one_reply_at_a_time=True, errors='axis0.active_errors',
-    error_names=MappingProxyType({
-        0x1: 'INITIALIZING', 0x2: 'SYSTEM_LEVEL', 0x4: 'TIMING_ERROR', 0x8: 'MISSING_ESTIMATE',
-        0x10: 'BAD_CONFIG', 0x20: 'DRV_FAULT', 0x40: 'MISSING_INPUT',
-        0x100: 'DC_BUS_OVER_VOLTAGE', 0x200: 'DC_BUS_UNDER_VOLTAGE',
-        0x400: 'DC_BUS_OVER_CURRENT', 0x800: 'DC_BUS_OVER_REGEN_CURRENT',
-        0x1000: 'CURRENT_LIMIT_VIOLATION', 0x2000: 'MOTOR_OVER_TEMP',
-        0x4000: 'INVERTER_OVER_TEMP', 0x8000: 'VELOCITY_LIMIT_VIOLATION',
-        0x10000: 'POSITION_LIMIT_VIOLATION', 0x20000: 'REQUESTED_CURRENT_TOO_HIGH',
-        0x1000000: 'WATCHDOG_TIMER_EXPIRED', 0x2000000: 'ESTOP_REQUESTED',
-        0x4000000: 'SPINOUT_DETECTED', 0x8000000: 'BRAKE_RESISTOR_DISARMED',
-        0x10000000: 'THERMISTOR_DISCONNECTED', 0x40000000: 'CALIBRATION_ERROR'}),
-    reason='axis0.disarm_reason', no_estimate=0x8, result='axis0.procedure_result',
-    result_names=MappingProxyType(dict(enumerate((
-        'SUCCESS', 'BUSY', 'CANCELLED', 'DISARMED', 'NO_RESPONSE', 'POLE_PAIR_CPR_MISMATCH',
-        'PHASE_RESISTANCE_OUT_OF_RANGE', 'PHASE_INDUCTANCE_OUT_OF_RANGE', 'UNBALANCED_PHASES',
-        'INVALID_MOTOR_TYPE', 'ILLEGAL_HALL_STATE', 'TIMEOUT', 'HOMING_WITHOUT_ENDSTOP',
-        'INVALID_STATE', 'NOT_CALIBRATED', 'NOT_CONVERGING', 'REQUESTED_CURRENT_TOO_HIGH')))),
+    version=(0, 6), axes=1, one_reply_at_a_time=True, axis=AXIS_6, reason=REASON_6.path,
+    details=(RESULT_6,), no_estimate=0x8, watchdog_expired=0x1000000,
     current='axis0.motor.foc.Iq_measured',
     torque_limits=('axis0.config.torque_soft_max', 'axis0.config.torque_soft_min'),
     current_limit='axis0.config.motor.current_soft_max',
     torque_constant='axis0.config.motor.torque_constant',
+    brake_enabled='config.brake_resistor0.enable',
+    brake_resistance='config.brake_resistor0.resistance', warnings=(EFFECTIVE_CURRENT,),
     rules=(
         INPUT_MODE, Rule('motor', 'axis0.config.motor.motor_type', (0,), MOTOR_TYPES),
         Rule('encoder', 'axis0.pos_vel_mapper.status', (NOMINAL, RELATIVE_MODE), STATUS,
@@ -252,6 +207,7 @@ GENERATION_6 = Generation(
         Rule('torque at arming', 'axis0.config.init_torque', (0,), {0: 'none'})))
 
 GENERATIONS = (GENERATION_5, GENERATION_6)
+OLDEST = (0, 5, 4)  # CHANGELOG.md of odriverobotics/ODrive
 
 
 def in_words(version: Sequence[float]) -> str:
@@ -266,10 +222,15 @@ def generation_of(version: Sequence[float], axis: int, port: str) -> Generation:
     Raises
     ------
     DriveError
-        ``firmware`` if the version, or such an output in it, is not known.
+        ``firmware`` if the version, or such an output in it, is not known or cannot work.
 
     """
     name = in_words(version)
+    if tuple(version[:2]) == OLDEST[:2] and not version[2] >= OLDEST[2]:
+        raise DriveError('firmware', (
+            f'{port}: ODrive firmware 0.5 must be 0.5.4 or later, got {name}: before 0.5.4 states '
+            'and errors are answered as "1d" instead of 1 and cannot be written, and 0.5.1 does '
+            'not know "sc", which clears errors; update it with: odrivetool dfu'))
     found = [item for item in GENERATIONS if item.version == tuple(version[:2])]
     if not found:
         names = ' or '.join(item.name for item in GENERATIONS)

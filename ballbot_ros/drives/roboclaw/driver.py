@@ -11,6 +11,7 @@ import math
 from ballbot_ros.config.fields import count, quantity
 from ballbot_ros.drives.contract import bit_names, DriveOptions, Identity, Setting
 from ballbot_ros.drives.driver import Driver
+from ballbot_ros.drives.questions import Asked
 from ballbot_ros.drives.roboclaw import codec
 from ballbot_ros.drives.wire import WireBudget
 from ballbot_ros.errors import DriveError
@@ -22,7 +23,8 @@ COUNTER = 2**32  # the encoder counter wraps
 
 # What is asked one at a time beside position and speed; the status comes every other time.
 SLOW = (codec.GET_BATTERY, codec.GET_CURRENTS, codec.GET_TEMPERATURE)
-POLLED = tuple(number for slow in SLOW for number in (codec.GET_STATUS, slow))
+# How long a handshake waits for a status in the new form before it asks for one in the old [s].
+NEW_FORM = 0.1
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,8 @@ class RoboClaw(Driver):
     _parser: codec.ReplyParser
     protocol, maker = 'roboclaw', 'RoboClaw'
     Options = RoboClawOptions
+    shortest_answer = codec.answer_length(codec.GET_ENCODER[0]) + codec.answer_length(
+        codec.GET_SPEED[0])
     baud_rates = (38400, 115200, 460800, 230400, 57600, 19200, 9600, 2400)
     closes_torque_loop = False
 
@@ -70,6 +74,7 @@ class RoboClaw(Driver):
         self._duty = 0.0
         self._commanded_at = -math.inf
         self._counts = 0  # of the encoder, without the wraps of its counter
+        self._status = codec.GET_STATUS  # in the form of this firmware
 
     # What waits
 
@@ -78,31 +83,86 @@ class RoboClaw(Driver):
         deadline = self.clock() + patience
         text = self._ask(codec.GET_VERSION, deadline, handshake=True).text.strip()
         self._ask(codec.GET_BATTERY, deadline)
+        self._status = codec.GET_STATUS
+        try:
+            self._ask(codec.GET_STATUS, min(deadline, self.clock() + NEW_FORM))
+        except DriveError:
+            self._status = codec.GET_OLD_STATUS
+            self._ask(codec.GET_OLD_STATUS, deadline)
         name, _, version = text.rpartition(' ')
         return Identity(self.protocol, name, version.removeprefix('v'))
 
     def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
-        """Read back and judge; see `Driver`."""
+        """
+        Set the serial timeout, read back and judge; see `Driver`.
+
+        The timeout is sent at each start and by `arm`: the drive forgets it with a reset, which
+        may have been too short to be noticed.
+        """
         deadline = self.clock() + patience
         options = self.options
-        timeout = TIMEOUT_UNIT * self._ask(codec.GET_TIMEOUT, deadline).values[0]
         current = self._ask(codec.GET_MAX_CURRENT[options.motor - 1], deadline).values[0] / 100.0
+        lowest, highest = (0.1 * value for value in self._ask(
+            codec.GET_VOLTAGES, deadline).values)
+        supply = 0.1 * self._ask(codec.GET_BATTERY, deadline).values[0]
         ceiling = current * options.torque_constant
-        wanted = max(1, round(options.watchdog / TIMEOUT_UNIT)) * TIMEOUT_UNIT
+        # The drive keeps hundredths: one that was rounded up would be refused.
+        most = math.floor(100.0 * options.own_limit / options.torque_constant + 1e-6) / 100.0
+        try:
+            timeout = self._set_timeout(deadline)
+        except DriveError:
+            timeout = math.nan
+        wanted_time = TIMEOUT_UNIT * self._tenths
         return (
-            Setting('torque limit', f'{ceiling:.4g} N m', f'at most {options.torque_limit:g} N m',
-                    ceiling <= 1.01 * options.torque_limit,
-                    'Motion Studio, PWM Settings: max current '
-                    f'{options.torque_limit / options.torque_constant:.3g} A'),
-            Setting('watchdog', f'{timeout:g} s' if timeout else 'off', f'at most {wanted:g} s',
-                    0.0 < timeout <= 1.01 * wanted,
-                    f'Motion Studio, General Settings: serial timeout {wanted:g} s'))
+            Setting('torque limit', f'{ceiling:.4g} N m', f'at most {options.own_limit:g} N m',
+                    ceiling <= 1.01 * options.own_limit,
+                    f'Motion Studio, PWM Settings: max current {most:g} A'),
+            Setting('watchdog', 'unknown' if math.isnan(timeout) else
+                    f'{timeout:g} s' if timeout else 'off', f'at most {wanted_time:g} s',
+                    0.0 < timeout <= 1.01 * wanted_time,
+                    'the drive does not take commands 14 and 15 for it: bring its firmware up to '
+                    'date with Motion Studio; its Serial Timeout is then set to '
+                    f'{wanted_time:g} s at each start'),
+            Setting('supply', f'{supply:.3g} V', f'between {lowest:.3g} V and {highest:.3g} V, or '
+                    'the motor freewheels below and is braked above', lowest < supply < highest,
+                    'Motion Studio, General Settings: Main Battery minimum and maximum'))
+
+    @property
+    def _tenths(self) -> int:
+        """Return the serial timeout that is wanted [0.1 s]."""
+        return max(1, round(self.options.watchdog / TIMEOUT_UNIT))
+
+    def _set_timeout(self, deadline: float) -> float:
+        """Set the serial timeout and return what it is then [s]."""
+        return TIMEOUT_UNIT * self._ask(
+            codec.GET_TIMEOUT, deadline,
+            before=codec.set_timeout(self.options.address, self._tenths)).values[0]
+
+    def clear_faults(self, patience: float = 0.5) -> tuple[str, ...]:
+        """
+        Return nothing where no fault is named, and refuse otherwise.
+
+        No command of a RoboClaw clears faults: those of temperature go with their cause, all
+        others with a reset (commands 200 to 202 for its e-stop are of the MCP series).
+        """
+        self.stop(patience)
+        self._ask(self._status, self.clock() + patience)
+        if self.telemetry.faults:
+            raise DriveError('not_clearable', (
+                f'{self.line.port}: the RoboClaw names {", ".join(self.telemetry.faults)}, which '
+                'go with their cause or when it is switched off and on; no command clears them'))
+        return ()
 
     def _arm(self, deadline: float) -> None:
-        status, = self._ask(codec.GET_STATUS, deadline).values
-        if status & codec.ERRORS:
-            names = ', '.join(bit_names(status, codec.STATUS))
-            raise DriveError('not_armed', f'{self.line.port}: the RoboClaw names {names}')
+        self._ask(self._status, deadline)
+        if self.telemetry.faults:
+            raise DriveError('not_armed', (
+                f'{self.line.port}: the RoboClaw names {", ".join(self.telemetry.faults)}'))
+        timeout = self._set_timeout(deadline)
+        if not 0.0 < timeout < (self._tenths + 0.5) * TIMEOUT_UNIT:
+            raise DriveError('not_armed', (
+                f'{self.line.port}: the serial timeout of the RoboClaw is {timeout:g} s and stays '
+                f'so; it must be at most {self._tenths * TIMEOUT_UNIT:g} s'))
         self._ask(codec.GET_BATTERY, deadline)
 
     # What does not wait
@@ -126,7 +186,7 @@ class RoboClaw(Driver):
 
     def feed(self) -> None:
         """Feed the watchdog and leave the duty as it is; see `Driver`."""
-        self._send(self._group(codec.GET_PWMS, codec.GET_STATUS))
+        self._send(self._group(codec.GET_PWMS, self._status))
         self._commanded_at = self.clock()
 
     def ask(self) -> None:
@@ -156,7 +216,7 @@ class RoboClaw(Driver):
         return codec.set_duty(self.options.address, self.options.motor, duty)
 
     def _stop_message(self) -> bytes:
-        return self._duty_message(0.0) + self._group(codec.GET_PWMS, codec.GET_STATUS)
+        return self._duty_message(0.0) + self._group(codec.GET_PWMS, self._status)
 
     def _requests(self) -> bytes:
         now = self.clock()
@@ -164,32 +224,37 @@ class RoboClaw(Driver):
             return self._group(*self._motion)
         self._slow_at = now
         self._turn += 1
-        return self._group(POLLED[self._turn % len(POLLED)], *self._motion)
+        slow = SLOW[self._turn // 2 % len(SLOW)] if self._turn % 2 else self._status
+        return self._group(slow, *self._motion)
 
     def _group(self, *numbers: int) -> bytes:
         """Return requests that are answered together."""
-        self._outstanding.append((self.clock(), numbers))
-        self._parser.groups = tuple({group for _, group in self._outstanding})
+        self._questions.ask(numbers)
+        self._parser.groups = tuple(self._questions.requests)
         return b''.join(codec.ask(self.options.address, number) for number in numbers)
 
-    def _ask(self, number: int, deadline: float, handshake: bool = False) -> codec.Reply:
-        """Ask until there is an answer and return it; see `_ask_until`."""
+    def _ask(self, number: int, deadline: float, handshake: bool = False,
+             before: bytes = b'') -> codec.Reply:
+        """Ask, with a command before it, until there is an answer, and return that."""
         self._answers.pop(number, None)
         self._ask_until(lambda: number in self._answers,
-                        lambda: self._group(number, *self._motion), deadline,
+                        lambda: before + self._group(number, *self._motion), deadline,
                         '' if handshake else f'command {number}')
         return self._answers[number]
 
     # Answers
 
     def _take_reply(self, group: list[codec.Reply], now: float) -> None:
-        asked = self._answered(tuple(reply.command for reply in group))
+        answer = self._answered(self._question(group), now)
         self.counts['replies'] += len(group) - 1
         for reply in group:
             self._answers[reply.command] = reply
-            self._note(reply, asked, now)
+            self._note(reply, answer, now)
 
-    def _note(self, reply: codec.Reply, asked: float, now: float) -> None:
+    def _question(self, group: list[codec.Reply]) -> tuple[int, ...]:
+        return tuple(reply.command for reply in group)
+
+    def _note(self, reply: codec.Reply, answer: Asked, now: float) -> None:
         """Put an answer into the telemetry."""
         motor = self.options.motor - 1
         last, number, values = self.telemetry, reply.command, reply.values
@@ -198,12 +263,13 @@ class RoboClaw(Driver):
             # The nearest count that the wrapped counter can mean.
             step = (values[0] - self._counts + COUNTER // 2) % COUNTER - COUNTER // 2
             self._counts += step
-            self.telemetry = last._replace(time=now, position=self._counts * turn)
+            self.telemetry = last._replace(
+                time=now, measured=answer.measured, position=self._counts * turn)
         elif number == self._motion[1]:
             self.telemetry = last._replace(velocity=values[0] * turn)
         elif number == codec.GET_PWMS:
             if values[motor] == 0:
-                self._off_asked_at = asked
+                self._off_asked_at = answer.asked
         elif number == codec.GET_BATTERY:
             self._voltage_at = now
             self.telemetry = last._replace(bus_voltage=values[0] / 10.0)
@@ -211,7 +277,9 @@ class RoboClaw(Driver):
             self.telemetry = last._replace(current=values[motor] / 100.0)
         elif number == codec.GET_TEMPERATURE:
             self.telemetry = last._replace(temperature=values[0] / 10.0)
-        elif number == codec.GET_STATUS:
+        elif number in codec.STATUS_FORMS:
+            names, errors = codec.STATUS_FORMS[number]
+            faults = bit_names(values[0] & errors, names)
             self.telemetry = last._replace(
-                status_time=now, faults=bit_names(values[0], codec.STATUS),
-                armed=self._armed and not values[0] & codec.ERRORS)
+                status_time=now, faults=faults, armed=self._armed and not faults,
+                warnings=bit_names(values[0] & ~errors, names))

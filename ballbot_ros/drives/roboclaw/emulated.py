@@ -4,20 +4,27 @@ A RoboClaw, as its packet serial protocol sees it; the motor is motor 1.
 
 After the RoboClaw Series User Manual.  It sets a voltage, not a torque; any byte feeds its serial
 timeout; a pause of more than 10 ms inside a packet drops the packet.  What it does with garbage
-is not documented: here it looks for its address.
+is not documented: here it looks for its address.  What it does under each error and warning is
+from "Reading and Troubleshooting RoboClaw Errors" of BasicMicro: an e-stop and a high supply
+brake, a low supply and heat let go, and from 15 degrees below that the current is reduced.
 """
 from binascii import crc_hqx
 import math
 import struct
 from typing import Callable, Optional
 
-from ballbot_ros.drives.emulated_device import Device, DriveSettings
+from ballbot_ros.drives.emulated_device import Device, DriveSettings, Quirk
 from ballbot_ros.drives.roboclaw import codec
 
 PAUSE = 0.010
 TIMEOUT_UNIT = 0.1
 VERSION = 'USB Roboclaw 2x30a v4.2.8\n'
-TEMPERATURE_ERROR, DRIVER_FAULT = 0x2, 0x40
+BITS = {name: bit for bit, name in codec.STATUS.items()}
+BRAKING = BITS['E_STOP'] | BITS['MAIN_VOLTAGE_HIGH_WARNING']
+POWERLESS = codec.STATUS_FORMS[codec.GET_STATUS].errors | BITS['MAIN_VOLTAGE_LOW_WARNING'] \
+    | BITS['MAIN_VOLTAGE_HIGH_WARNING']
+WARM = 15.0  # below the highest temperature the current is reduced [K]
+VOLTAGES = (100, 340)  # of the supply, least and most [0.1 V]
 # Commands -> bytes of data before their CRC.
 COMMANDS = {codec.SET_TIMEOUT: 1, codec.SET_DUTY[0]: 2, codec.SET_DUTY[1]: 2}
 
@@ -26,18 +33,26 @@ class RoboClawDevice(Device):
     """See `Device`."""
 
     protocol = 'roboclaw'
+    quirks = {
+        'status_16': Quirk(
+            'the status has 16 bits, in another order',
+            'RoboClaw Series User Manual of Ion Motion Control, command 90'),
+        'no_timeout': Quirk(
+            'no serial timeout: commands 14 and 15 are unknown',
+            'RoboClaw Series User Manual of Ion Motion Control, which does not list them'),
+    }
 
     def __init__(self, settings: DriveSettings, address: int = 0x80):
         """Boot."""
         super().__init__(settings)
         self._address = address
-        self._timeout = round(settings.watchdog / TIMEOUT_UNIT)  # survives a reboot
 
     def _boot(self) -> None:
         self._buffer = b''
         self._received_at: Optional[float] = None
+        self._timeout = round(self.settings.watchdog / TIMEOUT_UNIT)  # as it was written last
         self._duty = 0.0
-        self._fault = 0
+        self._status, self._broken = 0, False
         self._origin = self.sensed.position  # the encoder counter starts at 0
         self._answers: dict[int, Callable[[], tuple[int, ...]]] = {
             codec.GET_TIMEOUT: lambda: (self._timeout,),
@@ -52,7 +67,9 @@ class RoboClawDevice(Device):
             codec.GET_PWMS: lambda: (round(codec.FULL_DUTY * self._effective_duty()), 0),
             codec.GET_CURRENTS: lambda: (round(
                 100.0 * self.torque() / self.settings.torque_constant), 0),
-            codec.GET_STATUS: lambda: (self._fault,),
+            codec.GET_VOLTAGES: lambda: VOLTAGES,
+            codec.GET_STATUS: lambda: (self._status,),
+            codec.GET_OLD_STATUS: lambda: (self._old_status(),),
             codec.GET_MAX_CURRENT[0]: lambda: (round(100.0 * self.settings.largest_current), 0),
             codec.GET_MAX_CURRENT[1]: lambda: (0, 0),
         }
@@ -60,28 +77,41 @@ class RoboClawDevice(Device):
     def torque(self) -> float:
         """Return the torque at the shaft; see `Device`."""
         duty, settings = self._effective_duty(), self.settings
-        if duty == 0.0:  # released, not shorted
+        if duty == 0.0 and not self._status & BRAKING:  # released, not shorted
             return 0.0
         current = (duty * self.sensed.bus_voltage
                    - settings.speed_constant * self.sensed.velocity) / settings.resistance
-        limit = self.settings.largest_current
+        limit = self.settings.largest_current * min(max(
+            (settings.highest_temperature - self.sensed.temperature) / WARM, 0.0), 1.0)
         return settings.torque_constant * min(max(current, -limit), limit)
 
     def tick(self, now: float) -> None:
-        """Look after timeout and temperature; see `Device`."""
+        """Look after timeout, switch, supply and temperature; see `Device`."""
         if self._received_at is None:
             self._received_at = now
         if self._timeout and now - self._received_at > self._timeout * TIMEOUT_UNIT:
             self._duty = 0.0
-        hot = self.sensed.temperature >= self.settings.highest_temperature
-        self._fault = self._fault & ~TEMPERATURE_ERROR | TEMPERATURE_ERROR * hot
+        sensed, hottest = self.sensed, self.settings.highest_temperature
+        here = {'E_STOP': sensed.stop_switch > 0.0,
+                'TEMPERATURE_ERROR': sensed.temperature >= hottest,
+                'TEMPERATURE_WARNING': sensed.temperature >= hottest - WARM,
+                'MAIN_VOLTAGE_LOW_WARNING': sensed.bus_voltage < 0.1 * VOLTAGES[0],
+                'MAIN_VOLTAGE_HIGH_WARNING': sensed.bus_voltage > 0.1 * VOLTAGES[1],
+                'M1_DRIVER_FAULT_ERROR': self._broken}
+        self._status = sum(BITS[name] for name, is_so in here.items() if is_so)
 
     def over_current(self) -> None:
         """Trip; see `Device`."""
-        self._fault |= DRIVER_FAULT
+        self._broken = True
+        self._status |= BITS['M1_DRIVER_FAULT_ERROR']
 
     def _effective_duty(self) -> float:
-        return 0.0 if self._fault & codec.ERRORS else self._duty
+        return 0.0 if self._status & POWERLESS else self._duty
+
+    def _old_status(self) -> int:
+        """Return the status in the order of old firmware."""
+        return sum(bit for bit, name in codec.OLD_STATUS.items()
+                   if self._status & BITS.get(name, 0))
 
     def _counts(self, angle: float) -> int:
         """Return encoder counts as the 32 bits that they are sent in."""
@@ -116,11 +146,15 @@ class RoboClawDevice(Device):
             return b''
         if packet[1] == codec.SET_DUTY[0]:
             self._duty = struct.unpack('>h', packet[2:4])[0] / codec.FULL_DUTY
-        elif packet[1] == codec.SET_TIMEOUT:
+        elif packet[1] == codec.SET_TIMEOUT and not self.has('no_timeout'):
             self._timeout = packet[2]
         return bytes((codec.ACKNOWLEDGED,))
 
     def _answer(self, number: int) -> bytes:
+        if number == codec.GET_STATUS and self.has('status_16'):
+            number = codec.GET_OLD_STATUS
+        if number == codec.GET_TIMEOUT and self.has('no_timeout'):
+            return b''
         if number == codec.GET_VERSION:
             return codec.answer(self._address, number, text=VERSION)
         if number in self._answers:

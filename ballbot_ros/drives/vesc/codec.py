@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-VESC serial protocol: packets with a CRC, firmware 5 to 7.
+VESC serial protocol: packets with a CRC, firmware 5.03 to 7.01.
 
 ``02 length payload crc crc 03`` up to 255 bytes of payload, ``03 length length ...`` above; the
 CRC is CRC-16/XMODEM of the payload, numbers are big-endian.  The first byte of a payload names
 the message, in a reply the request too.  Start bytes also occur inside packets: the parser
 tries every place until one fits.  Of settings, ``buffer_append_float32_auto`` makes what IEEE 754
-makes of all numbers that are not tiny.
+makes of all numbers that are not tiny; which settings stand where is in settings.py.
 
-Source: vedderb/bldc, comm/packet.c, comm/commands.c, util/buffer.c, confgenerator.c, datatypes.h.
+Source: vedderb/bldc, comm/packet.c, comm/commands.c, util/buffer.c, datatypes.h.
 """
 from binascii import crc_hqx
 from collections import Counter
@@ -39,6 +39,7 @@ FIELDS = {
     'temperature': (0, 'h', 10.0),
     'motor_temperature': (1, 'h', 10.0),
     'current': (2, 'i', 100.0),
+    'bus_current': (3, 'i', 100.0),
     'erpm': (7, 'i', 1.0),
     'bus_voltage': (8, 'h', 10.0),
     'tachometer': (13, 'i', 1),
@@ -48,7 +49,9 @@ FIELDS = {
 }
 MASK = sum(1 << bit for bit, _, _ in FIELDS.values())
 _VALUES = struct.Struct('>BI' + ''.join(form for _, form, _ in FIELDS.values()))
-TIMED_OUT = 1  # bit of the status: the watchdog has disarmed the motor
+VALUES_LENGTH = _VALUES.size + 5  # of the packet
+# Bits of the status: the timeout has taken the current away, and so does a kill switch.
+TIMED_OUT, KILL_SWITCH = 1, 2
 
 
 class Values(NamedTuple):
@@ -56,7 +59,8 @@ class Values(NamedTuple):
 
     temperature: float  # of the power stage [degC]
     motor_temperature: float
-    current: float  # of the motor [A]
+    current: float  # of the motor, average since the reply before [A]
+    bus_current: float  # likewise of the supply [A]
     erpm: float  # electrical speed [1/min]
     bus_voltage: float  # [V]
     tachometer: int  # six per electrical turn
@@ -72,6 +76,7 @@ class Firmware(NamedTuple):
     minor: int
     hardware: str
     serial_number: str
+    test: int = 0  # number of a test build, 0 of a release
 
 
 def frame(payload: bytes) -> bytes:
@@ -203,28 +208,8 @@ def parse_firmware(payload: bytes) -> Optional[Firmware]:
     if len(payload) < 3 or payload[0] != FW_VERSION or end < 0 or len(payload) < end + 13:
         return None
     return Firmware(payload[1], payload[2], name.decode('ascii', 'replace'),
-                    payload[end + 1:end + 13].hex())
-
-
-def parse_timeout(payload: bytes) -> Optional[tuple[float, float]]:
-    """
-    Return watchdog time [s] and the brake current when it expires [A] of a ``GET_APPCONF``.
-
-    They stand at its beginning, after signature and identity; what follows them differs between
-    versions and is not read.
-    """
-    if len(payload) < 14 or payload[0] != GET_APPCONF:
-        return None
-    milliseconds, brake = struct.unpack_from('>If', payload, 6)
-    return milliseconds / 1000.0, brake
-
-
-def parse_current_limits(payload: bytes) -> Optional[tuple[float, float]]:
-    """Return the largest and the least motor current [A] of a ``GET_MCCONF``."""
-    if len(payload) < 17 or payload[0] != GET_MCCONF:
-        return None
-    most, least = struct.unpack_from('>ff', payload, 9)
-    return most, least
+                    payload[end + 1:end + 13].hex(),
+                    payload[end + 14] if len(payload) > end + 14 else 0)
 
 
 def fault_names(fault: int) -> tuple[str, ...]:

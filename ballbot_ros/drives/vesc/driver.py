@@ -1,32 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """VESC by its serial protocol: current mode, the torque follows from the torque constant."""
-from dataclasses import dataclass
 import math
-from typing import Optional
+from typing import Mapping, Optional
 
-from ballbot_ros.config.fields import count, flag, quantity
-from ballbot_ros.drives.contract import DriveOptions, Identity, Setting
+from ballbot_ros.drives.contract import bit_names, Identity, Setting
 from ballbot_ros.drives.driver import Driver
-from ballbot_ros.drives.vesc import codec
+from ballbot_ros.drives.vesc import codec, judgement, settings
+from ballbot_ros.drives.vesc.options import VescOptions
 from ballbot_ros.drives.wire import WireBudget
 from ballbot_ros.errors import DriveError
 
-# Whose settings begin as `codec` reads them, and which send single values.
-FIRMWARE = range(5, 8)
 # A motor current below this part of the limit counts as none: the sensors are not that good.
 NO_CURRENT = 0.05
-
-
-@dataclass(frozen=True)
-class VescOptions(DriveOptions):
-    """The options of a VESC driver."""
-
-    torque_constant: float = quantity(
-        'N m/A', 'motor torque per ampere; of a brushless motor 1.5 pole pairs x flux linkage',
-        default=0.025, above=0.0)
-    pole_pairs: int = count('of the motor', default=7, minimum=1)
-    encoder: bool = flag('the motor has an encoder, whose angle is finer than the commutation',
-                         default=True)
+# What the status says of a motor without current, by bit; the words are those of timeout.c.
+STATUS = {codec.TIMED_OUT: 'HAS_TIMEOUT', codec.KILL_SWITCH: 'KILL_SW_ACTIVE'}
 
 
 class Vesc(Driver):
@@ -34,18 +21,24 @@ class Vesc(Driver):
     See `Driver`.
 
     A VESC has no arming: it follows the next current that it is sent.  Before `arm`, and after a
-    stop, this driver sends none.
+    stop, this driver sends none.  Nothing feeds its timeout then, so its status says that this
+    has expired; `arm` feeds it until the thread that looks every 10 ms has seen that.
     """
 
     options: VescOptions
     protocol, maker = 'vesc', 'VESC'
     Options = VescOptions
+    shortest_answer = codec.VALUES_LENGTH
     baud_rates = (115200, 921600, 460800, 230400, 57600)
 
     def _begin(self) -> None:
         self._parser = codec.FrameParser()
         self._replies: dict[int, bytes] = {}  # message -> its last reply that is no value
         self._turns_apart: Optional[float] = None  # tachometer less encoder, at the first reply
+        self._version: Optional[settings.Version] = None
+        self._limits: Mapping[str, float] = judgement.unknown_limits(settings.SINCE_6_05)
+        self._full_torque = judgement.full_torque_range(self._limits)
+        self._status, self._status_asked_at = 0, -math.inf
 
     # What waits
 
@@ -53,51 +46,75 @@ class Vesc(Driver):
         """Ask who is there; see `Driver`."""
         firmware = codec.parse_firmware(self._ask(
             codec.FW_VERSION, self.clock() + patience, handshake=True))
-        if firmware is None or firmware.major not in FIRMWARE:
+        if firmware is None:
             raise DriveError('firmware', (
-                f'{self.line.port}: VESC firmware must be {FIRMWARE[0]} to {FIRMWARE[-1]}, got '
-                + (f'{firmware.major}.{firmware.minor}' if firmware else 'an unknown answer')))
-        return Identity(self.protocol, firmware.hardware,
-                        f'{firmware.major}.{firmware.minor:02}', firmware.serial_number)
+                f'{self.line.port}: a VESC answers that does not say which firmware it has'))
+        version, test = (firmware.major, firmware.minor), firmware.test
+        reason = settings.why_not(version, test)
+        if reason:
+            raise DriveError('firmware', (
+                f'{self.line.port}: VESC firmware must be 5.03 to 7.xx, got {version[0]}.'
+                f'{version[1]:02}: {reason}; bring it up to date with VESC Tool, Firmware'))
+        self._version = version
+        return Identity(self.protocol, firmware.hardware, f'{version[0]}.{version[1]:02}'
+                        + (f' test {test}' if test else ''), firmware.serial_number)
 
     def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
         """Read back and judge; see `Driver`."""
         deadline = self.clock() + patience
-        options = self.options
-        timeout, brake = codec.parse_timeout(
-            self._ask(codec.GET_APPCONF, deadline)) or (math.nan, math.nan)
-        most, least = codec.parse_current_limits(
-            self._ask(codec.GET_MCCONF, deadline)) or (math.nan, math.nan)
-        # Of what is no number max may return either.
-        ceiling = options.torque_constant * (
-            max(most, -least) if most - least < math.inf else math.inf)
-        return (
-            Setting('torque limit', f'{ceiling:.4g} N m', f'at most {options.torque_limit:g} N m',
-                    ceiling <= 1.01 * options.torque_limit,
-                    'VESC Tool, Motor Settings, Current: Motor Current Max and Max Brake '
-                    f'{options.torque_limit / options.torque_constant:.3g} A'),
-            Setting('watchdog', f'{timeout:g} s' if timeout else 'off',
-                    f'at most {options.watchdog:g} s',
-                    0.0 < timeout <= 1.01 * options.watchdog,
-                    'VESC Tool, App Settings, General: Timeout '
-                    f'{1000.0 * options.watchdog:g} ms'),
-            Setting('brake current on timeout', f'{brake:g} A', '0 A: coast', brake == 0.0,
-                    'VESC Tool, App Settings, General: Timeout Brake Current 0'))
+        if self._version is None:
+            self.identify(patience)
+        assert self._version is not None
+        application = settings.parse_application(
+            self._ask(codec.GET_APPCONF, deadline), self._version)
+        layout = settings.layout_of(self._version)
+        self._limits = settings.parse_limits(self._ask(codec.GET_MCCONF, deadline), layout) \
+            or judgement.unknown_limits(layout)
+        self._full_torque = judgement.full_torque_range(self._limits)
+        self._ask_until(lambda: self.telemetry.bus_voltage is not None, self._requests, deadline,
+                        'what its supply is')
+        return judgement.judge(application, self._limits, self.options,
+                               self.telemetry.bus_voltage or math.nan)
 
     def _arm(self, deadline: float) -> None:
-        self._send(self._torque_message(0.0))
         begin = self.clock()
-        while self.telemetry.status_time is None or self.telemetry.status_time < begin:
+        while True:
             self._send(self._torque_message(0.0) + self._requests())
-            self._until(lambda: (self.telemetry.status_time or -math.inf) > begin,
-                        self._soon(deadline))
-            if self.clock() >= deadline:
+            self._until(lambda: self._status_asked_at >= begin, self._soon(deadline))
+            answered = self._status_asked_at >= begin
+            if answered and self.telemetry.faults:
                 raise DriveError('not_armed', (
-                    f'{self.line.port}: the VESC does not report its state'))
-        if self.telemetry.faults:
-            raise DriveError('not_armed', (
-                f'{self.line.port}: the VESC names {", ".join(self.telemetry.faults)}; the '
-                'terminal of VESC Tool shows more with: faults'))
+                    f'{self.line.port}: the VESC names {", ".join(self.telemetry.faults)}; the '
+                    'terminal of VESC Tool shows more with: faults'))
+            if answered and not self._status & codec.TIMED_OUT:
+                return
+            if self.clock() >= deadline:
+                raise DriveError('not_armed', f'{self.line.port}: the VESC ' + (
+                    'says that its timeout has expired, however often it is fed' if answered
+                    else 'does not report its state'))
+            begin = self.clock()
+
+    def clear_faults(self, patience: float = 1.0) -> tuple[str, ...]:
+        """
+        Wait until the VESC has cleared its faults, and refuse if it does not.
+
+        There is no message that clears them: it does so by itself when the cause has been away
+        for its fault stop time, half a second from the factory.
+        """
+        deadline = self.clock() + patience
+        self.stop(patience)
+        while True:
+            begin = self.clock()
+            self._send(self._requests())
+            answered = self._until(lambda: self._status_asked_at >= begin, self._soon(deadline))
+            if answered and not self.telemetry.faults or self.clock() >= deadline:
+                break
+        if self.telemetry.faults or not answered:
+            raise DriveError('not_clearable', (
+                f'{self.line.port}: the VESC names {", ".join(self.telemetry.faults)}, which it '
+                'clears by itself half a second after the cause has gone; no message clears them')
+                if answered else f'{self.line.port}: the VESC does not report its state')
+        return ()
 
     # What does not wait
 
@@ -117,7 +134,7 @@ class Vesc(Driver):
         return self._torque_message(0.0) + self._requests()
 
     def _requests(self) -> bytes:
-        self._outstanding.append((self.clock(), codec.GET_VALUES_SELECTIVE))
+        self._questions.ask(codec.GET_VALUES_SELECTIVE)
         return codec.get_values()
 
     def _ask(self, message: int, deadline: float, handshake: bool = False) -> bytes:
@@ -141,18 +158,22 @@ class Vesc(Driver):
 
     def _note(self, values: codec.Values, now: float) -> None:
         """Make telemetry of a reply; replies come in the order of the requests."""
-        asked = self._answered(codec.GET_VALUES_SELECTIVE)
-        limit = self.options.torque_limit / self.options.torque_constant
+        answer = self._answered(codec.GET_VALUES_SELECTIVE, now)
+        self._status, self._status_asked_at = values.status, answer.asked
+        limit = self.options.own_limit / self.options.torque_constant
         if abs(values.current) <= NO_CURRENT * limit:
-            self._off_asked_at = asked
-        faults = codec.fault_names(values.fault)
+            self._off_asked_at = answer.asked
+        # Without commands a timeout is no news.
+        told = values.status if self._armed else values.status & ~codec.TIMED_OUT
+        faults = codec.fault_names(values.fault) + (bit_names(told, STATUS) if told else ())
         self.telemetry = self.telemetry._replace(
-            time=now, position=self._position(values),
+            time=now, measured=answer.measured, position=self._position(values),
             velocity=values.erpm / self.options.pole_pairs * math.tau / 60.0,
             current=values.current, bus_voltage=values.bus_voltage,
+            bus_current=values.bus_current,
             temperature=values.temperature, motor_temperature=values.motor_temperature,
-            status_time=now, faults=faults,
-            armed=self._armed and not faults and not values.status & codec.TIMED_OUT)
+            status_time=now, faults=faults, armed=self._armed and not faults,
+            warnings=judgement.warnings_of(values, self._full_torque))
 
     def _position(self, values: codec.Values) -> float:
         """

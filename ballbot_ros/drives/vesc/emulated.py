@@ -1,59 +1,156 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A VESC with firmware 6, as its serial protocol sees it.
+A VESC, as its serial protocol sees it, with firmware 5.03, 6.02, 6.05 or 7.01.
 
-Written after comm/commands.c, timeout.c and motor/mc_interface.c of vedderb/bldc: it has no
-arming, disarms when its timeout expires and follows the next command again, and after
-a fault keeps off for half a second before it does.
+Written after comm/commands.c, timeout.c and motor/mc_interface.c of vedderb/bldc, of the tags
+5.03 and 6.00, the branches release_6_02 to release_7_00 and master (7.01).  It has no arming and
+follows each current that it is sent.  Timeout and kill switch are looked at by a thread that runs
+every 10 ms, and the status says what that thread saw last: a motor that follows commands again is
+still reported as timed out for up to so long.  Limits cut the current without a word.  After a
+fault it keeps off for half a second before it follows the next command.
 """
 import math
 import struct
-from typing import Optional
 
-from ballbot_ros.drives.emulated_device import Device
-from ballbot_ros.drives.vesc import codec
+from ballbot_ros.drives.emulated_device import Device, DriveSettings, Quirk
+from ballbot_ros.drives.vesc import codec, settings
+from ballbot_ros.drives.vesc.judgement import THREAD
 
 FAULT_TIME = 0.5  # m_fault_stop_time_ms [s]
-ABS_OVER_CURRENT, OVER_TEMP_FET = 4, 5
-FIRMWARE = (6, 2)
+IGNORED = 0.02  # after each look at a kill switch that is pulled [s]
+OVER_VOLTAGE, UNDER_VOLTAGE, ABS_OVER_CURRENT, OVER_TEMP_FET = 1, 2, 4, 5
+FACTORY_CURRENT, FACTORY_TIMEOUT = 60.0, 1.0  # [A], [s]
+FIRMWARES = {'6.02': (6, 2), '5.03': (5, 3), '6.05': (6, 5), '7.01': (7, 1)}
 # What follows the fields that are read here; real settings are some hundred bytes long.
 MORE_SETTINGS = bytes(300)
+# From the factory, motor/mcconf_default.h; those of currents and temperature are the drive's own.
+LIMITS = {
+    'l_in_current_max': 99.0, 'l_in_current_min': -60.0, 'l_in_current_map_start': 0.9,
+    'l_in_current_map_filter': 0.002, 'l_abs_current_max': 130.0, 'l_min_erpm': -1e5,
+    'l_max_erpm': 1e5, 'l_erpm_start': 0.8, 'l_max_erpm_fbrake': 300.0,
+    'l_max_erpm_fbrake_cc': 1500.0, 'l_min_vin': 8.0, 'l_max_vin': 57.0,
+    'l_battery_cut_start': 10.0, 'l_battery_cut_end': 8.0, 'l_battery_regen_cut_start': 1000.0,
+    'l_battery_regen_cut_end': 1100.0, 'l_slow_abs_current': 0.0, 'l_temp_motor_start': 85.0,
+    'l_temp_motor_end': 100.0, 'l_temp_accel_dec': 0.15, 'l_min_duty': 0.005, 'l_max_duty': 0.95,
+    'l_watt_max': 1.5e6, 'l_watt_min': -1.5e6, 'l_current_max_scale': 1.0,
+    'l_current_min_scale': 1.0}
+# 5.02 wrote whole floats.
+OF_5_02 = {name: ('B' if form == 'B' else 'f', 1.0)
+           for name, (form, _) in settings.SINCE_5_03.items()}
 
 
 class VescDevice(Device):
-    """See `Device`."""
+    """
+    See `Device`.
+
+    Attributes
+    ----------
+    application : Application
+    limits : dict of str to float
+        Its settings; they survive a reboot.
+
+    """
 
     protocol = 'vesc'
+    firmwares = tuple(FIRMWARES)
+    quirks = {
+        'factory': Quirk(
+            'as from the factory: 60 A for the motor, a timeout of 1 s',
+            'motor/mcconf_default.h, applications/appconf_default.h of vedderb/bldc, 7.01'),
+        'firmware_5_02': Quirk(
+            'the firmware is 5.02: no status behind the values, other settings',
+            'comm/commands.c, confgenerator.c of vedderb/bldc, tag 5.02'),
+        'kill_switch': Quirk(
+            'the kill switch is set up: while `stop_switch` is 1 no current flows',
+            'timeout.c of vedderb/bldc, 5.03 and later'),
+        'regen_limit': Quirk(
+            'nothing may flow back into the supply, so a motor that brakes loses its torque',
+            'motor/mc_interface.c of vedderb/bldc: l_in_current_min'),
+    }
+
+    def __init__(self, given: DriveSettings):
+        """Boot."""
+        factory, hottest = 'factory' in given.quirks, given.highest_temperature
+        limit = FACTORY_CURRENT if factory else given.largest_current
+        self.limits = {
+            **LIMITS, 'l_current_max': limit, 'l_current_min': -limit,
+            'l_abs_current_max': max(LIMITS['l_abs_current_max'], 2.0 * limit),
+            'l_temp_fet_start': hottest - 15.0, 'l_temp_fet_end': hottest}
+        if 'regen_limit' in given.quirks:
+            self.limits['l_in_current_min'] = -0.01
+        timeout = max(given.watchdog - THREAD, 0.001) if given.watchdog else 0.0
+        timeout = FACTORY_TIMEOUT if factory else timeout
+        self.application = settings.Application(
+            timeout, 0.0, 'ADC2 high' if 'kill_switch' in given.quirks else 'off', 'UART')
+        super().__init__(given)
 
     def _boot(self) -> None:
+        self.version = FIRMWARES[self.settings.firmware or self.firmwares[0]]
         self._parser = codec.FrameParser()
         self._current = 0.0
-        self._fed: Optional[float] = None
-        self._timed_out = False
+        self._fed = self._look_at = math.nan  # from the first tick on
+        self._status = 0
+        self._deaf_until = -math.inf
         self._fault = 0
         self._fault_ends = -math.inf
         self._origin = self.sensed.position  # the tachometer starts at 0
 
     def torque(self) -> float:
         """Return the torque at the shaft; see `Device`."""
-        if self._fault or self._timed_out:
-            return 0.0
-        limit = self.settings.largest_current
-        return self.settings.torque_constant * min(max(self._current, -limit), limit)
+        return 0.0 if self._fault else self.settings.torque_constant * self._limited()
+
+    def _limited(self) -> float:
+        """Return the motor current that update_override_limits() leaves of what is set [A]."""
+        here, limits = self.sensed, self.limits
+        hot = _share(here.temperature, limits['l_temp_fet_start'], limits['l_temp_fet_end'])
+        most = hot * limits['l_current_max'] * limits['l_current_max_scale']
+        least = hot * limits['l_current_min'] * limits['l_current_min_scale']
+        erpm = abs(here.velocity) * 60.0 / math.tau * self.settings.pole_pairs
+        highest = limits['l_max_erpm']
+        driving = most * _share(erpm, limits['l_erpm_start'] * highest, highest)
+        forward = -1.0 if here.velocity < 0.0 else 1.0
+        current = forward * min(max(forward * self._current, least), driving)
+        # What the motor takes from the supply or feeds into it.
+        power = self.settings.torque_constant * here.velocity * current
+        supply = here.bus_voltage * (
+            limits['l_in_current_max']
+            * (1.0 - _share(here.bus_voltage, limits['l_battery_cut_end'],
+                            limits['l_battery_cut_start']))
+            if power > 0.0 else -limits['l_in_current_min']
+            * _share(here.bus_voltage, limits['l_battery_regen_cut_start'],
+                     limits['l_battery_regen_cut_end']))
+        return current if abs(power) <= supply else current * supply / abs(power)
 
     def tick(self, now: float) -> None:
-        """Look after timeout and temperature; see `Device`."""
-        if self._fed is None:
-            self._fed = now
-        if self.settings.watchdog and now - self._fed > self.settings.watchdog:
-            self._timed_out = True
-            self._current = 0.0
+        """Look after timeout, kill switch, supply and temperature; see `Device`."""
+        if math.isnan(self._look_at):
+            self._look_at, self._fed = now, now
+        if now >= self._look_at:
+            self._look(now)
+            self._look_at = max(self._look_at + THREAD, now)
         if self._fault and math.isinf(self._fault_ends):
             self._fault_ends = now + FAULT_TIME
-        if self.sensed.temperature >= self.settings.highest_temperature:
+        if self.sensed.temperature >= self.limits['l_temp_fet_end']:
             self._trip(OVER_TEMP_FET)
+        elif self.sensed.bus_voltage < self.limits['l_min_vin']:
+            self._trip(UNDER_VOLTAGE)
+        elif self.sensed.bus_voltage > self.limits['l_max_vin']:
+            self._trip(OVER_VOLTAGE)
         elif self._fault and now >= self._fault_ends:
             self._fault = 0
+
+    def _look(self, now: float) -> None:
+        """Do what the timeout thread does each time."""
+        pulled = self.application.kill_switch != 'off' and self.sensed.stop_switch > 0.0
+        timeout = self.application.timeout
+        expired = bool(timeout) and now - self._fed > timeout
+        if pulled or expired:
+            self._current = 0.0
+        if pulled:
+            self._deaf_until = now + IGNORED
+            self._status |= codec.KILL_SWITCH
+        else:
+            self._status = codec.TIMED_OUT * expired
 
     def over_current(self) -> None:
         """Trip; see `Device`."""
@@ -68,37 +165,41 @@ class VescDevice(Device):
 
     def _obey(self, payload: bytes, now: float) -> bytes:
         message, data = payload[0], payload[1:]
+        old = self.has('firmware_5_02')
         if message == codec.SET_CURRENT and len(data) >= 4:
-            self._feed(now)
-            if not self._fault:
+            self._fed = now
+            if not self._fault and now >= self._deaf_until:
                 self._current = struct.unpack_from('>i', data)[0] / 1000.0
         elif message == codec.ALIVE:
-            self._feed(now)
+            self._fed = now
         elif message == codec.FW_VERSION:
-            return codec.frame(bytes((message, *FIRMWARE)) + b'60_MK6\0'
-                               + bytes.fromhex('30002b001450523147353420') + b'\0\0\0\0')
+            return codec.frame(bytes((message, *((5, 2) if old else self.version)))
+                               + b'60_MK6\0' + bytes.fromhex('30002b001450523147353420')
+                               + b'\0\0\0\0')
         elif message == codec.GET_VALUES_SELECTIVE \
                 and data == codec.MASK.to_bytes(4, 'big'):
-            return codec.frame(codec.pack_values(self._values()))
+            values = codec.pack_values(self._values())
+            return codec.frame(values[:-1] if old else values)
         elif message == codec.GET_APPCONF:
-            return codec.frame(struct.pack(
-                '>BIBIf', message, 0x12345678, 1, round(1000.0 * self.settings.watchdog), 0.0)
-                + MORE_SETTINGS)
+            return codec.frame(
+                settings.pack_application(self.application, self.version) + MORE_SETTINGS)
         elif message == codec.GET_MCCONF:
-            limit = self.settings.largest_current
-            return codec.frame(struct.pack(
-                '>BIBBBBff', message, 0x87654321, 1, 0, 2, 2, limit, -limit) + MORE_SETTINGS)
+            layout = OF_5_02 if old else settings.layout_of(self.version)
+            return codec.frame(settings.pack_limits(self.limits, layout) + MORE_SETTINGS)
         return b''
-
-    def _feed(self, now: float) -> None:
-        self._fed = now
-        self._timed_out = False
 
     def _values(self) -> codec.Values:
         sensed, pairs = self.sensed, self.settings.pole_pairs
         steps = 6 * pairs * (sensed.position - self._origin) / math.tau
+        current = self.torque() / self.settings.torque_constant
+        power = self.torque() * sensed.velocity + self.settings.resistance * current**2
         return codec.Values(
-            sensed.temperature, sensed.motor_temperature,
-            self.torque() / self.settings.torque_constant,
+            sensed.temperature, sensed.motor_temperature, current,
+            power / max(sensed.bus_voltage, 1.0),
             sensed.velocity * 60.0 / math.tau * pairs, sensed.bus_voltage, math.floor(steps),
-            self._fault, math.degrees(sensed.position) % 360.0, int(self._timed_out))
+            self._fault, math.degrees(sensed.position) % 360.0, self._status)
+
+
+def _share(value: float, start: float, end: float) -> float:
+    """Return what is left of a current: all up to `start`, nothing from `end` on."""
+    return min(max((end - value) / (end - start), 0.0), 1.0)

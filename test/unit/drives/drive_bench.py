@@ -1,15 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
 """A driver, and a drive at the other end of a line that is nothing but memory."""
 from dataclasses import replace
+import json
+from pathlib import Path
+import tempfile
 
 from ballbot_ros.drives import device_class, open_driver, read_options
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.drives.memory_line import MemoryLine
 
 # Protocol, and the firmware where that makes a difference.
-KINDS = ('odrive 0.5', 'odrive 0.6', 'roboclaw', 'vesc')
+KINDS = ('odrive 0.5', 'odrive 0.6', 'odrive_can 0.5', 'odrive_can 0.6', 'roboclaw', 'vesc',
+         'vesc_can')
 # How long a reply is under way [s]; the longest of an ODrive takes less at its 921600 baud.
 LINE_TIME = 0.0009
+
+
+FOLDER = tempfile.TemporaryDirectory(prefix='ballbot_endpoints')
+
+
+def told_besides(device):
+    """Return the options by which a driver knows what a drive does not tell over its line."""
+    if device.protocol != 'odrive_can':
+        return {}
+    if device.settings.firmware == '0.6':
+        path = Path(FOLDER.name) / 'flat_endpoints.json'
+        path.write_text(json.dumps(device.endpoints()))
+        return {'endpoints': str(path)}
+    return {'firmware': '0.5.6', 'confirmed': dict(device.properties)}
 
 
 class Bench(MemoryLine):
@@ -20,7 +38,8 @@ class Bench(MemoryLine):
         super().__init__(device_class(protocol)(
             replace(settings or DriveSettings(), firmware=firmware)), LINE_TIME)
         self.driver = open_driver(
-            protocol, self, read_options(protocol, {'torque_limit': 0.1, **options}, 'test'),
+            protocol, self, read_options(protocol, {
+                'torque_limit': 0.1, **told_besides(self.device), **options}, 'test'),
             self.clock)
 
     def cycles(self, number, torque=0.0, period=0.002):

@@ -11,7 +11,7 @@ from ballbot_ros.drives.odrive import codec as odrive
 from ballbot_ros.drives.roboclaw import codec as roboclaw
 from ballbot_ros.drives.vesc import codec as vesc
 
-VALUES = vesc.Values(35.2, 30.1, -3.45, -4210.0, 23.9, -123456, 0, 271.123456, 0)
+VALUES = vesc.Values(35.2, 30.1, -3.45, 1.25, -4210.0, 23.9, -123456, 0, 271.123456, 0)
 ANSWERS = [(16, (-123456, 1)), (30, (-4321, 1))]
 GROUP = (16, 30)
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """RoboClaws: a voltage in place of a torque, and what is asked of one that buffers requests."""
+from dataclasses import replace
 import math
 
 from drive_bench import Bench
@@ -7,7 +8,10 @@ import pytest
 
 from ballbot_ros.drives.contract import bit_names
 from ballbot_ros.drives.emulated_device import DriveSettings
+from ballbot_ros.drives.memory_line import MemoryLine
 from ballbot_ros.drives.roboclaw import codec
+from ballbot_ros.drives.roboclaw.driver import RoboClaw
+from ballbot_ros.drives.roboclaw.emulated import RoboClawDevice
 from ballbot_ros.errors import DriveError
 
 
@@ -43,7 +47,8 @@ def test_commands_have_the_numbers_of_the_manual():
 def test_answers_have_the_lengths_of_the_manual():
     # Data and CRC; text up to 48 bytes.
     lengths = {15: 1, 16: 5, 17: 5, 21: 48, 24: 2, 30: 5, 31: 5, 48: 4, 49: 4, 82: 2, 90: 4,
-               135: 8, 136: 8}
+               135: 8, 136: 8, 59: 4, codec.GET_OLD_STATUS: 2}
+    assert codec.ask(0x80, codec.GET_OLD_STATUS) == codec.ask(0x80, codec.GET_STATUS)
     assert {number: codec.answer_length(number) - 2 for number in codec.ANSWERS} == lengths
 
 
@@ -57,7 +62,7 @@ def test_the_other_motor_has_commands_of_its_own():
     bench.driver.stop()
     stream = b''.join(kept)
     assert {number for number in range(256) if bytes((0x80, number)) in stream} == {
-        15, 17, 21, 24, 31, 33, 48, 49, 82, 90, 136}
+        14, 15, 17, 21, 24, 31, 33, 48, 49, 59, 82, 90, 136}
 
 
 def test_a_version_has_a_name_and_a_number():
@@ -134,9 +139,59 @@ def test_the_position_goes_on_where_the_counter_of_the_encoder_wraps(bench, turn
 def test_only_errors_take_the_power_off_and_every_bit_has_one_name(bench, bit):
     told(bench, codec.GET_STATUS, 1 << bit)
     telemetry = bench.cycles(30)
-    assert len(telemetry.faults) == 1
     # The manual lists errors in the lower half, warnings in the upper one.
+    assert (len(telemetry.faults), len(telemetry.warnings)) == ((1, 0) if bit < 16 else (0, 1))
     assert telemetry.armed is (bit >= 16)
+
+
+@pytest.mark.parametrize('bit', range(16))
+def test_of_the_16_bits_of_old_firmware_too(bit):
+    bench = Bench('roboclaw', DriveSettings(quirks=('status_16',)))
+    bench.driver.identify()
+    bench.driver.arm()
+    told(bench, codec.GET_OLD_STATUS, 1 << bit)
+    telemetry = bench.cycles(30)
+    # M1 OverCurrent Warning and M2 OverCurrent Warning, then eight errors, then warnings
+    is_error = 2 <= bit < 10
+    assert (len(telemetry.faults), len(telemetry.warnings)) == ((1, 0) if is_error else (0, 1))
+    assert telemetry.armed is not is_error
+
+
+@pytest.mark.parametrize('bits, name', [
+    (0x1, 'M1_OVER_CURRENT_WARNING'), (0x2, 'M2_OVER_CURRENT_WARNING'), (0x4, 'E_STOP'),
+    (0x8, 'TEMPERATURE_ERROR'), (0x10, 'TEMPERATURE_2_ERROR'), (0x20, 'MAIN_VOLTAGE_HIGH_ERROR'),
+    (0x40, 'LOGIC_VOLTAGE_HIGH_ERROR'), (0x80, 'LOGIC_VOLTAGE_LOW_ERROR'),
+    (0x100, 'M1_DRIVER_FAULT_ERROR'), (0x200, 'M2_DRIVER_FAULT_ERROR'),
+    (0x400, 'MAIN_VOLTAGE_HIGH_WARNING'), (0x800, 'MAIN_VOLTAGE_LOW_WARNING'),
+    (0x1000, 'TEMPERATURE_WARNING'), (0x2000, 'TEMPERATURE_2_WARNING'), (0x4000, 'M1_HOME'),
+    (0x8000, 'M2_HOME')])
+def test_old_status_bits_have_the_names_of_the_older_manual(bits, name):
+    assert bit_names(bits, codec.OLD_STATUS) == (name,)
+
+
+@pytest.mark.parametrize('quirks', [(), ('status_16',)])
+@pytest.mark.parametrize('sensed, faults, warnings', [
+    ({}, (), ()), ({'temperature': 90.0}, (), ('TEMPERATURE_WARNING',)),
+    ({'temperature': 101.0}, ('TEMPERATURE_ERROR',), ('TEMPERATURE_WARNING',)),
+    ({'bus_voltage': 9.0}, (), ('MAIN_VOLTAGE_LOW_WARNING',)),
+    ({'bus_voltage': 35.0}, (), ('MAIN_VOLTAGE_HIGH_WARNING',)),
+    ({'stop_switch': 1.0}, ('E_STOP',), ())])
+def test_both_forms_of_the_status_say_the_same(quirks, sensed, faults, warnings):
+    bench = Bench('roboclaw', DriveSettings(quirks=quirks))
+    bench.driver.identify()
+    bench.driver.arm()
+    bench.device.sensed = bench.device.sensed._replace(**sensed)
+    telemetry = bench.cycles(30, torque=0.01)
+    assert (telemetry.faults, telemetry.warnings) == (faults, warnings)
+    assert telemetry.armed is (not faults)
+
+
+def test_faults_are_not_cleared_by_any_command_and_that_is_said(bench):
+    assert bench.driver.clear_faults() == ()
+    bench.device.over_current()
+    with pytest.raises(DriveError, match='M1_DRIVER_FAULT_ERROR, which go with their') as raised:
+        bench.driver.clear_faults()
+    assert raised.value.reason == 'not_clearable'
 
 
 @pytest.mark.parametrize('bits, name', [
@@ -164,13 +219,43 @@ def test_a_warning_does_not_keep_the_motor_from_being_armed():
         bench.driver.arm()
 
 
+@pytest.mark.parametrize('watchdog, tenths', [
+    (0.1, 1), (0.24, 2), (0.26, 3), (0.02, 1), (1.0, 10)])
+@pytest.mark.parametrize('before', [0.0, 0.1, 5.0])
+def test_the_serial_timeout_is_set_at_each_start_in_tenths_of_a_second(watchdog, tenths, before):
+    bench = Bench('roboclaw', DriveSettings(watchdog=before), watchdog=watchdog)
+    kept = written(bench)
+    judged = {item.name: item for item in bench.driver.read_settings()}
+    assert judged['watchdog'].acceptable and bench.device._timeout == tenths
+    assert judged['watchdog'].value == f'{0.1 * tenths:g} s'
+    assert any(frame.startswith(bytes((0x80, 14, tenths))) for frame in kept)
+
+
 @pytest.mark.parametrize('watchdog, timeout, acceptable', [
-    (0.1, 0.1, True), (0.1, 0.2, False), (0.24, 0.2, True), (0.26, 0.3, True), (0.24, 0.3, False),
-    (0.02, 0.1, True), (0.02, 0.2, False), (0.1, 0.0, False)])
-def test_the_serial_timeout_is_judged_in_its_tenths_of_a_second(watchdog, timeout, acceptable):
-    bench = Bench('roboclaw', DriveSettings(watchdog=timeout), watchdog=watchdog)
+    (0.1, 1, True), (0.1, 2, False), (0.24, 2, True), (0.26, 3, True), (0.24, 3, False),
+    (0.02, 1, True), (0.02, 2, False), (0.1, 0, False)])
+def test_a_serial_timeout_that_stays_otherwise_is_judged(watchdog, timeout, acceptable):
+    bench = Bench('roboclaw', watchdog=watchdog)
+    told(bench, codec.GET_TIMEOUT, timeout)
+    bench.to_drive = lambda data: data[5:] if data[1] == 14 else data
     judged = {item.name: item.acceptable for item in bench.driver.read_settings()}
     assert judged['watchdog'] is acceptable
+
+
+def test_firmware_without_a_serial_timeout_is_refused_with_what_to_do():
+    bench = Bench('roboclaw', DriveSettings(quirks=('no_timeout', 'status_16')))
+    bench.driver.identify()
+    bad, = (item for item in bench.driver.read_settings() if not item.acceptable)
+    assert (bad.name, bad.value) == ('watchdog', 'unknown') and 'firmware' in bad.remedy
+
+
+@pytest.mark.parametrize('supply, acceptable', [
+    (9.9, False), (10.1, True), (33.9, True), (34.1, False)])
+def test_the_supply_must_lie_where_the_drive_lets_the_motor_have_it(supply, acceptable):
+    bench = Bench('roboclaw')
+    bench.device.sensed = bench.device.sensed._replace(bus_voltage=supply)
+    judged = {item.name: item.acceptable for item in bench.driver.read_settings()}
+    assert judged['supply'] is acceptable
 
 
 def test_answers_to_a_lost_group_do_not_confirm_a_stop(bench):
@@ -201,3 +286,17 @@ def test_a_text_that_does_not_end_is_no_answer():
     parser = codec.parser()
     assert parser.feed(b'a' * 200) == [] and parser.counts['skipped'] >= 150
     assert parser.feed(codec.reply_of(b'')) != []
+
+
+def test_the_current_that_is_asked_for_is_one_that_the_drive_can_keep_and_is_accepted():
+    settings = DriveSettings(torque_limit=10.0, current_limit=60.0)
+    for limit in (0.3 / 45.0, 0.1, 0.0889, 0.0123):
+        device = RoboClawDevice(settings)
+        line = MemoryLine(device)
+        driver = RoboClaw(line, RoboClaw.Options(torque_limit=limit), line.clock)
+        driver.identify()
+        asked = next(item for item in driver.read_settings() if item.name == 'torque limit')
+        amperes = float(asked.remedy.split()[-2])
+        device.settings = replace(settings, current_limit=amperes)
+        assert next(item for item in driver.read_settings()
+                    if item.name == 'torque limit').acceptable, (limit, amperes)

@@ -11,7 +11,9 @@ import time
 import pytest
 import serial
 
+from ballbot_ros.drives import descriptor
 from ballbot_ros.drives.capture import read_capture, Record, Recorder, Replay
+from ballbot_ros.drives.descriptor import Descriptor
 from ballbot_ros.drives.transport import Link
 from ballbot_ros.errors import BallbotError, ConfigurationError, LinkError
 
@@ -168,6 +170,88 @@ def test_a_peer_that_does_not_read_cannot_hold_the_loop(terminal):
         assert raised.value.reason == 'stuck'
 
 
+def test_a_peer_that_reads_slowly_gets_every_byte_in_order(terminal):
+    master, path = terminal
+    sent, received = bytes(range(256)) * 80, bytearray()
+
+    def drain():
+        while len(received) < len(sent):
+            time.sleep(0.001)
+            received.extend(os.read(master, 1000))
+    reader = threading.Thread(target=drain, daemon=True)
+    with Link(path, 115200) as link:
+        reader.start()
+        link.write(sent)  # more than the buffer of the kernel takes
+        reader.join(timeout=5.0)
+    assert bytes(received) == sent
+
+
+def test_a_line_that_takes_a_few_bytes_now_and_then_is_stuck_all_the_same(monkeypatch):
+    monkeypatch.setattr(descriptor, 'LONGEST_WRITE', 0.03)
+    ours, theirs = socket.socketpair()
+    ours.setblocking(False)
+    monkeypatch.setattr(os, 'write', lambda _, data: time.sleep(0.01) or 1)
+    assert not Descriptor(ours.fileno()).write(b'x' * 1000)
+    monkeypatch.undo()
+    ours.close()
+    theirs.close()
+
+
+def test_a_device_is_read_and_written_past_pyserial(terminal, monkeypatch):
+    master, path = terminal
+    with Link(path, 115200) as link:
+        for name in ('read', 'write'):
+            monkeypatch.setattr(serial.Serial, name, lambda *_: pytest.fail('by pyserial'))
+        link.write(b'abc')
+        assert os.read(master, 10) == b'abc'
+        os.write(master, b'def')
+        assert link.wait(1.0) and link.read() == b'def' and link.read() == b''
+
+
+def test_a_port_that_is_listened_to_goes_by_pyserial(terminal, tmp_path):
+    master, path = terminal
+    with Link(f'spy://{path}?file={tmp_path}/heard', 115200) as link:
+        link.write(b'abc')
+        os.write(master, b'def')
+        assert link.wait(1.0) and link.read() == b'def'
+    heard = (tmp_path / 'heard').read_text()
+    assert 'abc' in heard and 'def' in heard
+
+
+def test_a_reply_that_comes_in_pieces_is_told_of_once_there_is_enough_of_it(terminal):
+    master, path = terminal
+    with Link(path, 115200) as link:
+        os.write(master, b'1234')
+        assert not link.wait(0.02, least=5)
+        os.write(master, b'5')
+        assert link.wait(1.0, least=5) and link.read() == b'12345' and link.read() == b''
+        os.write(master, b'1234')
+        assert not link.wait(0.02, least=5)
+        assert link.read() == b'1234'  # fewer are read, but not told of
+        os.write(master, b'1')
+        assert link.wait(1.0) and link.read() == b'1'
+        os.close(master)
+        with pytest.raises(LinkError) as raised:
+            link.wait(0.02, least=5)
+            link.read()
+        assert raised.value.reason == 'gone'
+
+
+def test_a_device_that_has_hung_up_is_gone_and_one_that_is_silent_is_not():
+    # As with a terminal that was hung up, there is nothing to read in either case.
+    ours, theirs = socket.socketpair()
+    ours.setblocking(False)
+    line = Descriptor(ours.fileno())
+    assert line.read() == b'' and not line.wait(0.0)
+    theirs.send(b'abc')
+    assert line.wait(0.0) and line.read() == b'abc' and line.read() == b''
+    theirs.close()
+    assert line.wait(1.0)
+    with pytest.raises(OSError, match='hung up'):
+        line.read()
+    ours.close()
+
+
 def test_a_host_that_is_held_up_while_it_writes_does_not_blame_the_line(terminal, monkeypatch):
     write = os.write
     with Link(terminal[1], 115200) as link:
@@ -240,3 +324,30 @@ def test_a_file_that_is_no_capture_is_refused(tmp_path, text, complaint):
 def test_a_capture_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path):
     (tmp_path / 'traffic.txt').write_text('# ballbot traffic 1\n0.1 < 00ff\n0.2 < 0')
     assert [record.data for record in read_capture(tmp_path / 'traffic.txt')] == [b'\x00\xff']
+
+
+def test_a_capture_is_bounded_and_both_its_parts_are_read(tmp_path):
+    path, now = tmp_path / 'traffic.txt', [0.0]
+    (tmp_path / 'traffic.txt.1').write_text('of an older capture')
+    recorder = Recorder(path, lambda: now[0], most_bytes=1000)
+    for number in range(200):
+        now[0] = float(number)
+        recorder.record('>', bytes([number]) * 10)
+        assert sum(part.stat().st_size for part in tmp_path.iterdir()) <= 2000
+    recorder.close()
+    records = read_capture(path)
+    numbers = [record.data[0] for record in records]
+    assert numbers == list(range(numbers[0], 200)) and 25 < len(numbers) < 60
+    assert [record.time for record in records] == [float(number) for number in numbers]
+    Recorder(path).close()  # another capture begins anew
+    assert read_capture(path) == []
+
+
+def test_a_disk_that_is_full_when_a_capture_goes_on_ends_it(tmp_path):
+    path = tmp_path / 'traffic.txt'
+    recorder = Recorder(path, most_bytes=100)
+    (tmp_path / 'traffic.txt.1').mkdir()  # nothing can be moved there
+    for _ in range(10):
+        recorder.record('>', bytes(20))
+    assert recorder.failure
+    recorder.close()

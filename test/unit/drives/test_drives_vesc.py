@@ -10,7 +10,7 @@ from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.drives.vesc import codec
 from ballbot_ros.errors import DriveError
 
-VALUES = codec.Values(35.2, 30.1, -3.45, -4210.0, 23.9, -123456, 0, 271.123456, 0)
+VALUES = codec.Values(35.2, 30.1, -3.45, 1.25, -4210.0, 23.9, -123456, 0, 271.123456, 0)
 
 
 @pytest.fixture
@@ -45,17 +45,16 @@ def test_messages_have_the_numbers_of_the_firmware():
 
 def test_values_stand_where_the_firmware_puts_them():
     # COMM_GET_VALUES_SELECTIVE in comm/commands.c: the bits of the mask and how each is appended
-    bits = (0, 1, 2, 7, 8, 13, 15, 16, 21)
+    bits = (0, 1, 2, 3, 7, 8, 13, 15, 16, 21)
     assert codec.get_values()[2:7] == struct.pack('>BI', 50, sum(2**bit for bit in bits))
-    payload = struct.pack('>BIhhiihiBiB', 50, sum(2**bit for bit in bits), 352, 301, -345, -4210,
-                          239, -123456, 0, 271123456, 0)
+    payload = struct.pack('>BIhhiiihiBiB', 50, sum(2**bit for bit in bits), 352, 301, -345, 125,
+                          -4210, 239, -123456, 0, 271123456, 0)
     assert codec.parse_values(payload) == pytest.approx(VALUES)
     assert codec.pack_values(VALUES) == payload
 
 
 @pytest.mark.parametrize('parse, message, length', [
-    (codec.parse_values, 50, 29), (codec.parse_timeout, 17, 14),
-    (codec.parse_current_limits, 14, 17), (codec.parse_firmware, 0, 19)])
+    (codec.parse_values, 50, 33), (codec.parse_firmware, 0, 19)])
 def test_a_reply_that_is_too_short_or_to_another_message_is_not_read(parse, message, length):
     payload = {50: codec.pack_values(VALUES), 0: bytes((0, 6, 2)) + b'abc\0' + bytes(12)}.get(
         message, bytes((message,)) + bytes(length - 1))
@@ -64,29 +63,11 @@ def test_a_reply_that_is_too_short_or_to_another_message_is_not_read(parse, mess
     assert parse(bytes((99,)) + payload[1:]) is None
 
 
-def test_settings_stand_where_the_firmware_puts_them():
-    # confgenerator_serialize_appconf and _mcconf: signature, then the fields; buffer_append_
-    # float32_auto makes 0x3f000000 of 0.5, 0x40c00000 of 6 and 0xc0e00000 of -7
-    assert codec.parse_timeout(bytes.fromhex('11 00000001 02 000000fa 3f000000')) == (0.25, 0.5)
-    assert codec.parse_current_limits(
-        bytes.fromhex('0e 00000001 02030405 40c00000 c0e00000')) == (6.0, -7.0)
-
-
 def test_a_firmware_has_version_board_and_serial_number():
     payload = bytes((0, 6, 2)) + b'60_MK6\0' + bytes(range(12)) + b'\0\0'
     assert codec.parse_firmware(payload) == codec.Firmware(
         6, 2, '60_MK6', '000102030405060708090a0b')
-
-
-@pytest.mark.parametrize('major, known', [(4, False), (5, True), (7, True), (8, False)])
-def test_only_firmware_whose_settings_are_known_is_spoken_to(monkeypatch, major, known):
-    monkeypatch.setattr('ballbot_ros.drives.vesc.emulated.FIRMWARE', (major, 3))
-    bench = Bench('vesc')
-    if known:
-        assert bench.driver.identify().firmware == f'{major}.03'
-    else:
-        with pytest.raises(DriveError, match=f'5 to 7, got {major}.3'):
-            bench.driver.identify()
+    assert codec.parse_firmware(payload[:-1] + b'\7').test == 7
 
 
 def test_faults_have_the_names_of_the_firmware():
@@ -103,14 +84,14 @@ def test_skipped_bytes_and_wrong_checksums_are_counted():
     assert parser.counts == {'skipped': 3 + len(packet), 'refused': 1}
 
 
-def test_a_drive_whose_watchdog_expired_is_disarmed_although_it_names_no_fault(bench):
+def test_a_drive_whose_timeout_expired_under_power_is_disarmed_and_says_why(bench):
     bench.cycles(20, torque=0.05)
     assert bench.driver.poll().armed is True
     bench.pass_time(0.2)
     bench.driver.ask()
     bench.pass_time(0.002)
     telemetry = bench.driver.poll()
-    assert telemetry.armed is False and telemetry.faults == ()
+    assert telemetry.armed is False and telemetry.faults == ('HAS_TIMEOUT',)
     assert bench.cycles(20, torque=0.05).armed is True  # it follows the next command
 
 
@@ -161,26 +142,76 @@ def test_the_speed_is_that_of_the_shaft_and_not_the_electrical_one(pairs):
     assert bench.cycles(10).velocity == pytest.approx(90.0, rel=1e-3)
 
 
-@pytest.mark.parametrize('message, offset, value, name', [
-    *((codec.GET_MCCONF, 9, value, 'torque limit') for value in (4.2, math.inf, math.nan)),
-    *((codec.GET_MCCONF, 13, value, 'torque limit') for value in (-4.2, -math.inf, math.nan)),
-    (codec.GET_APPCONF, 10, 0.5, 'brake current on timeout'),
-    (codec.GET_APPCONF, 10, math.nan, 'brake current on timeout')])
-def test_a_setting_that_is_not_safe_is_refused(message, offset, value, name):
+# Its thread looks at timeout and kill switch every 10 ms; timeout.c
+
+@pytest.mark.parametrize('phase', range(10))
+def test_arming_goes_on_until_the_drive_has_seen_that_it_is_fed_again(phase):
     bench = Bench('vesc')
+    bench.pass_time(0.5 + 0.001 * phase)
+    bench.driver.ask()
+    bench.pass_time(0.001)
+    assert bench.driver.poll().faults == ()  # before it is armed a timeout is no news
+    begin = bench.now
+    bench.driver.arm()
+    assert bench.now - begin <= 0.014  # two looks, and the reply
+    bench.driver.ask()
+    bench.pass_time(0.001)
+    assert bench.driver.poll().armed is True
 
-    def set_to(payload):
-        changed = bytearray(payload)
-        struct.pack_into('>f', changed, offset, value)
-        return bytes(changed)
-    change(bench, message, set_to)
-    assert [item.name for item in bench.driver.read_settings() if not item.acceptable] == [name]
 
-
-@pytest.mark.parametrize('message, names', [
-    (codec.GET_MCCONF, ['torque limit']),
-    (codec.GET_APPCONF, ['watchdog', 'brake current on timeout'])])
-def test_settings_that_are_cut_off_are_refused(message, names):
+def test_a_timeout_that_stays_although_it_is_fed_is_not_armed_over():
     bench = Bench('vesc')
-    change(bench, message, lambda payload: payload[:8])
-    assert [item.name for item in bench.driver.read_settings() if not item.acceptable] == names
+    reporting(bench, status=codec.TIMED_OUT)
+    begin = bench.now
+    with pytest.raises(DriveError, match='timeout has expired, however often it is fed') as raised:
+        bench.driver.arm(patience=0.25)
+    assert raised.value.reason == 'not_armed' and bench.now - begin < 0.3
+
+
+def test_a_drive_that_does_not_report_is_not_armed(bench):
+    bench.from_drive = lambda data: b''
+    with pytest.raises(DriveError, match='does not report its state'):
+        bench.driver.arm(patience=0.1)
+
+
+@pytest.mark.parametrize('status, faults', [
+    (0, ()), (codec.KILL_SWITCH, ('KILL_SW_ACTIVE',)),
+    (codec.TIMED_OUT | codec.KILL_SWITCH, ('HAS_TIMEOUT', 'KILL_SW_ACTIVE'))])
+def test_under_power_the_status_is_told_by_its_names(bench, status, faults):
+    reporting(bench, status=status)
+    assert bench.cycles(2).faults == faults
+
+
+def test_a_kill_switch_keeps_the_motor_from_being_armed_and_is_named():
+    bench = Bench('vesc', DriveSettings(quirks=('kill_switch',)))
+    bench.device.sensed = bench.device.sensed._replace(stop_switch=1.0)
+    bench.pass_time(0.02)
+    with pytest.raises(DriveError, match='KILL_SW_ACTIVE'):
+        bench.driver.arm()
+    assert bench.driver.telemetry.faults == ('KILL_SW_ACTIVE',)
+    bench.device.sensed = bench.device.sensed._replace(stop_switch=0.0)
+    bench.pass_time(0.03)
+    bench.driver.arm()
+    assert bench.cycles(20, torque=0.05).faults == () and bench.device.torque() > 0.0
+
+
+def test_faults_are_waited_for_as_nothing_clears_them_sooner(bench):
+    bench.device.over_current()
+    begin = bench.now
+    assert bench.driver.clear_faults() == ()
+    assert bench.now - begin == pytest.approx(0.5, abs=0.02)
+    bench.device.sensed = bench.device.sensed._replace(temperature=150.0)
+    bench.pass_time(0.002)
+    with pytest.raises(DriveError, match='OVER_TEMP_FET, which it clears by itself') as raised:
+        bench.driver.clear_faults(patience=0.2)
+    assert raised.value.reason == 'not_clearable'
+    bench.from_drive = lambda data: b''
+    with pytest.raises(DriveError):
+        bench.driver.clear_faults(patience=0.2)
+
+
+def test_what_the_supply_gives_is_reported(bench):
+    bench.device.sensed = bench.device.sensed._replace(velocity=300.0)
+    assert bench.cycles(20, torque=0.05).bus_current == pytest.approx(
+        (0.05 * 300.0 + 3.125 * 2.0**2) / 24.0, abs=0.01)
+    assert bench.cycles(20, torque=-0.05).bus_current < 0.0

@@ -10,7 +10,8 @@ import time
 
 import pytest
 
-from ballbot_ros.drives import DRIVES, open_driver, read_options
+from ballbot_ros.drives import (
+    DRIVES, line_of, open_driver, open_line, read_options, SERIAL)
 from ballbot_ros.drives.transport import Link
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.control import answer, Channel, FAULTS, LINE_FAULTS, obey
@@ -18,7 +19,8 @@ from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.errors import ConfigurationError, DriveError, LinkError
 from ballbot_ros.physics.simulation.scene import load_scene
 
-BAUD = 460800
+BAUD, OTHER = 460800, 57600
+BIT_RATE, OTHER_BIT_RATE = 1000000, 250000  # of a CAN bus
 TORQUE = 0.02
 WATCHDOG = 0.5  # of the drive: a busy machine may hold a test up for as long [s]
 
@@ -29,10 +31,15 @@ def scene():
     return load_scene('flat')
 
 
+def rates(protocol):
+    """Return the rate of an emulator and another one, as its line has them."""
+    return (BAUD, OTHER) if line_of(protocol) is SERIAL else (BIT_RATE, OTHER_BIT_RATE)
+
+
 def made(protocol, scene, **options):
     """Return an emulator that is not started yet."""
     settings = settings_for(scene.model.robot, watchdog=WATCHDOG)
-    return Emulator(protocol, scene, BAUD, settings, **options)
+    return Emulator(protocol, scene, rates(protocol)[0], settings, **options)
 
 
 @pytest.fixture
@@ -42,11 +49,14 @@ def emulator(scene, tmp_path):
         yield running
 
 
-def connect(emulator, protocol='odrive', baud=BAUD):
+def connect(emulator, protocol='odrive'):
     """Return an open link and a driver that has shaken hands."""
-    link = Link(emulator.path, baud)
+    link = open_line(protocol, emulator.path, rates(protocol)[0])
+    # What an ODrive does not tell over CAN a person has read with odrivetool.
+    told = {'firmware': '0.5.6', 'confirmed': dict(emulator.device.properties)} \
+        if protocol == 'odrive_can' else {}
     driver = open_driver(protocol, link, read_options(
-        protocol, {'torque_limit': emulator.settings.torque_limit, 'watchdog': WATCHDOG},
+        protocol, {'torque_limit': emulator.settings.torque_limit, 'watchdog': WATCHDOG, **told},
         'test'))
     driver.told = driver.identify()
     return link, driver
@@ -91,8 +101,8 @@ def test_a_torque_over_the_line_swings_the_pendulum_and_rolls_the_ball(scene, pr
 
 @pytest.mark.parametrize('protocol', sorted(DRIVES))
 def test_a_wrong_baud_rate_is_told_from_silence(scene, protocol):
-    with Emulator(protocol, scene, 115200) as emulator:
-        with Link(emulator.path, 57600) as link:
+    with made(protocol, scene) as emulator:
+        with open_line(protocol, emulator.path, rates(protocol)[1]) as link:
             driver = open_driver(protocol, link, read_options(
                 protocol, {'torque_limit': 0.1}, 'test'))
             with pytest.raises(DriveError) as raised:
@@ -103,7 +113,8 @@ def test_a_wrong_baud_rate_is_told_from_silence(scene, protocol):
 @pytest.mark.parametrize('wrong', sorted(DRIVES))
 def test_another_protocol_does_not_pass_the_handshake(scene, wrong):
     right = 'vesc' if wrong == 'odrive' else 'odrive'
-    with Emulator(right, scene, BAUD) as emulator, Link(emulator.path, BAUD) as link:
+    with made(right, scene) as emulator, open_line(
+            wrong, emulator.path, rates(wrong)[0]) as link:
         driver = open_driver(wrong, link, read_options(wrong, {'torque_limit': 0.1}, 'test'))
         with pytest.raises(DriveError):
             driver.identify(patience=0.2)

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+CAN frames as records of 16 bytes, so that a bus is a line like any other: a stream of bytes.
+
+A record is that of SocketCAN (``struct can_frame``, little-endian): identifier with its two flags,
+length, data padded with zeros.  In two of its three spare bytes stands a CRC of the rest.  On the
+bus each frame has one, which the controllers check and do not hand on; here it keeps captures,
+fuzz and a damaged line in software honest: a record that was changed is none, as it is on the bus.
+
+A record counts as 160 bits where a line counts ten per byte (`wire.BITS_PER_BYTE`).  So long is
+the longest frame: identifier of 29 bits, eight bytes, every stuff bit there can be, and the gap
+to the next; one with 11 bits has 135 at most, a request without data 55.
+"""
+from binascii import crc_hqx
+from collections import Counter
+import struct
+from typing import NamedTuple, Optional
+
+from ballbot_ros.drives.contract import Setting
+
+RECORD_SIZE = 16
+MOST_DATA = 8
+_RECORD = struct.Struct('<IBxH8s')
+_EXTENDED, _REMOTE = 0x80000000, 0x40000000
+_HIGHEST, _HIGHEST_EXTENDED = 0x7FF, 0x1FFFFFFF
+
+
+class CanFrame(NamedTuple):
+    """A classical CAN frame."""
+
+    identifier: int
+    data: bytes = b''  # at most eight
+    extended: bool = False  # the identifier has 29 bits, not 11
+    remote: bool = False  # a request for the frame of that identifier; has no data
+
+
+def record(frame: CanFrame) -> bytes:
+    """
+    Return the record of a frame.
+
+    Raises
+    ------
+    ValueError
+        If there is no such frame.
+
+    """
+    identifier, data, extended, remote = frame
+    highest = _HIGHEST_EXTENDED if extended else _HIGHEST
+    if not 0 <= identifier <= highest or len(data) > MOST_DATA or remote and data:
+        raise ValueError(f'there is no such CAN frame: {frame!r}')
+    head = identifier | (_EXTENDED if extended else 0) | (_REMOTE if remote else 0)
+    raw = _RECORD.pack(head, len(data), 0, data)
+    return _RECORD.pack(head, len(data), crc_hqx(raw, 0xFFFF), data)
+
+
+def parse_record(raw: bytes) -> Optional[CanFrame]:
+    """Return the frame of 16 bytes, None if they are not its record."""
+    head, length, _, padded = _RECORD.unpack(raw)
+    if length > MOST_DATA:
+        return None
+    frame = CanFrame(head & _HIGHEST_EXTENDED, padded[:length], bool(head & _EXTENDED),
+                     bool(head & _REMOTE))
+    try:
+        return frame if record(frame) == raw else None
+    except ValueError:
+        return None
+
+
+def judge_others(number: int) -> Setting:
+    """Judge how many frames to our drive came that somebody else had sent: a bus is for all."""
+    return Setting('only sender', 'yes' if not number else f'no: {number} frames of another',
+                   'yes', not number, 'another program, or computer, commands this drive: end it')
+
+
+class RecordParser:
+    """
+    Finds the records of frames in a stream.
+
+    Attributes
+    ----------
+    counts : Counter
+        ``skipped`` bytes that belong to no record.
+
+    """
+
+    def __init__(self) -> None:
+        """Start with nothing received."""
+        self.counts = Counter(skipped=0)
+        self._rest = b''
+
+    def feed(self, data: bytes) -> list[CanFrame]:
+        """Take bytes and return the frames that they complete."""
+        data = self._rest + data
+        frames, place = [], 0
+        while len(data) - place >= RECORD_SIZE:
+            frame = parse_record(data[place:place + RECORD_SIZE])
+            if frame is None:
+                place += 1
+                self.counts['skipped'] += 1
+            else:
+                frames.append(frame)
+                place += RECORD_SIZE
+        self._rest = data[place:]
+        return frames

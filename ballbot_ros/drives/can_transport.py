@@ -1,0 +1,296 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The one place that opens a CAN bus, by python-can.
+
+A port is one of
+
+``can0``
+    an interface of the Linux kernel (SocketCAN), whose bit rate is set by ``ip link``,
+``/dev/ttyACM0``
+    a serial adapter that speaks slcan, as CANable and the CANUSB of Lawicel do,
+``INTERFACE:CHANNEL``
+    any other interface of python-can, such as ``virtual:name`` within a process.
+
+Whatever python-can, the kernel or pyserial raise becomes `LinkError`, with a reason and what to
+do.  Frames are handed on as records, see can_frames.py, without those of errors.
+"""
+from contextlib import contextmanager, suppress
+import errno
+import os
+import select
+import termios
+from typing import Any, Iterator, Optional
+
+from ballbot_ros.drives.can_frames import CanFrame, MOST_DATA, record, RecordParser
+from ballbot_ros.drives.capture import TrafficSink
+from ballbot_ros.errors import LinkError
+
+# A bus that has no room for so long is one on which nobody acknowledges, or a stuck adapter [s].
+PATIENCE = 0.02
+# pyserial, below an adapter, looks at its clock after the bytes have gone, so that a process that
+# was held up would see a stuck line: this is for the worst [s].
+WRITE_TIMEOUT = 0.5
+# Frames taken at once, and reads of a serial adapter that bring none.
+MOST_FRAMES = 256
+# CAN_ERR_BUSOFF of linux/can/error.h: the controller has left the bus.
+BUS_OFF = 0x40
+
+
+class CanLink:
+    """
+    An open CAN bus that never blocks: what has arrived is read, what is written goes out.
+
+    Not safe for several threads; give it one owner.
+
+    Parameters
+    ----------
+    port : str
+        See above.
+    baud : int
+        [bit/s]; that of an interface of the kernel is set outside, and not checked here.
+    recorder : TrafficSink, optional
+        Keeps a copy of the traffic.
+
+    Attributes
+    ----------
+    bytes_out, bytes_in : int
+        Of the records written and read so far.
+
+    Raises
+    ------
+    LinkError
+        If the bus cannot be opened; its ``reason`` is one of missing, busy, permission,
+        not_a_port, bad_address and bad_baud.
+
+    """
+
+    def __init__(self, port: str, baud: int, recorder: Optional[TrafficSink] = None):
+        """Open the bus."""
+        self.port = port
+        self.baud = baud
+        self.bytes_out = self.bytes_in = 0
+        self._recorder = recorder
+        self._parser = RecordParser()
+        self._waiting: Any = None  # a message that came while waiting
+        self._bus: Any = None
+        with _converted(port, baud, opening=True):
+            import can
+            self._message = can.Message
+            interface, channel, more = _address(port)
+            self._bus = can.Bus(channel=channel, interface=interface, bitrate=baud,
+                                ignore_config=True, **more)
+        try:
+            self._descriptor: Any = self._bus.fileno()
+        except (NotImplementedError, OSError):  # virtual: and the like have none
+            self._descriptor = None
+        self._take()  # what was sent before we came
+
+    def write(self, data: bytes) -> None:
+        """
+        Write the records of frames.
+
+        Raises
+        ------
+        LinkError
+            If the bus is gone, or takes no frame for 20 ms.
+
+        """
+        with _converted(self.port, self.baud):
+            bus = self._open()
+            if self._descriptor is not None \
+                    and not select.select([], [self._descriptor], [], PATIENCE)[1]:
+                raise OSError(errno.ENOBUFS, 'no room')
+            for frame in self._parser.feed(data):
+                bus.send(self._message(
+                    arbitration_id=frame.identifier, data=frame.data or None,
+                    is_extended_id=frame.extended, is_remote_frame=frame.remote), WRITE_TIMEOUT)
+        self.bytes_out += len(data)
+        if self._recorder is not None:
+            self._recorder.record('>', data)
+
+    def read(self) -> bytes:
+        """
+        Return the records of the frames that have arrived, maybe of none; do not wait.
+
+        Raises
+        ------
+        LinkError
+            If the bus is gone, or the controller has left it.
+
+        """
+        data = self._take()
+        self.bytes_in += len(data)
+        if data and self._recorder is not None:
+            self._recorder.record('<', data)
+        return data
+
+    def wait(self, seconds: float, least: int = 1) -> bool:
+        """
+        Wait until something can be read, at most so long, and return whether there is anything.
+
+        Raises
+        ------
+        LinkError
+            If the bus is gone.
+
+        """
+        with _converted(self.port, self.baud):
+            bus = self._open()
+            if self._waiting is not None:
+                return True
+            if self._descriptor is not None:
+                return self._readable(max(0.0, seconds))
+            self._waiting = bus.recv(max(0.0, seconds))
+            return self._waiting is not None
+
+    def close(self) -> None:
+        """Close the bus; closing twice is no error."""
+        bus, self._bus = self._bus, None
+        if bus is not None:
+            # What is left to say to an adapter that was pulled out is lost.
+            with suppress(Exception):
+                bus.shutdown()
+
+    def __enter__(self) -> 'CanLink':
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close."""
+        self.close()
+
+    def _open(self) -> Any:
+        if self._bus is None:
+            raise LinkError('closed', f'{self.port} is closed')
+        return self._bus
+
+    def _readable(self, seconds: float) -> bool:
+        return bool(select.select([self._descriptor], [], [], seconds)[0])
+
+    def _take(self) -> bytes:
+        """Return the records of all that has arrived."""
+        records = []
+        with _converted(self.port, self.baud):
+            bus = self._open()
+            for _ in range(MOST_FRAMES):
+                message, self._waiting = self._waiting, None
+                try:
+                    message = message or bus.recv(0.0)
+                except Exception as error:
+                    if not _is_no_frame(error):
+                        raise
+                    bus.flush()
+                    continue
+                if message is None:
+                    # An adapter's acknowledgement is no message either, and more may follow it.
+                    if self._descriptor is None or not self._readable(0.0):
+                        break
+                elif message.is_error_frame:
+                    if message.arbitration_id & BUS_OFF:
+                        raise LinkError('gone', (
+                            f'{self.port}: the controller has left the bus (bus off): look at '
+                            'CAN_H and CAN_L, at 120 ohm at both ends, and at the bit rate; then: '
+                            + _up(self.port, self.baud)))
+                elif not message.is_fd and len(message.data) <= MOST_DATA:
+                    with suppress(ValueError):
+                        records.append(record(CanFrame(
+                            message.arbitration_id,
+                            b'' if message.is_remote_frame else bytes(message.data),
+                            message.is_extended_id, message.is_remote_frame)))
+        return b''.join(records)
+
+
+def _address(port: str) -> tuple[str, str, dict[str, Any]]:
+    """Return interface, channel and options of python-can for a port."""
+    interface, colon, channel = port.partition(':')
+    if not colon:
+        interface, channel = ('slcan' if '/' in port else 'socketcan'), port
+    if interface == 'slcan':
+        if channel.startswith('/') and not os.path.exists(channel):
+            raise LinkError('missing', f'there is no port {channel}: is the adapter plugged in?')
+        # Nobody waits for an adapter; it answers nothing that matters.
+        return interface, channel, {'sleep_after_open': 0.0, 'timeout': 0.0}
+    return interface, channel, {}
+
+
+def _up(port: str, baud: int) -> str:
+    """Return the command that sets an interface of the kernel up."""
+    name = port.rpartition(':')[2]
+    return (f'sudo ip link set {name} down; sudo ip link set {name} up type can bitrate {baud} '
+            'restart-ms 100')
+
+
+@contextmanager
+def _converted(port: str, baud: int, opening: bool = False) -> Iterator[None]:
+    """Turn what python-can and those below it raise into `LinkError`."""
+    try:
+        yield
+    except LinkError:
+        raise
+    except ModuleNotFoundError as error:
+        raise LinkError('missing', (
+            f'{port}: python-can cannot be imported ({error}): pip install python-can')
+        ) from error
+    except (ValueError, TypeError, NotImplementedError) as error:
+        if 'bitrate' in str(error).lower():
+            raise _failure(port, baud, error, opening) from error
+        raise LinkError('bad_address', (
+            f'{port!r} is no CAN port: can0 for one of the kernel, /dev/ttyACM0 for an slcan '
+            f'adapter, or INTERFACE:CHANNEL of python-can: {error}')) from error
+    except Exception as error:  # its CanError, OSError of the kernel, termios.error of pyserial
+        if not _is_of_the_line(error):
+            raise
+        raise _failure(port, baud, error, opening) from error
+
+
+def _is_no_frame(error: Exception) -> bool:
+    """Return whether a serial adapter sent what is no frame."""
+    return isinstance(error, (ValueError, IndexError)) or isinstance(error.__cause__, ValueError)
+
+
+def _is_of_the_line(error: Exception) -> bool:
+    import can
+    return isinstance(error, (can.CanError, OSError, termios.error))
+
+
+def _failure(port: str, baud: int, error: Exception, opening: bool) -> LinkError:
+    """Say why a bus did not open or is gone, and what to do."""
+    number = _number(error)
+    if opening and number is None and 'bitrate' in str(error).lower():
+        return LinkError('bad_baud', f'{port} cannot do {baud} bit/s: {error}')
+    if number == errno.ENETDOWN:
+        return LinkError('gone', f'{port} is down: {_up(port, baud)}')
+    if number == errno.EAFNOSUPPORT:
+        return LinkError('missing', (
+            f'{port} cannot be opened, this kernel has no CAN: sudo modprobe can can_raw'))
+    if number == errno.ENODEV and '/' not in port or 'nknown interface' in str(error):
+        return LinkError('missing' if number else 'bad_address', (
+            f'there is no CAN interface {port}: {error}; "ip link" names those that there are, '
+            'and "ballbot doctor" the serial adapters'))
+    if not opening:
+        if number in (errno.ENOBUFS, errno.EAGAIN) or 'imed out' in str(error):
+            return LinkError('stuck', (
+                f'{port} takes no frame: nobody on the bus acknowledges.  Is the drive powered, '
+                f'are both ends closed by 120 ohm, is the bit rate {baud} everywhere?'))
+        return LinkError('gone', f'{port} is gone: {error}; is the plug out?')
+    if number in (errno.EACCES, errno.EPERM):
+        return LinkError('permission', (
+            f'no permission to open {port}; join its group (sudo usermod -aG dialout $USER, '
+            'then log in again)'))
+    if number in (errno.EAGAIN, errno.EBUSY):
+        return LinkError('busy', f'{port} is in use by another program')
+    if number in (errno.ENOTTY, errno.EISDIR, errno.EINVAL):
+        return LinkError('not_a_port', f'{port} is no serial adapter: {error}')
+    return LinkError('missing', f'{port} cannot be opened: {error}')
+
+
+def _number(error: Optional[BaseException]) -> Optional[int]:
+    """Return the number of the system's error behind an exception, None if there is none."""
+    while error is not None:
+        number = getattr(error, 'errno', None) or getattr(error, 'error_code', None)
+        if isinstance(error, termios.error):
+            number = error.args[0]
+        if number is not None:
+            return int(number)
+        error = error.__cause__ or error.__context__
+    return None

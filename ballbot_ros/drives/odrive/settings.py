@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+How an ODrive must be set for the robot at hand: each setting as it is, as it must be, and why.
+
+What the drive does by itself in torque mode: beyond ``vel_limit - torque / vel_gain`` it takes
+torque away, and beyond ``vel_limit`` it brakes, though no torque is commanded; beyond
+``vel_limit_tolerance`` times it, it disarms (controller.cpp, limitVel and overspeed fault, at
+fw-v0.5.6).  From the factory that is 2 turn/s, 0.07 m/s of rolling behind a gear of 50.  And where
+more than 0.01 A would flow back into the supply it disarms, unless a brake resistor takes it
+(low_level.cpp, update_brake_current).  For 0.6, of which only the names are published, the same
+is guessed.
+"""
+import math
+from typing import Callable
+
+from ballbot_ros.drives.contract import DriveOptions, Setting
+from ballbot_ros.drives.odrive.firmware import (
+    BACK_ALLOWED, BUS_VOLTAGE, Generation, LIMITS_TORQUE_MODE, MAX_BACK, OVERSPEED, Rule,
+    VELOCITY_GAIN, VELOCITY_INTEGRATOR, VELOCITY_LIMIT, VELOCITY_TOLERANCE, WATCHDOG,
+    WATCHDOG_TIMEOUT)
+from ballbot_ros.errors import DriveError
+
+Read = Callable[[str], float]
+
+# So much faster than the robot needs its torque it may get before the bridge takes its power.
+RUNAWAY = 1.5
+TOLERANCE = 1.2  # of the velocity limit, from the factory
+PRINTED = 1e-6  # to which a number comes
+FULL_DUTY = 0.95  # of the brake resistor at most; low_level.cpp
+
+
+def judge(generation: Generation, read: Read, options: DriveOptions) -> tuple[Setting, ...]:
+    """
+    Read back every setting that safety rests on, and judge it.
+
+    Parameters
+    ----------
+    generation : Generation
+    read : callable
+        Returns the value of a property, NaN if there is no such property.
+    options : DriveOptions
+
+    """
+    return (_torque(generation, read, options), _watchdog(read, options),
+            *_velocity(read, options), _braking(generation, read, options),
+            *_cascade(generation, options),
+            *(_rule(rule, read(rule.name)) for rule in generation.rules))
+
+
+def set_damping(generation: Generation, options: DriveOptions, port: str,
+                write: Callable[[str, float], float]) -> None:
+    """
+    Set the gains with which the drive damps by itself; at each arming, as a restart forgets them.
+
+    Parameters
+    ----------
+    generation : Generation
+    options : DriveOptions
+    port : str
+        For messages.
+    write : callable
+        Writes a property and returns what it reads then.
+
+    Raises
+    ------
+    DriveError
+        ``not_armed`` if the drive does not take them, or what they would do is not known.
+
+    """
+    if generation.one_reply_at_a_time:
+        raise DriveError('not_armed', (
+            f'{port}: whether an ODrive with firmware {generation.name} takes velocity commands '
+            'as one with 0.5 does is not known; set cascade to 0'))
+    for name, gain in ((VELOCITY_GAIN, options.damping * math.tau), (VELOCITY_INTEGRATOR, 0.0)):
+        value = write(name, gain)
+        if not abs(value - gain) <= 0.001 * gain + PRINTED:
+            raise DriveError('not_armed', f'{port}: {name} must be {gain:.6g}, got {value:g}')
+
+
+def _torque(generation: Generation, read: Read, options: DriveOptions) -> Setting:
+    # What a drive that damps adds by itself, nothing but its own limit cuts.
+    limit = options.torque_limit if options.damping else options.own_limit
+    bounds = [abs(read(name)) for name in generation.torque_limits]
+    currents = read(generation.current_limit) * read(generation.torque_constant)
+    # A bound that is not known is none, and a torque constant below zero is no bound either.
+    ceiling = math.nan if math.isnan(sum(bounds) + currents) or currents < 0.0 \
+        else min(max(bounds), currents)
+    return Setting('torque limit', _reading(ceiling, ' N m'), f'at most {limit:.4g} N m',
+                   ceiling <= 1.01 * limit, ', '.join(
+                       _write(name, -limit if name.endswith('min') else limit)
+                       for name in generation.torque_limits))
+
+
+def _watchdog(read: Read, options: DriveOptions) -> Setting:
+    enabled, timeout = read(WATCHDOG) == 1.0, read(WATCHDOG_TIMEOUT)
+    return Setting('watchdog', _reading(timeout, ' s') if enabled else 'off',
+                   f'at most {options.watchdog:g} s',
+                   enabled and 0.0 < timeout <= 1.01 * options.watchdog,
+                   f'{_write(WATCHDOG_TIMEOUT, options.watchdog)}, {_write(WATCHDOG, 1)}')
+
+
+def _velocity(read: Read, options: DriveOptions) -> tuple[Setting, Setting]:
+    """Judge where the drive takes torque away, and where it disarms, by itself."""
+    limit = read(VELOCITY_LIMIT)
+    gain = options.damping * math.tau or read(VELOCITY_GAIN)  # the one is written when arming
+    limits, trips = read(LIMITS_TORQUE_MODE), read(OVERSPEED)
+    tolerance = read(VELOCITY_TOLERANCE)
+    fastest = RUNAWAY * options.speed_limit / math.tau
+    untouched = fastest + options.torque_limit / gain if gain > 0.0 else math.nan
+    raised = _write(VELOCITY_LIMIT, _rounded_up(untouched if gain > 0.0 else fastest))
+    return (
+        Setting('velocity limit in torque mode', _where(limits, limit),
+                f'at least {_rounded_up(untouched):g} turn/s or off',
+                _is_off(limits) or limit >= untouched,
+                raised if gain > 0.0 else _write(LIMITS_TORQUE_MODE, 0)),
+        Setting('overspeed error', _where(trips, tolerance * limit),
+                f'at least {_rounded_up(fastest):g} turn/s or off',
+                _is_off(trips) or tolerance * limit >= fastest,
+                _write(VELOCITY_TOLERANCE, TOLERANCE) if limit >= fastest else raised))
+
+
+def _braking(generation: Generation, read: Read, options: DriveOptions) -> Setting:
+    """Judge where the energy of a braking motor goes."""
+    most, allowed, voltage = read(MAX_BACK), read(BACK_ALLOWED), read(BUS_VOLTAGE)
+    resistance = read(generation.brake_resistance)
+    enabled = read(generation.brake_enabled) == 1.0 and resistance > 0.0
+    power = RUNAWAY * options.speed_limit * options.torque_limit
+    needed = power / voltage if voltage > 0.0 else math.nan
+    taken = FULL_DUTY * voltage / resistance if enabled else 0.0
+    # With a resistor, what it is to leave flows back, and what is more than it can take.
+    back = max(allowed, needed - taken) if enabled else needed
+    resistor = f'a brake resistor of {resistance:g} ohm' if enabled else 'no brake resistor'
+    into = _reading(-most, ' A') + ' into the supply'
+    wanted = _rounded_up(10.0 * back + 1e-6) / 10.0  # more than `back`, as it is judged
+    return Setting(
+        'braking', f'{into}, {resistor}',
+        f'at least {wanted:g} A into the supply' + ('' if enabled else ', or a brake resistor'),
+        back < -most or power == 0.0 and not math.isnan(most),
+        _write(MAX_BACK, -wanted if enabled else -max(wanted, 0.1)) + (
+            ' (a battery takes that. A supply does not. With a brake resistor set '
+            f'{generation.brake_resistance} and {generation.brake_enabled} 1)'))
+
+
+def _cascade(generation: Generation, options: DriveOptions) -> tuple[Setting, ...]:
+    """Judge whether the drive can damp by itself, where it is to."""
+    if not options.damping or not generation.one_reply_at_a_time:
+        return ()
+    return (Setting('cascade', f'not known of firmware {generation.name}', 'firmware 0.5', False,
+                    'set cascade: 0 in the hardware file'),)
+
+
+def _rule(rule: Rule, value: float) -> Setting:
+    words = f' ({rule.words[int(value)]})' if value in rule.words else ''
+    wanted = ' or '.join(f'{item} ({rule.words[item]})' for item in rule.wanted)
+    return Setting(rule.setting, _reading(value, words), wanted, value in rule.wanted,
+                   rule.remedy or _write(rule.name, rule.wanted[0]))
+
+
+def _is_off(switch: float) -> bool:
+    return switch == 0.0
+
+
+def _where(switch: float, velocity: float) -> str:
+    """Return at which velocity something is done, if it is switched on."""
+    return 'off' if _is_off(switch) else _reading(
+        velocity if switch == 1.0 else math.nan, ' turn/s')
+
+
+def _rounded_up(value: float) -> float:
+    return value if not math.isfinite(value) else float(math.ceil(value))
+
+
+def _reading(value: float, unit: str) -> str:
+    return 'unknown' if math.isnan(value) else f'{value:.4g}{unit}'
+
+
+def _write(name: str, value: float) -> str:
+    """Return what a person types to change a setting."""
+    return f'w {name} {value:g}'

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an ODrive says of itself piece by piece, and which piece it is to be asked for next."""
+import math
+from typing import Any, Mapping, Optional
+
+from ballbot_ros.drives.contract import Telemetry
+from ballbot_ros.drives.odrive import codec
+from ballbot_ros.drives.odrive.firmware import (
+    EFFECTIVE_CURRENT, Generation, SATURATED, STATE)
+
+# After so long what is known is told, though registers were not answered [s].
+PATIENCE = 0.1
+# Results that do not say why the motor has no power: none, still under way, and that it has none.
+NO_REASON = (0, 1, 3)
+
+
+class DriveStatus:
+    """
+    Collects the values of properties, and tells them as telemetry.
+
+    Where an error is named, or the motor has lost its power, all registers are read at once, and
+    only then is anything of it told: that the controller failed does not say why, and a state
+    that is read before the errors would be told without a reason.
+
+    Parameters
+    ----------
+    generation : Generation
+    torque_limit : float
+        What the current must do for [N m].
+
+    Attributes
+    ----------
+    values : dict
+        The last value of each property.
+
+    """
+
+    def __init__(self, generation: Generation, torque_limit: float):
+        """Know nothing yet."""
+        self.generation = generation
+        self.values: dict[str, float] = {}
+        self._torque_limit = torque_limit
+        self._turn = 0
+        self._open: list[str] = []  # still to be read before a loss of power is told
+        self._opened_at = -math.inf
+        self._about: Optional[tuple[float, int]] = None  # the cause that they were read for
+
+    @property
+    def urgent(self) -> bool:
+        """Return whether the next question should not wait for its turn."""
+        return bool(self._open)
+
+    @property
+    def errors(self) -> int:
+        """Return the bits that keep the motor from power."""
+        return int(self.values.get(self.generation.errors, 0.0))
+
+    def next_name(self, now: float) -> str:
+        """Return what to ask for at a time [s]."""
+        if self._open and now - self._opened_at > PATIENCE:
+            self._open, self._about = [], self._cause  # it must be told without them
+        if self._open:
+            return self._open[0]
+        names = self.generation.polled + (
+            tuple(item.path for item in self.generation.details) if self.errors else ())
+        self._turn = (self._turn + 1) % len(names)
+        return names[self._turn]
+
+    def forget_details(self) -> None:
+        """Take what the registers of the parts said for past."""
+        for register in self.generation.details:
+            self.values.pop(register.path, None)
+        self._open, self._about = [], None
+
+    def forget_errors(self) -> None:
+        """Take no error to be known: they have just been cleared."""
+        self.forget_details()
+        self.values.pop(self.generation.errors, None)
+        self.values.pop(self.generation.reason, None)
+
+    def take(self, name: str, value: Optional[float], now: float, ours: bool) -> None:
+        """
+        Take the value of a property, None for no number.
+
+        Parameters
+        ----------
+        name : str
+        value : float, optional
+        now : float
+            [s]
+        ours : bool
+            Whether the motor was armed from here and not stopped since.
+
+        """
+        if value is not None and math.isfinite(value):
+            self.values[name] = value
+        if not self.errors and not (ours and self.values.get(STATE) == codec.IDLE):
+            self.forget_details()
+        elif name in self._open:
+            self._open.remove(name)
+            if not self._open:
+                self._about = self._cause
+        elif not self._open and self._about != self._cause:
+            self._open = [item for item in self.generation.inquest if item != name]
+            self._opened_at = now
+
+    @property
+    def _cause(self) -> tuple[float, int]:
+        """Return what the registers of the parts say more of."""
+        return self.values.get(STATE, math.nan), self.errors
+
+    def told(self, telemetry: Telemetry, name: str, now: float, ours: bool) -> Telemetry:
+        """Return telemetry with what the property that was taken last says."""
+        generation, values = self.generation, self.values
+        if name in generation.telemetry and name in values:
+            reported: dict[str, Any] = {generation.telemetry[name]: values[name]}
+            telemetry = telemetry._replace(**reported)
+        if name in generation.warnings:
+            telemetry = telemetry._replace(warnings=self._warnings())
+        if name not in generation.inquest or STATE not in values or self._open:
+            return telemetry
+        return telemetry._replace(
+            status_time=now, armed=values[STATE] == codec.CLOSED_LOOP_CONTROL,
+            faults=self.faults(values, ours))
+
+    def faults(self, values: Mapping[str, float], ours: bool) -> tuple[str, ...]:
+        """
+        Return the names of all that is wrong, from the values of properties.
+
+        That nobody commands a motor which is not armed is no fault: its watchdog is left out.
+        """
+        generation = self.generation
+        armed = values.get(STATE) == codec.CLOSED_LOOP_CONTROL
+        bits = _number(values, generation.errors)
+        if not (ours or armed):
+            bits &= ~generation.watchdog_expired
+        # What took the power away last time is no fault of a motor that has it again.
+        reason = 0 if armed else _number(values, generation.reason)
+        names = generation.names_of(bits | reason)
+        for register in generation.details:
+            value = _number(values, register.path)
+            if not (register.counts and value in NO_REASON):
+                names += register.names_of(value)
+        return names
+
+    def _warnings(self) -> tuple[str, ...]:
+        """Return what is told before the drive cuts."""
+        generation, values = self.generation, self.values
+        current = values.get(EFFECTIVE_CURRENT, math.inf)
+        constant = values.get(generation.torque_constant, math.inf)
+        names: tuple[str, ...] = ()
+        if current * constant < 0.99 * self._torque_limit:
+            names = (f'effective_current_lim {current:.3g} A',)
+        if values.get(SATURATED, 0.0) == 1.0:
+            names += (SATURATED,)
+        return names
+
+
+def _number(values: Mapping[str, float], name: str) -> int:
+    """Return the bits of a register, none where it is not known."""
+    value = values.get(name, 0.0)
+    return int(value) if math.isfinite(value) else 0

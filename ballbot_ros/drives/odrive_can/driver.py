@@ -1,0 +1,300 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ODrive on a CAN bus by CANSimple: torque mode, current measured there."""
+from collections import Counter
+import math
+from typing import Any, Optional
+
+from ballbot_ros.drives.can_frames import CanFrame, judge_others, RECORD_SIZE, RecordParser
+from ballbot_ros.drives.contract import Identity, Setting
+from ballbot_ros.drives.driver import Driver
+from ballbot_ros.drives.odrive.codec import (
+    CLOSED_LOOP_CONTROL, IDLE, PASSTHROUGH, TORQUE_CONTROL)
+from ballbot_ros.drives.odrive.firmware import (
+    BUS_VOLTAGE, Generation, generation_of, GENERATIONS, hardware_name, in_words)
+from ballbot_ros.drives.odrive.settings import judge
+from ballbot_ros.drives.odrive_can import codec
+from ballbot_ros.drives.odrive_can.condition import AxisCondition, OLD, POLLED
+from ballbot_ros.drives.odrive_can.options import ODriveCanOptions
+from ballbot_ros.drives.odrive_can.settings import (
+    in_odrivetool, judge_firmware, judge_heartbeat, judge_trial, load_endpoints, missing,
+    SLOWEST_HEARTBEAT)
+from ballbot_ros.drives.wire import WireBudget
+from ballbot_ros.errors import DriveError
+
+# Between two requests while something is waited for [s].
+AGAIN = 0.01
+# A frame takes no longer on the wire than this, which is 160 bits at 125 kbit/s [s].
+WIRE_TIME = 0.0013
+
+
+class ODriveCan(Driver):
+    """
+    See `Driver`.
+
+    That the motor has power, or has none any more, only a heartbeat tells.  One that came after
+    the answer to a request was sent after the drive had obeyed what was sent before the request:
+    frames of one sender keep their order.
+    """
+
+    options: ODriveCanOptions
+    protocol, maker = 'odrive_can', 'ODrive'
+    Options = ODriveCanOptions
+    baud_rates = (250000, 1000000, 500000, 125000)
+
+    def _begin(self) -> None:
+        self._parser = RecordParser()
+        self._condition = AxisCondition()
+        self._version: tuple[int, ...] = ()
+        self._replies: dict[int, bytes] = {}  # command -> what it told last
+        self._obeyed_until = -math.inf  # what was sent until then has been obeyed
+        self._torque, self._torque_at = 0.0, -math.inf
+        self._status_at, self._turn = -math.inf, 0
+        self._heard: set[int] = set()  # nodes whose heartbeat came
+
+    # What waits
+
+    def identify(self, patience: float = 0.5) -> Identity:
+        """Ask who is there; see `Driver`."""
+        deadline = self.clock() + patience
+        self._see_obeyed(deadline)
+        timeout = self.options.reply_timeout
+        version = self._ask(codec.VERSION, min(deadline, self.clock() + 2.0 * timeout))
+        if version is None or len(version) != 8:  # 0.5 does not answer that
+            self._version, self._condition.generation = self.options.version, GENERATIONS[0]
+            board = 'v3'
+        else:
+            self._version = tuple(version[4:7])
+            self._condition.generation = generation_of(self._version, 0, self.line.port)
+            board = hardware_name(*version[1:4])
+        name = self._condition.generation.name
+        return Identity(self.protocol, board, in_words(self._version) or name, '', name)
+
+    def _known(self, deadline: float) -> Generation:
+        if self._condition.generation is None:
+            self.identify(deadline - self.clock())
+        assert self._condition.generation is not None
+        return self._condition.generation
+
+    def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
+        """
+        Read back what 0.6 tells, try what 0.5 does not, and judge; see `Driver`.
+
+        To try the watchdog takes as long as it does, besides the patience.
+        """
+        deadline, unknown = self.clock() + patience, []
+        generation, options = self._known(deadline), self.options
+        self._see_obeyed(deadline, 'requests')
+        endpoints = load_endpoints(options.endpoints, self._version) \
+            if options.endpoints and generation is not OLD else {}
+        confirmed = options.confirmed or {} if generation is OLD else {}
+
+        def read(name: str) -> float:
+            if name in endpoints:
+                return self._read_endpoint(name, *endpoints[name], deadline)
+            if name == BUS_VOLTAGE:
+                self._ask(codec.BUS_VOLTAGE_CURRENT, self._soon(deadline))
+                return math.nan if self.telemetry.bus_voltage is None \
+                    else self.telemetry.bus_voltage
+            if name not in confirmed:
+                unknown.append(name)
+            return float(confirmed.get(name, math.nan))
+
+        settings = [item._replace(remedy=in_odrivetool(item.remedy))
+                    for item in judge(generation, read, options)]
+        settings += missing(unknown, generation is OLD, in_words(self._version))
+        self._condition.beats.clear()
+        self._until(lambda: len(self._condition.beats) == 3, min(deadline, self.clock() + 0.15))
+        settings += [judge_heartbeat(self._condition.period, generation is OLD),
+                     judge_others(self.counts['of_others'])]
+        if generation is OLD:
+            settings += [judge_firmware(in_words(self._version)), self._try_watchdog(deadline)]
+        return tuple(settings)
+
+    def _try_watchdog(self, deadline: float) -> Setting:
+        """
+        See whether the watchdog of a firmware 0.5 expires when nothing is sent; it does in idle.
+
+        What is sent to a 0.5 feeds it, whatever it is.
+        """
+        condition, longest = self._condition, self.options.watchdog
+        if not condition.idle:
+            return judge_trial(None, False, longest)
+        self._clear_errors(deadline)
+        begin = self.clock()
+        condition.beats.clear()
+        expired = self._until(
+            lambda: condition.expired, begin + 1.01 * longest + 2.0 * SLOWEST_HEARTBEAT)
+        took = self.clock() - begin
+        self._send(codec.frame(self.options.node_id, codec.CLEAR_ERRORS))
+        return judge_trial(took, expired, longest)
+
+    def _clear_errors(self, deadline: float) -> None:
+        """Clear all errors, and return when that has been obeyed."""
+        self._condition.forget()
+        self._send(codec.frame(self.options.node_id, codec.CLEAR_ERRORS))
+        self._see_obeyed(deadline, 'requests')
+
+    def _arm(self, deadline: float) -> None:
+        self._known(deadline)
+        node, condition, begin = self.options.node_id, self._condition, self.clock()
+        # An error left over keeps the drive from arming; a present one comes back at once.
+        condition.forget()
+        self._send(self._torque_message(0.0) + codec.frame(node, codec.CLEAR_ERRORS)
+                   + codec.set_mode(node, TORQUE_CONTROL, PASSTHROUGH)
+                   + codec.set_state(node, CLOSED_LOOP_CONTROL) + self._ask_position())
+        while True:
+            condition.beats.clear()  # what came before says nothing of what has been obeyed since
+            self._until(lambda: bool(condition.beats) and self._obeyed_until >= begin,
+                        min(deadline, self.clock() + AGAIN))
+            names, obeyed = condition.faults(ours=True), self._obeyed_until >= begin
+            if obeyed and condition.armed and not names:
+                return
+            if obeyed and names or self.clock() >= deadline:
+                raise DriveError('not_armed', (
+                    f'{self.line.port}: the ODrive does not go into closed loop control and '
+                    f'names {", ".join(names) or condition.reason}; remove the cause, '
+                    'odrivetool shows more with dump_errors(odrv0)'))
+            self._send(self._torque_message(0.0) + self._ask_position())
+
+    def clear_faults(self, patience: float = 0.5) -> tuple[str, ...]:
+        """Clear what latched, without power; see `Driver`."""
+        if self._armed or self.telemetry.armed:
+            raise DriveError('not_clearable', (
+                f'{self.line.port}: the motor is under power; stop it first'))
+        deadline = self.clock() + patience
+        self._known(deadline)
+        self._clear_errors(deadline)
+        self._condition.beats.clear()
+        self._until(lambda: bool(self._condition.beats), deadline)
+        return self.telemetry.faults
+
+    # What does not wait
+
+    def feed(self) -> None:
+        """Feed the watchdog; see `Driver`."""
+        self._send(self._torque_message(self._torque if self._armed else 0.0))
+
+    def budget(self) -> WireBudget:
+        """Return the records of a command, two requests, their replies and a heartbeat."""
+        return WireBudget(3 * RECORD_SIZE, 3 * RECORD_SIZE)
+
+    def _torque_message(self, torque: float) -> bytes:
+        self._torque, self._torque_at = torque, self.clock()
+        return codec.torque(self.options.node_id, torque)
+
+    def _stop_message(self) -> bytes:
+        return (self._torque_message(0.0) + codec.set_state(self.options.node_id, IDLE)
+                + self._ask_position())
+
+    def _requests(self) -> bytes:
+        now, node, request = self.clock(), self.options.node_id, self._ask_position()
+        generation, unread = self._condition.generation, self._condition.unread
+        if generation is not None and now - self._status_at >= self.options.status_period:
+            polled = POLLED[generation.name]
+            self._status_at, self._turn = now, (self._turn + 1) % len(polled)
+            request += codec.ask(node, polled[self._turn] if unread is None else unread)
+        return request
+
+    def _send(self, data: bytes) -> None:
+        # To a 0.5 whatever is sent is a command: it would keep an old torque alive, anybody's.
+        if data and self.clock() - self._torque_at >= self.options.watchdog:
+            data = codec.torque(self.options.node_id, 0.0) + data
+        super()._send(data)
+
+    def _ask_position(self) -> bytes:
+        self._questions.ask(codec.ENCODER_ESTIMATES)
+        return codec.ask(self.options.node_id, codec.ENCODER_ESTIMATES)
+
+    def _see_obeyed(self, deadline: float, what: str = '') -> None:
+        """Ask for the position until an answer comes; see `_ask_until`."""
+        begin = self.clock()
+        self._ask_until(lambda: self._obeyed_until >= begin, self._ask_position, deadline, what)
+
+    def _ask(self, command: int, deadline: float) -> Optional[bytes]:
+        """Return what a command tells, None if it does not before the deadline."""
+        self._replies.pop(command, None)
+        while command not in self._replies and self.clock() < deadline:
+            self._send(codec.ask(self.options.node_id, command))
+            self._until(lambda: command in self._replies, self._soon(deadline))
+        return self._replies.get(command)
+
+    def _read_endpoint(self, name: str, number: int, kind: str, deadline: float) -> float:
+        """Return the value of an endpoint; raise `DriveError` if it does not come."""
+        def value() -> Optional[float]:
+            return codec.parse_endpoint(self._replies.get(codec.TX_SDO, b''), number, kind)
+        self._replies.pop(codec.TX_SDO, None)
+        self._ask_until(lambda: value() is not None,
+                        lambda: codec.read_endpoint(self.options.node_id, number), deadline,
+                        f'the request for {name}')
+        found = value()
+        return math.nan if found is None else found
+
+    def _handshake_error(self, before: Counter[str]) -> DriveError:
+        if self.counts['skipped'] > before['skipped']:
+            return super()._handshake_error(before)
+        node, others = self.options.node_id, ', '.join(map(str, sorted(self._heard)))
+        return DriveError('silent', (
+            f'{self.line.port}: no ODrive with node_id {node} answers'
+            + (f', though heartbeats come of node {others}: set node_id, or see whether this '
+               'computer is heard' if others else '; is it powered, is its CAN protocol SIMPLE, '
+               'is the bit rate the same, are both ends closed by 120 ohm?')))
+
+    # Replies
+
+    def _question(self, reply: Any) -> object:
+        node, command = divmod(reply.identifier, 1 << codec.COMMAND_BITS)
+        return command if node == self.options.node_id else None
+
+    def _take_reply(self, reply: Any, now: float) -> None:
+        frame: CanFrame = reply
+        node, command = divmod(frame.identifier, 1 << codec.COMMAND_BITS)
+        if command == codec.HEARTBEAT and not frame.extended:
+            self._heard.add(node)
+        if frame.extended or node != self.options.node_id:
+            return
+        if frame.remote or command in codec.COMMANDS:
+            self.counts['of_others'] += 1
+            return
+        self._replies[command] = frame.data
+        if command == codec.HEARTBEAT:
+            self._take_heartbeat(codec.parse_heartbeat(frame.data), now)
+        elif command == codec.ENCODER_ESTIMATES:
+            self._take_position(codec.parse_floats(frame.data), now)
+        elif command in (codec.IQ, codec.BUS_VOLTAGE_CURRENT, codec.TEMPERATURE):
+            self._note(command, codec.parse_floats(frame.data))
+        elif command in (codec.MOTOR_ERROR, codec.ENCODER_ERROR, codec.CONTROLLER_ERROR):
+            self._condition.take_register(command, frame.data)
+
+    def _take_position(self, numbers: Optional[tuple[float, float]], now: float) -> None:
+        answer = self._answered(codec.ENCODER_ESTIMATES, now)
+        self._obeyed_until = max(self._obeyed_until, answer.asked)
+        if numbers is None or self._condition.without_estimate:
+            return
+        # What was not asked for, the drive sent by itself.
+        measured = answer.measured if math.isfinite(answer.asked) else now - WIRE_TIME
+        self.telemetry = self.telemetry._replace(
+            time=now, measured=measured, position=numbers[0] * math.tau,
+            velocity=numbers[1] * math.tau)
+
+    def _take_heartbeat(self, content: Optional[codec.Heartbeat], now: float) -> None:
+        if content is None:
+            return
+        self._condition.take_beat(content, now)
+        if self._condition.idle:
+            self._off_asked_at = self._obeyed_until
+        self.telemetry = self.telemetry._replace(
+            status_time=now, armed=self._condition.armed,
+            faults=self._condition.faults(self._armed))
+
+    def _note(self, command: int, numbers: Optional[tuple[float, float]]) -> None:
+        """Put what was told besides into the telemetry."""
+        generation = self._condition.generation
+        if numbers is None or generation is None:
+            return
+        first, second = numbers
+        if command == codec.IQ:
+            self.telemetry = self.telemetry._replace(current=second)
+        elif command == codec.BUS_VOLTAGE_CURRENT:
+            self.telemetry = self.telemetry._replace(bus_voltage=first, bus_current=second)
+        elif generation is not OLD:
+            self.telemetry = self.telemetry._replace(temperature=first, motor_temperature=second)

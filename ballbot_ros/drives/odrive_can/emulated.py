@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+An ODrive with firmware 0.5 or 0.6, as a CAN bus sees it; its motor is that of emulated_board.py.
+
+0.5 is written after Firmware/communication/can/can_simple.cpp and odrive_can.cpp of
+odriverobotics/ODrive at fw-v0.5.6, with their oddities: whatever is sent to the node feeds its
+watchdog, a request too; three frames at most wait to be sent, and an answer for which there is no
+room is lost; an estimate that is not valid reads as 0.
+
+The source of 0.6 is not published.  Its messages are from the maker's documents, see codec.py; the
+numbers of its endpoints are made up here, as they differ between firmwares.  Guessed, against the
+driver: only set-points and states feed the watchdog, and arming sets the torque to `init_torque`.
+"""
+import math
+import struct
+from typing import Any, Mapping
+
+from ballbot_ros.drives.can_frames import CanFrame, RecordParser
+from ballbot_ros.drives.emulated_device import Device
+from ballbot_ros.drives.odrive.emulated_board import Board, CONFIG
+from ballbot_ros.drives.odrive.emulated_names import NAMES, Names, QUIRKS
+from ballbot_ros.drives.odrive_can import codec
+
+NODE = 0
+FRAME_BITS = 160
+MAILBOXES = 3
+REBOOT = 0x16
+ASCII_ONLY = ('1d', 'no_sc')
+
+
+class ODriveCanDevice(Device):
+    """See `Device`; the motor is on axis 0, with the node id 0."""
+
+    protocol = 'odrive_can'
+    firmwares = tuple(NAMES)
+    quirks = {name: quirk for name, quirk in QUIRKS.items() if name not in ASCII_ONLY}
+
+    def _boot(self) -> None:
+        self.names: Names = NAMES[self.settings.firmware or self.firmwares[0]]
+        self._old = self.names is NAMES['0.5']
+        self.board = Board(self.settings, self.names, {})
+        self.heartbeat_rate = 'axis0.config.can.heartbeat_' + (
+            'rate_ms' if self._old else 'msg_rate_ms')
+        self.properties[self.heartbeat_rate] = 100 if self.has('factory') else 10
+        self._records = RecordParser()
+        self._beat_at = -math.inf
+        self._busy_until = -math.inf  # with what waits to be sent
+
+    @property
+    def properties(self) -> dict[str, float]:
+        """Return all properties but what is measured."""
+        return self.board.properties
+
+    @property
+    def armed(self) -> bool:
+        """Return whether the motor is under power."""
+        return self.board.armed
+
+    def torque(self) -> float:
+        """Return the torque at the shaft; see `Device`."""
+        self.board.sensed = self.sensed
+        return self.board.torque()
+
+    def tick(self, now: float) -> None:
+        """Look after watchdog, limits and temperature; see `Device`."""
+        self.board.sensed = self.sensed
+        self.board.tick(now)
+
+    def over_current(self) -> None:
+        """Trip; see `Device`."""
+        self.board.trip('too_much_current')
+
+    def endpoints(self) -> dict[str, Any]:
+        """Return what the maker's flat_endpoints.json would say of a 0.6."""
+        return {'fw_version': '.'.join(map(str, self.names.version_of(self.settings))),
+                'hw_version': '.'.join(map(str, self.names.board)),
+                'endpoints': {name: {'id': number, 'type': _type_of(value), 'access': 'rw'}
+                              for name, (number, value) in self._numbered().items()}}
+
+    def _numbered(self) -> Mapping[str, tuple[int, float]]:
+        return {name: (number, value)
+                for number, (name, value) in enumerate(sorted(self.properties.items()), start=400)
+                if name != 'serial_number'}
+
+    def _receive(self, data: bytes, now: float) -> bytes:
+        reply = b''
+        for frame in self._records.feed(data):
+            node, command = divmod(frame.identifier, 1 << codec.COMMAND_BITS)
+            if node == NODE and not frame.extended:
+                answer = self._obey(command, frame, now)
+                self.tick(now)
+                reply += self._sent(answer, now)
+        period = 1e-3 * self.properties[self.heartbeat_rate]
+        if period and now - self._beat_at >= period - 1e-9:
+            beat = self._sent(self._heartbeat(), now)
+            if beat:  # in its own rhythm, unless it is late by more than that
+                late = now - self._beat_at > 2.0 * period
+                self._beat_at = now if late else self._beat_at + period
+            reply += beat
+        return reply
+
+    def _sent(self, record: bytes, now: float) -> bytes:
+        """Return what of an answer finds one of the three places from which it is sent."""
+        duration = FRAME_BITS / self.baud
+        if not record or self._busy_until - now > (MAILBOXES - 1) * duration:
+            return b''
+        self._busy_until = max(self._busy_until, now) + duration
+        return record
+
+    def _heartbeat(self) -> bytes:
+        here = self.properties
+        if self._old:
+            more = [int(bool(here.get(f'axis0.{part}.error', 0)))
+                    for part in ('motor', 'encoder', 'controller')]
+        else:
+            more = [int(here.get('axis0.procedure_result', 0)), 0, 0]
+        return codec.frame(NODE, codec.HEARTBEAT, struct.pack(
+            '<IBBBB', int(here[self.names.errors]) & 0xFFFFFFFF,
+            int(here['axis0.current_state']) & 0xFF, *more))
+
+    def _obey(self, command: int, frame: CanFrame, now: float) -> bytes:
+        """Obey a command and return the record of its answer; see `do_command`."""
+        here, data, length = self.properties, frame.data, len(frame.data)
+        if self._old or command in (codec.SET_INPUT_TORQUE, codec.SET_AXIS_STATE):
+            self.board.feed(now)
+        if command == codec.CLEAR_ERRORS:
+            self.board.clear_errors()
+        elif command == REBOOT:
+            self.reboot(now)
+        elif frame.remote or not data and not self.has('0.5.4'):
+            return self._tell(command)
+        elif command == codec.SET_AXIS_STATE and length >= 4:
+            here['axis0.requested_state'] = int.from_bytes(data[:4], 'little')
+        elif command == codec.SET_CONTROLLER_MODE and length >= 8:
+            here[CONFIG + 'control_mode'], here[CONFIG + 'input_mode'] = struct.unpack('<II', data)
+        elif command == codec.SET_INPUT_TORQUE and length >= 4:
+            value, = struct.unpack_from('<f', data)
+            self.board.input_torque = 0.0 if math.isnan(value) else value
+        elif command == codec.RX_SDO and not self._old and length >= 4:
+            return self._tell_endpoint(*struct.unpack_from('<BH', data))
+        return b''
+
+    def _tell(self, command: int) -> bytes:
+        """Return the record of what a command tells."""
+        sensed = self.sensed
+        numbers = {
+            codec.ENCODER_ESTIMATES: (sensed.position / math.tau, sensed.velocity / math.tau),
+            codec.IQ: (0.0, self.torque() / self.settings.torque_constant),
+            codec.BUS_VOLTAGE_CURRENT: (sensed.bus_voltage, self.board.supply_current())}
+        if not self._old:
+            numbers[codec.TEMPERATURE] = (sensed.temperature, sensed.motor_temperature)
+        if command in numbers:
+            return codec.frame(NODE, command, struct.pack('<ff', *numbers[command]))
+        data = self._old_register(command) if self._old else self._new_register(command)
+        return codec.frame(NODE, command, data) if data else b''
+
+    def _old_register(self, command: int) -> bytes:
+        parts = {codec.MOTOR_ERROR: 'motor', codec.ENCODER_ERROR: 'encoder',
+                 codec.CONTROLLER_ERROR: 'controller'}
+        if command not in parts:
+            return b''
+        return int(self.properties.get(f'axis0.{parts[command]}.error', 0)).to_bytes(8, 'little')
+
+    def _new_register(self, command: int) -> bytes:
+        here = self.properties
+        if command == codec.VERSION:
+            return bytes((2, *self.names.board, *self.names.version_of(self.settings), 0))
+        if command == codec.ERROR:
+            return struct.pack('<II', int(here[self.names.errors]),
+                               int(here.get('axis0.disarm_reason', 0)))
+        return b''
+
+    def _tell_endpoint(self, operation: int, number: int) -> bytes:
+        found = [value for each, value in self._numbered().values() if each == number]
+        if operation != codec.READ or not found:
+            return b''
+        value = found[0] if isinstance(found[0], float) else int(found[0])
+        raw = struct.pack('<BHB' + codec.TYPES[_type_of(value)], 0, number, 0, value)
+        return codec.frame(NODE, codec.TX_SDO, raw)
+
+
+def _type_of(value: float) -> str:
+    return 'float' if isinstance(value, float) else 'uint32'

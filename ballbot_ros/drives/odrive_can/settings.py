@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where the settings of an ODrive on a CAN bus are known from.
+
+0.6 tells them over the bus, by number; which number is whose differs between firmwares, and the
+maker has a list for each (flat_endpoints.json).  0.5 tells none.  Then a person reads them with
+odrivetool and confirms them in the hardware file, and of the most important one, the watchdog, it
+is tried whether it is so.
+"""
+import json
+import math
+from pathlib import Path
+import re
+from typing import Any, Mapping, NamedTuple, Optional, Sequence
+
+from ballbot_ros.drives.contract import Setting
+from ballbot_ros.drives.odrive_can.codec import TYPES
+from ballbot_ros.errors import ConfigurationError
+
+# Slowest heartbeat: nothing else tells whether the motor has power [s].
+SLOWEST_HEARTBEAT = 0.02
+
+_WRITE = re.compile(r'\bw ([\w.]+) (\S+?)(?=,|\s|$)')
+
+
+class Endpoint(NamedTuple):
+    """A value that 0.6 tells."""
+
+    number: int
+    kind: str  # one of `TYPES`
+
+
+def load_endpoints(path: str, version: Sequence[int]) -> Mapping[str, Endpoint]:
+    """
+    Return the endpoints of a firmware by their names, from the maker's list.
+
+    Parameters
+    ----------
+    path : str
+        Of flat_endpoints.json.
+    version : sequence of int
+        Of the firmware of the drive.
+
+    Raises
+    ------
+    ConfigurationError
+        If it cannot be read, is no such list, or that of another firmware.
+
+    """
+    try:
+        content: Any = json.loads(Path(path).expanduser().read_text(encoding='utf-8'))
+        firmware, listed = str(content['fw_version']), content['endpoints']
+        found = {str(name): Endpoint(int(item['id']), item['type'])
+                 for name, item in listed.items() if item.get('type') in TYPES}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ConfigurationError(
+            f'endpoints: {path} is no flat_endpoints.json of an ODrive: {error}') from error
+    wanted = '.'.join(map(str, version))
+    if firmware.partition('-')[0] != wanted:
+        raise ConfigurationError(
+            f'endpoints: {path} is for firmware {firmware}, the drive has {wanted}: its numbers '
+            'mean something else there; take the list of that firmware from the maker')
+    return found
+
+
+def check_confirmed(confirmed: Any) -> None:
+    """Raise `ConfigurationError` for what is not names with numbers."""
+    if confirmed is None:
+        return
+    if not isinstance(confirmed, Mapping):
+        raise ConfigurationError(
+            f'confirmed must be names of properties with their values, got {confirmed!r}')
+    for name, value in confirmed.items():
+        if not isinstance(value, (bool, int, float)) or math.isnan(value):
+            raise ConfigurationError(
+                f'confirmed: {name} must be a number as odrivetool shows it, got {value!r}')
+
+
+def in_odrivetool(remedy: str) -> str:
+    """Return a remedy for a serial terminal as one types it in odrivetool."""
+    return _WRITE.sub(r'odrv0.\1 = \2', remedy)
+
+
+def missing(names: Sequence[str], old: bool, version: str) -> list[Setting]:
+    """Return what to do about properties that are not known; nothing if there are none."""
+    if not names:
+        return []
+    listed = ', '.join(names)
+    return [Setting('settings read or confirmed', f'all but {listed}', 'all', False, (
+        'firmware 0.5 does not tell them over CAN: read odrv0.NAME of each with odrivetool, and '
+        'write name and value under confirmed in the section drive' if old else
+        'write endpoints: PATH in the section drive, of the flat_endpoints.json that the maker '
+        f'has for firmware {version}'))]
+
+
+def judge_heartbeat(period: float, old: bool) -> Setting:
+    """Judge the time between two heartbeats [s]."""
+    name = 'heartbeat_rate_ms' if old else 'heartbeat_msg_rate_ms'
+    # Read from the line in pieces: between two of them a quarter more or less may pass.
+    return Setting('heartbeat', f'each {1e3 * period:.0f} ms',
+                   f'each {1e3 * SLOWEST_HEARTBEAT:.0f} ms at most',
+                   period <= 1.25 * SLOWEST_HEARTBEAT,
+                   f'odrv0.axis0.config.can.{name} = 10')
+
+
+def judge_firmware(version: str) -> Setting:
+    """Judge the version of a firmware 0.5, as the hardware file has it."""
+    return Setting('firmware', version or 'unknown', 'named in the hardware file', bool(version),
+                   'firmware 0.5 does not tell it over CAN: write firmware: "0.5.6", or what '
+                   'odrivetool shows, in the section drive')
+
+
+def judge_trial(took: Optional[float], expired: bool, watchdog: float) -> Setting:
+    """Judge how long nothing was sent [s], None if it was not tried, and what came of it."""
+    value = 'not tried' if took is None else \
+        f'{"expired after" if expired else "did not expire in"} {took:.2g} s'
+    remedy = 'the motor is under power: stop who drives it' if took is None else (
+        f'odrv0.axis0.config.watchdog_timeout = {watchdog:g}, '
+        'odrv0.axis0.config.enable_watchdog = True; and let nobody else send to this node')
+    return Setting('watchdog, tried', value, f'to expire {watchdog:g} s after the last message',
+                   expired, remedy)

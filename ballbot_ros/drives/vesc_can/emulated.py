@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A VESC as a CAN bus sees it, after comm/comm_can.c of vedderb/bldc; the rest as by serial."""
+from ballbot_ros.drives.can_frames import CanFrame, record, RecordParser
+from ballbot_ros.drives.vesc import codec as serial
+from ballbot_ros.drives.vesc.emulated import VescDevice
+from ballbot_ros.drives.vesc_can import codec
+
+HW_TYPE_VESC = 0
+
+
+class VescCanDevice(VescDevice):
+    """See `Device`; its id is `codec.DRIVE_ID`."""
+
+    protocol = 'vesc_can'
+
+    def _boot(self) -> None:
+        super()._boot()
+        self._records, self._assembly = RecordParser(), codec.Assembly()
+        self._replies = serial.FrameParser()
+
+    def _receive(self, data: bytes, now: float) -> bytes:
+        return b''.join(self._take(frame, now) for frame in self._records.feed(data))
+
+    def _take(self, frame: CanFrame, now: float) -> bytes:
+        """Obey a frame and return the records of the answer; see `decode_msg`."""
+        kind, to = frame.identifier >> 8, frame.identifier & 0xFF
+        if not frame.extended or to not in (codec.DRIVE_ID, codec.EVERYBODY):
+            return b''
+        data = frame.data
+        if kind == codec.SET_CURRENT and len(data) >= 4:
+            self._obey_message(bytes((serial.SET_CURRENT,)) + data[:4], now)
+        elif kind == codec.PING and data:
+            return record(codec.packet(
+                codec.PONG, data[0], bytes((codec.DRIVE_ID, HW_TYPE_VESC))))
+        else:
+            payload = self._assembly.take(kind, data)
+            if payload is not None and data[1] in (codec.ANSWER_ME, 3):
+                purpose = codec.ANSWER if data[1] == codec.ANSWER_ME else codec.ANSWER_ME
+                return b''.join(
+                    codec.records(reply, data[0], codec.DRIVE_ID, purpose)
+                    for reply in self._obey_message(payload, now))
+        return b''
+
+    def _obey_message(self, payload: bytes, now: float) -> list[bytes]:
+        """Obey a message as if it had come over a serial line, and return the replies."""
+        return self._replies.feed(super()._receive(serial.frame(payload), now))

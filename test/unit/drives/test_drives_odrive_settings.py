@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an ODrive must be set to for the robot at hand: its own limits, and where braking goes."""
+import math
+
+from drive_bench import Bench
+import pytest
+
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.drives.emulated_device import DriveSettings
+from ballbot_ros.drives.odrive import codec
+from ballbot_ros.errors import DriveError
+from ballbot_ros.physics import load_robot
+
+KINDS = ('odrive 0.5', 'odrive 0.6')
+both = pytest.mark.parametrize('kind', KINDS)
+VELOCITY, OVERSPEED, BRAKING = 'velocity limit in torque mode', 'overspeed error', 'braking'
+CONTROLLER = 'axis0.controller.config.'
+
+
+def bench(kind, *quirks):
+    """Return a bench with the options of the hardware file of GimBall."""
+    options = load_hardware('gimball_odrive').options()
+    return Bench(kind, DriveSettings(
+        quirks=quirks, torque_limit=options.torque_limit, boot_time=0.1),
+        torque_limit=options.torque_limit, speed_limit=options.speed_limit)
+
+
+def refused(here):
+    """Return the settings that are not acceptable, by name."""
+    return {item.name: item for item in here.driver.read_settings() if not item.acceptable}
+
+
+def type_lines(here, remedy):
+    """Do what a person reads, in a terminal: a line each, without checksums."""
+    for line in remedy.split(', '):
+        here.device.receive(f'{line}\n'.encode(), here.now)
+        here.pass_time(0.01)
+
+
+def test_the_overspeed_error_of_the_factory_comes_at_7_cm_per_second_of_gimball():
+    hardware = load_hardware('gimball_odrive')
+    trip = 1.2 * 2.0 * math.tau / hardware.joint.gear_ratio
+    assert trip * load_robot('gimball').ball_radius == pytest.approx(0.07, abs=0.005)
+
+
+@both
+def test_all_that_the_factory_leaves_open_is_refused_and_mended_by_what_is_written_there(kind):
+    here = bench(kind, 'factory')
+    wrong = refused(here)
+    calibrated = {'odrive 0.5': 'encoder', 'odrive 0.6': 'commutation'}[kind]
+    assert set(wrong) == {'torque limit', 'watchdog', VELOCITY, OVERSPEED, BRAKING, calibrated}
+    velocity = {'odrive 0.5': '2', 'odrive 0.6': '10'}[kind]
+    assert wrong[VELOCITY].value == f'{velocity} turn/s'
+    assert wrong[BRAKING].value == '0.01 A into the supply, no brake resistor'
+    # A watchdog that nobody feeds would disarm the motor while it is calibrated.
+    type_lines(here, wrong.pop(calibrated).remedy)
+    here.pass_time(3.0)
+    for item in wrong.values():
+        type_lines(here, item.remedy)
+    assert not refused(here)
+    if kind == 'odrive 0.5':  # for an encoder with an index, or an absolute one
+        here.device.receive(b'w axis0.encoder.config.pre_calibrated 1\n', here.now)
+    here.device.receive(b'ss\n', here.now)
+    here.pass_time(0.2)
+    assert not refused(here)
+    here.driver.arm()
+
+
+@both
+def test_a_watchdog_that_nobody_feeds_spoils_a_calibration(kind):
+    here = bench(kind, 'factory')
+    remedy = refused(here)['watchdog'].remedy
+    type_lines(here, f'{remedy}, w axis0.requested_state 3')
+    here.pass_time(3.0)
+    assert {'encoder', 'commutation'} & set(refused(here))
+
+
+@both
+def test_what_is_accepted_does_nothing_up_to_a_runaway_and_lets_it_brake(kind):
+    here = bench(kind, 'vel_limit', 'regeneration')
+    for item in refused(here).values():
+        type_lines(here, item.remedy)
+    options = here.driver.options
+    here.driver.arm()
+    fastest = 1.5 * options.speed_limit
+    for velocity, torque in ((fastest, options.torque_limit), (-fastest, options.torque_limit),
+                             (fastest, -options.torque_limit), (fastest, 0.0),
+                             (fastest, -0.3 * options.torque_limit)):
+        here.device.sensed = here.device.sensed._replace(velocity=velocity)
+        here.cycles(5, torque)
+        assert here.device.armed and here.device.torque() == pytest.approx(torque, abs=1e-5)
+
+
+@pytest.mark.parametrize('changes, names', [
+    ({'vel_limit': 2.0}, {VELOCITY, OVERSPEED}),
+    ({'vel_limit': 2.0, 'enable_torque_mode_vel_limit': 0}, {OVERSPEED}),
+    ({'vel_limit': 2.0, 'enable_overspeed_error': 0}, {VELOCITY}),
+    ({'vel_limit': 2.0, 'enable_overspeed_error': 0, 'enable_torque_mode_vel_limit': 0}, set()),
+    ({'vel_limit_tolerance': 0.5}, {OVERSPEED}),
+    ({'vel_limit_tolerance': math.inf, 'vel_limit': math.inf}, set()),
+    # 143.3 turn/s, of which torque over gain is taken off.
+    ({'vel_limit': 143.5, 'vel_gain': 1.0 / 6.0}, {VELOCITY}),
+    ({'vel_limit': 144.0, 'vel_gain': 1.0 / 6.0}, set()),
+    ({'vel_limit': 160.0, 'vel_gain': 1e-3}, {VELOCITY}),
+    ({'vel_gain': 0.0}, {VELOCITY})])
+@both
+def test_a_limit_of_the_drive_counts_where_it_is_switched_on(kind, changes, names):
+    here = bench(kind)
+    here.device.properties.update({CONTROLLER + name: value for name, value in changes.items()})
+    wrong = refused(here)
+    assert set(wrong) == names
+    for item in wrong.values():
+        assert CONTROLLER in item.remedy
+        type_lines(here, item.remedy)
+    assert not refused(here)
+
+
+BRAKE = {'odrive 0.5': ('config.enable_brake_resistor', 'config.brake_resistance'),
+         'odrive 0.6': ('config.brake_resistor0.enable', 'config.brake_resistor0.resistance')}
+
+
+@pytest.mark.parametrize('back, allowed, enabled, resistance, accepted', [
+    (-0.01, 0.0, 0, 2.0, False), (-0.01, 0.0, 1, 2.0, True), (-0.01, 0.0, 1, 0.0, False),
+    (-0.01, 0.1, 1, 2.0, False),  # that much flows back before the resistor takes any
+    (-0.01, 0.0, 1, 10.0, False),  # takes 2.3 A at 24 V; 3.3 A may come
+    (-2.0, 0.0, 1, 10.0, True), (-3.0, 0.0, 0, 2.0, False), (-3.5, 0.0, 0, 2.0, True),
+    (-math.inf, 0.0, 0, 2.0, True), (0.0, 0.0, 0, 2.0, False)])
+@both
+def test_the_energy_of_braking_must_go_somewhere(
+        kind, back, allowed, enabled, resistance, accepted):
+    here = bench(kind)
+    here.device.properties.update(dict(zip(BRAKE[kind], (enabled, resistance))))
+    here.device.properties.update({
+        'config.dc_max_negative_current': back, 'config.max_regen_current': allowed})
+    assert ({BRAKING} if not accepted else set()) == set(refused(here))
+
+
+@both
+def test_a_board_without_a_brake_resistor_may_still_charge_a_battery(kind):
+    here = bench(kind)
+    enabled, resistance = map(codec.read, BRAKE[kind])
+    here.to_drive = lambda data: codec.read('blahblah') if data in (enabled, resistance) else data
+    assert not refused(here)
+
+
+@pytest.mark.parametrize('name', [
+    CONTROLLER + 'vel_limit', CONTROLLER + 'vel_limit_tolerance', CONTROLLER + 'vel_gain',
+    'config.dc_max_negative_current', 'vbus_voltage'])
+@both
+def test_a_limit_that_is_not_known_is_not_accepted(kind, name):
+    here = bench(kind)
+    here.to_drive = lambda data: data.replace(codec.read(name), codec.read('blahblah'))
+    assert refused(here)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_who_does_not_say_how_fast_the_robot_is_gets_its_limits_accepted(kind):
+    here = Bench(kind, DriveSettings(quirks=('vel_limit', 'regeneration')))
+    here.device.properties[CONTROLLER + 'vel_limit'] = 10.0
+    assert not refused(here)
+
+
+@pytest.mark.parametrize('quirk, version', [('1d', '0.5.3'), ('no_sc', '0.5.1')])
+def test_firmware_before_0_5_4_is_refused_by_name_and_says_why(quirk, version):
+    here = Bench('odrive 0.5', DriveSettings(quirks=(quirk,)))
+    with pytest.raises(DriveError, match=f'0.5.4 or later, got {version}: .*"1d".*"sc"') as raised:
+        here.driver.identify()
+    assert raised.value.reason == 'firmware' and 'odrivetool dfu' in str(raised.value)
+
+
+def test_firmware_0_5_4_is_accepted():
+    assert Bench('odrive 0.5', DriveSettings(quirks=('0.5.4',))).driver.identify().firmware == \
+        '0.5.4'
+
+
+@both
+def test_the_braking_that_is_asked_for_is_enough_where_it_is_a_round_number(kind):
+    here = bench(kind, 'regeneration')
+    options = here.driver.options
+    # Half an ampere at a runaway: what is judged must be below what is to be typed.
+    here.device.sensed = here.device.sensed._replace(
+        bus_voltage=1.5 * options.speed_limit * options.torque_limit / 0.5)
+    type_lines(here, refused(here)[BRAKING].remedy)
+    assert BRAKING not in refused(here)
