@@ -1,26 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """Open the line to the drive of a hardware file, and see whether it is fit to be driven."""
 from pathlib import Path
-from typing import Callable, Optional, Tuple
+from typing import Callable, Tuple
 
+from ballbot_ros.bridge.black_box import Witness
 from ballbot_ros.bridge.hardware_file import Hardware
-from ballbot_ros.drives import open_driver
-from ballbot_ros.drives.capture import Recorder
+from ballbot_ros.drives import open_driver, open_line
+from ballbot_ros.drives.capture import Recorder, ShownToAll
 from ballbot_ros.drives.contract import Identity, Setting
 from ballbot_ros.drives.driver import Driver
-from ballbot_ros.drives.transport import Link
 from ballbot_ros.errors import ConfigurationError
 
 
-def connector(hardware: Hardware, capture: Optional[Path] = None) -> Callable[[], Driver]:
+def connector(hardware: Hardware, capture: str = '', witness: Witness = Witness()
+              ) -> Callable[[], Driver]:
     """
     Return a function that opens the line and puts a driver on it.
 
     Parameters
     ----------
     hardware : Hardware
-    capture : Path, optional
-        File for a copy of the raw traffic, of all lines that are opened one after the other.
+    capture : str
+        File for a copy of the raw traffic, of all lines that are opened one after the other;
+        empty for none.
+    witness : Witness
+        Is shown that traffic, too.
 
     Raises
     ------
@@ -29,10 +33,11 @@ def connector(hardware: Hardware, capture: Optional[Path] = None) -> Callable[[]
 
     """
     connection, options = hardware.connection, hardware.options()
-    recorder = None if capture is None else Recorder(capture)
+    recorder = ShownToAll(Recorder(Path(capture)), witness) if capture else witness
 
     def connect() -> Driver:
-        line = Link(connection.port, connection.baud, recorder)
+        line = open_line(
+            connection.protocol, connection.port, connection.baud, recorder)
         return open_driver(connection.protocol, line, options)
 
     return connect

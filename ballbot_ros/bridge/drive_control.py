@@ -2,17 +2,22 @@
 """What is done to a drive: measured, armed, given torque, stopped, lost and found again."""
 from collections import Counter
 import logging
-from typing import Callable, Optional
+from typing import Callable, Optional, Tuple
 
+from ballbot_ros.bridge.black_box import EVENT, FAULT, Witness
+from ballbot_ros.bridge.cascade import Cascade
+from ballbot_ros.bridge.condition import ConditionMonitor
 from ballbot_ros.bridge.drive_line import DriveLine, HANDSHAKE
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.motor_state import Event, LOST, MotorState, Power
+from ballbot_ros.bridge.onboard import OnBoard
 from ballbot_ros.bridge.pacer import DECIDED, Pacer
 from ballbot_ros.bridge.sensing import Sensing
 from ballbot_ros.bridge.supervisor import Supervisor
 from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.drives.driver import Driver
-from ballbot_ros.errors import BallbotError, DriveError, EstimateLostError, LinkError
+from ballbot_ros.errors import (
+    BallbotError, DriveError, EstimateLostError, LinkError, MessageError, RefusedError)
 from ballbot_ros.estimation import Estimate
 from ballbot_ros.physics.model.robot import Robot
 
@@ -20,6 +25,7 @@ LOG = logging.getLogger(__name__)
 
 # Patience with the stop at the end; the drive's watchdog does the rest [s].
 LAST_STOP = 0.5
+IMU_SILENT = 'the IMU fell silent while the motor pulled'
 
 
 class DriveControl:
@@ -29,24 +35,32 @@ class DriveControl:
     Attributes
     ----------
     power : Power
+    law : OnBoard or None
+        Answers each estimate; without one, commands come from outside.
     counts : Counter
         Of events, by their name for the diagnostics.
     refusal : str
         Why the motor could not be put under power when that was last tried; else empty.
+    unconfirmed : str
+        Why nobody knows that the motor has no power, after a stop that was waited for; else empty.
 
     """
 
     def __init__(self, hardware: Hardware, robot: Robot, connect: Callable[[], Driver],
-                 clock: Callable[[], float]):
+                 clock: Callable[[], float], witness: Witness, law: Optional[OnBoard] = None):
         """Start without a line."""
-        self._hardware, self._clock = hardware, clock
+        self._witness = witness
+        self._hardware, self._clock, self.law = hardware, clock, law
         period = 1.0 / hardware.connection.loop_rate
         self.line = DriveLine(connect, clock)
         self.supervisor = Supervisor(hardware.limits, DECIDED * period)
         self.sensing = Sensing(hardware, robot)
+        self.monitor = ConditionMonitor(hardware)
         self.power, self._pacer = Power(), Pacer(period)
         self.counts: Counter[str] = Counter()
-        self.refusal = ''
+        self.refusal = self.unconfirmed = ''
+        self._cascade = Cascade(hardware.connection.cascade, hardware.limits.torque_rate_limit,
+                                hardware.limits.command_timeout)
 
     def begin(self) -> None:
         """Start with a drive that has just answered the handshake, its motor stopped."""
@@ -61,8 +75,12 @@ class DriveControl:
         if driver is not None:
             try:
                 estimate = self.measure(driver)
+                if estimate is not None and self.answer(estimate):
+                    self._pacer = self._pacer.commanded()
                 now = self._clock()
                 self._watch(driver.telemetry, now)
+                self._watch_imu(now)
+                self._look_after(driver.telemetry, now)
                 self._act(driver, now, active and not self.supervisor.e_stop)
             except (LinkError, DriveError) as error:
                 self.lose(driver, error)
@@ -70,13 +88,34 @@ class DriveControl:
 
     def measure(self, driver: Driver) -> Optional[Estimate]:
         """Take a new measurement, if there is one."""
+        fusion = self.sensing.fusion
+        zeros = fusion.rezeroed
         try:
-            return self.sensing.take(driver.poll(), self.supervisor.torque)
+            estimate = self.sensing.take(driver.poll(), self.supervisor.torque)
+            if fusion.rezeroed > zeros:
+                LOG.warning('the encoder has jumped by %.3f rad at the joint, and counts on from '
+                            'there', fusion.last_jump)
+            return estimate
         except EstimateLostError as error:
             # No policy goes on by itself from here: the next estimate takes rest for granted.
             self.supervisor.trigger(str(error))
             LOG.warning('%s', error)
             return None
+
+    def answer(self, estimate: Estimate) -> bool:
+        """Let the laws on board answer a measurement; return whether there is a torque to send."""
+        law, supervisor = self.law, self.supervisor
+        if law is None:
+            return False
+        torque = law.answer(estimate.readings, supervisor.torque, bool(supervisor.e_stop))
+        if supervisor.e_stop or self.power.state is not MotorState.ARMED:
+            return False
+        try:
+            supervisor.gate.offer(torque, estimate.stamp, self._clock())
+        except MessageError:  # counted: the measurement came too late to be answered
+            return False
+        self._cascade.answered(estimate.readings.joint_rate, law.excess(self._cascade.gain))
+        return True
 
     def follow(self, now: float) -> None:
         """Send the torque of a command that has just come, or let the next tick do it."""
@@ -104,10 +143,24 @@ class DriveControl:
             try:
                 self.line.driver.stop(LAST_STOP)
             except BallbotError as error:
-                LOG.warning('the stop was not confirmed: %s', error)
+                self.unconfirmed = f'the stop was not confirmed: {error}'
+                LOG.warning('%s', self.unconfirmed)
                 return
+            self.unconfirmed = ''
         if self.power.state is MotorState.STOPPING:
             self._change(Event.STOPPED)
+
+    def clear_faults(self, driver: Driver) -> Tuple[str, ...]:
+        """Clear the faults of the drive, return those that stay; raise `RefusedError` if not."""
+        try:
+            return driver.clear_faults(HANDSHAKE)
+        except DriveError as error:
+            raise RefusedError(str(error)) from error
+        except LinkError as error:
+            self.lose(driver, error)
+            raise RefusedError(str(error)) from error
+        finally:
+            self.sensing.restart(self._clock())  # meanwhile nothing was asked for
 
     def close(self) -> None:
         """Stop the motor and close the line."""
@@ -118,7 +171,10 @@ class DriveControl:
     def lose(self, driver: Driver, error: BallbotError) -> None:
         """Go on without the drive, unless it is known already that it is away."""
         if self.line.driver is driver:
-            self._change(Event.LOST, f'the line was lost: {error}')
+            why = f'the line was lost: {error}'
+            self._change(Event.LOST, why)
+            if not self._hardware.limits.rearm:
+                self.supervisor.trigger(why)  # released and not armed yet, it would arm when back
             self.line.lose(error)
 
     def _watch(self, telemetry: Telemetry, now: float) -> None:
@@ -129,6 +185,35 @@ class DriveControl:
         observed = self.power.observe(telemetry, silence)
         if observed is not None and self.line.driver is not None:
             self._begin_stop(self.line.driver, *observed)
+
+    def _watch_imu(self, now: float) -> None:
+        """Forget what was commanded while an IMU that is required is silent."""
+        watch, supervisor = self.sensing.imu_watch, self.supervisor
+        pulled = watch.look(now, supervisor.torque != 0.0)
+        if not (self._hardware.connection.imu_required and watch.silent
+                and self.power.state is MotorState.ARMED):
+            return
+        if pulled and not self._hardware.limits.rearm:
+            supervisor.trigger(IMU_SILENT)
+        if pulled:
+            LOG.warning('%s', IMU_SILENT)
+            self._witness.tell(IMU_SILENT, FAULT)
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget what was commanded; the torque begins at zero again."""
+        self.supervisor.quiet()
+        self._cascade.forget()
+        if self.law is not None:
+            self.law.forget()
+
+    def _look_after(self, telemetry: Telemetry, now: float) -> None:
+        """Leave as much torque as heat and battery do."""
+        condition = self.monitor.look(telemetry, self.supervisor.torque, now)
+        self.supervisor.derating = condition.part
+        if condition.stop and not self.supervisor.e_stop:
+            self.supervisor.trigger(condition.stop)
+            LOG.error('%s', condition.stop)
 
     def _act(self, driver: Driver, now: float, allowed: bool) -> None:
         if self.power.state is MotorState.ARMED and not allowed:
@@ -150,11 +235,31 @@ class DriveControl:
         driver.ask()
 
     def _send_torque(self, driver: Driver, now: float, ask: bool) -> None:
+        self._watch_imu(now)
+        joint = self._hardware.joint
         torque = self.supervisor.decide(now, self.sensing.motion(now))
         self._pacer = self._pacer.sent_torque(now)
         if ask:
             self.sensing.ask(now)
-        driver.send_torque(self._hardware.joint.motor_torque(torque), ask)
+        rate = self._damped_rate(now)
+        if rate is None:
+            driver.send_torque(joint.motor_torque(torque), ask)
+        else:
+            driver.send_damped(joint.motor_torque(torque), joint.motor_speed(rate), ask)
+
+    def _damped_rate(self, now: float) -> Optional[float]:
+        """
+        Return the rate of the joint about which the drive may damp [rad/s], None where it may not.
+
+        It may for what a law has asked for, not for what takes its place when it ends, nor beyond
+        limits of which the drive does not know: of angle or speed, and of what heat or battery
+        leave.
+        """
+        supervisor = self.supervisor
+        if not supervisor.commanded or supervisor.beyond or supervisor.derating < 1.0:
+            self._cascade.forget()
+            return None
+        return self._cascade.rate(now, supervisor.torque, supervisor.asked)
 
     def _arm(self, driver: Driver) -> None:
         try:
@@ -181,11 +286,14 @@ class DriveControl:
 
     def _change(self, event: Event, why: str = '') -> None:
         """Change the state of the motor; a command from before is not followed after it."""
-        if self.power.is_fault(event):
+        is_fault = self.power.is_fault(event)
+        self._witness.tell(f'{event.in_words}{why and ": "}{why}',
+                           FAULT if is_fault or event is Event.LOST else EVENT)
+        if is_fault:
             if not self._hardware.limits.rearm:
                 self.supervisor.trigger(why)
             if why != self.refusal:  # tried again and again, it is logged once
                 LOG.warning('%s', why)
-        self.supervisor.quiet()
+        self._forget()
         self.counts[event.value] += 1
         self.power = self.power.after(event, self._clock())

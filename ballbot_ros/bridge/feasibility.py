@@ -1,19 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Can this loop work at all: bytes on the wire against baud, and rate against the gains."""
 import math
-from typing import List
+from typing import List, Sequence
 
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.control import check_loop, ControlTuning, lowest_stable_rate, Mode
-from ballbot_ros.drives import open_driver
+from ballbot_ros.drives import driver_class, line_of, open_driver, SERIAL
 from ballbot_ros.drives.capture import Replay
+from ballbot_ros.drives.driver import Driver
 from ballbot_ros.drives.wire import WireBudget
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.physics.model.robot import Robot
 
-# What serial adapters and drives commonly do.
+# What serial adapters and drives commonly do; on a CAN bus, what the drive does.
 BAUD_RATES = (57600, 115200, 230400, 460800, 500000, 921600, 1000000, 2000000)
 LAWS = (Mode.HOLD, Mode.DRIVE, Mode.SPEED)
+# What laws on board may take from the last byte of an answer to the first of its torque: the
+# scheduler, the serial adapter, filter and law [s].
+RESERVE = 0.5e-3
 
 
 def wire_budget(hardware: Hardware) -> WireBudget:
@@ -21,10 +25,21 @@ def wire_budget(hardware: Hardware) -> WireBudget:
     return open_driver(hardware.connection.protocol, Replay([]), hardware.options()).budget()
 
 
+def onboard_lag(hardware: Hardware) -> float:
+    """
+    Return the time from a measurement to the torque that answers it, with laws on board [s].
+
+    The question, the answer and the torque on the line, one after the other, and `RESERVE`.
+    """
+    return wire_budget(hardware).duration(hardware.connection.baud) + RESERVE
+
+
 def check_feasible(hardware: Hardware, robot: Robot, tuning: ControlTuning,
-                   delay: int = 1) -> None:
+                   delay: float = 1, lag: float = 0.0) -> float:
     """
     Refuse a loop that cannot work, and say which part of it to change.
+
+    Returns the lowest rate at which these gains are stable [Hz].
 
     Parameters
     ----------
@@ -32,8 +47,10 @@ def check_feasible(hardware: Hardware, robot: Robot, tuning: ControlTuning,
     robot : Robot
     tuning : ControlTuning
         Gains that the controller runs with.
-    delay : int
+    delay : float
         Samples from a joint state to the torque that answers it.
+    lag : float
+        The same as a time [s]: `onboard_lag`, with a delay of 0.
 
     Raises
     ------
@@ -45,11 +62,13 @@ def check_feasible(hardware: Hardware, robot: Robot, tuning: ControlTuning,
     """
     connection = hardware.connection
     rate, baud, budget = connection.loop_rate, connection.baud, wire_budget(hardware)
-    lowest = max(lowest_stable_rate(robot, tuning, law, delay) for law in LAWS)
+    lowest = max(lowest_stable_rate(robot, tuning, law, delay, None, lag) for law in LAWS)
     if budget.highest_rate(baud) < rate:
-        ways = _ways(budget, baud, rate, lowest)
+        protocol = connection.protocol
+        rates = BAUD_RATES if line_of(protocol) is SERIAL else driver_class(protocol).baud_rates
+        ways = _ways(budget, baud, rate, lowest, rates)
         raise ConfigurationError(
-            f'{hardware.name}: a period of {connection.protocol} takes '
+            f'{hardware.name}: a period of {protocol} takes '
             f'{budget.bytes_out} + {budget.bytes_in} bytes, so {baud} baud carry '
             f'{budget.highest_rate(baud):.0f} Hz at most and loop_rate is {rate:g} Hz; '
             + ', or '.join(ways))
@@ -58,28 +77,57 @@ def check_feasible(hardware: Hardware, robot: Robot, tuning: ControlTuning,
             f'{hardware.name}: watchdog must be at least three periods of the loop '
             f'({3.0 / rate:.3g} s at {rate:g} Hz), got {connection.watchdog:g} s: the drive would '
             'disarm at the first late command')
+    check_cascade(hardware, tuning)
     try:
         for law in LAWS:
-            check_loop(robot, tuning, law, rate, delay)
+            check_loop(robot, tuning, law, rate, delay, lag)
     except UnstableLoopError as error:
         top = budget.highest_rate(baud)
         carries = f'{baud} baud carry {top:.0f} Hz' if lowest <= top else (
             f'{baud} baud carry {top:.0f} Hz only: raise baud, too')
         raise UnstableLoopError(
-            f'{error}; {carries}.  Or choose other gains (tuning "gentle"), or close the loop in '
-            'the drive') from error
+            f'{error}; {carries}.  Or choose other gains (tuning "gentle")') from error
+    return lowest
 
 
-def _ways(budget: WireBudget, baud: int, rate: float, lowest: float) -> List[str]:
+def check_cascade(hardware: Hardware, tuning: ControlTuning) -> None:
+    """Raise `ConfigurationError` where the drive cannot damp as the hardware file wants it."""
+    cascade, found = hardware.connection.cascade, driver_class(hardware.connection.protocol)
+    if cascade and found.send_damped is Driver.send_damped:
+        raise ConfigurationError(
+            f'{hardware.name}: cascade must be 0, got {cascade:g}: a {found.maker} does not damp '
+            'by itself here')
+    if cascade not in (0.0, tuning.position_kd):
+        raise ConfigurationError(
+            f'{hardware.name}: cascade must be position_kd of the tuning, '
+            f'{tuning.position_kd:g} N m s/rad, or 0, got {cascade:g}')
+    if cascade and tuning.torque_limit < hardware.limits.torque_limit:
+        raise ConfigurationError(
+            f'{hardware.name}: with cascade the torque_limit of the tuning must not be below that '
+            f'of the hardware, {hardware.limits.torque_limit:g} N m, got {tuning.torque_limit:g} '
+            'N m: a drive that damps keeps to its own limit; lower that of drive and hardware')
+
+
+def check_joint_state_rate(hardware: Hardware, rate: float) -> None:
+    """Raise `ConfigurationError` for joint states more often than there are estimates."""
+    loop = hardware.connection.loop_rate
+    if rate > loop:
+        raise ConfigurationError(
+            f'joint_state_rate must be at most loop_rate of {hardware.name} ({loop:g} Hz), got '
+            f'{rate:g} Hz')
+
+
+def _ways(budget: WireBudget, baud: int, rate: float, lowest: float,
+          rates: Sequence[int]) -> List[str]:
     """Return what would make the wire carry the loop."""
     ways = []
-    enough = [one for one in BAUD_RATES if one > baud and budget.highest_rate(one) >= rate]
+    enough = [one for one in rates if one > baud and budget.highest_rate(one) >= rate]
     if enough:
-        ways.append(f'set baud to {enough[0]}')
+        ways.append(f'set baud to {min(enough)}')
     top = math.floor(budget.highest_rate(baud))
     if top >= lowest:
         ways.append(f'set loop_rate to {top} Hz or less (these gains need {lowest:.0f} Hz)')
     else:
         ways.append(f'lower loop_rate to {top} Hz and choose gentler gains, for these need '
-                    f'{lowest:.0f} Hz (tuning "gentle"), or close the loop in the drive')
+                    f'{lowest:.0f} Hz (tuning "gentle"), or take a faster line')
     return ways

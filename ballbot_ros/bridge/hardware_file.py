@@ -5,6 +5,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Mapping, Optional
 
+from ballbot_ros.bridge.battery import Battery
+from ballbot_ros.bridge.derating import Thermal
 from ballbot_ros.config.fields import (
     build, Checked, count, expect_mapping, flag, quantity, refuse_unknown, text)
 from ballbot_ros.config.files import find_config, read_yaml
@@ -12,7 +14,7 @@ from ballbot_ros.config.provenance import Provenance, read_values
 from ballbot_ros.drives import driver_class, DRIVES, read_options
 from ballbot_ros.drives.contract import DriveOptions
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.estimation import FilterTuning, ImuMounting
+from ballbot_ros.estimation import FilterTuning, ImuMounting, OdometryTuning
 
 # What the bridge does when commands have timed out; see `supervisor`.
 ON_TIMEOUT = ('coast', 'brake', 'settle')
@@ -54,6 +56,10 @@ class Joint(Checked):
         scale = 1.0 / self.gear_ratio if self.encoder_scale is None else self.encoder_scale
         return self.direction * scale * position
 
+    def motor_speed(self, joint_rate: float) -> float:
+        """Return the speed that the drive reports at a rate of the joint [rad/s]."""
+        return joint_rate / self.joint_angle(1.0)
+
     def motor_torque(self, torque: float) -> float:
         """Return the torque at the motor shaft that gives one at the pendulum [N m]."""
         return self.direction * torque / (
@@ -66,6 +72,10 @@ class Limits(Checked):
 
     torque_limit: float = quantity(
         'N m', 'largest torque at the pendulum', above=0.0, maximum=1000.0)
+    drive_torque_limit: float = quantity(
+        'N m', 'largest torque at the pendulum, as the drive counts it, that the limits of the '
+        'drive itself may let through: torque_limit can then be lowered in the file alone; '
+        'torque_limit where that is more', minimum=0.0, maximum=1000.0, default=0.0)
     torque_rate_limit: float = quantity(
         'N m/s', 'fastest change of the torque; a cut to zero is always immediate', above=0.0,
         default=400.0)
@@ -86,8 +96,8 @@ class Limits(Checked):
         's', 'how long brake and settle last; zero torque after', minimum=0.0, maximum=60.0,
         default=2.0)
     rearm: bool = flag(
-        'after a lost line, a reboot or a drive that disarmed by itself go on; if not, the '
-        'e-stop engages and a person must release it', default=False)
+        'after a lost line, a reboot, a drive that disarmed by itself or an IMU that was silent '
+        'go on; if not, the e-stop engages and a person must release it', default=False)
 
 
 @dataclass(frozen=True)
@@ -95,14 +105,19 @@ class Connection(Checked):
     """Where the drive is, and how often it is talked to."""
 
     protocol: str = text('what the drive speaks', choices=tuple(DRIVES))
-    port: str = text('serial device or URL of pyserial; best a name in /dev/serial/by-id')
+    port: str = text('serial device, best by its name in /dev/serial/by-id, or URL of pyserial; a '
+                     'CAN interface, or INTERFACE:CHANNEL of python-can')
     baud: int = count('bits per second', default=115200, minimum=300, maximum=20_000_000)
     loop_rate: float = quantity(
-        'Hz', 'rate of commands to the drive and of joint_states', minimum=1.0, maximum=5000.0,
-        default=500.0)
+        'Hz', 'rate of measurements and torques, in direct control of joint_states, too',
+        minimum=1.0, maximum=5000.0, default=500.0)
     watchdog: float = quantity(
         's', 'time without a command after which the drive disarms by itself', minimum=0.01,
         maximum=1.0, default=0.1)
+    cascade: float = quantity(
+        'N m s/rad', 'torque at the pendulum per rate of the joint by which the drive damps by '
+        'itself between two commands of the laws on board, where it can (ODrive 0.5): '
+        'position_kd of the tuning, or 0 for none', default=0.0, minimum=0.0)
     imu_required: bool = flag(
         'give no torque while no IMU reading arrives: without one the angle is a guess off level '
         'floor',
@@ -110,7 +125,8 @@ class Connection(Checked):
 
 
 SECTIONS = {'connection': Connection, 'joint': Joint, 'limits': Limits, 'imu': ImuMounting,
-            'estimate': FilterTuning}
+            'estimate': FilterTuning, 'odometry': OdometryTuning,
+            'battery': Battery, 'thermal': Thermal}
 
 
 @dataclass(frozen=True)
@@ -122,7 +138,7 @@ class Hardware:
     ----------
     name, robot : str
         Its own name, and that of the robot that it moves.
-    connection, joint, limits, imu, estimate
+    connection, joint, limits, imu, estimate, odometry, battery, thermal
         See the classes.
     drive : mapping
         What only this protocol needs, see the `Options` of its driver.
@@ -138,6 +154,9 @@ class Hardware:
     limits: Limits
     imu: ImuMounting = ImuMounting()
     estimate: FilterTuning = FilterTuning()
+    odometry: OdometryTuning = OdometryTuning()
+    battery: Battery = Battery()
+    thermal: Thermal = Thermal()
     drive: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     provenance: Mapping[str, Provenance] = field(
         default_factory=lambda: MappingProxyType({}), compare=False, repr=False)
@@ -158,8 +177,15 @@ class Hardware:
             If the section `drive` does not suit the protocol.
 
         """
+        limits, joint = self.limits, self.joint
         return read_options(self.connection.protocol, {
-            'torque_limit': abs(self.joint.motor_torque(self.limits.torque_limit)),
+            'torque_limit': abs(joint.motor_torque(limits.torque_limit)),
+            # The drive does not know torque_factor, which a calibration finds after it was set up.
+            'drive_torque_limit': max(limits.torque_limit, limits.drive_torque_limit) / abs(
+                joint.gear_ratio * joint.gear_efficiency),
+            'speed_limit': abs(self.joint.gear_ratio * self.limits.speed_limit),
+            'damping': abs(self.joint.motor_torque(self.connection.cascade)
+                           / self.joint.motor_speed(1.0)),
             'watchdog': self.connection.watchdog, **self.drive}, f'{self.name}: drive')
 
 

@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The loop in a thread of its own: whatever else stands still, it goes on or stops the motor."""
 import threading
+from time import sleep
 from typing import Callable, Optional
 
+from ballbot_ros.bridge.black_box import FAULT
 from ballbot_ros.bridge.pacer import Periods
+from ballbot_ros.bridge.realtime import Scheduling
 from ballbot_ros.bridge.session import Report, Session
 
 # How long the end of the thread is waited for; a handshake may be under way [s].
 JOIN = 3.0
+# The end is looked for so often at least [s].
+LONGEST_SLEEP = 0.02
 
 
 class Loop:
@@ -19,8 +24,10 @@ class Loop:
     session : Session
     rate : float
         [Hz]
-    publish : callable
-        Called in the thread with each `Report`.
+    *publish : callable
+        Called in the thread with each `Report`, in this order.
+    scheduling : Scheduling, optional
+        That was prepared; the thread enters it.
 
     Attributes
     ----------
@@ -29,11 +36,12 @@ class Loop:
 
     """
 
-    def __init__(self, session: Session, rate: float, publish: Callable[[Report], None]):
+    def __init__(self, session: Session, rate: float, *publish: Callable[[Report], None],
+                 scheduling: Scheduling = Scheduling()):
         """Start at once."""
-        self._session, self._publish = session, publish
+        self._session, self._publish, self._scheduling = session, publish, scheduling
         self._periods = Periods(1.0 / rate, session.clock())
-        self._ending = threading.Event()
+        self._ending = False
         self.failure: Optional[Exception] = None
         self._thread = threading.Thread(target=self._run, name='motor loop', daemon=True)
         self._thread.start()
@@ -50,26 +58,32 @@ class Loop:
 
     def end(self) -> None:
         """Stop the motor, close the line and end the thread; a second time does no harm."""
-        self._ending.set()
+        self._ending = True
         self._thread.join(JOIN)
         self._session.close()
 
     def _hand_on(self, report: Optional[Report]) -> None:
         if report is not None:
-            self._publish(report)
+            for publish in self._publish:
+                publish(report)
 
     def _run(self) -> None:
         clock = self._session.clock
         try:
+            self._scheduling.enter()
             while True:
                 self._hand_on(self._session.tick())
                 self._periods = self._periods.next(clock())
                 due = self._periods.due
                 while self._session.expecting and clock() < due:
                     self._hand_on(self._session.await_answer(due - clock()))
-                if self._ending.wait(max(0.0, due - clock())):
+                # A plain sleep costs half of what waiting for an event does.
+                while not self._ending and (left := due - clock()) > 0.0:
+                    sleep(left if left < LONGEST_SLEEP else LONGEST_SLEEP)
+                if self._ending:
                     return
         except Exception as error:  # noqa: BLE001 whatever it is, the owner must know it
             self.failure = error
+            self._session.witness.tell(f'the loop ended: {error!r}', FAULT)
         finally:
             self._session.close()

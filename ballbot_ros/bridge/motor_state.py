@@ -40,6 +40,11 @@ class Event(Enum):
     LOST = 'links_lost'  # the line failed, or the drive did not answer for long
     CLOSED = 'closed'
 
+    @property
+    def in_words(self) -> str:
+        """Return what has happened, as people write it."""
+        return self.value.replace('_', ' ').replace('links', 'drive')
+
 
 class Transition(NamedTuple):
     """A row of the table."""

@@ -29,9 +29,10 @@ class Periods(NamedTuple):
 
     def next(self, now: float) -> 'Periods':
         """Return the periods after a tick; where that is late, they go on from now."""
-        due = self.due + self.period
-        return self._replace(due=due) if due >= now else self._replace(
-            due=now, late=self.late + 1)
+        period, due, late = self
+        due += period
+        # Made anew, here and below: `_replace` takes longer than the decision.
+        return Periods(period, due, late) if due >= now else Periods(period, now, late + 1)
 
 
 class Pacer(NamedTuple):
@@ -47,7 +48,7 @@ class Pacer(NamedTuple):
 
     def commanded(self) -> 'Pacer':
         """Take note of a command: if there is no room now, it goes out with the next tick."""
-        return self._replace(waiting=True)
+        return self if self.waiting else Pacer(self.period, True, *self[2:])
 
     def has_room(self, now: float) -> bool:
         """Return whether a torque may go out between two ticks."""
@@ -60,8 +61,9 @@ class Pacer(NamedTuple):
 
     def sent_torque(self, now: float) -> 'Pacer':
         """Take note of a torque that goes out: that of a command, or one more time the last."""
-        return self._replace(waiting=False, repeating=not self.waiting, torque_sent=now,
-                             next_torque=max(self.next_torque, now) + self.period)
+        due = self.next_torque if self.next_torque > now else now
+        return Pacer(self.period, False, not self.waiting, now, due + self.period, self.stop_sent,
+                     self.next_arm)
 
     def is_stop_due(self, now: float) -> bool:
         """Return whether a stop that is not confirmed is to be repeated."""

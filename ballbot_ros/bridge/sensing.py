@@ -4,11 +4,18 @@ import math
 from typing import Optional
 
 from ballbot_ros.bridge.hardware_file import Hardware
+from ballbot_ros.bridge.imu_watch import ImuWatch
 from ballbot_ros.bridge.motor_state import SILENCE
 from ballbot_ros.bridge.supervisor import PendulumMotion
 from ballbot_ros.drives.contract import Telemetry
-from ballbot_ros.estimation import Estimate, Fusion
+from ballbot_ros.errors import EstimateLostError
+from ballbot_ros.estimation import (
+    Estimate, Fusion, ImuReading, OdometryFilter, OdometryState)
 from ballbot_ros.physics.model.robot import Robot
+
+
+# A speed from before this is not told any more where there is a newer one [s].
+FELT_LONG_AGO = 0.03
 
 
 class Sensing:
@@ -18,6 +25,9 @@ class Sensing:
     Attributes
     ----------
     fusion : Fusion
+    imu_watch : ImuWatch
+    odometry : OdometryState or None
+        Of the last estimate; goes on from where it was when the drive was lost.
     expecting : bool
         Whether one was asked for and has not arrived.
 
@@ -27,9 +37,13 @@ class Sensing:
         """Start without a measurement."""
         self._joint = hardware.joint
         self._imu_required = hardware.connection.imu_required
-        self._patience = 2.0 / hardware.connection.loop_rate
         self.fusion = Fusion(robot, hardware.imu, hardware.estimate, hardware.joint.encoder_zero)
-        self._asked = self._answered = self._waiting_since = 0.0
+        self.imu_watch = ImuWatch()
+        self._rolling = OdometryFilter(robot, hardware.odometry)
+        self.odometry: Optional[OdometryState] = None
+        self._felt: Optional[OdometryState] = None  # the last one after an IMU reading
+        self.fusion.follower = self._follow
+        self._answered = self._waiting_since = 0.0
         self.expecting = False
         self._stamp = -math.inf  # of the last estimate
 
@@ -41,7 +55,7 @@ class Sensing:
         """Take note that the drive is asked for a measurement."""
         if not self.expecting:
             self._waiting_since = now
-        self._asked, self.expecting = now, True
+        self.expecting = True
 
     def restart(self, now: float) -> None:
         """Count silence anew: what was just done has taken its time."""
@@ -55,28 +69,70 @@ class Sensing:
         """
         Return an estimate from a new measurement, None if there is none in the telemetry.
 
+        One of which nobody knows when it was made is none, but the drive has answered.
         Raises as `Fusion.encoder` does.
         """
         if telemetry.position is None or telemetry.time is None \
                 or telemetry.time <= self._answered:
             return None
         self._answered, self.expecting = telemetry.time, False
-        # The drive looked at its encoder when it was asked, not when the answer was read.
-        stamp = self._asked if 0.0 <= telemetry.time - self._asked <= self._patience \
-            else telemetry.time
-        self._stamp = max(stamp, self._stamp)  # of one that was late and one that was not
-        return self.fusion.encoder(
-            self._stamp, self._joint.joint_angle(telemetry.position), torque)
+        if telemetry.measured is None:
+            return None
+        self._stamp = max(telemetry.measured, self._stamp)
+        try:
+            estimate = self.fusion.encoder(
+                self._stamp, self._joint.joint_angle(telemetry.position), torque,
+                None if telemetry.velocity is None else self._joint.joint_angle(
+                    telemetry.velocity))
+        except EstimateLostError:
+            if self.odometry is not None:
+                self.odometry = self._rolling.lost(self.odometry)
+            raise
+        self.odometry = self._rolling.start(estimate) if self.odometry is None else \
+            self._rolling.advance(self.odometry, estimate)
+        return estimate
+
+    def _follow(self, estimate: Estimate, imu: ImuReading) -> None:
+        """Take over what an IMU has felt."""
+        if self.odometry is not None:
+            self.odometry = self._felt = self._rolling.advance(self.odometry, estimate, imu)
+
+    def steady_odometry(self) -> Optional[OdometryState]:
+        """
+        Return the odometry to be told: after an IMU reading, unless that is long ago.
+
+        Until the next one the rate of the ball is a prediction that leaves room for every blow.
+        """
+        newest, felt = self.odometry, self._felt
+        if newest is not None and felt is not None and newest.stamp - felt.stamp < FELT_LONG_AGO:
+            return felt
+        return newest
 
     def motion(self, now: float) -> Optional[PendulumMotion]:
         """Return how the robot moves, None where that is not known well enough for torque."""
         estimate = self.fusion.estimate
-        if estimate is None or now - self._answered > SILENCE or self.needs_imu(now):
+        # A drive may answer, and when it measured be unknown: then there is no new estimate.
+        if estimate is None or now - self._answered > SILENCE \
+                or now - estimate.stamp > SILENCE or self.needs_imu(now) \
+                or not self.fusion.is_relied_on():
             return None
-        readings = estimate.readings
-        return PendulumMotion(
-            readings.pendulum_angle, readings.pendulum_rate, readings.joint_rate)
+        angle, _, rate, ball_rate, _ = estimate.mean.tolist()
+        return PendulumMotion(angle, rate, rate - ball_rate)
+
+    def imu(self, reading: ImuReading, now: float) -> None:
+        """
+        Take an IMU reading.
+
+        Raises
+        ------
+        MessageError
+            As `ImuWatch.check` and `Fusion.imu` do.
+
+        """
+        self.imu_watch.check(reading.stamp, now)
+        self.fusion.imu(reading)
+        self.imu_watch.heard(reading.stamp, now)
 
     def needs_imu(self, now: float) -> bool:
-        """Return whether there must be an IMU, and no reading of one arrives."""
-        return self._imu_required and not self.fusion.has_imu(now)
+        """Return whether there must be an IMU, and there is none to rely on."""
+        return self._imu_required and not self.imu_watch.usable(now)

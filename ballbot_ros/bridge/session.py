@@ -5,18 +5,25 @@ One drive from handshake to stop, used from several threads: each call holds the
 It sleeps only where a driver waits for an answer: in `configure`, `deactivate`, `close`, and in a
 `tick` that arms the motor or looks for a drive that was lost.
 """
+from collections import Counter
 from enum import auto, Enum
 import threading
 import time
 from typing import Callable, NamedTuple, Optional, Tuple
 
+from ballbot_ros.bridge.black_box import Witness
+from ballbot_ros.bridge.condition import Condition
 from ballbot_ros.bridge.drive_control import DriveControl
 from ballbot_ros.bridge.hardware_file import Hardware
+from ballbot_ros.bridge.imu_watch import STEADY
 from ballbot_ros.bridge.motor_state import MotorState, SILENCE
+from ballbot_ros.bridge.onboard import OnBoard
+from ballbot_ros.bridge.warm_up import warm_up
+from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.drives.contract import Identity, Setting, Telemetry
 from ballbot_ros.drives.driver import Driver
-from ballbot_ros.errors import LinkError, RefusedError
-from ballbot_ros.estimation import Estimate, Fusion, ImuReading
+from ballbot_ros.errors import LinkError, MessageError, RefusedError
+from ballbot_ros.estimation import Estimate, Fusion, ImuReading, OdometryState
 from ballbot_ros.physics.model.robot import Robot
 
 
@@ -37,8 +44,11 @@ class Report(NamedTuple):
     telemetry: Telemetry
     state: MotorState
     e_stop: str
-    timed_out: bool
-    commanded: bool  # a fresh command is in force
+    timed_out: bool  # commands or set-points came, and have ended
+    commanded: bool  # a fresh command is in force, or a set-point followed
+    set_point: Optional[SetPoint] = None  # that the law on board follows; None in direct control
+    condition: Condition = Condition()  # of battery and motor
+    needs_imu: bool = False  # there is none to rely on, and there must be
 
 
 class Session:
@@ -53,6 +63,10 @@ class Session:
         Opens the line and returns a driver on it; called again after the line was lost.
     clock : callable
         Gives seconds and never goes back.
+    witness : Witness
+        Is told what happens.
+    law : OnBoard, optional
+        Makes the torque from set-points; without it, commands from outside do: direct control.
 
     Attributes
     ----------
@@ -64,14 +78,20 @@ class Session:
         With the e-stop.
     fusion : Fusion
         With the newest estimate.
+    set_points_refused : Counter
+        By reason; counted by whoever takes them in.
 
     """
 
     def __init__(self, hardware: Hardware, robot: Robot, connect: Callable[[], Driver],
-                 clock: Callable[[], float] = time.monotonic):
-        """Start without a line, not active, the e-stop engaged."""
-        self.clock = clock
-        self.control = DriveControl(hardware, robot, connect, clock)
+                 clock: Callable[[], float] = time.monotonic,
+                 witness: Witness = Witness(), law: Optional[OnBoard] = None):
+        """Start without a line, not active, the e-stop engaged; see `warm_up`."""
+        warm_up(robot)
+        self.hardware, self.robot, self.clock, self.law = hardware, robot, clock, law
+        self.witness = witness
+        self.set_points_refused: Counter[str] = Counter()
+        self.control = DriveControl(hardware, robot, connect, clock, witness, law)
         self.line, self.supervisor = self.control.line, self.control.supervisor
         self._sensing = self.control.sensing
         self.fusion: Fusion = self._sensing.fusion
@@ -112,29 +132,63 @@ class Session:
         """
         Take a command and send it at once, unless the line has been given its share.
 
-        See `CommandGate.offer` for the arguments and what is raised.
+        See `CommandGate.offer` for the arguments and what is raised, with reason ``onboard``
+        while laws on board make the torque.
         """
+        if self.law is not None:
+            self.supervisor.gate.refuse('onboard')
+            raise MessageError(
+                'onboard', 'joint_commands are not followed while the laws run on board: send '
+                'set_point or cmd_vel, or start the bridge with control:=direct')
         with self._lock:
             now = self.clock()
+            self.witness.command(torque, stamp)
             self.supervisor.offer(torque, stamp, now)
             if self._wanted is Wanted.ACTIVE and not self.supervisor.e_stop:
                 self.control.follow(now)
 
-    def imu(self, reading: ImuReading) -> None:
-        """Take an IMU reading; raise `MessageError` if it is out of order."""
+    def give(self, set_point: SetPoint) -> None:
+        """
+        Take a set-point, stamped with the clock of the session, or 0 for now.
+
+        Raises
+        ------
+        MessageError
+            As `OnBoard.give`, and with reason ``direct`` in direct control.
+
+        """
+        if self.law is None:
+            raise MessageError(
+                'direct', 'set-points are not followed in direct control: send joint_commands, '
+                'from a node controller for instance, or start the bridge with control:=onboard')
         with self._lock:
-            self.fusion.imu(reading)
+            self.witness.set_point(set_point)
+            self.law.give(set_point, self.clock(), bool(self.supervisor.e_stop))
+
+    def imu(self, reading: ImuReading) -> None:
+        """Take an IMU reading; raises as `Sensing.imu` does."""
+        with self._lock:
+            self.witness.imu(reading)
+            self._sensing.imu(reading, self.clock())
 
     def engage(self, reason: str) -> None:
         """Engage the e-stop; the motor loses its power at once."""
         with self._lock:
+            self.witness.wished(reason)
             self.supervisor.trigger(reason)
             self.control.withdraw()
 
     def release(self) -> None:
-        """Release the e-stop, or raise `RefusedError` with the reason why not."""
+        """Release the e-stop if it is engaged; raise `RefusedError` with the reason why not."""
         with self._lock:
-            self.supervisor.reset(self.clock(), self._inhibit())
+            if self._wanted is Wanted.ACTIVE and not self.supervisor.e_stop:
+                return
+            try:
+                self.supervisor.reset(self.clock(), self._inhibit())
+            except RefusedError as error:
+                self.witness.tell(str(error))
+                raise
+            self.witness.tell('e-stop released')
 
     def _inhibit(self) -> str:
         """Return what inhibits the release of the e-stop; empty for nothing."""
@@ -145,15 +199,49 @@ class Session:
             return 'the bridge is not active; activate it first'
         if now - (driver.telemetry.time or 0.0) > SILENCE:
             return 'the drive does not report where the motor is'
+        if self.control.monitor.condition.stop:
+            return self.control.monitor.condition.stop
         if self.control.power.state is MotorState.STOPPING:
             return 'the drive has not confirmed the stop yet'
         if self._sensing.needs_imu(now):
-            return ('no IMU reading arrives, and without one the pendulum angle is a guess; '
-                    'publish imu, or set imu_required: false in the hardware file for a level '
-                    'floor')
-        return ''
+            return (f'no IMU reading arrives, or none did in the last {STEADY:g} s without a gap, '
+                    'and without one the pendulum angle is a guess; publish imu, or set '
+                    'imu_required: false in the hardware file for a level floor')
+        return self.law.inhibit() if self.law is not None else ''
+
+    def clear_faults(self) -> str:
+        """
+        Clear the faults of the drive, its motor without power, and say so.
+
+        Raises
+        ------
+        RefusedError
+            Why not: no drive, power or the prospect of it, a drive that cannot be asked to, or
+            faults that are there again.
+
+        """
+        with self._lock:
+            driver = self.line.driver
+            if driver is None:
+                raise RefusedError(f'there is no drive: {self.line.trouble or "not configured"}')
+            if not self.supervisor.e_stop:
+                raise RefusedError(
+                    'the e-stop is released: a motor whose faults are cleared could turn at once; '
+                    'engage it first')
+            if self.control.power.state is not MotorState.DISARMED:
+                raise RefusedError('the motor is under power, or its stop is not confirmed yet')
+            left = self.control.clear_faults(driver)
+            self.witness.tell(f'faults cleared, left: {", ".join(left) or "none"}')
+        if left:
+            raise RefusedError(f'the drive still names {", ".join(left)}; remove the cause')
+        return 'the drive names no fault any more'
 
     # What happens each period
+
+    @property
+    def odometry(self) -> Optional[OdometryState]:
+        """Return where the ball has rolled to; None before the first measurement."""
+        return self._sensing.steady_odometry()
 
     def tick(self) -> Optional[Report]:
         """Do what this period asks for; None before `configure` and after `close`."""
@@ -177,19 +265,30 @@ class Session:
         if driver is None:
             return None
         try:
-            if driver.line.wait(patience):
+            if driver.line.wait(patience, driver.shortest_answer):
                 with self._lock:
                     if self.line.driver is driver:
                         estimate = self.control.measure(driver)
-                        return None if estimate is None else self._report(estimate)
+                        if estimate is None:
+                            return None
+                        if self.control.answer(estimate) and self._wanted is Wanted.ACTIVE:
+                            self.control.follow(self.clock())
+                        return self._report(estimate)
         except LinkError as error:
             with self._lock:
                 self.control.lose(driver, error)
         return None
 
     def _report(self, estimate: Optional[Estimate]) -> Report:
-        supervisor, driver = self.supervisor, self.line.driver
-        return Report(self.clock(), estimate, supervisor.torque,
-                      Telemetry() if driver is None else driver.telemetry,
-                      self.control.power.state, supervisor.e_stop, supervisor.timed_out,
-                      supervisor.commanded)
+        supervisor, driver, law = self.supervisor, self.line.driver, self.law
+        timed_out, commanded, set_point = supervisor.timed_out, supervisor.commanded, None
+        if law is not None:
+            set_point = law.set_point
+            timed_out = timed_out or law.let_down
+            commanded = commanded and set_point.mode is not Mode.IDLE
+        now, state = self.clock(), self.control.power.state
+        telemetry = Telemetry() if driver is None else driver.telemetry
+        self.witness.period(now, estimate, supervisor, telemetry, state)
+        return Report(now, estimate, supervisor.torque, telemetry, state, supervisor.e_stop,
+                      timed_out, commanded, set_point, self.control.monitor.condition,
+                      self._sensing.needs_imu(now))

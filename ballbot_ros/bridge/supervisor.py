@@ -46,8 +46,12 @@ class Supervisor:
 
     Attributes
     ----------
-    torque : float
-        Decided last [N m].
+    torque, asked : float
+        Decided last, and what was wanted before the limits [N m].
+    derating : float
+        Part of the torque limit that heat and battery leave; set by the owner.
+    beyond : bool
+        Whether angle or speed were beyond their limits when a torque was decided last.
     e_stop : str
         Why the e-stop is engaged; empty when it is not.
     counts : Counter
@@ -64,7 +68,8 @@ class Supervisor:
         # What arrives just after a decision is acted on a period later.
         self.gate = CommandGate(max(limits.command_timeout - period, 0.5 * period))
         self._pushed = -math.inf  # when a command other than zero last came
-        self.torque = 0.0
+        self.torque = self.asked = 0.0
+        self.derating, self.beyond = 1.0, False
         self._decided: Optional[float] = None
         self._fast_since = math.inf
         self._since: Optional[float] = None  # when commands timed out
@@ -108,12 +113,12 @@ class Supervisor:
     def quiet(self) -> None:
         """Forget the command in force and the torque: the motor has no power."""
         self.gate.clear()
-        self.torque = 0.0
+        self.torque = self.asked = 0.0
         self._decided = self._since = None
 
     def decide(self, now: float, motion: Optional[PendulumMotion]) -> float:
         """Return the torque from now on [N m]: none while the motion is not known (None)."""
-        wanted = self._wanted(now, motion)
+        wanted = self.asked = self._wanted(now, motion)
         if self.e_stop or motion is None or wanted == 0.0:
             torque = 0.0  # a cut to zero is never slowed down
         else:
@@ -146,18 +151,21 @@ class Supervisor:
                 f'runaway: the joint turns at {motion.joint_rate:.1f} rad/s and speed_limit is '
                 f'{limits.speed_limit:g} rad/s')
             return 0.0
-        torque = self._cut('torque', wanted, limits.torque_limit)
-        if abs(motion.pendulum_angle) > limits.angle_limit \
-                and torque * motion.pendulum_angle > 0.0:
-            self.counts['limited_angle'] += 1
-            return 0.0
-        if abs(motion.joint_rate) > limits.speed_limit and torque * motion.joint_rate > 0.0:
-            self.counts['limited_speed'] += 1
-            return 0.0
+        torque = self._cut('torque', wanted, limits.torque_limit * self.derating)
+        before, self.beyond = self.torque, False
+        for what, place, limit in (
+                ('limited_angle', motion.pendulum_angle, limits.angle_limit),
+                ('limited_speed', motion.joint_rate, limits.speed_limit)):
+            if abs(place) > limit:
+                self.beyond = True
+                if torque * place > 0.0:
+                    self.counts[what] += 1
+                    return 0.0
+                if before * place > 0.0:  # torque back begins at zero, and not at what was out
+                    before = 0.0
         elapsed = self._period if self._decided is None else min(
             max(now - self._decided, 0.0), limits.command_timeout)
-        return self.torque + self._cut(
-            'rate', torque - self.torque, limits.torque_rate_limit * elapsed)
+        return before + self._cut('rate', torque - before, limits.torque_rate_limit * elapsed)
 
     def _cut(self, what: str, value: float, limit: float) -> float:
         if abs(value) <= limit:

@@ -20,7 +20,8 @@ class CommandGate:
     Parameters
     ----------
     timeout : float
-        A command older than this is not followed any more [s].
+        A command older than this is not followed any more [s]; one that is stamped ahead of the
+        clock here counts from when it came.
 
     Attributes
     ----------
@@ -39,6 +40,7 @@ class CommandGate:
         self.accepted = 0
         self.refused: Counter[str] = Counter()
         self.stamp: Optional[float] = None
+        self._since = 0.0  # when it came, or what it answers where that is earlier
         self._torque = 0.0
 
     def offer(self, torque: float, stamp: float, now: float) -> None:
@@ -67,7 +69,7 @@ class CommandGate:
             self.refused[error.reason] += 1
             raise
         self.accepted += 1
-        self.stamp, self._torque = stamp, torque
+        self.stamp, self._since, self._torque = stamp, min(stamp, now), torque
 
     def refuse(self, reason: str) -> None:
         """Count a command that did not even get here."""
@@ -97,7 +99,7 @@ class CommandGate:
 
     def expired(self, now: float) -> bool:
         """Return whether there was a command and it has become too old."""
-        return self.stamp is not None and now - self.stamp > self.timeout
+        return self.stamp is not None and now - self._since > self.timeout
 
     def clear(self) -> None:
         """Forget the command in force; the counts stay."""

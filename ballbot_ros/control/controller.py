@@ -33,11 +33,19 @@ class PendulumController:
 
     What the speed law has learnt of the ground outlasts another set speed, but no other mode.
 
+    Another law takes over without a jump: it starts from the torque in force, and what that
+    differs by from its own torque fades linearly over `blend_time` of the tuning.
+
     Parameters
     ----------
     robot : Robot
         With a pendulum.
     tuning : ControlTuning
+
+    Attributes
+    ----------
+    excess : float
+        What the torque limit has cut off the last answer [N m].
 
     Raises
     ------
@@ -63,7 +71,10 @@ class PendulumController:
         """Forget set-point, readings and integral: idle, for a stop or a jump of time."""
         self._set_point = SetPoint(Mode.IDLE, stamp=-1e300)
         self._last: Optional[JointReadings] = None
-        self._torque = 0.0
+        self._torque = self.excess = 0.0
+        self._taking_over = False
+        # Between the torque in force and that of the law that took over [N m], and since when.
+        self._difference, self._since = 0.0, 0.0
         self._restart()
 
     def give(self, set_point: SetPoint) -> None:
@@ -86,13 +97,20 @@ class PendulumController:
                 self._restart()
             # The reading to come is answered, even if its stamp was answered before.
             self._answered = False
+            self._taking_over = self._taking_over or set_point.mode is not current.mode
         self._set_point = set_point
 
-    def torque(self, readings: JointReadings) -> float:
+    def torque(self, readings: JointReadings, in_force: Optional[float] = None) -> float:
         """
         Return the torque for these readings, within the torque limit [N m].
 
         The same stamp again gives the same answer again.
+
+        Parameters
+        ----------
+        readings : JointReadings
+        in_force : float, optional
+            What the motor has now, where that may be other than the last answer [N m].
 
         Raises
         ------
@@ -106,7 +124,8 @@ class PendulumController:
                 'stale', f'readings of {readings.stamp:.6g} s refused: those of '
                 f'{last.stamp:.6g} s came before; if time was set back, reset the controller')
         if not (self._answered and last is not None and readings.stamp == last.stamp):
-            self._torque = self._law(readings)
+            self._torque = self._law(
+                readings, self._torque if in_force is None else in_force)
             self._last = readings
             self._answered = True
         return self._torque
@@ -121,9 +140,11 @@ class PendulumController:
         self._before: Optional[tuple[float, SpeedState]] = None
         self._learnt: Optional[tuple[float, SpeedState]] = None
 
-    def _law(self, readings: JointReadings) -> float:
+    def _law(self, readings: JointReadings, in_force: float) -> float:
         """Return the saturated torque of the law in force [N m]."""
+        self.excess = 0.0
         if self._set_point.mode is Mode.IDLE:
+            self._difference, self._taking_over = 0.0, False
             return 0.0
         if self._set_point.mode is Mode.DRIVE:
             unsaturated = self._drive(readings)
@@ -133,7 +154,24 @@ class PendulumController:
             unsaturated = position_torque(
                 readings.pendulum_angle, readings.pendulum_rate, set_angle,
                 self._tuning.position_kp, self._tuning.position_kd, self._gravity_torque)
-        return limited(unsaturated, self._tuning.torque_limit)
+        torque = limited(unsaturated, self._tuning.torque_limit)
+        self.excess = unsaturated - torque
+        if self._taking_over:
+            self._taking_over = False
+            if self._tuning.blend_time > 0.0:
+                self._difference, self._since = in_force - torque, readings.stamp
+        if self._difference:
+            unlimited = unsaturated + self._faded(readings.stamp)
+            torque = limited(torque + unlimited - unsaturated, self._tuning.torque_limit)
+            self.excess = unlimited - torque
+        return torque
+
+    def _faded(self, stamp: float) -> float:
+        """Return what is left of the difference to the law before [N m]."""
+        left = 1.0 - (stamp - self._since) / self._tuning.blend_time
+        if left <= 0.0:
+            self._difference = left = 0.0
+        return self._difference * left
 
     @cached_property
     def _speed_numbers(self) -> Numbers:

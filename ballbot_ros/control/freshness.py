@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Watchdog and rate monitor; time is passed in."""
+from bisect import bisect_left, insort
 from collections import deque
-from itertools import pairwise
 import math
-from statistics import median
-from typing import Deque, Optional
+from typing import Deque, List, Optional
 
 from ballbot_ros.errors import ConfigurationError, MessageError
 
@@ -93,8 +92,11 @@ class RateMonitor:
         if not 2 <= least <= size:
             raise ConfigurationError(
                 f'a rate needs at least 2 stamps, got size {size!r} and least {least!r}')
-        self._stamps: Deque[float] = deque(maxlen=size)
-        self._least = least
+        self._size, self._least = size, least
+        self._last: Optional[float] = None
+        # In their order, and by length: this is asked for at each joint state.
+        self._periods: Deque[float] = deque()
+        self._sorted: List[float] = []
 
     def add(self, stamp: float) -> None:
         """
@@ -111,20 +113,28 @@ class RateMonitor:
             If the stamp is not finite.
 
         """
-        _finite(stamp)
-        if self._stamps and stamp < self._stamps[-1]:
-            self._stamps.clear()
-        if not self._stamps or stamp > self._stamps[-1]:
-            self._stamps.append(stamp)
+        last, self._last = self._last, _finite(stamp)
+        if last is None or stamp == last:
+            return
+        if stamp < last:
+            self._periods.clear()
+            self._sorted.clear()
+            return
+        self._periods.append(stamp - last)
+        insort(self._sorted, stamp - last)
+        if len(self._periods) >= self._size:
+            del self._sorted[bisect_left(self._sorted, self._periods.popleft())]
 
     @property
     def period(self) -> Optional[float]:
         """Return the median period [s], None before there are stamps enough."""
-        if len(self._stamps) < self._least:
+        number = len(self._sorted)
+        if number + 1 < self._least:
             return None
-        return median(later - earlier for earlier, later in pairwise(self._stamps))
+        return 0.5 * (self._sorted[(number - 1) // 2] + self._sorted[number // 2])
 
     @property
     def rate(self) -> Optional[float]:
         """Return the median rate [Hz], None before there are stamps enough."""
-        return None if self.period is None else 1.0 / self.period
+        period = self.period
+        return None if period is None else 1.0 / period

@@ -13,6 +13,9 @@ With x = -R theta1 two degrees of freedom are left, the pendulum angle phi and t
 
 with C = M2 e R cos(phi).  Controllers are judged, and the pendulum is estimated, on this model;
 the simulator has the full one with contact and slip.
+
+The functions are pure and compiled, for the filter calls them in each period of a motor's loop;
+`RollingModel` calls the same ones.
 """
 import math
 from typing import NamedTuple, Tuple
@@ -20,6 +23,7 @@ from typing import NamedTuple, Tuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.compiled import compiled
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import Robot
 
@@ -43,6 +47,67 @@ class Acceleration(NamedTuple):
     by_ball_rate: float  # by theta1'
 
 
+# The numbers of an `Acceleration`.
+Slopes = Tuple[float, float, float, float]
+
+
+class RollingNumbers(NamedTuple):
+    """A robot as the functions of this module read it."""
+
+    pendulum_inertia: float  # J2 + M2 e^2 [kg m2]
+    ball_inertia: float  # J1 + M R^2 [kg m2]
+    lever: float  # M2 e R, C at angle 0 [kg m2]
+    gravity_torque: float  # M2 g e [N m]
+    joint_friction: float  # c2 [N m s/rad]
+    rolling_friction: float  # c1 [N m s/rad]
+
+
+# The numbers of a `RollingNumbers`.
+Rolling = Tuple[float, float, float, float, float, float]
+
+
+@compiled
+def rolling_response(angle: float, on_pendulum: float, on_ball: float, rolling: Rolling
+                     ) -> Tuple[float, float]:
+    """Return phi'' and theta1'' [rad/s2] under generalised torques [N m]."""
+    own = RollingNumbers(*rolling)
+    coupling = own.lever * math.cos(angle)
+    determinant = own.pendulum_inertia * own.ball_inertia - coupling**2
+    return ((own.ball_inertia * on_pendulum + coupling * on_ball) / determinant,
+            (coupling * on_pendulum + own.pendulum_inertia * on_ball) / determinant)
+
+
+@compiled
+def rolling_accelerations(angle: float, rate: float, ball_rate: float, torque: float,
+                          rolling: Rolling) -> Tuple[float, float]:
+    """Return phi'' and theta1'' [rad/s2]; see `RollingModel` for the arguments."""
+    own = RollingNumbers(*rolling)
+    sine = math.sin(angle)
+    joint = torque - own.joint_friction * (rate - ball_rate)
+    return rolling_response(
+        angle, joint - own.gravity_torque * sine,
+        -joint - own.rolling_friction * ball_rate - own.lever * sine * rate**2, rolling)
+
+
+@compiled
+def rolling_linearised(angle: float, rate: float, ball_rate: float, torque: float,
+                       rolling: Rolling) -> Tuple[Slopes, Slopes]:
+    """Return phi'' and theta1'', each with its derivatives as an `Acceleration` has them."""
+    own = RollingNumbers(*rolling)
+    pendulum, ball = rolling_accelerations(angle, rate, ball_rate, torque, rolling)
+    sine, cosine = math.sin(angle), math.cos(angle)
+    # With the angle the coupling changes, too: M q'' = Q gives M dq'' = dQ - dM q''.
+    by_angle = rolling_response(
+        angle, -own.gravity_torque * cosine - own.lever * sine * ball,
+        -own.lever * cosine * rate**2 - own.lever * sine * pendulum, rolling)
+    by_rate = rolling_response(angle, -own.joint_friction,
+                               own.joint_friction - 2.0 * own.lever * sine * rate, rolling)
+    by_ball_rate = rolling_response(
+        angle, own.joint_friction, -own.joint_friction - own.rolling_friction, rolling)
+    return ((pendulum, by_angle[0], by_rate[0], by_ball_rate[0]),
+            (ball, by_angle[1], by_rate[1], by_ball_rate[1]))
+
+
 class RollingModel:
     """
     The equations above for one robot.
@@ -56,6 +121,8 @@ class RollingModel:
     robot : Robot
     pendulum_moment, pendulum_inertia : float
         M2 e [kg m] and J2 + M2 e^2 [kg m2].
+    numbers : tuple of 6 floats
+        For the compiled functions, see `RollingNumbers`.
 
     Raises
     ------
@@ -72,40 +139,26 @@ class RollingModel:
         self.pendulum_inertia = (
             robot.pendulum_inertia + self.pendulum_moment * robot.pendulum_length)
         self._ball_inertia = robot.ball_inertia + robot.total_mass * robot.ball_radius**2
-        self._lever = self.pendulum_moment * robot.ball_radius  # C at angle 0
+        self._lever = self.pendulum_moment * robot.ball_radius
         self._gravity_torque = robot.largest_gravity_torque
+        self.numbers: Rolling = RollingNumbers(
+            self.pendulum_inertia, self._ball_inertia, self._lever, self._gravity_torque,
+            robot.joint_friction, robot.rolling_friction)[:]
 
     def response(self, angle: float, on_pendulum: float, on_ball: float) -> Tuple[float, float]:
         """Return phi'' and theta1'' [rad/s2] under generalised torques [N m]."""
-        pendulum, ball = self.pendulum_inertia, self._ball_inertia
-        coupling = self._lever * math.cos(angle)
-        determinant = pendulum * ball - coupling**2
-        return ((ball * on_pendulum + coupling * on_ball) / determinant,
-                (coupling * on_pendulum + pendulum * on_ball) / determinant)
+        return rolling_response(angle, on_pendulum, on_ball, self.numbers)
 
     def accelerations(self, angle: float, rate: float, ball_rate: float, torque: float
                       ) -> Tuple[float, float]:
         """Return phi'' and theta1'' [rad/s2]."""
-        sine = math.sin(angle)
-        joint = torque - self.robot.joint_friction * (rate - ball_rate)
-        return self.response(
-            angle, joint - self._gravity_torque * sine,
-            -joint - self.robot.rolling_friction * ball_rate - self._lever * sine * rate**2)
+        return rolling_accelerations(angle, rate, ball_rate, torque, self.numbers)
 
     def linearised(self, angle: float, rate: float, ball_rate: float, torque: float
                    ) -> Tuple[Acceleration, Acceleration]:
         """Return phi'' and theta1'' with their derivatives."""
-        pendulum, ball = self.accelerations(angle, rate, ball_rate, torque)
-        sine, cosine = math.sin(angle), math.cos(angle)
-        lever, friction = self._lever, self.robot.joint_friction
-        # With the angle the coupling changes, too: M q'' = Q gives M dq'' = dQ - dM q''.
-        columns = (
-            self.response(angle, -self._gravity_torque * cosine - lever * sine * ball,
-                          -lever * cosine * rate**2 - lever * sine * pendulum),
-            self.response(angle, -friction, friction - 2.0 * lever * sine * rate),
-            self.response(angle, friction, -friction - self.robot.rolling_friction))
-        of_pendulum, of_ball = zip(*columns)
-        return Acceleration(pendulum, *of_pendulum), Acceleration(ball, *of_ball)
+        pendulum, ball = rolling_linearised(angle, rate, ball_rate, torque, self.numbers)
+        return Acceleration(*pendulum), Acceleration(*ball)
 
     def held_acceleration(self, angle: float) -> float:
         """

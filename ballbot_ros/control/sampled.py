@@ -3,10 +3,10 @@
 Stability of a control law that is closed at a rate and with a delay.
 
 A gain that is harmless in continuous time amplifies when it acts too rarely or too late.
-The rolling model of `rolling_model` is discretised exactly under a zero-order hold and closed
-with the linearised law; it is stable if the poles of the result are.  The published gains on
-GimBall need, to hold the pendulum down, 234 Hz without delay and 468 Hz with one sample of it;
-to hold it at any angle, 275 and 548 Hz.
+The rolling model of `rolling_model` is discretised exactly under an input that is held, and may
+change within a period (`held_input`), and closed with the linearised law; it is stable if the
+poles of the result are.  The published gains on GimBall need, to hold the pendulum down, 234 Hz
+without delay and 468 Hz with one sample of it; to hold it at any angle, 275 and 548 Hz.
 
 What divergence looks like: the torque limit turns exponential growth into a limit cycle,
 a pendulum that rattles with full torque back and forth.  It does not turn it into control.
@@ -16,8 +16,8 @@ from typing import Optional, Sequence, Union
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
+from ballbot_ros.control.held_input import HeldInput
 from ballbot_ros.control.rolling_model import Array, RollingModel
 from ballbot_ros.control.signals import Mode
 from ballbot_ros.control.speed_law import speed_law_step, SpeedLaw
@@ -33,6 +33,9 @@ DRIFT_LIMIT = 0.2
 
 HIGHEST_RATE = 1e5      # [Hz] a loop that diverges even there is not saved by its rate
 LOWEST_RATE = 1.0       # [Hz]
+MOST_DELAY = 100        # [samples]
+# A lag is looked at up to the rate at which it is so many samples: faster changes nothing.
+MOST_LAG = 20.0
 HALF_CIRCLE = tuple(math.radians(degrees) for degrees in range(0, 181, 15))
 
 
@@ -52,13 +55,12 @@ def _angles(law: Mode, tuning: ControlTuning) -> Sequence[float]:
     return HALF_CIRCLE if law is Mode.HOLD else (0.0,)
 
 
-def _check(law: Union[Mode, str], rate: float, delay: int) -> Mode:
+def _check(law: Union[Mode, str], rate: float, delay: float) -> Mode:
     """Return the law; refuse rates and delays that have no meaning."""
     if not (math.isfinite(rate) and rate > 0.0):
         raise ConfigurationError(f'control rate must be more than 0 Hz, got {rate!r}')
-    if not (isinstance(delay, int) and 0 <= delay <= 100):
-        raise ConfigurationError(
-            f'delay must be a whole number of samples from 0 to 100, got {delay!r}')
+    if not 0.0 <= delay <= MOST_DELAY:
+        raise ConfigurationError(f'delay must be from 0 to {MOST_DELAY} samples, got {delay!r}')
     if law not in CLOSED:
         raise ConfigurationError(
             f"law must be 'hold' (11), 'drive' (12) or 'speed', got {law!r}: only these close a "
@@ -75,7 +77,7 @@ def _feedback(robot: Robot, tuning: ControlTuning, law: Mode, angle: float) -> A
 
 
 def loop_poles(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate: float,
-               delay: int = 0, set_angle: float = 0.0) -> NDArray[np.complex128]:
+               delay: float = 0, set_angle: float = 0.0) -> NDArray[np.complex128]:
     """
     Return the poles of the sampled loop, inside the unit circle where it is damped.
 
@@ -87,8 +89,8 @@ def loop_poles(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
         ``'hold'``, eq. (11), ``'drive'``, eq. (12), or ``'speed'``, the speed law.
     rate : float
         Of the controller [Hz].
-    delay : int
-        Whole samples from reading to torque.
+    delay : float
+        Samples from reading to torque; within a period the torque changes where the delay ends.
     set_angle : float
         Pendulum angle about which to linearise [rad]; for the speed law the one that stands on
         a slope.
@@ -107,24 +109,16 @@ def loop_poles(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
     # theta2 is a state only where the law looks at it: elsewhere it would be a pole at 1
     # that says no more than that positions do not matter.
     size = 4 if law is Mode.DRIVE and tuning.velocity_ki > 0.0 else 3
-    plant = np.zeros((size + 1, size + 1))
-    plant[:3, :3], plant[:3, size] = matrix, column
+    plant, torque = np.zeros((size, size)), np.zeros(size)
+    plant[:3, :3], torque[:3] = matrix, column
     if size == 4:
         plant[3, 1], plant[3, 2] = 1.0, -1.0
-    held = expm(plant / rate)
-    loop = np.zeros((size + delay, size + delay))
-    loop[:size, :size] = held[:size, :size]
     feedback = _feedback(robot, tuning, law, set_angle)[:size]
-    if delay == 0:
-        loop += np.outer(held[:size, size], feedback)
-    else:
-        loop[:size, size] = held[:size, size]
-        loop[size:-1, size + 1:] = np.eye(delay - 1)
-        loop[-1, :size] = feedback
+    loop = HeldInput.of(plant, torque, rate, delay).closed(feedback)
     return np.linalg.eigvals(loop).astype(np.complex128)
 
 
-def _speed_loop(robot: Robot, tuning: ControlTuning, rate: float, delay: int, set_angle: float
+def _speed_loop(robot: Robot, tuning: ControlTuning, rate: float, delay: float, set_angle: float
                 ) -> Array:
     """
     Return the loop of the speed law over law (11), about a ball that stands on a slope.
@@ -139,16 +133,16 @@ def _speed_loop(robot: Robot, tuning: ControlTuning, rate: float, delay: int, se
         (-gravity * math.cos(set_angle), 0.0),
         (-robot.joint_friction, robot.joint_friction),
         (robot.joint_friction, -robot.joint_friction - robot.rolling_friction), (1.0, -1.0))]
-    plant = np.zeros((4, 4))
+    plant = np.zeros((3, 4))
     plant[0, 1] = 1.0
-    plant[1:3] = np.array(columns).T
-    held = expm(plant / rate)[:3]
+    plant[1:] = np.array(columns).T
+    held = HeldInput.of(plant[:, :3], plant[:, 3], rate, delay)
     compensated = gravity * tuning.gravity_compensation
     resting = gravity * math.sin(set_angle)
     # Where law (11) falls short, the set angle is further.
     short = (resting - compensated * math.sin(set_angle)) / tuning.position_kp
     rest = np.array([set_angle, 0.0, 0.0, 0.0, resting, set_angle, set_angle + short, short,
-                     set_angle + short, *[resting] * delay])
+                     set_angle + short, *[resting] * held.waiting])
 
     def step(state: Array) -> Array:
         angle, pendulum_rate, ball_rate, *others = state.tolist()
@@ -157,8 +151,11 @@ def _speed_loop(robot: Robot, tuning: ControlTuning, rate: float, delay: int, se
             1.0 / rate, numbers)
         torques = [*others[6:], position_torque(
             angle, pendulum_rate, wanted, tuning.position_kp, tuning.position_kd, compensated)]
-        moved = held @ np.array([angle - set_angle, pendulum_rate, ball_rate,
-                                 torques[0] - resting])
+        off = [torque - resting for torque in torques[:2]]
+        moved = held.step @ np.array([angle - set_angle, pendulum_rate, ball_rate])
+        if held.before.any():
+            moved += held.before * off.pop(0)
+        moved += held.after * off[0]
         return np.array([moved[0] + set_angle, *moved[1:], *learnt, *torques[1:]])
     return np.column_stack([
         (step(rest + shift) - step(rest - shift)) / (2.0 * DIFFERENCE)
@@ -166,46 +163,50 @@ def _speed_loop(robot: Robot, tuning: ControlTuning, rate: float, delay: int, se
 
 
 def growth_rate(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate: float,
-                delay: int = 0, set_angles: Optional[Sequence[float]] = None) -> float:
+                delay: float = 0, set_angles: Optional[Sequence[float]] = None,
+                lag: float = 0.0) -> float:
     """
     Return how fast the worst deviation grows, negative if it decays [1/s].
 
     That is log(largest pole) * rate, the worst over `set_angles` [rad]; by default 0 to 180
     degrees for law (11), and for the speed law what it holds slopes with.  Parameters as in
-    `loop_poles`.
+    `loop_poles`; `lag` [s] is a delay besides that does not depend on the rate.
     """
-    law = _check(law, rate, delay)
+    samples = delay + lag * rate if lag else delay
+    law = _check(law, rate, samples)
     angles = _angles(law, tuning) if set_angles is None else set_angles
-    radius = max(float(np.abs(loop_poles(robot, tuning, law, rate, delay, angle)).max())
+    radius = max(float(np.abs(loop_poles(robot, tuning, law, rate, samples, angle)).max())
                  for angle in angles)
     return math.log(radius) * rate
 
 
 def is_stable(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate: float,
-              delay: int = 0, set_angles: Optional[Sequence[float]] = None) -> bool:
+              delay: float = 0, set_angles: Optional[Sequence[float]] = None,
+              lag: float = 0.0) -> bool:
     """Return whether nothing grows faster than drift; parameters as in `growth_rate`."""
-    return growth_rate(robot, tuning, law, rate, delay, set_angles) < DRIFT_LIMIT
+    return growth_rate(robot, tuning, law, rate, delay, set_angles, lag) < DRIFT_LIMIT
 
 
 def lowest_stable_rate(robot: Robot, tuning: ControlTuning, law: Union[Mode, str],
-                       delay: int = 0, set_angles: Optional[Sequence[float]] = None) -> float:
+                       delay: float = 0, set_angles: Optional[Sequence[float]] = None,
+                       lag: float = 0.0) -> float:
     """
     Return the rate from which on the loop is stable [Hz]; infinity if there is none.
 
-    Found by coming down from 100 kHz in steps and bisecting the first failure to 0.01 %.
-    Parameters as in `growth_rate`.
+    Found by coming down from 100 kHz in steps, or with a lag from where that is `MOST_LAG`
+    samples, and bisecting the first failure to 0.01 %.  Parameters as in `growth_rate`.
     """
-    high = HIGHEST_RATE
-    if not is_stable(robot, tuning, law, high, delay, set_angles):
+    high = min(HIGHEST_RATE, MOST_LAG / lag) if lag else HIGHEST_RATE
+    if not is_stable(robot, tuning, law, high, delay, set_angles, lag):
         return math.inf
     low = high / 1.3
-    while is_stable(robot, tuning, law, low, delay, set_angles):
+    while is_stable(robot, tuning, law, low, delay, set_angles, lag):
         if low < LOWEST_RATE:
             return LOWEST_RATE
         high, low = low, low / 1.3
     while high / low > 1.0001:
         middle = math.sqrt(high * low)
-        if is_stable(robot, tuning, law, middle, delay, set_angles):
+        if is_stable(robot, tuning, law, middle, delay, set_angles, lag):
             high = middle
         else:
             low = middle
@@ -213,9 +214,9 @@ def lowest_stable_rate(robot: Robot, tuning: ControlTuning, law: Union[Mode, str
 
 
 def check_loop(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate: float,
-               delay: int = 1) -> None:
+               delay: float = 1, lag: float = 0.0) -> None:
     """
-    Refuse a controller that would diverge; parameters as in `loop_poles`.
+    Refuse a controller that would diverge; parameters as in `growth_rate`.
 
     Raises
     ------
@@ -224,23 +225,25 @@ def check_loop(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
         at this rate.
 
     """
-    law = _check(law, rate, delay)
-    if is_stable(robot, tuning, law, rate, delay):
+    if is_stable(robot, tuning, law, rate, delay, None, lag):
         return
+    law = Mode(law)
     names = {Mode.HOLD: ('position_kp', 'position_kd'),
              Mode.DRIVE: ('velocity_kp', 'velocity_ki'),
              Mode.SPEED: ('position_kp', 'position_kd', 'speed_gain', 'observer_rate')}[law]
     gains = ', '.join(f'{name} {getattr(tuning, name):g}' for name in names)
-    samples = f'{delay} sample{"" if delay == 1 else "s"} of delay'
+    late = [f'{delay:g} sample{"" if delay == 1 else "s"}'] if delay or not lag else []
+    late += [f'{1e3 * lag:.2g} ms'] if lag else []
     raise UnstableLoopError(
-        f'{law.law} with {gains} diverges on {robot.name} at {rate:g} Hz with {samples}; '
-        + _remedy(robot, tuning, law, rate, delay))
+        f'{law.law} with {gains} diverges on {robot.name} at {rate:g} Hz with '
+        f'{" and ".join(late)} of delay; ' + _remedy(robot, tuning, law, rate, delay, lag))
 
 
-def _remedy(robot: Robot, tuning: ControlTuning, law: Mode, rate: float, delay: int) -> str:
+def _remedy(robot: Robot, tuning: ControlTuning, law: Mode, rate: float, delay: float,
+            lag: float) -> str:
     """Return what to do instead: a rate, a gain, or a look at the gains."""
     remedies = []
-    lowest = lowest_stable_rate(robot, tuning, law, delay)
+    lowest = lowest_stable_rate(robot, tuning, law, delay, None, lag)
     if math.isfinite(lowest):
         remedies.append(f'run it at {math.ceil(lowest)} Hz or more')
     # The gain on rates is what diverges first: it meets the small pendulum inertia alone.
@@ -249,7 +252,7 @@ def _remedy(robot: Robot, tuning: ControlTuning, law: Mode, rate: float, delay: 
         gain = float(f'{percent / 100 * getattr(tuning, name):.2g}')
         lowered = ControlTuning(**{**vars(tuning), name: gain})
         # A tenth of the rate to spare: a gain at its very limit would ring for ever.
-        if is_stable(robot, lowered, law, 0.9 * rate, delay):
+        if is_stable(robot, lowered, law, 0.9 * rate, delay, None, lag):
             remedies.append(f'lower {name} to {gain:g}')
             break
     return ' or '.join(remedies) or 'no rate saves these gains: see config/tunings'

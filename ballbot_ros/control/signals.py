@@ -6,6 +6,9 @@ import math
 
 from ballbot_ros.errors import MessageError
 
+# Set-points closer to 0 than this ask for rest [rad, rad/s, m/s].
+STANDING = 1e-3
+
 
 class Mode(str, Enum):
     """What the pendulum motor does; the values stand in messages and files."""
@@ -61,6 +64,18 @@ class SetPoint:
                 'unknown_mode',
                 f'set-point mode must be one of {known}, got {self.mode!r}') from error
         refuse_not_finite('set-point', value=self.value, stamp=self.stamp)
+
+    @property
+    def is_rest(self) -> bool:
+        """Return whether it asks for no motion: nothing, a hanging pendulum, a speed of 0."""
+        return self.mode is Mode.IDLE or abs(self.value) < STANDING
+
+    @property
+    def in_words(self) -> str:
+        """Return what it asks for, as people write it."""
+        return {Mode.IDLE: 'no torque', Mode.HOLD: f'a pendulum angle of {self.value:.3g} rad',
+                Mode.DRIVE: f'a joint rate of {self.value:.3g} rad/s',
+                Mode.SPEED: f'a speed of {self.value:.3g} m/s'}[self.mode]
 
 
 @dataclass(frozen=True)

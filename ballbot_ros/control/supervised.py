@@ -21,6 +21,8 @@ RATE_SLACK = 0.98
 JUDGED = 11
 # More than the speed law can hold is said when it has lasted for so long [s]: pushes pass.
 PUSH = 1.0
+# After an e-stop, set-points other than rest must have been away for so long [s].
+QUIET = 0.5
 # Stamps are rounded to the nanosecond; this is well above and well below any period [s].
 ROUNDING = 1e-6
 
@@ -39,12 +41,15 @@ class Supervision:
     set_point_period : float
         In lockstep, a state is answered only with the set-point of its own period [s];
         0 outside lockstep.
+    let_down_time : float
+        How long a pendulum that is let down is held there [s]; no torque after.
 
     """
 
     lowest_rate: float = 0.0
     set_point_timeout: float = 0.0
     set_point_period: float = 0.0
+    let_down_time: float = math.inf
 
 
 class SupervisedController:
@@ -53,30 +58,45 @@ class SupervisedController:
 
     All time is that of the stamps.  What a person should know is logged.
 
+    While the e-stop is engaged it is idle.  A release alone starts nothing: set-points other than
+    rest are refused until they have been at rest, or away for `QUIET`.
+
     Attributes
     ----------
+    expected : Supervision
     too_slow : bool
         The joint states come too rarely: torque is held at 0.
     overcome : bool
         More resists the set speed than the largest lean holds: the ball rolls away.
+    let_down : bool
+        Nobody has renewed the set-point.
+    e_stop : bool
 
     """
 
     def __init__(self, controller: PendulumController, supervision: Supervision):
         """Start idle."""
         self._controller = controller
-        self._expected = supervision
+        self.expected = supervision
         self._rate = RateMonitor(least=JUDGED)
         self._newest: Optional[JointReadings] = None
         self._waiting: Optional[JointReadings] = None
-        self._let_down = False
         self._held_at = -math.inf
-        self.too_slow = self.overcome = False
+        # The set-point other than rest that came last, and when.
+        self._asked: Optional[SetPoint] = None
+        self._asked_at = -math.inf
+        self._rest_first = False
+        self.too_slow = self.overcome = self.let_down = self.e_stop = False
 
     @property
     def set_point(self) -> SetPoint:
         """Return the set-point in force."""
         return self._controller.set_point
+
+    @property
+    def excess(self) -> float:
+        """Return what the torque limit has cut off the last answer [N m]."""
+        return self._controller.excess
 
     @property
     def rate(self) -> Optional[float]:
@@ -95,7 +115,7 @@ class SupervisedController:
         Raises
         ------
         MessageError
-            With reason ``stale`` or ``from_the_future``.
+            With reason ``stale``, ``from_the_future`` or ``e_stop``.
 
         """
         ahead = set_point.stamp - self.time
@@ -103,13 +123,46 @@ class SupervisedController:
             raise MessageError(
                 'from_the_future', f'set-point of {set_point.stamp:.3f} s refused: the joint '
                 f'states are of {self.time:.3f} s; is one of them stamped with wall time?')
-        timeout = self._expected.set_point_timeout
+        timeout = self.expected.set_point_timeout
         if self._newest is not None and timeout and -ahead > timeout:
             raise MessageError(
                 'stale', f'set-point of {set_point.stamp:.3f} s refused: the joint states are '
                 f'of {self.time:.3f} s, more than {timeout:g} s later')
-        self._controller.give(set_point)
-        self._let_down = False
+        self._check_e_stop(set_point)
+        if not self.e_stop:
+            self._controller.give(set_point)
+            self.let_down = False
+
+    def hear_e_stop(self, engaged: bool) -> None:
+        """Take note whether the e-stop is engaged; a set-point in force is then forgotten."""
+        if engaged and not self.e_stop:
+            self.forget()
+        self._rest_first = self._rest_first or engaged
+        self.e_stop = engaged
+
+    def forget(self) -> None:
+        """Be idle, until another set-point is given."""
+        self._controller.reset()
+        self.let_down = False
+
+    @property
+    def asked(self) -> Optional[SetPoint]:
+        """Return the set-point other than rest that came within `QUIET`, None without one."""
+        return self._asked if self.time - self._asked_at < QUIET else None
+
+    def _check_e_stop(self, set_point: SetPoint) -> None:
+        """Refuse what asks for motion while the e-stop is engaged, or right after."""
+        if set_point.is_rest:
+            self._rest_first = self._rest_first and self.e_stop
+            return
+        waiting = self._rest_first and (self.e_stop or self.asked is not None)
+        self._asked, self._asked_at = set_point, self.time
+        if waiting:
+            raise MessageError('e_stop', f'set-point of {set_point.in_words} refused: ' + (
+                'the e-stop is engaged' if self.e_stop else
+                'it was asked for while the e-stop was engaged; ask for rest first, or for '
+                f'nothing for {QUIET:g} s'))
+        self._rest_first = False
 
     def take(self, readings: JointReadings) -> None:
         """Note a joint state; `answer` then gives the torque for it."""
@@ -118,12 +171,18 @@ class SupervisedController:
                 f'time went back from {self._newest.stamp:.3f} s to {readings.stamp:.3f} s: '
                 'set-point and integral are forgotten')
             self._controller.reset()
+            self._asked_at = -math.inf
         self._rate.add(readings.stamp)
         self._newest = self._waiting = readings
 
-    def answer(self) -> Optional[float]:
+    def answer(self, in_force: Optional[float] = None) -> Optional[float]:
         """
         Return the torque for the newest joint state [N m].
+
+        Parameters
+        ----------
+        in_force : float, optional
+            See `PendulumController.torque` [N m].
 
         Returns
         -------
@@ -136,14 +195,15 @@ class SupervisedController:
             return None
         self._waiting = None
         self._check_age(readings.stamp)
-        slow = self.rate is not None and self.rate < RATE_SLACK * self._expected.lowest_rate
+        rate = self._rate.rate
+        slow = rate is not None and rate < RATE_SLACK * self.expected.lowest_rate
         if slow and not self.too_slow:
             LOG.warning(
-                f'joint states come at {self.rate:.0f} Hz and these gains need '
-                f'{self._expected.lowest_rate:.0f} Hz: torque is 0; raise the rate or choose '
+                f'joint states come at {rate:.0f} Hz and these gains need '
+                f'{self.expected.lowest_rate:.0f} Hz: torque is 0; raise the rate or choose '
                 'another tuning')
         self.too_slow = slow
-        torque = self._controller.torque(readings)
+        torque = self._controller.torque(readings, in_force)
         self._check_hold(readings.stamp)
         return 0.0 if slow else torque
 
@@ -161,21 +221,25 @@ class SupervisedController:
 
     def _too_early(self, stamp: float) -> bool:
         """In lockstep, return whether the set-point of this state's period is missing."""
-        period = self._expected.set_point_period
-        if not period:
+        period = self.expected.set_point_period
+        if not period or self.e_stop:
             return False
         given = self.set_point.stamp
         return not given - ROUNDING <= stamp < given + period - ROUNDING
 
     def _check_age(self, stamp: float) -> None:
         """Let the pendulum down when nobody renews the set-point."""
-        timeout = self._expected.set_point_timeout
+        timeout = self.expected.set_point_timeout
         current = self.set_point
-        if not timeout or self._let_down or current.mode is Mode.IDLE \
-                or not stamp - current.stamp > timeout + ROUNDING:
+        if not timeout or current.mode is Mode.IDLE:
             return
-        self._let_down = True
-        self._controller.give(SetPoint(Mode.HOLD, 0.0, current.stamp))
-        LOG.warning(
-            f'no new set-point for {timeout:g} s at t = {stamp:.3f} s: the pendulum is let down; '
-            f'publish set-points at {2.0 / timeout:.0f} Hz or more')
+        age = stamp - current.stamp
+        if self.let_down:
+            if age > timeout + self.expected.let_down_time:
+                self._controller.give(SetPoint(Mode.IDLE, 0.0, current.stamp))
+        elif age > timeout + ROUNDING:
+            self.let_down = True
+            self._controller.give(SetPoint(Mode.HOLD, 0.0, current.stamp))
+            LOG.warning(
+                f'no new set-point for {timeout:g} s at t = {stamp:.3f} s: the pendulum is let '
+                f'down; publish set-points at {2.0 / timeout:.0f} Hz or more')

@@ -45,6 +45,9 @@ class ControlTuning(Checked):
     largest_lean: float = quantity(
         'rad', 'largest pendulum angle that the speed law wants', above=0.0, maximum=1.5,
         default=1.2)
+    blend_time: float = quantity(
+        's', 'over which another law takes over from the torque in force; 0 for at once',
+        minimum=0.0, maximum=10.0, default=0.0)
 
 
 def load_tuning(name_or_path: str) -> ControlTuning:

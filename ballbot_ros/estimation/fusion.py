@@ -3,20 +3,22 @@
 from collections import deque
 from dataclasses import replace
 import math
-from typing import Deque, Optional
+from typing import Callable, Deque, Optional
 
 from ballbot_ros.control.signals import refuse_not_finite
 from ballbot_ros.errors import EstimateLostError, MessageError
+from ballbot_ros.estimation.continuity import Continuity, EncoderReading
 from ballbot_ros.estimation.imu import ImuMounting, ImuReading
-from ballbot_ros.estimation.kalman import Estimate, JOINT, PendulumFilter
+from ballbot_ros.estimation.kalman import Estimate, PendulumFilter
+from ballbot_ros.estimation.kernels import BALL_RATE, JOINT, PENDULUM_RATE
 from ballbot_ros.estimation.tuning import FilterTuning
 from ballbot_ros.physics.model.robot import Robot
 
-# An encoder angle further than this from the predicted one is an outlier [rad]: at 25 rad/s,
-# more than any joint here turns, it takes 20 ms, and the rate is known before.
-OUTLIER = 0.5
-# So many outliers in a row, and the encoder counts from another zero.
-REZERO_AFTER = 5
+# While the encoder is in doubt the angle is a prediction: good for torque for this long, and
+# given up after that [s].
+RELIED_ON, GIVEN_UP = 0.02, 0.1
+# So many jumps within this time, and the encoder is not to be relied on [s].
+MOST_JUMPS, JUMPS_WITHIN = 3, 5.0
 # No ball or pendulum turns faster [rad/s].
 HIGHEST_RATE = 300.0
 # An IMU is not relied on after this silence [s].
@@ -44,9 +46,13 @@ class Fusion:
     estimate : Estimate or None
         None before the first encoder reading.
     jumps : int
-        Encoder readings that were left out as outliers.
+        Encoder readings that were left out, as no motion explains them.
     rezeroed : int
         How often a new zero of the encoder was learned.
+    last_jump : float
+        By how much that zero moved last [rad].
+    follower : callable
+        Is given each IMU reading, at the ball centre, with the estimate after it.
 
     """
 
@@ -57,6 +63,8 @@ class Fusion:
         self._filter = PendulumFilter(robot, tuning)
         self._mounting, self._encoder_zero = mounting, encoder_zero
         self.jumps = self.rezeroed = 0
+        self.last_jump = 0.0
+        self.follower: Callable[[Estimate, ImuReading], None] = lambda *_: None
         self.reset()
 
     def reset(self) -> None:
@@ -66,11 +74,14 @@ class Fusion:
         self._newest = -math.inf
         self._imu: Optional[ImuReading] = None
         self._upright = False  # ball angle 0 is where the IMU is upright
-        self._in_a_row = 0
+        self._continuity = Continuity()
+        self._jumped: Deque[float] = deque(maxlen=MOST_JUMPS)  # when [s]
 
-    def has_imu(self, now: float) -> bool:
-        """Return whether there is an IMU reading not older than its timeout."""
-        return now - self._newest <= IMU_TIMEOUT
+    def is_relied_on(self) -> bool:
+        """Return whether the encoder is believed, or was until a moment ago."""
+        estimate, doubt = self.estimate, self._continuity.doubt
+        return estimate is not None and (
+            doubt is None or estimate.stamp - doubt.since <= RELIED_ON)
 
     def imu(self, reading: ImuReading) -> None:
         """
@@ -106,8 +117,10 @@ class Fusion:
             self.estimate = _with_upright(self.estimate, imu)
         estimate = self._filter.predict(self.estimate, imu.stamp, torque, imu)
         self.estimate = self._filter.with_imu(estimate, imu, min(period, IMU_TIMEOUT))
+        self.follower(self.estimate, imu)
 
-    def encoder(self, stamp: float, angle: float, torque: float) -> Estimate:
+    def encoder(self, stamp: float, angle: float, torque: float,
+                rate: Optional[float] = None) -> Estimate:
         """
         Take an encoder reading and return the estimate of its time.
 
@@ -119,16 +132,21 @@ class Fusion:
             Of the joint, from an arbitrary zero [rad].
         torque : float
             At the pendulum since the reading before [N m].
+        rate : float, optional
+            Of the joint, as the drive reports it [rad/s]; tells a jump from a motion.
 
         Raises
         ------
         MessageError
             With reason ``not_finite``.
         EstimateLostError
-            If the estimate has run away; the next reading is again of a robot at rest.
+            If the estimate has run away, or the encoder jumps and jumps; the next reading is
+            again of a robot at rest.
 
         """
-        refuse_not_finite('encoder reading', stamp=stamp, angle=angle, torque=torque)
+        if not math.isfinite(stamp + angle + torque + (rate or 0.0)):
+            refuse_not_finite('encoder reading', stamp=stamp, angle=angle, torque=torque,
+                              rate=rate or 0.0)
         while self._waiting and self._waiting[0].stamp <= stamp:
             self._use(self._waiting.popleft(), torque)
         imu = self._imu
@@ -137,26 +155,46 @@ class Fusion:
         if self.estimate is None:
             self._upright = imu is not None
             self.estimate = self._filter.start(stamp, angle, imu, self._encoder_zero)
+            self._continuity = Continuity(EncoderReading(stamp, angle, rate, 0.0, 0.0))
             return self.estimate
         estimate = self._filter.predict(self.estimate, stamp, torque, imu)
-        innovation = self._filter.innovation(estimate, angle)
-        if abs(innovation) <= OUTLIER:
-            self._in_a_row = 0
+        self._continuity = self._continuity.after(EncoderReading(
+            stamp, angle, rate, self._filter.innovation(estimate, angle),
+            float(estimate.mean[PENDULUM_RATE] - estimate.mean[BALL_RATE])))
+        if self._continuity.doubt is None:
             estimate = self._filter.with_encoder(estimate, angle)
         else:
-            self.jumps += 1
-            self._in_a_row += 1
-            if self._in_a_row >= REZERO_AFTER:
-                self._in_a_row = 0
-                self.rezeroed += 1
-                estimate = estimate._replace(encoder_zero=estimate.encoder_zero + innovation)
+            estimate = self._in_doubt(estimate)
         if not _plausible(estimate):
-            self.reset()
-            raise EstimateLostError(
-                'the estimate of the pendulum angle has run away: readings contradict each other '
-                'or the model for too long; let the robot come to rest')
+            self._give_up('the estimate of the pendulum angle has run away: readings contradict '
+                          'each other or the model for too long')
         self.estimate = estimate
         return estimate
+
+    def _in_doubt(self, estimate: Estimate) -> Estimate:
+        """Return the estimate after a reading that is left out, with a new zero if it is time."""
+        doubt = self._continuity.doubt
+        assert doubt is not None
+        self.jumps += 1
+        if doubt.jump is None:
+            if estimate.stamp - doubt.since > GIVEN_UP:
+                self._give_up(f'for {GIVEN_UP:g} s the encoder has jumped, and no two readings '
+                              'agree on where it is: look at its cable and its supply')
+            return estimate
+        self.rezeroed += 1
+        self.last_jump = doubt.jump
+        self._continuity = self._continuity._replace(doubt=None)
+        self._jumped.append(estimate.stamp)
+        if len(self._jumped) == MOST_JUMPS and estimate.stamp - self._jumped[0] < JUMPS_WITHIN:
+            self._give_up(
+                f'the encoder has jumped {MOST_JUMPS} times within {JUMPS_WITHIN:g} s, the last '
+                f'time by {doubt.jump:.3f} rad at the joint: look at its cable and its magnet')
+        return estimate._replace(encoder_zero=estimate.encoder_zero + doubt.jump)
+
+    def _give_up(self, why: str) -> None:
+        """Forget everything and raise `EstimateLostError`."""
+        self.reset()
+        raise EstimateLostError(f'{why}; let the robot come to rest')
 
 
 def _with_upright(estimate: Estimate, imu: ImuReading) -> Estimate:

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import math
 from typing import Tuple
 
+from ballbot_ros.compiled import compiled
 from ballbot_ros.config.fields import Checked, quantity
 from ballbot_ros.control.signals import refuse_not_finite
 
@@ -80,9 +81,12 @@ class ImuReading:
 
     def __post_init__(self) -> None:
         """Refuse what is not finite: one NaN would spoil the estimate for good."""
-        refuse_not_finite('IMU reading', **vars(self))
+        if not math.isfinite(self.stamp + self.turn_rate + self.forward + self.upward
+                             + self.turn_acceleration):
+            refuse_not_finite('IMU reading', **vars(self))
 
 
+@compiled
 def turned(x: float, y: float, angle: float) -> Tuple[float, float]:
     """Return a vector turned counter-clockwise by `angle` [rad]."""
     sine, cosine = math.sin(angle), math.cos(angle)

@@ -16,26 +16,22 @@ carries that on, and the direction of gravity in the accelerometer corrects its 
 the force differs so much from g that the ball must be falling or hitting something.
 """
 import math
-from typing import NamedTuple, Optional, Tuple
+from typing import NamedTuple, Optional
 
 import numpy as np
 
-from ballbot_ros.control.rolling_model import Acceleration, Array, RollingModel
+from ballbot_ros.control.rolling_model import Array, RollingModel
 from ballbot_ros.control.signals import JointReadings
-from ballbot_ros.estimation.imu import ImuReading, turned
+from ballbot_ros.estimation.imu import ImuReading
+from ballbot_ros.estimation.kernels import (
+    BALL_RATE, FilterNumbers, JOINT, PENDULUM, PENDULUM_RATE, predicted, SAME, SIZE, Support,
+    with_felt, with_joint_angle)
 from ballbot_ros.estimation.tuning import FilterTuning
 from ballbot_ros.physics.model.robot import Robot
 
-# Order of the state.
-PENDULUM, JOINT, PENDULUM_RATE, BALL_RATE, BIAS = range(5)
-SIZE = 5
-
-# Longer pauses than this are bridged in several steps [s].
-LONGEST_STEP = 0.005
 # How well a robot at rest is known to be at rest: standard deviation of both rates [rad/s].
 START_RATE_SD = 0.01
-# How long the forward specific force strays in one direction [s].
-STRAY_TIME = 0.1
+NO_SUPPORT: Support = (False, 0.0, 0.0)
 
 
 class Estimate(NamedTuple):
@@ -95,8 +91,14 @@ class PendulumFilter:
 
     def __init__(self, robot: Robot, tuning: FilterTuning = FilterTuning()):
         """Work out what does not change."""
-        self._model = RollingModel(robot)
+        model = RollingModel(robot)
         self._tuning = tuning
+        self._trust = FilterNumbers(
+            model.pendulum_moment, robot.ball_radius, robot.gravity, tuning.gyro_sd**2,
+            tuning.gravity_sd**2, tuning.gravity_gate, tuning.pendulum_noise**2,
+            tuning.ball_noise**2, tuning.pendulum_noise_with_imu**2,
+            tuning.ball_noise_with_imu**2, tuning.gyro_drift**2)[:]
+        self._numbers = model.numbers, self._trust
 
     def start(self, stamp: float, encoder: float, imu: Optional[ImuReading] = None,
               encoder_zero: Optional[float] = None) -> Estimate:
@@ -143,59 +145,24 @@ class PendulumFilter:
             The newest, at the ball centre.
 
         """
-        while stamp > estimate.stamp + 1e-9:
-            step = min(stamp - estimate.stamp, LONGEST_STEP)
-            estimate = self._step(estimate, step, torque, imu)
-        return estimate
-
-    def _step(self, estimate: Estimate, step: float, torque: float,
-              imu: Optional[ImuReading]) -> Estimate:
-        """Return the estimate one step later [s]: trapezoidal in the angles, Euler in the rest."""
-        tuning = self._tuning
-        angle, joint, rate, ball_rate, bias = estimate.mean.tolist()
-        pendulum, ball = self._model.linearised(angle, rate, ball_rate, torque)
-        by_joint, noises = 0.0, (tuning.pendulum_noise, tuning.ball_noise)
-        if imu is not None:
-            pendulum, by_joint = self._carried(joint, rate - ball_rate, torque, imu)
-            noises = tuning.pendulum_noise_with_imu, tuning.ball_noise_with_imu
-        rate_after, ball_after = rate + step * pendulum.value, ball_rate + step * ball.value
-        half = 0.5 * step
-        mean = np.array([
-            angle + half * (rate + rate_after),
-            joint + half * (rate + rate_after - ball_rate - ball_after),
-            rate_after, ball_after, bias])
-        transition = np.eye(SIZE)
-        transition[PENDULUM, PENDULUM_RATE] = transition[JOINT, PENDULUM_RATE] = step
-        transition[JOINT, BALL_RATE] = -step
-        for row, acceleration in ((PENDULUM_RATE, pendulum), (BALL_RATE, ball)):
-            transition[row, PENDULUM] += step * acceleration.by_angle
-            transition[row, PENDULUM_RATE] += step * acceleration.by_rate
-            transition[row, BALL_RATE] += step * acceleration.by_ball_rate
-        transition[PENDULUM_RATE, JOINT] = step * by_joint
-        covariance = transition @ estimate.covariance @ transition.T
-        covariance[PENDULUM_RATE, PENDULUM_RATE] += step * noises[0]**2
-        covariance[BALL_RATE, BALL_RATE] += step * noises[1]**2
-        covariance[BIAS, BIAS] += step * tuning.gyro_drift**2
-        return Estimate(estimate.stamp + step, mean, covariance, estimate.encoder_zero)
-
-    def _carried(self, joint: float, joint_rate: float, torque: float, imu: ImuReading
-                 ) -> Tuple[Acceleration, float]:
-        """Return phi'' where the force on the support is measured, and its slope by the joint."""
-        moment, inertia = self._model.pendulum_moment, self._model.pendulum_inertia
-        friction = self._model.robot.joint_friction
-        # Turned by minus the joint angle, the force is along and across the pendulum.
-        across, along = turned(imu.forward, imu.upward, -joint)
-        value = (torque - friction * joint_rate - moment * across) / inertia
-        return (Acceleration(value, 0.0, -friction / inertia, friction / inertia),
-                -moment * along / inertia)
+        if not stamp > estimate.stamp + SAME:
+            return estimate
+        mean, covariance = np.empty(SIZE), np.empty((SIZE, SIZE))
+        return Estimate(
+            predicted(estimate[:3], stamp, torque,
+                      NO_SUPPORT if imu is None else (True, imu.forward, imu.upward),
+                      self._numbers, mean, covariance),
+            mean, covariance, estimate.encoder_zero)
 
     def with_encoder(self, estimate: Estimate, encoder: float) -> Estimate:
         """Return the estimate improved by an encoder angle [rad]."""
+        mean, covariance = np.empty(SIZE), np.empty((SIZE, SIZE))
         turned_meanwhile = self._tuning.timing_sd * float(
             estimate.mean[PENDULUM_RATE] - estimate.mean[BALL_RATE])
-        return _updated(estimate, np.array([0.0, 1.0, 0.0, 0.0, 0.0]),
-                        self.innovation(estimate, encoder),
-                        self._tuning.encoder_sd**2 + turned_meanwhile**2)
+        with_joint_angle(
+            estimate[1:3], self.innovation(estimate, encoder),
+            self._tuning.encoder_sd**2 + turned_meanwhile**2, mean, covariance)
+        return Estimate(estimate.stamp, mean, covariance, estimate.encoder_zero)
 
     def innovation(self, estimate: Estimate, encoder: float) -> float:
         """Return how far an encoder angle is from the one predicted [rad]."""
@@ -215,25 +182,8 @@ class PendulumFilter:
             Since the reading before [s].
 
         """
-        tuning, robot = self._tuning, self._model.robot
-        estimate = _updated(
-            estimate, np.array([0.0, 0.0, 0.0, 1.0, 1.0]),
-            imu.turn_rate - float(estimate.mean[BALL_RATE] + estimate.mean[BIAS]),
-            tuning.gyro_sd**2)
-        if abs(math.hypot(imu.forward, imu.upward) - robot.gravity) > tuning.gravity_gate:
-            return estimate
-        angle, joint = estimate.mean[:2].tolist()
-        forward, upward = turned(imu.forward, imu.upward, angle - joint)
-        # Straying is slow: many readings in a row stray together and count as one.
-        variance = tuning.gravity_sd**2 * max(1.0, STRAY_TIME / max(period, 1e-6))
-        return _updated(
-            estimate, np.array([-upward, upward, 0.0, 0.0, 0.0]),
-            -robot.ball_radius * imu.turn_acceleration - forward, variance)
-
-
-def _updated(estimate: Estimate, row: Array, innovation: float, variance: float) -> Estimate:
-    """Return the estimate after a scalar measurement: its row, innovation and variance."""
-    across = estimate.covariance @ row
-    gain = across / (float(row @ across) + variance)
-    return estimate._replace(mean=estimate.mean + gain * innovation,
-                             covariance=estimate.covariance - np.outer(gain, across))
+        mean, covariance = np.empty(SIZE), np.empty((SIZE, SIZE))
+        with_felt(
+            estimate[1:3], (imu.turn_rate, imu.forward, imu.upward, imu.turn_acceleration), period,
+            self._trust, mean, covariance)
+        return Estimate(estimate.stamp, mean, covariance, estimate.encoder_zero)

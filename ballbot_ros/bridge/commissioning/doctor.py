@@ -8,10 +8,11 @@ from typing import Callable, Iterator, List, Mapping, NamedTuple, Optional, Tupl
 
 from ballbot_ros.bridge.connect import connector
 from ballbot_ros.bridge.hardware_file import Hardware, load_hardware
-from ballbot_ros.drives import driver_class, DRIVES, open_driver, read_options
-from ballbot_ros.drives.contract import DriveOptions
+from ballbot_ros.drives import (
+    driver_class, DRIVES, line_of, open_driver, open_line, read_options, SERIAL)
+from ballbot_ros.drives.contract import DriveOptions, SerialLine
 from ballbot_ros.drives.driver import Driver
-from ballbot_ros.drives.transport import Link, ports
+from ballbot_ros.drives.transport import ports
 from ballbot_ros.errors import BallbotError, DriveError, LinkError
 
 OK, NOTE, WRONG = 'ok', 'note', 'WRONG'
@@ -19,6 +20,8 @@ OK, NOTE, WRONG = 'ok', 'note', 'WRONG'
 SLOW_LATENCY = 1
 # Patience with each protocol at each baud rate while probing [s].
 PATIENCE = 0.25
+# ARPHRD_CAN of linux/if_arp.h.
+CAN_DEVICE = 280
 # Domains beyond this clash with ports of ordinary programs on Linux.
 HIGHEST_DOMAIN = 101
 
@@ -53,6 +56,22 @@ def look_at_ports(found: Optional[List[Tuple[str, str]]] = None,
                       f'use the name that stays: {names[0]}' if names else '')
         yield from look_at_permission(device)
         yield from look_at_latency(device, system)
+
+
+def look_at_buses(system: Path = Path('/sys')) -> Iterator[Finding]:
+    """Yield what there is to say about each CAN interface of the kernel."""
+    for path in sorted((system / 'class/net').glob('*/type')):
+        name, operation = path.parent.name, path.with_name('operstate')
+        try:
+            if int(path.read_text()) != CAN_DEVICE:
+                continue
+            down = operation.read_text().strip() == 'down'
+        except (OSError, ValueError):  # it has just gone
+            continue
+        yield Finding(NOTE if down else OK, f'{name}: a CAN interface'
+                      + (', which is down' if down else ''),
+                      f'sudo ip link set {name} up type can bitrate 1000000 restart-ms 100'
+                      if down else '')
 
 
 def look_at_permission(device: str) -> Iterator[Finding]:
@@ -105,7 +124,8 @@ def look_at_drive(hardware: Hardware,
     """
     Yield who answers on the port of a hardware file, and what it is set to.
 
-    Only questions are sent; no motor moves.  `progress` is called with what takes some seconds.
+    Only questions are sent, and to a RoboClaw its serial timeout; no motor moves.  `progress` is
+    called with what takes some seconds.
     """
     connection = hardware.connection
     where = f'{connection.port} at {connection.baud} baud'
@@ -123,11 +143,15 @@ def look_at_drive(hardware: Hardware,
         return
     yield Finding(OK, f'{where}: {identity.in_words}')
     try:
-        for item in driver.read_settings():
+        settings = driver.read_settings()
+        for item in settings:
             yield Finding(OK if item.acceptable else WRONG,
                           f'{item.name} {item.value}'
                           + ('' if item.acceptable else f', must be {item.wanted}'),
                           '' if item.acceptable else item.remedy)
+        if driver.keeping and not all(item.acceptable for item in settings):
+            yield Finding(NOTE, 'what is set is forgotten when the drive restarts, unless it is '
+                          'told to keep it', driver.keeping)
     except (DriveError, LinkError) as error:
         yield Finding(WRONG, f'its settings cannot be read: {error}')
     finally:
@@ -143,8 +167,13 @@ def _wrong_drive(hardware: Hardware, error: Union[DriveError, LinkError],
                        'the section drive of the file')
     found = probe(connection.port, connection.protocol, connection.baud, progress)
     if found is None:
-        return Finding(WRONG, str(error), 'nothing known answers at any common baud rate: look at '
-                       'power, at TX and RX (crossed?), and at the ground between them')
+        serial = line_of(connection.protocol) is SERIAL
+        return Finding(WRONG, str(error), (
+            'nothing known answers at any common baud rate: look at power, at TX and RX '
+            '(crossed?), and at the ground between them') if serial else (
+            'nothing known answers at this bit rate: look at power, at CAN_H, CAN_L and ground, '
+            'at 120 ohm at both ends (60 ohm between CAN_H and CAN_L with all power off), and at '
+            'bit rate and id of the drive'))
     protocol, baud = found
     if protocol != connection.protocol:
         same = '' if baud == connection.baud else f' and baud: {baud}'
@@ -160,13 +189,18 @@ def probe(port: str, protocol: str = '', baud: int = 0,
     """
     Return protocol and baud rate of the drive on a port, None if none answers.
 
-    What is most likely is tried first, if given, and with it all others at that baud rate.
+    What is most likely is tried first, if given, and with it all others at that baud rate, if they
+    are spoken on the same kind of line.  On a CAN bus only that rate is tried: another one would
+    disturb all who are on it.
     """
     for name, rate in _guesses(protocol, baud):
         progress(f'asking for {name} at {rate} baud')
         try:
-            with Link(port, rate) as link:
-                _driver(name, link).identify(PATIENCE)
+            line = open_line(name, port, rate)
+            try:
+                _driver(name, line).identify(PATIENCE)
+            finally:
+                line.close()
             return name, rate
         except DriveError as error:
             if error.reason == 'firmware':  # the right one, too old or too new
@@ -178,23 +212,28 @@ def probe(port: str, protocol: str = '', baud: int = 0,
 
 
 def _guesses(protocol: str, baud: int) -> List[Tuple[str, int]]:
-    names = sorted(DRIVES, key=lambda name: name != protocol)
+    kind = line_of(protocol) if protocol else SERIAL
+    names = sorted((name for name in DRIVES if line_of(name) is kind),
+                   key=lambda name: name != protocol)
     guesses = [(name, baud) for name in names if baud]
+    if kind is not SERIAL:
+        return guesses
     rates = {name: driver_class(name).baud_rates for name in names}
     for turn in range(max(len(each) for each in rates.values())):
         guesses += [(name, rates[name][turn]) for name in names if turn < len(rates[name])]
     return list(dict.fromkeys(guesses))
 
 
-def _driver(protocol: str, link: Link) -> Driver:
+def _driver(protocol: str, line: SerialLine) -> Driver:
     options: DriveOptions = read_options(protocol, {'torque_limit': 1e-3}, 'probe')
-    return open_driver(protocol, link, options)
+    return open_driver(protocol, line, options)
 
 
 def examine(hardware_name: str, port: str, environment: Mapping[str, str],
             progress: Callable[[str], None] = lambda text: None) -> Iterator[Finding]:
     """Yield all findings, with another port than that of the file if one is given."""
     yield from look_at_ports()
+    yield from look_at_buses()
     try:
         yield from look_at_drive(load_hardware(hardware_name).at(port), progress)
     except BallbotError as error:

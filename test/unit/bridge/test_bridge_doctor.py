@@ -11,11 +11,11 @@ import pytest
 
 from ballbot_ros.bridge.commissioning import doctor
 from ballbot_ros.bridge.commissioning.doctor import (
-    look_at_drive, look_at_latency, look_at_permission, look_at_ports, look_at_ros, NOTE, OK,
-    probe, stable_names, WRONG)
+    look_at_buses, look_at_drive, look_at_latency, look_at_permission, look_at_ports,
+    look_at_ros, NOTE, OK, probe, stable_names, WRONG)
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.cli.command import main
-from ballbot_ros.drives import driver_class, DRIVES
+from ballbot_ros.drives import driver_class, DRIVES, line_of, SERIAL
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.errors import DriveError, LinkError
 from ballbot_ros.physics import load_scene
@@ -74,8 +74,23 @@ def test_settings_that_are_not_safe_are_wrong_and_say_what_to_type():
     scene = load_scene('flat')
     settings = settings_for(scene.model.robot, watchdog=0.0)
     with Emulator('odrive', scene, baud=921600, settings=settings) as drive:
-        wrong = only_wrong(look_at_drive(hardware(port=drive.path)))
+        findings = list(look_at_drive(hardware(port=drive.path)))
+    wrong = only_wrong(findings)
     assert 'watchdog' in wrong.what and 'w axis0.config' in wrong.remedy
+    assert findings[-1].verdict == NOTE and findings[-1].remedy.startswith('ss ')
+
+
+def test_an_odrive_from_the_factory_is_told_line_by_line_what_it_must_be_set_to():
+    from ballbot_ros.emulator.ball import settings_for
+    scene = load_scene('flat')
+    settings = settings_for(scene.model.robot, quirks=('factory',))
+    with Emulator('odrive', scene, baud=921600, settings=settings) as drive:
+        findings = list(look_at_drive(hardware(port=drive.path)))
+    wrong = [finding for finding in findings if finding.verdict == WRONG]
+    assert [finding.what.split(',')[0] for finding in wrong] == [
+        'torque limit 0.4 N m', 'watchdog off', 'velocity limit in torque mode 2 turn/s',
+        'overspeed error 2.4 turn/s', 'braking 0.01 A into the supply', 'encoder 0 (not ready)']
+    assert all(finding.remedy.startswith('w ') for finding in wrong)
 
 
 def odrive(firmware):
@@ -163,6 +178,7 @@ def test_a_port_that_a_group_may_open_is_wrong_for_another_user(tmp_path, monkey
 def test_however_a_drive_answers_its_port_is_closed_again(fails, monkeypatch):
     class Drive:
         line = SimpleNamespace(closed=0, port='x')
+        keeping = ''
 
         def answer(self, name):
             if name == fails:
@@ -187,16 +203,13 @@ class Port:
     def __init__(self, monkeypatch, protocol, baud, error=None):
         self.tried = []
 
-        class Link:
-            def __init__(link, port, rate):
+        class Line:
+            def __init__(link, name, port, rate):
                 link.rate = rate
                 if error is not None:
                     raise error
 
-            def __enter__(link):
-                return link
-
-            def __exit__(link, *_):
+            def close(link):
                 pass
 
         def driver(name, link, options):
@@ -206,7 +219,7 @@ class Port:
                 if (name, link.rate) != (protocol, baud):
                     raise DriveError('silent', 'nobody')
             return SimpleNamespace(identify=identify)
-        monkeypatch.setattr(doctor, 'Link', Link)
+        monkeypatch.setattr(doctor, 'open_line', Line)
         monkeypatch.setattr(doctor, 'open_driver', driver)
 
 
@@ -224,7 +237,35 @@ def test_every_protocol_is_tried_at_every_rate_that_it_may_have(monkeypatch):
     port = Port(monkeypatch, 'nothing', 0)
     assert probe('x') is None
     assert set(port.tried) == {
-        (name, rate) for name in DRIVES for rate in driver_class(name).baud_rates}
+        (name, rate) for name in DRIVES if line_of(name) is SERIAL
+        for rate in driver_class(name).baud_rates}
+
+
+def test_can_interfaces_are_named_and_one_that_is_down_with_what_sets_it_up(tmp_path):
+    for name, kind, state in (('can0', 280, 'down'), ('vcan0', 280, 'unknown'), ('lo', 772, 'up'),
+                              ('odd', 'x', 'up')):
+        folder = tmp_path / 'class' / 'net' / name
+        folder.mkdir(parents=True)
+        (folder / 'type').write_text(f'{kind}\n')
+        (folder / 'operstate').write_text(f'{state}\n')
+    down, up = look_at_buses(tmp_path)
+    assert (down.verdict, up.verdict) == (NOTE, OK)
+    assert 'can0: a CAN interface, which is down' == down.what
+    assert 'ip link set can0 up type can bitrate' in down.remedy
+
+
+def test_a_drive_that_is_silent_on_a_can_bus_is_looked_for_where_a_bus_has_its_ends():
+    finding, = look_at_drive(load_hardware('gimball_vesc_can').at('virtual:nobody'))
+    assert finding.verdict == WRONG and 'no VESC with id 0' in finding.what
+    assert '120 ohm' in finding.remedy and 'RX' not in finding.remedy
+
+
+def test_on_a_can_bus_only_its_own_protocols_are_tried_and_only_at_its_bit_rate(monkeypatch):
+    port = Port(monkeypatch, 'nothing', 0)
+    assert probe('can0', 'vesc_can', 500000) is None
+    assert set(port.tried) == {
+        (name, 500000) for name in DRIVES if line_of(name) is not SERIAL}
+    assert port.tried[0][0] == 'vesc_can'
 
 
 def test_a_port_that_cannot_be_opened_is_not_tried_again_unless_it_is_for_the_rate(monkeypatch):

@@ -148,7 +148,7 @@ def test_why_a_drive_is_not_found_is_logged_once_and_again_when_it_changes(caplo
 def test_the_traffic_of_all_lines_is_kept_in_one_capture(tmp_path):
     path = tmp_path / 'traffic'
     with Emulator('odrive', load_scene('flat'), baud=921600) as emulator:
-        connect = connector(load_hardware('gimball_odrive').at(emulator.path), path)
+        connect = connector(load_hardware('gimball_odrive').at(emulator.path), str(path))
         for _ in range(2):
             driver = connect()
             assert driver.identify().protocol == 'odrive' and driver.line.baud == 921600

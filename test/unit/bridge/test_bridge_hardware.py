@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 import serial
 
-from ballbot_ros.bridge.feasibility import BAUD_RATES, check_feasible, wire_budget
+from ballbot_ros.bridge.feasibility import (
+    BAUD_RATES, check_feasible, check_joint_state_rate, onboard_lag, RESERVE, wire_budget)
 from ballbot_ros.bridge.hardware_file import (
     Connection, Joint, Limits, load_hardware, read_hardware)
 from ballbot_ros.config.files import config_folder, read_yaml
@@ -38,6 +39,26 @@ def test_shipped_hardware_works_and_says_what_is_assumed(name):
     assert hardware.name == name
     assert hardware.provenance['joint.gear_ratio'].source == 'assumed'
     assert not hardware.limits.rearm and hardware.connection.imu_required
+
+
+@pytest.mark.parametrize('name', SHIPPED)
+def test_the_battery_is_one_for_the_motor_of_the_robot(name):
+    hardware = load_hardware(name)
+    battery, motor = hardware.battery, load_robot(hardware.robot).motor
+    assert battery.low_voltage < motor.maximum_voltage < battery.full_voltage
+
+
+@pytest.mark.parametrize('limits, factor, sent, own', [
+    ({}, 1.0, 4.0, 4.0), ({}, 1.25, 3.2, 4.0), ({}, 0.8, 5.0, 5.0),
+    ({'torque_limit': 0.3}, 1.0, 0.3, 4.0),
+    ({'torque_limit': 0.3, 'drive_torque_limit': 0.0}, 1.0, 0.3, 0.3),
+    ({'torque_limit': 6.0}, 1.0, 6.0, 6.0)])
+def test_the_drive_may_keep_its_limit_when_that_of_the_file_is_lowered_or_calibrated(
+        limits, factor, sent, own):
+    options = read_hardware(content(limits=limits, joint={'torque_factor': factor}),
+                            'test').options()
+    assert options.torque_limit == pytest.approx(sent / 45.0)
+    assert options.own_limit == pytest.approx(own / 45.0)
 
 
 @pytest.mark.parametrize('name', SHIPPED)
@@ -185,3 +206,29 @@ def test_a_watchdog_shorter_than_three_periods_is_refused():
     with pytest.raises(ConfigurationError, match='three periods'):
         check_feasible(changed(loop_rate=100.0, watchdog=0.02), GIMBALL, GENTLE)
     check_feasible(changed(loop_rate=100.0, watchdog=0.03), GIMBALL, GENTLE)
+
+
+def test_on_board_a_torque_is_late_by_what_is_on_the_line_and_a_reserve():
+    budget = wire_budget(changed())
+    assert onboard_lag(changed()) == pytest.approx(
+        10.0 * (budget.bytes_out + budget.bytes_in) / 921600 + RESERVE)
+
+
+@pytest.mark.parametrize('name, lowest', [
+    ('gimball_odrive', 548.0), ('gimball_vesc', 170.0), ('gimball_roboclaw', 165.0)])
+def test_the_published_gains_need_this_rate_on_board(name, lowest):
+    hardware = load_hardware(name)
+    hardware = replace(hardware, connection=replace(hardware.connection, loop_rate=700.0))
+    assert check_feasible(hardware, GIMBALL, PUBLISHED, 0, onboard_lag(hardware)) \
+        == pytest.approx(lowest, rel=5e-3)
+
+
+def test_gains_that_diverge_on_board_are_refused_with_the_delay_in_milliseconds():
+    with pytest.raises(UnstableLoopError, match='at 500 Hz with 1.9 ms of delay; run it at 548'):
+        check_feasible(changed(), GIMBALL, PUBLISHED, 0, onboard_lag(changed()))
+
+
+def test_joint_states_come_at_most_at_the_rate_of_the_loop():
+    check_joint_state_rate(changed(), 500.0)
+    with pytest.raises(ConfigurationError, match='joint_state_rate must be at most .* got 501 Hz'):
+        check_joint_state_rate(changed(), 501.0)

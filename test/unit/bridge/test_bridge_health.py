@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 from virtual_robot import VirtualRobot
 
+from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.errors import LinkError, MessageError
 
 pytest.importorskip('rclpy')
@@ -156,7 +157,8 @@ def test_every_count_is_there_from_the_start_and_is_zero():
     fixed = {key for key in VALUES if key == key.lower()}
     assert set(found) == fixed
     counted = fixed - {'port', 'protocol', 'firmware', 'serial_number', 'e_stop', 'faults',
-                       'torque', 'imu'}
+                       'torque', 'imu', 'commander', 'control', 'law', 'set_value', 'warnings',
+                       'derating', 'battery_voltage', 'motor_warmth'}
     assert {found[key] for key in counted} == {0}
 
 
@@ -254,3 +256,21 @@ def test_every_message_stands_in_the_document():
             ('WARN', 'commands timed out'),
             ('WARN', 'no IMU: the pendulum angle is a guess off level floor'), ('OK', 'running')):
         assert f'| {level} | `{message}` |' in text
+
+
+# Laws on board ----------------------------------------------------------------------------
+
+def test_the_law_in_force_and_its_set_value_are_told():
+    assert values(driving())['control'] == 'direct' and values(driving())['law'] == ''
+    robot = VirtualRobot(onboard='gentle').ready()
+    robot.loop(0.1, SetPoint(Mode.SPEED, 0.25))
+    found = values(robot)
+    assert (found['control'], found['law'], found['set_value']) == ('onboard', 'speed', '0.2500')
+    assert told(robot)[:2] == (diagnostics.OK, 'running')
+
+
+def test_set_points_that_timed_out_are_a_warning():
+    robot = VirtualRobot(onboard='gentle').ready()
+    robot.loop(0.1, SetPoint(Mode.HOLD, 0.2))
+    robot.loop(0.6)
+    assert told(robot)[:2] == (diagnostics.WARN, 'set-points timed out')

@@ -6,6 +6,7 @@ import time
 import pytest
 
 from ballbot_ros.bridge import loop as loop_module
+from ballbot_ros.bridge.black_box import Witness
 from ballbot_ros.bridge.loop import Loop
 
 RATE = 100.0
@@ -15,7 +16,7 @@ PATIENCE = 20.0  # with a busy machine [s]
 class FakeSession:
     """A session that counts what is asked of it."""
 
-    clock = staticmethod(time.monotonic)
+    clock, witness = staticmethod(time.monotonic), Witness()
 
     def __init__(self):
         self.ticks, self.waits, self.closed = [], [], 0

@@ -13,7 +13,8 @@ from ballbot_ros.errors import (
     ConfigurationError, DriveError, EstimateLostError, LinkError, RefusedError)
 from ballbot_ros.physics import load_robot
 
-PROTOCOLS = ('odrive 0.5', 'odrive 0.6', 'vesc', 'roboclaw')
+PROTOCOLS = ('odrive 0.5', 'odrive 0.6', 'odrive_can 0.5', 'odrive_can 0.6', 'vesc', 'vesc_can',
+             'roboclaw')
 
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)
@@ -381,6 +382,7 @@ def test_an_end_that_the_drive_does_not_confirm_is_asked_for_during_half_a_secon
     getattr(robot.session, end)()
     assert robot.now - begin == pytest.approx(0.5, abs=0.05)
     assert any('not confirmed' in text for text in caplog.messages)
+    assert 'not confirmed' in robot.session.control.unconfirmed
     if end == 'deactivate':  # and then further on, until it is
         assert robot.run(STEP).state is MotorState.STOPPING
         robot.device.receive = receive
@@ -505,15 +507,34 @@ def test_after_a_tenth_of_a_second_of_silence_the_motor_is_stopped_and_after_thr
     assert robot.session.control.counts['links_lost'] == 1
 
 
-def test_a_drive_that_is_lost_without_power_does_not_engage_the_e_stop():
-    robot = VirtualRobot(rearm=False)
+@pytest.mark.parametrize('rearm', [False, True])
+def test_a_drive_that_is_lost_before_it_was_armed_does_not_arm_by_itself_when_it_is_back(rearm):
+    robot = VirtualRobot(rearm=rearm)
     robot.session.configure()
     robot.run(0.1)
     robot.session.activate()
-    robot.session.supervisor.e_stop = ''  # released, and not armed yet
-    robot.plugged = False
+    robot.session.release()
+    robot.plugged = False  # noticed before it is armed, or while it is
     assert robot.run(STEP).state is MotorState.DISCONNECTED
-    assert robot.session.supervisor.e_stop == ''
+    robot.plugged = True
+    robot.run(1.0, torque=0.5)
+    assert robot.session.line.driver is not None and (robot.motor != 0.0) is rearm
+    assert bool(robot.session.supervisor.e_stop) is not rearm
+
+
+def test_no_torque_rests_on_a_motion_of_long_ago_though_the_drive_answers():
+    robot = VirtualRobot(on_timeout='settle').ready()
+    robot.run(0.08, torque=2.0)
+    driver = robot.session.line.driver
+    poll = driver.poll
+
+    def at_an_unknown_time():  # as after writes that were held up
+        return poll()._replace(measured=None)
+    driver.poll = at_an_unknown_time
+    robot.run(0.05)
+    assert robot.motor != 0.0
+    robot.run(0.06)
+    assert robot.motor == 0.0
 
 
 def test_an_answer_that_breaks_off_is_a_lost_line():

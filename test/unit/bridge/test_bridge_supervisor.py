@@ -142,6 +142,14 @@ def test_beyond_angle_and_speed_only_torque_back_is_let_through(motion, counter,
     assert bool(supervisor.counts[counter]) is not passes
 
 
+@pytest.mark.parametrize('motion', [Motion(1.7, 2.0, 2.0), Motion(0.0, 13.0, 13.0)])
+def test_beyond_a_limit_a_law_that_turns_back_does_not_go_on_outwards_at_the_rate_limit(motion):
+    supervisor = released(torque_rate_limit=50.0)
+    assert follow(supervisor, 3.0, 0.0, 0.1) == pytest.approx(3.0)
+    supervisor.offer(-3.0, 0.102, 0.102)
+    assert -0.5 <= supervisor.decide(0.102, motion) < 0.0
+
+
 def test_a_runaway_engages_the_e_stop():
     supervisor = released()
     follow(supervisor, 1.0, 0.0, 0.01, Motion(0.0, 19.0, 19.0))

@@ -1,10 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """A robot of bits: ball, drive and cable in memory, with a clock that only the test moves."""
 from dataclasses import replace
+import json
 import math
+from pathlib import Path
+import tempfile
 
+from ballbot_ros.bridge.battery import Battery
 from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.bridge.onboard import OnBoard
 from ballbot_ros.bridge.session import Session
+from ballbot_ros.control import load_tuning, Supervision
 from ballbot_ros.drives import device_class, open_driver
 from ballbot_ros.drives.emulated_device import DriveSettings, Sensed
 from ballbot_ros.drives.memory_line import MemoryLine
@@ -46,39 +52,63 @@ class VirtualRobot(MemoryLine):
     ----------
     protocol : str
         And behind a space the firmware where there is more than one.
+    onboard : str
+        Tuning of the laws on board; empty for direct control.
 
     Attributes
     ----------
     temperature : float
         Of the drive [degrees Celsius].
+    bus_voltage : float
+        [V]
 
     """
 
     def __init__(self, protocol='odrive', imu=True, settings=None, held=False, terrain=None,
-                 **limits):
+                 onboard='', **limits):
         protocol, _, firmware = protocol.partition(' ')
         self.hardware = load_hardware(f'gimball_{protocol}')
         self.hardware = replace(
             self.hardware, limits=replace(self.hardware.limits, **limits),
+            battery=Battery(),  # the supply of most of these drives is not that of GimBall
             connection=replace(self.hardware.connection, imu_required=imu))
         self.joint = self.hardware.joint
         torque = self.hardware.options().torque_limit
         super().__init__(device_class(protocol)(replace(settings or DriveSettings(
             torque_limit=torque, current_limit=torque / DriveSettings.torque_constant),
             firmware=firmware)), LINE_TIME)
+        if (protocol, firmware) == ('odrive_can', '0.5'):  # a person has read it with odrivetool
+            self.hardware = replace(self.hardware, drive={
+                'firmware': '0.5.6', 'confirmed': dict(self.device.properties)})
+        elif (protocol, firmware) == ('odrive_can', '0.6'):
+            self._folder = tempfile.TemporaryDirectory()
+            path = Path(self._folder.name) / 'flat_endpoints.json'
+            path.write_text(json.dumps(self.device.endpoints()))
+            self.hardware = replace(self.hardware, drive={'endpoints': str(path)})
         self.now = 100.0
+        self.onboard = onboard
         self.plant = HeldShell() if held else Plant(read_scene(
             {'robot': 'gimball', 'initial': {'x': 0.0}, 'duration': 1.0,
              'terrain': terrain or [{'flat': {'length': 10.0}}]}, 'test', 'test'), 500.0)
         self._imu = Imu(9.81) if imu else None
         self.temperature = self.device.sensed.temperature
+        self.stop_switch = 0.0  # 1 pulls that of the drive itself
+        self.encoder_jump = 0.0  # of the motor shaft [rad]
+        self.bus_voltage = self.device.sensed.bus_voltage
         self.lines = 0  # opened and not closed
         self.torques = []  # at the motor, at each step
+        self.history = {}  # of the plant, by the number of the step
         self.start()
 
     def start(self):
         """Begin a new session."""
-        self.session = Session(self.hardware, load_robot('gimball'), self.connect, self.clock)
+        robot = load_robot('gimball')
+        law = OnBoard(
+            robot, load_tuning(self.onboard),
+            Supervision(20.0, 0.5, let_down_time=self.hardware.limits.damping_time),
+            {'set_point': '/planner', 'cmd_vel': '/teleop'}.get) if self.onboard else None
+        self.session = Session(self.hardware, robot, self.connect, self.clock,
+                               law=law)
 
     def connect(self):
         """Return a driver on the line."""
@@ -101,10 +131,14 @@ class VirtualRobot(MemoryLine):
             before = self.plant.state
             state = self.plant.advance(motor * gear)
             scale = self.joint.gear_ratio * self.joint.direction
-            self.device.sensed = Sensed(scale * state.joint_angle, scale * state.joint_rate,
-                                        temperature=self.temperature)
-            self.device.tick(self.now)
+            self.device.sensed = Sensed(scale * state.joint_angle + self.encoder_jump,
+                                        scale * state.joint_rate,
+                                        temperature=self.temperature,
+                                        bus_voltage=self.bus_voltage,
+                                        stop_switch=self.stop_switch)
+            self.live()
             self.torques.append(motor)
+            self.history[round(self.now / STEP)] = state
             if self._imu is not None:
                 sample = self._imu.sample(before, state, 0)
                 self.session.imu(ImuReading(self.now, *sample[1:]))
@@ -117,6 +151,19 @@ class VirtualRobot(MemoryLine):
             report = self.session.tick() or report
             if torque is not None:
                 self.session.command(torque, self.now)
+        return report
+
+    def loop(self, seconds, set_point=None):
+        """Let the bridge tick and wait for answers as its loop does; set-points come at 50 Hz."""
+        report = None
+        for number in range(round(seconds / STEP)):
+            if set_point is not None and number % 10 == 0:
+                self.session.give(set_point)
+            begun = self.now
+            report = self.session.tick() or report
+            report = self.session.await_answer(STEP) or report
+            if self.now == begun:  # nothing was waited for
+                self.pass_time(STEP)
         return report
 
     def ready(self):

@@ -39,6 +39,14 @@ def test_newest_command_is_followed_until_it_is_too_old():
     assert gate.torque(2.11) == -0.5 and gate.accepted == 2
 
 
+@pytest.mark.parametrize('ahead', [0.0, 0.02, 0.049])
+def test_a_stamp_ahead_of_the_clock_keeps_no_command_in_force_for_longer(ahead):
+    gate = CommandGate(TIMEOUT)
+    gate.offer(1.5, 2.0 + ahead, 2.0)
+    assert gate.torque(2.0999) == 1.5
+    assert gate.expired(2.1001) and gate.torque(2.1001) == 0.0
+
+
 @pytest.mark.parametrize('torque', [math.nan, math.inf, -math.inf])
 def test_not_finite_is_refused(torque):
     assert refusal(gate_with(1.0, 2.0), torque, 2.0, 2.0) == 'not_finite'

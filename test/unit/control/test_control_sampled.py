@@ -10,6 +10,7 @@ from scipy.linalg import expm
 from ballbot_ros.control import (
     check_loop, ControlTuning, growth_rate, is_stable, JointReadings, load_tuning, loop_poles,
     lowest_stable_rate, PendulumController, RollingModel, SetPoint)
+from ballbot_ros.control.held_input import HeldInput
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.physics.model.robot import load_robot
 
@@ -186,7 +187,8 @@ def test_integral_adds_a_state_but_no_neutral_pole():
 
 @pytest.mark.parametrize('law, rate, delay', [
     ('hold', 0.0, 1), ('hold', math.nan, 1), ('drive', 100.0, -1), ('idle', 100.0, 1),
-    ('fast', 100.0, 1), ('hold', 100.0, 0.5)])
+    ('fast', 100.0, 1), ('hold', 100.0, -0.5), ('hold', 100.0, math.nan),
+    ('hold', 100.0, 100.5)])
 def test_meaningless_loops_are_refused(law, rate, delay):
     with pytest.raises(ConfigurationError, match='must be'):
         check_loop(GIMBALL, PUBLISHED, law, rate, delay)
@@ -197,7 +199,7 @@ def roll(tuning, set_point, rate, delay, *, seconds=1.0, substeps=20):
     controller, model = PendulumController(GIMBALL, tuning), RollingModel(GIMBALL)
     controller.give(set_point)
     state = np.array([0.01, 0.0, 0.0, 0.0])   # phi, phi', theta1, theta1'
-    waiting = [0.0] * delay
+    waiting, switch = [0.0] * math.ceil(delay), round(substeps * (delay % 1.0))
     step = 1.0 / rate / substeps
     angles = []
 
@@ -209,7 +211,9 @@ def roll(tuning, set_point, rate, delay, *, seconds=1.0, substeps=20):
         waiting.append(controller.torque(JointReadings(
             index / rate, state[2], state[0] - state[2], state[3], state[1] - state[3])))
         torque = waiting.pop(0)
-        for _ in range(substeps):
+        for number in range(substeps):
+            if number == switch > 0:  # within the period
+                torque = waiting[0]
             k1 = slope(state, torque)
             k2 = slope(state + step / 2 * k1, torque)
             k3 = slope(state + step / 2 * k2, torque)
@@ -219,6 +223,81 @@ def roll(tuning, set_point, rate, delay, *, seconds=1.0, substeps=20):
                 return np.array(angles + [state[0]])
         angles.append(state[0])
     return np.array(angles)
+
+
+@pytest.mark.parametrize('law', ['hold', 'drive', 'speed'])
+@pytest.mark.parametrize('delay', [0.3, 0.7, 1.4, 2.9])
+def test_a_delay_within_the_period_has_the_poles_of_a_loop_stepped_ten_times_as_finely(law, delay):
+    rate, parts, angle = 300.0, 10, 0.4
+    tuning = ControlTuning(position_kp=6.0, position_kd=0.8, velocity_kp=0.8, velocity_ki=2.0)
+    if law == 'speed':  # linearised by differences: compared with whole delays on either side
+        near = [np.abs(loop_poles(GIMBALL, tuning, law, rate, one, angle)).max()
+                for one in (math.floor(delay), delay, math.ceil(delay))]
+        assert min(near[0], near[2]) - 1e-9 <= near[1] <= max(near[0], near[2]) + 1e-9
+        return
+    # Torque in finer steps, each held: those of the period before, then those of this one.
+    matrix, column = RollingModel(GIMBALL).about_held(angle)
+    flow = np.zeros((5, 5))
+    flow[:3, :3], flow[:3, 4], flow[3, 1:3] = matrix, column, (1.0, -1.0)
+    fine = expm(flow / rate / parts)
+    gravity = GIMBALL.largest_gravity_torque * math.cos(angle)
+    gains = {'hold': [gravity - 6.0, -0.8, 0.0, 0.0], 'drive': [gravity, -0.8, 0.8, -2.0]}[law]
+    stored = math.ceil(delay)
+
+    def stepped(start):
+        """Return state and waiting torques one sample later."""
+        state, torques = start[:4], [*start[4:], np.dot(gains, start[:4])]
+        for number in range(parts):
+            torque = torques[number >= round(parts * (delay % 1.0))]
+            state = fine[:4, :4] @ state + fine[:4, 4] * torque
+        return np.concatenate([state, torques[1:]])
+
+    loop = np.array([stepped(unit) for unit in np.eye(4 + stored)]).T
+    expected = np.linalg.eigvals(loop)
+    if law == 'hold':
+        expected = np.delete(expected, np.abs(expected - 1.0).argmin())
+    found = loop_poles(GIMBALL, tuning, law, rate, delay, angle)
+    assert np.sort(np.abs(found)) == pytest.approx(np.sort(np.abs(expected)), abs=1e-6)
+
+
+def test_an_integrator_under_a_delay_within_the_period_is_stable_up_to_the_known_gain():
+    # z^2 - z + g (1 - m) z + g m: stable for g m < 1 and g (1 - 2 m) < 2.
+    for part, gain in ((0.1, 2.5), (0.25, 4.0), (1.0 / 3.0, 3.0), (0.5, 2.0), (0.9, 1.0 / 0.9)):
+        for share, stable in ((0.999, True), (1.001, False)):
+            loop = HeldInput.of(np.zeros((1, 1)), np.ones(1), 1.0, part).closed(
+                np.array([-share * gain]))
+            assert (np.abs(np.linalg.eigvals(loop)).max() < 1.0) == stable
+
+
+def test_poles_go_over_into_those_of_whole_delays():
+    for whole in (1, 2):
+        for near in (whole - 1e-7, whole + 1e-7):
+            found = np.abs(loop_poles(GIMBALL, PUBLISHED, 'hold', 400.0, near)).max()
+            exact = np.abs(loop_poles(GIMBALL, PUBLISHED, 'hold', 400.0, whole)).max()
+            assert found == pytest.approx(exact, rel=1e-5)
+
+
+@pytest.mark.parametrize('law, delay, refused, accepted', [
+    ('hold', 0.5, 224.0, 245.0), ('hold', 1.25, 478.0, 515.0), ('speed', 0.5, 224.0, 245.0)])
+def test_a_loop_with_part_of_a_period_of_delay_diverges_where_it_is_refused_and_only_there(
+        law, delay, refused, accepted):
+    tuning, resting = replace(PUBLISHED, torque_limit=1e9), SetPoint(law, 0.0)
+    assert is_stable(GIMBALL, tuning, law, accepted, delay, DOWN)
+    assert np.abs(roll(tuning, resting, accepted, delay, seconds=2.0))[-20:].max() < 1e-3
+    assert not is_stable(GIMBALL, tuning, law, refused, delay, DOWN)
+    assert np.abs(roll(tuning, resting, refused, delay, seconds=3.0)).max() > 1.0
+
+
+def test_a_lag_is_a_delay_that_grows_with_the_rate():
+    assert growth_rate(GIMBALL, PUBLISHED, 'hold', 400.0, 0, DOWN, 0.001) == growth_rate(
+        GIMBALL, PUBLISHED, 'hold', 400.0, 0.4, DOWN)
+    lowest = lowest_stable_rate(GIMBALL, PUBLISHED, 'hold', 0, (math.pi,), 0.001)
+    assert lowest == pytest.approx(178.0, rel=5e-3)
+    # A little delay helps a loop that is sampled slowly; no rate helps one of 4 ms.
+    assert lowest < lowest_stable_rate(GIMBALL, PUBLISHED, 'hold', 0, (math.pi,))
+    assert lowest_stable_rate(GIMBALL, PUBLISHED, 'hold', 0, DOWN, 0.004) == math.inf
+    with pytest.raises(UnstableLoopError, match='with 4 ms of delay; lower velocity_kp to'):
+        check_loop(GIMBALL, PUBLISHED, 'drive', 300.0, 0, 0.004)
 
 
 @pytest.mark.parametrize('delay, refused, accepted', [(0, 225.0, 245.0), (1, 450.0, 490.0)])

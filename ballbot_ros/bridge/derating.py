@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+r"""
+How much torque heat leaves, before the drive cuts all of it.
+
+A winding warms with the square of its current and cools with a time constant.  Its warmth h, 1
+for what it may have for good, follows the torque::
+
+    h' = ((torque / continuous torque)^2 - h) / time constant
+
+of which a step under a constant torque is an exponential, exact however long it is.
+"""
+from dataclasses import dataclass
+import math
+from typing import NamedTuple, Optional, Tuple
+
+from ballbot_ros.config.fields import Checked, quantity
+from ballbot_ros.errors import ConfigurationError
+
+# Warmth from which the torque is taken back, to the continuous torque at 1.
+WARM = 0.8
+
+
+@dataclass(frozen=True)
+class Thermal(Checked):
+    """What power stage and motor can bear; what is not given is not watched."""
+
+    drive_warn_at: Optional[float] = quantity(
+        'degC', 'temperature of the power stage above which the torque is taken back',
+        minimum=0.0, maximum=200.0, optional=True)
+    drive_zero_at: Optional[float] = quantity(
+        'degC', 'and at which none is left; below that at which the drive cuts', minimum=0.0,
+        maximum=200.0, optional=True)
+    motor_warn_at: Optional[float] = quantity(
+        'degC', 'the same of the motor', minimum=0.0, maximum=300.0, optional=True)
+    motor_zero_at: Optional[float] = quantity(
+        'degC', 'the same of the motor', minimum=0.0, maximum=300.0, optional=True)
+    continuous_torque: Optional[float] = quantity(
+        'N m', 'torque at the pendulum that the motor bears for good', above=0.0,
+        maximum=1000.0, optional=True)
+    time_constant: float = quantity(
+        's', 'in which the winding warms', default=30.0, above=0.0, maximum=1e4)
+
+    def __post_init__(self) -> None:
+        """Check each value, and that no range is half given or upside down."""
+        super().__post_init__()
+        for part, warn_at, zero_at in (
+                ('drive', self.drive_warn_at, self.drive_zero_at),
+                ('motor', self.motor_warn_at, self.motor_zero_at)):
+            if (warn_at is None) != (zero_at is None):
+                raise ConfigurationError(
+                    f'Thermal: {part}_warn_at and {part}_zero_at go together, got {warn_at} and '
+                    f'{zero_at} degC; give both or neither')
+            if warn_at is not None and zero_at is not None and not warn_at < zero_at:
+                raise ConfigurationError(
+                    f'Thermal: {part}_warn_at must be below {part}_zero_at, got {warn_at:g} and '
+                    f'{zero_at:g} degC')
+
+
+class Derating(NamedTuple):
+    """What heat leaves of the torque limit, and why."""
+
+    part: float = 1.0  # of torque_limit
+    warnings: Tuple[str, ...] = ()
+
+
+def left_at(temperature: Optional[float], warn_at: Optional[float],
+            zero_at: Optional[float]) -> float:
+    """
+    Return the part of the torque that a temperature leaves: 1 up to `warn_at`, 0 from `zero_at`.
+
+    All in degrees Celsius; 1 for a temperature that is not known or not watched.
+    """
+    if temperature is None or warn_at is None or zero_at is None \
+            or not math.isfinite(temperature):
+        return 1.0
+    return min(max((zero_at - temperature) / (zero_at - warn_at), 0.0), 1.0)
+
+
+def warmed(warmth: float, load: float, seconds: float, time_constant: float) -> float:
+    """
+    Return the warmth of a winding after so many seconds under a constant load.
+
+    Parameters
+    ----------
+    warmth : float
+        At the start; 1 is what the winding bears for good.
+    load : float
+        Torque over continuous torque.
+    seconds, time_constant : float
+        [s]
+
+    """
+    return load**2 + (warmth - load**2) * math.exp(-max(seconds, 0.0) / time_constant)
+
+
+def left_by(warmth: float, continuous: float) -> float:
+    """
+    Return the part of the torque that a warmth leaves.
+
+    Parameters
+    ----------
+    warmth : float
+    continuous : float
+        Part that the winding bears for good: this is left at a warmth of 1.
+
+    """
+    if warmth <= WARM or continuous >= 1.0:
+        return 1.0
+    return 1.0 - (1.0 - continuous) * min((warmth - WARM) / (1.0 - WARM), 1.0)
+
+
+def derating(thermal: Thermal, temperature: Optional[float], motor_temperature: Optional[float],
+             warmth: float, torque_limit: float) -> Derating:
+    """
+    Return what heat leaves of the torque.
+
+    Parameters
+    ----------
+    thermal : Thermal
+    temperature, motor_temperature : float, optional
+        Of the power stage and the motor [degC].
+    warmth : float
+        See `warmed`.
+    torque_limit : float
+        Of which it leaves a part [N m].
+
+    """
+    parts = {
+        'drive_hot': left_at(temperature, thermal.drive_warn_at, thermal.drive_zero_at),
+        'motor_hot': left_at(motor_temperature, thermal.motor_warn_at, thermal.motor_zero_at),
+        'motor_i2t': 1.0 if thermal.continuous_torque is None else left_by(
+            warmth, thermal.continuous_torque / torque_limit)}
+    return Derating(min(parts.values()), tuple(
+        name for name, part in parts.items() if part < 1.0))

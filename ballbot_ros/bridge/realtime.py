@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A processor for the loop whenever it wants one, where the system allows it: docs/realtime.md.
+
+Python lets one thread of a process run at a time.  A loop that goes before all others would still
+wait for a thread of its own process that holds the interpreter and is not let run by busy
+programs.  So the other threads get a priority, too, one less.
+"""
+import ctypes
+import errno
+import logging
+import os
+from pathlib import Path
+import resource
+from typing import NamedTuple
+
+from ballbot_ros.errors import ConfigurationError
+
+LOG = logging.getLogger(__name__)
+
+NAME = 'motor loop'  # of the thread, for ps and top
+PAGE = 'see docs/realtime.md'
+
+# <sys/mman.h>: what is mapped now and later stays in memory once it has been touched.
+MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
+PR_SET_NAME = 15  # <sys/prctl.h>
+CAP_IPC_LOCK = 14  # <linux/capability.h>
+
+
+class Scheduling(NamedTuple):
+    """
+    What a loop asks of the system.
+
+    Attributes
+    ----------
+    priority : int
+        Of SCHED_FIFO, 1 to 99; 0 for none.
+    cpu : int
+        The processor that it runs on; -1 for any.
+    lock_memory : bool
+        Keep all memory of the process from being swapped out.
+
+    """
+
+    priority: int = 0
+    cpu: int = -1
+    lock_memory: bool = False
+
+    def prepared(self) -> 'Scheduling':
+        """
+        Try all of it, give it to the threads that there are, and return itself.
+
+        To be called before there is a loop; threads that are made later inherit it.
+
+        Raises
+        ------
+        ConfigurationError
+            With what the system does not allow, and what to do.
+
+        """
+        allowed = sorted(os.sched_getaffinity(0))
+        if self.cpu >= 0 and self.cpu not in allowed:
+            raise ConfigurationError(
+                f'cpu {self.cpu} is not one that this process may run on, which are '
+                f'{", ".join(map(str, allowed))}; choose one of them, or -1 for any; {PAGE}')
+        if self.lock_memory:
+            _lock_memory()
+        if self.priority:
+            _set_priority(0, self.priority)  # as the loop will; then it is lowered
+            for thread in Path('/proc/self/task').iterdir():
+                _set_priority(int(thread.name), max(1, self.priority - 1))
+        if self != Scheduling():
+            LOG.info('the loop runs %s', self.in_words)
+        return self
+
+    def enter(self) -> None:
+        """Give the calling thread what was prepared for the loop, and its name."""
+        _libc().prctl(PR_SET_NAME, NAME.encode(), 0, 0, 0)
+        if self.cpu >= 0:
+            os.sched_setaffinity(0, {self.cpu})
+        if self.priority:
+            _set_priority(0, self.priority)
+
+    @property
+    def in_words(self) -> str:
+        """Return how the loop runs, for people."""
+        return ', '.join((
+            f'with real-time priority {self.priority}' if self.priority else
+            'without real-time priority',
+            f'on processor {self.cpu}' if self.cpu >= 0 else 'on any processor',
+            'its memory locked' if self.lock_memory else 'its memory not locked'))
+
+
+def _set_priority(thread: int, priority: int) -> None:
+    """Give a thread a priority, 0 for the calling one."""
+    try:
+        os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority))
+    except ProcessLookupError:  # it has ended meanwhile
+        pass
+    except OSError as error:
+        most, _ = resource.getrlimit(resource.RLIMIT_RTPRIO)
+        raise ConfigurationError(
+            f'the system does not allow realtime_priority {priority} ({error.strerror}; '
+            f'RLIMIT_RTPRIO is {most}): raise rtprio in /etc/security/limits.d, or LimitRTPRIO '
+            f'of the systemd unit, or set realtime_priority to 0; {PAGE}') from error
+
+
+def _lock_memory() -> None:
+    """Lock the memory of the process."""
+    most, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    # With a limit it would work now, and memory would run out at the limit later.
+    number = errno.ENOMEM
+    if most == resource.RLIM_INFINITY or _may_lock():
+        libc = _libc()
+        if libc.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0:
+            return
+        number = ctypes.get_errno()
+    raise ConfigurationError(
+        f'the system does not allow lock_memory ({os.strerror(number)}; RLIMIT_MEMLOCK is '
+        f'{"unlimited" if most == resource.RLIM_INFINITY else f"{most} bytes"}): set memlock to '
+        'unlimited in /etc/security/limits.d, or LimitMEMLOCK=infinity in the systemd unit, or '
+        f'set lock_memory to false; {PAGE}')
+
+
+def _may_lock() -> bool:
+    """Return whether this process may lock memory beyond its limit."""
+    status = Path('/proc/self/status').read_text(encoding='utf-8')
+    capabilities = next(line for line in status.splitlines() if line.startswith('CapEff:'))
+    return bool(int(capabilities.split()[1], 16) >> CAP_IPC_LOCK & 1)
+
+
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)

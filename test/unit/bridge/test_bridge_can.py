@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The same session on a CAN bus: python-can's virtual one in place of the wires, in real time."""
+from contextlib import suppress
+from dataclasses import replace
+import threading
+import time
+
+import can
+import pytest
+from test_bridge_hardware import GENTLE, GIMBALL
+from virtual_robot import VirtualRobot
+
+from ballbot_ros.bridge.connect import connector
+from ballbot_ros.bridge.feasibility import check_feasible
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.bridge.motor_state import MotorState
+from ballbot_ros.bridge.session import Session
+from ballbot_ros.drives import device_class
+from ballbot_ros.drives.can_transport import CanLink
+from ballbot_ros.drives.emulated_device import DriveSettings
+from ballbot_ros.errors import ConfigurationError, LinkError
+
+PROTOCOLS = ('odrive_can', 'vesc_can')
+RATE = 1000000
+PERIOD = 0.004
+
+
+class BusDrive(threading.Thread):
+    """An emulated drive on a virtual bus."""
+
+    def __init__(self, protocol, settings):
+        super().__init__(daemon=True)
+        self.device, self.running = device_class(protocol)(settings), True
+        self.device.baud = RATE
+        self._line = CanLink(f'virtual:{protocol}', RATE)
+        self.start()
+
+    def run(self):
+        """Live until told to end, or until the bus does."""
+        with suppress(LinkError):
+            self._live()
+        self._line.close()
+
+    def _live(self):
+        while self.running:
+            self._line.wait(0.001)
+            now = time.monotonic()
+            self.device.tick(now)
+            reply = self.device.receive(self._line.read(), now)
+            if reply:
+                self._line.write(reply)
+
+
+class BusRobot:
+    """A session whose drive is on a virtual bus."""
+
+    def __init__(self, protocol):
+        more = '_emulated' if protocol == 'odrive_can' else ''
+        hardware = load_hardware(f'gimball_{protocol}{more}').at(port=f'virtual:{protocol}')
+        self.hardware = replace(hardware, connection=replace(
+            hardware.connection, imu_required=False, loop_rate=1.0 / PERIOD))
+        torque = self.hardware.options().torque_limit
+        self.drive = BusDrive(protocol, DriveSettings(
+            torque_limit=torque, current_limit=torque / DriveSettings.torque_constant))
+        self.session = Session(self.hardware, GIMBALL, connector(self.hardware))
+
+    def run(self, seconds, torque=None, until=lambda report: False):
+        """Let the bridge tick, and command a torque if there is one; return the last report."""
+        end = time.monotonic() + seconds
+        report = None
+        while time.monotonic() < end and not (report and until(report)):
+            report = self.session.tick() or report
+            if torque is not None:
+                self.session.command(torque, time.monotonic())
+            time.sleep(PERIOD)
+        return report
+
+    def close(self):
+        """End both."""
+        self.session.close()
+        self.drive.running = False
+        self.drive.join()
+
+
+@pytest.fixture(params=PROTOCOLS)
+def robot(request):
+    """Return a session whose motor is under power."""
+    made = BusRobot(request.param)
+    made.session.configure()
+    made.run(0.1)
+    made.session.activate()
+    made.session.release()
+    report = made.run(2.0, 0.0, lambda report: report.state is MotorState.ARMED)
+    assert report.state is MotorState.ARMED
+    yield made
+    made.close()
+
+
+def test_a_session_on_a_can_bus_gives_torque_and_takes_it_away(robot):
+    wanted = 0.9 / (50.0 * 0.9)
+    robot.run(2.0, 0.9, lambda _: robot.drive.device.torque() == pytest.approx(wanted, rel=0.01))
+    assert robot.drive.device.torque() == pytest.approx(wanted, rel=0.01)
+    robot.session.engage('test')
+    robot.run(2.0, None, lambda report: report.state is MotorState.DISARMED)
+    assert robot.drive.device.torque() == 0.0
+    assert robot.session.control.power.state is MotorState.DISARMED
+
+
+def test_a_bus_that_is_off_takes_the_drive_away_and_the_watchdog_its_torque(robot):
+    robot.run(0.2, 0.9)
+    with can.Bus(robot.hardware.connection.port.partition(':')[2], interface='virtual') as other:
+        other.send(can.Message(arbitration_id=0x40, is_error_frame=True, dlc=8))
+        robot.drive.running = False  # its end of the bus, too
+        robot.run(0.1, None, lambda report: report.state is MotorState.DISCONNECTED)
+    assert robot.session.control.power.state is MotorState.DISCONNECTED
+    assert robot.session.control.counts['links_lost'] == 1
+    robot.drive.join()
+    robot.drive.device.tick(time.monotonic() + 0.2)
+    assert robot.drive.device.torque() == 0.0
+
+
+def test_a_file_in_which_nobody_has_confirmed_anything_is_refused_for_a_0_5():
+    robot = VirtualRobot('odrive_can')
+    robot.start()
+    with pytest.raises(ConfigurationError, match='odrivetool.*under confirmed'):
+        robot.session.configure()
+    assert robot.lines == 0
+
+
+@pytest.mark.parametrize('protocol, baud, enough', [
+    ('odrive_can', 250000, 500000), ('vesc_can', 500000, 1000000)])
+def test_a_bus_that_is_too_slow_is_refused_with_a_bit_rate_that_the_drive_has(
+        protocol, baud, enough):
+    hardware = load_hardware(f'gimball_{protocol}')
+    check_feasible(hardware, GIMBALL, GENTLE)
+    with pytest.raises(ConfigurationError, match=f'set baud to {enough}[, ]'):
+        check_feasible(hardware.at(baud=baud), GIMBALL, GENTLE)

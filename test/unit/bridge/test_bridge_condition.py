@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Heat and battery through the whole session: told, taken back, and ended, in this order."""
+from dataclasses import replace
+
+import pytest
+from virtual_robot import VirtualRobot
+
+from ballbot_ros.bridge.battery import Battery
+from ballbot_ros.bridge.derating import Thermal
+from ballbot_ros.errors import RefusedError
+
+
+def robot(battery=Battery(), thermal=Thermal(), **arguments):
+    """Return a robot with a pendulum in a shell that is held, ready to drive."""
+    found = VirtualRobot(held=True, **arguments)
+    found.hardware = replace(found.hardware, battery=battery, thermal=thermal)
+    found.start()
+    return found.ready()
+
+
+def test_a_hot_power_stage_leaves_part_of_the_torque_before_the_drive_cuts():
+    found = robot(thermal=Thermal(drive_warn_at=80.0, drive_zero_at=90.0), torque_limit=1.0)
+    assert found.run(0.3, torque=1.0).torque == 1.0
+    found.temperature = 85.0
+    report = found.run(0.3, torque=1.0)
+    assert report.condition.part == pytest.approx(0.5, abs=0.02)
+    assert report.torque == pytest.approx(0.5, abs=0.02)
+    assert report.condition.warnings == ('drive_hot',) and not report.e_stop
+    found.temperature = 40.0
+    report = found.run(0.3, torque=0.5)
+    assert report.torque == 0.5 and report.condition.part == 1.0 and not report.condition.warnings
+
+
+def test_a_motor_that_holds_more_than_it_bears_is_brought_to_what_it_bears():
+    found = robot(thermal=Thermal(continuous_torque=0.4, time_constant=0.2), torque_limit=0.8)
+    assert found.run(0.05, torque=0.8).torque == pytest.approx(0.8)
+    report = found.run(1.5, torque=0.8)
+    assert 0.4 <= report.torque < 0.5 and report.condition.warnings == ('motor_i2t',)
+    assert 0.9 < report.condition.warmth < 1.05
+
+
+def test_an_empty_battery_lets_the_pendulum_down_before_it_stops_and_stays_stopped():
+    found = robot(battery=Battery(low_voltage=22.0, empty_voltage=21.0, smoothing=0.1,
+                                  empty_time=0.5, fade_time=1.0))
+    raised = found.run(1.5, torque=1.0)
+    angle = raised.estimate.readings.pendulum_angle
+    assert angle > 0.5 and not raised.condition.warnings
+    found.bus_voltage = 20.0
+    told = found.run(0.5, torque=1.0)
+    assert told.condition.warnings == ('battery_low',) and told.torque == pytest.approx(1.0)
+    faded = found.run(1.1, torque=1.0)
+    assert 'battery_empty' in faded.condition.warnings
+    assert 0.0 < faded.estimate.readings.pendulum_angle < 0.7 * angle
+    assert abs(faded.estimate.readings.pendulum_rate) < 2.0  # it comes down, and does not drop
+    stopped = found.run(0.6, torque=1.0)
+    assert 'the battery is empty' in stopped.e_stop
+    found.bus_voltage = 21.5  # it recovers without load
+    found.run(2.0)
+    with pytest.raises(RefusedError, match='the battery is empty'):
+        found.session.release()
+    found.bus_voltage = 24.0
+    found.run(2.0)
+    found.session.release()
+
+
+def test_a_start_with_an_empty_battery_is_refused_once_that_is_certain():
+    found = VirtualRobot(held=True)
+    found.hardware = replace(found.hardware, battery=Battery(
+        empty_voltage=25.0, empty_time=0.2, fade_time=0.1))
+    found.start()
+    found.session.configure()
+    found.session.activate()
+    found.run(0.6)
+    with pytest.raises(RefusedError, match='the battery is empty'):
+        found.session.release()

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What heat leaves of the torque: closed forms first."""
+import math
+
+from hypothesis import given, strategies as some
+import pytest
+
+from ballbot_ros.bridge.derating import derating, left_at, left_by, Thermal, WARM, warmed
+from ballbot_ros.errors import ConfigurationError
+
+THERMAL = Thermal(drive_warn_at=80.0, drive_zero_at=100.0, motor_warn_at=90.0,
+                  motor_zero_at=120.0, continuous_torque=2.0, time_constant=30.0)
+loads, warmths = some.floats(0.0, 4.0), some.floats(0.0, 16.0)
+
+
+def test_under_a_constant_torque_the_winding_warms_along_an_exponential():
+    for load, seconds in ((1.0, 30.0), (2.0, 7.0), (0.5, 300.0)):
+        expected = load**2 * (1.0 - math.exp(-seconds / 30.0))
+        assert warmed(0.0, load, seconds, 30.0) == pytest.approx(expected, rel=1e-12)
+
+
+def test_twice_the_continuous_torque_may_last_the_logarithm_of_four_thirds_of_a_time_constant():
+    assert warmed(0.0, 2.0, 30.0 * math.log(4.0 / 3.0), 30.0) == pytest.approx(1.0)
+
+
+@given(warmths, loads, some.floats(0.0, 100.0), some.floats(0.0, 100.0))
+def test_two_steps_are_one(warmth, load, first, second):
+    assert warmed(warmed(warmth, load, first, 30.0), load, second, 30.0) == pytest.approx(
+        warmed(warmth, load, first + second, 30.0), rel=1e-9, abs=1e-12)
+
+
+def test_a_clock_that_stands_still_or_goes_back_warms_nothing():
+    assert warmed(0.5, 3.0, 0.0, 30.0) == 0.5
+    assert warmed(0.5, 3.0, -5.0, 30.0) == 0.5
+
+
+@pytest.mark.parametrize('temperature, part', [
+    (-20.0, 1.0), (80.0, 1.0), (85.0, 0.75), (90.0, 0.5), (100.0, 0.0), (150.0, 0.0),
+    (None, 1.0), (math.nan, 1.0), (math.inf, 1.0)])
+def test_the_torque_is_taken_back_between_two_temperatures(temperature, part):
+    assert left_at(temperature, 80.0, 100.0) == pytest.approx(part)
+
+
+@given(some.floats(0.0, 1.0), some.floats(0.1, 3.0))
+def test_a_motor_that_is_always_asked_for_all_ends_at_what_it_bears(warmth, continuous):
+    """Torque limit 1: the warmth ends at 1, or below where all of the torque brings no more."""
+    step = 0.01
+    for _ in range(800):
+        load = left_by(warmth, continuous) / continuous
+        warmth = warmed(warmth, load, step, 1.0)
+        assert warmth <= 1.0 + step / continuous**2  # what a step may bring that begins cool
+    assert warmth == pytest.approx(min(1.0, 1.0 / continuous**2), abs=0.2) and warmth < 1.0 + 1e-3
+
+
+def test_a_cool_winding_leaves_all_and_a_warm_one_what_it_bears_for_good():
+    assert left_by(WARM, 0.5) == 1.0
+    assert left_by(1.0, 0.5) == left_by(7.0, 0.5) == 0.5
+    assert left_by(0.5 + 0.5 * WARM, 0.5) == pytest.approx(0.75)
+    assert left_by(5.0, 1.5) == 1.0
+
+
+def test_the_hottest_part_decides_and_each_is_named():
+    found = derating(THERMAL, 85.0, 105.0, 0.0, 4.0)
+    assert found.part == pytest.approx(0.5)
+    assert found.warnings == ('drive_hot', 'motor_hot')
+    assert derating(THERMAL, 20.0, None, 0.9, 4.0) == (pytest.approx(0.75), ('motor_i2t',))
+    assert derating(THERMAL, 20.0, 30.0, 0.5, 4.0) == (1.0, ())
+
+
+def test_what_is_not_given_is_not_watched():
+    assert derating(Thermal(), 500.0, 500.0, 9.0, 4.0) == (1.0, ())
+
+
+@pytest.mark.parametrize('changes, said', [
+    ({'drive_warn_at': 80.0}, 'go together'), ({'motor_zero_at': 80.0}, 'go together'),
+    ({'drive_warn_at': 90.0, 'drive_zero_at': 90.0}, 'must be below'),
+    ({'motor_warn_at': 90.0, 'motor_zero_at': 60.0}, 'must be below'),
+    ({'continuous_torque': 0.0}, 'more than 0'), ({'time_constant': -1.0}, 'more than 0')])
+def test_what_contradicts_itself_is_refused(changes, said):
+    with pytest.raises(ConfigurationError, match=said):
+        Thermal(**changes)

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""No torque without a truly fresh IMU, whatever it or a clock says; and what comes after."""
+import pytest
+from virtual_robot import STEP, VirtualRobot
+
+from ballbot_ros.bridge.imu_watch import AHEAD, ImuWatch, PATIENCE, STEADY
+from ballbot_ros.errors import MessageError, RefusedError
+from ballbot_ros.estimation import ImuReading
+from ballbot_ros.estimation.fusion import IMU_TIMEOUT
+
+pytest.importorskip('rclpy')
+from ballbot_ros.ros.motor import state_of
+
+HOUR = 3600.0
+
+
+def pulling(**limits):
+    """Return a robot whose motor follows commands, and its IMU."""
+    robot = VirtualRobot(**limits).ready()
+    robot.run(0.2, torque=0.5)
+    assert robot.motor > 0.0
+    return robot, robot._imu
+
+
+def silence(robot, seconds):
+    """Let the IMU fall silent while commands go on; return the last report."""
+    robot._imu = None
+    return robot.run(seconds, torque=0.5)
+
+
+@pytest.mark.parametrize('ahead, refused', [
+    (0.9 * AHEAD, False), (1.1 * AHEAD, True), (HOUR, True), (float('inf'), True),
+    (-0.9 * IMU_TIMEOUT, False), (-1.1 * IMU_TIMEOUT, True), (-HOUR, True),
+    (float('nan'), True)])
+def test_stamps_that_cannot_be_of_now_are_refused(ahead, refused):
+    try:
+        ImuWatch().check(100.0 + ahead, 100.0)
+        assert not refused
+    except MessageError as error:
+        assert refused
+        assert error.reason == ('from_the_future' if ahead > 0.0 else 'stale')
+
+
+@pytest.mark.parametrize('ahead', [0.0, 0.9 * AHEAD])
+def test_a_reading_counts_from_when_it_came_or_from_its_stamp_where_that_is_earlier(ahead):
+    watch = ImuWatch()
+    assert not watch.has(0.0)
+    watch.heard(1.0 + ahead, 1.0)
+    assert watch.has(1.0 + 0.99 * IMU_TIMEOUT) and not watch.has(1.0 + 1.01 * IMU_TIMEOUT)
+    watch.heard(1.97, 2.0)
+    assert watch.has(2.019) and not watch.has(2.021)
+
+
+def test_it_is_silent_once_it_is_missing_for_longer_than_a_hold_up_and_until_it_is_steady():
+    watch = ImuWatch()
+    watch.heard(1.0, 1.0)
+    assert not watch.look(1.0, True) and watch.usable(1.0)
+    missing = 1.0 + IMU_TIMEOUT + 0.001
+    assert not watch.look(missing, True) and not watch.usable(missing)
+    assert not watch.look(missing + 0.9 * PATIENCE, False)
+    assert watch.look(missing + 1.1 * PATIENCE, False)  # it pulled when the IMU was last there
+    assert not watch.look(missing + 2.0, False) and watch.silent and watch.silences == 1
+    now = begin = missing + 3.0
+    while now < begin + 0.95 * STEADY:
+        watch.heard(now, now)
+        watch.look(now, False)
+        assert not watch.usable(now)
+        now += 0.01
+    watch.look(now + 2.0 * IMU_TIMEOUT, False)
+    begin = now = now + 2.0 * IMU_TIMEOUT  # a gap, and it counts anew
+    while now < begin + 1.05 * STEADY:
+        watch.heard(now, now)
+        watch.look(now, False)
+        assert watch.usable(now) is (now >= begin + STEADY)
+        now += 0.01
+
+
+def test_what_came_while_the_process_was_held_up_is_no_silence():
+    watch = ImuWatch()
+    watch.heard(1.0, 1.0)
+    watch.look(1.0, True)
+    watch.look(1.2, True)  # the loop is first
+    watch.heard(1.199, 1.2005)
+    assert not watch.look(1.202, False) and watch.usable(1.202) and watch.silences == 0
+
+
+def test_an_imu_that_was_never_there_is_silent_and_no_fault():
+    watch = ImuWatch()
+    assert not watch.look(0.0, False) and not watch.look(1.0, False)
+    assert watch.silent and watch.silences == 0
+
+
+@pytest.mark.parametrize('rearm', [False, True])
+def test_an_imu_that_falls_silent_ends_the_torque_and_what_was_commanded(rearm):
+    robot, _ = pulling(rearm=rearm)
+    robot.torques.clear()
+    report = silence(robot, 0.1)
+    assert any(robot.torques[:20]) and not any(robot.torques[28:])
+    assert ('IMU fell silent' in report.e_stop) is not rearm
+    assert state_of(report) == ('no_imu' if rearm else 'e_stop')
+
+
+def test_with_rearm_torque_returns_only_to_an_imu_that_is_steady_and_a_fresh_command():
+    robot, imu = pulling(rearm=True)
+    silence(robot, 0.3)
+    robot._imu = imu
+    robot.torques.clear()
+    report = robot.run(0.9 * STEADY, torque=0.5)
+    assert not any(robot.torques) and state_of(report) == 'no_imu'
+    report = robot.run(0.3)  # the IMU is steady, but nobody commands
+    assert not any(robot.torques) and state_of(report) == 'waiting'
+    robot.run(0.1, torque=0.5)
+    assert robot.motor > 0.0
+
+
+def test_without_rearm_the_e_stop_is_released_only_with_an_imu_that_is_steady():
+    robot, imu = pulling()
+    silence(robot, 0.3)
+    robot._imu = imu
+    robot.run(0.9 * STEADY, torque=0.0)
+    with pytest.raises(RefusedError, match='no IMU'):
+        robot.session.release()
+    robot.run(0.2 * STEADY, torque=0.0)
+    robot.session.release()
+    robot.run(0.2, torque=0.5)
+    assert robot.motor > 0.0
+
+
+def test_a_silence_while_nothing_pulls_engages_nothing():
+    robot = VirtualRobot().ready()
+    robot.run(0.2, torque=0.0)
+    robot._imu = None
+    report = robot.run(0.3, torque=0.0)
+    assert not report.e_stop and state_of(report) == 'no_imu'
+
+
+def test_where_none_is_required_a_silence_changes_nothing():
+    robot = VirtualRobot(imu=False).ready()
+    robot.run(0.3, torque=0.5)
+    assert robot.motor > 0.0 and not robot.run(STEP).needs_imu
+
+
+def test_one_stamp_from_the_future_keeps_no_torque_on_and_costs_no_later_reading():
+    robot, imu = pulling()
+    with pytest.raises(MessageError, match='is 10'):
+        robot.session.imu(ImuReading(robot.now + HOUR, 0.0, 0.0, 9.81))
+    report = robot.run(0.2, torque=0.5)
+    assert robot.motor > 0.0 and not report.needs_imu  # correctly stamped ones go on
+    silence(robot, 0.2)
+    assert robot.motor == 0.0
+    with pytest.raises(MessageError):
+        robot.session.imu(ImuReading(robot.now + HOUR, 0.0, 0.0, 9.81))
+    report = robot.run(0.2)
+    assert robot.motor == 0.0 and report.needs_imu
+
+
+@pytest.mark.parametrize('error', [HOUR, -HOUR, 0.03, -0.1])
+def test_stamps_of_a_clock_that_was_set_cost_twenty_milliseconds_and_nothing_else(error):
+    robot, imu = pulling()
+    robot._imu = None
+    for _ in range(10):  # as long as it takes until the clocks are looked at again
+        with pytest.raises(MessageError):
+            robot.session.imu(ImuReading(robot.now + STEP + error, 0.0, 0.0, 9.81))
+        robot.run(STEP, torque=0.5)
+    robot._imu = imu
+    report = robot.run(0.2, torque=0.5)
+    assert robot.motor > 0.0 and not report.e_stop
+    assert robot.session.control.sensing.imu_watch.silences == 0

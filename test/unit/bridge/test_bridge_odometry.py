@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A session knows where its ball has rolled to, whatever happens to the drive."""
+import math
+
+import pytest
+from virtual_robot import STEP, VirtualRobot
+
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.bridge.sensing import Sensing
+from ballbot_ros.drives.contract import Telemetry
+from ballbot_ros.estimation import ImuReading
+from ballbot_ros.physics import load_robot
+
+
+def take(sensing, time):
+    """Give an answer of a drive whose motor stands."""
+    sensing.take(Telemetry(time=time, measured=time, position=0.0), 0.0)
+
+
+def test_a_ball_that_is_pushed_is_found_where_it_is():
+    robot = VirtualRobot().ready()
+    before = robot.plant.state.x
+    start = robot.session.odometry.position
+    robot.run(2.0, torque=0.5)
+    found = robot.session.odometry
+    way = robot.plant.state.x - before
+    assert way > 0.3
+    assert abs(found.position - start - way) < 3.0 * math.sqrt(found.position_variance) < 0.1
+    assert found.speed == pytest.approx(robot.plant.state.velocity_x, abs=0.02)
+
+
+def test_speed_is_told_as_after_the_last_imu_reading_unless_that_is_long_ago():
+    sensing = Sensing(load_hardware('gimball_odrive'), load_robot('gimball'))
+    sensing.begin(10.0)
+    for number in range(1, 11):
+        sensing.fusion.imu(ImuReading(10.0 + number * STEP, 0.0, 0.0, 9.81))
+        take(sensing, 10.0 + number * STEP)
+    for number in range(11, 20):  # the IMU is late
+        take(sensing, 10.0 + number * STEP)
+    told, newest = sensing.steady_odometry(), sensing.odometry
+    assert told.stamp == pytest.approx(10.02) and newest.stamp == pytest.approx(10.038)
+    assert told.speed_variance < 0.01 * newest.speed_variance
+    take(sensing, 10.06)
+    assert sensing.steady_odometry() is sensing.odometry
+    sensing.fusion.imu(ImuReading(10.061, 0.0, 0.0, 9.81))
+    take(sensing, 10.062)
+    assert sensing.steady_odometry().stamp == pytest.approx(10.061)
+
+
+def test_without_an_imu_the_newest_is_told():
+    robot = VirtualRobot(imu=False).ready()
+    robot.run(0.5, torque=0.2)
+    assert robot.session.odometry is robot.session.control.sensing.odometry
+
+
+def test_the_place_survives_a_drive_that_is_configured_anew():
+    robot = VirtualRobot().ready()
+    robot.run(1.0, torque=0.5)
+    before = robot.session.odometry
+    robot.session.configure()
+    robot.run(0.1)
+    after = robot.session.odometry
+    assert after.stamp > before.stamp
+    assert after.position == pytest.approx(before.position, abs=0.3)
+    assert after.position_variance > 0.0

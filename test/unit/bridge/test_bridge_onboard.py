@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws in the loop: each estimate is answered at once, and every end is an end of torque."""
+import math
+
+import pytest
+from virtual_robot import STEP, VirtualRobot
+
+from ballbot_ros.bridge.motor_state import MotorState
+from ballbot_ros.control import load_tuning, Mode, PendulumController, SetPoint
+from ballbot_ros.errors import MessageError, RefusedError
+from ballbot_ros.physics import load_robot
+
+GEAR = 50.0 * 0.9
+PROTOCOLS = ('odrive 0.5', 'odrive 0.6', 'vesc', 'roboclaw')
+UP = SetPoint(Mode.HOLD, 0.5)
+
+
+def ready(protocol='odrive', **others):
+    """Return a robot with gentle laws on board, armed and idle."""
+    return VirtualRobot(protocol, onboard='gentle', **others).ready()
+
+
+@pytest.mark.parametrize('protocol', PROTOCOLS)
+def test_a_set_point_moves_the_pendulum_there(protocol):
+    robot = ready(protocol)
+    report = robot.loop(0.4, UP)
+    assert robot.plant.state.pendulum_angle == pytest.approx(0.5, abs=0.06)
+    assert report.commanded and report.set_point.value == 0.5
+
+
+def test_the_torque_of_an_estimate_goes_out_before_the_next_question():
+    robot = ready()
+    robot.loop(0.1, UP)
+    sent = []
+    send = robot.session.line.driver.send_torque
+    robot.session.line.driver.send_torque = lambda torque, ask=True: (
+        sent.append((torque, ask)), send(torque, ask))
+    for _ in range(20):
+        robot.session.tick()
+        assert not sent  # the tick only asks
+        report = robot.session.await_answer(STEP)
+        [(torque, ask)] = sent
+        assert not ask and torque * GEAR == pytest.approx(report.torque)
+        sent.clear()
+
+
+def test_its_torque_is_that_of_the_controller_for_the_very_estimate():
+    robot = ready(torque_rate_limit=1e6)
+    other = PendulumController(load_robot('gimball'), load_tuning('gentle'))
+    robot.loop(0.2, UP)
+    other.give(UP)
+    for _ in range(50):
+        report = robot.loop(STEP, UP)
+        torque = other.torque(report.estimate.readings, report.torque)
+    # The other took over later; its difference has faded.
+    assert report.torque == pytest.approx(torque, abs=1e-9)
+
+
+def test_under_power_it_is_idle_until_a_set_point_comes():
+    robot = VirtualRobot(onboard='gentle')
+    robot.session.configure()
+    robot.loop(0.1)
+    robot.session.activate()
+    robot.session.give(SetPoint(Mode.SPEED, 0.0))
+    robot.session.release()
+    report = robot.loop(0.3)
+    assert report.state is MotorState.ARMED and not report.commanded
+    assert report.set_point.mode is Mode.IDLE and robot.motor == 0.0
+
+
+@pytest.mark.parametrize('law, words, node', [
+    (UP, 'set_point asks for a pendulum angle of 0.5 rad', '/planner'),
+    (SetPoint(Mode.DRIVE, -2.0), 'set_point asks for a joint rate of -2 rad/s', '/planner'),
+    (SetPoint(Mode.SPEED, 0.3), 'cmd_vel asks for a speed of 0.3 m/s', '/teleop')])
+def test_a_release_while_motion_is_asked_for_is_refused_with_what_and_who(law, words, node):
+    robot = ready()
+    robot.session.engage('button')
+    for _ in range(10):
+        with pytest.raises(MessageError) as refused:
+            robot.session.give(law)
+        assert refused.value.reason == 'e_stop'
+        robot.loop(0.02)
+    with pytest.raises(RefusedError) as caught:
+        robot.session.release()
+    for part in (words, f'from {node}', 'ask for rest', 'release again'):
+        assert part in str(caught.value)
+    assert robot.motor == 0.0 and not robot.device.armed
+    robot.loop(0.6, SetPoint(Mode.HOLD, 0.0))
+    robot.session.release()
+    assert robot.loop(0.2, UP).commanded and robot.motor != 0.0
+
+
+def test_the_e_stop_ends_the_torque_and_the_set_point():
+    robot = ready()
+    robot.loop(0.1, UP)
+    robot.session.engage('button')
+    report = robot.loop(STEP)
+    assert report.torque == 0.0 and report.set_point.mode is Mode.IDLE
+    robot.loop(0.6)
+    robot.session.release()
+    report = robot.loop(0.2)
+    assert report.state is MotorState.ARMED and report.set_point.mode is Mode.IDLE
+
+
+def test_set_points_that_end_let_the_pendulum_down_and_then_go_from_it():
+    robot = ready(damping_time=0.4)
+    robot.loop(0.3, UP)
+    assert robot.loop(0.45).commanded
+    report = robot.loop(0.25)
+    assert report.timed_out and report.set_point.mode is Mode.HOLD
+    assert abs(robot.plant.state.pendulum_angle) < 0.25
+    report = robot.loop(0.5)
+    assert report.set_point.mode is Mode.IDLE and robot.motor == 0.0
+    assert robot.loop(0.1, UP).commanded and not report.e_stop
+
+
+@pytest.mark.parametrize('protocol', PROTOCOLS)
+def test_estimates_that_end_take_the_torque_away_within_the_command_timeout(protocol):
+    robot = ready(protocol)
+    robot.loop(0.2, UP)
+    assert robot.motor != 0.0
+    # The drive goes on to take torques and answers no question for positions.
+    robot.session.line.driver._requests = lambda: b''
+    begun = robot.now
+    while robot.motor != 0.0:
+        robot.session.give(UP)
+        robot.session.tick()
+        robot.pass_time(STEP)
+    assert robot.now - begun <= robot.hardware.limits.command_timeout + 2 * STEP
+
+
+def test_commands_are_refused_on_board_and_set_points_in_direct_control_with_the_parameter():
+    robot = ready()
+    with pytest.raises(MessageError, match='control:=direct') as refused:
+        robot.session.command(0.1, robot.now)
+    assert refused.value.reason == 'onboard'
+    assert robot.session.supervisor.gate.refused['onboard'] == 1
+    with pytest.raises(MessageError, match='control:=onboard') as refused:
+        VirtualRobot().ready().session.give(UP)
+    assert refused.value.reason == 'direct'
+
+
+def test_a_set_point_from_the_future_is_followed_no_longer_than_one_of_now():
+    robot = ready()
+    robot.session.give(SetPoint(Mode.HOLD, 0.5, robot.now + 0.04))
+    assert robot.session.law.set_point.stamp == robot.now
+    with pytest.raises(MessageError) as refused:
+        robot.session.give(SetPoint(Mode.HOLD, 0.5, robot.now + 0.5))
+    assert refused.value.reason == 'from_the_future'
+
+
+def test_laws_take_over_from_each_other_without_a_jump():
+    robot = ready(torque_rate_limit=1e6)
+    laws = (UP, SetPoint(Mode.SPEED, 0.3), SetPoint(Mode.DRIVE, -1.0), SetPoint(Mode.HOLD, -0.4))
+    robot.loop(0.3, UP)
+    for law in laws[1:]:
+        before = robot.session.supervisor.torque
+        robot.session.give(law)
+        after = robot.loop(STEP).torque
+        # What the pendulum has moved in a period, at the gains of the tuning.
+        assert abs(after - before) < 0.15
+        robot.loop(0.3, law)
+
+
+def test_laws_on_board_take_the_ball_over_a_step():
+    robot = ready(terrain=[{'flat': {'length': 1.426}}, {'step': {'height': 0.031}},
+                           {'flat': {'length': 3.0}}])
+    wanted, last = SetPoint(Mode.HOLD, 0.45), robot.now + 6.0
+    while robot.plant.state.x < 2.0 and robot.now < last:
+        report = robot.loop(0.02, wanted)
+        if robot.plant.state.velocity_x > 1.0:
+            wanted = SetPoint(Mode.HOLD, 0.0)
+    assert robot.plant.state.x >= 2.0 and not report.e_stop
+    assert robot.session.supervisor.counts['timeouts'] == 0
+    assert math.isfinite(report.torque)

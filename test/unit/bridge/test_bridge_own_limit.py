@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A drive that keeps its own limit, whatever less the file asks for or a calibration finds."""
+from dataclasses import replace
+
+import pytest
+from virtual_robot import VirtualRobot
+
+from ballbot_ros.drives.emulated_device import DriveSettings
+from ballbot_ros.errors import ConfigurationError
+
+PROTOCOLS = ('odrive 0.5', 'odrive 0.6', 'vesc', 'roboclaw')
+TORQUE = 4.0 / 45.0  # of the drive, at the motor shaft [N m]
+
+
+def with_drive_as_shipped(protocol, torque=TORQUE, **limits):
+    """Return a robot whose drive is set for the shipped file."""
+    return VirtualRobot(protocol, settings=DriveSettings(
+        torque_limit=torque, current_limit=torque / DriveSettings.torque_constant), **limits)
+
+
+@pytest.mark.parametrize('protocol', PROTOCOLS)
+def test_after_a_calibration_the_drive_that_it_was_made_with_is_accepted(protocol):
+    robot = with_drive_as_shipped(protocol)
+    robot.hardware = replace(robot.hardware, joint=replace(
+        robot.hardware.joint, torque_factor=1.2))
+    robot.start()
+    robot.ready()
+
+
+@pytest.mark.parametrize('protocol', PROTOCOLS)
+def test_a_small_torque_limit_needs_no_other_drive_and_is_never_exceeded(protocol):
+    robot = with_drive_as_shipped(protocol, torque_limit=0.3).ready()
+    robot.torques.clear()
+    robot.run(0.3, torque=2.0)
+    assert max(robot.torques) == pytest.approx(
+        0.3 / 45.0, rel=0.1 if protocol == 'roboclaw' else 0.02)
+
+
+def test_a_drive_that_lets_more_through_than_the_file_says_is_refused():
+    with pytest.raises(ConfigurationError, match='torque limit'):
+        with_drive_as_shipped('odrive 0.5', 1.05 * TORQUE).session.configure()
+    with pytest.raises(ConfigurationError, match='torque limit'):
+        with_drive_as_shipped('odrive 0.5', torque_limit=0.3,
+                              drive_torque_limit=0.0).session.configure()

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What firmwares do that a bridge must not stumble over, each through a whole session."""
+from dataclasses import replace
+import math
+
+import pytest
+from virtual_robot import STEP, VirtualRobot
+
+from ballbot_ros.bridge.motor_state import MotorState
+from ballbot_ros.errors import ConfigurationError, DriveError
+
+
+def with_quirks(protocol, *quirks):
+    """Return a robot whose drive has quirks."""
+    robot = VirtualRobot(protocol)
+    robot.device.__init__(replace(robot.device.settings, quirks=quirks))
+    return robot
+
+
+@pytest.mark.parametrize('idle', [0.1 + 0.002 * number for number in range(25)])
+def test_a_vesc_that_idled_is_released_whenever_its_thread_looks(idle):
+    robot = VirtualRobot('vesc')
+    robot.session.configure()
+    robot.run(idle)
+    robot.session.activate()
+    robot.session.release()
+    report = robot.run(0.1, torque=0.5)
+    assert report.state is MotorState.ARMED and not report.e_stop
+    assert robot.motor > 0.0 and robot.session.control.counts['disarmed_by_drive'] == 0
+
+
+def test_a_vesc_whose_kill_switch_is_pulled_has_no_torque_and_gets_none_by_itself():
+    robot = with_quirks('vesc', 'kill_switch').ready()
+    robot.run(0.1, torque=0.5)
+    assert robot.motor > 0.0
+    robot.stop_switch = 1.0
+    report = robot.run(0.05, torque=0.5)
+    assert robot.motor == 0.0 and 'KILL_SW_ACTIVE' in report.e_stop
+    assert report.telemetry.faults == ('KILL_SW_ACTIVE',)
+    robot.run(0.6, torque=0.0)
+    robot.session.release()
+    assert 'cannot arm' in robot.run(0.1).e_stop
+    robot.stop_switch = 0.0
+    robot.torques.clear()
+    assert robot.run(0.6, torque=0.0).state is MotorState.DISARMED and not any(robot.torques)
+    robot.session.release()
+    robot.run(0.1, torque=0.5)
+    assert robot.motor > 0.0
+
+
+def test_a_vesc_with_old_firmware_is_refused_by_its_name():
+    robot = with_quirks('vesc', 'firmware_5_02')
+    with pytest.raises(DriveError, match=r'must be 5\.03 to 7\.xx, got 5\.02: its values end'):
+        robot.session.configure()
+    assert robot.lines == 0
+
+
+def test_a_vesc_that_may_not_feed_back_would_not_brake_and_is_refused():
+    robot = with_quirks('vesc', 'regen_limit')
+    with pytest.raises(ConfigurationError, match='braking power is 0.24 W, must be at least'):
+        robot.session.configure()
+
+
+@pytest.mark.parametrize('firmware', ['5.03', '6.02', '6.05', '7.01'])
+def test_each_firmware_of_a_vesc_is_driven(firmware):
+    robot = VirtualRobot(f'vesc {firmware}').ready()
+    robot.run(0.1, torque=0.9)
+    assert robot.motor == pytest.approx(0.9 / (50.0 * 0.9), rel=0.01)
+
+
+def test_a_vesc_that_grows_hot_warns_and_goes_on():
+    robot = VirtualRobot('vesc').ready()
+    robot.temperature = 88.0
+    report = robot.run(0.1, torque=0.5)
+    assert report.telemetry.warnings == ('MOSFET_TEMP_CUTOFF',)
+    assert report.state is MotorState.ARMED and not report.e_stop
+
+
+# RoboClaw
+
+@pytest.mark.parametrize('bus_voltage, temperature, warning', [
+    (24.0, 90.0, 'TEMPERATURE_WARNING'), (9.5, 35.0, 'MAIN_VOLTAGE_LOW_WARNING')])
+def test_a_roboclaw_that_warns_is_told_and_goes_on(bus_voltage, temperature, warning):
+    robot = VirtualRobot('roboclaw').ready()
+    robot.bus_voltage, robot.temperature = bus_voltage, temperature
+    report = robot.run(0.2, torque=0.3)
+    assert report.telemetry.warnings == (warning,) and report.telemetry.faults == ()
+    assert report.state is MotorState.ARMED and not report.e_stop
+    robot.bus_voltage, robot.temperature = 24.0, 35.0
+    assert robot.run(0.2, torque=0.3).telemetry.warnings == () and robot.motor > 0.0
+
+
+@pytest.mark.parametrize('quirks', [(), ('status_16',)])
+def test_a_roboclaw_whose_e_stop_is_pressed_names_it_in_either_form(quirks):
+    robot = with_quirks('roboclaw', *quirks).ready()
+    robot.run(0.1, torque=0.5)
+    assert robot.motor > 0.0
+    robot.stop_switch = 1.0
+    report = robot.run(0.1, torque=0.5)
+    assert 'E_STOP' in report.e_stop and report.state is not MotorState.ARMED
+    robot.stop_switch = 0.0
+    robot.run(0.6, torque=0.0)
+    assert robot.motor == 0.0
+    robot.session.release()
+    robot.run(0.1, torque=0.5)
+    assert robot.motor > 0.0
+
+
+def test_the_serial_timeout_of_a_roboclaw_is_set_at_every_start():
+    robot = with_quirks('roboclaw')
+    robot.device.__init__(replace(robot.device.settings, watchdog=0.0))
+    robot.ready()
+    robot.run(0.1, torque=0.5)
+    robot.pass_time(0.12)  # nobody ticks
+    assert robot.motor == 0.0 and robot.device._timeout == 1
+    robot.device.reboot(robot.now)
+    robot.run(1.5, torque=0.0)
+    assert robot.session.line.reconnects == 0  # too short to look for it anew
+    robot.session.release()
+    robot.run(0.1)
+    assert robot.session.control.power.state is MotorState.ARMED and robot.device._timeout == 1
+
+
+def test_a_roboclaw_without_a_serial_timeout_is_refused():
+    robot = with_quirks('roboclaw', 'no_timeout', 'status_16')
+    with pytest.raises(ConfigurationError, match='watchdog is unknown, must be at most 0.1 s'):
+        robot.session.configure()
+
+
+# An encoder that jumps
+
+@pytest.mark.parametrize('protocol', ['odrive 0.5', 'vesc', 'roboclaw'])
+@pytest.mark.parametrize('turns', [2.0, -2.0])
+def test_a_jump_of_two_turns_is_told_and_the_angle_stays_right(protocol, turns, caplog):
+    robot = VirtualRobot(protocol).ready()
+    robot.run(0.3, torque=0.8)
+    robot.encoder_jump = turns * math.tau
+    for _ in range(100):
+        report = robot.run(STEP, torque=0.8)
+        if report.estimate is not None:
+            error = report.estimate.readings.pendulum_angle - robot.plant.state.pendulum_angle
+            assert abs(error) < math.radians(1.5)
+    assert report.state is MotorState.ARMED and not report.e_stop
+    assert robot.session.fusion.rezeroed == 1
+    told = [text for text in caplog.messages if 'encoder has jumped' in text]
+    assert told == [f'the encoder has jumped by {turns * math.tau / 50.0:.3f} rad at the joint, '
+                    'and counts on from there']
+
+
+def test_an_encoder_that_goes_on_jumping_takes_the_torque_away_and_then_the_power():
+    robot = VirtualRobot('vesc').ready()
+    robot.run(0.3, torque=0.8)
+    begin, off = robot.now, math.inf
+    while robot.now - begin < 0.15:
+        robot.encoder_jump = -robot.encoder_jump or 4.0 * math.tau
+        report = robot.run(STEP, torque=0.8)
+        off = min(off, robot.now - begin) if robot.motor == 0.0 else math.inf
+    assert off <= 0.03
+    assert 'encoder has jumped' in report.e_stop and report.state is not MotorState.ARMED
+
+
+@pytest.mark.parametrize('protocol', ['vesc', 'roboclaw'])
+def test_a_drive_that_restarted_counts_from_another_zero_and_the_angle_stays_right(protocol):
+    robot = VirtualRobot(protocol, rearm=True).ready()
+    robot.run(0.22, torque=0.8)
+    joint = robot.plant.state.joint_angle
+    assert 0.2 < abs(joint) < 0.5  # less than half a radian, and not nothing
+    robot.device.reboot(robot.now)
+    for _ in range(500):
+        report = robot.run(STEP, torque=0.0)
+        if report.estimate is not None:
+            truth = robot.history[round(report.estimate.stamp / STEP)]
+            error = report.estimate.readings.pendulum_angle - truth.pendulum_angle
+            assert abs(error) < math.radians(3.0)
+    assert robot.session.fusion.rezeroed == 1
+    assert robot.session.fusion.last_jump == pytest.approx(-joint, abs=0.15)

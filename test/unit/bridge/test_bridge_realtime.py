@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A loop gets the processor that it asks for, or the node says why not and what to do."""
+import os
+from pathlib import Path
+import re
+import resource
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from ballbot_ros.bridge import realtime
+from ballbot_ros.bridge.realtime import Scheduling
+from ballbot_ros.errors import ConfigurationError
+
+# In a process of its own: what is prepared stays with all threads.
+PREPARED = """
+import os, threading, time
+from ballbot_ros.bridge.realtime import NAME, Scheduling
+
+ending, others = threading.Event(), []
+before = threading.Thread(target=ending.wait)
+before.start()
+cpu = max(os.sched_getaffinity(0))
+scheduling = Scheduling(20, cpu, True).prepared()
+after = threading.Thread(target=ending.wait)
+after.start()
+
+
+def policy(thread):
+    return os.sched_getscheduler(thread), os.sched_getparam(thread).sched_priority
+
+
+def loop():
+    scheduling.enter()
+    assert policy(0) == (os.SCHED_FIFO, 20), policy(0)
+    assert os.sched_getaffinity(0) == {cpu}
+    with open(f'/proc/self/task/{threading.get_native_id()}/comm') as name:
+        assert name.read().strip() == NAME
+
+
+thread = threading.Thread(target=loop)
+failed = []
+threading.excepthook = failed.append
+thread.start()
+thread.join()
+for other in (before, after, threading.main_thread()):
+    assert policy(other.native_id) == (os.SCHED_FIFO, 19), policy(other.native_id)
+    assert len(os.sched_getaffinity(other.native_id)) == len(os.sched_getaffinity(0))
+with open('/proc/self/status') as status:
+    locked = next(int(line.split()[1]) for line in status if line.startswith('VmLck:'))
+assert locked > 1000, locked
+ending.set()
+assert not failed
+"""
+
+# The same system, and a user who may do nothing of it.
+REFUSED = """
+import os, resource, sys
+from ballbot_ros.bridge.realtime import Scheduling
+resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
+resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))
+os.setuid(65534)
+try:
+    Scheduling({}).prepared()
+except Exception as error:
+    print(type(error).__name__, error)
+assert os.sched_getscheduler(0) == os.SCHED_OTHER
+"""
+
+
+def may_use_realtime():
+    """Return whether this process may have a real-time priority."""
+    return subprocess.run(['chrt', '-f', '20', 'true'], capture_output=True).returncode == 0
+
+
+def run(program):
+    """Run a program and return what it prints."""
+    done = subprocess.run(
+        [sys.executable, '-c', program], capture_output=True, text=True,
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))})
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.skipif(not may_use_realtime(), reason='this user may not have real-time priority')
+def test_the_loop_goes_first_the_other_threads_second_and_memory_stays():
+    run(PREPARED)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason='only root can become somebody else')
+@pytest.mark.parametrize('asked, told', [
+    ('priority=20', ('realtime_priority 20', 'RLIMIT_RTPRIO is 0', 'limits.d', 'LimitRTPRIO',
+                     'docs/realtime.md')),
+    ('lock_memory=True', ('lock_memory', '65536 bytes', 'limits.d', 'LimitMEMLOCK=infinity',
+                          'docs/realtime.md'))])
+def test_what_the_system_does_not_allow_is_refused_with_the_remedy(asked, told):
+    text = run(REFUSED.format(asked))
+    assert text.startswith('ConfigurationError') and all(word in text for word in told), text
+
+
+def test_a_processor_that_is_not_there_is_refused_and_those_that_are_are_named():
+    with pytest.raises(ConfigurationError, match='cpu 1023 is not one') as raised:
+        Scheduling(cpu=1023).prepared()
+    assert re.search(rf'which are .*\b{min(os.sched_getaffinity(0))}\b', str(raised.value))
+
+
+def test_a_limit_on_locked_memory_counts_only_where_it_binds(monkeypatch):
+    calls = []
+
+    class Kernel:
+        """Locks everything."""
+
+        @staticmethod
+        def mlockall(flags):
+            calls.append(flags)
+            return 0
+
+    def locked(most, may):
+        monkeypatch.setattr(resource, 'getrlimit', lambda _: (most, most))
+        monkeypatch.setattr(realtime, '_may_lock', lambda: may)
+        monkeypatch.setattr(realtime, '_libc', Kernel)
+        calls.clear()
+        try:
+            Scheduling(lock_memory=True).prepared()
+        except ConfigurationError:
+            assert not calls
+        return bool(calls)
+    assert locked(resource.RLIM_INFINITY, may=False) and locked(65536, may=True)
+    assert not locked(65536, may=False)
+
+
+def test_nothing_is_asked_for_unless_somebody_does(monkeypatch, caplog):
+    caplog.set_level('INFO')
+    for name in ('sched_setscheduler', 'sched_setaffinity'):
+        monkeypatch.setattr(os, name, lambda *_: pytest.fail('asked for'))
+    names = []
+
+    def loop():
+        Scheduling().prepared().enter()
+        names.append(Path('/proc/thread-self/comm').read_text().strip())
+    thread = threading.Thread(target=loop)
+    thread.start()
+    thread.join()
+    assert names == [realtime.NAME] and not caplog.records
+
+
+def test_it_is_said_how_the_loop_runs():
+    assert Scheduling(20, 1, True).in_words == (
+        'with real-time priority 20, on processor 1, its memory locked')
+    assert Scheduling(cpu=0).in_words == (
+        'without real-time priority, on processor 0, its memory not locked')

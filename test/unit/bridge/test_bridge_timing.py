@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When a thing was measured counts, not when it was read: late and lost answers, odd stamps."""
+import pytest
+from virtual_robot import STEP, VirtualRobot
+
+PROTOCOLS = ('odrive 0.5', 'odrive 0.6', 'vesc', 'roboclaw')
+
+
+@pytest.mark.parametrize('protocol', PROTOCOLS)
+@pytest.mark.parametrize('late', [0.02, 0.04])
+def test_an_answer_that_is_read_late_spoils_no_rate(protocol, late):
+    robot = VirtualRobot(protocol, held=True, rearm=True, speed_limit=11.0).ready()
+    robot.plant.state = robot.plant.state._replace(pendulum_rate=10.0)
+    robot.run(0.05, torque=0.0)
+    robot.pass_time(late)  # the process is held up
+    worst = 0.0
+    for _ in range(30):
+        robot.run(STEP, torque=0.0)
+        estimate = robot.session.fusion.estimate
+        was = robot.history[round(estimate.stamp / STEP)]
+        worst = max(worst, abs(estimate.readings.joint_rate - was.joint_rate))
+    assert worst < 0.1 and not robot.session.supervisor.e_stop
+
+
+@pytest.mark.parametrize('protocol', PROTOCOLS)
+def test_a_lost_answer_does_not_shift_those_that_follow(protocol):
+    robot = VirtualRobot(protocol).ready()
+    robot.run(0.1, torque=0.0)
+    robot.waiting.clear()
+    for _ in range(40):
+        report = robot.run(STEP, torque=0.0)
+        if report.estimate is not None:
+            assert robot.now - report.estimate.stamp < 1.5 * STEP

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a loop calls is compiled before there is a loop."""
+import os
+import subprocess
+import sys
+
+import pytest
+
+from ballbot_ros.bridge import warm_up as module
+from ballbot_ros.compiled import COMPILED
+from ballbot_ros.physics import load_robot
+
+# A new process: in this one other tests have compiled what there is.
+PROGRAM = """
+from numba.core.dispatcher import Dispatcher
+from virtual_robot import VirtualRobot
+from ballbot_ros.control import ControlTuning, Mode, PendulumController, SetPoint
+from ballbot_ros.physics import load_robot
+
+robot = VirtualRobot(held=True)
+
+
+def compile(kernel, signature):
+    raise AssertionError(f'{kernel} is compiled for {signature}')
+
+
+Dispatcher.compile = compile
+robot.ready()
+robot.run(0.1, torque=0.1)
+for mode in Mode:
+    controller = PendulumController(load_robot('gimball'), ControlTuning())
+    for _ in range(20):
+        readings = robot.run(0.002).estimate.readings
+        controller.give(SetPoint(mode, 0.1, readings.stamp))
+        controller.torque(readings)
+"""
+
+
+@pytest.mark.skipif(not COMPILED, reason='nothing is compiled')
+def test_a_session_compiles_nothing_once_it_is_there():
+    subprocess.run([sys.executable, '-c', PROGRAM], check=True, env={
+        **os.environ, 'PYTHONPATH': os.pathsep.join([os.path.dirname(__file__), *sys.path])})
+
+
+def test_compiling_is_told_where_it_took_long(monkeypatch, caplog):
+    caplog.set_level('INFO')
+    assert module.warm_up(load_robot('gimball')) < 60.0
+    caplog.clear()
+    module.warm_up(load_robot('gimball'))
+    assert not caplog.records
+    monkeypatch.setattr(module, 'SHORT', 0.0)
+    module.warm_up(load_robot('gimball'))
+    assert 'were compiled, in 0.0 s' in caplog.text

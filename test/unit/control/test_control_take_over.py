@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A law takes over from another without a jump: from the torque in force, by a linear fade."""
+from dataclasses import replace
+
+from hypothesis import given, strategies
+import pytest
+
+from ballbot_ros.control import (
+    ControlTuning, JointReadings, load_tuning, Mode, PendulumController, SetPoint)
+from ballbot_ros.physics import load_robot
+
+GIMBALL = load_robot('gimball')
+# Without gravity and limits (11) is kp (angle - phi) - kd phi', and (12) kp (rate - theta2').
+PLAIN = ControlTuning(position_kp=6.0, position_kd=0.8, velocity_kp=0.8, torque_limit=1e9,
+                      gravity_compensation=False, blend_time=0.1)
+
+
+def at(stamp, angle=0.2, rate=0.0):
+    """Return readings of a pendulum that turns and a ball that rests."""
+    return JointReadings(stamp, 0.0, angle, 0.0, rate)
+
+
+def driven(tuning=PLAIN, set_point=SetPoint(Mode.HOLD, 0.5)):
+    """Return a controller that has followed a set-point for longer than it fades."""
+    controller = PendulumController(GIMBALL, tuning)
+    controller.give(set_point)
+    for number in range(51):
+        controller.torque(at(0.002 * number))
+    return controller
+
+
+def test_the_difference_fades_linearly_over_the_blend_time():
+    controller = driven()
+    held = 6.0 * (0.5 - 0.2)
+    assert controller.torque(at(0.2)) == pytest.approx(held)
+    controller.give(SetPoint(Mode.DRIVE, 1.0))
+    own = 0.8 * 1.0  # of a joint that rests
+    for share in (0.0, 0.25, 0.5, 0.75, 1.0, 1.5):
+        expected = own + max(0.0, 1.0 - share) * (held - own)
+        assert controller.torque(at(0.3 + 0.1 * share)) == pytest.approx(expected)
+
+
+def test_it_starts_from_what_the_motor_has_where_that_is_not_the_last_answer():
+    controller = driven()
+    controller.give(SetPoint(Mode.DRIVE, 1.0))
+    assert controller.torque(at(0.3), in_force=0.35) == pytest.approx(0.35)
+    assert controller.torque(at(0.35), in_force=9.9) == pytest.approx(0.8 + 0.5 * (0.35 - 0.8))
+
+
+def test_from_idle_a_law_begins_at_no_torque_and_idle_is_at_once():
+    controller = PendulumController(GIMBALL, PLAIN)
+    controller.torque(at(0.0))
+    controller.give(SetPoint(Mode.HOLD, 0.5))
+    assert controller.torque(at(0.01)) == 0.0
+    assert controller.torque(at(0.06)) == pytest.approx(0.5 * 1.8)
+    controller.give(SetPoint(Mode.IDLE))
+    assert controller.torque(at(0.07)) == 0.0
+    controller.give(SetPoint(Mode.HOLD, 0.5))
+    assert controller.torque(at(0.08)) == 0.0
+
+
+def test_another_value_for_the_same_law_is_no_change_of_law():
+    controller = driven()
+    controller.give(SetPoint(Mode.HOLD, -0.1))
+    assert controller.torque(at(0.3)) == pytest.approx(6.0 * (-0.1 - 0.2))
+
+
+def test_laws_that_change_while_one_takes_over_start_from_the_torque_then():
+    controller = driven()
+    controller.give(SetPoint(Mode.DRIVE, 1.0))
+    controller.torque(at(0.3))
+    before = controller.torque(at(0.35))
+    controller.give(SetPoint(Mode.HOLD, 0.0))
+    assert controller.torque(at(0.35)) == pytest.approx(before)
+    assert controller.torque(at(0.5)) == pytest.approx(-1.2)
+
+
+def test_a_reset_forgets_what_faded():
+    controller = driven()
+    controller.give(SetPoint(Mode.DRIVE, 1.0))
+    controller.torque(at(0.3))
+    controller.reset()
+    assert controller.torque(at(0.31)) == 0.0
+    controller.give(SetPoint(Mode.DRIVE, 1.0))
+    assert controller.torque(at(0.32)) == 0.0
+
+
+def test_the_published_laws_take_over_at_once():
+    assert load_tuning('published').blend_time == ControlTuning().blend_time == 0.0
+    controller, fresh = (PendulumController(GIMBALL, ControlTuning()) for _ in range(2))
+    controller.give(SetPoint(Mode.HOLD, 0.5))
+    controller.torque(at(0.1))
+    for one in (controller, fresh):
+        one.give(SetPoint(Mode.DRIVE, 1.0))
+    assert controller.torque(at(0.2)) == fresh.torque(at(0.2))
+
+
+@given(strategies.lists(strategies.tuples(
+    strategies.sampled_from([Mode.HOLD, Mode.DRIVE, Mode.SPEED]),
+    strategies.floats(-1.0, 1.0), strategies.integers(1, 60)), min_size=2, max_size=6))
+def test_no_change_of_law_makes_a_jump_and_the_limit_is_kept(orders):
+    controller = PendulumController(GIMBALL, replace(load_tuning('gentle'), torque_limit=1.5))
+    stamp, last, mode = 0.0, controller.torque(at(0.0)), Mode.IDLE
+    for wanted, value, periods in orders:
+        controller.give(SetPoint(wanted, value, stamp))
+        for number in range(periods):
+            stamp += 0.002
+            torque = controller.torque(at(stamp))
+            assert abs(torque) <= 1.5
+            if number == 0 and wanted is not mode:
+                assert torque == pytest.approx(last, abs=1e-9)
+            last = torque
+        mode = wanted

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A jump of the encoder is noticed, and a pendulum that is hit is not taken for one."""
+import math
+
+from hypothesis import given, settings, strategies as st
+import pytest
+
+from ballbot_ros.errors import EstimateLostError
+from ballbot_ros.estimation import Fusion, ImuMounting, ImuReading
+from ballbot_ros.estimation.continuity import Continuity, EncoderReading
+from ballbot_ros.physics import load_robot
+from ballbot_ros.physics.simulation.scene import read_scene
+from ballbot_ros.plant import Imu, Plant
+
+GIMBALL = load_robot('gimball')
+PERIOD = 0.002
+TWO_TURNS = 2.0 * math.tau / 50.0  # of the motor, at the joint
+PLACE = (0.05, -0.03)
+# Name -> height of the step 2 m ahead [m], speed towards it [m/s].
+HARD = {'wall': (0.3, 4.0), 'drop': (-1.0, 1.0), 'crossing': (0.031, 2.0), 'level': (0.0, 1.0)}
+
+
+@pytest.fixture(scope='module', params=HARD)
+def motion(request):
+    """Return states, torques and IMU samples of a robot that is hit."""
+    height, speed = HARD[request.param]
+    terrain = [{'flat': {'length': 2.0}}, {'step': {'height': height}}, {'flat': {'length': 30.0}}]
+    plant = Plant(read_scene(
+        {'robot': 'gimball', 'initial': {'x': 0.5, 'velocity_x': speed}, 'duration': 3.0,
+         'terrain': terrain if height else terrain[:1]}, 'test', 'test'), 1.0 / PERIOD)
+    imu = Imu(9.81, PLACE, gyro_sd=0.005, force_sd=0.1, bias=0.01, seed=3)
+    kept = []
+    for number in range(800):
+        torque, before = 1.2 * math.sin(1.2 * plant.time), plant.state
+        state = plant.advance(torque)
+        kept.append((state, torque, ImuReading(*imu.sample(before, state, number))))
+    return kept
+
+
+def followed(motion, imu=True, every=1, lag=0.0, late=lambda number: 0.0, jump=0.0, at=400,
+             rates=True):
+    """Return fusion after a motion, and the joint angles that it took for right."""
+    fusion, angles, rate = Fusion(GIMBALL, ImuMounting(*PLACE)), [], 0.0
+    for number, (state, torque, felt) in enumerate(motion):
+        rate += (state.joint_rate - rate) * min(1.0, PERIOD / lag if lag else 1.0)
+        if imu:
+            fusion.imu(felt)
+        if number % every == 0:
+            angle = state.joint_angle - late(number) * state.joint_rate \
+                + (jump if number >= at else 0.0)
+            estimate = fusion.encoder(state.time, angle, torque, rate if rates else None)
+            angles.append(estimate.readings.joint_angle)
+    return fusion, angles
+
+
+@pytest.mark.parametrize('imu', [True, False])
+@pytest.mark.parametrize('every, lag', [(1, 0.0), (1, 0.005), (5, 0.005), (10, 0.0)])
+def test_no_hit_is_taken_for_a_jump(motion, imu, every, lag):
+    fusion, _ = followed(motion, imu, every, lag)
+    assert (fusion.jumps, fusion.rezeroed) == (0, 0)
+
+
+@pytest.mark.parametrize('imu', [True, False])
+@pytest.mark.parametrize('rates', [True, False])
+def test_no_reading_that_is_up_to_3_ms_old_is_taken_for_a_jump(motion, imu, rates):
+    fusion, _ = followed(motion, imu, rates=rates,
+                         late=lambda number: 0.003 * (number * 7 % 5) / 4.0)
+    assert (fusion.jumps, fusion.rezeroed) == (0, 0)
+
+
+@pytest.mark.parametrize('jump', [TWO_TURNS, -TWO_TURNS])
+@pytest.mark.parametrize('imu, every', [(True, 1), (False, 1), (True, 5)])
+def test_two_turns_of_the_motor_are_noticed_and_the_angle_stays_right(motion, imu, every, jump):
+    _, right = followed(motion, imu, every)
+    fusion, found = followed(motion, imu, every, jump=jump)
+    assert fusion.rezeroed == 1
+    assert fusion.last_jump == pytest.approx(jump, abs=0.03)
+    # Until it is believed again the angle is a prediction.
+    assert max(abs(one - other) for one, other in zip(found, right)) < 0.04
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.floats(-25.0, 25.0), st.floats(0.12, 3.0), st.sampled_from([-1.0, 1.0]))
+def test_more_than_an_eighth_of_a_radian_is_noticed_at_any_rate(rate, jump, way):
+    kept = Continuity()
+    for number in range(10):
+        angle = rate * PERIOD * number
+        kept = kept.after(EncoderReading(PERIOD * number, angle, rate, 0.0, rate))
+        assert kept.doubt is None
+    for number in range(10, 20):
+        assert kept.doubt is None or kept.doubt.jump is None
+        angle = rate * PERIOD * number + way * jump
+        kept = kept.after(EncoderReading(PERIOD * number, angle, rate, way * jump, rate))
+        assert (kept.doubt is None) is (jump <= 0.04 + 0.003 * abs(rate))
+    assert kept.doubt is None or kept.doubt.jump == pytest.approx(way * jump)
+
+
+def test_a_velocity_that_the_jump_itself_made_does_not_explain_it():
+    # The estimator of an ODrive follows a jump within a millisecond or two.
+    kept = Continuity().after(EncoderReading(0.0, 0.0, 0.0, 0.0, 0.0))
+    kept = kept.after(EncoderReading(0.002, 0.25, 250.0, 0.25, 0.0))
+    assert kept.doubt is not None
+
+
+@pytest.mark.parametrize('angle, doubted', [
+    (0.0, True), (-0.2, True), (-0.34, True), (-0.36, False), (0.14, True), (0.16, False),
+    (0.35, False)])
+def test_after_a_pause_an_encoder_that_may_have_begun_at_0_again_is_doubted(angle, doubted):
+    # It stood at 0.5 and has moved by -0.2 in the pause, by the prediction.
+    kept = Continuity().after(EncoderReading(0.0, 0.5, -1.0, 0.0, -1.0))
+    kept = kept.after(EncoderReading(0.2, angle, -1.0, angle - 0.3, -1.0))
+    assert (kept.doubt is not None) is (doubted or abs(angle - 0.3) > 0.5)
+
+
+@pytest.mark.parametrize('rate', [1.0, 3.0, 5.0, 20.0])
+@pytest.mark.parametrize('held_up', [0.01, 0.016, 0.03])
+def test_answers_that_were_given_late_but_asked_in_time_are_no_jump(rate, held_up):
+    # A busy machine: questions of the past are all answered with the angle of now.
+    kept, jumps = Continuity(), 0
+    for number in range(60):
+        stamp = PERIOD * number
+        looked = max(stamp, 0.04 + held_up) if 0.04 <= stamp <= 0.04 + held_up else stamp
+        angle = rate * looked
+        kept = kept.after(EncoderReading(stamp, angle, rate, angle - rate * stamp, rate))
+        jumps += kept.doubt is not None and kept.doubt.jump is not None
+    assert jumps == 0 and kept.doubt is None
+
+
+def test_a_doubt_is_not_over_because_readings_pause():
+    kept = Continuity().after(EncoderReading(0.0, 0.0, 0.0, 0.0, 0.0))
+    kept = kept.after(EncoderReading(0.002, 0.4, 0.0, 0.4, 0.0))
+    assert kept.doubt is not None
+    assert kept.after(EncoderReading(0.08, 0.45, 0.0, 0.45, 0.0)).doubt is not None
+
+
+def test_a_filter_that_errs_is_corrected_by_an_encoder_that_goes_on_smoothly():
+    kept = Continuity().after(EncoderReading(0.0, 0.0, 5.0, 0.0, 5.0))
+    for number in range(1, 30):
+        kept = kept.after(EncoderReading(PERIOD * number, 5.0 * PERIOD * number, 5.0, 0.4, 5.0))
+        assert kept.doubt is None
+
+
+def test_a_single_reading_that_is_wrong_is_left_out_and_nothing_else():
+    fusion, still = Fusion(GIMBALL), Fusion(GIMBALL)
+    for number in range(20):
+        angle = 0.3 if number == 10 else 0.0
+        estimate = fusion.encoder(PERIOD * number, angle, 0.0, 0.0)
+        other = still.encoder(PERIOD * number, 0.0, 0.0, 0.0)
+        assert estimate.readings.joint_angle == pytest.approx(
+            other.readings.joint_angle, abs=1e-6)
+    assert (fusion.jumps, fusion.rezeroed) == (1, 0)
+
+
+def test_the_angle_is_relied_on_for_20_ms_and_given_up_after_100():
+    fusion = Fusion(GIMBALL)
+    fusion.encoder(0.0, 0.0, 0.0, 0.0)
+    relied_on = {}
+    with pytest.raises(EstimateLostError, match=r'for 0\.1 s the encoder has jumped') as raised:
+        for number in range(1, 100):
+            fusion.encoder(PERIOD * number, 0.5 * (-1) ** number, 0.0, 0.0)
+            relied_on[number] = fusion.is_relied_on()
+    assert 'come to rest' in str(raised.value)
+    assert [number for number, good in relied_on.items() if good] == list(range(1, 12))
+    assert max(relied_on) == 51
+    assert fusion.estimate is None and not fusion.is_relied_on()
+
+
+def test_an_encoder_that_jumps_three_times_in_5_s_is_given_up():
+    fusion, angle = Fusion(GIMBALL), 0.0
+    with pytest.raises(EstimateLostError, match='3 times within 5 s, the last time by 0.251 rad'):
+        for number in range(2000):
+            angle += TWO_TURNS if number % 500 == 100 else 0.0
+            fusion.encoder(PERIOD * number, angle, 0.0, 0.0)
+    assert number == 1109 and fusion.rezeroed == 3
+    for number in range(2000, 6000):  # one in 4 s is gone on from
+        angle += TWO_TURNS if number % 2000 == 100 else 0.0
+        fusion.encoder(PERIOD * number, angle, 0.0, 0.0)
+    assert fusion.rezeroed == 5

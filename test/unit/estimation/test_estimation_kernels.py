@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The compiled filter gives what the matrices give, and a covariance stays one."""
+from dataclasses import replace
+
+from hypothesis import given, strategies
+from matrix_filter import MatrixFilter
+import numpy as np
+import pytest
+
+from ballbot_ros.estimation import Estimate, FilterTuning, ImuReading, PendulumFilter
+from ballbot_ros.physics import load_robot
+
+GIMBALL = load_robot('gimball')
+ROBOTS = {'gimball': GIMBALL, 'heavier': replace(
+    GIMBALL, pendulum_mass=3.1, pendulum_length=0.12, pendulum_inertia=0.02, joint_friction=0.05,
+    rolling_friction=0.02, ball_inertia=0.04, gravity=3.7)}
+angles = strategies.floats(-7.0, 7.0)
+rates = strategies.floats(-30.0, 30.0)
+torques = strategies.floats(-5.0, 5.0)
+seeds = strategies.integers(0, 2**32 - 1)
+readings = strategies.builds(
+    ImuReading, strategies.just(0.0), rates, strategies.floats(-40.0, 40.0),
+    strategies.floats(-40.0, 40.0), strategies.floats(-300.0, 300.0))
+imus = strategies.none() | readings
+robots = strategies.sampled_from(sorted(ROBOTS))
+
+
+def believed(seed, angle, joint, rate, ball_rate, size=0.1):
+    """Return an estimate with any covariance."""
+    root = size * np.random.default_rng(seed).normal(size=(5, 5))
+    covariance = root @ root.T + 1e-4 * np.eye(5)
+    return Estimate(3.0, np.array([angle, joint, rate, ball_rate, 0.01]), covariance, 7.0)
+
+
+def assert_same(found, expected):
+    """Compare to rounding, entries of a covariance by the deviations that they belong to."""
+    assert found.stamp == pytest.approx(expected.stamp, abs=1e-12)
+    assert found.encoder_zero == expected.encoder_zero
+    np.testing.assert_allclose(found.mean, expected.mean, rtol=1e-12, atol=1e-12)
+    size = np.sqrt(np.diag(expected.covariance))
+    np.testing.assert_allclose(found.covariance / np.outer(size, size),
+                               expected.covariance / np.outer(size, size), rtol=0.0, atol=1e-12)
+
+
+@given(robots, seeds, angles, angles, rates, rates, torques, imus,
+       strategies.floats(1e-5, 0.02))
+def test_a_prediction_is_that_of_the_matrices(name, seed, angle, joint, rate, ball_rate, torque,
+                                              imu, duration):
+    estimate = believed(seed, angle, joint, rate, ball_rate)
+    assert_same(*(kind(ROBOTS[name]).predict(estimate, 3.0 + duration, torque, imu)
+                  for kind in (PendulumFilter, MatrixFilter)))
+
+
+@given(seeds, angles, rates, rates, strategies.floats(-0.5, 0.5))
+def test_an_encoder_angle_counts_as_in_the_matrices(seed, angle, rate, ball_rate, off):
+    estimate = believed(seed, 0.3, angle, rate, ball_rate)
+    assert_same(*(kind(GIMBALL).with_encoder(estimate, 7.0 + angle + off)
+                  for kind in (PendulumFilter, MatrixFilter)))
+
+
+@given(robots, seeds, angles, angles, rates, readings, strategies.floats(0.0, 0.1))
+def test_an_imu_reading_counts_as_in_the_matrices(name, seed, angle, joint, ball_rate, imu,
+                                                  period):
+    estimate = believed(seed, angle, joint, 1.0, ball_rate)
+    # Any force shows where down is: the gate is tested elsewhere.
+    tuning = FilterTuning(gravity_gate=1e9)
+    assert_same(*(kind(ROBOTS[name], tuning).with_imu(estimate, imu, period)
+                  for kind in (PendulumFilter, MatrixFilter)))
+
+
+@given(seeds, angles, rates, torques, imus)
+def test_an_estimate_is_a_value_that_later_ones_leave_alone(seed, angle, rate, torque, imu):
+    estimate = believed(seed, angle, 0.2, rate, 0.5)
+    mean, covariance = estimate.mean.copy(), estimate.covariance.copy()
+    kalman = PendulumFilter(GIMBALL)
+    later = kalman.with_encoder(kalman.predict(estimate, 3.004, torque, imu), 7.3)
+    if imu is not None:
+        later = kalman.with_imu(later, imu, 0.004)
+    assert (estimate.mean == mean).all() and (estimate.covariance == covariance).all()
+    assert not np.shares_memory(later.mean, mean) and later.mean.shape == (5,)
+
+
+@given(seeds, strategies.lists(strategies.tuples(torques, imus, strategies.floats(-0.3, 0.3)),
+                               min_size=1, max_size=30))
+def test_a_covariance_stays_symmetric_and_positive(seed, happenings):
+    estimate, kalman = believed(seed, 0.1, 0.2, 1.0, 0.5), PendulumFilter(GIMBALL)
+    for torque, imu, off in happenings:
+        estimate = kalman.predict(estimate, estimate.stamp + 0.002, torque, imu)
+        if imu is not None:
+            estimate = kalman.with_imu(estimate, imu, 0.002)
+        estimate = kalman.with_encoder(estimate, 7.0 + estimate.mean[1] + off)
+        largest = np.abs(estimate.covariance).max()
+        np.testing.assert_allclose(estimate.covariance, estimate.covariance.T, rtol=0.0,
+                                   atol=1e-12 * largest)
+        assert np.linalg.eigvalsh(estimate.covariance).min() >= -1e-12 * largest
