@@ -1,37 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node ``bridge``: joint commands to a real motor on a serial line, joint states back."""
-from pathlib import Path
+"""The node ``bridge``: a real motor on a serial line, and the laws that move it."""
 import sys
-from typing import Any, Callable, List, Optional
+from typing import Any, List, Optional
 
 from rclpy.clock import Clock, ClockType
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
-from ballbot_ros.bridge.connect import connector
-from ballbot_ros.bridge.feasibility import check_feasible
-from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.loop import Loop
-from ballbot_ros.bridge.session import Session
-from ballbot_ros.control import load_tuning
 from ballbot_ros.errors import BallbotError, DriveError
-from ballbot_ros.physics.model.robot import load_robot
+from ballbot_ros.msg import MotorStatus
 from ballbot_ros.ros import diagnostics
+from ballbot_ros.ros.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
 from ballbot_ros.ros.logs import DeferredLogs
 from ballbot_ros.ros.motor import Clocks, MotorOutputs
 from ballbot_ros.ros.motor_health import health
 from ballbot_ros.ros.motor_inputs import MotorInputs
+from ballbot_ros.ros.motor_session import new_session
 from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.robot_outputs import RobotOutputs
 from ballbot_ros.ros.run import run
+from ballbot_ros.ros.service_manager import ServiceManager
 from ballbot_ros.ros.settings import BridgeSettings
 
-SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 # Longest time that a thread keeps others from running [s].
 SWITCH = 5e-4
-# How often the loop is looked after [s], and a drive that was not there looked for.
-LOOK_AFTER, START_AGAIN = 0.1, 1.0
+LOOK_AFTER = 0.1  # how often the loop is looked after [s]
 
 
-class Bridge(LifecycleNode):
+class Bridge(ManagedNode):
     """
     Drives a motor; see `BridgeSettings` for what can be set.
 
@@ -44,26 +40,28 @@ class Bridge(LifecycleNode):
         """Refuse a loop that cannot work, then wait for a transition or make it."""
         super().__init__('bridge', **kwargs)
         settings = declare(self, BridgeSettings)
-        hardware = load_hardware(settings.hardware).at(settings.port, settings.baud)
-        robot = load_robot(hardware.robot)
-        check_feasible(hardware, robot, load_tuning(settings.tuning), settings.delay)
-        self._hardware = hardware
-        clocks = Clocks(self)
         self._logs = DeferredLogs('ballbot_ros.bridge')
-        self._outputs = MotorOutputs(self, clocks, settings.status_rate)
-        self._session = Session(hardware, robot, connector(
-            hardware, Path(settings.capture) if settings.capture else None))
+        self._session = new_session(self, settings)
+        self._scheduling = settings.scheduling.prepared()
+        self._hardware = self._session.hardware
+        clocks = Clocks(self)
+        self._outputs = MotorOutputs(
+            self, clocks, settings.status_rate,
+            0.0 if self._session.law is None else 1.0 / settings.joint_state_rate)
+        self._robot_outputs = RobotOutputs(
+            self, self._session, clocks, settings.odom_rate)
         self._loop: Optional[Loop] = None
+        self._service = ServiceManager()
         self._complaint = ''
         self.failure: Optional[DriveError] = None
         self._inputs = MotorInputs(self, self._session, clocks)
         self._diagnostics = diagnostics.Diagnostics(self, 'motor', lambda: health(
-            self._session, self._loop, hardware, self._inputs.imu_refused))
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(LOOK_AFTER, self._look_after, clock=steady)
+            self._session, self._loop, self._hardware, self._inputs.imu_refused,
+            self._inputs.authority))
+        self.create_timer(LOOK_AFTER, self._look_after,
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
         if settings.autostart:
-            self._starting = self.create_timer(START_AGAIN, self._start, clock=steady)
-            self._start()
+            Autostart(self)
 
     # Lifecycle
 
@@ -80,13 +78,18 @@ class Bridge(LifecycleNode):
             f'{identity.in_words}, on {self._hardware.connection.port}; '
             + ', '.join(f'{item.name} {item.value}' for item in settings))
         self._loop = Loop(
-            self._session, self._hardware.connection.loop_rate, self._outputs.publish)
+            self._session, self._hardware.connection.loop_rate, self._outputs.publish,
+            self._robot_outputs.publish, self._service.beat, scheduling=self._scheduling)
         return SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let the motor have power, once the e-stop is released."""
-        if not self._done(self._session.activate):
+        try:
+            self._session.activate()
+        except BallbotError as error:
+            self.get_logger().error(str(error))
             return FAILURE
+        self._service.ready()
         self.get_logger().info(
             'active; the e-stop is engaged, release it with: ros2 service call '
             f'{self.get_fully_qualified_name()}/release_e_stop std_srvs/srv/Trigger')
@@ -100,22 +103,25 @@ class Bridge(LifecycleNode):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop the motor and close the line."""
-        self.make_safe()
+        self._close()
+        self._outputs.publish_end(MotorStatus.OFF, self._session)
         return SUCCESS
 
     on_shutdown = on_error = on_cleanup
 
     def make_safe(self) -> None:
-        """Stop the motor and close the line."""
+        """Stop the motor, close the line, and say that this is the end."""
+        self._service.stopping()
+        self._close()
+        self._outputs.publish_end(MotorStatus.ENDED, self._session)
+
+    def _close(self) -> None:
         loop, self._loop = self._loop, None
         if loop is not None:
             loop.end()
         self._session.close()
+        self._session.engage('the bridge was shut down')
         self._logs.forward()
-
-    def _start(self) -> None:
-        if self.trigger_configure() is SUCCESS and self.trigger_activate() is SUCCESS:
-            self._starting.cancel()
 
     def _look_after(self) -> None:
         """Log what the loop has logged, and end when it has ended."""
@@ -123,15 +129,7 @@ class Bridge(LifecycleNode):
         self._outputs.publish_e_stop(bool(self._session.supervisor.e_stop))
         if self._loop is not None and self._loop.failure is not None:
             self.failure = DriveError('loop_failed', f'the loop ended: {self._loop.failure!r}')
-
-    def _done(self, act: Callable[[], None]) -> bool:
-        """Do something; log why it cannot be done, and return False then."""
-        try:
-            act()
-        except BallbotError as error:
-            self.get_logger().error(str(error))
-            return False
-        return True
+        self._service.look(self._session, self._loop, self.failure)
 
 
 def main(args: Optional[List[str]] = None) -> int:

@@ -11,16 +11,17 @@ from geometry_msgs.msg import TwistStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
 
 from ballbot_ros.control import (
-    check_loop, load_tuning, lowest_stable_rate, Mode, PendulumController, SetPoint,
-    SupervisedController, Supervision, Watchdog)
+    checked_controller, load_tuning, SetPoint, Supervision, Watchdog)
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
-from ballbot_ros.ros.conversions import command_message, readings, set_point, to_seconds
+from ballbot_ros.ros.conversions import command_message, readings, set_point, speed_set_point
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription, wait_until_received
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
+from ballbot_ros.ros.senders import own_name
 from ballbot_ros.ros.settings import ControllerSettings
 
 
@@ -31,31 +32,31 @@ class Controller(Node):
         """Refuse a loop that would diverge, then wait for joint states."""
         super().__init__('controller', **kwargs)
         settings = declare(self, ControllerSettings)
-        self._robot = load_robot(settings.robot)
+        robot = load_robot(settings.robot)
         tuning = load_tuning(settings.tuning)
         if settings.torque_limit > 0.0:
             tuning = replace(tuning, torque_limit=settings.torque_limit)
-        controller = PendulumController(self._robot, tuning)
-        laws = (Mode.HOLD, Mode.DRIVE, Mode.SPEED)
-        for law in laws:
-            check_loop(self._robot, tuning, law, settings.rate, settings.delay)
-        lowest = max(lowest_stable_rate(self._robot, tuning, law, settings.delay)
-                     for law in laws)
-        self._controller = SupervisedController(controller, Supervision(
-            lowest, settings.set_point_timeout, settings.lockstep_set_point_period))
+        self._controller = checked_controller(
+            robot, tuning, settings.rate, settings.delay, Supervision(
+                set_point_timeout=settings.set_point_timeout,
+                set_point_period=settings.lockstep_set_point_period))
         self._watchdog = Watchdog(settings.state_timeout)
         self._newest = self._answered = Time()
         self._torque = 0.0
         self._refused: Counter = Counter()
+        self._name = own_name(self)
         self._commands = create_publisher(self, JointState, 'joint_commands', qos.NEWEST)
         self._subscribe(JointState, 'joint_states', self._on_state)
-        self._subscribe(JointState, 'set_point', self._on_set_point)
-        self._subscribe(TwistStamped, 'cmd_vel', self._on_cmd_vel)
+        self._subscribe(JointState, 'set_point', lambda one: self._give(set_point(one)))
+        self._subscribe(TwistStamped, 'cmd_vel',
+                        lambda one: self._give(speed_set_point(one)))
+        create_subscription(self, Bool, 'e_stop', self._on_e_stop, qos.LATCHED)
         self._diagnostics = diagnostics.Diagnostics(self, 'pendulum', self._health)
         # In lockstep time stands still between states, for as long as somebody needs.
         if not settings.lockstep_set_point_period:
             self.create_timer(settings.state_timeout / 4, self._watch,
                               clock=Clock(clock_type=ClockType.STEADY_TIME))
+        lowest = self._controller.expected.lowest_rate
         self.get_logger().info(f'these gains need joint states at {lowest:.0f} Hz or more')
 
     def _subscribe(self, kind: Any, topic: str, take: Callable[[Any], None]) -> None:
@@ -78,16 +79,17 @@ class Controller(Node):
             self.get_logger().info('joint states have arrived')
         self._watchdog.feed(time.monotonic())
 
-    def _on_set_point(self, message: JointState) -> None:
+    def _give(self, given: SetPoint) -> None:
         """Take a set-point; one without a stamp counts from the newest joint state."""
-        given = set_point(message)
         self._controller.give(
             given if given.stamp else replace(given, stamp=self._controller.time))
 
-    def _on_cmd_vel(self, message: TwistStamped) -> None:
-        """Take a forward speed as a set-point of the speed law."""
-        stamp = to_seconds(message.header.stamp) or self._controller.time
-        self._controller.give(SetPoint(Mode.SPEED, message.twist.linear.x, stamp))
+    def _on_e_stop(self, message: Bool) -> None:
+        """Set the torque to 0 and forget the set-point while the e-stop is engaged."""
+        self._controller.hear_e_stop(message.data)
+        if message.data and self._watchdog.fed:
+            self._command(0.0)
+        self._diagnostics.publish()
 
     def _answer(self) -> None:
         """Publish the torque for the newest joint state, if it is to be answered now."""
@@ -100,7 +102,7 @@ class Controller(Node):
         # Never stamped with a state that is still to be answered: in lockstep a zero from the
         # watchdog would otherwise pass for its answer.
         self._torque = torque
-        self._commands.publish(command_message(self._answered, torque))
+        self._commands.publish(command_message(self._answered, torque, self._name))
 
     def _watch(self) -> None:
         """Set the torque to 0 when no joint state comes any more."""
@@ -128,6 +130,8 @@ class Controller(Node):
             return diagnostics.WARN, 'waiting for joint_states', values
         if self._watchdog.expired(time.monotonic()):
             return diagnostics.WARN, 'no joint_states any more, torque is 0', values
+        if self._controller.e_stop:
+            return diagnostics.WARN, 'the e-stop is engaged, torque is 0', values
         if self._controller.too_slow:
             return diagnostics.ERROR, 'joint_states come too rarely, torque is 0', values
         if self._controller.overcome:

@@ -12,6 +12,7 @@ from sensor_msgs.msg import Imu as ImuMessage
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import Emulator
+from ballbot_ros.emulator.imu_line import ImuLine
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.msg import BallState, StepObservation, TerrainObservation
 from ballbot_ros.physics import load_scene
@@ -35,9 +36,9 @@ class EmulatedRobot(Node):
     """
     Stands for a whole robot, but for its bridge; see `EmulatedRobotSettings`.
 
-    It publishes imu, odom, step_observation, terrain_observation and the true ball_state, stamped
-    with the time of the wall as those of a real robot are.  Joint states are not among them: these
-    the bridge publishes.
+    It publishes imu, step_observation, terrain_observation and the true ball_state, stamped with
+    the time of the wall as those of a real robot are.  Joint states and odometry are not among
+    them: these the bridge publishes.  Its IMU can sit on a serial device instead, for a node imu.
     """
 
     def __init__(self, **kwargs: Any):
@@ -52,7 +53,9 @@ class EmulatedRobot(Node):
         self._sensor = Sensor(scene.model.terrain, REACH)
         self._camera = TerrainSensor(scene.model.terrain, REACH)
         self._readings = create_publisher(self, ImuMessage, 'imu', qos.STATE)
-        self._odometry = create_publisher(self, Odometry, 'odom', qos.STATE)
+        self._imu_line = ImuLine(Path(settings.imu_link)) if settings.imu_link else None
+        self._odometry = create_publisher(
+            self, Odometry, 'odom', qos.STATE) if settings.publish_odom else None
         self._observation = create_publisher(self, StepObservation, 'step_observation', qos.STATE)
         self._terrain = create_publisher(
             self, TerrainObservation, 'terrain_observation', qos.STATE)
@@ -81,12 +84,15 @@ class EmulatedRobot(Node):
         now = 1e-9 * self.get_clock().now().nanoseconds
         self._before, self._number = state, self._number + 1
         sample = self._imu.sample(before, state, self._number)
-        self._readings.publish(imu_message(now, *sample[1:]))
+        if self._imu_line is None:
+            self._readings.publish(imu_message(now, *sample[1:]))
+        else:
+            self._imu_line.measure(*sample[1:])
         here = state._replace(time=now)
         if self._number % TRUTH_EVERY == 0:
             self._truth.publish(ball_state_message(
                 here, self._emulator.pendulum_torque, self._model))
-        if self._number % ODOM_EVERY == 0:
+        if self._odometry is not None and self._number % ODOM_EVERY == 0:
             self._odometry.publish(odometry_message(here))
         if self._number % OBSERVATION_EVERY == 0:
             sight = self._sensor.look(state.x, self._number // OBSERVATION_EVERY)
@@ -99,6 +105,8 @@ class EmulatedRobot(Node):
     def make_safe(self) -> None:
         """Unplug."""
         self._emulator.stop()
+        if self._imu_line is not None:
+            self._imu_line.stop()
         if self._emulator.dropped:
             self.get_logger().warning(
                 f'{self._emulator.dropped} ms were given up because the machine was too slow')

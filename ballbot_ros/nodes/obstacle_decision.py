@@ -8,22 +8,22 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import (
     check_decision, Decider, Kind, Knowledge, load_curve, load_decision_tuning, Observation)
-from ballbot_ros.msg import StepDecision, StepObservation, TerrainObservation
+from ballbot_ros.msg import StepObservation, TerrainObservation
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import (
-    decision_message, motion, observation, set_point_message, terrain_observation, to_seconds,
-    to_time)
-from ballbot_ros.ros.endpoints import create_publisher, create_subscription, wait_until_received
+    exact, motion, observation, terrain_observation, to_seconds)
+from ballbot_ros.ros.decision_outputs import DecisionOutputs
+from ballbot_ros.ros.endpoints import create_subscription
 from ballbot_ros.ros.outcomes import Experience
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import DecisionSettings
+from ballbot_ros.ros.standstill import Standstill
 
 # Where observations come more slowly, set-points are published with the odometry in between [s].
 LONGEST_SILENCE = 0.025
@@ -53,80 +53,81 @@ class ObstacleDecision(Node):
         self._observed: Any = None  # the newest observation that waits for odometry
         self._seen: Dict[type, Tuple[int, int]] = {}
         self._counts: Counter = Counter()
-        self._answer: Optional[Tuple[StepDecision, JointState]] = None
-        self._decisions = create_publisher(self, StepDecision, 'step_decision', qos.LATCHED)
-        self._set_points = create_publisher(self, JointState, 'set_point', qos.NEWEST)
+        self._outputs = DecisionOutputs(self)
         for topic, kind, convert in (
                 ('step_observation', StepObservation, observation),
                 ('terrain_observation', TerrainObservation, terrain_observation)):
             create_subscription(self, kind, topic, partial(self._on_observation, convert),
                                 qos.SHORT)
         create_subscription(self, Odometry, 'odom', self._on_odometry, qos.SHORT)
+        self._standstill = Standstill(self, self._stand)
         self._diagnostics = diagnostics.Diagnostics(self, 'decision', self._health)
 
     def _on_observation(self, convert: Callable[[Any], Observation], message: Any) -> None:
-        if self._seen.get(type(message)) == _key(message):
+        if self._seen.get(type(message)) == exact(message):
             # The observation is repeated: to decide again might give another answer.
             if self._observed is None:
-                self._publish()
+                self._outputs.repeat()
             return
-        self._seen[type(message)] = _key(message)
+        self._seen[type(message)] = exact(message)
         self._decider.observe(convert(message))
         self._observed = message
         self._decide_pending()
 
     def _on_odometry(self, message: Odometry) -> None:
-        if self._odometry is not None and _key(message) < _key(self._odometry):
+        if self._odometry is not None and exact(message) < exact(self._odometry):
             self.get_logger().warning('time went back: all observations so far are dropped')
-            self._decider.reset()
-            self._observed, self._answer = None, None
-            self._seen.clear()
+            self._forget()
         self._odometry = message
         self._decider.move(motion(message))
         self._decide_pending()
         # Between observations, and when they have ended, the ball is driven all the same.
-        if self._answer is not None and to_seconds(message.header.stamp) \
-                - to_seconds(self._answer[1].header.stamp) > LONGEST_SILENCE:
+        if to_seconds(message.header.stamp) - self._outputs.time > LONGEST_SILENCE:
             self._decide(message.header.stamp)
+
+    def _forget(self) -> None:
+        self._decider.reset()
+        self._outputs.forget()
+        self._observed = self._odometry = None
+        self._seen.clear()
+
+    def _stand(self) -> None:
+        """Forget what was decided, so that no plan outlives an e-stop, and ask for rest."""
+        self._forget()
+        self._outputs.rest(Time())
 
     def _decide_pending(self) -> None:
         """Decide on the newest observation when there is odometry that is not older."""
         if self._observed is not None and self._odometry is not None \
-                and _key(self._odometry) >= _key(self._observed):
+                and exact(self._odometry) >= exact(self._observed):
             stamp, self._observed = self._observed.header.stamp, None
             self._decide(stamp)
 
     def _decide(self, stamp: Time) -> None:
         """Publish a decision stamped like its observation, and the set-point for now."""
+        if self._standstill.standing:
+            return self._outputs.rest(self._odometry.header.stamp)
         before = self._decider.decision
         answer = self._decider.decide()
         decision = answer.decision
         self._experience.keep(self._decider.outcome)
         self._counts[decision.kind.value] += 1
-        # In lockstep the stamp of the set-point names the period that it is for.
-        self._answer = (decision_message(stamp, decision),
-                        set_point_message(to_time(answer.stamp), answer.set_angle))
-        self._publish()
+        self._outputs.decide(stamp, answer)
         if before is None or (before.kind, before.reason) != (decision.kind, decision.reason):
             self.get_logger().info(f'{decision.kind.name}: {decision.explanation}')
 
-    def _publish(self) -> None:
-        """Publish the newest decision and its set-point."""
-        if self._answer is not None:
-            self._decisions.publish(self._answer[0])
-            self._set_points.publish(self._answer[1])
-
     def make_safe(self) -> None:
         """Let the pendulum down."""
-        if self._answer is not None and self._odometry is not None:
-            self._set_points.publish(set_point_message(self._odometry.header.stamp, 0.0))
-            wait_until_received(self._set_points)
+        if self._odometry is not None:
+            self._outputs.end(self._odometry.header.stamp)
         self._experience.close()
 
     def _health(self) -> Tuple[bytes, str, dict]:
         """Return level, message and numbers for /diagnostics."""
         values: Dict[str, object] = {**self._experience.problem, **{
             f'decided_{kind}': number for kind, number in self._counts.items()}}
+        if self._standstill.standing:
+            return diagnostics.WARN, self._standstill.reason, values
         decision, profile = self._decider.decision, self._decider.profile
         if decision is None:
             return diagnostics.WARN, 'waiting for step_observation and odom', values
@@ -134,11 +135,6 @@ class ObstacleDecision(Node):
         rejected = profile is not None and profile.rejection is not None
         level = diagnostics.WARN if rejected or decision.kind is Kind.STOP else diagnostics.OK
         return level, decision.explanation, values
-
-
-def _key(message: Any) -> Tuple[int, int]:
-    """Return a stamp for exact comparison."""
-    return message.header.stamp.sec, message.header.stamp.nanosec
 
 
 def main(args: Optional[List[str]] = None) -> int:

@@ -17,6 +17,7 @@ from ballbot_ros.plant import Plant
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import command_torque, to_seconds, to_time
 from ballbot_ros.ros.endpoints import create_service, create_subscription, create_trigger
+from ballbot_ros.ros.laws_inside import check_control, LawsInside
 from ballbot_ros.ros.outputs import Outputs
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
@@ -35,6 +36,7 @@ class Simulator(Node):
             raise ConfigurationError(
                 'use_sim_time must be false for the simulator: it makes the simulated time')
         self._settings = settings = declare(self, SimulatorSettings)
+        check_control(settings)
         scene = load_scene(settings.scene, settings.robot or None,
                            Solver(settings.method, settings.physics_step))
         self._plant = Plant(scene, settings.control_rate, settings.torque_limit or None,
@@ -42,7 +44,9 @@ class Simulator(Node):
         self._gate = CommandGate(settings.command_timeout)
         outputs = Outputs(self, self._plant, settings)
         self._diagnostics = diagnostics.Diagnostics(self, 'simulation', self._health)
-        self._scheduler = Scheduler(self._plant, self._gate, outputs, settings,
+        self._laws = LawsInside(self, self._plant, settings) \
+            if settings.control == 'onboard' else None
+        self._scheduler = Scheduler(self._plant, self._laws or self._gate, outputs, settings,
                                     self.get_logger(), self._diagnostics.publish)
         create_subscription(self, JointState, 'joint_commands', self._on_command, qos.NEWEST)
         for name, act in (('pause', self._pause), ('resume', self._resume),
@@ -56,6 +60,10 @@ class Simulator(Node):
     def _on_command(self, message: JointState) -> None:
         """Take a command; in lockstep the right one lets time go on."""
         try:
+            if self._laws is not None:
+                raise MessageError(
+                    'onboard', 'joint_commands are not followed while the laws run inside: send '
+                    'set_point or cmd_vel, or start the simulator with control:=direct')
             torque = command_torque(message)
         except MessageError as error:
             self._gate.refuse(error.reason)
@@ -114,6 +122,8 @@ class Simulator(Node):
             'commands_accepted': self._gate.accepted,
             'error_estimate': f'{self._plant.error_estimate:.1e}',
             **diagnostics.refusals('commands', self._gate.refused)}
+        if self._laws is not None:
+            values.update(self._laws.values, set_points_refused=sum(self._laws.refused.values()))
         if self._scheduler.failure is not None:
             return diagnostics.ERROR, str(self._scheduler.failure), values
         if self._plant.lost_at < math.inf:

@@ -1,22 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """Between messages and the values of the pure layers; every message is checked here."""
 import math
-from typing import Sequence
+from typing import Any, Sequence, Tuple
 
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
+import numpy as np
+from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import JointReadings, Mode, SetPoint
 from ballbot_ros.decision import (
     Decision, Kind, Motion, Outlook, Reason, StepObservation, TerrainObservation)
 from ballbot_ros.errors import MessageError
+from ballbot_ros.estimation import OdometryState
 from ballbot_ros.msg import (
     BallState, Contact, StepDecision, StepObservation as StepObservationMsg,
     TerrainObservation as TerrainObservationMsg)
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.plant import Sensor, Sight, TerrainSight
+
+# Variances of what is known by definition (all zeros would mean that nobody knows), and of what is
+# not known; squares of metres, radians, or these per second.
+EXACT, UNKNOWN = 1e-12, 1e6
+Variances = NDArray[np.float64]
 
 SHELL, PENDULUM = 'shell', 'pendulum'
 JOINTS = [SHELL, PENDULUM]
@@ -31,6 +40,11 @@ def to_time(seconds: float) -> Time:
 def to_seconds(stamp: Time) -> float:
     """Return a stamp in seconds."""
     return stamp.sec + 1e-9 * stamp.nanosec
+
+
+def exact(message: Any) -> Tuple[int, int]:
+    """Return the stamp of a message for exact comparison."""
+    return message.header.stamp.sec, message.header.stamp.nanosec
 
 
 def _joint_value(message: JointState, joint: str, values: Sequence[float], what: str) -> float:
@@ -64,10 +78,14 @@ def command_torque(message: JointState) -> float:
     return _joint_value(message, PENDULUM, message.effort, 'effort')
 
 
-def command_message(stamp: Time, torque: float) -> JointState:
-    """Return a joint command for the pendulum; its stamp is that of the state it answers."""
+def command_message(stamp: Time, torque: float, sender: str = '') -> JointState:
+    """
+    Return a joint command for the pendulum.
+
+    Its stamp is that of the state it answers; see `senders` for who sends it.
+    """
     message = JointState(name=[PENDULUM], effort=[torque])
-    message.header.stamp = stamp
+    message.header.stamp, message.header.frame_id = stamp, sender
     return message
 
 
@@ -138,22 +156,58 @@ def set_point(message: JointState) -> SetPoint:
     return SetPoint(Mode.IDLE, 0.0, stamp)
 
 
-def set_point_message(stamp: Time, angle: float) -> JointState:
-    """Return a set-point for law (11): an absolute pendulum angle [rad]."""
+def speed_set_point(message: TwistStamped) -> SetPoint:
+    """Return the forward speed as a set-point of the speed law; raises if it is not finite."""
+    return SetPoint(Mode.SPEED, message.twist.linear.x, to_seconds(message.header.stamp))
+
+
+def set_point_message(stamp: Time, angle: float, sender: str = '') -> JointState:
+    """Return a set-point for law (11): an absolute pendulum angle [rad]; see `senders`."""
     message = JointState(name=[PENDULUM], position=[angle])
-    message.header.stamp = stamp
+    message.header.stamp, message.header.frame_id = stamp, sender
     return message
 
 
 def odometry_message(state: State) -> Odometry:
-    """Return the pose and velocity of the level, non-rolling frame at the ball centre."""
-    message = Odometry(child_frame_id='base_link')
-    message.header.frame_id = 'odom'
-    message.header.stamp = to_time(state.time)
+    """Return the true pose and velocity of the level, non-rolling frame at the ball centre."""
+    message = _odometry(state.time, np.full(6, EXACT), np.full(6, EXACT))
     message.pose.pose.position.x = state.x
     message.pose.pose.position.z = state.y
     message.twist.twist.linear.x = state.velocity_x
     message.twist.twist.linear.z = state.velocity_y
+    return message
+
+
+def estimated_odometry_message(stamp: float, state: OdometryState, radius: float) -> Odometry:
+    """
+    Return pose and velocity of the same frame as an encoder and an IMU know them.
+
+    Parameters
+    ----------
+    stamp : float
+        ROS time [s].
+    state : OdometryState
+    radius : float
+        Height of the centre above the floor on which the ball started [m]: what it climbs is
+        not known, nor where it turns to.
+
+    """
+    pose, twist = (np.array([variance + EXACT, UNKNOWN, UNKNOWN, EXACT, EXACT, UNKNOWN])
+                   for variance in (state.position_variance, state.speed_variance))
+    message = _odometry(stamp, pose, twist)
+    message.pose.pose.position.x = state.position
+    message.pose.pose.position.z = radius
+    message.twist.twist.linear.x = state.speed
+    return message
+
+
+def _odometry(stamp: float, pose: Variances, twist: Variances) -> Odometry:
+    """Return odometry with variances of x, y, z and about these axes."""
+    message = Odometry(child_frame_id='base_link')
+    message.header.frame_id = 'odom'
+    message.header.stamp = to_time(stamp)
+    message.pose.covariance, message.twist.covariance = (
+        np.diag(variances).ravel() for variances in (pose, twist))
     return message
 
 

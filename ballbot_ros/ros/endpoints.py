@@ -84,6 +84,13 @@ def wait_until_received(publisher: Publisher) -> None:
     publisher.wait_for_all_acked(Duration(seconds=RECEIVED_TIMEOUT))
 
 
+def publisher_names(node: Node, topic: str) -> str:
+    """Return the names of the nodes that publish on a topic, in one line."""
+    found = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
+    return ', '.join(sorted({
+        f'{one.node_namespace.rstrip("/")}/{one.node_name}' for one in found}))
+
+
 def mismatches(node: Node) -> List[str]:
     """Return a sentence for each pair of this node and another whose profiles do not match."""
     own = node.get_name()

@@ -49,6 +49,8 @@ class DeferredLogs:
         self._logger = logging.getLogger(name)
         self._queue: SimpleQueue[logging.LogRecord] = SimpleQueue()
         self._logger.handlers, self._logger.propagate = [QueueHandler(self._queue)], False
+        # Those above do not take any before the node is there.
+        self._logger.setLevel(logging.INFO)
 
     def forward(self) -> None:
         """Log what was held back."""

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The messages of the motor bridge, and the clock that they are stamped with."""
 import math
+import threading
 import time
 from typing import Optional
 
@@ -9,18 +10,25 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Bool
 
 from ballbot_ros.bridge.motor_state import MotorState
-from ballbot_ros.bridge.session import Report
+from ballbot_ros.bridge.session import Report, Session
+from ballbot_ros.control import Mode
 from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import Estimate, ImuReading
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.ros import qos
-from ballbot_ros.ros.conversions import JOINTS, to_seconds, to_time
-from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.conversions import to_seconds, to_time
+from ballbot_ros.ros.endpoints import create_publisher, wait_until_received
+from ballbot_ros.ros.joint_state_bytes import JointStateBytes
 
 # REP 145: an IMU says with this that it has no such sensor.
 NOT_REPORTED = -1.0
-# Two clocks are read one after the other, and in between others may run for so long [s].
-LOOKING = 0.005
+# Two clocks are read one after the other; where others run in between, and that takes longer, it
+# is not looked [s].  Clocks that drift apart by this are followed.
+LOOKING = 0.002
+STEP = 0.1  # a clock that jumps by more than this was set [s]
+# Of a motor_status, unknown once the loop has ended.
+NUMBERS = ('set_value', 'pendulum_angle', 'pendulum_angle_sd', 'pendulum_rate_sd', 'current',
+           'bus_voltage', 'bus_current', 'temperature', 'motor_temperature')
 # Until they are read again [s]; shorter than any timeout that rests on them.
 LOOK_AGAIN = 0.02
 
@@ -30,7 +38,7 @@ class Clocks:
     Between stamps (ROS time) and the steady clock that all timeouts are counted on.
 
     How far they are apart is looked up again and again, and kept unless it has changed by more
-    than looking takes on a busy machine: so order is kept, and a clock that is set is followed.
+    than looking takes: so order is kept, and a clock that is set is followed and told.
 
     Parameters
     ----------
@@ -40,7 +48,7 @@ class Clocks:
 
     def __init__(self, node: Node):
         """Use the clock of the node."""
-        self._clock = node.get_clock()
+        self._clock, self._logger = node.get_clock(), node.get_logger()
         self._apart = math.inf
         self._look_at = 0.0
 
@@ -48,11 +56,24 @@ class Clocks:
     def _ahead(self) -> float:
         now = time.monotonic()
         if now >= self._look_at:
-            self._look_at = now + LOOK_AGAIN
-            apart = 1e-9 * float(self._clock.now().nanoseconds) - time.monotonic()
-            if abs(apart - self._apart) > LOOKING:
-                self._apart = apart
+            self._look(now)
         return self._apart
+
+    def _look(self, now: float) -> None:
+        """Look how far the clocks are apart; where that took long, do it again soon."""
+        stamp = 1e-9 * float(self._clock.now().nanoseconds)
+        after = time.monotonic()
+        if after - now > LOOKING and math.isfinite(self._apart):
+            return  # this process was held up between the clocks
+        self._look_at = after + LOOK_AGAIN
+        apart = stamp - 0.5 * (now + after)
+        change = apart - self._apart
+        if abs(change) > LOOKING:
+            if STEP < abs(change) < math.inf:
+                self._logger.warning(
+                    f'the clock of this machine was set by {change:+.3f} s: stamps go on from '
+                    'there, no timeout depends on it')
+            self._apart = apart
 
     def steady(self, stamp: float) -> float:
         """Return the time of a stamp on the steady clock [s]."""
@@ -103,55 +124,81 @@ class MotorOutputs:
     clocks : Clocks
     status_rate : float
         [Hz]
+    joint_state_period : float
+        [s]; 0 for each estimate.
 
     """
 
-    def __init__(self, node: Node, clocks: Clocks, status_rate: float):
+    def __init__(self, node: Node, clocks: Clocks, status_rate: float,
+                 joint_state_period: float = 0.0):
         """Create the publishers."""
         self._clocks, self._status_period = clocks, 1.0 / status_rate
+        self._joint_period, self._joints_due = joint_state_period, 0.0
         self._joints = create_publisher(node, JointState, 'joint_states', qos.STATE)
+        self._joint_states = JointStateBytes()
         self._status = create_publisher(node, MotorStatus, 'motor_status', qos.STATE)
         self._e_stop = create_publisher(node, Bool, 'e_stop', qos.LATCHED)
         self._published: Optional[bool] = None
+        self._telling = threading.Lock()
         self._next, self._state = 0.0, ''
         self._estimate: Optional[Estimate] = None
         self.publish_e_stop(True)
 
     def publish_e_stop(self, engaged: bool) -> None:
         """Publish whether the e-stop is engaged, if that has changed."""
-        if engaged is not self._published:
-            self._published = engaged
-            self._e_stop.publish(Bool(data=engaged))
+        with self._telling:  # the loop and the executor both tell it
+            if engaged is not self._published:
+                self._published = engaged
+                self._e_stop.publish(Bool(data=engaged))
 
     def publish(self, report: Report) -> None:
         """Publish what a period of the loop has found."""
-        self._estimate = report.estimate or self._estimate
-        if report.estimate is not None:
-            self._joints.publish(self._joint_states(report.estimate, report.torque))
+        estimate = report.estimate
+        if estimate is not None:
+            self._estimate = estimate
+            # A quarter of a period early is on time: estimates come when they come.
+            if estimate.stamp >= self._joints_due - 0.25 * self._joint_period:
+                due = self._joints_due + self._joint_period
+                self._joints_due = due if due > estimate.stamp else (
+                    estimate.stamp + self._joint_period)
+                self._joints.publish(self._joint_states.of(
+                    self._clocks.stamp(estimate.stamp), estimate.readings, report.torque))
         self.publish_e_stop(bool(report.e_stop))
         state = state_of(report)
         if report.time >= self._next or state != self._state:
             self._next, self._state = report.time + self._status_period, state
             self._status.publish(self._motor_status(report, state))
 
-    def _joint_states(self, estimate: Estimate, torque: float) -> JointState:
-        now = estimate.readings
-        message = JointState(
-            name=JOINTS, position=[now.ball_angle, now.joint_angle],
-            velocity=[now.ball_rate, now.joint_rate], effort=[0.0, torque])
-        message.header.stamp = to_time(self._clocks.stamp(estimate.stamp))
-        return message
+    def publish_end(self, state: str, session: Session) -> None:
+        """Publish that the loop has ended, and how it left the motor; wait until it came."""
+        e_stop, unconfirmed = session.supervisor.e_stop, session.control.unconfirmed
+        message = MotorStatus(
+            state=state, e_stop=e_stop, derating=1.0,
+            warnings=[unconfirmed] if unconfirmed else [],
+            control=MotorStatus.ONBOARD if self._joint_period else MotorStatus.DIRECT,
+            **dict.fromkeys(NUMBERS, math.nan))
+        message.header.stamp = to_time(self._clocks.stamp(time.monotonic()))
+        self.publish_e_stop(bool(e_stop))
+        self._state = state
+        self._status.publish(message)
+        wait_until_received(self._status)
 
     def _motor_status(self, report: Report, state: str) -> MotorStatus:
-        estimate, drive = self._estimate, report.telemetry
+        estimate, drive, law = self._estimate, report.telemetry, report.set_point
         message = MotorStatus(
             state=state, e_stop=report.e_stop, torque=report.torque,
             pendulum_angle=estimate.readings.pendulum_angle if estimate else math.nan,
             pendulum_angle_sd=estimate.angle_sd if estimate else math.nan,
             pendulum_rate_sd=estimate.rate_sd if estimate else math.nan,
             current=_number(drive.current), bus_voltage=_number(drive.bus_voltage),
+            bus_current=_number(drive.bus_current), set_value=math.nan,
+            control=MotorStatus.DIRECT if law is None else MotorStatus.ONBOARD,
+            law='' if law is None else law.mode.value, derating=report.condition.part,
+            warnings=(*drive.warnings, *report.condition.warnings),
             temperature=_number(drive.temperature),
             motor_temperature=_number(drive.motor_temperature), faults=drive.faults)
+        if law is not None and law.mode is not Mode.IDLE:
+            message.set_value = law.value
         message.header.stamp = to_time(self._clocks.stamp(report.time))
         return message
 
@@ -166,6 +213,8 @@ def state_of(report: Report) -> str:
         return MotorStatus.E_STOP
     if report.state is MotorState.DISARMED:
         return MotorStatus.OFF
+    if report.needs_imu:
+        return MotorStatus.NO_IMU
     if report.timed_out:
         return MotorStatus.TIMED_OUT
     return MotorStatus.FOLLOWING if report.commanded else MotorStatus.WAITING

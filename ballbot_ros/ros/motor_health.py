@@ -3,25 +3,42 @@
 from typing import Mapping, Optional
 
 from ballbot_ros.bridge.hardware_file import Hardware
+from ballbot_ros.bridge.imu_watch import STEADY
 from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.session import Session
+from ballbot_ros.control import Authority
 from ballbot_ros.ros import diagnostics
 
 # What is published: the table of docs/nodes.md.  A word in capitals stands for many.
 VALUES: Mapping[str, str] = {
-    'port': 'serial device or URL',
+    'port': 'serial device, URL or CAN interface',
     'protocol': 'that the drive speaks',
     'firmware': 'of the drive; empty before it was found',
     'serial_number': 'of the drive; empty where it reports none',
     'e_stop': 'why it is engaged; empty when it is not',
     'faults': 'that the drive names; empty for none, or while it is away',
     'torque': 'in force at the pendulum [N m]',
-    'imu': '`received` or `silent`',
+    'warnings': 'of the drive, the battery and the heat, told before anything is cut',
+    'derating': 'part of torque_limit that battery and heat leave',
+    'battery_voltage': 'at rest, smoothed [V]; nan before it was read',
+    'motor_warmth': 'of the winding by its torque; 1 is what it bears for good',
+    'imu': '`received`, `silent`, or `returning`: it was, and has not come for long enough yet',
+    'commander': 'whose joint_commands are followed, or on board whose set-points; empty before '
+                 'there was one',
     'commands_accepted': 'joint_commands that came fresh and in order',
     'commands_refused': 'and that were not',
     'refused_REASON': 'of these, for one reason: `stale`, `not_finite`, `out_of_order`, '
-                      '`from_the_future`, `unknown_joint`, `wrong_length`, `unsupported`',
+                      '`from_the_future`, `unknown_joint`, `wrong_length`, `unsupported`, '
+                      '`onboard`, `other_sender`, `no_name`',
+    'imu_silences': 'times that the IMU fell silent',
     'imu_refused': 'IMU readings that were not used',
+    'control': '`onboard` or `direct`',
+    'law': 'in force on board; empty in direct control',
+    'set_value': 'of that law [rad], [rad/s] or [m/s]',
+    'set_points_refused': 'that came on set_point and cmd_vel and were not followed',
+    'set_points_REASON': 'of these, for one reason: `stale`, `from_the_future`, `not_finite`, '
+                         '`e_stop`, `direct`, `contradictory`, `unknown_joint`, `wrong_length`, '
+                         '`other_sender`, `no_name`',
     'timeouts': 'times that commands came and then timed out',
     'e_stops': 'times that the e-stop engaged after the start',
     'limited_torque': 'times that torque_limit cut a torque',
@@ -45,7 +62,7 @@ EVENTS = ('armed', 'disarmed_by_drive', 'links_lost')
 
 
 def health(session: Session, loop: Optional[Loop], hardware: Hardware,
-           imu_refused: int) -> diagnostics.Health:
+           imu_refused: int, authority: Optional[Authority] = None) -> diagnostics.Health:
     """
     Return level, message and the values of `VALUES`.
 
@@ -53,20 +70,35 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
     """
     supervisor, fusion = session.supervisor, session.fusion
     driver, identity = session.line.driver, session.line.identity
-    has_imu = fusion.has_imu(session.clock())
+    sensing, now = session.control.sensing, session.clock()
+    imu, has_imu = sensing.imu_watch, sensing.imu_watch.has(now)
     # Without power most drives report their watchdog; arming clears that.
     faults = ', '.join(driver.telemetry.faults) if driver else ''
+    condition = session.control.monitor.condition
+    warnings = ', '.join((*(driver.telemetry.warnings if driver else ()), *condition.warnings))
     # Copied in one go: the loop may count something for the first time meanwhile.
     refused, wire = dict(supervisor.gate.refused), dict(driver.counts) if driver else {}
+    law = None if session.law is None else session.law.set_point
+    unfollowed = dict(session.set_points_refused)
     values = {
         'port': hardware.connection.port, 'protocol': hardware.connection.protocol,
         'firmware': identity.firmware if identity else '',
         'serial_number': identity.serial_number if identity else '',
         'e_stop': supervisor.e_stop, 'faults': faults, 'torque': f'{supervisor.torque:.4f}',
-        'imu': 'received' if has_imu else 'silent',
+        'warnings': warnings, 'derating': f'{condition.part:.3f}',
+        'battery_voltage': f'{condition.voltage:.2f}', 'motor_warmth': f'{condition.warmth:.3f}',
+        'imu': ('silent' if not has_imu else
+                'returning' if imu.silent else 'received'),
+        'imu_silences': imu.silences,
+        'commander': authority and authority.holder or '',
         'commands_accepted': supervisor.gate.accepted, 'commands_refused': sum(refused.values()),
         **{f'refused_{reason}': number for reason, number in refused.items()},
         'imu_refused': imu_refused,
+        'control': 'direct' if law is None else 'onboard',
+        'law': '' if law is None else law.mode.value,
+        'set_value': '' if law is None else f'{law.value:.4f}',
+        'set_points_refused': sum(unfollowed.values()),
+        **{f'set_points_{reason}': number for reason, number in unfollowed.items()},
         **{name: supervisor.counts[name] for name in SUPERVISED},
         **{name: session.control.counts[name] for name in EVENTS},
         'reconnects': session.line.reconnects,
@@ -84,8 +116,21 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
         return diagnostics.ERROR, f'the drive reports {faults}', values
     if session.control.refusal:
         return diagnostics.ERROR, session.control.refusal, values
+    if authority is not None and authority.contested(now):
+        return diagnostics.WARN, authority.contest, values
+    if sensing.needs_imu(now):
+        return diagnostics.ERROR, (
+            f'no IMU, and no torque until one has come for {STEADY:g} s without a gap'), values
     if supervisor.timed_out:
         return diagnostics.WARN, 'commands timed out', values
+    if session.law is not None and session.law.let_down:
+        return diagnostics.WARN, 'set-points timed out', values
+    if session.law is not None and session.law.controller.too_slow:
+        return diagnostics.ERROR, 'measurements come too rarely for these gains', values
+    if session.law is not None and session.law.controller.overcome:
+        return diagnostics.WARN, 'more resists the set speed than can be held', values
     if not has_imu:
         return diagnostics.WARN, 'no IMU: the pendulum angle is a guess off level floor', values
+    if warnings:
+        return diagnostics.WARN, f'told before anything is cut: {warnings}', values
     return diagnostics.OK, 'running', values

@@ -1,14 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the motor bridge subscribes to and serves: commands, the IMU, and the e-stop."""
+"""What the motor bridge subscribes to and serves: commands, set-points, the IMU, the e-stop."""
+from dataclasses import replace
+
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState
 
 from ballbot_ros.bridge.session import Session
+from ballbot_ros.control import Authority, SetPoint
 from ballbot_ros.errors import MessageError
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import command_torque, to_seconds
 from ballbot_ros.ros.endpoints import create_subscription, create_trigger
 from ballbot_ros.ros.motor import Clocks, imu_reading
+from ballbot_ros.ros.senders import Senders
+from ballbot_ros.ros.set_points import SetPoints
 
 
 class MotorInputs:
@@ -24,39 +29,58 @@ class MotorInputs:
     Attributes
     ----------
     imu_refused : int
+    authority : Authority
+        Over joint_commands, or over the set-points of the laws on board.
 
     """
 
     def __init__(self, node: Node, session: Session, clocks: Clocks):
         """Create subscriptions and services."""
         self._session, self._clocks, self._logger = session, clocks, node.get_logger()
+        self._senders = Senders(node, 'joint_commands')
         self.imu_refused = 0
         create_subscription(node, JointState, 'joint_commands', self.command, qos.NEWEST)
+        set_points = SetPoints(node, self._give, session.set_points_refused)
+        self.authority = Authority(session.hardware.limits.command_timeout) \
+            if session.law is None else set_points.authority
         create_subscription(node, Imu, 'imu', self._on_imu, qos.SENSOR)
         create_trigger(node, '~/engage_e_stop', self._engage)
         create_trigger(node, '~/release_e_stop', self._release)
+        create_trigger(node, '~/clear_faults', session.clear_faults)
 
     def command(self, message: JointState) -> None:
         """Take a joint command."""
         try:
+            if self._session.law is None:
+                self.authority.check(self._senders.name(message.header.frame_id),
+                                     self._session.clock())
             torque = command_torque(message)
         except MessageError as error:
             self._session.supervisor.gate.refuse(error.reason)
-            return self._refused(f'command refused: {error}')
+            return self._refused('command', error)
         try:
             self._session.command(torque, self._clocks.steady(to_seconds(message.header.stamp)))
         except MessageError as error:
-            self._refused(f'command refused: {error}')
+            self._refused('command', error)
+
+    def _give(self, given: SetPoint) -> None:
+        try:
+            self._session.give(given if not given.stamp else replace(
+                given, stamp=self._clocks.steady(given.stamp)))
+        except MessageError as error:
+            self._session.witness.refused('set-point', error)
+            raise
 
     def _on_imu(self, message: Imu) -> None:
         try:
             self._session.imu(imu_reading(message, self._clocks))
         except MessageError as error:
             self.imu_refused += 1
-            self._refused(f'IMU reading refused: {error}')
+            self._refused('IMU reading', error)
 
-    def _refused(self, sentence: str) -> None:
-        self._logger.warning(sentence, throttle_duration_sec=1.0)
+    def _refused(self, what: str, error: MessageError) -> None:
+        self._session.witness.refused(what, error)
+        self._logger.warning(f'{what} refused: {error}', throttle_duration_sec=1.0)
 
     def _engage(self) -> str:
         self._session.engage('asked for by service')

@@ -2,7 +2,6 @@
 """What the simulator publishes, each topic at its own rate."""
 from typing import Any, Dict
 
-from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
@@ -14,14 +13,9 @@ from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import (
     ball_state_message, joint_state_message, odometry_message, to_time)
 from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.odometry import OdometryTopics
 from ballbot_ros.ros.sensors import Sensors
 from ballbot_ros.ros.settings import SimulatorSettings
-
-try:
-    from geometry_msgs.msg import TransformStamped
-    from tf2_msgs.msg import TFMessage
-except ImportError:  # not among the wheels; part of every ROS 2 installation
-    TFMessage = None
 
 
 class Outputs:
@@ -54,15 +48,12 @@ class Outputs:
         self._schedule = list(zip(every, (
             self._publish_clock, self._publish_odometry, self._publish_ball_state)))
         self._clock = create_publisher(node, Clock, '/clock', qos.CLOCK)
-        self._odometry = create_publisher(node, Odometry, 'odom', qos.STATE)
+        self._odometry = OdometryTopics(node)
         self._ball = create_publisher(node, BallState, 'ball_state', qos.STATE)
         self._sensors = Sensors(node, plant, settings)
         self._joints = create_publisher(node, JointState, 'joint_states', qos.STATE)
-        self._transforms = None
-        if TFMessage is None:
-            node.get_logger().info('tf2_msgs is not installed: no /tf from odom to base_link')
-        else:
-            self._transforms = create_publisher(node, TFMessage, '/tf', qos.STATE)
+        self._joints_every = 1 if settings.control == 'direct' else periods_per(
+            settings.joint_state_rate, settings.control_rate, 'joint_state_rate')
 
     def publish(self, everything: bool = False) -> None:
         """Publish the present state, on each topic whose turn has come or on all of them."""
@@ -71,8 +62,9 @@ class Outputs:
                 publish()
         for publisher, message in self._sensors.look(everything):
             self._send(publisher, message)
-        self._send(self._joints, joint_state_message(
-            self._plant.state, self._plant.torque, self._plant.model.robot.has_pendulum))
+        if everything or self._plant.periods % self._joints_every == 0:
+            self._send(self._joints, joint_state_message(
+                self._plant.state, self._plant.torque, self._plant.model.robot.has_pendulum))
 
     def repeat(self) -> None:
         """
@@ -92,14 +84,8 @@ class Outputs:
         self._send(self._clock, Clock(clock=to_time(self._plant.time)))
 
     def _publish_odometry(self) -> None:
-        message = odometry_message(self._plant.state)
-        self._send(self._odometry, message)
-        if self._transforms is not None:
-            transform = TransformStamped(
-                header=message.header, child_frame_id=message.child_frame_id)
-            transform.transform.translation.x = message.pose.pose.position.x
-            transform.transform.translation.z = message.pose.pose.position.z
-            self._send(self._transforms, TFMessage(transforms=[transform]))
+        for publisher, message in self._odometry.messages(odometry_message(self._plant.state)):
+            self._send(publisher, message)
 
     def _publish_ball_state(self) -> None:
         self._send(self._ball, ball_state_message(

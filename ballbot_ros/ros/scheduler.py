@@ -6,9 +6,9 @@ from typing import Callable, Optional
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.task import Future
 
-from ballbot_ros.control import CommandGate
 from ballbot_ros.errors import SimulationError
 from ballbot_ros.plant import Pace, Plant, Speedometer
+from ballbot_ros.ros.laws_inside import TorqueSource
 from ballbot_ros.ros.outputs import Outputs
 from ballbot_ros.ros.run_control import RunControl
 from ballbot_ros.ros.settings import SimulatorSettings
@@ -26,7 +26,7 @@ class Scheduler:
     Parameters
     ----------
     plant : Plant
-    gate : CommandGate
+    gate : TorqueSource
         Where the torque of a period comes from.
     outputs : Outputs
         Publishes the states.
@@ -42,7 +42,7 @@ class Scheduler:
 
     """
 
-    def __init__(self, plant: Plant, gate: CommandGate, outputs: Outputs,
+    def __init__(self, plant: Plant, gate: TorqueSource, outputs: Outputs,
                  settings: SimulatorSettings, logger: RcutilsLogger,
                  failed: Callable[[], None]):
         """Publish the first state."""

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
+from ballbot_ros.bridge.realtime import Scheduling
 from ballbot_ros.config.fields import Checked, count, flag, quantity, text
 from ballbot_ros.decision.planners import PLANNERS
 from ballbot_ros.physics.solvers.registry import METHODS
@@ -34,8 +35,8 @@ class SimulatorSettings(Checked):
     robot: str = text('name or file of a robot to put into the scene; empty keeps its own',
                       default='')
     control_rate: float = quantity(
-        'Hz', 'rate of joint_states; the motor torque is constant over a period', default=500.0,
-        minimum=1.0, maximum=10000.0)
+        'Hz', 'rate of control, and in direct control of joint_states; the motor torque is '
+        'constant over a period', default=500.0, minimum=1.0, maximum=10000.0)
     physics_step: float = quantity(
         's', 'integration step of a method that has one; a control period is a whole number of '
         'them', default=1e-4, minimum=1e-7, maximum=0.01)
@@ -54,6 +55,16 @@ class SimulatorSettings(Checked):
         's', 'wall time after which a missing answer is reported', default=2.0, minimum=0.1,
         maximum=3600.0)
     start_paused: bool = flag('wait for the service ~/resume or ~/step', default=False)
+    control: str = text(
+        'where the torque comes from: `direct` from joint_commands; `onboard` from the laws, run '
+        'inside the simulator as in a bridge, by set_point and cmd_vel', default='direct',
+        choices=('direct', 'onboard'))
+    tuning: str = _file('tunings', 'published', doc=': gains of the laws inside')
+    set_point_timeout: float = quantity(
+        's', 'on board, simulated age of a set-point after which the pendulum is let down; 0 for '
+        'never', default=0.5, minimum=0.0, maximum=3600.0)
+    joint_state_rate: float = _rate(
+        'joint_states on board; in direct control it is control_rate', 100.0)
     command_timeout: float = quantity(
         's', 'simulated time after which a command is not followed any more', default=0.1,
         minimum=1e-3, maximum=10.0)
@@ -126,7 +137,7 @@ class DecisionSettings(Checked):
         default='fit', choices=('fit', 'conservative'))
     tuning: str = _file('tunings', 'decision_default', 'decision tuning')
     control_tuning: str = _file(
-        'tunings', 'published', doc=': the one that the controller runs with')
+        'tunings', 'published', doc=': that of the laws that drive')
     outcome_log: str = text(
         'file that keeps what came of each attempt, and is learned from at the start; empty for '
         'none', default='')
@@ -141,18 +152,74 @@ class BridgeSettings(Checked):
     """Parameters of the node ``bridge``."""
 
     hardware: str = _file('hardware', 'gimball_odrive', 'hardware file')
-    port: str = text('serial device or URL; empty for that of the hardware file', default='')
+    port: str = text(
+        'serial device, URL or CAN interface; empty for that of the hardware file', default='')
     baud: int = count('bits per second; 0 for those of the hardware file', default=0,
                       maximum=20_000_000)
-    tuning: str = text('gains that the controller runs with: the loop is checked for them',
-                       default='gentle')
-    delay: int = count('samples from a joint state to the torque that answers it, for the check',
-                       default=1, maximum=10)
+    control: str = text(
+        'where the torque comes from: `onboard` from the laws, run in the loop of the bridge, by '
+        'set_point and cmd_vel; `direct` from joint_commands', default='onboard',
+        choices=('onboard', 'direct'))
+    tuning: str = text('gains of the laws on board, or that the controller runs with: the loop is '
+                       'checked for them', default='gentle')
+    delay: int = count('samples from a joint state to the torque that answers it, for the check '
+                       'of direct control', default=1, maximum=10)
+    set_point_timeout: float = quantity(
+        's', 'on board, age of a set-point after which the pendulum is let down', default=0.5,
+        minimum=0.05, maximum=10.0)
+    joint_state_rate: float = _rate(
+        'joint_states on board, at most that of the loop; in direct control it is that of the '
+        'loop', 100.0)
     autostart: bool = flag(
         'configure and activate at start, and again until it works; the e-stop is engaged all '
         'the same', default=True)
-    capture: str = text('file for the raw traffic of the serial line; empty for none', default='')
+    capture: str = text('file for the raw traffic of the line; empty for none', default='')
+    black_box: str = text(
+        'folder for files with the last ten minutes before a fault, see `ballbot replay`; '
+        '`~/.ros` is `ROS_HOME` where that is set; empty for none', default='~/.ros/ballbot')
     status_rate: float = _rate('motor_status', 10.0, minimum=0.1, maximum=100.0)
+    realtime_priority: int = count(
+        'of SCHED_FIFO for the loop, and one less for the other threads; 0 for none', default=0,
+        maximum=99)
+    cpu: int = count('processor that the loop runs on; -1 for any', default=-1, minimum=-1,
+                     maximum=1023)
+    lock_memory: bool = flag('keep the memory of the process from being swapped out',
+                             default=False)
+    odom_rate: float = _rate('odom and, where tf2_msgs is installed, /tf; 0 for none', 100.0,
+                             minimum=0.0, maximum=1000.0)
+
+    @property
+    def scheduling(self) -> Scheduling:
+        """Return what the loop asks of the system."""
+        return Scheduling(self.realtime_priority, self.cpu, self.lock_memory)
+
+
+@dataclass(frozen=True)
+class ImuSettings(Checked):
+    """Parameters of the node ``imu``."""
+
+    port: str = text('serial device or URL; best a name in /dev/serial/by-id',
+                     default='/dev/ballbot_imu')
+    baud: int = count(
+        'bits per second; a sensor at the 9600 of the factory is told to use these',
+        default=115200, minimum=4800, maximum=230400)
+    rate: int = count('readings a second that the sensor is told to send: 10, 20, 50, 100 or 200',
+                      default=200, minimum=10, maximum=200)
+    bandwidth: int = count(
+        'of the filters in the sensor [Hz] that it is told to use: 5, 10, 20, 42, 98, 188 or 256',
+        default=98, minimum=5, maximum=256)
+    axes: str = text(
+        'which axis of the sensor points forward, which left and which up when the shell stands '
+        'at ball angle 0, such as `-y x z`', default='x y z')
+    latency: float = quantity(
+        's', 'from what is measured to the first byte that says so; the filters of 98 Hz take '
+        '0.003', default=0.003, minimum=0.0, maximum=0.1)
+    gyro_sd: float = quantity(
+        'rad/s', 'noise of the gyro per reading, for the covariance', default=0.005, above=0.0,
+        maximum=10.0)
+    force_sd: float = quantity(
+        'm/s2', 'noise of the accelerometer per reading, likewise', default=0.05, above=0.0,
+        maximum=10.0)
 
 
 @dataclass(frozen=True)
@@ -166,6 +233,12 @@ class EmulatedRobotSettings(Checked):
     scene: str = _file('scenes', 'doorstep')
     link: str = text('symbolic link to keep pointing to the serial device',
                      default='/tmp/ballbot_motor')
+    publish_odom: bool = flag(
+        'publish the true odom, 83 times a second, for a bridge whose odom_rate is 0',
+        default=False)
+    imu_link: str = text(
+        'symbolic link to the serial device of an emulated WitMotion sensor, in place of the '
+        'topic imu; empty for the topic', default='')
     imu_rate: float = _rate('imu', 250.0, minimum=10.0, maximum=1000.0)
     gyro_sd: float = quantity(
         'rad/s', 'noise of the gyro per reading', default=0.005, minimum=0.0, maximum=10.0)

@@ -7,11 +7,17 @@ import os
 from pathlib import Path
 import tempfile
 
+from driving import Driving, WATCHDOG
 from graph import Graph
 import pytest
+import yaml
 
+from ballbot_ros.config.files import config_folder
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import local_discovery
+from ballbot_ros.emulator.ball import settings_for
+from ballbot_ros.emulator.emulator import Emulator
+from ballbot_ros.physics import load_scene
 
 # Ports of the first lie beside those that Linux gives to programs, and the demo takes none of
 # them.  The others are for a machine on which many tests run at once.
@@ -96,3 +102,40 @@ def make_graph(tmp_path):
 def graph(make_graph):
     """Return a graph, and end all of it after the test."""
     return make_graph()
+
+
+@pytest.fixture
+def motor(tmp_path):
+    """Return an emulated ODrive with a ball behind it, ended after the test."""
+    # Under a name of its own: a bridge that has lost /dev/pts/3 would take the next owner's.
+    scene = load_scene('flat')
+    with Emulator('odrive', scene, baud=921600, link=tmp_path / 'motor',
+                  settings=settings_for(scene.model.robot, watchdog=WATCHDOG)) as emulator:
+        yield emulator
+
+
+@pytest.fixture
+def hardware(tmp_path):
+    """Return a function that writes a hardware file; no IMU is needed, floors here are level."""
+    def write(**limits):
+        content = yaml.safe_load((config_folder() / 'hardware/gimball_odrive.yaml').read_text())
+        content['connection']['imu_required'] = False
+        content['connection']['loop_rate'] = 200.0
+        content['connection']['watchdog'] = WATCHDOG
+        content['limits'].update(limits)
+        path = tmp_path / 'hardware.yaml'
+        path.write_text(yaml.safe_dump(content))
+        return str(path)
+    return write
+
+
+@pytest.fixture
+def driving(graph, motor, hardware):
+    """Return a driving bridge in a process of its own."""
+    def start(**more):
+        graph.start('bridge', hardware=hardware(), port=motor.path, control='direct', **more)
+        result = Driving(graph, motor)
+        result.release()
+        result.pull()
+        return result
+    return start

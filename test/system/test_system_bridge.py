@@ -5,8 +5,10 @@ import os
 import signal
 import time
 
+from driving import Driving, TORQUE
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+import numpy as np
 import pytest
 import rclpy
 from rclpy.context import Context
@@ -14,106 +16,15 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-import yaml
 
-from ballbot_ros.config.files import config_folder
-from ballbot_ros.emulator.ball import settings_for
+from ballbot_ros.cli.replay import newest
 from ballbot_ros.emulator.control import obey
-from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.nodes.bridge import Bridge
-from ballbot_ros.physics import load_scene
+from ballbot_ros.results.black_box import read_black_box
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import command_message, to_time
 from ballbot_ros.ros.executor import new_executor
-
-TORQUE = 0.6  # at the pendulum [N m]
-WATCHDOG = 0.5  # of the drive: a busy machine may hold the bridge up for as long [s]
-
-
-@pytest.fixture
-def motor(tmp_path):
-    """Return an emulated ODrive with a ball behind it, ended after the test."""
-    # Under a name of its own: a bridge that has lost /dev/pts/3 would take the next owner's.
-    scene = load_scene('flat')
-    with Emulator('odrive', scene, baud=921600, link=tmp_path / 'motor',
-                  settings=settings_for(scene.model.robot, watchdog=WATCHDOG)) as emulator:
-        yield emulator
-
-
-@pytest.fixture
-def hardware(tmp_path):
-    """Return a function that writes a hardware file; no IMU is needed, floors here are level."""
-    def write(**limits):
-        content = yaml.safe_load((config_folder() / 'hardware/gimball_odrive.yaml').read_text())
-        content['connection']['imu_required'] = False
-        content['connection']['loop_rate'] = 200.0
-        content['connection']['watchdog'] = WATCHDOG
-        content['limits'].update(limits)
-        path = tmp_path / 'hardware.yaml'
-        path.write_text(yaml.safe_dump(content))
-        return str(path)
-    return write
-
-
-class Driving:
-    """A graph with a bridge that is made to pull."""
-
-    def __init__(self, graph, motor):
-        self.graph, self.motor = graph, motor
-        self.states = graph.subscribe('joint_states', JointState)
-        self.status = graph.subscribe('motor_status', MotorStatus)
-
-    def command(self, torque=TORQUE):
-        """Return a command for the newest state."""
-        return command_message(self.states[-1].header.stamp, torque)
-
-    def release(self):
-        """Release the e-stop."""
-        self.graph.wait(lambda: self.states, 'joint states flow')
-        while not (answer := self.graph.call('bridge/release_e_stop', Trigger)).success:
-            assert 'stays engaged' in answer.message
-        self.graph.wait(lambda: self.status and self.status[-1].state in ('waiting', 'following'),
-                        'the motor has power')
-
-    def pull(self):
-        """Command a torque until the motor makes it, and forget what was told before."""
-        for _ in range(5):
-            self.status.clear()
-            found = self.graph.publish_until(
-                lambda: 'torque' if self.motor.torque != 0.0 else self.held_up(),
-                'the motor pulls', 'joint_commands', self.command)
-            if found == 'torque':
-                return
-            self.release()
-        pytest.fail(f'the drive disarms each time: {found}')
-
-    def held_up(self):
-        """Return the reason of an e-stop that a machine busy for longer than WATCHDOG explains."""
-        reason = self.status[-1].e_stop if self.status else ''
-        return reason if any(word in reason for word in ('disarmed', 'line', 'silent')) else ''
-
-    def wait_until_told(self, state):
-        """Wait until the bridge has told a state since the motor pulled."""
-        self.graph.wait(lambda: state in [status.state for status in self.status], 'it says so')
-
-    def wait_for_nothing(self):
-        """Wait until the motor makes no torque, and see that it stays so."""
-        self.graph.wait(lambda: self.motor.torque == 0.0, 'the motor is at zero')
-        self.graph.spin(0.3)
-        assert self.motor.torque == 0.0
-
-
-@pytest.fixture
-def driving(graph, motor, hardware):
-    """Return a driving bridge in a process of its own."""
-    def start(**more):
-        graph.start('bridge', hardware=hardware(), port=motor.path, **more)
-        result = Driving(graph, motor)
-        result.release()
-        result.pull()
-        return result
-    return start
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
@@ -121,6 +32,9 @@ def test_a_signal_ends_the_bridge_with_a_stop(driving, motor, number):
     run = driving()
     assert run.graph.end('bridge', number) == 0
     assert motor.torque == 0.0 and not motor.device.armed
+    run.wait_until_told(MotorStatus.ENDED)
+    last = run.status[-1]
+    assert last.state == MotorStatus.ENDED and last.torque == 0.0
 
 
 def test_a_kill_is_outlived_by_no_torque_for_the_drive_watches(driving, motor):
@@ -161,11 +75,20 @@ def test_unplugging_ends_in_a_stop_and_service_comes_back(driving, motor):
     run.release() if not refusal.success else None
     run.pull()
     assert run.graph.log('bridge').count('looking for the drive') < 5
+    assert run.graph.end('bridge') == 0  # writes what has not been written yet
+    file = newest(run.graph.processes.log('bridge').parent / 'ballbot')
+    found = read_black_box(file)
+    assert not found.damage and 'drive lost: the line was lost' in found.head['reason']
+    told = '\n'.join(event.text for event in found.events)
+    assert 'looking for the drive' in told  # a line of the log
+    assert len(found.traffic) > 100 and len(found.tables['command']['time']) > 0
+    assert np.abs(found.tables['period']['torque']).max() == pytest.approx(TORQUE)
 
 
 def test_the_services_of_a_lifecycle_node_take_and_give_the_power(graph, motor, hardware):
     graph.client('bridge/change_state', ChangeState)
-    graph.start('bridge', hardware=hardware(), port=motor.path, autostart=False)
+    graph.start('bridge', hardware=hardware(), port=motor.path, autostart=False,
+                control='direct')
     run = Driving(graph, motor)
 
     def change(transition):
@@ -175,11 +98,16 @@ def test_the_services_of_a_lifecycle_node_take_and_give_the_power(graph, motor, 
     assert not answer.success and 'the line to the drive is down' in answer.message
     assert change(Transition.TRANSITION_CONFIGURE)
     graph.wait(lambda: run.states, 'joint states flow before there is power')
+    motor.call(motor.device.over_current)
+    answer = graph.call('bridge/clear_faults', Trigger)
+    assert answer.success and answer.message == 'the drive names no fault any more'
     answer = graph.call('bridge/release_e_stop', Trigger)
     assert not answer.success and 'not active' in answer.message
     assert change(Transition.TRANSITION_ACTIVATE)
     run.release()
     run.pull()
+    answer = graph.call('bridge/clear_faults', Trigger)
+    assert not answer.success and 'the e-stop is released' in answer.message
     assert change(Transition.TRANSITION_DEACTIVATE)
     assert motor.torque == 0.0 and not motor.device.armed
     assert change(Transition.TRANSITION_CLEANUP)
@@ -200,7 +128,8 @@ def bridge_here(domain, hardware, port):
     context = Context()
     rclpy.init(context=context, domain_id=domain)
     node = Bridge(context=context, parameter_overrides=[
-        Parameter('hardware', value=hardware), Parameter('port', value=port)])
+        Parameter('hardware', value=hardware), Parameter('port', value=port),
+        Parameter('control', value='direct')])
     executor = new_executor(context)
     executor.add_node(node)
     try:
@@ -246,7 +175,7 @@ def test_an_error_in_the_loop_ends_in_a_stop_and_is_told(domain, hardware, motor
 
         def fail(report):
             raise ZeroDivisionError('planted')
-        node._loop._publish = fail
+        node._loop._publish = (fail,)
         deadline = time.monotonic() + 5.0
         while node._loop.running:
             assert time.monotonic() < deadline

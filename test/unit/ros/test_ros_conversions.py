@@ -11,10 +11,13 @@ from ballbot_ros import decision
 from ballbot_ros.control import Mode
 from ballbot_ros.decision import Decision, Kind, Reason
 from ballbot_ros.errors import MessageError
+from ballbot_ros.estimation import OdometryFilter, PendulumFilter
 from ballbot_ros.msg import StepDecision, StepObservation, TerrainObservation
 from ballbot_ros.physics import load_robot, Model, State, Terrain
 from ballbot_ros.plant import TerrainSensor
 from ballbot_ros.ros import conversions, parameters, settings
+
+GIMBALL = load_robot('gimball')
 
 
 def joints(**values):
@@ -163,6 +166,31 @@ def test_odometry_gives_back_place_and_speed(state):
         type(conversions.motion(message))(2.5, state.x, state.velocity_x))
     assert message.pose.pose.position.z == state.y
     assert message.pose.pose.orientation.w == 1.0  # level: the frame does not roll
+    assert (message.header.frame_id, message.child_frame_id) == ('odom', 'base_link')
+
+
+def test_odometry_of_the_simulator_says_that_it_is_exact_and_not_that_nobody_knows():
+    message = conversions.odometry_message(State())
+    for covariance in (message.pose.covariance, message.twist.covariance):
+        variances = covariance.reshape(6, 6).diagonal()
+        assert all(variances > 0.0) and all(variances < 1e-9)
+        assert covariance.sum() == variances.sum()
+
+
+def test_estimated_odometry_says_how_well_the_way_is_known_and_what_is_not():
+    estimate = PendulumFilter(GIMBALL).start(3.0, 0.0)
+    state = OdometryFilter(GIMBALL).start(estimate)._replace(
+        position=1.5, speed=-0.25, position_variance=0.04, speed_variance=0.01)
+    message = conversions.estimated_odometry_message(1e9, state, 0.226)
+    motion = conversions.motion(message)
+    assert (motion.stamp, motion.position, motion.speed) == (1e9, 1.5, -0.25)
+    pose, twist = (covariance.reshape(6, 6).diagonal() for covariance in (
+        message.pose.covariance, message.twist.covariance))
+    assert pose[0] == pytest.approx(0.04) and twist[0] == pytest.approx(0.01)
+    for variances in (pose, twist):
+        assert all(variances[[1, 2, 5]] == conversions.UNKNOWN)
+        assert all(variances[[3, 4]] == conversions.EXACT)
+    assert message.pose.pose.position.z == 0.226
     assert (message.header.frame_id, message.child_frame_id) == ('odom', 'base_link')
 
 

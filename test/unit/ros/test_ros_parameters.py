@@ -13,6 +13,7 @@ from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.obstacle_decision import ObstacleDecision
 from ballbot_ros.nodes.simulator import Simulator
 from ballbot_ros.ros.parameters import BUILT_IN, declare
+from ballbot_ros.ros.settings import BridgeSettings
 
 
 @dataclass(frozen=True)
@@ -99,3 +100,8 @@ def test_each_parameter_of_a_node_is_described_ranged_and_read_only(make_node, c
         elif isinstance(value, int) and not isinstance(value, bool):
             assert described.integer_range, name
         assert not changed(node, name, value).successful
+
+
+def test_a_real_motor_follows_no_set_point_for_ever():
+    with pytest.raises(ConfigurationError, match='set_point_timeout'):
+        BridgeSettings(set_point_timeout=0.0)

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node ``imu``: an inertial sensor on a serial line."""
+import sys
+from typing import Any, List, Optional
+
+from rclpy.node import Node
+
+from ballbot_ros.drives.transport import Link
+from ballbot_ros.errors import BallbotError, LinkError
+from ballbot_ros.ros.imu import ImuOutput
+from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.run import run
+from ballbot_ros.ros.settings import ImuSettings
+from ballbot_ros.sensors.axes import Axes
+from ballbot_ros.sensors.source import ImuSource
+
+# Longest time that a thread keeps the other from running [s].
+SWITCH = 5e-4
+
+
+class ImuNode(Node):
+    """
+    Publishes what a WitMotion sensor measures; see `ImuSettings`.
+
+    A sensor that is away is looked for until it is back; the bridge gives no torque meanwhile.
+    """
+
+    def __init__(self, **kwargs: Any):
+        """Check the parameters, then read."""
+        super().__init__('imu', **kwargs)
+        settings = declare(self, ImuSettings)
+        source = ImuSource(
+            lambda baud: Link(settings.port, baud), settings.baud, settings.rate,
+            settings.bandwidth, Axes(settings.axes), settings.latency)
+        self._output = ImuOutput(self, source, settings.port, settings.rate, settings.gyro_sd,
+                                 settings.force_sd)
+
+    @property
+    def failure(self) -> Optional[BallbotError]:
+        """Return what ended the reading, and ends the node; see `run`."""
+        error = self._output.failure
+        return None if error is None else LinkError('ended', f'the reading ended: {error!r}')
+
+    def make_safe(self) -> None:
+        """Close the line."""
+        self._output.end()
+
+
+def main(args: Optional[List[str]] = None) -> int:
+    """Run the node."""
+    sys.setswitchinterval(SWITCH)
+    return run(ImuNode, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the torque of a simulated period comes from: commands, or laws inside the simulator."""
+from collections import Counter
+from dataclasses import replace
+from typing import Dict, Protocol
+
+from rclpy.node import Node
+from std_msgs.msg import Bool
+
+from ballbot_ros.control import (
+    checked_controller, JointReadings, load_tuning, SetPoint, SupervisedController, Supervision)
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.plant import periods_per, Plant
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.ros.set_points import SetPoints
+from ballbot_ros.ros.settings import SimulatorSettings
+
+
+class TorqueSource(Protocol):
+    """What a scheduler asks; a `CommandGate` is one."""
+
+    def torque(self, now: float) -> float:
+        """Return the torque of the period that begins now [N m]."""
+
+    def expired(self, now: float) -> bool:
+        """Return whether there was something to follow and it has become too old."""
+
+    def clear(self) -> None:
+        """Forget what is followed."""
+
+
+def check_control(settings: SimulatorSettings) -> None:
+    """Raise `ConfigurationError` where parameters of laws inside contradict each other."""
+    if settings.control == 'onboard':
+        if settings.lockstep:
+            raise ConfigurationError(
+                'lockstep waits for the joint_commands that answer each state, and with '
+                'control:=onboard there are none; take control:=direct and a node controller')
+        periods_per(settings.joint_state_rate, settings.control_rate, 'joint_state_rate')
+
+
+class LawsInside:
+    """
+    The laws that a bridge runs on board, inside the simulator: each state is answered at once.
+
+    Parameters
+    ----------
+    node : Node
+    plant : Plant
+    settings : SimulatorSettings
+
+    Attributes
+    ----------
+    refused : Counter
+        Set-points, by reason.
+
+    Raises
+    ------
+    ConfigurationError, UnstableLoopError
+        If the robot has no pendulum, or the loop would diverge.
+
+    """
+
+    def __init__(self, node: Node, plant: Plant, settings: SimulatorSettings):
+        """Subscribe to set-points and the e-stop; start idle."""
+        self._plant = plant
+        self._controller: SupervisedController = checked_controller(
+            plant.model.robot, load_tuning(settings.tuning), settings.control_rate, 0,
+            Supervision(set_point_timeout=settings.set_point_timeout))
+        self.refused: Counter[str] = Counter()
+        SetPoints(node, self._give, self.refused)
+        create_subscription(node, Bool, 'e_stop', self._on_e_stop, qos.LATCHED)
+
+    def torque(self, now: float) -> float:
+        """Return the answer to the state of now, the beginning of a period [N m]."""
+        state = self._plant.state
+        self._controller.take(JointReadings(
+            now, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate))
+        return self._controller.answer() or 0.0
+
+    def expired(self, now: float) -> bool:
+        """Return False: the age of set-points is looked after by the controller."""
+        return False
+
+    def clear(self) -> None:
+        """Forget the set-point."""
+        self._controller.forget()
+
+    @property
+    def values(self) -> Dict[str, object]:
+        """Return what is told on /diagnostics."""
+        now = self._controller.set_point
+        return {'law': now.mode.value, 'set_value': f'{now.value:.4f}',
+                'e_stop': self._controller.e_stop}
+
+    def _give(self, given: SetPoint) -> None:
+        self._controller.give(given if given.stamp else replace(given, stamp=self._plant.time))
+
+    def _on_e_stop(self, message: Bool) -> None:
+        self._controller.hear_e_stop(message.data)

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A lifecycle node that no request ends, and that can start by itself.
+
+rclpy raises an error in the callback of the service ``change_state`` where the transition is not
+possible from the state that the node is in, and its executors let that end the process.
+"""
+from typing import Any, Callable
+
+from lifecycle_msgs.srv import ChangeState
+from rclpy.clock import Clock, ClockType
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+
+SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
+# How often a start is tried that has not worked yet [s].
+START_AGAIN = 1.0
+UNCONFIGURED, INACTIVE = 'unconfigured', 'inactive'
+
+Serve = Callable[[ChangeState.Request, ChangeState.Response], ChangeState.Response]
+
+
+class ManagedNode(LifecycleNode):
+    """
+    Answers a transition that is not possible with a failure, and logs why.
+
+    Attributes
+    ----------
+    managed : bool
+        Whether somebody has made a transition by service.
+
+    """
+
+    def __init__(self, name: str, **kwargs: Any):
+        """Take the place of the service callback that may raise."""
+        super().__init__(name, **kwargs)
+        self.managed = False
+        serve: Serve = self._service_change_state.callback
+
+        def served(request: ChangeState.Request, response: ChangeState.Response
+                   ) -> ChangeState.Response:
+            try:
+                response = serve(request, response)
+            except rclpy_implementation.RCLError:
+                response.success = False
+                self.get_logger().error(
+                    f'{request.transition.label or self._name_of(request.transition.id)} is not '
+                    f'possible: the node is {self.state_label}, from where it can go by '
+                    + (', '.join(self._possible()) or 'nothing'))
+            self.managed = self.managed or response.success
+            return response
+        self._service_change_state.callback = served
+
+    @property
+    def state_label(self) -> str:
+        """Return the state that it is in, as rclpy calls it."""
+        label: str = self._state_machine.current_state[1]
+        return label
+
+    def start(self) -> bool:
+        """Configure and activate, as far as that is still to be done; return whether it is."""
+        if self.state_label == UNCONFIGURED and self.trigger_configure() is not SUCCESS:
+            return False
+        return self.state_label == INACTIVE and self.trigger_activate() is SUCCESS
+
+    def _possible(self) -> list[str]:
+        return [label for _, label, *_ in self._state_machine.available_transitions]
+
+    def _name_of(self, number: int) -> str:
+        """Return what a transition of this node is called."""
+        for known, label, *_ in self._state_machine.transition_graph:
+            if known == number:
+                return str(label)
+        return f'transition {number}'
+
+
+class Autostart:
+    """
+    Starts a node as soon as that works, and leaves it alone once somebody else manages it.
+
+    Parameters
+    ----------
+    node : ManagedNode
+
+    """
+
+    def __init__(self, node: ManagedNode):
+        """Try at once."""
+        self._node = node
+        self._timer = node.create_timer(
+            START_AGAIN, self._try, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._try()
+
+    def _try(self) -> None:
+        node = self._node
+        if node.managed or node.state_label not in (UNCONFIGURED, INACTIVE):
+            node.get_logger().info(
+                f'autostart leaves the node {node.state_label}, as somebody has asked for it')
+            self._timer.cancel()
+        elif node.start():
+            self._timer.cancel()

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the bridge publishes besides its motor: where the robot is, and its battery."""
+import math
+from typing import Optional
+
+from rclpy.node import Node
+from sensor_msgs.msg import BatteryState
+
+from ballbot_ros.bridge.battery import Battery
+from ballbot_ros.bridge.condition import Condition
+from ballbot_ros.bridge.session import Report, Session
+from ballbot_ros.drives.contract import Telemetry
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.conversions import estimated_odometry_message, to_time
+from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.motor import Clocks
+from ballbot_ros.ros.odometry import OdometryTopics
+
+BATTERY_PERIOD = 1.0  # [s]
+
+
+class Turns:
+    """When something is due that is done at a rate, where the times to look do not fit it."""
+
+    def __init__(self, period: float):
+        """Be due at once, then once a period [s]."""
+        self._period, self._next = period, -math.inf
+
+    def is_due(self, now: float) -> bool:
+        """Return whether it is due, and take note that it is then done."""
+        late = now - self._next
+        if late < 0.0:
+            return False
+        # Counted on from when it was due, or the rate would be too low by half a look; after a
+        # pause from now on, or it would be made up for.
+        self._next = now + self._period - (late if late < self._period else 0.0)
+        return True
+
+
+class RobotOutputs:
+    """
+    Publishes what a session knows of the robot besides its motor: odometry and battery.
+
+    Parameters
+    ----------
+    node : Node
+    session : Session
+    clocks : Clocks
+    odom_rate : float
+        [Hz]; 0 for none.
+
+    """
+
+    def __init__(self, node: Node, session: Session, clocks: Clocks, odom_rate: float):
+        """Create the publishers."""
+        self._session, self._clocks = session, clocks
+        self._radius, self._battery = session.robot.ball_radius, session.hardware.battery
+        self._topics: Optional[OdometryTopics] = None
+        if odom_rate > 0.0:
+            self._topics, self._odometry_turns = OdometryTopics(node), Turns(1.0 / odom_rate)
+        self._battery_topic = create_publisher(node, BatteryState, 'battery_state', qos.STATE)
+        self._battery_turns = Turns(BATTERY_PERIOD)
+
+    def publish(self, report: Report) -> None:
+        """Publish what a period of the loop has found, each topic when its turn has come."""
+        state = self._session.odometry
+        if self._topics is not None and state is not None and report.estimate is not None \
+                and self._odometry_turns.is_due(state.stamp):
+            for publisher, message in self._topics.messages(estimated_odometry_message(
+                    self._clocks.stamp(state.stamp), state, self._radius)):
+                publisher.publish(message)
+        if self._battery_turns.is_due(report.time):
+            self._battery_topic.publish(battery_message(
+                self._clocks.stamp(report.time), self._battery, report.telemetry,
+                report.condition))
+
+
+def battery_message(stamp: float, battery: Battery, telemetry: Telemetry,
+                    condition: Condition) -> BatteryState:
+    """
+    Return what is known of the battery; NaN where nobody knows, as the message asks for.
+
+    Parameters
+    ----------
+    stamp : float
+        ROS time [s].
+    battery : Battery
+    telemetry : Telemetry
+    condition : Condition
+
+    """
+    voltage, drawn = telemetry.bus_voltage, telemetry.bus_current
+    status, health = (BatteryState.POWER_SUPPLY_STATUS_UNKNOWN,
+                      BatteryState.POWER_SUPPLY_HEALTH_UNKNOWN)
+    if voltage is not None:
+        status = BatteryState.POWER_SUPPLY_STATUS_CHARGING if drawn is not None and drawn < 0.0 \
+            else BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
+        health = BatteryState.POWER_SUPPLY_HEALTH_GOOD
+    if 'over_voltage' in condition.warnings:
+        health = BatteryState.POWER_SUPPLY_HEALTH_OVERVOLTAGE
+    if 'battery_empty' in condition.warnings:
+        health = BatteryState.POWER_SUPPLY_HEALTH_DEAD
+    message = BatteryState(
+        voltage=math.nan if voltage is None else voltage,
+        current=math.nan if drawn is None else -drawn,  # negative while it is drawn
+        temperature=math.nan, charge=math.nan, capacity=math.nan,
+        design_capacity=math.nan if battery.capacity is None else battery.capacity,
+        percentage=condition.percentage, power_supply_status=status,
+        power_supply_health=health, present=voltage is not None,
+        power_supply_technology=getattr(
+            BatteryState, f'POWER_SUPPLY_TECHNOLOGY_{battery.technology.upper()}'))
+    message.header.stamp = to_time(stamp)
+    return message

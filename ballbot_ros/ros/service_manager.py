@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What systemd is told of the bridge: ready, alive, stopping, and why the motor has no power.
+
+The protocol of sd_notify(3): a datagram of lines to the socket that the environment names.  A
+process that systemd did not start has no such socket, and nobody is told.
+"""
+from contextlib import suppress
+import os
+import socket
+import time
+from typing import Mapping, Optional
+
+from ballbot_ros.bridge.loop import Loop
+from ballbot_ros.bridge.session import Report, Session
+
+# So many signs of life in the time after which systemd takes the process for dead.
+SIGNS = 4.0
+
+
+class ServiceManager:
+    """
+    Tells the service manager how the bridge is.
+
+    It is alive as long as both the executor, which calls `look`, and the loop, which calls
+    `beat`, go on: were a sign of life sent by one of them, the other could stand still unseen.
+
+    Parameters
+    ----------
+    environment : mapping, optional
+        That of the process.
+
+    """
+
+    def __init__(self, environment: Optional[Mapping[str, str]] = None):
+        """Find the socket, and how often a sign of life is waited for."""
+        found = os.environ if environment is None else environment
+        address = found.get('NOTIFY_SOCKET', '')
+        # An abstract address begins with a zero byte, which the environment cannot hold.
+        self._address = '\0' + address[1:] if address.startswith('@') else address
+        self._socket: Optional[socket.socket] = None
+        if address:
+            self._socket = socket.socket(
+                socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+        self._every, self._next = _watchdog(found) / SIGNS, 0.0
+        self._beats = self._seen = 0
+        self._status = ''
+
+    def ready(self) -> None:
+        """Say that the start is over: the motor may have power."""
+        self._tell('READY=1')
+
+    def stopping(self) -> None:
+        """Say that the end has begun."""
+        self._tell('STOPPING=1')
+
+    def beat(self, _: Report) -> None:
+        """Take note that the loop has done a period; in its thread."""
+        self._beats += 1
+
+    def look(self, session: Session, loop: Optional[Loop], failure: object = None) -> None:
+        """Say how it goes, and, while it goes, that it does; to be called ten times a second."""
+        if self._socket is None:
+            return
+        status = _status(session, loop)
+        # One that is not taken, for the queue is full, is told again.
+        if status != self._status and self._tell(f'STATUS={status}'):
+            self._status = status
+        now = time.monotonic()
+        # Before configure there is no loop: a drive that is not there is looked for by a timer.
+        if self._every > 0.0 and now >= self._next and failure is None \
+                and (loop is None or self._beats != self._seen):
+            self._next, self._seen = now + self._every, self._beats
+            self._tell('WATCHDOG=1')
+
+    def _tell(self, line: str) -> bool:
+        """Send a line and return whether it was taken; the motor comes first if it was not."""
+        if self._socket is not None:
+            with suppress(OSError):
+                self._socket.sendto(line.encode(), self._address)
+                return True
+        return False
+
+
+def _watchdog(environment: Mapping[str, str]) -> float:
+    """Return after how long without a sign of life the process is taken for dead [s], 0: never."""
+    if environment.get('WATCHDOG_PID', str(os.getpid())) != str(os.getpid()):
+        return 0.0  # meant for another process
+    try:
+        return max(0.0, 1e-6 * int(environment.get('WATCHDOG_USEC', '0')))
+    except ValueError:
+        return 0.0
+
+
+def _status(session: Session, loop: Optional[Loop]) -> str:
+    """Return in one line how it is."""
+    line, supervisor = session.line, session.supervisor
+    if loop is None:
+        return ': '.join(filter(None, ('not configured', line.trouble)))
+    if line.driver is None:
+        return f'looking for the drive: {line.trouble}'
+    if supervisor.e_stop:
+        return f'e-stop: {supervisor.e_stop}'
+    return 'commands timed out' if supervisor.timed_out else 'running'

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a node that gives set-points does about the e-stop: it stands until it is told to go on."""
+from typing import Callable
+
+from rclpy.node import Node
+from std_msgs.msg import Bool
+
+from ballbot_ros.errors import RefusedError
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.endpoints import create_subscription, create_trigger
+
+
+class Standstill:
+    """
+    Hears the e-stop, and offers the service ``~/resume``.
+
+    A released e-stop permits motion and starts none: who releases it may stand beside the ball.
+
+    Parameters
+    ----------
+    node : Node
+    stand : callable
+        Called when the e-stop engages.
+
+    Attributes
+    ----------
+    engaged : bool
+        The e-stop, as heard last.
+    standing : bool
+        It is engaged, or nobody has asked to go on since.
+
+    """
+
+    def __init__(self, node: Node, stand: Callable[[], None]):
+        """Subscribe; as long as nobody publishes an e-stop there is none."""
+        self._stand, self._logger = stand, node.get_logger()
+        self._service = f'{node.get_fully_qualified_name()}/resume'
+        self.engaged = self.standing = False
+        create_subscription(node, Bool, 'e_stop', self._on_e_stop, qos.LATCHED)
+        create_trigger(node, '~/resume', self._resume)
+
+    @property
+    def reason(self) -> str:
+        """Return why it stands, in words."""
+        return 'standing: the e-stop is engaged' if self.engaged else (
+            f'standing: the e-stop was engaged; to go on call {self._service}')
+
+    def _on_e_stop(self, message: Bool) -> None:
+        if message.data == self.engaged:
+            return
+        self.engaged = message.data
+        if self.engaged and not self.standing:
+            self.standing = True
+            self._stand()
+        self._logger.warning(self.reason)
+
+    def _resume(self) -> str:
+        if self.engaged:
+            raise RefusedError('the e-stop is engaged: release it first')
+        was, self.standing = self.standing, False
+        return 'going on' if was else 'nothing has stopped it'

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A ball on a stand: a hand turns its shell, and the pendulum in it, behind an emulated drive."""
+import math
+import time
+
+from ballbot_ros.physics.model.state import State
+from ballbot_ros.plant import Imu
+
+BY_HAND = 0.6  # how fast a careful hand turns something [rad/s]
+FRICTION = 0.25  # of a bearing that has not run in: the pendulum swings out soon [N m s/rad]
+
+
+class StoodBall:
+    """
+    In place of `emulator.ball.Ball`.
+
+    Attributes
+    ----------
+    pendulum, shell : float or None
+        Absolute angle that a hand turns it to and holds it at; None lets the pendulum go [rad].
+    extra : float
+        Torque that is there over torque that the hardware file expects.
+
+    """
+
+    def __init__(self, ball, robot, period, extra):
+        """Stand still, pendulum down."""
+        self.motor, self.state = ball.motor, State()
+        self.pendulum, self.shell = None, 0.0
+        self.plant = self
+        self.torque, self._at = 0.0, 0.0
+        self._robot, self._period, self._extra = robot, period, extra
+        self._count = math.tau / 4096
+        self._imu = Imu(robot.gravity)
+        self._before = self.state._replace(time=-period)
+
+    @property
+    def done(self):
+        """Return whether all is where the hand turns it to."""
+        state = self.state
+        return abs(state.ball_angle - self.shell) < 1e-9 and (
+            self.pendulum is None or abs(state.pendulum_angle - self.pendulum) < 1e-9)
+
+    def advance(self, shaft_torque):
+        """Advance by a period."""
+        motor, before, period = self.motor, self.state, self._period
+        # A hand does not catch up with what a busy machine has missed: to the bridge, whose
+        # questions were answered late, that would look like a jump of the encoder.
+        now = time.monotonic()
+        by_hand, self._at = BY_HAND * period if now - self._at > 0.3 * period else 0.0, now
+        self.torque = shaft_torque * motor.gear_ratio * motor.gear_efficiency * self._extra
+        shell = _towards(before.ball_angle, self.shell, by_hand)
+        shell_rate = (shell - before.ball_angle) / period
+        if self.pendulum is not None:
+            angle = _towards(before.pendulum_angle, self.pendulum, by_hand)
+            rate = (angle - before.pendulum_angle) / period
+        else:
+            robot = self._robot
+            inertia = robot.pendulum_inertia + robot.pendulum_mass * robot.pendulum_length**2
+            rate = before.pendulum_rate + period / inertia * (
+                self.torque - FRICTION * before.joint_rate
+                - robot.largest_gravity_torque * math.sin(before.pendulum_angle))
+            angle = before.pendulum_angle + period * rate
+        self._before, self.state = before, before._replace(
+            time=before.time + period, ball_angle=shell, ball_rate=shell_rate,
+            pendulum_angle=angle, pendulum_rate=rate)
+        return self.state
+
+    def sensed(self, before, jump=0.0):
+        """Return what the drive measures."""
+        ratio = self.motor.gear_ratio
+        angle = ratio * self.state.joint_angle + jump
+        return before._replace(position=math.floor(angle / self._count) * self._count,
+                               velocity=ratio * self.state.joint_rate)
+
+    def imu(self):
+        """Return what an IMU in the shell reads."""
+        return self._imu.sample(self._before, self.state, 0)
+
+
+def _towards(value, wanted, step):
+    return value + min(max(wanted - value, -step), step)

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whoever asks for what, and however many do, the bridge goes on, and says what it does."""
+import re
+import signal
+
+from driving import Driving, TORQUE
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+
+from ballbot_ros.emulator.control import obey
+from ballbot_ros.msg import MotorStatus
+from ballbot_ros.ros import diagnostics
+from ballbot_ros.ros.conversions import command_message
+
+def change(graph, transition):
+    """Ask for a transition and return whether it was made."""
+    return graph.call('bridge/change_state', ChangeState, again=False,
+                      transition=Transition(id=transition)).success
+
+
+def test_transitions_that_are_not_possible_are_answered_and_end_nothing(graph, motor, hardware):
+    graph.client('bridge/change_state', ChangeState)
+    graph.start('bridge', hardware=hardware(), port=motor.path, autostart=False)
+    for transition in (Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_CLEANUP, 99):
+        assert not change(graph, transition)
+    assert 'activate is not possible: the node is unconfigured' in graph.log('bridge')
+    assert change(graph, Transition.TRANSITION_CONFIGURE)
+    assert not change(graph, Transition.TRANSITION_CONFIGURE)
+    assert change(graph, Transition.TRANSITION_ACTIVATE)
+    assert change(graph, Transition.TRANSITION_ACTIVE_SHUTDOWN)
+    assert not change(graph, Transition.TRANSITION_CONFIGURE)
+    assert graph.end('bridge', signal.SIGINT) == 0
+
+
+def test_who_asks_for_a_transition_while_it_starts_by_itself_is_obeyed(graph, motor, hardware):
+    graph.client('bridge/change_state', ChangeState)
+    obey(motor, 'unplug')
+    graph.start('bridge', hardware=hardware(), port=motor.path)
+    status = graph.subscribe('motor_status', MotorStatus)
+    while not change(graph, Transition.TRANSITION_CONFIGURE):
+        obey(motor, 'plug')  # and from now on the bridge could do it by itself
+    graph.wait(lambda: status, 'the loop runs')
+    graph.spin(2.5)
+    assert status[-1].state == MotorStatus.E_STOP
+    assert 'active;' not in graph.log('bridge')
+    assert change(graph, Transition.TRANSITION_ACTIVATE)
+
+
+def test_the_second_of_two_that_command_is_refused_by_name(graph, motor, hardware):
+    graph.start('bridge', hardware=hardware(), port=motor.path, control='direct')
+    run = Driving(graph, motor)
+    run.release()
+    run.command = lambda: command_message(run.states[-1].header.stamp, TORQUE, '/first#1')
+    run.pull()
+    torques = []
+
+    def in_turn():
+        torques.append(motor.torque)
+        return command_message(run.states[-1].header.stamp, -TORQUE, '/other#1')
+    graph.publish_until(lambda: 'commands, too' in graph.log('bridge'), 'it is refused',
+                        'joint_commands', run.command, in_turn)
+    graph.wait_for_health('bridge', diagnostics.WARN, 'commands, too, and /')
+    second, first = re.search(
+        r'(/\w+#1) commands, too, and (/\w+#1) did first', graph.log('bridge')).groups()
+    assert {first, second} == {'/first#1', '/other#1'}
+    # Where the machine was held up for longer than command_timeout, the other may have been first.
+    if first == '/first#1':
+        assert min(torques) >= 0.0

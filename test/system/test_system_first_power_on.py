@@ -1,0 +1,344 @@
+# SPDX-License-Identifier: Apache-2.0
+"""docs/first_power_on.md, walked through with emulated drives as they come from their makers."""
+from dataclasses import replace
+from pathlib import Path
+import re
+import shlex
+import signal
+import threading
+import time
+
+import pytest
+from sensor_msgs.msg import Imu, JointState
+from stand import StoodBall
+from std_srvs.srv import Trigger
+import yaml
+
+from ballbot_ros.bridge.commissioning import calibration
+from ballbot_ros.bridge.connect import connector, handshake
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.cli import main
+from ballbot_ros.config.files import config_folder
+from ballbot_ros.drives import open_line
+from ballbot_ros.emulator.ball import settings_for
+from ballbot_ros.emulator.control import obey
+from ballbot_ros.emulator.emulator import Emulator, PERIOD
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.msg import MotorStatus
+from ballbot_ros.physics import load_scene
+from ballbot_ros.ros.conversions import to_time
+from ballbot_ros.ros.motor import imu_message
+
+PAGE = Path(__file__).resolve().parents[2] / 'docs/first_power_on.md'
+EXTRA = 1.15  # the gear loses less than the file says
+WATCHDOG = 0.5  # a busy machine may hold the bridge up for as long [s]
+# What a maker sends: no limits that suit a pendulum, no watchdog or a long one.
+FRESH = {'odrive': {'quirks': ('factory',)},
+         'odrive 0.6': {'quirks': ('factory',), 'firmware': '0.6'},
+         'vesc': {'torque_limit': 10.0, 'current_limit': 60.0, 'watchdog': 1.0},
+         'roboclaw': {'torque_limit': 10.0, 'current_limit': 60.0, 'watchdog': 0.0}}
+
+# A hand waits until the bridge has seen how far it turned something: what turns while a busy
+# machine holds up the bridge looks like a jump of the encoder [rad].
+BIT_BY_BIT = [0.05 * bit for bit in range(1, 11)]
+
+
+def items():
+    """Return the list of the page, each item as one line."""
+    text = PAGE.read_text(encoding='utf-8').split('## Wheels up')[1].split('\n## ')[0]
+    return [' '.join(item.replace('\\\n', ' ').split()) for item in text.split('- [ ] ')[1:]]
+
+
+class Workshop:
+    """A drive as it comes from its maker, a hardware file for it, and a person with tools."""
+
+    def __init__(self, kind, folder, capsys):
+        self.folder, self.capsys = folder, capsys
+        self.protocol, _, firmware = kind.partition(' ')
+        self.scene = load_scene('flat')
+        robot = self.scene.model.robot
+        baud = load_hardware(f'gimball_{self.protocol}').connection.baud
+        self.motor = Emulator(self.protocol, self.scene, baud,
+                              settings_for(robot, **FRESH[kind]), link=folder / 'motor')
+        self.ball = self.motor.ball = StoodBall(self.motor.ball, robot, PERIOD, EXTRA)
+
+    def copy_file(self, **limits):
+        """Copy the hardware file of the package to my.yaml, as the page says."""
+        content = yaml.safe_load(
+            (config_folder() / f'hardware/gimball_{self.protocol}.yaml').read_text())
+        content['connection'].update(
+            port=str(self.folder / 'motor'), watchdog=WATCHDOG, loop_rate=200.0)
+        content['limits'].update(limits)
+        if self.protocol == 'odrive':  # its firmware is chosen in the file where it is 0.6
+            content['drive'].update({'firmware': self.motor.device.settings.firmware}
+                                    if 'firmware' in content['drive'] else {})
+        (self.folder / 'my.yaml').write_text(yaml.safe_dump(content))
+
+    def run(self, command):
+        """Run a command of the page that begins with ballbot; return exit code and output."""
+        program, *words = shlex.split(command)
+        assert program == 'ballbot'
+        code = main(words)
+        return code, self.capsys.readouterr().out
+
+    def obey_doctor(self, command):
+        """Do what the doctor says until nothing is wrong; return how often it was asked."""
+        for turn in range(6):
+            code, out = self.run(command)
+            wrong = re.findall(r'^WRONG  (.*)\n +-> (.*)$', out, re.M)
+            assert (code != 0) == ('WRONG' in out) and out.count('WRONG') == len(wrong), out
+            if code == 0:
+                return turn
+            for what, remedy in wrong:
+                self.mend(what, remedy)
+        raise AssertionError(f'the doctor is never content:\n{out}')
+
+    def mend(self, what, remedy):
+        """Do what a remedy says, with the tool that it names."""
+        done, device = remedy.split(' (')[0], self.motor.device
+        if self.protocol == 'odrive':
+            line = open_line('odrive', self.motor.path, self.motor.baud)
+            line.write(''.join(f'{word}\n' for word in done.split(', ')).encode())
+            time.sleep(2.5 if 'calibrates' in remedy else 0.05)
+            line.close()
+            return
+        number = float(re.search(r'(\d[0-9.e-]*)(?: \w+)?$', done).group(1))
+        if 'Timeout' in remedy:
+            device.application = device.application._replace(timeout=1e-3 * number)
+        elif 'Motor Current Max' in remedy:
+            device.limits.update(l_current_max=number, l_current_min=-number)
+        elif 'serial timeout' in remedy:
+            device._timeout = round(number / 0.1)
+        elif 'max current' in remedy:
+            device.settings = replace(device.settings, current_limit=number)
+        else:
+            raise AssertionError(f'{what}: nobody knows how to do {remedy!r}')
+
+
+@pytest.fixture
+def workshop(tmp_path, capsys, monkeypatch):
+    """Return a function that makes a workshop; its drive is unplugged after the test."""
+    monkeypatch.chdir(tmp_path)
+    made = []
+
+    def make(kind):
+        made.append(Workshop(kind, tmp_path, capsys))
+        made[0].motor.start()
+        return made[0]
+    yield make
+    for shop in made:
+        shop.motor.stop()
+
+
+@pytest.mark.parametrize('kind', FRESH)
+def test_a_drive_from_its_maker_is_refused_until_all_is_done_that_the_doctor_says(kind, workshop):
+    shop = workshop(kind)
+    shop.copy_file(torque_limit=0.3)
+    connect = connector(load_hardware('my.yaml'))
+    with pytest.raises(ConfigurationError, match='not set as it must be'):
+        handshake(connect, 1.0)
+    assert shop.obey_doctor('ballbot doctor --hardware my.yaml') >= 1
+    driver, _, settings = handshake(connect, 1.0)
+    driver.line.close()
+    assert all(item.acceptable for item in settings)
+
+
+class Walk:
+    """The list of the page, step by step."""
+
+    def __init__(self, shop, graph, monkeypatch):
+        self.shop, self.graph, self.monkeypatch = shop, graph, monkeypatch
+        self.motor, self.ball = shop.motor, shop.ball
+        self.states = graph.subscribe('joint_states', JointState)
+        self.status = graph.subscribe('motor_status', MotorStatus)
+        self._imu = graph.node.create_publisher(Imu, 'imu', 10)
+        self._ending = threading.Event()
+        self._publishing = threading.Thread(target=self._publish_imu)
+        self._publishing.start()
+
+    def close(self):
+        """End the IMU."""
+        self._ending.set()
+        self._publishing.join()
+
+    def _publish_imu(self):
+        while not self._ending.wait(0.01):
+            sample = self.ball.imu()
+            self._imu.publish(imu_message(
+                time.time(), sample.turn_rate, sample.forward, sample.upward))
+
+    # The items, in the order of the page
+
+    def copy_and_doctor(self, item):
+        """Copy the file, and let the doctor say what is wrong with the drive."""
+        limit = float(re.search(r'`torque_limit: ([0-9.]+)`', item).group(1))
+        self.shop.copy_file(torque_limit=limit)
+        assert self.shop.obey_doctor(command(item, 'ballbot doctor')) >= 1
+
+    def calibrate(self, item):
+        """Calibrate; what the person does is what the questions say."""
+        for name in ('RAISE', 'SETTLE', 'LOOK'):
+            self.monkeypatch.setattr(calibration, name, 0.4 * getattr(calibration, name))
+        self.monkeypatch.setattr('builtins.input', self._answer)
+        code, out = self.shop.run(command(item, 'ballbot calibrate-motor'))
+        assert code == 0, out
+        joint = load_hardware('my_motor.yaml').joint
+        assert joint.direction == 1 and joint.torque_factor == pytest.approx(EXTRA, rel=0.05)
+        # The drive need not be set up anew for it.
+        assert self.shop.obey_doctor('ballbot doctor --hardware my_motor.yaml') == 0
+
+    def _answer(self, question):
+        if 'Turn it by hand forward' in question:
+            self.turn(pendulum=1.5708)
+        elif 'hang' in question:
+            self.ball.pendulum = None
+            time.sleep(1.5)
+        return 'yes' if 'Is that so' in question else ''
+
+    def start(self, item):
+        """Start the bridge, and turn the pendulum forward by hand."""
+        self.run_bridge(item)
+        self.graph.wait(lambda: self.states, 'joint states flow')
+        begin = self.states[-1].position
+        for angle in BIT_BY_BIT:
+            self.turn(pendulum=angle)
+            self.graph.wait(lambda: abs(self.states[-1].position[1] - begin[1] - angle) < 0.02,
+                            'the joint pendulum goes up')
+        self.ball.pendulum = None
+        self.graph.wait(lambda: abs(self.states[-1].position[1] - begin[1]) < 0.05,
+                        'it hangs again')
+
+    def turn_shell(self, item):
+        """Turn the shell forward by hand, and back."""
+        begin = self.states[-1].position[0]
+        for angle in BIT_BY_BIT:
+            self.turn(shell=-angle)  # clockwise is forward
+            self.graph.wait(lambda: abs(self.states[-1].position[0] - begin + angle) < 0.1,
+                            'the joint shell goes down')
+        self.turn(shell=0.0)
+
+    def pull_the_plug(self, item):
+        """Unplug and plug in again."""
+        self.status.clear()
+        obey(self.motor, 'unplug')
+        lost, then = re.search(r'says `(\w+)`, then `(\w+)`', item).groups()
+        self.wait_for_state(lost)
+        obey(self.motor, 'plug')
+        self.wait_for_state(then)
+        # Killed later, it would not write what it has kept of that.
+        self.graph.wait_for_log('bridge', 'see them with: ballbot replay')
+
+    def push(self, item):
+        """Release the e-stop and publish the torque of the page, then stop."""
+        self.topic = command(item, 'ros2 topic pub')
+        last = self.publish_until_torque()
+        self.graph.wait(lambda: self.motor.torque == 0.0, 'the motor is at zero')
+        after = self.motor.log[-1].time - last
+        assert after < load_hardware('my_motor.yaml').limits.command_timeout + WATCHDOG
+
+    def kill(self, item):
+        """Kill the bridge under torque."""
+        assert '`kill -9`' in item
+        self.publish_until_torque()
+        killed = time.monotonic()
+        self.graph.kill('bridge')
+        self.graph.wait(lambda: self.motor.torque == 0.0, 'the motor is at zero')
+        assert self.motor.log[-1].time - killed < 2.0 * WATCHDOG
+        assert not self.motor.device.armed
+
+    def engage(self, item):
+        """Engage the e-stop under torque."""
+        self.run_bridge(self.bridge)
+        self.publish_until_torque()
+        words = shlex.split(command(item, 'ros2 service call'))
+        assert words[4].strip('.') == 'std_srvs/srv/Trigger'
+        assert self.graph.call(words[3].lstrip('/'), Trigger).success
+        self.graph.wait(lambda: self.motor.torque == 0.0, 'the motor is at zero')
+        self.wait_for_state(MotorStatus.E_STOP)
+        assert self.graph.end('bridge', signal.SIGINT) == 0
+
+    # What several of them do
+
+    def run_bridge(self, item):
+        """Start the bridge with the parameters of the command of the page."""
+        self.bridge = item
+        words = shlex.split(command(item, 'ros2 run'))
+        assert words[:4] == ['ros2', 'run', 'ballbot_ros', 'bridge']
+        self.states.clear()
+        self.status.clear()
+        self.graph.start('bridge', **dict(
+            word.split(':=') for flag, word in zip(words, words[1:]) if flag == '-p'))
+
+    def turn(self, pendulum=None, shell=None):
+        """Turn something by hand, and wait until that is done."""
+        if pendulum is not None:
+            self.ball.pendulum = pendulum
+        if shell is not None:
+            self.ball.shell = shell
+        while not self.ball.done:
+            time.sleep(0.05)
+
+    def wait_for_state(self, state):
+        """Wait until the bridge says a state."""
+        self.graph.wait(lambda: state in [status.state for status in self.status],
+                        f'motor_status says {state}')
+
+    def publish_until_torque(self):
+        """Publish the command of the page until the motor makes its torque; return when last."""
+        content = yaml.safe_load(shlex.split(self.topic)[-1])
+        assert content['header'] == {'stamp': 'now'}
+        rate = float(re.search(r'-r (\d+)', self.topic).group(1))
+        joint = load_hardware('my_motor.yaml').joint
+        wanted = abs(joint.motor_torque(content['effort'][0]))
+        publisher = self.graph.publisher(shlex.split(self.topic)[5], JointState)
+        for _ in range(5):  # a busy machine may bring the e-stop in between
+            self.graph.wait(lambda: self.status, 'the bridge says its state')
+            end = time.monotonic() + 15.0
+            while not (answer := self.graph.call('bridge/release_e_stop', Trigger)).success:
+                assert time.monotonic() < end, answer.message
+            end = time.monotonic() + 3.0
+            while time.monotonic() < end:
+                message = JointState(name=content['name'], effort=content['effort'])
+                message.header.stamp = to_time(time.time())
+                publisher.publish(message)
+                self.graph.spin(1.0 / rate)
+                if abs(abs(self.motor.torque) - wanted) < 1e-5:
+                    return time.monotonic()
+        raise AssertionError(f'the motor never made {wanted:g} N m: {self.status[-1]}')
+
+
+# A phrase of each item of the page, and what is done there.
+STEPS = (
+    ('Copy the hardware file to `my.yaml`', Walk.copy_and_doctor),
+    ('`ballbot calibrate-motor', Walk.calibrate),
+    ('Turn the pendulum by hand forward', Walk.start),
+    ('Turn the shell by hand forward', Walk.turn_shell),
+    ('Pull the plug', Walk.pull_the_plug),
+    ('Release the e-stop, publish a small torque', Walk.push),
+    ('`kill -9`', Walk.kill),
+    ('engage the e-stop under torque', Walk.engage))
+
+
+def command(item, begin):
+    """Return the command of an item that begins so."""
+    found = re.search(rf'`({begin}[^`]*)`|({begin}.*"[^"]*")', item)
+    assert found, f'no command {begin!r} in: {item}'
+    return found.group(1) or found.group(2)
+
+
+def test_the_page_lists_what_is_tried_here():
+    assert [phrase for item in items() for phrase, _ in STEPS if phrase in item] == [
+        phrase for phrase, _ in STEPS]
+    assert len(items()) == len(STEPS), 'an item of the page is not tried'
+
+
+def test_the_list_of_the_page_is_walked_through(workshop, graph, monkeypatch):
+    walk = Walk(workshop('odrive'), graph, monkeypatch)
+    try:
+        for item, (_, step) in zip(items(), STEPS):
+            step(walk, item)
+    finally:
+        walk.close()
+    # The plug was a fault, and is told.
+    code, out = walk.shop.run(f'ballbot replay {graph.processes.log("bridge").parent / "ballbot"}')
+    assert code == 0 and 'the line was lost' in out

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws on board, of the simulator and of a bridge: set-points in, and no node controller."""
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+
+from ballbot_ros.msg import BallState, MotorStatus, StepDecision
+from ballbot_ros.ros import diagnostics, qos
+from ballbot_ros.ros.conversions import to_seconds
+
+
+def test_the_decision_drives_a_simulator_over_a_step_without_a_controller(graph):
+    states = graph.subscribe('ball_state', BallState)
+    joints = graph.subscribe('joint_states', JointState)
+    decisions = graph.subscribe('step_decision', StepDecision, qos.LATCHED)
+    graph.start('obstacle_decision')
+    graph.wait_for_log('obstacle_decision', 'ready to decide')
+    graph.start('simulator', scene='doorstep', control='onboard', start_paused=True)
+    graph.wait_until_connected(states, decisions)
+    graph.trigger('resume')
+    graph.wait(lambda: states[-1].x > 2.2, 'the ball is over the step')
+    assert StepDecision.CROSS in {decision.decision for decision in decisions}
+    stamps = [to_seconds(joint.header.stamp) for joint in joints[-50:]]
+    assert abs((stamps[-1] - stamps[0]) / 49 - 0.01) < 1e-6
+    assert graph.values('simulator')['law'] == 'hold'
+
+
+def test_a_simulator_on_board_hears_the_e_stop_and_the_decision_goes_on_only_when_asked(graph):
+    states = graph.subscribe('ball_state', BallState)
+    wanted = graph.subscribe('set_point', JointState)
+    graph.start('obstacle_decision')
+    graph.start('simulator', scene='doorstep', control='onboard')
+    graph.wait(lambda: states and abs(states[-1].pendulum_torque) > 0.1, 'the motor pulls')
+    latch = graph.publisher('e_stop', Bool, qos.LATCHED)
+    latch.publish(Bool(data=True))
+    graph.wait_for_health('obstacle_decision', diagnostics.WARN, 'the e-stop is engaged')
+    graph.wait(lambda: all(state.pendulum_torque == 0.0 for state in states[-20:]), 'no torque')
+    refused = graph.call('obstacle_decision/resume', Trigger)
+    assert not refused.success and 'release it first' in refused.message
+    latch.publish(Bool(data=False))
+    graph.wait_for_health('obstacle_decision', diagnostics.WARN, 'to go on call')
+    graph.wait(lambda: len(wanted) > 20, 'set-points flow')
+    assert {message.position[0] for message in wanted[-10:]} == {0.0}
+    answer = graph.call('obstacle_decision/resume', Trigger)
+    assert answer.success, answer.message
+    graph.wait(lambda: abs(wanted[-1].position[0]) > 0.05, 'it drives on')
+
+
+def test_what_makes_no_sense_on_board_is_refused_with_words(graph):
+    graph.start('simulator', control='onboard', lockstep=True)
+    assert graph.processes.wait('simulator', 30.0) == 2
+    assert 'lockstep waits for the joint_commands' in graph.log('simulator')
+
+
+def test_a_controller_hears_the_e_stop_and_does_not_jump_when_it_is_released(graph):
+    commands = graph.subscribe('joint_commands', JointState)
+    graph.start('controller')
+    # Slowly: half a second without set-points counts as rest, and this machine may be busy.
+    graph.start('simulator', scene='flat', real_time_factor=0.2)
+    up = graph.joint(position=[0.5])
+    graph.publish_until(lambda: commands and commands[-1].effort[0] > 0.3, 'the motor pulls',
+                        'set_point', up)
+    latch = graph.publisher('e_stop', Bool, qos.LATCHED)
+    latch.publish(Bool(data=True))
+    graph.wait_for_health('controller', diagnostics.WARN, 'the e-stop is engaged')
+    commands.clear()
+    released = []
+
+    def answered():
+        if len(commands) > 60 and not released:
+            released.append(len(commands))
+            latch.publish(Bool(data=False))
+        return len(commands) > 200
+    graph.publish_until(answered, 'states are answered', 'set_point', up)
+    assert {command.effort[0] for command in commands} == {0.0}
+    graph.publish_until(lambda: graph.refusals('controller').get('e_stop'), 'it counts them',
+                        'set_point', up)
+    rest = graph.joint(position=[0.0])
+    graph.publish_until(lambda: commands[-1].effort[0] > 0.3, 'after rest it follows again',
+                        'set_point', rest, rest, *[up] * 50)
+
+
+def test_a_bridge_drives_by_set_points_and_names_who_keeps_the_e_stop_engaged(
+        graph, motor, hardware):
+    status = graph.subscribe('motor_status', MotorStatus)
+    graph.start('bridge', hardware=hardware(), port=motor.path)
+    graph.wait(lambda: status and status[-1].control == MotorStatus.ONBOARD, 'it runs')
+    up, rest = graph.joint(position=[0.4]), graph.joint(position=[0.0])
+
+    def released():
+        return graph.call('bridge/release_e_stop', Trigger)
+    graph.publish_until(lambda: graph.values('bridge').get('set_points_e_stop', '0') != '0',
+                        'it refuses them', 'set_point', up)
+    answer = released()
+    assert not answer.success
+    assert 'set_point asks for a pendulum angle of 0.4 rad (from /test)' in answer.message
+    graph.spin(0.6)
+    graph.publish_until(lambda: released().success, 'rest lets it be released', 'set_point', rest)
+    graph.publish_until(lambda: abs(motor.torque) > 0.0 and status[-1].law == 'hold'
+                        and status[-1].set_value == 0.4, 'the motor pulls', 'set_point', up)
+    assert graph.call('bridge/engage_e_stop', Trigger).success
+    graph.wait(lambda: motor.torque == 0.0, 'the motor is at zero')

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bridge that systemd has started, from its start to its end."""
+import signal
+import socket
+import time
+
+import pytest
+
+
+@pytest.fixture
+def systemd(tmp_path, monkeypatch):
+    """Return the socket of a service manager that waits a second for a sign of life."""
+    address = tmp_path / 'notify'
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as found:
+        found.bind(str(address))
+        found.settimeout(10.0)
+        monkeypatch.setenv('NOTIFY_SOCKET', str(address))
+        monkeypatch.setenv('WATCHDOG_USEC', '1000000')
+        yield found
+
+
+# Before the graph, whose processes have the environment of its beginning.
+def test_systemd_is_told_of_the_start_the_life_and_the_end_of_a_bridge(systemd, driving):
+    run, told = driving(), []
+
+    deadline = time.monotonic() + 60.0
+
+    def hear():
+        assert time.monotonic() < deadline, told
+        told.append(systemd.recv(4096).decode())
+    # Nobody commands while this test listens, so that it may have timed out by then.
+    released = {'STATUS=running', 'STATUS=commands timed out'}
+    while not ('READY=1' in told and released & set(told) and told.count('WATCHDOG=1') > 3):
+        hear()
+    assert 'STATUS=e-stop: engaged at start' in told
+    run.graph.end('bridge', signal.SIGTERM)
+    while told[-1] != 'STOPPING=1':
+        hear()

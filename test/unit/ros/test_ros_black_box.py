@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The black box of a node: where its files are, and whose lines of the log it takes."""
+import logging
+from pathlib import Path
+
+import pytest
+
+from ballbot_ros.bridge.black_box import BlackBox, NOTE
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.ros.black_box import black_box, LOGGER, place
+from ballbot_ros.ros.logs import DeferredLogs
+
+
+@pytest.mark.parametrize('folder, home, found', [
+    ('~/.ros/ballbot', None, Path.home() / '.ros/ballbot'),
+    ('~/.ros/ballbot', '/var/ros', Path('/var/ros/ballbot')),
+    ('~/here', '/var/ros', Path.home() / 'here'), ('/a/b', '/var/ros', Path('/a/b'))])
+def test_the_default_folder_is_that_of_ros(folder, home, found, monkeypatch):
+    monkeypatch.delenv('ROS_HOME', raising=False)
+    if home:
+        monkeypatch.setenv('ROS_HOME', home)
+    assert place(folder) == found
+
+
+def test_what_the_bridge_logs_is_kept_when_it_is_logged_and_not_when_it_is_printed(
+        tmp_path, monkeypatch):
+    monkeypatch.setattr('atexit.register', lambda act: act)
+    logger = logging.getLogger(LOGGER)
+    monkeypatch.setattr(logger, 'handlers', [])
+    monkeypatch.setattr(logger, 'level', logging.INFO)
+    DeferredLogs(LOGGER)
+    box = black_box(str(tmp_path), load_hardware('gimball_odrive'))
+    logging.getLogger(f'{LOGGER}.session').warning('the %s is on fire', 'motor')
+    block, = box.snapshot()
+    assert bytes(block).endswith(b'the motor is on fire') and block[9] == NOTE
+
+
+def test_without_a_folder_nothing_is_kept():
+    assert not isinstance(black_box('', load_hardware('gimball_odrive')), BlackBox)

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stamps on a clock that is set now and then, and timeouts on one that is not."""
+from types import SimpleNamespace
+
+import pytest
+
+from ballbot_ros.ros import motor
+from ballbot_ros.ros.motor import Clocks
+
+START = 1.8e9
+
+
+class Time:
+    """Both clocks of a machine, and the node that has them."""
+
+    def __init__(self):
+        self.steady, self.apart, self.held_up = 100.0, START, 0.0
+        self.told = []
+
+    def monotonic(self):
+        return self.steady
+
+    def now(self):
+        stamp = SimpleNamespace(nanoseconds=round(1e9 * (self.steady + self.apart)))
+        self.steady += self.held_up  # others run between the two clocks
+        return stamp
+
+    def get_clock(self):
+        return self
+
+    def get_logger(self):
+        return SimpleNamespace(warning=self.told.append)
+
+
+@pytest.fixture
+def machine(monkeypatch):
+    """Return the clocks of a machine."""
+    made = Time()
+    monkeypatch.setattr(motor, 'time', made)
+    return made
+
+
+def off(clocks, machine):
+    """Return how far the steady time of a stamp of now is off [s]."""
+    now = machine.steady
+    return clocks.steady(now + machine.apart) - now
+
+
+def test_a_stamp_of_now_is_now(machine):
+    clocks = Clocks(machine)
+    assert off(clocks, machine) == pytest.approx(0.0, abs=1e-6)
+    assert clocks.stamp(machine.steady) == pytest.approx(machine.steady + START)
+
+
+@pytest.mark.parametrize('change', [3600.0, -3600.0, 1.8e9, 0.5, -0.02])
+def test_a_clock_that_is_set_is_followed_after_twenty_milliseconds_and_told(machine, change):
+    clocks = Clocks(machine)
+    off(clocks, machine)
+    machine.apart += change
+    machine.steady += 0.021
+    assert off(clocks, machine) == pytest.approx(0.0, abs=1e-6)
+    assert len(machine.told) == (abs(change) > 0.1)
+    assert not machine.told or f'set by {change:+.3f} s' in machine.told[0]
+
+
+def test_what_is_looked_at_while_the_process_is_held_up_is_not_believed(machine):
+    clocks = Clocks(machine)
+    off(clocks, machine)
+    machine.held_up = 0.03
+    for _ in range(5):
+        machine.steady += 0.1
+        assert off(clocks, machine) == pytest.approx(0.0, abs=1e-6)
+    assert not machine.told
+
+
+def test_clocks_that_drift_apart_are_followed_without_a_word(machine):
+    clocks = Clocks(machine)
+    for _ in range(1000):
+        machine.steady += 0.03
+        machine.apart += 15e-6
+        assert abs(off(clocks, machine)) < 0.0021
+    assert not machine.told

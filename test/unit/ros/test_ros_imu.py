@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node imu on a pseudo-terminal, with a sensor in software at the other end."""
+import threading
+import time
+from types import SimpleNamespace
+
+import pytest
+
+from ballbot_ros.emulator.terminal import PseudoTerminal
+from ballbot_ros.errors import ConfigurationError, LinkError
+from ballbot_ros.nodes.imu import ImuNode
+from ballbot_ros.ros import diagnostics, imu
+from ballbot_ros.ros.conversions import to_seconds
+from ballbot_ros.ros.motor import Clocks, imu_reading
+from ballbot_ros.sensors.emulated import EmulatedWitMotion
+from ballbot_ros.sensors.source import StampedReading
+
+
+class Sensor:
+    """A sensor on a pseudo-terminal, in a thread."""
+
+    def __init__(self):
+        self.device, self.terminal = EmulatedWitMotion(), PseudoTerminal()
+        self.commands = []
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self):
+        number = 0
+        while not self._ending.wait(0.0005):
+            number += 1
+            self.device.force = (0.5, 0.0, 9.81 + 0.01 * (number % 5))
+            data, heard = self.device.tick(time.monotonic()), self.terminal.read()
+            if self.terminal.baud == self.device.baud:
+                self.terminal.write(data)
+                self.device.receive(heard)
+
+    def end(self):
+        """Unplug."""
+        self._ending.set()
+        self._thread.join()
+        self.terminal.unplug()
+
+
+@pytest.fixture
+def sensor():
+    """Return a sensor as it leaves the factory."""
+    found = Sensor()
+    yield found
+    found.end()
+
+
+@pytest.fixture
+def published(monkeypatch):
+    """Return what is published."""
+    found = []
+    monkeypatch.setattr(imu, 'create_publisher', lambda *_: SimpleNamespace(
+        publish=found.append))
+    return found
+
+
+def wait(condition, seconds=5.0):
+    """Wait until something holds, and say whether it does."""
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.01)
+    return condition()
+
+
+def test_a_sensor_from_the_factory_becomes_a_topic_that_the_bridge_takes(
+        make_node, sensor, published):
+    sensor.device.turn_rate = (0.0, 0.25, 0.0)
+    node = make_node(ImuNode, port=sensor.terminal.path)
+    try:
+        assert wait(lambda: len(published) > 100)
+        message = published[-1]
+        reading = imu_reading(message, Clocks(node))
+        assert reading.turn_rate == pytest.approx(-0.25, abs=0.002)
+        assert reading.forward == pytest.approx(0.5, abs=0.01)
+        assert 0.0 <= time.monotonic() - reading.stamp < 0.5
+        assert message.header.frame_id == 'ball_link'
+        assert message.orientation_covariance[0] == -1.0
+        assert message.angular_velocity_covariance[4] == pytest.approx(0.005**2)
+        stamps = [to_seconds(item.header.stamp) for item in published]
+        assert stamps == sorted(stamps)
+        assert sensor.device.baud == 115200 and sensor.device.period == 0.005
+    finally:
+        node.make_safe()
+    assert node.failure is None
+
+
+def output_of(make_node, source):
+    """Return an output whose source is that of a test, with its node."""
+    from rclpy.node import Node
+    node = make_node(Node, 'imu')
+    return imu.ImuOutput(node, source, 'here', 200.0, 0.005, 0.05)
+
+
+class Source:
+    """A source that a test tells what to give."""
+
+    def __init__(self):
+        self.counts = dict.fromkeys((
+            'readings', 'refused', 'skipped', 'unpaired', 'saturated', 'frozen', 'lost',
+            'set_up'), 0)
+        self.trouble, self.error = '', None
+
+    def read(self, patience):
+        """Return nothing, or raise."""
+        time.sleep(0.01)
+        if self.error is not None:
+            raise self.error
+        return [StampedReading(time.monotonic(), (0.0,) * 3, (0.0,) * 3, False)]
+
+    def close(self):
+        """Do nothing."""
+
+
+def test_health_says_what_is_wrong_and_has_every_value_of_the_table(make_node, published):
+    source = Source()
+    output = output_of(make_node, source)
+    try:
+        time.sleep(0.05)
+        level, message, values = output._health()
+        assert (level, message) == (
+            diagnostics.WARN, '0 readings a second, 200 were asked for')
+        assert set(values) == set(imu.VALUES)
+        source.counts['readings'] += 10**6
+        assert output._health()[:2] == (diagnostics.OK, 'running')
+        source.trouble = 'no readings at 115200 baud on here'
+        assert output._health()[:2] == (diagnostics.ERROR, source.trouble)
+    finally:
+        output.end()
+
+
+def test_an_error_in_the_thread_is_the_nodes_failure(make_node, published):
+    source = Source()
+    output = output_of(make_node, source)
+    source.error = RuntimeError('a bug')
+    assert wait(lambda: output.failure is not None)
+    node = SimpleNamespace(_output=output)
+    failure = ImuNode.failure.fget(node)
+    assert isinstance(failure, LinkError) and 'a bug' in str(failure)
+    output.end()
+
+
+@pytest.mark.parametrize('parameters, said', [
+    ({'axes': 'x y -z'}, 'left-handed'), ({'rate': 150}, 'must be one of 10, 20, 50, 100, 200'),
+    ({'baud': 9600}, '44000 bit/s'), ({'bandwidth': 99}, 'must be one of 5, 10')])
+def test_what_cannot_work_is_refused_at_the_start(make_node, parameters, said):
+    with pytest.raises(ConfigurationError, match=said):
+        make_node(ImuNode, port='/dev/null', **parameters)

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A lifecycle node that no request ends, and that starts by itself only while nobody else does."""
+import random
+
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+import pytest
+from rclpy.node import Node
+
+from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
+
+# What a client may ask for, shutdown left out; and what no client ever should.
+TRANSITIONS = (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP,
+               Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE,
+               Transition.TRANSITION_DESTROY, Transition.TRANSITION_ON_CONFIGURE_SUCCESS, 99)
+
+
+class Machine(ManagedNode):
+    """Configures only once there is a drive."""
+
+    drive = True
+
+    def on_configure(self, state):
+        return SUCCESS if self.drive else FAILURE
+
+
+@pytest.fixture
+def machine(make_node, context):
+    """Return a node, and a function that asks it for a transition and returns the answer."""
+    node, peer = make_node(Machine, 'machine'), make_node(Node, 'peer')
+    executor = new_executor(context)
+    executor.add_node(node)
+    executor.add_node(peer)
+    client = peer.create_client(ChangeState, 'machine/change_state')
+    assert client.wait_for_service(10.0)
+
+    def ask(number, label=''):
+        future = client.call_async(
+            ChangeState.Request(transition=Transition(id=number, label=label)))
+        executor.spin_until_future_complete(future, timeout_sec=10.0)
+        return future.result().success
+    yield node, ask
+    executor.shutdown()
+
+
+def test_three_hundred_random_transitions_end_nothing(machine):
+    node, ask = machine
+    choose = random.Random(1)
+    assert 30 < sum(ask(choose.choice(TRANSITIONS)) for _ in range(300)) < 200
+    assert node.state_label in ('unconfigured', 'inactive', 'active')
+    assert not ask(0, 'no such label')
+
+
+def test_a_refusal_says_what_is_possible(machine, capfd):
+    node, ask = machine
+    assert not ask(Transition.TRANSITION_ACTIVATE)
+    assert ask(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
+    assert not ask(Transition.TRANSITION_CONFIGURE)
+    told = capfd.readouterr().err
+    assert ('activate is not possible: the node is unconfigured, from where it can go by '
+            'configure, shutdown') in told
+    assert 'configure is not possible: the node is finalized, from where it can go by nothing' \
+        in told
+
+
+def test_it_starts_by_itself_as_soon_as_that_works(machine):
+    node, _ = machine
+    node.drive = False
+    start = Autostart(node)
+    assert node.state_label == 'unconfigured'
+    node.drive = True
+    start._try()
+    assert node.state_label == 'active'
+
+
+def test_a_start_that_came_half_way_goes_on(machine):
+    node, _ = machine
+    assert node.trigger_configure() is SUCCESS
+    assert node.start() and node.state_label == 'active'
+
+
+@pytest.mark.parametrize('asked, left', [
+    (Transition.TRANSITION_CONFIGURE, 'inactive'),
+    (Transition.TRANSITION_UNCONFIGURED_SHUTDOWN, 'finalized')])
+def test_where_somebody_has_asked_for_a_state_it_is_left_there(machine, asked, left):
+    node, ask = machine
+    node.drive = False
+    start = Autostart(node)
+    node.drive = True
+    assert ask(asked)
+    start._try()
+    assert node.state_label == left and start._timer.is_canceled()
+
+
+def test_what_somebody_asked_for_in_vain_stops_no_start(machine):
+    node, ask = machine
+    node.drive = False
+    start = Autostart(node)
+    assert not ask(Transition.TRANSITION_ACTIVATE)
+    node.drive = True
+    start._try()
+    assert node.state_label == 'active'

@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is logged before a node can log is logged when it can."""
+import logging
+
+from ballbot_ros.ros.logs import DeferredLogs
+
+
+def test_what_is_told_while_a_node_is_being_made_is_not_lost():
+    above, name = logging.getLogger('deferred'), 'deferred.below'
+    taken = []
+
+    class Taking(logging.Handler):
+        """Takes what arrives."""
+
+        def emit(self, record):
+            taken.append(record.getMessage())
+    deferred = DeferredLogs(name)  # `above` takes no more than warnings yet, as the root does
+    logging.getLogger(f'{name}.module').info('compiled in 2.5 s')
+    above.handlers = [Taking()]
+    above.setLevel(logging.INFO)
+    assert not taken
+    deferred.forward()
+    assert taken == ['compiled in 2.5 s']

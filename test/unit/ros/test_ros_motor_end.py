@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The last word of a bridge."""
+from types import SimpleNamespace
+
+import pytest
+from rclpy.node import Node
+
+from ballbot_ros.msg import MotorStatus
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.motor import Clocks, MotorOutputs
+
+
+@pytest.mark.parametrize('unconfirmed', ['', 'the stop was not confirmed: the cable is out'])
+@pytest.mark.parametrize('state', [MotorStatus.OFF, MotorStatus.ENDED])
+def test_the_last_status_is_received_and_says_what_the_motor_was_left_with(
+        make_node, context, state, unconfirmed):
+    node, peer = make_node(Node, 'bridge'), make_node(Node, 'peer')
+    heard = []
+    peer.create_subscription(MotorStatus, 'motor_status', heard.append, qos.STATE)
+    outputs = MotorOutputs(node, Clocks(node), 10.0, 0.0)
+    executor = new_executor(context)
+    executor.add_node(peer)
+    while not node.count_subscribers('motor_status'):
+        executor.spin_once(timeout_sec=0.01)
+    outputs.publish_end(state, SimpleNamespace(
+        supervisor=SimpleNamespace(e_stop='asked for'),
+        control=SimpleNamespace(unconfirmed=unconfirmed)))
+    while not heard:
+        executor.spin_once(timeout_sec=0.01)
+    executor.shutdown()
+    last, = heard
+    assert (last.state, last.torque, last.e_stop) == (state, 0.0, 'asked for')
+    assert list(last.warnings) == ([unconfirmed] if unconfirmed else [])

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the bridge publishes besides its motor, each topic at its own rate."""
+import math
+from types import SimpleNamespace
+
+from geometry_msgs.msg import TransformStamped
+import pytest
+from rclpy.node import Node
+from sensor_msgs.msg import BatteryState
+
+from ballbot_ros.bridge.battery import Battery
+from ballbot_ros.bridge.condition import Condition
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.drives.contract import Telemetry
+from ballbot_ros.estimation import OdometryFilter, PendulumFilter
+from ballbot_ros.physics import load_robot
+from ballbot_ros.ros import odometry, robot_outputs
+from ballbot_ros.ros.robot_outputs import battery_message, RobotOutputs
+
+GIMBALL = load_robot('gimball')
+# On a clock that is as far from ROS time as wall time is from the time since boot.
+CLOCKS = SimpleNamespace(stamp=lambda steady: steady + 1.7e9)
+
+
+@pytest.fixture
+def published(monkeypatch):
+    """Return what is published, as pairs of topic and message."""
+    found = []
+    for module in (odometry, robot_outputs):
+        monkeypatch.setattr(module, 'create_publisher', lambda node, kind, topic, profile: (
+            SimpleNamespace(publish=lambda message: found.append((topic, message)))))
+    return found
+
+
+def outputs_of(make_node, session, rate):
+    """Return the outputs of a session."""
+    session.robot, session.hardware = GIMBALL, load_hardware('gimball_odrive')
+    return RobotOutputs(make_node(Node, 'robot'), session, CLOCKS, rate)
+
+
+def topics(published, *names):
+    """Return the messages of some topics."""
+    return [message for topic, message in published if topic in names]
+
+
+def found(stamp, estimate=None, **telemetry):
+    """Return what a period of the loop has found."""
+    return SimpleNamespace(time=stamp, estimate=estimate, condition=Condition(),
+                           telemetry=Telemetry(**telemetry))
+
+
+def report(outputs, session, stamp):
+    """Let a period of the loop measure at a time."""
+    estimate = PendulumFilter(GIMBALL).start(stamp, 0.0)
+    session.odometry = OdometryFilter(GIMBALL).start(estimate)._replace(position=stamp)
+    outputs.publish(found(stamp, estimate))
+
+
+@pytest.mark.parametrize('rate', (50.0, 100.0, 120.0, 500.0))
+def test_odometry_comes_at_its_rate_with_the_stamp_of_the_measurement(make_node, published, rate):
+    session = SimpleNamespace(odometry=None)
+    outputs = outputs_of(make_node, session, rate)
+    outputs.publish(found(0.0))
+    assert not topics(published, 'odom', '/tf')
+    for number in range(1000):
+        report(outputs, session, 0.002 * number)
+    messages = topics(published, 'odom')
+    assert len(messages) == pytest.approx(2.0 * rate, abs=1)
+    last = messages[-1]
+    assert last.header.stamp.sec == int(1.7e9 + last.pose.pose.position.x)
+
+
+def test_a_rate_of_zero_leaves_odometry_to_others(make_node, published):
+    session = SimpleNamespace(odometry=None)
+    outputs = outputs_of(make_node, session, 0.0)
+    report(outputs, session, 1.0)
+    assert not topics(published, 'odom', '/tf')
+
+
+def test_after_a_gap_it_does_not_catch_up(make_node, published):
+    session = SimpleNamespace(odometry=None)
+    outputs = outputs_of(make_node, session, 100.0)
+    for stamp in (0.0, 5.0, 5.002, 5.004):
+        report(outputs, session, stamp)
+    assert len(topics(published, 'odom')) == 2
+
+
+def test_the_transform_is_that_of_the_message(make_node, published, monkeypatch):
+    # tf2_msgs is not among the wheels.
+    monkeypatch.setattr(odometry, 'TFMessage', SimpleNamespace)
+    monkeypatch.setattr(odometry, 'TransformStamped', TransformStamped, raising=False)
+    session = SimpleNamespace(odometry=None)
+    outputs = outputs_of(make_node, session, 100.0)
+    report(outputs, session, 2.5)
+    message, = topics(published, 'odom')
+    transform, = topics(published, '/tf')[0].transforms
+    assert transform.header == message.header
+    assert transform.child_frame_id == 'base_link'
+    assert transform.transform.translation.x == message.pose.pose.position.x == 2.5
+    assert transform.transform.translation.z == GIMBALL.ball_radius
+    assert transform.transform.rotation.w == 1.0
+
+
+def test_the_battery_is_told_once_a_second_whatever_the_rate_of_the_loop(make_node, published):
+    outputs = outputs_of(make_node, SimpleNamespace(odometry=None), 0.0)
+    for number in range(1501):
+        outputs.publish(found(0.002 * number, bus_voltage=24.0))
+    messages = topics(published, 'battery_state')
+    assert [message.header.stamp.sec for message in messages] == [
+        1700000000 + second for second in range(4)]
+
+
+def test_a_battery_of_which_nothing_is_known_is_nan_and_unknown():
+    message = battery_message(1.5e9, Battery(), Telemetry(), Condition())
+    assert not message.present and message.header.stamp.sec == 1500000000
+    for value in (message.voltage, message.current, message.temperature, message.charge,
+                  message.capacity, message.design_capacity, message.percentage):
+        assert math.isnan(value)
+    assert message.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_UNKNOWN
+    assert message.power_supply_health == BatteryState.POWER_SUPPLY_HEALTH_UNKNOWN
+    assert message.power_supply_technology == BatteryState.POWER_SUPPLY_TECHNOLOGY_UNKNOWN
+
+
+def test_a_current_that_is_drawn_is_negative_and_braking_charges():
+    battery = Battery(technology='lipo', capacity=5.0)
+    drawn = battery_message(1.0, battery, Telemetry(bus_voltage=24.0, bus_current=3.0),
+                            Condition(percentage=0.5))
+    assert drawn.present and (drawn.voltage, drawn.current) == (24.0, -3.0)
+    assert (drawn.percentage, drawn.design_capacity) == (0.5, 5.0)
+    assert drawn.power_supply_technology == BatteryState.POWER_SUPPLY_TECHNOLOGY_LIPO
+    assert drawn.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
+    fed = battery_message(1.0, battery, Telemetry(bus_voltage=26.0, bus_current=-3.0), Condition())
+    assert fed.current == 3.0
+    assert fed.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_CHARGING
+
+
+@pytest.mark.parametrize('warning, health', [
+    ('battery_low', 'GOOD'), ('battery_empty', 'DEAD'), ('over_voltage', 'OVERVOLTAGE')])
+def test_what_is_wrong_with_a_battery_is_its_health(warning, health):
+    message = battery_message(1.0, Battery(), Telemetry(bus_voltage=24.0),
+                              Condition(warnings=(warning,)))
+    assert message.power_supply_health == getattr(BatteryState, f'POWER_SUPPLY_HEALTH_{health}')

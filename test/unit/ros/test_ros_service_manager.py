@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What systemd is told, on a real socket: only a bridge that runs says that it is alive."""
+import configparser
+import os
+from pathlib import Path
+import shutil
+import socket
+import subprocess
+from types import SimpleNamespace
+
+import pytest
+import yaml
+
+from ballbot_ros.config.fields import checked_values
+from ballbot_ros.ros import service_manager, settings
+from ballbot_ros.ros.service_manager import ServiceManager, SIGNS
+
+ROOT = Path(__file__).resolve().parents[3]
+UNITS = sorted((ROOT / 'config' / 'systemd').glob('*.service'))
+LOOP = object()
+
+
+class Systemd:
+    """The other end of the socket, and a clock."""
+
+    def __init__(self, address):
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+        self.socket.bind(address)
+        self.now = 1000.0
+
+    def told(self):
+        """Return what was told since the last time."""
+        found = []
+        while True:
+            try:
+                found.append(self.socket.recv(4096).decode())
+            except BlockingIOError:
+                return found
+
+    def monotonic(self):
+        """Return the time [s]."""
+        return self.now
+
+
+@pytest.fixture(params=('file', 'abstract'))
+def systemd(request, tmp_path, monkeypatch):
+    """Return a service manager that waits ten seconds for a sign of life."""
+    name = f'ballbot-test-{os.getpid()}'
+    address = str(tmp_path / 'notify') if request.param == 'file' else f'@{name}'
+    found = Systemd(address if request.param == 'file' else '\0' + name)
+    found.environment = {'NOTIFY_SOCKET': address, 'WATCHDOG_USEC': '10000000'}
+    monkeypatch.setattr(service_manager, 'time', found)
+    yield found
+    found.socket.close()
+
+
+def session(e_stop='', trouble='', driver=True, timed_out=False):
+    """Return what is looked at of a session."""
+    return SimpleNamespace(
+        line=SimpleNamespace(trouble=trouble, driver=LOOP if driver else None),
+        supervisor=SimpleNamespace(e_stop=e_stop, timed_out=timed_out))
+
+
+def look(systemd, service, seconds, beats=True, loop=LOOP, failure=None):
+    """Look ten times a second for a while; return what is told."""
+    found = []
+    for _ in range(round(10 * seconds)):
+        systemd.now += 0.1
+        if beats:
+            service.beat(None)
+        service.look(session(), loop, failure)
+        found += systemd.told()
+    return found
+
+
+def test_ready_and_stopping_are_told(systemd):
+    service = ServiceManager(systemd.environment)
+    assert not systemd.told()
+    service.ready()
+    service.stopping()
+    assert systemd.told() == ['READY=1', 'STOPPING=1']
+
+
+def test_a_running_bridge_is_alive_several_times_in_the_time_that_is_waited(systemd):
+    found = look(systemd, ServiceManager(systemd.environment), 60.0)
+    assert found.count('WATCHDOG=1') == pytest.approx(6.0 * SIGNS, abs=2)
+
+
+def test_a_loop_that_stands_still_is_not_alive_though_the_executor_goes_on(systemd):
+    service = ServiceManager(systemd.environment)
+    look(systemd, service, 5.0)
+    found = look(systemd, service, 60.0, beats=False)
+    assert found.count('WATCHDOG=1') <= 1
+    assert 'WATCHDOG=1' in look(systemd, service, 10.0)
+
+
+def test_an_executor_that_stands_still_says_nothing_though_the_loop_goes_on(systemd):
+    service = ServiceManager(systemd.environment)
+    for _ in range(1000):
+        systemd.now += 0.1
+        service.beat(None)
+    assert not systemd.told()
+
+
+def test_a_bridge_that_has_failed_is_not_alive(systemd):
+    service = ServiceManager(systemd.environment)
+    assert 'WATCHDOG=1' not in look(systemd, service, 20.0, failure=ValueError())
+
+
+def test_a_drive_that_is_not_there_yet_is_no_reason_to_be_killed(systemd):
+    service = ServiceManager(systemd.environment)
+    found = look(systemd, service, 30.0, beats=False, loop=None)
+    assert found.count('WATCHDOG=1') >= 10
+
+
+@pytest.mark.parametrize('loop, state, told', [
+    (None, {'trouble': 'no such port'}, 'not configured: no such port'),
+    (None, {}, 'not configured'),
+    (LOOP, {'driver': False, 'trouble': 'unplugged'}, 'looking for the drive: unplugged'),
+    (LOOP, {'e_stop': 'engaged at start'}, 'e-stop: engaged at start'),
+    (LOOP, {'timed_out': True}, 'commands timed out'), (LOOP, {}, 'running')])
+def test_the_status_says_why_the_motor_has_no_power_and_only_when_it_changes(
+        systemd, loop, state, told):
+    service = ServiceManager({'NOTIFY_SOCKET': systemd.environment['NOTIFY_SOCKET']})
+    for _ in range(3):
+        service.look(session(**state), loop)
+    assert systemd.told() == [f'STATUS={told}']
+
+
+@pytest.mark.parametrize('changes', (
+    {'WATCHDOG_USEC': ''}, {'WATCHDOG_USEC': '0'}, {'WATCHDOG_USEC': 'never'},
+    {'WATCHDOG_USEC': '-5'}, {'WATCHDOG_PID': '1'}))
+def test_who_is_not_watched_sends_no_sign_of_life(systemd, changes):
+    service = ServiceManager({**systemd.environment, **changes})
+    assert 'WATCHDOG=1' not in look(systemd, service, 20.0)
+
+
+def test_without_systemd_nobody_is_told_and_nothing_happens():
+    service = ServiceManager({})
+    service.ready()
+    service.look(session(), LOOP)
+    service.stopping()
+
+
+def test_a_socket_that_is_gone_or_full_does_no_harm(systemd):
+    service = ServiceManager(systemd.environment)
+    for _ in range(5000):
+        service.ready()
+    systemd.socket.close()
+    service.stopping()
+
+
+@pytest.mark.parametrize('path', UNITS, ids=lambda path: path.stem)
+def test_the_units_are_well_formed_and_run_nodes_that_there_are(path):
+    unit = configparser.ConfigParser(strict=True, interpolation=None)
+    unit.optionxform = str
+    unit.read(path)
+    service = unit['Service']
+    node = path.stem.split('-')[1]
+    assert f'/lib/ballbot_ros/{node}"' in service['ExecStart']
+    assert f'/etc/ballbot/{node}.yaml' in service['ExecStart']
+    assert (ROOT / 'ballbot_ros' / 'nodes' / f'{node}.py').exists()
+    if shutil.which('systemd-analyze'):
+        done = subprocess.run(['systemd-analyze', 'verify', path], capture_output=True, text=True)
+        assert 'Unknown' not in done.stderr, done.stderr
+
+
+def test_the_bridge_has_the_limits_and_the_heartbeat_that_it_asks_for():
+    unit = configparser.ConfigParser(interpolation=None)
+    unit.optionxform = str
+    unit.read(ROOT / 'config' / 'systemd' / 'ballbot-bridge.service')
+    service = unit['Service']
+    parameters = yaml.safe_load((ROOT / 'config' / 'systemd' / 'bridge.yaml').read_text())
+    values = parameters['/**']['ros__parameters']
+    assert service['Type'] == 'notify' and float(service['WatchdogSec']) > 0.0
+    assert values['realtime_priority'] <= int(service['LimitRTPRIO'])
+    assert values['lock_memory'] and service['LimitMEMLOCK'] == 'infinity'
+
+
+@pytest.mark.parametrize('path', UNITS, ids=lambda path: path.stem)
+def test_logs_black_box_and_machine_code_go_where_a_service_may_write(path):
+    # rclpy does not start where it cannot make the folder of its logs.
+    unit = configparser.ConfigParser(interpolation=None)
+    unit.optionxform = str
+    unit.read(path)
+    service = unit['Service']
+    environment = dict(pair.split('=') for pair in service['Environment'].split())
+    assert service['ProtectHome'] == 'read-only'
+    assert environment['ROS_HOME'] == f'/var/lib/{service["StateDirectory"]}'
+    assert environment['XDG_CACHE_HOME'] == f'/var/cache/{service["CacheDirectory"]}'
+
+
+@pytest.mark.parametrize('name, cls', [
+    ('bridge', settings.BridgeSettings), ('imu', settings.ImuSettings)])
+def test_the_parameter_files_of_the_services_hold(name, cls):
+    path = ROOT / 'config' / 'systemd' / f'{name}.yaml'
+    values = yaml.safe_load(path.read_text())['/**']['ros__parameters']
+    checked_values(cls, values, path.name)
