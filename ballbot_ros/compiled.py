@@ -33,7 +33,8 @@ except ImportError:
     COMPILED = False
 
 KEPT_CACHES = 4
-KERNELS = ('physics', 'crossing', 'control', 'decision')  # the folders that may hold any
+# The folders that may hold any.
+KERNELS = ('physics', 'crossing', 'control', 'estimation', 'decision')
 
 
 def _cache_folder() -> str:

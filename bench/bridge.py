@@ -2,11 +2,15 @@
 """
 Time the bridge: a loop of 500 Hz over an emulated ODrive at 921600 baud.
 
-The torque that the emulated drive makes is the witness: each command asks for another one, so
-each is found again in the log of the drive, with the time at which it came into force there.
+With the laws on board (`set_point` at 50 Hz), with commands over topics (`control:=direct`), and
+with an IMU at 250 Hz.  The torque that the emulated drive makes is the witness: each command asks
+for another one, so each is found again in the log of the drive, with the time at which it came
+into force there.  What the bridge itself takes from a measurement to the torque that answers it
+is read off a capture of its line, in a run of its own.
 """
 from bisect import bisect
 from contextlib import contextmanager
+import math
 from pathlib import Path
 import signal
 from statistics import median
@@ -15,6 +19,7 @@ import sys
 import tempfile
 import time
 
+from builtin_interfaces.msg import Time
 from loop import processor_time, quantile
 import rclpy
 from rclpy.node import Node
@@ -25,11 +30,12 @@ import yaml
 
 from ballbot_ros.config.files import config_folder
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
+from ballbot_ros.drives.capture import read_capture
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.physics import load_scene
 from ballbot_ros.ros import qos
-from ballbot_ros.ros.conversions import command_message
+from ballbot_ros.ros.conversions import command_message, set_point_message
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription
 from ballbot_ros.ros.executor import new_executor
 
@@ -38,6 +44,8 @@ REPEATS = 3
 GEAR = 50.0 * 0.9  # torque at the pendulum per torque at the shaft
 # Torques repeat after so many commands, which is longer than any of them is under way.
 DIFFERENT = 400
+SET_POINT_PERIOD = 0.02  # [s]
+LEAN = 0.3  # to both sides in turn, with the laws on board [rad]
 
 
 class Bench:
@@ -53,13 +61,15 @@ class Bench:
 
     """
 
-    def __init__(self, emulator, nodes, node, executor):
-        """Answer joint states."""
+    def __init__(self, emulator, nodes, node, executor, control):
+        """Answer joint states, or publish set-points."""
+        self._control, self._next = control, 0.0
         self.emulator, self.nodes, self.node, self.executor = emulator, nodes, node, executor
         self.sent = {}  # number of the torque -> when it was published [s]
         self.arrivals = []
         self._number = 0
         self._commands = create_publisher(node, JointState, 'joint_commands', qos.NEWEST)
+        self._set_points = create_publisher(node, JointState, 'set_point', qos.NEWEST)
         create_subscription(node, JointState, 'joint_states', self._answer, qos.NEWEST)
         self.status = None
         create_subscription(node, MotorStatus, 'motor_status', self._note, qos.NEWEST)
@@ -72,6 +82,8 @@ class Bench:
     def _answer(self, message):
         """Answer a joint state with a torque unlike the ones before."""
         self.arrivals.append(time.monotonic())
+        if self._control == 'onboard':
+            return
         self._number = (self._number + 1) % DIFFERENT
         # Both directions in turn, so that the ball stays; no two alike.
         size = 0.05 + 0.0005 * self._number
@@ -84,7 +96,12 @@ class Bench:
         """Let time pass."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            self.executor.spin_once(timeout_sec=0.05)
+            if self._control == 'onboard' and self.pushing and time.monotonic() >= self._next:
+                self._next = time.monotonic() + SET_POINT_PERIOD
+                # Stamped by the bridge; the angle changes all the time, and so does the torque.
+                self._set_points.publish(set_point_message(
+                    Time(), LEAN * math.sin(3.0 * time.monotonic())))
+            self.executor.spin_once(timeout_sec=0.5 * SET_POINT_PERIOD)
 
     def release(self, patience=20.0):
         """Release the e-stop."""
@@ -130,12 +147,23 @@ def emulated_apart(folder):
 
 
 @contextmanager
-def running(folder, emulated=emulated_here):
+def emulated_robot(folder):
+    """Let an emulated drive and IMU run in a process of their own."""
+    with NodeProcesses(folder / 'robot', own_domain()) as nodes:
+        nodes.start('emulated_robot', {'link': folder / 'motor', 'scene': 'flat'})
+        while not (folder / 'motor').exists():
+            time.sleep(0.05)
+        yield None
+
+
+@contextmanager
+def running(folder, emulated=emulated_here, control='direct', rearm=True, **parameters):
     """Give a `Bench` with a bridge under way; files are in a folder."""
     domain = own_domain()
     content = yaml.safe_load((config_folder() / 'hardware/gimball_odrive.yaml').read_text())
-    content['connection'].update(imu_required=False, port=str(folder / 'motor'))
-    content['limits'].update(rearm=True, torque_rate_limit=1e6)
+    content['connection'].update(
+        imu_required=emulated is emulated_robot, port=str(folder / 'motor'))
+    content['limits'].update(rearm=rearm, torque_rate_limit=1e6)
     (folder / 'hardware.yaml').write_text(yaml.safe_dump(content))
     sys.setswitchinterval(5e-4)
     rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
@@ -143,8 +171,10 @@ def running(folder, emulated=emulated_here):
     executor.add_node(node)
     try:
         with emulated(folder) as emulator, NodeProcesses(folder, domain) as nodes:
-            bench = Bench(emulator, nodes, node, executor)
-            nodes.start('bridge', {'hardware': folder / 'hardware.yaml'})
+            bench = Bench(emulator, nodes, node, executor, control)
+            nodes.start('bridge', {
+                'hardware': folder / 'hardware.yaml', 'control': control,
+                'black_box': folder / 'black_box', **parameters})
             bench.release()
             yield bench
     finally:
@@ -170,25 +200,69 @@ def latencies(sent, log):
     return found
 
 
+def answers(path):
+    """Return the time from each measurement read to the torque that answers it [s]."""
+    found, read = [], None
+    for record in read_capture(path):
+        if record.direction == '<':
+            read = record.time if read is None else read
+        elif record.data.startswith(b'c ') and read is not None:
+            found.append(record.time - read)
+            read = None
+        elif record.data.startswith(b'f '):
+            read = None
+    return found
+
+
+def run(emulated, control, **parameters):
+    """
+    Run a bridge, and return what it used and the log of the drive.
+
+    Returns
+    -------
+    share : float
+        Processor time of the bridge [% of a core].
+    log : list
+        See `applied`; empty where the drive keeps none.
+    sent : dict
+        When the bench sent each torque [s].
+
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        with running(folder, emulated, control, **parameters) as bench:
+            bench.spin(SETTLE)
+            before, begin = processor_time(bench.process), time.monotonic()
+            bench.spin(WINDOW)
+            end = time.monotonic()
+            share = 100.0 * (processor_time(bench.process) - before) / (end - begin)
+        log = folder / 'log.csv'
+        return share, applied(log, begin, end) if log.exists() else [], bench.sent
+
+
 def measure():
     """Yield name, unit, values and target of each measurement."""
-    middle, late, used, way = [], [], [], []
-    for _ in range(REPEATS):
-        with tempfile.TemporaryDirectory() as name:
-            folder = Path(name)
-            with running(folder, emulated_apart) as bench:
-                bench.spin(SETTLE)
-                before, begin = processor_time(bench.process), time.monotonic()
-                bench.spin(WINDOW)
-                end = time.monotonic()
-                used.append(100.0 * (processor_time(bench.process) - before) / (end - begin))
-            log = applied(folder / 'log.csv', begin, end)
-        times = [when for when, _ in log]
-        periods = [1e3 * (after - before) for before, after in zip(times, times[1:])]
-        middle.append(quantile(periods, 0.5))
-        late.append(quantile(periods, 0.99))
-        way.append(1e3 * median(latencies(bench.sent, log)))
-    yield 'bridge: period of torques in the drive at 500 Hz, median', 'ms', middle, None
-    yield 'bridge: period of torques in the drive at 500 Hz, p99', 'ms', late, 4.0
-    yield 'bridge: part of a core', '%', used, 25.0
+    for what, control, target in (('laws on board', 'onboard', 15.0),
+                                  ('commands over topics', 'direct', 22.0)):
+        middle, late, used, way = [], [], [], []
+        for _ in range(REPEATS):
+            share, log, sent = run(emulated_apart, control)
+            times = [when for when, _ in log]
+            periods = [1e3 * (after - before) for before, after in zip(times, times[1:])]
+            middle.append(quantile(periods, 0.5))
+            late.append(quantile(periods, 0.99))
+            used.append(share)
+            way += [1e3 * median(latencies(sent, log))] if control == 'direct' else []
+        yield f'bridge, {what}: part of a core', '%', used, target
+        yield f'bridge, {what}: period of torques, median', 'ms', middle, None
+        yield f'bridge, {what}: period of torques, p99', 'ms', late, 4.0
     yield 'bridge: command published to torque in the drive', 'ms', way, 1.0
+    yield ('bridge, laws on board and an IMU: part of a core', '%',
+           [run(emulated_robot, 'onboard')[0] for _ in range(REPEATS)], None)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        with running(folder, emulated_apart, 'onboard', capture=folder / 'capture') as bench:
+            bench.spin(SETTLE + WINDOW)
+        ways = [1e3 * way for way in answers(folder / 'capture')]
+    yield 'bridge: measurement read to its torque written', 'ms', [median(ways)], 0.5
+    yield 'bridge: the same, p99', 'ms', [quantile(ways, 0.99)], None

@@ -6,9 +6,8 @@ import random
 import threading
 import time
 
-from ballbot_ros.drives import codec_of, device_class, driver_class, DRIVES, open_driver
+from ballbot_ros.drives import codec_of, device_class, driver_class, DRIVES, open_driver, open_line
 from ballbot_ros.drives.memory_line import MemoryLine
-from ballbot_ros.drives.transport import Link
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.errors import LinkError
@@ -77,7 +76,7 @@ def latency(protocol):
             arrivals.append(time.perf_counter())
         return data
     emulator.terminal.read = noting
-    with emulator, Link(emulator.path, emulator.baud) as link:
+    with emulator, open_line(protocol, emulator.path, emulator.baud) as link:
         driver = open_driver(protocol, link, options_for(protocol, emulator.settings))
         driver.identify()
         driver.arm()
@@ -185,7 +184,7 @@ def plugs():
 def session(emulator):
     """Open the port, arm, drive, and pull the plug; return the time until there was torque [s]."""
     begin = time.perf_counter()
-    with Link(emulator.path, emulator.baud) as link:
+    with open_line('odrive', emulator.path, emulator.baud) as link:
         driver = open_driver('odrive', link, options_for('odrive', emulator.settings))
         driver.identify()
         driver.arm()

@@ -1,20 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Talk to a motor controller on a serial line: here one in software, with the ball behind it.
+Talk to a motor controller: here one in software, with the ball behind it.
 
-For a real one, leave the emulator out and give the path of its port.
+For a real one, leave the emulator out and give its port: that of a serial line, or a CAN bus.
 
-    python examples/emulated_drive.py [odrive|vesc|roboclaw]
+    python examples/emulated_drive.py [PROTOCOL]
+
+PROTOCOL is odrive, roboclaw, vesc, or vesc_can behind a serial adapter to a CAN bus.
 """
 import sys
 import time
 
-from ballbot_ros.drives import open_driver, read_options
-from ballbot_ros.drives.transport import Link
+from ballbot_ros.drives import driver_class, open_driver, open_line, read_options
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.physics import load_scene
 
-BAUD, PERIOD = 115200, 0.02
+PERIOD = 0.02
 TORQUE, LIMIT = 0.01, 0.05  # at the motor shaft [N m]
 
 
@@ -22,8 +23,9 @@ def main() -> None:
     """Arm the drive, push for half a second, and stop it."""
     protocol = sys.argv[1] if len(sys.argv) > 1 else 'vesc'
     options = read_options(protocol, {'torque_limit': LIMIT}, 'this example')
-    with Emulator(protocol, load_scene('flat'), BAUD) as robot, Link(robot.path, BAUD) as link:
-        driver = open_driver(protocol, link, options)
+    baud = driver_class(protocol).baud_rates[0]
+    with Emulator(protocol, load_scene('flat'), baud) as robot:
+        driver = open_driver(protocol, open_line(protocol, robot.path, baud), options)
         identity = driver.identify()
         print(f'On the line: {identity.protocol}, firmware {identity.firmware}')
         driver.arm()
@@ -35,6 +37,7 @@ def main() -> None:
                 print(f'{period * PERIOD:4.2f} s: motor at {telemetry.position:6.2f} rad, '
                       f'ball at {1e3 * robot.state.x:5.1f} mm')
         driver.stop()
+        driver.line.close()
         print(f'Stopped; the torque is {abs(robot.torque):g} N m.')
 
 

@@ -39,30 +39,32 @@ PLACES = {
     'physics.solvers': (0.5, 9.5, 3, 1, 'model'),
     'physics.simulation': (0.5, 9.5, 4, 1, 'model'), 'physics': (0.5, 9.5, 5, 1, 'model'),
     'drives': (10.6, 13.8, 1, 5, 'robot'),
-    'results': (0.2, 1.5, 7, 1, 'offline'), 'crossing': (3.3, 5.0, 6, 1, 'model'),
+    'results': (0.2, 1.7, 9.3, 1, 'offline'), 'crossing': (3.3, 5.0, 6, 1, 'model'),
     'control': (5.4, 7.6, 6, 1, 'robot'), 'plant': (8.1, 9.6, 6, 1, 'robot'),
     'decision': (3.3, 5.9, 7, 1, 'robot'), 'estimation': (6.2, 7.7, 7, 1, 'robot'),
+    'sensors': (11.1, 12.2, 6, 1, 'robot'),
     'emulator': (8.9, 12.2, 7, 1, 'robot'), 'bridge': (6.2, 7.8, 8, 1, 'robot'),
-    'studies': (1.2, 2.9, 9.3, 1, 'offline'), 'figures': (0.2, 2.9, 10.3, 1, 'offline'),
+    'studies': (1.2, 2.9, 10.3, 1, 'offline'), 'figures': (0.2, 2.9, 11.3, 1, 'offline'),
     'ros': (3.9, 9.6, 9.3, 1, 'ros'), 'nodes': (5.4, 11.4, 10.3, 1, 'ros'),
-    'demo': (1.6, 5.0, 11.3, 1, 'face'), 'cli': (0.2, 13.8, 12.3, 1, 'face')}
+    'demo': (1.6, 5.0, 12.3, 1, 'face'), 'cli': (0.2, 13.8, 13.3, 1, 'face')}
 
 # Importer, imported -> x of an upright arrow, or the corners of another way.
 WAYS = {
     ('figures', 'results'): 1.05, ('figures', 'studies'): 2.0,
-    ('results', 'crossing'): [(0.85, 7.17), (0.85, 6.5), (3.3, 6.5)],
+    ('results', 'crossing'): [(0.6, 9.47), (0.6, 6.5), (3.3, 6.5)],
+    ('results', 'bridge'): [(1.1, 9.47), (1.1, 8.5), (6.2, 8.5)],
     ('crossing', 'physics'): 4.15, ('control', 'physics'): 6.5, ('plant', 'physics'): 8.8,
     ('decision', 'crossing'): 4.15, ('decision', 'control'): 5.65, ('estimation', 'control'): 6.9,
     ('emulator', 'plant'): 9.25, ('emulator', 'drives'): 11.4, ('bridge', 'estimation'): 7.0,
-    ('bridge', 'drives'): [(7.8, 8.5), (13.2, 8.5), (13.2, 5.83)],
+    ('bridge', 'drives'): [(7.8, 8.5), (13.6, 8.5), (13.6, 5.83)],
     ('ros', 'decision'): 5.0, ('ros', 'bridge'): 7.4, ('ros', 'plant'): 8.55,
+    ('ros', 'sensors'): [(9.6, 9.8), (12.7, 9.8), (12.7, 6.5), (12.2, 6.5)],
+    ('emulator', 'sensors'): 11.65, ('sensors', 'drives'): 11.65,
     ('nodes', 'ros'): 7.5, ('nodes', 'emulator'): 10.6,
     ('studies', 'results'): 1.35,
-    ('studies', 'decision'): [(1.75, 9.47), (1.75, 7.5), (3.3, 7.5)],
-    ('studies', 'bridge'): [(2.15, 9.47), (2.15, 8.5), (6.2, 8.5)],
-    ('studies', 'plant'): [(2.55, 9.47), (2.55, 9.15), (8.25, 9.15), (8.25, 6.83)],
-    ('demo', 'figures'): 2.2, ('demo', 'ros'): 4.4, ('cli', 'demo'): 3.3,
-    ('cli', 'emulator'): 11.8}
+    ('studies', 'decision'): [(2.1, 10.47), (2.1, 7.5), (3.3, 7.5)],
+    ('studies', 'emulator'): [(2.55, 10.47), (2.55, 9.15), (9.3, 9.15), (9.3, 7.83)],
+    ('demo', 'figures'): 2.2, ('demo', 'ros'): 4.4, ('cli', 'demo'): 3.3}
 
 
 def drawn_edges(graph):
@@ -163,10 +165,10 @@ def draw():
         if module != 'ballbot_ros':
             lines[folder_of(module)] += path.read_text(encoding='utf-8').count('\n')
     arrows = drawn_edges(folders(graph))
-    with canvas.drawing(9.6, 9.0) as figure:
+    with canvas.drawing(9.6, 9.6) as figure:
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_xlim(0.0, 14.0)
-        axes.set_ylim(-1.1, 13.4)
+        axes.set_ylim(-1.1, 14.4)
         axes.axis('off')
         for folder in PLACES:
             draw_box(axes, folder, lines[folder])

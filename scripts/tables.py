@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Keep the tables of docs/nodes.md and docs/hardware.md equal to the code.
+Keep the tables of docs/nodes.md, docs/hardware.md and docs/robot.md equal to the code.
 
     .venv/bin/python scripts/tables.py            # rewrite them
     .venv/bin/python scripts/tables.py --check    # fail if they differ
@@ -9,17 +9,27 @@ from dataclasses import fields, MISSING
 from pathlib import Path
 import sys
 
+from ballbot_ros.bridge.battery import Battery
+from ballbot_ros.bridge.derating import Thermal
 from ballbot_ros.config.fields import allowed
 from ballbot_ros.decision import DecisionTuning
-from ballbot_ros.drives import driver_class, DRIVES
-from ballbot_ros.drives.odrive.firmware import GENERATIONS, WATCHDOG, WATCHDOG_TIMEOUT
+from ballbot_ros.drives import (
+    CAN, device_class, driver_class, DRIVES, line_of, SERIAL)
+from ballbot_ros.drives.can_frames import RECORD_SIZE
+from ballbot_ros.drives.odrive.firmware import (
+    BACK_ALLOWED, GENERATIONS, LIMITS_TORQUE_MODE, MAX_BACK, OVERSPEED, VELOCITY_GAIN,
+    VELOCITY_LIMIT, VELOCITY_TOLERANCE, WATCHDOG, WATCHDOG_TIMEOUT)
+from ballbot_ros.drives.odrive.settings import RUNAWAY
 from ballbot_ros.emulator.control import FAULTS, LINE_FAULTS
+from ballbot_ros.estimation import OdometryTuning
+from ballbot_ros.ros.imu import VALUES as IMU_VALUES
 from ballbot_ros.ros.motor_health import VALUES
 from ballbot_ros.ros.settings import (
-    BridgeSettings, ControllerSettings, DecisionSettings, EmulatedRobotSettings, SimulatorSettings)
+    BridgeSettings, ControllerSettings, DecisionSettings, EmulatedRobotSettings, ImuSettings,
+    SimulatorSettings)
 
 DOCS = Path(__file__).resolve().parent.parent / 'docs'
-KINDS = {str: 'text', bool: 'true or false'}
+KINDS = {str: 'text', bool: 'true or false', object: 'names with values'}
 
 
 def table(cls):
@@ -31,22 +41,33 @@ def table(cls):
             span = allowed(metadata)
         else:
             span = ', '.join(metadata.get('choices', ())) or KINDS[metadata['kind']]
-        default = f'`{item.default}`' if item.default not in ('', MISSING) else ''
+        default = f'`{item.default}`' if item.default not in ('', None, MISSING) else ''
         lines.append(f'| `{item.name}` | {default} | {span} | {metadata["doc"]} |')
     return '\n'.join(lines)
 
 
 def drivers():
-    """Return the Markdown table of the drivers."""
-    lines = ['| protocol | makes the torque by | bytes out, in | rate at 115200 | '
-             'rate at 460800 | rate at 921600 |', '|---|---|---|---|---|---|']
-    for name in sorted(DRIVES):
+    """Return the Markdown table of the drivers on serial lines."""
+    return driver_table(SERIAL, 'bytes out, in', (115200, 460800, 921600), 1)
+
+
+def can_drivers():
+    """Return the Markdown table of the drivers on a CAN bus."""
+    return driver_table(CAN, 'frames out, in', (250000, 500000, 1000000), RECORD_SIZE)
+
+
+def driver_table(line, size, bauds, unit):
+    """Return the table of the drivers on one kind of line, which goes by so many bytes."""
+    lines = [f'| protocol | makes the torque by | {size} | '
+             + ' | '.join(f'rate at {baud}' for baud in bauds) + ' |', '|---|---|---|---|---|---|']
+    for name in sorted(name for name in DRIVES if line_of(name) is line):
         found = driver_class(name)
         budget = found(None, found.Options(torque_limit=0.08)).budget()
         rates = (f'{budget.highest_rate(baud):.0f} Hz' if baud in found.baud_rates else ''
-                 for baud in (115200, 460800, 921600))
+                 for baud in bauds)
         way = 'measured current' if found.closes_torque_loop else 'a computed voltage'
-        lines.append(f'| `{name}` | {way} | {budget.bytes_out}, {budget.bytes_in} | '
+        lines.append(f'| `{name}` | {way} | {budget.bytes_out // unit}, '
+                     f'{budget.bytes_in // unit} | '
                      f'{" | ".join(rates)} |')
     return '\n'.join(lines)
 
@@ -69,35 +90,66 @@ def faults():
     return '\n'.join(lines)
 
 
+def quirks():
+    """Return the Markdown table of what an emulated drive may be chosen to do."""
+    return '\n'.join([
+        '| protocol | quirk | what it does | after |', '|---|---|---|---|',
+        *(f'| `{protocol}` | `{name}` | {quirk.effect} | {quirk.source} |'
+          for protocol in sorted(DRIVES)
+          for name, quirk in sorted(device_class(protocol).quirks.items()))])
+
+
 def odrive_settings():
     """Return the Markdown table of what an ODrive must be set to, by generation."""
     lines = ['| firmware | setting | property | must be |', '|---|---|---|---|']
     for generation in GENERATIONS:
+        def row(setting, properties, wanted, name=generation.name):
+            quoted = ', '.join(f'`{item}`' for item in properties)
+            return f'| {name} | {setting} | {quoted} | {wanted} |'
         bounds = ', '.join(f'`{name}`' for name in generation.torque_limits)
         lines += [
             f'| {generation.name} | torque limit | {bounds}; `{generation.current_limit}` x '
             f'`{generation.torque_constant}` | one of the two at most `torque_limit` |',
-            f'| {generation.name} | watchdog | `{WATCHDOG}`, `{WATCHDOG_TIMEOUT}` | on, at most '
-            '`watchdog` |']
+            row('watchdog', (WATCHDOG, WATCHDOG_TIMEOUT), 'on, at most `watchdog`'),
+            row('velocity limit in torque mode',
+                (LIMITS_TORQUE_MODE, VELOCITY_LIMIT, VELOCITY_GAIN),
+                f'off, or more than {RUNAWAY:g} x `speed_limit` by `torque_limit` over the gain'),
+            row('overspeed error', (OVERSPEED, VELOCITY_TOLERANCE, VELOCITY_LIMIT),
+                f'off, or their product more than {RUNAWAY:g} x `speed_limit`'),
+            row('braking', (MAX_BACK, BACK_ALLOWED, generation.brake_enabled,
+                            generation.brake_resistance),
+                f'{RUNAWAY:g} x `speed_limit` x `torque_limit` may flow into the supply, or a '
+                'brake resistor takes it')]
         lines += [f'| {generation.name} | {rule.setting} | `{rule.name}` | ' + ' or '.join(
             f'{value} ({rule.words[value]})' for value in rule.wanted) + ' |'
             for rule in generation.rules]
     return '\n'.join(lines)
 
 
-def health_values():
-    """Return the Markdown table of what the bridge publishes on /diagnostics."""
+def keys(values):
+    """Return the Markdown table of what is published on /diagnostics."""
     return '\n'.join(['| key | value |', '|---|---|',
-                      *(f'| `{key}` | {meaning} |' for key, meaning in VALUES.items())])
+                      *(f'| `{key}` | {meaning} |' for key, meaning in values.items())])
+
+
+def health_values():
+    """Return that of the bridge."""
+    return keys(VALUES)
+
+
+def imu_values():
+    """Return that of the node imu."""
+    return keys(IMU_VALUES)
 
 
 NODES = {'simulator': SimulatorSettings, 'controller': ControllerSettings,
          'obstacle_decision': DecisionSettings, 'decision tuning': DecisionTuning,
          'bridge': BridgeSettings, 'bridge health': health_values,
-         'emulated_robot': EmulatedRobotSettings}
-HARDWARE = {'drivers': drivers, 'faults': faults, 'odrive settings': odrive_settings,
-            'options': options}
-DOCUMENTS = {DOCS / 'nodes.md': NODES, DOCS / 'hardware.md': HARDWARE}
+         'imu': ImuSettings, 'imu health': imu_values, 'emulated_robot': EmulatedRobotSettings}
+HARDWARE = {'drivers': drivers, 'can drivers': can_drivers, 'faults': faults,
+            'odrive settings': odrive_settings, 'options': options, 'quirks': quirks}
+ROBOT = {'odometry': OdometryTuning, 'battery': Battery, 'thermal': Thermal}
+DOCUMENTS = {DOCS / 'nodes.md': NODES, DOCS / 'hardware.md': HARDWARE, DOCS / 'robot.md': ROBOT}
 
 
 def rewritten(text, tables):

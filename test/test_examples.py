@@ -64,7 +64,7 @@ def test_the_closed_loop_crosses_the_low_step_and_stops_before_the_high_one(run)
     assert 0.8 < x < 4.0 and abs(speed) < 0.02
 
 
-@pytest.mark.parametrize('protocol', ['odrive', 'roboclaw', 'vesc'])
+@pytest.mark.parametrize('protocol', ['odrive', 'roboclaw', 'vesc', 'vesc_can'])
 def test_an_emulated_drive_turns_its_motor_and_stops(run, protocol):
     positions = [numbers(line)[1] for line in run('emulated_drive.py', protocol).splitlines()
                  if ' rad' in line]

@@ -91,12 +91,13 @@ def test_a_solver_is_a_file_and_a_line(house):
     assert "'midpoint'" in simulate('midpiont', fails=True)
 
 
-def test_a_drive_is_a_folder_and_a_line(house):
-    house.copy('drives/vesc', 'drives/own')
-    house.change('drives/own/driver.py', (r"'vesc'", "'own'"))
+@pytest.mark.parametrize('copied, classes', [
+    ('vesc', "'Vesc', 'VescDevice'"), ('vesc_can', "'VescCan', 'VescCanDevice', CAN")])
+def test_a_drive_is_a_folder_and_a_line(house, copied, classes):
+    house.copy(f'drives/{copied}', 'drives/own')
+    house.change('drives/own/driver.py', (f"'{copied}'", "'own'"))
     house.change('drives/__init__.py', (
-        r"    'vesc': ", "    'own': Vendor('ballbot_ros.drives.own', 'Vesc', 'VescDevice'),\n"
-        "    'vesc': "))
+        r"    'vesc': ", f"    'own': Vendor('ballbot_ros.drives.own', {classes}),\n    'vesc': "))
     # In real time, so with a solver that does little in each millisecond.
     example = house.folder / 'examples' / 'emulated_drive.py'
     example.write_text(example.read_text().replace("load_scene('flat')", (

@@ -23,9 +23,11 @@ LAYERS = {
     'estimation': ('errors', 'config', 'physics', 'control'),
     'plant': ('errors', 'config', 'physics'),
     'drives': ('errors', 'config'),
+    # Inertial sensors, on lines that drives opens.
+    'sensors': ('errors', 'config', 'drives'),
     'decision': ('errors', 'config', 'physics', 'crossing', 'control'),
     # Motor controllers in software: what a drive says on its line, and a plant behind it.
-    'emulator': ('errors', 'config', 'physics', 'plant', 'drives'),
+    'emulator': ('errors', 'config', 'physics', 'plant', 'drives', 'sensors'),
     # Between commands and a real motor.
     'bridge': ('errors', 'config', 'physics', 'control', 'estimation', 'plant', 'drives'),
 }
@@ -53,8 +55,9 @@ ROS = {'ament_index_python', 'ballbot_ros.msg', 'ballbot_ros.srv', 'builtin_inte
        'rosidl_runtime_py', 'simulation_interfaces', 'std_srvs', 'tf2_ros'}
 ROS_LAYERS = {'ros', 'nodes', 'demo'}
 
-# The serial port has one owner, so that three exception families are converted in one place.
-SERIAL_OWNER = 'ballbot_ros.drives.transport'
+# Serial port and CAN bus have one owner each, so that the exception families of each are converted
+# in one place.
+OWNERS = {'serial': 'ballbot_ros.drives.transport', 'can': 'ballbot_ros.drives.can_transport'}
 
 
 def layer_of(module):
@@ -92,9 +95,10 @@ def violations(module, text, is_package=False):
         if is_ros(name):
             if layer not in ROS_LAYERS:
                 found.append(f'{where}: ROS belongs into {", ".join(sorted(ROS_LAYERS))}')
-        elif name.split('.')[0] == 'serial':
-            if module != SERIAL_OWNER:
-                found.append(f'{where}: only {SERIAL_OWNER} talks to the port')
+        elif name.split('.')[0] in OWNERS:
+            owner = OWNERS[name.split('.')[0]]
+            if module != owner:
+                found.append(f'{where}: only {owner} talks to the port')
         elif name.split('.')[0] == 'ballbot_ros':
             other = layer_of(name)
             if layer is None:
@@ -173,6 +177,8 @@ def test_a_circle_is_found_and_what_leads_to_it_is_not_taken_for_one():
     ('ballbot_ros.ros.planted', 'from ballbot_ros.nodes import simulator'),
     ('ballbot_ros.drives.planted', 'import serial'),
     ('ballbot_ros.nodes.planted', 'from serial.tools import list_ports'),
+    ('ballbot_ros.drives.transport', 'import can'),
+    ('ballbot_ros.drives.vesc_can.planted', 'def late():\n    from can.message import Message'),
     ('ballbot_ros.surprise', 'import math'),
     ('ballbot_ros', 'from ballbot_ros.errors import BallbotError'),
 ])
@@ -187,6 +193,7 @@ def test_a_planted_violation_is_caught(module, text):
     ('ballbot_ros.physics', 'from ballbot_ros.physics.simulation.model import Model'),
     ('ballbot_ros.decision.fine', 'from ballbot_ros.control.linear import gains'),
     ('ballbot_ros.drives.transport', 'import serial'),
+    ('ballbot_ros.drives.can_transport', 'def late():\n    import can'),
     ('ballbot_ros.nodes.fine', 'import rclpy\nfrom ballbot_ros.msg import BallState'),
     ('ballbot_ros.demo.fine', 'import rclpy\nfrom ballbot_ros.physics import model'),
     ('ballbot_ros.cli', 'from ballbot_ros.demo import run'),

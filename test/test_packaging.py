@@ -313,7 +313,7 @@ def test_launch_files_set_parameters_that_exist(path):
     settings = pytest.importorskip('ballbot_ros.ros.settings')
     known = {'bridge': settings.BridgeSettings, 'simulator': settings.SimulatorSettings,
              'controller': settings.ControllerSettings,
-             'obstacle_decision': settings.DecisionSettings}
+             'obstacle_decision': settings.DecisionSettings, 'imu': settings.ImuSettings}
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'Node':
             keywords = {keyword.arg: keyword.value for keyword in node.keywords}

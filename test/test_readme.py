@@ -24,7 +24,8 @@ def test_the_parameter_tables_are_those_of_the_code():
 
 def test_every_topic_in_the_table_of_nodes_stands_in_the_code():
     rows = [line for line in README.splitlines() if line.startswith((
-        '| `simulator` |', '| `controller` |', '| `obstacle_decision` |', '| `bridge` |'))]
+        '| `simulator` |', '| `controller` |', '| `obstacle_decision` |', '| `bridge` |',
+        '| `imu` |'))]
     topics = {topic for row in rows for cell in row.split('|')[2:]
               for topic in re.findall(r'`(/?[a-z_]+)`', cell)}
     code = ''.join(path.read_text(encoding='utf-8')

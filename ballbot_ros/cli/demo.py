@@ -21,6 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='of that motor controller (default: odrive)')
     parser.add_argument('--firmware', default='', metavar='GENERATION',
                         help='of an odrive: 0.5 (default) or 0.6')
+    parser.add_argument('--serial-imu', action='store_true',
+                        help='the IMU on a serial line of its own, too, read by the node imu')
     parser.add_argument('--timeout', type=float, default=60.0, metavar='SECONDS',
                         help='give up after this long (default: %(default)g)')
     add_quiet(parser)
@@ -44,6 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
             f'--timeout must be more than 0 s and finite, got {arguments.timeout!r}')
     if arguments.protocol is not None and not arguments.hardware:
         raise ConfigurationError('--protocol goes with --hardware')
+    if arguments.serial_imu and not arguments.hardware:
+        raise ConfigurationError('--serial-imu goes with --hardware')
     protocol = arguments.protocol or 'odrive'
     known = device_class(protocol).firmwares
     if arguments.firmware and (not arguments.hardware or arguments.firmware not in known):
@@ -63,7 +67,8 @@ def run(arguments: argparse.Namespace) -> int:
     check_writable(out / 'crossing.png')
     if arguments.hardware:
         code: int = run_hardware_demo(out=out, protocol=protocol,
-                                      firmware=arguments.firmware, quiet=arguments.quiet,
+                                      firmware=arguments.firmware,
+                                      serial_imu=arguments.serial_imu, quiet=arguments.quiet,
                                       timeout=arguments.timeout)
     else:
         code = run_demo(out=out, real_time=arguments.real_time,

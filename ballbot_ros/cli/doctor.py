@@ -12,7 +12,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--hardware', default='gimball_odrive', metavar='NAME',
                         help='hardware file whose drive is looked for (default: %(default)s)')
     parser.add_argument('--port', default='',
-                        help='serial device or URL instead of that of the file')
+                        help='serial device, URL or CAN interface instead of that of the file')
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -15,6 +15,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--protocol', required=True, help=' or '.join(DRIVES))
     parser.add_argument('--firmware', default='', help='generation of the drive, for odrive 0.5 '
                         '(default) or 0.6')
+    parser.add_argument('--quirk', action='append', default=[], metavar='NAME',
+                        help='what some boards do, from the table in docs/hardware.md; may be '
+                        'repeated')
     parser.add_argument('--robot', help='name or file of a robot with a motor, instead of that '
                         'of the scene')
     parser.add_argument('--scene', default='flat',
@@ -78,7 +81,7 @@ def make_emulator(arguments: argparse.Namespace, make: Any) -> Any:
     Raises
     ------
     ConfigurationError
-        Naming what is wrong with scene, robot, protocol, firmware, baud rate or link.
+        Naming what is wrong with scene, robot, protocol, firmware, quirk, baud rate or link.
 
     """
     from ballbot_ros.emulator.ball import settings_for
@@ -88,7 +91,8 @@ def make_emulator(arguments: argparse.Namespace, make: Any) -> Any:
         raise ConfigurationError(f'--baud must be at least 1, got {arguments.baud}')
     scene = load_scene(arguments.scene, robot=arguments.robot)
     given = {} if arguments.watchdog is None else {'watchdog': arguments.watchdog}
-    settings = settings_for(scene.model.robot, firmware=arguments.firmware, **given)
+    settings = settings_for(scene.model.robot, firmware=arguments.firmware,
+                            quirks=tuple(arguments.quirk), **given)
     return make(arguments.protocol, scene, arguments.baud, settings, arguments.link,
                 arguments.seed)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The demo through a serial line: an emulated drive, the bridge, controller and decision."""
+"""The demo through a serial line: an emulated drive, laws on board the bridge, decision."""
 import math
 from pathlib import Path
 import time
@@ -10,6 +10,7 @@ from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
 
 from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.config.files import shipped_files
 from ballbot_ros.demo.demo import CURVE, get_ready, perform, TOPICS, TWO_STEPS
 from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.demo.recorded_graph import recorded_graph, RecordedGraph
@@ -19,12 +20,12 @@ from ballbot_ros.ros import qos
 
 TUNING = 'gentle'  # gains that a sample of delay and an estimated angle leave stable
 MORE_TOPICS = (('imu', Imu, qos.RECORD), ('motor_status', MotorStatus, qos.RECORD))
-# Wall time between two requests to release the e-stop [s].
+# Wall time between two calls of a service [s].
 AGAIN = 0.3
 
 
-def run_hardware_demo(out: Path, protocol: str, firmware: str = '', quiet: bool = False,
-                      timeout: float = 60.0) -> int:
+def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: bool = False,
+                      quiet: bool = False, timeout: float = 60.0) -> int:
     """
     Let the robot meet two door-steps, its motor behind a serial line.
 
@@ -36,6 +37,8 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', quiet: bool 
         Of the emulated drive.
     firmware : str
         Its generation; empty for the only or oldest one.
+    serial_imu : bool
+        Whether the IMU is on a serial line, too, read by a node imu.
     quiet : bool
         Print only the verdict.
     timeout : float
@@ -47,47 +50,59 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', quiet: bool 
         0 if the robot crossed the first step and came to rest before the second, 1 if not.
 
     """
-    hardware = load_hardware(f'gimball_{protocol}')
+    # What a drive does not tell over its line is confirmed for the emulated one, in a file apart.
+    shipped = {path.stem for path in shipped_files('hardware')}
+    name = f'gimball_{protocol}'
+    hardware = load_hardware(f'{name}_emulated' if f'{name}_emulated' in shipped else name)
 
     def play(folder: Path, timeline: Timeline) -> List[str]:
         # Absolute: whoever opens it may be in another folder.
         link = str((folder / 'motor').resolve())
+        imu = str((folder / 'imu').resolve()) if serial_imu else ''
         with recorded_graph(folder, (*TOPICS, *MORE_TOPICS), timeline) as graph:
             graph.nodes.start('emulated_robot', {
                 'hardware': hardware.name, 'firmware': firmware, 'scene': TWO_STEPS.scene,
-                'link': link})
+                'link': link, 'imu_link': imu})
+            if imu:
+                graph.nodes.start('imu', {'port': imu})
             graph.nodes.start('bridge', {
                 'hardware': hardware.name, 'port': link, 'tuning': TUNING})
-            graph.nodes.start('controller', {'tuning': TUNING, 'delay': 1})
-            return graph.run(_Release(graph).poll, timeout, math.inf)
+            graph.nodes.start('obstacle_decision', {'curve': CURVE, 'control_tuning': TUNING})
+            return graph.run(_GetGoing(graph).poll, timeout, math.inf)
 
     get_ready(quiet)
     if not quiet:
+        imu = ', its IMU on another serial line' if serial_imu else ''
         print(f'An emulated {f"{protocol} {firmware}".strip()} drive, '
-              f'{hardware.connection.baud} baud; bridge, controller and decision on ROS domain '
+              f'{hardware.connection.baud} baud{imu}; bridge and decision on ROS domain '
               f'{own_domain()}, in real time.', flush=True)
     return perform(out, TWO_STEPS, quiet, play)
 
 
-class _Release:
-    """Asks the bridge to release the e-stop until it does, and starts the decision then."""
+class _GetGoing:
+    """
+    Does what a person does: releases the e-stop, then lets the decision go on.
+
+    Not before the decision is there: while it gets ready it takes what the machine has, and a
+    motor under power needs some of that.
+    """
 
     def __init__(self, graph: RecordedGraph):
-        self._graph = graph
-        self._client = graph.node.create_client(Trigger, 'bridge/release_e_stop')
+        self._clients = [graph.node.create_client(Trigger, service) for service in (
+            'bridge/release_e_stop', 'obstacle_decision/resume')]
         self._answer: Optional[Future] = None
         self._next = 0.0
-        self._done = False
+        self._done = 0  # calls that succeeded
 
     def poll(self) -> None:
         """Do what can be done now; to be called often."""
-        if self._done:
+        if self._done == len(self._clients):
             return
-        if self._answer is not None and self._answer.done() and self._answer.result().success:
-            self._done = True
-            # Not before: the e-stop is not released while a command asks for torque.
-            self._graph.nodes.start('obstacle_decision', {
-                'curve': CURVE, 'control_tuning': TUNING})
-        elif self._client.service_is_ready() and time.monotonic() > self._next:
-            self._answer = self._client.call_async(Trigger.Request())
+        if self._answer is not None and self._answer.done():
+            # Where it may not go on, the e-stop has engaged again meanwhile.
+            self._done = self._done + 1 if self._answer.result().success else 0
+            self._answer = None
+        elif time.monotonic() > self._next and all(
+                client.service_is_ready() for client in self._clients):
+            self._answer = self._clients[self._done].call_async(Trigger.Request())
             self._next = time.monotonic() + AGAIN

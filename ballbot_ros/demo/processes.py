@@ -56,6 +56,7 @@ def local_discovery(folder: Path) -> Dict[str, str]:
 def environment(domain: int, folder: Path) -> Dict[str, str]:
     """Return the environment of the nodes of a domain; see `local_discovery`."""
     return {**os.environ, **local_discovery(folder), 'ROS_DOMAIN_ID': str(domain),
+            'ROS_HOME': str(folder.resolve()),
             'RCUTILS_COLORIZED_OUTPUT': '0', 'PYTHONUNBUFFERED': '1'}
 
 

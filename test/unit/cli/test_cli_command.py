@@ -123,7 +123,7 @@ def test_demo_passes_its_options_on(monkeypatch, tmp_path):
     (tmp_path / 'bag').mkdir()  # of a run before, which this one replaces
     assert main(['demo', '--hardware', '--protocol', 'vesc', '--out', str(tmp_path)]) == 8
     assert given == {'out': tmp_path, 'protocol': 'vesc', 'firmware': '', 'quiet': False,
-                    'timeout': 60.0}
+                    'timeout': 60.0, 'serial_imu': False}
 
 
 def test_demo_without_ros_says_what_to_do(error_of, monkeypatch):

@@ -47,7 +47,7 @@ def test_a_file_that_is_no_curve_is_not_overwritten(tmp_path, error_of):
     (['compare-models', '--angle', '30'], '--angle goes with --actuation held'),
     (['demo', '--protocol', 'vesc'], '--protocol goes with --hardware'),
     (['demo', '--firmware', '0.6'], 'must be 0.5 or 0.6'),
-    (['demo', '--hardware', '--protocol', 'vesc', '--firmware', '0.6'], 'must be left out'),
+    (['demo', '--hardware', '--protocol', 'roboclaw', '--firmware', '0.6'], 'must be left out'),
     (['demo', '--hardware', '--firmware', '0.4'], "got '0.4'"),
     (['simulate', 'flat', '--method', 'foo'], '--method must be one of semi_implicit, rk4, '
      "adaptive, explicit, implicit, trapezoidal, paper, got 'foo'"),
@@ -60,7 +60,9 @@ def test_a_file_that_is_no_curve_is_not_overwritten(tmp_path, error_of):
     (['test-bench', '--slope', '-3'], '--slope must be more than 0 and at most 45 degrees'),
     (['test-bench', '--slope', 'nan'], 'degrees, got nan'),
     (['emulate-motor', '--protocol', 'vesc', '--baud', '0'], '--baud must be at least 1'),
-    (['emulate-motor', '--protocol', 'vesc', '--firmware', '0.6'], 'left out: all are alike'),
+    (['emulate-motor', '--protocol', 'roboclaw', '--firmware', '0.6'], 'left out: all are '
+     'alike'),
+    (['emulate-motor', '--protocol', 'vesc', '--quirk', 'kill_swich'], "mean 'kill_switch'"),
     (['emulate-motor', '--protocol', 'odrive', '--firmware', '0.7'], 'must be 0.5 or 0.6'),
     (['emulate-motor', '--protocol', 'vesc', '--scene', 'flatt'], "did you mean 'flat'?"),
     (['emulate-motor', '--protocol', 'vesc', '--robot', 'gimbal'], "did you mean 'gimball'?"),

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a black box keeps of a plug that is pulled: an example, in memory and in no time.
+
+The full model of GimBall behind an emulated ODrive; the session of the bridge drives it, on a
+clock that only this module moves.
+"""
+import math
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from ballbot_ros.bridge.black_box import BlackBox
+from ballbot_ros.bridge.black_box_file import header, write_file
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.bridge.session import Session
+from ballbot_ros.drives import device_class, open_driver
+from ballbot_ros.drives.driver import Driver
+from ballbot_ros.drives.memory_line import MemoryLine
+from ballbot_ros.emulator.ball import Ball, settings_for
+from ballbot_ros.errors import MessageError
+from ballbot_ros.estimation import ImuReading
+from ballbot_ros.physics.simulation.scene import load_scene
+from ballbot_ros.results.black_box import BlackBoxRecording, read_black_box
+from ballbot_ros.studies.progress import ignore, Progress
+
+PERIOD = 0.002  # of the loop [s]
+PULLED, ENDS = 3.0, 4.0  # after the start [s]
+SWING, FREQUENCY = 0.5, 0.7  # of the commands [N m, Hz]
+
+
+class WitnessedLine(MemoryLine):
+    """A line in memory with an emulated drive and a ball behind it, and a black box beside it."""
+
+    def __init__(self) -> None:
+        """Plug in."""
+        self.hardware = load_hardware('gimball_odrive')
+        scene = load_scene('flat')
+        settings = settings_for(scene.model.robot,
+                                torque_limit=self.hardware.options().torque_limit)
+        device = device_class(self.hardware.connection.protocol)(settings)
+        super().__init__(device, 0.5 * PERIOD)
+        self.ball = Ball(scene, settings, PERIOD)
+        self.box = BlackBox(self.clock)
+        self.session = Session(
+            self.hardware, scene.model.robot, self.connect, self.clock, self.box)
+
+    def connect(self) -> Driver:
+        """Return a driver on the line."""
+        return open_driver(self.hardware.connection.protocol, self, self.hardware.options(),
+                           self.clock)
+
+    def to_drive(self, data: bytes) -> bytes:
+        """Note what goes to the drive."""
+        self.box.record('>', data)
+        return data
+
+    def read(self) -> bytes:
+        """Note what has come from it."""
+        data = super().read()
+        if data:
+            self.box.record('<', data)
+        return data
+
+    def pass_time(self, seconds: float) -> None:
+        """Let ball, drive and IMU live on, for a period at least."""
+        end = self.now + max(seconds, PERIOD) - 1e-9
+        while self.now < end:
+            self.now += PERIOD
+            self.ball.advance(self.device.torque())
+            self.device.sensed = self.ball.sensed(self.device.sensed)
+            self.device.tick(self.now)
+            sample = self.ball.imu()
+            self.session.imu(ImuReading(
+                self.now, sample.turn_rate, sample.forward, sample.upward))
+
+    def run(self, until: float) -> None:
+        """Let the session tick, and command a swing once the e-stop is released."""
+        while self.now < until:
+            self.pass_time(PERIOD)
+            self.session.tick()
+            if not self.session.supervisor.e_stop:
+                try:
+                    self.session.command(
+                        SWING * math.sin(math.tau * FREQUENCY * self.now), self.now)
+                except MessageError:
+                    pass  # the black box has been told
+
+
+def pulled_plug(progress: Progress = ignore) -> BlackBoxRecording:
+    """Return what is kept when the plug is pulled while the pendulum swings."""
+    line = WitnessedLine()
+    line.session.configure()
+    line.run(line.now + 0.2)
+    line.session.activate()
+    line.session.release()
+    begin = line.now
+    for tenth in range(1, 11):
+        line.run(begin + PULLED * tenth / 10.0)
+        progress(tenth / 12.0)
+    line.plugged = False
+    line.run(begin + ENDS)
+    line.session.close()
+    fault = line.box.take_fault()
+    if fault is None:
+        raise AssertionError('a plug that is pulled is a fault')
+    about = {'hardware': line.hardware.name, 'made': 'simulated with the full model'}
+    with TemporaryDirectory() as folder:
+        return read_black_box(write_file(
+            Path(folder), line.box.snapshot(), header(line.box, *fault, about)))

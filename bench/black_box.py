@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the black box costs in a period of the bridge's loop, and what a file of it takes."""
+from pathlib import Path
+import tempfile
+import time
+
+from ballbot_ros.bridge.black_box import BlackBox, MOST_BLOCKS
+from ballbot_ros.bridge.black_box_file import header, write_file
+from ballbot_ros.results.black_box import read_black_box
+from ballbot_ros.studies.pulled_plug import WitnessedLine
+
+REPEATS, PERIODS, RATE = 5, 20_000, 500.0
+
+
+def measure():
+    """Yield name, unit, values and target of each measurement."""
+    line = WitnessedLine()
+    line.session.configure()
+    line.run(line.now + 0.2)
+    session, box = line.session, BlackBox()
+    estimate, telemetry = session.fusion.estimate, session.line.driver.telemetry
+    costs = []
+    for repeat in range(REPEATS):
+        begin = time.thread_time()
+        for count in range(PERIODS):
+            box.period(count / RATE, estimate, session.supervisor, telemetry,
+                       session.control.power.state)
+            box.record('>', b'c 0 0.000001105e4 *9\nf 0\n')
+            box.record('<', b'5.363770 5.359529*39\r\n')
+            box.command(0.2, count / RATE)
+        costs.append(1e6 * (time.thread_time() - begin) / PERIODS)
+    yield 'black box: a period with its traffic and command', 'us', costs, None
+    yield 'black box: part of a core at 500 Hz', '%', [1e-4 * RATE * cost for cost in costs], 0.5
+    while len(box.snapshot()) < MOST_BLOCKS - 1:
+        for _ in range(3000):
+            box.record('<', b'5.363770 5.359529*39\r\n')
+    with tempfile.TemporaryDirectory() as folder:
+        begin = time.perf_counter()
+        path = write_file(Path(folder), box.snapshot(), header(box, box.clock(), 'bench', {}))
+        wrote = time.perf_counter() - begin
+        size = path.stat().st_size / 2**20
+        begin = time.perf_counter()
+        read_black_box(path)
+        read = time.perf_counter() - begin
+    yield 'black box: a full file is written in', 's', [wrote], None
+    yield 'black box: its size', 'MiB', [size], 64.0
+    yield 'black box: and read in', 's', [read], None

@@ -1,0 +1,387 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Time to zero torque for every fault, worst of 20, with laws on board and in direct control.
+
+What ends whole nodes is measured ten times in each, twenty in all.
+
+    make bench ARGS='--only faults'                       # about ten minutes
+    .venv/bin/python bench/faults.py --repeats 3          # quicker
+    .venv/bin/python bench/faults.py --only 'e-stop' --control direct
+    .venv/bin/python bench/faults.py --write              # the table, into docs/hardware_bridge.md
+
+Counted from the fault to the last torque in the log of an emulated ODrive at 921600 baud.  Most
+faults meet the loop of the bridge in this process; signals and the e-stop meet whole nodes.  What
+has been measured is kept in a file: the same command goes on where it was interrupted.
+"""
+import argparse
+from dataclasses import replace
+import json
+import logging
+import os
+from pathlib import Path
+import random
+import signal
+from statistics import median
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from typing import NamedTuple
+
+from ballbot_ros.bridge.battery import Battery
+from ballbot_ros.bridge.connect import connector
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.bridge.loop import Loop
+from ballbot_ros.bridge.onboard import OnBoard
+from ballbot_ros.bridge.session import Session
+from ballbot_ros.control import load_tuning, Mode, SetPoint, Supervision
+from ballbot_ros.emulator.control import obey
+from ballbot_ros.emulator.emulator import Emulator
+from ballbot_ros.errors import BallbotError, MessageError, RefusedError
+from ballbot_ros.estimation import ImuReading
+from ballbot_ros.physics.simulation.scene import load_scene
+
+REPEATS = 20
+# A node takes seconds to start; how it ends does not depend on who makes its torque.
+PART_OF_NODES = 0.5
+KEPT = Path('ballbot_output/faults.json')
+PAGE = Path(__file__).resolve().parents[1] / 'docs/hardware_bridge.md'
+BEGIN, END = '<!-- table: faults -->', '<!-- end -->'
+TORQUE, ANGLE = 0.3, 0.3  # commanded in direct control [N m], asked for on board [rad]
+FEED = 0.004  # between IMU readings and commands; every fifth time a set-point [s]
+QUIET = 0.2  # without torque for so long is at zero [s]
+LONGEST = 6.0  # that is waited for zero [s]
+HOUR = 3600.0
+
+
+class Fault(NamedTuple):
+    """What happens, and what limits the time that follows."""
+
+    what: str
+    act: object  # called with the rig; returns when the fault began [s], None for now
+    bound: str
+    onboard: bool = True
+    direct: bool = True
+
+
+class Rig:
+    """An emulated robot, and a session that drives it for one trial at a time."""
+
+    def __init__(self, control, emulator, scene, folder):
+        self.control, self.emulator, self.robot = control, emulator, scene.model.robot
+        found = load_hardware('gimball_odrive').at(str(folder / 'motor'))
+        self.hardware = replace(found, battery=Battery())
+        self.session = self.loop = None
+        self.busy = []
+
+    def law(self):
+        """Return the laws on board, None in direct control."""
+        if self.control == 'direct':
+            return None
+        limits = self.hardware.limits
+        return OnBoard(self.robot, load_tuning('gentle'), Supervision(
+            20.0, 0.5, let_down_time=limits.damping_time))
+
+    def trial(self, fault):
+        """Let a fault happen under torque, and return the time to zero [s]."""
+        self.imu = self.commands = True
+        self.explode, self.shift, self.ahead = False, 0.0, 0.0
+        self.last, self.pushing, self.ending = 0.0, False, False
+        for line in ('clear', 'plug', 'reset'):
+            obey(self.emulator, line)
+        self.until(lambda: time.monotonic() > self.emulator.device.booted_at, 'the drive is up')
+        self.session = Session(self.hardware, self.robot, connector(self.hardware),
+                               law=self.law())
+        self.session.configure()
+        self.session.activate()
+        self.loop = Loop(self.session, self.hardware.connection.loop_rate, self.take)
+        feeder = threading.Thread(target=self.feed)
+        feeder.start()
+        try:
+            self.until(self.released, 'the e-stop is released')
+            self.pushing = True
+            self.until(lambda: self.emulator.torque, 'the motor pulls')
+            time.sleep(random.uniform(0.1, 0.15))
+            begin = time.monotonic()
+            begin = fault.act(self) or begin
+            return self.zero_at() - begin
+        finally:
+            self.ending = True
+            feeder.join()
+            self.loop.end()
+            while self.busy:
+                process = self.busy.pop()
+                process.kill()
+                process.wait()
+
+    def take(self, report):
+        """Fail where the fault is that."""
+        if self.explode:
+            raise ZeroDivisionError('planted')
+
+    def feed(self):
+        """Give IMU readings, and commands or set-points."""
+        turn = 0
+        while not self.ending:
+            now, turn = time.monotonic(), turn + 1
+            sample = self.emulator.imu()
+            try:
+                if self.imu:
+                    self.session.imu(ImuReading(
+                        now + self.shift, sample.turn_rate, sample.forward, sample.upward))
+                if self.commands and self.pushing:
+                    if self.control == 'direct':
+                        self.last = now
+                        self.session.command(TORQUE, now + self.shift + self.ahead)
+                    elif turn % 5 == 0:
+                        self.last = now
+                        self.session.give(SetPoint(Mode.HOLD, ANGLE, now + self.shift))
+            except MessageError:
+                pass  # counted by the session
+            time.sleep(FEED)
+
+    def released(self):
+        """Try to release the e-stop, and return whether it is."""
+        try:
+            self.session.release()
+        except RefusedError:
+            return False
+        return True
+
+    def until(self, condition, what, patience=10.0):
+        """Wait for something."""
+        end = time.monotonic() + patience
+        while not condition():
+            if time.monotonic() > end:
+                reason = self.session.supervisor.e_stop if self.session else ''
+                raise TimeoutError(f'waited in vain until {what}: {reason}')
+            time.sleep(0.005)
+
+    def zero_at(self):
+        """Wait until there is no torque for a while, and return since when."""
+        end = time.monotonic() + LONGEST
+        while time.monotonic() < end:
+            last = self.emulator.log[-1]
+            if last.torque == 0.0 and time.monotonic() - last.time > QUIET:
+                return last.time
+            time.sleep(0.005)
+        raise TimeoutError(f'torque {LONGEST:g} s after the fault')
+
+    # Faults
+
+    def stop_commands(self):
+        """Command no more, and return when that was done last."""
+        self.commands = False
+        time.sleep(2.0 * FEED)
+        return self.last
+
+    def stamp_ahead(self):
+        """Let the last command be one that is stamped 49 ms in the future."""
+        self.ahead = 0.049
+        time.sleep(3.0 * FEED)
+        return self.stop_commands()
+
+    def make_busy(self):
+        """Let four other programs take the processor, and command no more."""
+        self.busy = [subprocess.Popen([sys.executable, '-c', 'while True: pass'])
+                     for _ in range(4)]
+        time.sleep(0.3)
+        return self.stop_commands()
+
+
+def tell(line):
+    """Return what has an emulated drive do something."""
+    return lambda rig: obey(rig.emulator, line) and None
+
+
+def put(**values):
+    """Return what changes the feeder or the loop."""
+    return lambda rig: [setattr(rig, name, value) for name, value in values.items()] and None
+
+
+TIMEOUT = 'command_timeout, 0.1 s'
+DRIVE = 'watchdog of the drive, 0.1 s'
+FAULTS = (
+    Fault('last command', Rig.stop_commands, TIMEOUT, onboard=False),
+    Fault('last set-point', Rig.stop_commands, 'set_point_timeout 0.5 s, then let down 2 s',
+          direct=False),
+    Fault('last command stamped 49 ms ahead', Rig.stamp_ahead, TIMEOUT, onboard=False),
+    Fault('last command, four busy programs', Rig.make_busy, f'{TIMEOUT}, and the load',
+          onboard=False),
+    Fault('IMU silent', put(imu=False), 'IMU_TIMEOUT 0.05 s and a period'),
+    Fault('stamps of all senders an hour ahead', put(shift=HOUR), 'IMU_TIMEOUT 0.05 s'),
+    Fault('unplugged', tell('unplug'), DRIVE),
+    Fault('drive silent', tell('silence 1'), 'SILENCE 0.1 s and a period'),
+    Fault('drive takes no bytes', tell('slow_reader 0'), DRIVE),
+    Fault('drive reboots', tell('reboot'), 'the drive, at once'),
+    Fault('over-current in the drive', tell('over_current'), 'the drive, at once'),
+    Fault('power stage too hot', tell('temperature 120'), 'the drive, at once'),
+    Fault('exception in the loop', put(explode=True), 'the stop at the end of the loop'),
+    Fault('e-stop engaged, in the session', lambda rig: rig.session.engage('bench'),
+          'one write'))
+# Of whole nodes: name, and what ends them.
+NODES = {'SIGINT': signal.SIGINT, 'SIGTERM': signal.SIGTERM, 'SIGKILL': signal.SIGKILL}
+BOUNDS = {'SIGINT': 'the stop at the end', 'SIGTERM': 'the stop at the end', 'SIGKILL': DRIVE,
+          'e-stop, by service': 'one call and one write', 'process frozen': DRIVE}
+
+
+class Book:
+    """Keeps what was measured, and prints it as it comes."""
+
+    def __init__(self, path):
+        self.path, self.times = path, {}
+        if path.exists():
+            self.times = json.loads(path.read_text())
+            print(f'going on with {path}; remove it to begin anew', file=sys.stderr)
+
+    def have(self, control, what):
+        """Return the times that there are [s]."""
+        return self.times.setdefault(f'{control}: {what}', [])
+
+    def add(self, control, what, seconds, repeats):
+        """Keep a time, and say how far it is."""
+        times = self.have(control, what)
+        times.append(round(seconds, 5))
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        draft = self.path.with_suffix('.part')
+        draft.write_text(json.dumps(self.times, indent=1))
+        os.replace(draft, self.path)
+        print(f'\r\033[K{control}: {what} {len(times)}/{repeats}, {1e3 * seconds:.1f} ms',
+              end='' if len(times) < repeats else '\n', file=sys.stderr, flush=True)
+
+
+def measure_loop(book, control, repeats, only):
+    """Meet the loop with each fault that is not measured yet."""
+    wanted = [fault for fault in FAULTS if getattr(fault, control)
+              and (only is None or only in fault.what)
+              and len(book.have(control, fault.what)) < repeats]
+    if not wanted:
+        return
+    scene = load_scene('flat')
+    with tempfile.TemporaryDirectory() as name, \
+            Emulator('odrive', scene, 921600, link=Path(name) / 'motor') as emulator:
+        rig = Rig(control, emulator, scene, Path(name))
+        for fault in wanted:
+            failures = 0
+            while len(book.have(control, fault.what)) < repeats:
+                try:
+                    seconds = rig.trial(fault)
+                    if seconds < 0.0:
+                        raise TimeoutError('the torque had ended before, held up by others?')
+                    book.add(control, fault.what, seconds, repeats)
+                except (TimeoutError, BallbotError) as error:
+                    failures += 1
+                    print(f'\n{control}: {fault.what}: {error}', file=sys.stderr)
+                    if failures > repeats:
+                        break
+
+
+def measure_nodes(book, control, repeats, only):
+    """End whole nodes, each after an e-stop or a time in which it was frozen."""
+    from bridge import running
+    from std_srvs.srv import Trigger
+    for name, number in NODES.items():
+        before = {'SIGTERM': 'e-stop, by service', 'SIGKILL': 'process frozen'}.get(name, '')
+        if only is not None and only not in (name, before):
+            continue
+        while len(book.have(control, name)) < repeats:
+            with tempfile.TemporaryDirectory() as folder, \
+                    running(Path(folder), control=control) as bench:
+                engage = bench.node.create_client(Trigger, 'bridge/engage_e_stop')
+                if before:
+                    pull(bench)
+                    begin = time.monotonic()
+                    if name == 'SIGTERM':
+                        engage.call_async(Trigger.Request())
+                    else:
+                        bench.nodes.signal('bridge', signal.SIGSTOP)
+                    book.add(control, before, zero(bench) - begin, repeats)
+                    bench.nodes.signal('bridge', signal.SIGCONT)
+                    bench.spin(0.1)
+                    bench.release()
+                pull(bench)
+                begin = time.monotonic()
+                bench.nodes.signal('bridge', number)
+                book.add(control, name, zero(bench) - begin, repeats)
+
+
+def pull(bench):
+    """Let the motor of a node pull for a moment."""
+    end = time.monotonic() + 20.0
+    while not bench.emulator.torque:
+        bench.spin(0.02)
+        if time.monotonic() > end:
+            raise TimeoutError('the motor never pulls')
+    bench.spin(random.uniform(0.1, 0.15))
+
+
+def zero(bench):
+    """Return since when the motor of a node makes no torque [s]."""
+    end = time.monotonic() + LONGEST
+    while time.monotonic() < end:
+        bench.spin(0.01)
+        last = bench.emulator.log[-1]
+        if last.torque == 0.0 and time.monotonic() - last.time > QUIET:
+            return last.time
+    raise TimeoutError(f'torque {LONGEST:g} s after the fault')
+
+
+def table(book):
+    """Return the table of docs/hardware_bridge.md."""
+    bounds = {**{fault.what: fault.bound for fault in FAULTS}, **BOUNDS}
+    lines = ['| fault | laws on board: worst (median) | direct: worst (median) | n | bound |',
+             '|---|---|---|---|---|']
+    for what, bound in bounds.items():
+        cells, numbers = [], []
+        for control in ('onboard', 'direct'):
+            times = book.times.get(f'{control}: {what}', [])
+            numbers += [len(times)] if times else []
+            cells.append(f'{1e3 * max(times):.1f} ms ({1e3 * median(times):.1f})' if times
+                         else '')
+        if numbers:
+            lines.append(f'| {what} | {" | ".join(cells)} | {min(numbers)} | {bound} |')
+    return '\n'.join(lines)
+
+
+def run(repeats=REPEATS, control=None, only=None, kept=KEPT):
+    """Measure what is not measured yet, and return the book."""
+    book = Book(kept)
+    logging.disable(logging.WARNING)  # that the drive is lost is what is wanted here
+    for name in ('onboard', 'direct') if control is None else (control,):
+        measure_loop(book, name, repeats, only)
+        if only is None or any(only in what for what in BOUNDS):
+            measure_nodes(book, name, max(1, round(PART_OF_NODES * repeats)), only)
+    return book
+
+
+def measure():
+    """Yield name, unit, values and target of each measurement; see `bench/run.py`."""
+    for name, times in run().times.items():
+        yield f'zero after {name}'[:52], 'ms', [1e3 * seconds for seconds in times], None
+
+
+def main():
+    """Measure, print the table, and write it where that is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('--repeats', type=int, default=REPEATS)
+    parser.add_argument('--control', choices=('onboard', 'direct'))
+    parser.add_argument('--only', metavar='FAULT', help='part of the name of a fault')
+    parser.add_argument('--kept', type=Path, default=KEPT, metavar='FILE',
+                        help='what was measured (default: %(default)s)')
+    parser.add_argument('--write', action='store_true', help='write the table into the page')
+    arguments = parser.parse_args()
+    try:
+        book = run(arguments.repeats, arguments.control, arguments.only, arguments.kept)
+    except KeyboardInterrupt:
+        sys.exit('\ninterrupted; the same command goes on from here')
+    print(table(book))
+    if arguments.write:
+        text = PAGE.read_text(encoding='utf-8')
+        before, _, rest = text.partition(BEGIN)
+        _, _, after = rest.partition(END)
+        PAGE.write_text(f'{before}{BEGIN}\n{table(book)}\n{END}{after}', encoding='utf-8')
+
+
+if __name__ == '__main__':
+    main()

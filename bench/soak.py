@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Let the bridge run for long, on a machine that does nothing else or has too much to do, and count.
+
+    .venv/bin/python bench/soak.py --seconds 600
+    .venv/bin/python bench/soak.py --seconds 600 --busy 4
+    .venv/bin/python bench/soak.py --seconds 600 --busy 4 --realtime 20
+
+Nothing happens to line and drive, so each e-stop is one too many.  The drive of a robot is no
+program that others keep waiting: the emulated one, and with `--realtime` the bridge, get real-time
+priority, for which the system must allow it (docs/realtime.md).  After an e-stop it is released
+and goes on.
+"""
+import argparse
+from collections import Counter
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import subprocess
+import sys
+from tempfile import TemporaryDirectory
+import time
+
+from bridge import applied, emulated_apart, running
+from loop import processor_time, quantile
+
+DRIVE_PRIORITY = 50
+GAPS = (0.005, 0.01, 0.02, 0.05, 0.1)  # between two torques in the drive [s]
+
+
+@contextmanager
+def busy_processes(number):
+    """Let so many processes compute."""
+    processes = [subprocess.Popen([sys.executable, '-c', 'while True: pass'])
+                 for _ in range(number)]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+@contextmanager
+def drive(folder):
+    """Give an emulated drive that goes before ordinary programs, where that is allowed."""
+    with emulated_apart(folder) as emulator:
+        # It is the child of this process that was started last.
+        children = Path(f'/proc/self/task/{os.getpid()}/children').read_text().split()
+        try:
+            for thread in Path(f'/proc/{children[-1]}/task').iterdir():
+                os.sched_setscheduler(
+                    int(thread.name), os.SCHED_FIFO, os.sched_param(DRIVE_PRIORITY))
+        except PermissionError:
+            print('the drive has no real-time priority: expect gaps that are its own')
+        yield emulator
+
+
+def run(folder, arguments):
+    """Run, and return begin, end, e-stops by reason and what the bridge used [% of a core]."""
+    stops, parameters = Counter(), {'realtime_priority': arguments.realtime}
+    with running(folder, drive, arguments.control, rearm=False, **parameters) as bench, \
+            busy_processes(arguments.busy):
+        bench.spin(1.0)
+        used, begin = processor_time(bench.process), time.monotonic()
+        while time.monotonic() - begin < arguments.seconds:
+            bench.spin(0.1)
+            if bench.status is not None and bench.status.e_stop:
+                stops[bench.status.e_stop] += 1
+                bench.release(patience=60.0)
+        end = time.monotonic()
+        used = 100.0 * (processor_time(bench.process) - used) / (end - begin)
+    return begin, end, stops, used
+
+
+def main():
+    """Run and print."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('--seconds', type=float, default=600.0, help='how long')
+    parser.add_argument('--busy', type=int, default=0, help='processes that compute meanwhile')
+    parser.add_argument('--realtime', type=int, default=0, help='realtime_priority of the bridge')
+    parser.add_argument('--control', choices=('onboard', 'direct'), default='onboard')
+    arguments = parser.parse_args()
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        begin, end, stops, used = run(folder, arguments)
+        times = [when for when, _ in applied(folder / 'log.csv', begin, end)]
+    periods = [after - before for before, after in zip(times, times[1:])]
+    print(f'{end - begin:.0f} s, {arguments.control}, {arguments.busy} busy processes, real-time '
+          f'priority {arguments.realtime}: {used:.1f} % of a core')
+    print(f'e-stops: {sum(stops.values())}, of these runaways: '
+          f'{sum(count for reason, count in stops.items() if reason.startswith("runaway"))}')
+    for reason, count in stops.most_common():
+        print(f'{count:6}  {reason}')
+    print(f'period of torques in the drive: median {1e3 * quantile(periods, 0.5):.2f} ms, '
+          f'p99 {1e3 * quantile(periods, 0.99):.2f} ms, longest {1e3 * max(periods):.1f} ms')
+    print('gaps: ' + ', '.join(
+        f'{sum(period > gap for period in periods)} above {1e3 * gap:g} ms' for gap in GAPS))
+
+
+if __name__ == '__main__':
+    main()

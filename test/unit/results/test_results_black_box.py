@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the file of a black box is turned into: words, tables, a capture, one figure."""
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballbot_ros.bridge.black_box import BlackBox, EVENT, FAULT, NOTE
+from ballbot_ros.bridge.black_box_file import header, write_file
+from ballbot_ros.cli import main
+from ballbot_ros.drives import open_driver
+from ballbot_ros.drives.capture import read_capture, Replay
+from ballbot_ros.drives.odrive.driver import ODrive
+from ballbot_ros.figures.black_box import around_fault, chosen, MOST_LINES
+from ballbot_ros.results.black_box import Happening
+from ballbot_ros.results.black_box_wording import (
+    _printable, in_words, told_once, write_tables)
+from ballbot_ros.studies import pulled_plug
+
+
+@pytest.fixture(scope='module')
+def recording():
+    """Return what is kept of a plug that is pulled."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pulled_plug, 'PULLED', 1.5)
+        patch.setattr(pulled_plug, 'ENDS', 2.0)
+        return pulled_plug.pulled_plug()
+
+
+@pytest.fixture
+def file(tmp_path):
+    """Return a file of a black box that has seen next to nothing."""
+    box = BlackBox()
+    box.tell('a fault')
+    return write_file(tmp_path / 'box', box.snapshot(), header(box, box.clock(), 'why', {}))
+
+
+def test_the_second_before_the_fault_is_put_into_words(recording):
+    words = in_words(recording)
+    for expected in ('drive lost: the line was lost: the cable is out', 'pendulum angle',
+                     'torque asked      -0.5 to', 'longest 2.0 ms', '2.0 ms before: torque',
+                     'when the fault was noticed', '+0.000 s  FAULT', '24 to 24 V'):
+        assert expected in words
+    assert 'Damaged' not in words and 'nan' not in words
+    assert 'Damaged: a block' in in_words(replace(recording, damage=('a block',)))
+
+
+def test_a_torque_that_went_on_after_the_fault_is_told(recording):
+    period = dict(recording.tables['period'])
+    later = period['time'] > recording.fault_time
+    period['torque'] = np.where(
+        later & (period['time'] < recording.fault_time + 0.0501), 0.3, 0.0)
+    tables = {**recording.tables, 'period': period}
+    assert 'torque at zero    52.0 ms after it' in in_words(replace(recording, tables=tables))
+    period['torque'] = np.where(later, 0.3, 0.0)
+    assert 'not in the time that was recorded' in in_words(replace(recording, tables=tables))
+
+
+def test_tables_have_times_from_the_fault_on(recording, tmp_path):
+    write_tables(recording, tmp_path)
+    lines = (tmp_path / 'period.csv').read_text().splitlines()
+    titles = lines[0].split(',')
+    assert titles[0] == 'time [s]' and 'torque [N m]' in titles and titles[-4:] == [
+        'state []', 'e_stop []', 'timed_out []', 'commanded []']
+    rows = [line.split(',') for line in lines[1:]]
+    before = [row for row in rows if float(row[0]) < -0.5 and row[-4] == 'ARMED']
+    assert before and all(row[-3:] == ['0', '0', '1'] for row in before[10:])
+    assert rows[-1][-4:-2] == ['DISCONNECTED', '1']
+    assert len(rows) == len(recording.tables['period']['time'])
+    assert 'FAULT' not in (tmp_path / 'events.csv').read_text()
+    assert ',2,"drive lost: the line was lost: the cable is out"' in (
+        tmp_path / 'events.csv').read_text()
+
+
+def test_the_traffic_is_a_capture_that_plays_back_into_a_driver(recording, tmp_path):
+    write_tables(recording, tmp_path)
+    records = read_capture(tmp_path / 'traffic.txt')
+    assert len(records) == len(recording.traffic) and records[0].time == 0.0
+    replay = Replay(records)
+    driver = open_driver('odrive', replay, ODrive.Options(torque_limit=0.1), lambda: 0.0)
+    while not replay.finished:
+        driver.poll()
+    assert driver.counts['replies'] > 500
+
+
+def test_the_figure_has_a_panel_for_each_quantity_and_a_line_for_each_fault(recording):
+    figure = around_fault(recording, 1.0)
+    assert [axes.get_ylabel().split(' [')[0] for axes in figure.axes] == [
+        'angle', 'rate', 'torque', 'supply', 'heat', 'gap']
+    texts = [text.get_text() for text in figure.texts]
+    assert any('+0.000 s   drive lost: the line was lost' in text for text in texts)
+    assert figure.axes[0].get_xlim()[0] == pytest.approx(-1.0)
+
+
+def test_events_without_end_leave_room_for_the_faults():
+    events = [Happening(float(number), NOTE, str(number)) for number in range(100)]
+    events[50] = Happening(50.0, EVENT, 'this')
+    kept = chosen(events)
+    assert len(kept) == MOST_LINES and events[50] in kept
+    assert kept == sorted(kept, key=lambda event: event.time)
+
+
+def test_a_line_of_the_log_that_repeats_an_event_is_left_out():
+    said = Happening(1.0, EVENT, 'drive lost: the cable is out')
+    again, later = Happening(1.01, NOTE, 'the cable is out'), Happening(2.0, NOTE, 'the cable')
+    assert told_once([said, again, later]) == [said, later]
+
+
+def test_what_comes_again_and_again_is_told_once_with_how_often():
+    often = [Happening(0.3 * number, FAULT, 'cannot arm') for number in range(8)]
+    between = [Happening(0.3 * number + 0.1, EVENT, 'stopped') for number in range(8)]
+    late = Happening(9.0, FAULT, 'cannot arm')
+    told = told_once(sorted([*often, *between, late], key=lambda event: event.time))
+    assert [event.text for event in told] == [
+        'cannot arm (8 times in 2.1 s)', 'stopped (8 times in 2.1 s)', 'cannot arm']
+
+
+def test_bytes_that_are_text_are_shown_as_such():
+    assert _printable(b'c 0 0.1\nf 0\n') == repr('c 0 0.1\nf 0\n')
+    assert _printable(bytes((2, 1, 4, 0x40, 0x84, 3))) == '02 01 04 40 84 03'
+
+
+def test_replay_prints_and_writes(file, tmp_path, capsys):
+    assert main(['replay', str(file.parent), '--out', str(tmp_path / 'out'),
+                 '--format', 'png']) == 0
+    out = capsys.readouterr().out
+    assert 'a fault' in out and 'motion' in out and 'Written to' in out
+    assert sorted(path.name for path in (tmp_path / 'out').iterdir()) == [
+        'black_box.png', 'command.csv', 'drive.csv', 'events.csv', 'imu.csv', 'period.csv',
+        'traffic.txt']
+
+
+def test_replay_of_a_damaged_file_gives_what_is_left_and_fails(file, capsys):
+    file.write_bytes(file.read_bytes()[:-20])
+    assert main(['replay', str(file)]) == 1
+    assert 'Damaged: the file was cut off' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('words, complaint', [
+    (['{folder}/empty'], 'holds no file of a black box'),
+    (['{folder}/missing'], 'cannot be read'), (['{folder}/text'], 'no file of a black box'),
+    (['{file}', '--before', '0'], '--before must be above 0')])
+def test_replay_refuses_in_one_line(words, complaint, file, tmp_path, capsys):
+    (tmp_path / 'empty').mkdir()
+    (tmp_path / 'text').write_text('hello')
+    assert main(['replay', *(word.format(folder=tmp_path, file=file) for word in words)]) == 2
+    error = capsys.readouterr().err
+    assert complaint in error and error.count('\n') == 1
