@@ -20,6 +20,7 @@ EXECUTABLES = {
     'bridge': 'ballbot_ros.nodes.bridge:main',
     'controller': 'ballbot_ros.nodes.controller:main',
     'emulated_robot': 'ballbot_ros.nodes.emulated_robot:main',
+    'imu': 'ballbot_ros.nodes.imu:main',
     'obstacle_decision': 'ballbot_ros.nodes.obstacle_decision:main',
     'simulator': 'ballbot_ros.nodes.simulator:main',
 }
@@ -109,7 +110,8 @@ setup(
     license='Apache-2.0',
     python_requires='>=3.10',
     install_requires=[
-        'matplotlib', 'numba', 'numpy', 'pyserial', 'PyYAML', 'rich', 'rosbags', 'scipy'],
+        'matplotlib', 'numba', 'numpy', 'pyserial', 'python-can', 'PyYAML', 'rich', 'rosbags',
+        'scipy'],
     extras_require={'sweep': ['pyarrow'], 'cluster': ['dask[distributed]', 'pyarrow']},
     zip_safe=False,
     packages=find_packages(include=[NAME, f'{NAME}.*']),
