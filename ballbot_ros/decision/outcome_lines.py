@@ -43,6 +43,9 @@ def outcome_of(line: bytes) -> Tuple[Outcome, str]:
         raise ConfigurationError('it is damaged: no JSON') from error
     if not isinstance(content, dict) or content.get(CHECKSUM) != _checksum(content):
         raise ConfigurationError('it is damaged: its checksum is another one')
+    # White space, say, that changed is in no value, but whatever changed it may not stop there.
+    if json.dumps(content).encode() != line:
+        raise ConfigurationError('it is damaged: it is not written as a log writes it')
     if content.get('format') != FORMAT:
         raise ConfigurationError(
             f'it has format {content.get("format")!r}, this version reads {FORMAT}')

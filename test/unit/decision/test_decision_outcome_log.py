@@ -7,7 +7,7 @@ import math
 import os
 from pathlib import Path
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 import pytest
 
 from ballbot_ros.cli import main
@@ -72,6 +72,7 @@ def test_after_a_cut_the_next_outcome_takes_the_place_of_what_was_cut(tmp_path, 
 
 @settings(max_examples=150, deadline=None)
 @given(st.integers(0, len(LINES[0]) + len(LINES[1]) - 2), st.integers(1, 255))
+@example(LINES[0].index(b' '), ord(' ') ^ ord('\t'))  # the same content to a reader of JSON
 def test_a_line_in_the_middle_that_changed_is_refused(place, change):
     content = bytearray(b''.join(LINES))
     content[place] ^= change
