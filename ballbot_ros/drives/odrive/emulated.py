@@ -17,11 +17,10 @@ import math
 import re
 from typing import Callable, Mapping, Optional
 
-from ballbot_ros.drives.emulated_device import Device
 from ballbot_ros.drives.odrive.codec import (
     checksum, frame_reply, LINE_END, LONGEST_LINE, TORQUE_CONTROL)
-from ballbot_ros.drives.odrive.emulated_board import Board, CONFIG, VELOCITY_CONTROL
-from ballbot_ros.drives.odrive.emulated_names import ENUMERATIONS, NAMES, Names, QUIRKS
+from ballbot_ros.drives.odrive.emulated_board import BoardDevice, CONFIG, VELOCITY_CONTROL
+from ballbot_ros.drives.odrive.emulated_names import ENUMERATIONS, QUIRKS
 from ballbot_ros.drives.wire import BITS_PER_BYTE
 
 LONGEST_COMMAND = 256
@@ -32,21 +31,19 @@ FLOAT = rf'\s*([-+]?{NUMBER})'
 TWO_FLOATS = rf'{FLOAT}(?:{FLOAT})?'
 
 
-class ODriveDevice(Device):
+class ODriveDevice(BoardDevice):
     """See `Device`; the motor is on axis 0."""
 
     protocol = 'odrive'
-    firmwares = tuple(NAMES)
     quirks = QUIRKS
     _saved: Mapping[str, float] = {}  # by ``ss``
 
     def _boot(self) -> None:
-        self.names: Names = NAMES[self.settings.firmware or self.firmwares[0]]
+        self._boot_board(self._saved)
         self._line = b''
         self._reading = True
         self._sending_until = -math.inf
         self._old = self.has('1d') or self.has('no_sc')
-        self.board = Board(self.settings, self.names, self._saved)
         self._measured: dict[str, Callable[[], float]] = {
             self.names.current: lambda: self.torque() / self.settings.torque_constant,
             'vbus_voltage': lambda: self.sensed.bus_voltage, 'ibus': self.board.supply_current,
@@ -54,30 +51,6 @@ class ODriveDevice(Device):
             'axis0.motor.fet_thermistor.temperature': lambda: self.sensed.temperature,
             'axis0.motor.motor_thermistor.temperature': lambda: self.sensed.motor_temperature,
         }
-
-    @property
-    def properties(self) -> dict[str, float]:
-        """Return all properties but what is measured."""
-        return self.board.properties
-
-    @property
-    def armed(self) -> bool:
-        """Return whether the motor is under power."""
-        return self.board.armed
-
-    def torque(self) -> float:
-        """Return the torque at the shaft; see `Device`."""
-        self.board.sensed = self.sensed
-        return self.board.torque()
-
-    def tick(self, now: float) -> None:
-        """Look after watchdog, limits and temperature; see `Device`."""
-        self.board.sensed = self.sensed
-        self.board.tick(now)
-
-    def over_current(self) -> None:
-        """Trip; see `Device`."""
-        self.board.trip('too_much_current')
 
     def _receive(self, data: bytes, now: float) -> bytes:
         reply = b''

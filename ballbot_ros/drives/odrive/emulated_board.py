@@ -12,9 +12,9 @@ Currents follow at once: the supply gives what the shaft takes and the windings 
 import math
 from typing import Mapping, Optional
 
-from ballbot_ros.drives.emulated_device import DriveSettings, Sensed
+from ballbot_ros.drives.emulated_device import Device, DriveSettings, Sensed
 from ballbot_ros.drives.odrive.codec import CLOSED_LOOP_CONTROL, IDLE, TORQUE_CONTROL
-from ballbot_ros.drives.odrive.emulated_names import Names
+from ballbot_ros.drives.odrive.emulated_names import NAMES, Names
 
 VELOCITY_CONTROL = 2
 CALIBRATION = 3  # FULL_CALIBRATION_SEQUENCE
@@ -182,3 +182,38 @@ class Board:
         if 'no_sc' not in self.settings.quirks:
             self.properties.update(dict.fromkeys(self.names.cleared, 0))
             self._brake_armed = bool(self.properties[self.names.brake_enabled])
+
+
+class BoardDevice(Device):
+    """A device whose motor is that of a `Board`; the line that it is spoken to by is missing."""
+
+    firmwares = tuple(NAMES)
+
+    def _boot_board(self, saved: Mapping[str, float]) -> None:
+        """Start the firmware that the settings name, with the properties that were saved."""
+        self.names: Names = NAMES[self.settings.firmware or self.firmwares[0]]
+        self.board = Board(self.settings, self.names, saved)
+
+    @property
+    def properties(self) -> dict[str, float]:
+        """Return all properties but what is measured."""
+        return self.board.properties
+
+    @property
+    def armed(self) -> bool:
+        """Return whether the motor is under power."""
+        return self.board.armed
+
+    def torque(self) -> float:
+        """Return the torque at the shaft; see `Device`."""
+        self.board.sensed = self.sensed
+        return self.board.torque()
+
+    def tick(self, now: float) -> None:
+        """Look after watchdog, limits and temperature; see `Device`."""
+        self.board.sensed = self.sensed
+        self.board.tick(now)
+
+    def over_current(self) -> None:
+        """Trip; see `Device`."""
+        self.board.trip('too_much_current')

@@ -16,9 +16,8 @@ import struct
 from typing import Any, Mapping
 
 from ballbot_ros.drives.can_frames import CanFrame, RecordParser
-from ballbot_ros.drives.emulated_device import Device
-from ballbot_ros.drives.odrive.emulated_board import Board, CONFIG
-from ballbot_ros.drives.odrive.emulated_names import NAMES, Names, QUIRKS
+from ballbot_ros.drives.odrive.emulated_board import BoardDevice, CONFIG
+from ballbot_ros.drives.odrive.emulated_names import NAMES, QUIRKS
 from ballbot_ros.drives.odrive_can import codec
 
 NODE = 0
@@ -28,47 +27,21 @@ REBOOT = 0x16
 ASCII_ONLY = ('1d', 'no_sc')
 
 
-class ODriveCanDevice(Device):
+class ODriveCanDevice(BoardDevice):
     """See `Device`; the motor is on axis 0, with the node id 0."""
 
     protocol = 'odrive_can'
-    firmwares = tuple(NAMES)
     quirks = {name: quirk for name, quirk in QUIRKS.items() if name not in ASCII_ONLY}
 
     def _boot(self) -> None:
-        self.names: Names = NAMES[self.settings.firmware or self.firmwares[0]]
+        self._boot_board({})
         self._old = self.names is NAMES['0.5']
-        self.board = Board(self.settings, self.names, {})
         self.heartbeat_rate = 'axis0.config.can.heartbeat_' + (
             'rate_ms' if self._old else 'msg_rate_ms')
         self.properties[self.heartbeat_rate] = 100 if self.has('factory') else 10
         self._records = RecordParser()
         self._beat_at = -math.inf
         self._busy_until = -math.inf  # with what waits to be sent
-
-    @property
-    def properties(self) -> dict[str, float]:
-        """Return all properties but what is measured."""
-        return self.board.properties
-
-    @property
-    def armed(self) -> bool:
-        """Return whether the motor is under power."""
-        return self.board.armed
-
-    def torque(self) -> float:
-        """Return the torque at the shaft; see `Device`."""
-        self.board.sensed = self.sensed
-        return self.board.torque()
-
-    def tick(self, now: float) -> None:
-        """Look after watchdog, limits and temperature; see `Device`."""
-        self.board.sensed = self.sensed
-        self.board.tick(now)
-
-    def over_current(self) -> None:
-        """Trip; see `Device`."""
-        self.board.trip('too_much_current')
 
     def endpoints(self) -> dict[str, Any]:
         """Return what the maker's flat_endpoints.json would say of a 0.6."""
