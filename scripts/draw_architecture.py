@@ -46,7 +46,8 @@ PLACES = {
     'emulator': (8.9, 12.2, 7, 1, 'robot'), 'bridge': (6.2, 7.8, 8, 1, 'robot'),
     'studies': (1.2, 2.9, 10.3, 1, 'offline'), 'figures': (0.2, 2.9, 11.3, 1, 'offline'),
     'ros': (3.9, 9.6, 9.3, 1, 'ros'), 'nodes': (5.4, 11.4, 10.3, 1, 'ros'),
-    'demo': (1.6, 5.0, 12.3, 1, 'face'), 'cli': (0.2, 13.8, 13.3, 1, 'face')}
+    'demo': (1.6, 4.3, 12.3, 1, 'face'), 'view': (4.7, 7.3, 12.3, 1, 'face'),
+     'cli': (0.2, 13.8, 13.3, 1, 'face')}
 
 # Importer, imported -> x of an upright arrow, or the corners of another way.
 WAYS = {
@@ -64,7 +65,8 @@ WAYS = {
     ('studies', 'results'): 1.35,
     ('studies', 'decision'): [(2.1, 10.47), (2.1, 7.5), (3.3, 7.5)],
     ('studies', 'emulator'): [(2.55, 10.47), (2.55, 9.15), (9.3, 9.15), (9.3, 7.83)],
-    ('demo', 'figures'): 2.2, ('demo', 'ros'): 4.4, ('cli', 'demo'): 3.3}
+    ('demo', 'figures'): 2.2, ('demo', 'ros'): 4.1, ('cli', 'demo'): 3.0,
+    ('view', 'decision'): 5.0, ('view', 'ros'): 5.0, ('cli', 'view'): 6.0}
 
 
 def drawn_edges(graph):

@@ -38,6 +38,8 @@ LAYERS['studies'] = (*RUNTIME, 'results')
 LAYERS['figures'] = (*RUNTIME, 'studies', 'results')
 LAYERS['ros'] = RUNTIME
 LAYERS['nodes'] = (*RUNTIME, 'ros')
+# The live page. Only its live source knows ROS, and that through the layer ros.
+LAYERS['view'] = (*RUNTIME, 'results', 'studies', 'figures', 'ros')
 LAYERS['cli'] = LAYERS['demo'] = (*LAYERS, 'cli', 'demo')
 
 # The modules and folders directly below ballbot_ros whose name is not that of their layer.
@@ -124,6 +126,14 @@ def test_no_import_points_the_wrong_way():
              for problem in violations(module, path.read_text(encoding='utf-8'),
                                        path.name == '__init__.py')]
     assert not found, '\n'.join(found)
+
+
+def test_only_the_live_source_of_the_page_needs_ros():
+    found = [f'{module}:{line}' for module, path in modules().items()
+             if layer_of(module) == 'view' and module != 'ballbot_ros.view.live'
+             for line, name in imports(module, path.read_text(encoding='utf-8'), False)
+             if layer_of(name) == 'ros']
+    assert not found, found
 
 
 def test_each_module_of_physics_lies_on_a_floor():

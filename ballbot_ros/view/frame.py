@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is known of a robot at one moment; what is not known is None, and never made up."""
+from dataclasses import dataclass
+from typing import NamedTuple, Optional, Tuple
+
+
+class ContactForce(NamedTuple):
+    """A force of the ground on the ball, in the plane of the model."""
+
+    x: float  # where it acts [m]
+    y: float
+    force_x: float  # normal force and friction together [N]
+    force_y: float
+    penetration: float  # [m]
+
+
+class EnergyShares(NamedTuple):
+    """Where the energy is, and where it has gone since the start [J]."""
+
+    kinetic: Optional[float] = None
+    potential: Optional[float] = None
+    contact: Optional[float] = None  # stored in the contact springs
+    dissipated: Optional[float] = None  # taken by dampers and frictions
+    motor_work: Optional[float] = None  # given by the motor
+
+
+@dataclass(frozen=True)
+class DecisionSign:
+    """
+    What the obstacle decision says, as far as it says it.
+
+    Attributes
+    ----------
+    kind, reason : str
+        Values of `decision.Kind` and `decision.Reason`.
+    explanation : str
+        One sentence for people, empty where there is none.
+    height : float or None
+        Of the step ahead [m].
+    distance : float or None
+        From the centre of the ball to its face [m].
+    speed : float or None
+        At which the step would be touched, or must be [m/s].
+    margin : float or None
+        What could be added to the height before the answer is no [m]; negative: too high by that.
+    probability : float or None
+        That the ball gets over.
+
+    """
+
+    kind: str
+    reason: str
+    explanation: str = ''
+    height: Optional[float] = None
+    distance: Optional[float] = None
+    speed: Optional[float] = None
+    margin: Optional[float] = None
+    probability: Optional[float] = None
+
+
+@dataclass(frozen=True)
+class Frame:
+    """
+    The robot at one moment; SI, angles and signs as in docs/model.md.
+
+    Attributes
+    ----------
+    time : float
+        On the clock of the source [s].
+    x, y : float or None
+        Centre of the ball [m].
+    ball_angle, pendulum_angle : float or None
+        theta1, and the absolute angle of the pendulum [rad].
+    velocity_x, velocity_y : float or None
+        Of the centre [m/s].
+    ball_rate, pendulum_rate : float or None
+        Absolute [rad/s].
+    pendulum_torque : float or None
+        That the motor gives [N m].
+    contacts : tuple of ContactForce or None
+        Empty in flight, None where nobody knows.
+    energies : EnergyShares or None
+    decision : DecisionSign or None
+    e_stop : bool or None
+        Whether the e-stop is engaged.
+
+    """
+
+    time: float
+    x: Optional[float] = None
+    y: Optional[float] = None
+    ball_angle: Optional[float] = None
+    pendulum_angle: Optional[float] = None
+    velocity_x: Optional[float] = None
+    velocity_y: Optional[float] = None
+    ball_rate: Optional[float] = None
+    pendulum_rate: Optional[float] = None
+    pendulum_torque: Optional[float] = None
+    contacts: Optional[Tuple[ContactForce, ...]] = None
+    energies: Optional[EnergyShares] = None
+    decision: Optional[DecisionSign] = None
+    e_stop: Optional[bool] = None
