@@ -21,6 +21,7 @@ from ballbot_ros.figures.run import save, strip
 from ballbot_ros.msg import BallState, StepDecision, TerrainObservation
 from ballbot_ros.physics import load_scene, Scene, Trajectory
 from ballbot_ros.plant.step_sensor import LEAST_HEIGHT, LEAST_SLOPE
+from ballbot_ros.results.bag_metadata import bag_metadata, SIMULATOR
 from ballbot_ros.ros import qos
 
 CURVE = 'gimball_down'
@@ -78,12 +79,14 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False,
         print(f'Three nodes on ROS domain {own_domain()}, {how}.', flush=True)
 
     def play(act: Act, folder: Path, timeline: Timeline) -> List[str]:
-        with recorded_graph(folder, TOPICS, timeline) as graph:
+        simulator = {
+            'scene': act.scene, 'lockstep': not real_time, **CAMERA,
+            'real_time_factor': 1.0 if real_time else 0.0, 'start_paused': True}
+        metadata = bag_metadata(SIMULATOR, simulator, load_scene(act.scene))
+        with recorded_graph(folder, TOPICS, timeline, metadata) as graph:
             graph.nodes.start('controller', {'lockstep_set_point_period': lockstep_period})
             graph.nodes.start('obstacle_decision', {'curve': CURVE})
-            graph.nodes.start('simulator', {
-                'scene': act.scene, 'lockstep': not real_time, **CAMERA,
-                'real_time_factor': 1.0 if real_time else 0.0, 'start_paused': True})
+            graph.nodes.start('simulator', simulator)
             start = SynchronizedStart(graph.node, graph.bag, (topic for topic, *_ in TOPICS))
             return graph.run(start.poll, timeout, LONGEST)
 

@@ -16,6 +16,7 @@ from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.demo.recorded_graph import recorded_graph, RecordedGraph
 from ballbot_ros.demo.timeline import Timeline
 from ballbot_ros.msg import MotorStatus
+from ballbot_ros.results.bag_metadata import bag_metadata, BRIDGE
 from ballbot_ros.ros import qos
 
 TUNING = 'gentle'  # gains that a sample of delay and an estimated angle leave stable
@@ -59,14 +60,15 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
         # Absolute: whoever opens it may be in another folder.
         link = str((folder / 'motor').resolve())
         imu = str((folder / 'imu').resolve()) if serial_imu else ''
-        with recorded_graph(folder, (*TOPICS, *MORE_TOPICS), timeline) as graph:
+        bridge = {'hardware': hardware.name, 'port': link, 'tuning': TUNING}
+        metadata = bag_metadata(BRIDGE, bridge)
+        with recorded_graph(folder, (*TOPICS, *MORE_TOPICS), timeline, metadata) as graph:
             graph.nodes.start('emulated_robot', {
                 'hardware': hardware.name, 'firmware': firmware, 'scene': TWO_STEPS.scene,
                 'link': link, 'imu_link': imu})
             if imu:
                 graph.nodes.start('imu', {'port': imu})
-            graph.nodes.start('bridge', {
-                'hardware': hardware.name, 'port': link, 'tuning': TUNING})
+            graph.nodes.start('bridge', bridge)
             graph.nodes.start('obstacle_decision', {'curve': CURVE, 'control_tuning': TUNING})
             return graph.run(_GetGoing(graph).poll, timeout, math.inf)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import os
 from pathlib import Path
 import time
-from typing import Any, Callable, Iterator, List, Sequence, Tuple
+from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import rclpy
 from rclpy.executors import Executor
@@ -59,12 +59,13 @@ class RecordedGraph:
 
 @contextmanager
 def recorded_graph(out: Path, topics: Sequence[Tuple[str, Any, QoSProfile]],
-                   timeline: Timeline) -> Iterator[RecordedGraph]:
+                   timeline: Timeline, metadata: Optional[Mapping[str, str]] = None
+                   ) -> Iterator[RecordedGraph]:
     """
     Give a graph without nodes yet; whatever happens, no process is left behind.
 
     The topics are recorded to a bag in the folder `out`; those named ``ball_state`` and
-    ``step_decision`` go to the timeline, too.
+    ``step_decision`` go to the timeline, too.  The bag keeps the `metadata`.
     """
     domain = own_domain()
     os.environ.update(local_discovery(out / 'logs'))
@@ -72,7 +73,8 @@ def recorded_graph(out: Path, topics: Sequence[Tuple[str, Any, QoSProfile]],
     node, executor = Node('ballbot_demo'), new_executor()
     executor.add_node(node)
     try:
-        with BagRecorder(out / 'bag') as bag, NodeProcesses(out / 'logs', domain) as nodes:
+        with BagRecorder(out / 'bag', metadata) as bag, \
+                NodeProcesses(out / 'logs', domain) as nodes:
             bag.subscribe(node, topics, {
                 'ball_state':
                     lambda data: timeline.add_state(deserialize_message(data, BallState)),

@@ -3,15 +3,13 @@
 from pathlib import Path
 import shutil
 import struct
-from typing import Any, Callable, Dict, List, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
-from ballbot_ros.config.files import PACKAGE, shipped_folder
+from ballbot_ros.ros.bag_storage import bag_writer
 from ballbot_ros.ros.endpoints import create_subscription
 
 # CDR: four bytes of encapsulation, then the stamp that all recorded messages begin with.
@@ -36,6 +34,8 @@ class BagRecorder:
     ----------
     folder : Path
         Of the bag; an older bag there is replaced.
+    metadata : mapping of str to str, optional
+        Kept in the bag, for whoever reads it.
 
     Attributes
     ----------
@@ -44,16 +44,11 @@ class BagRecorder:
 
     """
 
-    def __init__(self, folder: Path):
+    def __init__(self, folder: Path, metadata: Optional[Mapping[str, str]] = None):
         """Open the bag."""
         shutil.rmtree(folder, ignore_errors=True)
         folder.parent.mkdir(parents=True, exist_ok=True)
-        self._store = get_typestore(Stores.ROS2_JAZZY)
-        own: Dict[str, Any] = {}
-        for file in sorted(shipped_folder('msg').glob('*.msg')):
-            own.update(get_types_from_msg(file.read_text(), f'{PACKAGE}/msg/{file.stem}'))
-        self._store.register(own)
-        self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+        self._writer = bag_writer(folder, metadata or {})
         self._subscriptions: List[Tuple[Subscription, Callable[[bytes], None]]] = []
         self.recorded: Set[str] = set()
 
@@ -82,8 +77,7 @@ class BagRecorder:
         """
         for topic, kind, profile in topics:
             name = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
-            connection = self._writer.add_connection(
-                node.resolve_topic_name(topic), name, typestore=self._store)
+            connection = self._writer.add_topic(node.resolve_topic_name(topic), name)
             write = self._writing(topic, connection, (callbacks or {}).get(topic))
             subscription = create_subscription(node, kind, topic, write, profile, raw=True)
             self._subscriptions.append((subscription, write))

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a bag says about its own making: texts by key, in its ``metadata.yaml``."""
+from dataclasses import dataclass, field
+import json
+from typing import Any, Dict, Mapping, Optional
+
+from ballbot_ros import __version__
+from ballbot_ros.physics.simulation.scene import Scene
+from ballbot_ros.results.digests import scene_digests
+
+SIMULATOR, BRIDGE = 'simulator', 'bridge'
+PREFIX = 'ballbot_ros.'
+
+
+@dataclass(frozen=True)
+class BagMetadata:
+    """
+    Where a bag comes from.
+
+    Attributes
+    ----------
+    source : str
+        `SIMULATOR` or `BRIDGE`; empty where the bag does not say.
+    version : str
+        Of this package.
+    parameters : mapping
+        Those of the node that is the source.
+    digests : mapping of str to str
+        See `scene_digests`; empty where no scene is known.
+
+    """
+
+    source: str = ''
+    version: str = ''
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    digests: Mapping[str, str] = field(default_factory=dict)
+
+    def texts(self) -> Dict[str, str]:
+        """Return what `read` takes."""
+        return {f'{PREFIX}source': self.source, f'{PREFIX}version': self.version,
+                f'{PREFIX}parameters': json.dumps(dict(self.parameters), sort_keys=True),
+                **{f'{PREFIX}{name}_digest': text for name, text in self.digests.items()}}
+
+    @classmethod
+    def read(cls, texts: Mapping[str, str]) -> 'BagMetadata':
+        """Return what texts say; what is not there, or cannot be read, is left out."""
+        try:
+            parameters = json.loads(texts.get(f'{PREFIX}parameters', '{}'))
+        except ValueError:
+            parameters = {}
+        return cls(
+            texts.get(f'{PREFIX}source', ''), texts.get(f'{PREFIX}version', ''),
+            parameters if isinstance(parameters, dict) else {},
+            {name: texts[f'{PREFIX}{name}_digest'] for name in ('robot', 'scene')
+             if f'{PREFIX}{name}_digest' in texts})
+
+
+def bag_metadata(source: str, parameters: Mapping[str, Any],
+                 scene: Optional[Scene] = None) -> Dict[str, str]:
+    """
+    Return the texts for a bag.
+
+    Parameters
+    ----------
+    source : str
+        `SIMULATOR` or `BRIDGE`.
+    parameters : mapping
+        Of that node.
+    scene : Scene, optional
+        That the simulator runs.
+
+    """
+    return BagMetadata(source, __version__, parameters,
+                       {} if scene is None else scene_digests(scene)).texts()

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags are written by what is there: rosbags, or the rosbag2_py of a ROS installation."""
+import importlib.util
+from types import SimpleNamespace
+
+import pytest
+from rosbags.rosbag2 import Reader
+import yaml
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import load_scene
+from ballbot_ros.results.bag_metadata import bag_metadata, BagMetadata, SIMULATOR
+from ballbot_ros.ros import bag_storage
+from ballbot_ros.ros.bag_storage import bag_writer
+
+
+class FakeRosbag2:
+    """What `rosbag2_py` of ROS 2 Jazzy offers for writing, as far as it is used."""
+
+    def __init__(self, broken=False):
+        self.calls, self.broken = [], broken
+
+    def StorageOptions(self, **given):
+        self.calls.append(('storage', given))
+        return SimpleNamespace(**given)
+
+    def ConverterOptions(self, *given):
+        return given
+
+    def TopicMetadata(self, **given):
+        return given
+
+    def SequentialWriter(self):
+        return self
+
+    def open(self, storage, converter):
+        if self.broken:
+            raise RuntimeError('No plugin mcap')
+        self.calls.append(('open', storage.uri, converter))
+
+    def create_topic(self, topic):
+        self.calls.append(('topic', topic))
+
+    def write(self, *given):
+        self.calls.append(('write', *given))
+
+
+def only(monkeypatch, *present):
+    """Let only these modules be found."""
+    find = importlib.util.find_spec
+    monkeypatch.setattr(bag_storage, 'find_spec', lambda name: (
+        find('json') if name in present else None))
+
+
+def test_a_bag_says_which_scene_and_robot_it_was_made_with(tmp_path):
+    scene = load_scene('doorstep')
+    writer = bag_writer(tmp_path / 'bag', bag_metadata(SIMULATOR, {'lockstep': True}, scene))
+    writer.open()
+    writer.write(writer.add_topic('/here', 'std_msgs/msg/String'), 5, b'\0\1\0\0\1\0\0\0\0')
+    writer.close()
+    file = yaml.safe_load((tmp_path / 'bag' / 'metadata.yaml').read_text())
+    told = BagMetadata.read(file['rosbag2_bagfile_information']['custom_data'])
+    with Reader(tmp_path / 'bag') as bag:
+        assert [stamp for _, stamp, _ in bag.messages()] == [5]
+    assert told.source == SIMULATOR and told.parameters == {'lockstep': True}
+    assert told == BagMetadata.read(bag_metadata(SIMULATOR, {'lockstep': True}, scene))
+    other = BagMetadata.read(bag_metadata(SIMULATOR, {}, load_scene('doorstep', 'shellball')))
+    assert other.digests['robot'] != told.digests['robot']
+    assert other.digests['scene'] == told.digests['scene']
+
+
+def test_what_a_bag_does_not_say_is_left_out():
+    assert BagMetadata.read({}) == BagMetadata()
+    assert BagMetadata.read({'ballbot_ros.parameters': '{broken'}).parameters == {}
+
+
+def test_where_rosbags_is_missing_the_bags_of_a_ros_installation_are_used(
+        monkeypatch, tmp_path):
+    only(monkeypatch, 'rosbag2_py')
+    fake = FakeRosbag2()
+    monkeypatch.setitem(__import__('sys').modules, 'rosbag2_py', fake)
+    writer = bag_writer(tmp_path / 'bag', {'key': 'value'})
+    writer.open()
+    topic = writer.add_topic('/here', 'std_msgs/msg/String')
+    writer.write(topic, 5, b'data')
+    writer.close()
+    assert fake.calls == [
+        ('storage', {'uri': str(tmp_path / 'bag'), 'storage_id': 'mcap',
+                     'custom_data': {'key': 'value'}}),
+        ('open', str(tmp_path / 'bag'), ('cdr', 'cdr')),
+        ('topic', {'id': 1, 'name': '/here', 'type': 'std_msgs/msg/String',
+                   'serialization_format': 'cdr'}),
+        ('write', '/here', b'data', 5)]
+
+
+@pytest.mark.parametrize('present, told', [
+    ((), 'neither is installed'), (('rosbag2_py',), 'is ros-.*-rosbag2-storage-mcap installed')])
+def test_without_anything_that_writes_bags_it_is_said_what_to_install(
+        monkeypatch, tmp_path, present, told):
+    only(monkeypatch, *present)
+    monkeypatch.setitem(__import__('sys').modules, 'rosbag2_py', FakeRosbag2(broken=True))
+    with pytest.raises(ConfigurationError, match=told):
+        bag_writer(tmp_path / 'bag', {}).open()
