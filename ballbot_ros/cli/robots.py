@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``robots``: which there are, and the numbers of one with their sources."""
+"""The verb ``robots``: which there are, the numbers of one with their sources, or its URDF."""
 import argparse
 from operator import attrgetter
 from typing import Any, Iterator
+
+from ballbot_ros.errors import ConfigurationError
 
 # The text of a column is cut to lines of this width.
 NOTE_WIDTH = 44
@@ -12,17 +14,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the optional name."""
     parser.add_argument('robot', nargs='?', metavar='NAME',
                         help='print the numbers of this robot, or of a YAML file')
+    parser.add_argument('--urdf', action='store_true',
+                        help='print the robot description instead: links, joints and shapes')
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """List the robots or print the numbers of one."""
+    """List the robots, or print one: its numbers or its description."""
     from ballbot_ros.cli.listing import check_name, print_list
     if arguments.robot is None:
+        if arguments.urdf:
+            raise ConfigurationError('--urdf needs the name of a robot, such as gimball')
         print_list('robots')
         return 0
     check_name('robots', arguments.robot)
     from ballbot_ros.physics.model.robot import load_robot
-    print_table(load_robot(arguments.robot))
+    robot = load_robot(arguments.robot)
+    if arguments.urdf:
+        from ballbot_ros.ros.urdf import robot_description
+        print(robot_description(robot), end='')
+    else:
+        print_table(robot)
     return 0
 
 

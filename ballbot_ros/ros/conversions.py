@@ -21,13 +21,13 @@ from ballbot_ros.msg import (
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.plant import Sensor, Sight, TerrainSight
+from ballbot_ros.ros.frames import PENDULUM, SHELL
 
 # Variances of what is known by definition (all zeros would mean that nobody knows), and of what is
 # not known; squares of metres, radians, or these per second.
 EXACT, UNKNOWN = 1e-12, 1e6
 Variances = NDArray[np.float64]
 
-SHELL, PENDULUM = 'shell', 'pendulum'
 JOINTS = [SHELL, PENDULUM]
 
 

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The coordinate frames of a robot by their names; importable without ROS.
+
+The tree, in which each frame hangs from the one before it::
+
+    odom ── base_footprint ── base_link ── ball_link ── pendulum_link
+                                               └─────── imu_link
+
+``odom`` stands still; the joint ``shell`` turns ``ball_link``, the joint ``pendulum`` turns
+``pendulum_link`` in it; everything else is level.
+"""
+from dataclasses import dataclass
+from typing import Any
+
+from ballbot_ros.config.fields import text
+
+SHELL, PENDULUM = 'shell', 'pendulum'  # the joints
+BALL_LINK, PENDULUM_LINK = 'ball_link', 'pendulum_link'
+
+
+@dataclass(frozen=True)
+class Frames:
+    """
+    Names of the frames, each with the prefix before it.
+
+    Attributes
+    ----------
+    odom : str
+        Stands still: x forward, y left, z up, from where the robot began.
+    footprint : str
+        Level, at the lowest point of the ball.
+    base : str
+        Level, at the centre of the ball; does not roll.
+    ball : str
+        The shell, which rolls; at angle 0 as `base` is.
+    pendulum : str
+        From the centre of the ball; hangs along its -z.
+    imu : str
+        The sensor: in the shell, its readings already turned to the axes of `ball`.
+
+    """
+
+    odom: str = 'odom'
+    footprint: str = 'base_footprint'
+    base: str = 'base_link'
+    imu: str = 'imu_link'
+    ball: str = BALL_LINK
+    pendulum: str = PENDULUM_LINK
+
+    @classmethod
+    def of(cls, settings: Any) -> 'Frames':
+        """Return the frames that the parameters of a node name."""
+        return cls(**{kind: settings.frame_prefix + getattr(settings, f'{kind}_frame', default)
+                      for kind, default in vars(FRAMES).items()})
+
+
+FRAMES = Frames()
+
+_DOCS = {
+    'odom': 'frame that odometry is told in: it stands still',
+    'footprint': 'level frame at the lowest point of the ball, which hangs from odom_frame',
+    'base': 'level frame at the centre of the ball, which does not roll',
+    'imu': 'frame of the inertial sensor, which rolls with the shell'}
+
+
+def frame(kind: str) -> Any:
+    """Declare the parameter for the name of a frame."""
+    return text(_DOCS[kind], default=getattr(FRAMES, kind))
+
+
+def frame_prefix() -> Any:
+    """Declare the parameter for what stands before all frames."""
+    return text('before the name of each frame, such as `left/` where there are more robots',
+                default='')

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A robot file as a robot description (URDF), with simple shapes only; importable without ROS.
+
+Joints turn about -y: seen with +x to the right and z up, that is counter-clockwise, as all
+angles of this package are (docs/model.md).
+"""
+import math
+from typing import Any, Iterator, Sequence
+from xml.etree import ElementTree as Xml
+
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.ros.frames import FRAMES, Frames, PENDULUM, SHELL
+
+AXIS = (0.0, -1.0, 0.0)
+# The band on which the ball rolls, in two colours by turns, so that it is seen to roll.
+PATCHES = 16
+BAND_WIDTH, BAND_THICKNESS = 0.16, 0.02  # parts of the radius
+ROD_RADIUS = 0.03  # part of the radius
+DENSITY = 7850.0  # of the weight as it is drawn, that of steel [kg/m3]
+COLOURS = {'shell': (0.75, 0.82, 0.9, 0.35), 'dark': (0.1, 0.25, 0.4, 1.0),
+           'light': (0.95, 0.95, 0.9, 1.0), 'mark': (0.85, 0.2, 0.1, 1.0),
+           'rod': (0.5, 0.5, 0.5, 1.0), 'weight': (0.85, 0.45, 0.05, 1.0)}
+
+
+def robot_description(robot: Robot, frames: Frames = FRAMES) -> str:
+    """
+    Return a robot as URDF.
+
+    Parameters
+    ----------
+    robot : Robot
+    frames : Frames
+        Names of the links; a prefix is best left to robot_state_publisher.
+
+    Returns
+    -------
+    str
+        XML.  Masses, inertia, and limits of the motor are those of the robot file; inertia
+        about the axes that planar motion leaves unknown is taken to be the same.
+
+    """
+    tree = Xml.Element('robot', name=robot.name)
+    for name, colour in COLOURS.items():
+        Xml.SubElement(Xml.SubElement(tree, 'material', name=name), 'color', rgba=_row(colour))
+    Xml.SubElement(tree, 'link', name=frames.footprint)
+    Xml.SubElement(tree, 'link', name=frames.base)
+    _joint(tree, 'base', 'fixed', frames.footprint, frames.base, (0.0, 0.0, robot.ball_radius))
+    tree.append(_ball(robot, frames.ball))
+    shell = _joint(tree, SHELL, 'continuous', frames.base, frames.ball)
+    Xml.SubElement(shell, 'dynamics', damping=_number(robot.rolling_friction))
+    Xml.SubElement(tree, 'link', name=frames.imu)
+    _joint(tree, 'imu', 'fixed', frames.ball, frames.imu)
+    if robot.has_pendulum:
+        tree.append(_pendulum(robot, frames.pendulum))
+        pendulum = _joint(tree, PENDULUM, 'continuous', frames.ball, frames.pendulum)
+        if robot.motor is not None:
+            Xml.SubElement(pendulum, 'limit', effort=_number(robot.motor.maximum_torque),
+                           velocity=_number(idle_rate(robot)))
+        Xml.SubElement(pendulum, 'dynamics', damping=_number(robot.joint_friction))
+    Xml.indent(tree)
+    return '<?xml version="1.0"?>\n' + Xml.tostring(tree, encoding='unicode') + '\n'
+
+
+def idle_rate(robot: Robot) -> float:
+    """Return the rate of the joint at which the motor gives nothing forwards any more [rad/s]."""
+    _, back_voltage, voltage, _ = robot.motor_line
+    # URDF has no infinity; faster than any motor is as good.
+    return voltage / back_voltage if back_voltage > 0.0 and math.isfinite(voltage) else 1e3
+
+
+def _ball(robot: Robot, name: str) -> Xml.Element:
+    """Return the shell: a sphere that one sees through, with a band around it."""
+    link = _link(name, robot.ball_mass, robot.ball_inertia)
+    radius = robot.ball_radius
+    for kind in ('visual', 'collision'):
+        shape = _shape(link, kind, 'sphere', radius=radius)
+        if kind == 'visual':
+            Xml.SubElement(shape, 'material', name='shell')
+    for number, angle in enumerate(_patch_angles()):
+        length = 2.0 * radius * math.tan(math.pi / PATCHES)
+        patch = _shape(link, 'visual', 'box', _below(radius, angle), (0.0, -angle, 0.0),
+                       size=(length, BAND_WIDTH * radius, BAND_THICKNESS * radius))
+        # The patch that is lowest at angle 0 is marked, so that angles can be read.
+        colour = ('dark' if number % 2 else 'light') if number else 'mark'
+        Xml.SubElement(patch, 'material', name=colour)
+    return link
+
+
+def _patch_angles() -> Iterator[float]:
+    """Yield where the patches of the band are: counter-clockwise from straight down [rad]."""
+    for number in range(PATCHES):
+        yield 2.0 * math.pi * number / PATCHES
+
+
+def _below(distance: float, angle: float = 0.0) -> tuple[float, float, float]:
+    """Return the point that hangs at an angle from the centre, as a pendulum does."""
+    return distance * math.sin(angle), 0.0, -distance * math.cos(angle)
+
+
+def _pendulum(robot: Robot, name: str) -> Xml.Element:
+    """Return the pendulum: a rod, and at its centre of mass a ball of steel as heavy."""
+    length, radius = robot.pendulum_length, robot.ball_radius
+    link = _link(name, robot.pendulum_mass, robot.pendulum_inertia, _below(length))
+    if length > 0.0:
+        rod = _shape(link, 'visual', 'cylinder', _below(0.5 * length),
+                     radius=ROD_RADIUS * radius, length=length)
+        Xml.SubElement(rod, 'material', name='rod')
+    drawn = (3.0 * robot.pendulum_mass / (4.0 * math.pi * DENSITY)) ** (1.0 / 3.0)
+    weight = _shape(link, 'visual', 'sphere', _below(length),
+                    radius=min(drawn, max(radius - length, 0.1 * radius)))
+    Xml.SubElement(weight, 'material', name='weight')
+    return link
+
+
+def _link(name: str, mass: float, inertia: float,
+          centre: Sequence[float] = (0.0, 0.0, 0.0)) -> Xml.Element:
+    """Return a link with the same moment of inertia about all axes."""
+    link = Xml.Element('link', name=name)
+    inertial = Xml.SubElement(link, 'inertial')
+    Xml.SubElement(inertial, 'origin', xyz=_row(centre), rpy='0 0 0')
+    Xml.SubElement(inertial, 'mass', value=_number(mass))
+    about = _number(inertia)
+    Xml.SubElement(inertial, 'inertia', ixx=about, iyy=about, izz=about, ixy='0', ixz='0',
+                   iyz='0')
+    return link
+
+
+def _shape(link: Xml.Element, kind: str, shape: str, xyz: Sequence[float] = (0.0, 0.0, 0.0),
+           rpy: Sequence[float] = (0.0, 0.0, 0.0), **size: Any) -> Xml.Element:
+    """Add a visual or collision shape to a link, and return it."""
+    element = Xml.SubElement(link, kind)
+    Xml.SubElement(element, 'origin', xyz=_row(xyz), rpy=_row(rpy))
+    Xml.SubElement(Xml.SubElement(element, 'geometry'), shape, {
+        name: _row(value) if isinstance(value, tuple) else _number(value)
+        for name, value in size.items()})
+    return element
+
+
+def _joint(tree: Xml.Element, name: str, kind: str, parent: str, child: str,
+           xyz: Sequence[float] = (0.0, 0.0, 0.0)) -> Xml.Element:
+    """Add a joint to a robot, and return it."""
+    joint = Xml.SubElement(tree, 'joint', name=name, type=kind)
+    Xml.SubElement(joint, 'parent', link=parent)
+    Xml.SubElement(joint, 'child', link=child)
+    Xml.SubElement(joint, 'origin', xyz=_row(xyz), rpy='0 0 0')
+    if kind != 'fixed':
+        Xml.SubElement(joint, 'axis', xyz=_row(AXIS))
+    return joint
+
+
+def _row(values: Sequence[float]) -> str:
+    return ' '.join(_number(value) for value in values)
+
+
+def _number(value: float) -> str:
+    # Adding 0 takes the sign from a zero, which would only irritate readers.
+    return f'{round(value, 12) + 0.0:.9g}'
