@@ -63,6 +63,9 @@ def test_a_controller_hears_the_e_stop_and_does_not_jump_when_it_is_released(gra
     latch = graph.publisher('e_stop', Bool, qos.LATCHED)
     latch.publish(Bool(data=True))
     graph.wait_for_health('controller', diagnostics.WARN, 'the e-stop is engaged')
+    # Commands from before may still be on their way to us; those behind the first zero are not.
+    graph.publish_until(lambda: commands[-1].effort[0] == 0.0, 'the motor lets go',
+                        'set_point', up)
     commands.clear()
     released = []
 
