@@ -9,6 +9,8 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import yaml
 
+from ballbot_ros.ros import discovery
+
 GRACE = 15.0  # wall time for a node to end after SIGINT before it is killed [s]
 
 
@@ -22,40 +24,9 @@ def own_domain() -> int:
     return int(given) if given else 1 + os.getpid() % 101
 
 
-# Fast DDS announces a new participant five times in half a second, then every three seconds.
-# Two that start together miss those five every other time, and three seconds pass unused.
-_PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
-<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
-  <participant profile_name="quick" is_default_profile="true">
-    <rtps><builtin><discovery_config><initialAnnouncements>
-      <count>50</count><period><nanosec>100000000</nanosec></period>
-    </initialAnnouncements></discovery_config></builtin></rtps>
-  </participant>
-</profiles>
-"""
-
-
-def local_discovery(folder: Path) -> Dict[str, str]:
-    """
-    Return the environment of nodes that communicate on this machine only and are discovered fast.
-
-    Parameters
-    ----------
-    folder : Path
-        For a settings file; settings that the user has made go first.
-
-    """
-    path = folder.resolve() / 'fastdds.xml'
-    folder.mkdir(parents=True, exist_ok=True)
-    path.write_text(_PROFILE, encoding='utf-8')
-    names = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
-    return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-            **{name: os.environ.get(name) or str(path) for name in names}}
-
-
 def environment(domain: int, folder: Path) -> Dict[str, str]:
-    """Return the environment of the nodes of a domain; see `local_discovery`."""
-    return {**os.environ, **local_discovery(folder), 'ROS_DOMAIN_ID': str(domain),
+    """Return the environment of the nodes of a domain; `ros.discovery` says who finds them."""
+    return {**os.environ, **discovery.variables(os.environ), 'ROS_DOMAIN_ID': str(domain),
             'ROS_HOME': str(folder.resolve()),
             'RCUTILS_COLORIZED_OUTPUT': '0', 'PYTHONUNBUFFERED': '1'}
 
@@ -91,6 +62,7 @@ class NodeProcesses:
         self._folder = folder
         self._environment = environment(domain, folder)
         self._running: Dict[str, subprocess.Popen] = {}
+        folder.mkdir(parents=True, exist_ok=True)
         for old in folder.glob('*.log'):
             old.unlink()
 

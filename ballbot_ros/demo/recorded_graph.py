@@ -14,9 +14,10 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 
-from ballbot_ros.demo.processes import local_discovery, NodeProcesses, own_domain
+from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.demo.timeline import Timeline
 from ballbot_ros.msg import BallState, StepDecision
+from ballbot_ros.ros import discovery
 from ballbot_ros.ros.bag import BagRecorder
 from ballbot_ros.ros.executor import new_executor
 
@@ -68,7 +69,7 @@ def recorded_graph(out: Path, topics: Sequence[Tuple[str, Any, QoSProfile]],
     ``step_decision`` go to the timeline, too.  The bag keeps the `metadata`.
     """
     domain = own_domain()
-    os.environ.update(local_discovery(out / 'logs'))
+    discovery.apply(os.environ)
     rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
     node, executor = Node('ballbot_demo'), new_executor()
     executor.add_node(node)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Start a node, spin it, and end it so that nothing is left running."""
 import gc
+import os
 import signal
 import sys
 from typing import Any, Callable, List, Optional
@@ -11,6 +12,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.ros import discovery
 from ballbot_ros.ros.executor import new_executor
 from ballbot_ros.ros.logs import forward_logs
 
@@ -49,6 +51,7 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
+    reach = discovery.apply(os.environ)
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except (RuntimeError, ValueError) as error:  # a malformed argument or parameter file
@@ -59,6 +62,7 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
     try:
         node = make_node()
         forward_logs(node)
+        node.get_logger().info(reach)
         executor.add_node(node)
         # All that is there now lives as long as the node: looking through it again and again for
         # garbage would cost milliseconds in the middle of a control period.

@@ -14,10 +14,10 @@ import yaml
 
 from ballbot_ros.config.files import config_folder
 from ballbot_ros.demo.prepare import prepare
-from ballbot_ros.demo.processes import local_discovery
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.physics import load_scene
+from ballbot_ros.ros import discovery
 
 # Ports of the first lie beside those that Linux gives to programs, and the demo takes none of
 # them.  The others are for a machine on which many tests run at once.
@@ -73,9 +73,11 @@ def compiled_once():
 
 
 @pytest.fixture(autouse=True)
-def this_machine_only(monkeypatch, tmp_path_factory):
+def this_machine_only(monkeypatch):
     """Keep all communication on this machine, with fast discovery."""
-    for name, value in local_discovery(tmp_path_factory.mktemp('settings')).items():
+    for name in discovery.CHOICES:
+        monkeypatch.delenv(name, raising=False)
+    for name, value in discovery.variables({}).items():
         monkeypatch.setenv(name, value)
 
 

@@ -107,13 +107,13 @@ def look_at_ros(environment: Mapping[str, str]) -> Iterator[Finding]:
                       f'export ROS_DOMAIN_ID=N with N from 0 to {HIGHEST_DOMAIN}')
     else:
         yield Finding(OK, f'ROS domain {domain or "0 (ROS_DOMAIN_ID is not set)"}')
-    reach = environment.get('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')
+    reach = environment.get('ROS_AUTOMATIC_DISCOVERY_RANGE') or 'LOCALHOST'  # as ros.discovery
     if reach in ('LOCALHOST', 'OFF'):
         yield Finding(OK, f'ROS discovery range {reach}: nobody else can command this motor')
     elif reach in ('SUBNET', 'SYSTEM_DEFAULT'):
         yield Finding(NOTE, f'ROS discovery range {reach}: whoever is on this network and domain '
                       'can command this motor',
-                      'export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST if that is not wanted')
+                      'unset ROS_AUTOMATIC_DISCOVERY_RANGE if that is not wanted')
     else:
         yield Finding(WRONG, f'ROS_AUTOMATIC_DISCOVERY_RANGE is {reach!r}',
                       'must be OFF, LOCALHOST, SUBNET or SYSTEM_DEFAULT')

@@ -133,9 +133,9 @@ def test_no_port_at_all_and_a_port_that_may_not_be_opened():
 
 
 @pytest.mark.parametrize('environment, verdicts', [
-    ({}, [OK, NOTE]), ({'ROS_DOMAIN_ID': '7', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'},
+    ({}, [OK, OK]), ({'ROS_DOMAIN_ID': '7', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'},
                        [OK, OK]),
-    ({'ROS_DOMAIN_ID': '230'}, [WRONG, NOTE]), ({'ROS_DOMAIN_ID': 'x'}, [WRONG, NOTE]),
+    ({'ROS_DOMAIN_ID': '230'}, [WRONG, OK]), ({'ROS_DOMAIN_ID': 'x'}, [WRONG, OK]),
     ({'ROS_DOMAIN_ID': '101', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'}, [OK, OK]),
     ({'ROS_DOMAIN_ID': '102', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SYSTEM_DEFAULT'},
      [WRONG, NOTE]),

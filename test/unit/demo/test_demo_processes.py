@@ -5,12 +5,12 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
-from xml.etree import ElementTree
 
 import pytest
 
 from ballbot_ros.demo import processes
 from ballbot_ros.demo.processes import environment, NodeProcesses, own_domain, parameter_arguments
+from ballbot_ros.ros import discovery
 
 
 def test_parameters_become_arguments_that_ros_reads():
@@ -31,13 +31,14 @@ def test_a_domain_that_is_given_is_used_and_else_one_of_ones_own(monkeypatch):
 
 
 def test_nodes_stay_on_this_machine_and_settings_of_the_user_go_first(tmp_path, monkeypatch):
-    monkeypatch.delenv('FASTRTPS_DEFAULT_PROFILES_FILE', raising=False)
+    for name in (*discovery.CHOICES, *discovery.SETTINGS):
+        monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv('FASTDDS_DEFAULT_PROFILES_FILE', '/my/own.xml')
     found = environment(17, tmp_path / 'logs')
     assert found['ROS_DOMAIN_ID'] == '17'
     assert found['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
     assert found['FASTDDS_DEFAULT_PROFILES_FILE'] == '/my/own.xml'
-    ElementTree.parse(found['FASTRTPS_DEFAULT_PROFILES_FILE'])
+    assert 'FASTRTPS_DEFAULT_PROFILES_FILE' not in found
     assert 'ROS_DOMAIN_ID' not in os.environ or os.environ['ROS_DOMAIN_ID'] != '17'
 
 

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Who can find a node: programs of this machine only, unless the user has chosen.
+
+A graph of ROS has neither passwords nor owners: whoever finds a node may drive the robot.  So what
+is open to the network is opened by somebody, not by default.
+"""
+from typing import Dict, Mapping, MutableMapping
+
+from ballbot_ros.config.files import config_folder
+
+RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+# Whoever has set one of these has chosen.
+CHOICES = (RANGE, 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS', 'ROS_DISCOVERY_SERVER')
+# Where Fast DDS looks for its settings: up to version 2, and from then on.
+SETTINGS = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+OPEN = f'{RANGE}=SUBNET'
+
+
+def chosen(environment: Mapping[str, str]) -> Dict[str, str]:
+    """Return the variables by which the user has chosen who finds the nodes, empty for none."""
+    return {name: environment[name] for name in CHOICES if environment.get(name)}
+
+
+def on_this_machine(environment: Mapping[str, str]) -> bool:
+    """Return whether only programs of this machine find the nodes of an environment."""
+    if environment.get('ROS_LOCALHOST_ONLY') == '1':
+        return True
+    choice = chosen(environment)
+    return not choice or choice == {RANGE: 'LOCALHOST'}
+
+
+def variables(environment: Mapping[str, str]) -> Dict[str, str]:
+    """
+    Return what to add to an environment before a node is made in it.
+
+    Where nodes stay on this machine, Fast DDS is told to receive on loopback and in shared memory
+    only; a settings file of the user goes first.  Other middlewares take the range alone.
+    """
+    if not on_this_machine(environment):
+        return {}
+    added = {} if chosen(environment) else {RANGE: 'LOCALHOST'}
+    path = str(config_folder() / 'fastdds' / 'this_machine.xml')
+    if not any(environment.get(name) for name in SETTINGS):
+        added.update(dict.fromkeys(SETTINGS, path))
+    return added
+
+
+def apply(environment: MutableMapping[str, str]) -> str:
+    """
+    Add `variables` to an environment, and return a sentence that says who finds the nodes.
+
+    Parameters
+    ----------
+    environment : mutable mapping
+        Usually ``os.environ``, before ``rclpy.init``.
+
+    """
+    choice = chosen(environment)
+    environment.update(variables(environment))
+    if not choice:
+        return f'found from this machine only; for other machines, too, set {OPEN}'
+    said = ', '.join(f'{name}={value}' for name, value in choice.items())
+    return f'found from {"this machine only" if on_this_machine(environment) else "where set"}' \
+        f' by {said}'

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A node is open to the network only where somebody has opened it."""
+from pathlib import Path
+import re
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import pytest
+
+from ballbot_ros.ros import discovery
+
+NODE = """
+import sys
+from rclpy.node import Node
+from ballbot_ros.ros.run import run
+
+class Speaking(Node):
+    def __init__(self):
+        super().__init__('speaking')
+        print('up', flush=True)
+
+sys.exit(run(Speaking, []))
+"""
+DOMAIN = 231
+# RTPS gives each domain 250 ports, in which all that it receives comes in.
+PORTS = range(7400 + 250 * DOMAIN, 7650 + 250 * DOMAIN)
+
+
+def addresses(pid):
+    """Return protocol, address and port of the sockets of a process."""
+    inodes = set()
+    for file in Path('/proc', str(pid), 'fd').iterdir():
+        found = re.fullmatch(r'socket:\[(\d+)\]', str(file.readlink()))
+        inodes |= {found[1]} if found else set()
+    for protocol in ('udp', 'udp6', 'tcp', 'tcp6'):
+        for line in Path('/proc/net', protocol).read_text().splitlines()[1:]:
+            words = line.split()
+            if words[9] in inodes:
+                address, port = words[1].split(':')
+                yield protocol, address, int(port, 16)
+
+
+def test_a_node_that_nobody_has_opened_receives_from_this_machine_only(monkeypatch):
+    for name in (*discovery.CHOICES, *discovery.SETTINGS):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(DOMAIN))
+    node = subprocess.Popen([sys.executable, '-c', NODE], stdout=subprocess.PIPE,
+                            stderr=subprocess.PIPE, text=True)
+    try:
+        assert node.stdout.readline() == 'up\n', node.communicate()[1]
+        found = list(addresses(node.pid))
+    finally:
+        node.terminate()
+        said = node.communicate()[1]
+    receiving = {address for protocol, address, port in found if port in PORTS}
+    assert receiving == {'0100007F'}, found  # 127.0.0.1
+    assert not any(protocol.startswith('tcp') for protocol, *_ in found)
+    assert 'from this machine only' in said and discovery.OPEN in said
+    assert node.returncode == 0
+
+
+@pytest.mark.parametrize('choice', [
+    {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}, {'ROS_STATIC_PEERS': '192.0.2.7'},
+    {'ROS_LOCALHOST_ONLY': '0'}, {'ROS_DISCOVERY_SERVER': '192.0.2.7:11811'},
+    {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_STATIC_PEERS': '192.0.2.7'}])
+def test_what_the_user_has_chosen_stays_and_is_named(choice):
+    environment = dict(choice)
+    said = discovery.apply(environment)
+    assert environment == choice
+    assert all(f'{name}={value}' in said for name, value in choice.items())
+    assert 'this machine' not in said
+
+
+def test_whoever_asks_for_this_machine_gets_no_socket_elsewhere_either():
+    for choice in ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}, {'ROS_LOCALHOST_ONLY': '1'}):
+        environment = dict(choice)
+        assert 'this machine only' in discovery.apply(environment)
+        for name in discovery.SETTINGS:
+            ElementTree.parse(environment.pop(name))
+        assert environment == choice
+
+
+def test_a_variable_that_is_empty_chooses_nothing_and_settings_of_the_user_stay():
+    environment = {'ROS_STATIC_PEERS': '', 'FASTDDS_DEFAULT_PROFILES_FILE': '/my/own.xml'}
+    discovery.apply(environment)
+    assert environment.pop('ROS_AUTOMATIC_DISCOVERY_RANGE') == 'LOCALHOST'
+    assert environment == {'ROS_STATIC_PEERS': '',
+                           'FASTDDS_DEFAULT_PROFILES_FILE': '/my/own.xml'}
