@@ -12,7 +12,7 @@ sys.path.insert(0, str(ROOT))
 
 from ballbot_ros.figures import canvas  # noqa: E402
 from ballbot_ros.figures.gallery import FIGURES  # noqa: E402
-from ballbot_ros.figures.run import save, strip  # noqa: E402
+from ballbot_ros.figures.run import animate, save, strip  # noqa: E402
 from ballbot_ros.physics import load_scene  # noqa: E402
 
 # Proportions of the drawing, in ball radii; the penetration is exaggerated to be seen.
@@ -169,7 +169,9 @@ def main():
     figure = conventions()
     for kind in canvas.FORMATS:
         save(figure, folder / f'conventions.{kind}')
-    save(strip(load_scene('fig7_bottom').simulate(), 'fig7_bottom'), folder / 'crossing.png')
+    crossing = load_scene('fig7_bottom').simulate()
+    save(strip(crossing, 'fig7_bottom'), folder / 'crossing.png')
+    animate(crossing, folder / 'crossing.gif', 'fig7_bottom', playback=0.4)
     save_small(FIGURES['on_timeout'](), folder / 'on_timeout.png')
     for name in IN_DOCS:
         save_small(FIGURES[name](), folder / f'step_{name}.png')

@@ -39,10 +39,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='say what was modelled when, what was left out, why, and what that '
                         'costs')
     parser.add_argument('--no-figures', action='store_true', help='write numbers only')
+    parser.add_argument('--animate', nargs='?', const=Path(), type=animation_file,
+                        metavar='FILE.gif|FILE.mp4', help='write an animation as well (default '
+                        'file: animation.gif in the folder)')
+    parser.add_argument('--playback', type=float, metavar='FACTOR',
+                        help='simulated seconds per second of the animation (default: 1)')
     add_format(parser)
     parser.add_argument('--json', action='store_true',
                         help='print the summary as JSON and nothing else')
     add_quiet(parser)
+
+
+def animation_file(text: str) -> Path:
+    """Return the file of an animation, for argparse."""
+    if Path(text).suffix.lower() not in ('.gif', '.mp4'):
+        raise argparse.ArgumentTypeError(
+            f'{text!r} must end in .gif or .mp4; the scene goes before --animate')
+    return Path(text)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -53,6 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.results.files import check_writable
     folder = arguments.out or DEFAULT_FOLDER / scene.name
     check_writable(folder / 'summary.txt')
+    animation = animation_asked(arguments, scene, folder)
     failure: Optional[SimulationError] = None
     begin = perf_counter()
     try:
@@ -68,6 +82,11 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.results import summarise
     summary = summarise(trajectory, scene, wall_time)
     files = write_all(trajectory, summary, folder, arguments)
+    # Whoever has pressed Ctrl-C does not want to wait for pictures.
+    cut = animation is not None and not summary.complete and failure is None
+    if animation is not None and not cut:
+        cut = not write_animation(trajectory, animation, summary.name, arguments)
+        files += [] if cut else [animation]
     explanation = None
     if arguments.explain:
         from ballbot_ros.results import explain
@@ -80,7 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
     elif not arguments.quiet:
         from ballbot_ros.results import report
         print(f'{report(summary)}\n\nWritten to {folder}: '
-              f'{", ".join(path.name for path in files)}')
+              f'{", ".join(named(path, folder) for path in files)}')
         if explanation is not None:
             print_wrapped(explanation.sentences)
     if failure is not None:
@@ -88,9 +107,61 @@ def run(arguments: argparse.Namespace) -> int:
         return FAILED
     if not summary.complete:
         print_error(f'interrupted at {summary.duration:g} s of {scene.run.duration:g} s; what '
-                 f'there is was written to {folder}')
+                 f'there is was written to {folder}' + ', without an animation' * cut)
+        return INTERRUPTED
+    if cut:
+        print_error(f'interrupted before {animation} was complete, and it was not written; '
+                    f'all else is in {folder}')
         return INTERRUPTED
     return DONE
+
+
+def animation_asked(arguments: argparse.Namespace, scene: Any, folder: Path) -> Optional[Path]:
+    """
+    Return the file of the animation, None where nobody wants one.
+
+    Raises
+    ------
+    ConfigurationError
+        For one that could not be written.
+
+    """
+    from ballbot_ros.errors import ConfigurationError
+    if arguments.animate is None:
+        if arguments.playback is not None:
+            raise ConfigurationError('--playback goes with --animate')
+        return None
+    from ballbot_ros.figures.run import check_animation
+    from ballbot_ros.results.files import check_writable
+    path: Path = folder / 'animation.gif' if arguments.animate == Path() else arguments.animate
+    check_writable(path)
+    check_animation(path, scene.run.duration, playback_of(arguments))
+    return path
+
+
+def playback_of(arguments: argparse.Namespace) -> float:
+    """Return how many simulated seconds a second of the animation shows."""
+    return 1.0 if arguments.playback is None else float(arguments.playback)
+
+
+def write_animation(trajectory: Any, path: Path, name: str, arguments: argparse.Namespace) -> bool:
+    """Write the animation; return whether it was, and not Ctrl-C that ended it."""
+    from ballbot_ros.cli.progress import watched
+    from ballbot_ros.figures.run import animate
+    duration = float(trajectory['time'][-1])
+    try:
+        with watched(duration, arguments.quiet or arguments.json, 'animating',
+                     keeps=False) as progress:
+            animate(trajectory, path, name, playback_of(arguments),
+                    lambda done: progress(duration * done))
+    except KeyboardInterrupt:
+        return False
+    return True
+
+
+def named(path: Path, folder: Path) -> str:
+    """Return a file as people call it: by its name in the folder."""
+    return path.name if path.parent == folder else str(path)
 
 
 def load_machine_code(scene: Any, silent: bool) -> None:

@@ -173,3 +173,39 @@ def test_explain_in_json_has_the_numbers(tmp_path, capsys):
 def test_without_explain_nobody_explains(tmp_path, capsys):
     assert main(['simulate', 'fig7_top', '--no-figures', '--json', '--out', str(tmp_path)]) == 0
     assert 'explanation' not in json.loads(capsys.readouterr().out)
+
+
+def test_animate_writes_a_gif_beside_the_other_files_or_where_it_is_told(tmp_path, capsys):
+    words = ['simulate', 'fig7_top', '--duration', '0.2', '--no-figures', '--out',
+             str(tmp_path / 'out')]
+    assert main([*words, '--animate']) == 0
+    assert names(tmp_path / 'out') == NUMBERS | {'animation.gif'}
+    assert capsys.readouterr().out.endswith('trajectory.npz, animation.gif\n')
+    elsewhere = tmp_path / 'mine.gif'
+    assert main([*words, '--animate', str(elsewhere), '--playback', '2', '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['files'][-1] == str(elsewhere)
+    assert elsewhere.read_bytes().startswith(b'GIF89a')
+
+
+@pytest.mark.parametrize('words, says', [
+    (['--playback', '2'], '--playback goes with --animate'),
+    (['--animate', 'film.avi'], 'must end in .gif or .mp4'),
+    (['--animate', '/dev/null/film.gif'], 'cannot be written'),
+    (['--animate', '--duration', '100'], 'choose a playback of 2 or more'),
+    (['--animate', '--playback', '0'], 'playback must be at least 0.01')])
+def test_an_animation_that_cannot_be_is_refused_before_the_run(error_of, tmp_path, words, says):
+    assert says in error_of('simulate', 'fig7_top', '--out', str(tmp_path / 'out'), *words)
+    assert not (tmp_path / 'out').exists()
+
+
+def test_ctrl_c_while_animating_keeps_the_numbers_and_leaves_no_half_file(
+        tmp_path, capsys, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr('ballbot_ros.figures.animation._words', interrupted)
+    assert main(['simulate', 'fig7_top', '--no-figures', '--out', str(tmp_path),
+                 '--animate']) == 130
+    out, err = capsys.readouterr()
+    assert names(tmp_path) == NUMBERS and 'rising face' in out
+    assert err.count('ballbot: error: ') == 1 and 'it was not written' in err

@@ -1,0 +1,292 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A run as moving pictures: GIF, or MP4 where ffmpeg is installed."""
+import math
+from pathlib import Path
+import shutil
+import subprocess
+from typing import Any, Iterator, NamedTuple
+
+from matplotlib.figure import Figure
+from matplotlib.patches import FancyArrow
+from matplotlib.ticker import MaxNLocator
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.figures import canvas
+from ballbot_ros.figures.contact_forces import ForceArrow, mean_forces
+from ballbot_ros.figures.drawing import draw_ball, draw_ground, ground_line
+from ballbot_ros.figures.frames import ROW
+from ballbot_ros.figures.panels import sane
+from ballbot_ros.physics.simulation.trajectory import Trajectory
+from ballbot_ros.results.files import PathLike, replacing
+from ballbot_ros.studies.progress import ignore, Progress
+
+Picture = NDArray[np.uint8]
+KINDS = ('.gif', '.mp4')
+
+# A GIF counts hundredths of a second: 4 of them for one frame.
+FRAME_RATE = 25.0
+
+# What a browser still shows without trouble, and fits into memory [s].
+LONGEST_GIF = 60.0
+
+_HOLD = 1.0  # how long the last picture stands before a GIF begins anew [s]
+_WIDTH, _DOTS = 7.6, 100  # [in], and per inch
+_LEFT, _RIGHT, _TOP, _BOTTOM = 0.62, 0.14, 0.66, 0.44  # [in]
+_BESIDE, _BELOW, _TALLEST = 1.3, 0.45, 7.0  # [ball radii]
+_COLOURS, _EXACT = 128, 24  # of a GIF, and those of them that are kept as they are
+
+# Of the force arrows: length at the weight of the robot, and at most [ball radii].
+_ARROW, _LONGEST_ARROW = 0.6, 2.2
+
+
+class _View(NamedTuple):
+    """How much is seen at once, and whether the picture goes with the ball [m]."""
+
+    width: float
+    height: float
+    follows_x: bool
+    follows_y: bool
+
+
+def check_animation(path: PathLike, duration: float, playback: float = 1.0) -> None:
+    """
+    Refuse an animation that could not be written, before the work that it is to show.
+
+    Parameters
+    ----------
+    path : str or Path
+        Ends in .gif or .mp4.
+    duration : float
+        Of the run [s].
+    playback : float
+        Simulated seconds per second of the animation.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming what to do.
+
+    """
+    kind = Path(path).suffix.lower()
+    if kind not in KINDS:
+        raise ConfigurationError(
+            f'{path}: an animation must end in {" or ".join(KINDS)}, got {kind!r}')
+    if not 0.01 <= playback <= 1000.0:
+        raise ConfigurationError(
+            f'playback must be at least 0.01 and at most 1000, got {playback:g}')
+    if kind == '.mp4' and shutil.which('ffmpeg') is None:
+        raise ConfigurationError(
+            f'{path}: MP4 needs ffmpeg, which is not installed: "sudo apt-get install ffmpeg", '
+            'or choose a file ending in .gif')
+    if kind == '.gif' and duration / playback > LONGEST_GIF:
+        raise ConfigurationError(
+            f'{path}: a GIF of {duration / playback:g} s is too long, {LONGEST_GIF:g} s are the '
+            f'most: choose a playback of {math.ceil(duration / LONGEST_GIF)} or more, or .mp4')
+
+
+def animate(trajectory: Trajectory, path: PathLike, title: str = '', playback: float = 1.0,
+            progress: Progress = ignore) -> None:
+    """
+    Write a run as moving pictures, whole or not at all.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    path : str or Path
+        Ends in .gif or .mp4.
+    title : str
+        Name of the scene, say.
+    playback : float
+        Simulated seconds per second of the animation.
+    progress : callable
+        Told the part that is done, 0 to 1.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no way to write such a file.
+
+    """
+    run = sane(trajectory)
+    check_animation(path, float(run['time'][-1] - run['time'][0]), playback)
+    frames = frame_samples(run['time'], playback)
+    pictures = _pictures(run, frames, title, playback, progress)
+    with replacing(path) as stream:
+        if Path(path).suffix.lower() == '.gif':
+            some = frames[np.linspace(0, len(frames) - 1, 6).astype(int)]
+            _write_gif(pictures, np.vstack(list(_pictures(run, some, title, playback, ignore))),
+                       stream)
+        else:
+            _write_mp4(pictures, stream.name)
+
+
+def frame_samples(time: NDArray[np.float64], playback: float) -> NDArray[np.int64]:
+    """Return the samples nearest to the times of the frames [s], first and last included."""
+    span = float(time[-1] - time[0])
+    count = max(1, round(span / playback * FRAME_RATE))
+    asked = time[0] + span * np.arange(count + 1) / count
+    after = np.searchsorted(time, asked).clip(1, max(len(time) - 1, 1))
+    if len(time) == 1:
+        return np.zeros(1, dtype=np.int64)
+    nearest: NDArray[np.int64] = after - (asked - time[after - 1] < time[after] - asked)
+    return nearest
+
+
+def _pictures(run: Trajectory, frames: NDArray[np.int64], title: str, playback: float,
+              progress: Progress) -> Iterator[Picture]:
+    """Yield one picture after the other, (height, width, 3)."""
+    forces = mean_forces(run, frames)
+    view = _view(run)
+    scale = (_WIDTH - _LEFT - _RIGHT) / view.width  # [in/m]
+    height = _TOP + _BOTTOM + scale * view.height
+    # A video wants even numbers of pixels.
+    height = 2.0 * round(0.5 * height * _DOTS) / _DOTS
+    with canvas.drawing(_WIDTH, height) as figure:
+        figure.set_dpi(_DOTS)
+        axes = figure.add_axes((_LEFT / _WIDTH, _BOTTOM / height,
+                                1.0 - (_LEFT + _RIGHT) / _WIDTH,
+                                1.0 - (_TOP + _BOTTOM) / height))
+        words = _furnish(figure, axes, run, title, playback)
+        path, = axes.plot([], [], color=canvas.GREEN, lw=1.2, zorder=2.8)
+        still = set(axes.get_children())
+        for number, index in enumerate(frames.tolist()):
+            _look_at(axes, run, view, index)
+            path.set_data(run['x'][:index + 1], run['y'][:index + 1])
+            draw_ball(axes, run.model.robot, run['x'][index], run['y'][index],
+                      run['ball_angle'][index], run['pendulum_angle'][index], 1.0)
+            for force in forces[number]:
+                _draw_force(axes, run, force)
+            words.set_text(_words(run, index))
+            figure.canvas.draw()
+            picture: Any = figure.canvas
+            yield np.asarray(picture.buffer_rgba())[..., :3].copy()
+            for artist in set(axes.get_children()) - still:
+                artist.remove()
+            progress((number + 1) / len(frames))
+
+
+def _view(run: Trajectory) -> _View:
+    """Return what is seen: the whole run where the ball is not too small in it."""
+    radius = run.model.robot.ball_radius
+    span = float(np.ptp(run['x'])) + 2.0 * _BESIDE * radius
+    width = min(max(span, 6.0 * radius), ROW * radius)
+    rise = float(np.ptp(run['y'])) + (2.15 + _BELOW) * radius
+    return _View(width, min(rise, _TALLEST * radius), span > width, rise > _TALLEST * radius)
+
+
+def _furnish(figure: Figure, axes: Any, run: Trajectory, title: str, playback: float) -> Any:
+    """Draw what does not change, and return the text for what does."""
+    width, height = figure.get_size_inches()
+    robot = run.model.robot
+    far = ROW * robot.ball_radius
+    left, right = float(run['x'].min()) - far, float(run['x'].max()) + far
+    lowest = float(ground_line(run.model.terrain, left, right)[:, 1].min())
+    draw_ground(axes, run.model.terrain, left, right, lowest - far)
+    axes.xaxis.set_major_locator(MaxNLocator(9, steps=[1, 2, 5, 10]))
+    axes.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
+    axes.set_xlabel('x [m]', labelpad=1.0)
+    axes.set_ylabel('y [m]')
+    pace = '' if playback == 1.0 else f'{playback:g} times real time'
+    figure.text(_LEFT / width, 1.0 - 0.25 / height, ', '.join(
+        part for part in (title, robot.name, pace) if part), fontsize=11, weight='bold')
+    colours = ['grey: turns with the ball', 'red: pendulum', 'green: path of the centre',
+               'purple: force of the ground']
+    figure.text(_LEFT / width, 1.0 - 0.45 / height, '; '.join(
+        part for part in colours if robot.has_pendulum or not part.startswith('red')),
+        fontsize=7.5, color=canvas.GREY)
+    return figure.text(1.0 - _RIGHT / width, 1.0 - 0.25 / height, '', fontsize=10, ha='right')
+
+
+def _look_at(axes: Any, run: Trajectory, view: _View, index: int) -> None:
+    """Show the part of the ground where the ball is."""
+    radius = run.model.robot.ball_radius
+    x, y = run['x'], run['y']
+    middle = x[index] if view.follows_x else 0.5 * (x.min() + x.max())
+    axes.set_xlim(middle - 0.5 * view.width, middle + 0.5 * view.width)
+    below = (y[index] - 0.4 * view.height if view.follows_y
+             else float(y.min()) - (1.0 + _BELOW) * radius)
+    axes.set_ylim(below, below + view.height)
+
+
+def _draw_force(axes: Any, run: Trajectory, force: ForceArrow) -> None:
+    """Draw an arrow that ends at the contact and shows what the ground does to the ball."""
+    robot = run.model.robot
+    size = math.hypot(force.force_x, force.force_y)
+    weight = robot.total_mass * robot.gravity
+    length = min(_ARROW * size / weight, _LONGEST_ARROW) * robot.ball_radius
+    if length < 0.05 * robot.ball_radius:
+        return
+    along_x, along_y = length * force.force_x / size, length * force.force_y / size
+    axes.add_patch(FancyArrow(
+        force.x, force.y, along_x, along_y, width=0.035 * robot.ball_radius,
+        head_width=0.14 * robot.ball_radius, head_length=min(0.2 * robot.ball_radius, length),
+        length_includes_head=True, facecolor=canvas.PURPLE, lw=0, zorder=6))
+
+
+def _words(run: Trajectory, index: int) -> str:
+    """Return time, speed and pendulum angle in words."""
+    speed = math.hypot(run['velocity_x'][index], run['velocity_y'][index])
+    words = f'{run["time"][index]:.2f} s    {speed:.2f} m/s'
+    if run.model.robot.has_pendulum:
+        words += f'    pendulum {round(math.degrees(run["pendulum_angle"][index]))} deg'
+    return words
+
+
+def _write_gif(pictures: Iterator[Picture], some: Picture, stream: Any) -> None:
+    """Write pictures in the colours of some of them, so that what stands still is not stored."""
+    from PIL import Image
+    palette = _palette(some)
+    known = np.full(1 << 24, -1, dtype=np.int16)  # number in the palette, by colour
+    frames = []
+    for picture in pictures:
+        codes = picture.astype(np.int32) @ np.array([1 << 16, 1 << 8, 1], dtype=np.int32)
+        unknown = np.unique(codes[known[codes] < 0])
+        for part in np.array_split(unknown, len(unknown) // 1000 + 1):
+            parts = np.stack([part >> 16, part >> 8 & 255, part & 255], axis=-1)
+            apart = ((parts[:, None] - palette[None])**2).sum(axis=-1)
+            known[part] = apart.argmin(axis=-1)
+        frame = Image.fromarray(known[codes].astype(np.uint8), 'P')
+        frame.putpalette(palette.astype(np.uint8).tobytes())
+        frames.append(frame)
+    period = round(1e3 / FRAME_RATE)
+    frames[0].save(stream, format='GIF', save_all=True, append_images=frames[1:], loop=0,
+                   duration=[period] * (len(frames) - 1) + [period + round(1e3 * _HOLD)],
+                   optimize=False, disposal=1)
+
+
+def _palette(some: Picture) -> NDArray[np.int32]:
+    """Return the colours of a GIF, (n, 3): the most frequent exactly, and means of the others."""
+    from PIL import Image
+    colours, counts = np.unique(some.reshape(-1, 3), axis=0, return_counts=True)
+    exact = colours[np.argsort(-counts, kind='stable')[:_EXACT]]
+    mixed = Image.fromarray(colours[None]).quantize(_COLOURS - _EXACT).getpalette() or []
+    return np.vstack([exact, np.reshape(mixed, (-1, 3))[:_COLOURS - _EXACT]]).astype(np.int32)
+
+
+def _write_mp4(pictures: Iterator[Picture], path: str) -> None:
+    """Hand pictures to ffmpeg; a session of its own keeps Ctrl-C from it."""
+    first = next(pictures)
+    height, width, _ = first.shape
+    command = ['ffmpeg', '-loglevel', 'error', '-y', '-f', 'rawvideo', '-pix_fmt', 'rgb24', '-s',
+               f'{width}x{height}', '-r', f'{FRAME_RATE:g}', '-i', '-', '-an', '-pix_fmt',
+               'yuv420p', '-movflags', '+faststart', '-f', 'mp4', path]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE,
+                          start_new_session=True) as process:
+        assert process.stdin is not None and process.stderr is not None
+        try:
+            process.stdin.write(first.tobytes())
+            for picture in pictures:
+                process.stdin.write(picture.tobytes())
+            process.stdin.close()
+        except BrokenPipeError:
+            pass  # it says itself why it went
+        except BaseException:
+            process.kill()
+            raise
+        says = process.stderr.read().decode(errors='replace').strip().splitlines()
+    if process.returncode:
+        raise ConfigurationError(
+            f'ffmpeg failed: {says[-1] if says else process.returncode}; a file ending in .gif '
+            'needs none')
