@@ -252,8 +252,7 @@ class DriveControl:
         Return the rate of the joint about which the drive may damp [rad/s], None where it may not.
 
         It may for what a law has asked for, not for what takes its place when it ends, nor beyond
-        limits of which the drive does not know: of angle or speed, and of what heat or battery
-        leave.
+        limits of which the drive does not know: of angle, speed, heat and battery.
         """
         supervisor = self.supervisor
         if not supervisor.commanded or supervisor.beyond or supervisor.derating < 1.0:
@@ -292,6 +291,8 @@ class DriveControl:
         if is_fault:
             if not self._hardware.limits.rearm:
                 self.supervisor.trigger(why)
+            elif event is not Event.NOT_ARMED:
+                self._pacer = self._pacer.tripped(self._clock(), self.power.since)
             if why != self.refusal:  # tried again and again, it is logged once
                 LOG.warning('%s', why)
         self._forget()

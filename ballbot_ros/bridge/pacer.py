@@ -16,6 +16,10 @@ REPEAT = 1.5
 DECIDED = REPEAT + 1.0
 # Between two attempts to arm a drive that could not, where the file says `rearm` [s].
 ARM_AGAIN = 0.3
+# After a drive has taken the power off by itself, and may be armed again: the pause is `ARM_AGAIN`
+# at first and twice the last one each time, up to this one; under power for so long, and the count
+# begins anew [s].
+LONGEST_PAUSE, HELD = 20.0, 10.0
 # Between two repetitions of a stop that is not confirmed yet [s].
 STOP_AGAIN = 0.01
 
@@ -45,6 +49,7 @@ class Pacer(NamedTuple):
     next_torque: float = -math.inf  # that the share of the line allows
     stop_sent: float = -math.inf
     next_arm: float = -math.inf
+    pause: float = 0.0  # before `next_arm`
 
     def commanded(self) -> 'Pacer':
         """Take note of a command: if there is no room now, it goes out with the next tick."""
@@ -62,8 +67,7 @@ class Pacer(NamedTuple):
     def sent_torque(self, now: float) -> 'Pacer':
         """Take note of a torque that goes out: that of a command, or one more time the last."""
         due = self.next_torque if self.next_torque > now else now
-        return Pacer(self.period, False, not self.waiting, now, due + self.period, self.stop_sent,
-                     self.next_arm)
+        return Pacer(self.period, False, not self.waiting, now, due + self.period, *self[5:])
 
     def is_stop_due(self, now: float) -> bool:
         """Return whether a stop that is not confirmed is to be repeated."""
@@ -80,3 +84,9 @@ class Pacer(NamedTuple):
     def not_armed(self, now: float) -> 'Pacer':
         """Take note of a drive that could not be armed."""
         return self._replace(next_arm=now + ARM_AGAIN)
+
+    def tripped(self, now: float, since: float) -> 'Pacer':
+        """Take note of power lost that was there since then: one that trips each time rests."""
+        before = self.pause if now - since < HELD else 0.0
+        pause = min(max(ARM_AGAIN, 2.0 * before), LONGEST_PAUSE)
+        return self._replace(next_arm=now + pause, pause=pause)

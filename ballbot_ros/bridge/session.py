@@ -116,17 +116,19 @@ class Session:
             self._wanted = Wanted.ACTIVE
 
     def deactivate(self) -> None:
-        """Take the power off the motor and wait until the drive confirms it."""
+        """Take the power off, wait until the drive confirms it, and engage the e-stop."""
         with self._lock:
             if self._wanted is Wanted.ACTIVE:
                 self._wanted = Wanted.INACTIVE
             self.control.stop()
+            self.engage('deactivated')
 
     def close(self) -> None:
-        """Stop the motor and close the line; whatever happens, nothing is raised."""
+        """Stop the motor, close the line, engage the e-stop; nothing is raised."""
         with self._lock:
             self._wanted = Wanted.CLOSED
             self.control.close()
+            self.engage('the bridge was shut down')
 
     def command(self, torque: float, stamp: float) -> None:
         """

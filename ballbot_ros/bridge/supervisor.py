@@ -88,9 +88,13 @@ class Supervisor:
 
     def offer(self, torque: float, stamp: float, now: float) -> None:
         """Take a command of a torque at the pendulum, as `CommandGate.offer` does."""
+        self.overhear(torque, now)
+        self.gate.offer(torque, stamp, now)
+
+    def overhear(self, torque: float, now: float) -> None:
+        """Take note that a torque was asked for, followed or not."""
         if math.isfinite(torque) and abs(torque) > NOTHING:
             self._pushed = now
-        self.gate.offer(torque, stamp, now)
 
     def trigger(self, reason: str) -> None:
         """Engage the e-stop; the first reason stays."""

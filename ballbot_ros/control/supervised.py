@@ -145,6 +145,11 @@ class SupervisedController:
         self._controller.reset()
         self.let_down = False
 
+    def overhear(self, set_point: SetPoint) -> None:
+        """Take note of what was asked for, be it by a sender that is not followed."""
+        if not set_point.is_rest:
+            self._asked, self._asked_at = set_point, self.time
+
     @property
     def asked(self) -> Optional[SetPoint]:
         """Return the set-point other than rest that came within `QUIET`, None without one."""
@@ -156,7 +161,7 @@ class SupervisedController:
             self._rest_first = self._rest_first and self.e_stop
             return
         waiting = self._rest_first and (self.e_stop or self.asked is not None)
-        self._asked, self._asked_at = set_point, self.time
+        self.overhear(set_point)
         if waiting:
             raise MessageError('e_stop', f'set-point of {set_point.in_words} refused: ' + (
                 'the e-stop is engaged' if self.e_stop else

@@ -54,7 +54,7 @@ class Bridge(ManagedNode):
         self._service = ServiceManager()
         self._complaint = ''
         self.failure: Optional[DriveError] = None
-        self._inputs = MotorInputs(self, self._session, clocks)
+        self._inputs = MotorInputs(self, self._session, clocks, settings.cmd_vel_type)
         self._diagnostics = diagnostics.Diagnostics(self, 'motor', lambda: health(
             self._session, self._loop, self._hardware, self._inputs.imu_refused,
             self._inputs.authority))
@@ -98,7 +98,6 @@ class Bridge(ManagedNode):
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Take the power off the motor."""
         self._session.deactivate()
-        self._session.engage('deactivated')
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -120,7 +119,6 @@ class Bridge(ManagedNode):
         if loop is not None:
             loop.end()
         self._session.close()
-        self._session.engage('the bridge was shut down')
         self._logs.forward()
 
     def _look_after(self) -> None:

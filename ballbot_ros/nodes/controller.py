@@ -7,7 +7,6 @@ import time
 from typing import Any, Callable, List, Optional, Tuple
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import TwistStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -17,7 +16,8 @@ from ballbot_ros.control import (
     checked_controller, load_tuning, SetPoint, Supervision, Watchdog)
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
-from ballbot_ros.ros.conversions import command_message, readings, set_point, speed_set_point
+from ballbot_ros.ros.cmd_vel import speed_set_point, TYPES
+from ballbot_ros.ros.conversions import command_message, readings, set_point
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription, wait_until_received
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
@@ -48,7 +48,7 @@ class Controller(Node):
         self._commands = create_publisher(self, JointState, 'joint_commands', qos.NEWEST)
         self._subscribe(JointState, 'joint_states', self._on_state)
         self._subscribe(JointState, 'set_point', lambda one: self._give(set_point(one)))
-        self._subscribe(TwistStamped, 'cmd_vel',
+        self._subscribe(TYPES[settings.cmd_vel_type], 'cmd_vel',
                         lambda one: self._give(speed_set_point(one)))
         create_subscription(self, Bool, 'e_stop', self._on_e_stop, qos.LATCHED)
         self._diagnostics = diagnostics.Diagnostics(self, 'pendulum', self._health)

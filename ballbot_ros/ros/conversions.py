@@ -4,7 +4,6 @@ import math
 from typing import Any, Sequence, Tuple
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
@@ -154,11 +153,6 @@ def set_point(message: JointState) -> SetPoint:
     for mode, value in meant.items():
         return SetPoint(mode, value, stamp)
     return SetPoint(Mode.IDLE, 0.0, stamp)
-
-
-def speed_set_point(message: TwistStamped) -> SetPoint:
-    """Return the forward speed as a set-point of the speed law; raises if it is not finite."""
-    return SetPoint(Mode.SPEED, message.twist.linear.x, to_seconds(message.header.stamp))
 
 
 def set_point_message(stamp: Time, angle: float, sender: str = '') -> JointState:

@@ -16,10 +16,16 @@ from rclpy.qos import qos_check_compatible, QoSCompatibility, QoSProfile
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.task import Future
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_srvs.srv import Trigger
 
 from ballbot_ros.errors import BallbotError
 
+CLOCK = '/clock'
+# What may help where nodes disagree about the type of a topic, by what is published.
+TYPE_HINTS = {
+    f'geometry_msgs/msg/{kind}': f'; nodes of this package take it with cmd_vel_type:={value}'
+    for kind, value in (('Twist', 'twist'), ('TwistStamped', 'twist_stamped'))}
 # How long the last message of a publisher may take to be received [s]; it takes 5 ms, unless
 # a subscriber has died.
 RECEIVED_TIMEOUT = 0.5
@@ -92,16 +98,43 @@ def publisher_names(node: Node, topic: str) -> str:
 
 
 def mismatches(node: Node) -> List[str]:
-    """Return a sentence for each pair of this node and another whose profiles do not match."""
-    own = node.get_name()
+    """
+    Return a sentence for each pair of this node and another that cannot understand each other.
+
+    Their message types or their profiles do not match.  Two that publish ``/clock`` are a pair,
+    too: whoever hears both sees time go to and fro.
+    """
+    own = _full_name(node.get_namespace(), node.get_name())
     found = []
     topics = {endpoint.topic_name for endpoint in (*node.publishers, *node.subscriptions)}
     for topic in sorted(topics):
-        for source in node.get_publishers_info_by_topic(topic):
+        sources = node.get_publishers_info_by_topic(topic)
+        for source in sources:
             for sink in node.get_subscriptions_info_by_topic(topic):
-                verdict, reason = qos_check_compatible(source.qos_profile, sink.qos_profile)
-                if own in (source.node_name, sink.node_name) \
-                        and verdict == QoSCompatibility.ERROR:
-                    found.append(f'{sink.node_name} cannot receive {topic} from '
-                                 f'{source.node_name}: {reason}')
+                reason = _mismatch(source, sink)
+                if own in map(_name_of, (source, sink)) and reason:
+                    found.append(f'{_name_of(sink)} cannot receive {topic} from '
+                                 f'{_name_of(source)}: {reason}')
+        names = sorted({_name_of(source) for source in sources})
+        if topic == CLOCK and own in names and len(names) > 1:
+            others = ' and '.join(name for name in names if name != own)
+            found.append(f'{others} publishes {CLOCK}, too, and there can be one time only: start '
+                         'all simulators but one with publish_clock:=false')
     return found
+
+
+def _full_name(namespace: str, name: str) -> str:
+    return f'{namespace.rstrip("/")}/{name}'
+
+
+def _name_of(endpoint: TopicEndpointInfo) -> str:
+    return _full_name(endpoint.node_namespace, endpoint.node_name)
+
+
+def _mismatch(source: TopicEndpointInfo, sink: TopicEndpointInfo) -> str:
+    """Return why messages do not pass from one to the other, empty where they do."""
+    if source.topic_type != sink.topic_type:
+        return (f'it is published as {source.topic_type} and subscribed to as {sink.topic_type}'
+                + TYPE_HINTS.get(source.topic_type, ''))
+    verdict, reason = qos_check_compatible(source.qos_profile, sink.qos_profile)
+    return str(reason) if verdict == QoSCompatibility.ERROR else ''

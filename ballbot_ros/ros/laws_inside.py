@@ -69,7 +69,8 @@ class LawsInside:
             plant.model.robot, load_tuning(settings.tuning), settings.control_rate, 0,
             Supervision(set_point_timeout=settings.set_point_timeout))
         self.refused: Counter[str] = Counter()
-        SetPoints(node, self._give, self.refused)
+        SetPoints(node, self._give, self.refused, settings.cmd_vel_type,
+                  self._controller.overhear)
         create_subscription(node, Bool, 'e_stop', self._on_e_stop, qos.LATCHED)
 
     def torque(self, now: float) -> float:

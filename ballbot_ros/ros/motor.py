@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The messages of the motor bridge, and the clock that they are stamped with."""
+import logging
 import math
 import threading
 import time
@@ -19,6 +20,9 @@ from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import to_seconds, to_time
 from ballbot_ros.ros.endpoints import create_publisher, wait_until_received
 from ballbot_ros.ros.joint_state_bytes import JointStateBytes
+
+# Below `bridge`, whose records are held back: a loop that drives a motor asks for the time, too.
+LOG = logging.getLogger('ballbot_ros.bridge.clocks')
 
 # REP 145: an IMU says with this that it has no such sensor.
 NOT_REPORTED = -1.0
@@ -48,7 +52,7 @@ class Clocks:
 
     def __init__(self, node: Node):
         """Use the clock of the node."""
-        self._clock, self._logger = node.get_clock(), node.get_logger()
+        self._clock = node.get_clock()
         self._apart = math.inf
         self._look_at = 0.0
 
@@ -70,7 +74,7 @@ class Clocks:
         change = apart - self._apart
         if abs(change) > LOOKING:
             if STEP < abs(change) < math.inf:
-                self._logger.warning(
+                LOG.warning(
                     f'the clock of this machine was set by {change:+.3f} s: stamps go on from '
                     'there, no timeout depends on it')
             self._apart = apart

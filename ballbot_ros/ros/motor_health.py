@@ -38,7 +38,7 @@ VALUES: Mapping[str, str] = {
     'set_points_refused': 'that came on set_point and cmd_vel and were not followed',
     'set_points_REASON': 'of these, for one reason: `stale`, `from_the_future`, `not_finite`, '
                          '`e_stop`, `direct`, `contradictory`, `unknown_joint`, `wrong_length`, '
-                         '`other_sender`, `no_name`',
+                         '`other_sender`, `no_name`, `other_axes`',
     'timeouts': 'times that commands came and then timed out',
     'e_stops': 'times that the e-stop engaged after the start',
     'limited_torque': 'times that torque_limit cut a torque',

@@ -25,6 +25,8 @@ class MotorInputs:
     node : Node
     session : Session
     clocks : Clocks
+    cmd_vel_type : str
+        One of `cmd_vel.TYPES`.
 
     Attributes
     ----------
@@ -34,15 +36,17 @@ class MotorInputs:
 
     """
 
-    def __init__(self, node: Node, session: Session, clocks: Clocks):
+    def __init__(self, node: Node, session: Session, clocks: Clocks, cmd_vel_type: str):
         """Create subscriptions and services."""
         self._session, self._clocks, self._logger = session, clocks, node.get_logger()
         self._senders = Senders(node, 'joint_commands')
         self.imu_refused = 0
         create_subscription(node, JointState, 'joint_commands', self.command, qos.NEWEST)
-        set_points = SetPoints(node, self._give, session.set_points_refused)
+        law = session.law
+        set_points = SetPoints(node, self._give, session.set_points_refused, cmd_vel_type,
+                               *(() if law is None else (law.controller.overhear,)))
         self.authority = Authority(session.hardware.limits.command_timeout) \
-            if session.law is None else set_points.authority
+            if law is None else set_points.authority
         create_subscription(node, Imu, 'imu', self._on_imu, qos.SENSOR)
         create_trigger(node, '~/engage_e_stop', self._engage)
         create_trigger(node, '~/release_e_stop', self._release)
@@ -50,12 +54,14 @@ class MotorInputs:
 
     def command(self, message: JointState) -> None:
         """Take a joint command."""
+        torque = 0.0
         try:
+            torque = command_torque(message)
             if self._session.law is None:
                 self.authority.check(self._senders.name(message.header.frame_id),
                                      self._session.clock())
-            torque = command_torque(message)
         except MessageError as error:
+            self._session.supervisor.overhear(torque, self._session.clock())
             self._session.supervisor.gate.refuse(error.reason)
             return self._refused('command', error)
         try:

@@ -8,6 +8,7 @@ from ballbot_ros.config.fields import Checked, count, flag, quantity, text
 from ballbot_ros.decision.planners import PLANNERS
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.plant import SensorFaults
+from ballbot_ros.ros.cmd_vel import cmd_vel_type
 
 
 def _file(folder: str, default: str, kind: str = '', doc: str = '') -> Any:
@@ -63,6 +64,7 @@ class SimulatorSettings(Checked):
     set_point_timeout: float = quantity(
         's', 'on board, simulated age of a set-point after which the pendulum is let down; 0 for '
         'never', default=0.5, minimum=0.0, maximum=3600.0)
+    cmd_vel_type: str = cmd_vel_type()
     joint_state_rate: float = _rate(
         'joint_states on board; in direct control it is control_rate', 100.0)
     command_timeout: float = quantity(
@@ -120,6 +122,7 @@ class ControllerSettings(Checked):
     set_point_timeout: float = quantity(
         's', 'age of a set-point, on the clock of the joint states, after which the pendulum is '
         'let down; 0 for never', default=0.5, minimum=0.0, maximum=3600.0)
+    cmd_vel_type: str = cmd_vel_type()
     lockstep_set_point_period: float = quantity(
         's', 'answer a state only with the set-point of its own period of this length, for runs '
         'that are repeatable to the bit; 0 to take what is there', default=0.0, minimum=0.0,
@@ -167,6 +170,7 @@ class BridgeSettings(Checked):
     set_point_timeout: float = quantity(
         's', 'on board, age of a set-point after which the pendulum is let down', default=0.5,
         minimum=0.05, maximum=10.0)
+    cmd_vel_type: str = cmd_vel_type()
     joint_state_rate: float = _rate(
         'joint_states on board, at most that of the loop; in direct control it is that of the '
         'loop', 100.0)

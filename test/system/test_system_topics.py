@@ -20,8 +20,8 @@ def test_subscribers_that_ask_for_less_receive_and_mismatches_are_logged_by_name
     graph.subscribe('odom', Odometry, LATCHED)
     graph.start('simulator', scene='flat')
     graph.wait(lambda: all(received.values()), 'all is received')
-    graph.wait_for_log('simulator', 'simulator cannot receive /joint_commands from test')
-    graph.wait_for_log('simulator', 'test cannot receive /odom from simulator')
+    graph.wait_for_log('simulator', '/simulator cannot receive /joint_commands from /test')
+    graph.wait_for_log('simulator', '/test cannot receive /odom from /simulator')
 
 
 def test_a_late_subscriber_still_receives_the_last_decision(graph):

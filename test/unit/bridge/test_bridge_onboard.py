@@ -102,6 +102,18 @@ def test_the_e_stop_ends_the_torque_and_the_set_point():
     assert report.state is MotorState.ARMED and report.set_point.mode is Mode.IDLE
 
 
+def test_what_a_sender_asks_for_that_is_not_followed_inhibits_the_release_too():
+    robot = ready()
+    robot.session.engage('button')
+    robot.loop(0.6)
+    robot.session.law.controller.overhear(UP)
+    with pytest.raises(RefusedError, match='set_point asks for a pendulum angle of 0.5 rad'):
+        robot.session.release()
+    robot.loop(0.6)
+    robot.session.law.controller.overhear(SetPoint(Mode.HOLD, 0.0))  # rest is no motion
+    robot.session.release()
+
+
 def test_set_points_that_end_let_the_pendulum_down_and_then_go_from_it():
     robot = ready(damping_time=0.4)
     robot.loop(0.3, UP)

@@ -104,3 +104,18 @@ def test_arming_is_tried_at_once_and_after_a_failure_three_tenths_of_a_second_la
     assert NEW.may_arm(0.0)
     failed = NEW.not_armed(10.0)
     assert not failed.may_arm(10.299) and failed.may_arm(10.0 + 0.3)
+
+
+# Trips ------------------------------------------------------------------------------------
+
+def test_a_drive_that_trips_each_time_is_armed_again_after_ever_longer_pauses():
+    pacer, now, pauses = NEW, 100.0, []
+    for _ in range(9):
+        tripped = pacer.tripped(now + 0.5, since=now)
+        pauses.append(tripped.next_arm - now - 0.5)
+        assert not tripped.may_arm(tripped.next_arm - 0.01)
+        pacer, now = tripped, tripped.next_arm
+    assert pauses == pytest.approx([0.3, 0.6, 1.2, 2.4, 4.8, 9.6, 19.2, 20.0, 20.0])
+    assert pacer.sent_torque(now).commanded().pause == pacer.pause
+    # One that has held for long trips for another reason.
+    assert pacer.tripped(now + 60.0, since=now).next_arm == pytest.approx(now + 60.3)

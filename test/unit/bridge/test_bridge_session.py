@@ -298,6 +298,16 @@ def test_a_drive_that_disarms_by_itself_is_noticed(protocol):
     assert robot.session.control.counts['disarmed_by_drive'] == 1
 
 
+def test_a_drive_that_trips_each_time_it_is_armed_is_given_longer_and_longer_pauses():
+    robot = VirtualRobot(rearm=True).ready()
+    for _ in range(round(6.0 / STEP)):
+        robot.run(STEP, torque=0.0)
+        if robot.device.armed:
+            robot.device.over_current()
+    # After 0, 0.3, 0.9, 2.1 and 4.5 s, and what it takes to notice.
+    assert 4 <= robot.session.control.counts['disarmed_by_drive'] <= 5
+
+
 @pytest.mark.parametrize('rearm', [False, True])
 def test_a_motor_that_cannot_be_armed_is_tried_again_only_by_policy(rearm, caplog):
     robot = VirtualRobot(rearm=rearm)
@@ -351,7 +361,7 @@ def test_configure_again_takes_the_power_away_and_opens_one_line():
     assert not any(robot.torques) and not robot.device.armed
 
 
-def test_after_deactivate_it_measures_on_and_has_to_be_activated_again():
+def test_after_deactivate_it_measures_on_and_has_to_be_activated_and_released_again():
     robot = VirtualRobot().ready()
     robot.session.deactivate()
     report = robot.run(0.1, torque=0.0)
@@ -359,7 +369,16 @@ def test_after_deactivate_it_measures_on_and_has_to_be_activated_again():
     with pytest.raises(RefusedError, match='not active'):
         robot.session.release()
     robot.session.activate()
+    report = robot.run(0.6)
+    assert report.state is MotorState.DISARMED and report.e_stop == 'deactivated'
+    robot.session.release()
     assert robot.run(0.1).state is MotorState.ARMED
+
+
+def test_after_close_the_e_stop_is_engaged_whoever_has_closed():
+    robot = VirtualRobot().ready()
+    robot.session.close()
+    assert robot.session.supervisor.e_stop == 'the bridge was shut down'
 
 
 def test_without_a_drive_it_cannot_be_activated_and_says_why():

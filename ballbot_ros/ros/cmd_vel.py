@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Speeds on cmd_vel: geometry_msgs/TwistStamped or, for those who send it, Twist."""
+import math
+from typing import Any, Mapping, Union
+
+from geometry_msgs.msg import Twist, TwistStamped
+
+from ballbot_ros.config.fields import text
+from ballbot_ros.control import Mode, SetPoint
+from ballbot_ros.errors import MessageError
+from ballbot_ros.ros.conversions import to_seconds
+
+# By the value of the parameter cmd_vel_type.
+TYPES: Mapping[str, Any] = {'twist_stamped': TwistStamped, 'twist': Twist}
+# What a stick at rest sends still asks for no motion [m/s, rad/s].
+NEGLIGIBLE = 0.01
+# What one motor cannot do, with its unit.
+OTHERS = (('linear', 'y', 'm/s'), ('linear', 'z', 'm/s'), ('angular', 'x', 'rad/s'),
+          ('angular', 'y', 'rad/s'), ('angular', 'z', 'rad/s'))
+
+
+def cmd_vel_type() -> Any:
+    """Declare the parameter of this name."""
+    return text('what is taken on cmd_vel: geometry_msgs/TwistStamped or Twist, which has no '
+                'stamp and counts from its arrival', default='twist_stamped',
+                choices=tuple(TYPES))
+
+
+def frame_id_of(message: Any) -> str:
+    """Return the frame of a message, where senders put their names; empty for a Twist."""
+    return message.header.frame_id if hasattr(message, 'header') else ''
+
+
+def speed_set_point(message: Union[Twist, TwistStamped]) -> SetPoint:
+    """
+    Return the forward speed as a set-point of the speed law, stamped 0 where it has no stamp.
+
+    A message that asks for more is refused as a whole: who wants to turn around something would
+    not like to be driven straight into it.
+
+    Raises
+    ------
+    MessageError
+        With reason ``not_finite``, or ``other_axes`` if a turn, or speed in another direction than
+        forward, is above `NEGLIGIBLE`.
+
+    """
+    stamped = isinstance(message, TwistStamped)
+    twist = message.twist if stamped else message
+    for kind, axis, unit in OTHERS:
+        value = getattr(getattr(twist, kind), axis)
+        if not math.isfinite(value):
+            raise MessageError('not_finite', f'{kind}.{axis} must be finite, got {value!r}')
+        if abs(value) > NEGLIGIBLE:
+            raise MessageError(
+                'other_axes', f'{kind}.{axis} is {value:.3g} {unit}, and the one motor of this '
+                'robot drives straight ahead only; nothing of the message is followed: send '
+                f'linear.x alone, and the rest within {NEGLIGIBLE:g} of 0')
+    return SetPoint(Mode.SPEED, twist.linear.x,
+                    to_seconds(message.header.stamp) if stamped else 0.0)

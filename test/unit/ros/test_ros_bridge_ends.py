@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""However a bridge ends, the last word on its e-stop is that it is engaged."""
+import time
+
+import pytest
+from rclpy.node import Node
+from std_msgs.msg import Bool
+
+from ballbot_ros.nodes.bridge import Bridge
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.executor import new_executor
+
+
+@pytest.fixture
+def bridge(make_node, tmp_path):
+    """Return a bridge whose e-stop is released; of its drive nothing is needed."""
+    node = make_node(Bridge, autostart=False, black_box='', port=str(tmp_path / 'nowhere'))
+    node._session.supervisor.reset(100.0)
+    node._look_after()
+    return node
+
+
+def heard_late(make_node, context):
+    """Return what somebody hears who subscribes now."""
+    peer, heard = make_node(Node, 'late'), []
+    peer.create_subscription(Bool, 'e_stop', heard.append, qos.LATCHED)
+    executor = new_executor(context)
+    executor.add_node(peer)
+    deadline = time.monotonic() + 20.0
+    while not heard:
+        assert time.monotonic() < deadline
+        executor.spin_once(timeout_sec=0.01)
+    executor.shutdown()
+    return heard[-1].data
+
+
+def test_a_released_one_is_heard_as_such(bridge, make_node, context):
+    assert heard_late(make_node, context) is False
+
+
+@pytest.mark.parametrize('end', ['shutdown', 'cleanup', 'error'])
+def test_after_shutdown_cleanup_and_an_error_the_e_stop_is_heard_to_be_engaged(
+        bridge, make_node, context, end):
+    if end == 'error':
+        def fail():
+            raise RuntimeError('something nobody thought of')
+        bridge._session.configure = fail
+        bridge.trigger_configure()
+    else:
+        getattr(bridge, f'on_{end}')(None)
+    assert heard_late(make_node, context) is True
+    assert bridge._session.supervisor.e_stop == 'the bridge was shut down'
+    bridge._look_after()
+    assert heard_late(make_node, context) is True

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Speeds from whoever sends them; what one motor cannot do is refused, not half done."""
+import math
+
+from geometry_msgs.msg import Twist, TwistStamped
+import pytest
+
+from ballbot_ros.control import Mode, SetPoint
+from ballbot_ros.errors import MessageError
+from ballbot_ros.ros.cmd_vel import frame_id_of, NEGLIGIBLE, OTHERS, speed_set_point
+from ballbot_ros.ros.conversions import to_time
+
+
+def stamped(twist):
+    """Return a message with a stamp of 2.5 s."""
+    message = TwistStamped(twist=twist)
+    message.header.stamp, message.header.frame_id = to_time(2.5), 'base_link'
+    return message
+
+
+def test_both_types_give_the_forward_speed_and_the_stamp_that_they_have():
+    twist = Twist()
+    twist.linear.x = -0.4
+    assert speed_set_point(stamped(twist)) == SetPoint(Mode.SPEED, -0.4, 2.5)
+    assert speed_set_point(twist) == SetPoint(Mode.SPEED, -0.4, 0.0)
+    assert (frame_id_of(stamped(twist)), frame_id_of(twist)) == ('base_link', '')
+
+
+@pytest.mark.parametrize('kind, axis, unit', OTHERS)
+@pytest.mark.parametrize('wrap', [stamped, lambda twist: twist])
+@pytest.mark.parametrize('sign', [-1.0, 1.0])
+def test_what_one_motor_cannot_do_is_refused_as_a_whole_above_what_a_stick_at_rest_sends(
+        kind, axis, unit, wrap, sign):
+    twist = Twist()
+    twist.linear.x = 0.4
+    setattr(getattr(twist, kind), axis, sign * NEGLIGIBLE)
+    assert speed_set_point(wrap(twist)).value == 0.4
+    setattr(getattr(twist, kind), axis, sign * 0.02)
+    with pytest.raises(MessageError) as refused:
+        speed_set_point(wrap(twist))
+    assert refused.value.reason == 'other_axes'
+    assert f'{kind}.{axis} is {sign * 0.02:g} {unit}' in str(refused.value)
+
+
+@pytest.mark.parametrize('kind, axis', [('linear', 'x'), ('linear', 'y'), ('angular', 'z')])
+@pytest.mark.parametrize('value', [math.nan, math.inf])
+def test_what_is_no_number_is_refused_wherever_it_stands(kind, axis, value):
+    twist = Twist()
+    setattr(getattr(twist, kind), axis, value)
+    with pytest.raises(MessageError) as refused:
+        speed_set_point(twist)
+    assert refused.value.reason == 'not_finite'

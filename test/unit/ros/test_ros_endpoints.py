@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes that cannot understand each other are told by name, with what does not match."""
+import time
+from types import SimpleNamespace
+
+from geometry_msgs.msg import Twist
+import pytest
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+
+from ballbot_ros.ros.endpoints import mismatches
+
+
+@pytest.fixture
+def pair(make_node):
+    """Return two nodes, and a function that returns what one of them finds, once it does."""
+    robot, other = make_node(Node, 'robot'), make_node(Node, 'other')
+
+    def told(node):
+        deadline = time.monotonic() + 20.0
+        while not (found := mismatches(node)):
+            assert time.monotonic() < deadline
+            time.sleep(0.01)  # for discovery, which has a thread of its own
+        return found
+    return robot, other, told
+
+
+def endpoint(name, kind):
+    """Return what is known of an endpoint in another process; in one, types must agree."""
+    return SimpleNamespace(node_name=name, node_namespace='/a', topic_type=kind,
+                           qos_profile=QoSProfile(depth=1))
+
+
+@pytest.mark.parametrize('published, value', [('Twist', 'twist'),
+                                              ('TwistStamped', 'twist_stamped')])
+@pytest.mark.parametrize('own', ['robot', 'teleop', 'onlooker'])
+def test_a_topic_of_another_type_is_told_with_both_types_and_what_helps(own, published, value):
+    kinds = ['geometry_msgs/msg/Twist', 'geometry_msgs/msg/TwistStamped']
+    sent = f'geometry_msgs/msg/{published}'
+    kinds.remove(sent)
+    node = SimpleNamespace(
+        get_name=lambda: own, get_namespace=lambda: '/a', publishers=[],
+        subscriptions=[SimpleNamespace(topic_name='/a/cmd_vel')],
+        get_publishers_info_by_topic=lambda topic: [endpoint('teleop', sent)],
+        get_subscriptions_info_by_topic=lambda topic: [
+            endpoint('robot', kinds[0]), endpoint('onlooker', sent)])
+    assert mismatches(node) == ([] if own == 'onlooker' else [
+        f'/a/robot cannot receive /a/cmd_vel from /a/teleop: it is published as {sent} and '
+        f'subscribed to as {kinds[0]}; nodes of this package take it with '
+        f'cmd_vel_type:={value}'])
+
+
+def test_a_profile_that_does_not_match_is_told(pair):
+    robot, other, told = pair
+    robot.create_subscription(Twist, 'cmd_vel', print, 1)
+    other.create_publisher(Twist, 'cmd_vel', QoSProfile(
+        depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))
+    found, = told(robot)
+    assert found.startswith('/robot cannot receive /cmd_vel from /other: ')
+    assert 'reliab' in found.lower()
+
+
+def test_whoever_publishes_the_clock_beside_another_names_it(pair, make_node):
+    robot, other, told = pair
+    robot.create_publisher(Clock, '/clock', 1)
+    assert not mismatches(robot)
+    other.create_publisher(Clock, '/clock', 1)
+    found, = told(robot)
+    assert found.startswith('/other publishes /clock, too') and 'publish_clock:=false' in found
+    listener = make_node(Node, 'listener')
+    listener.create_subscription(Clock, '/clock', print, 1)
+    assert not mismatches(listener)
