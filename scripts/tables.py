@@ -37,6 +37,8 @@ def table(cls):
     lines = ['| parameter | default | allowed | meaning |', '|---|---|---|---|']
     for item in fields(cls):
         metadata = item.metadata
+        if 'source' in metadata:
+            continue  # the numbers of a file have a table of their own
         if metadata['kind'] in (float, int):
             span = allowed(metadata)
         else:

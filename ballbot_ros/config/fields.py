@@ -14,7 +14,7 @@ description::
     # ConfigurationError: my.yaml: 'stifness' is not a field of Spring; did you mean
     # 'stiffness'?
 """
-from dataclasses import dataclass, field, fields, MISSING
+from dataclasses import dataclass, Field, field, fields, MISSING
 from difflib import get_close_matches
 import math
 from typing import Any, Iterable, Mapping, Type, TypeVar
@@ -23,6 +23,9 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.renamed import remark
 
 T = TypeVar('T', bound='Checked')
+
+# Why a field that is not marked cannot change while a node runs.
+READ_AT_START = 'it is read once, at the start'
 
 
 def quantity(unit: str, doc: str, *, default: Any = MISSING, above: float = -math.inf,
@@ -74,6 +77,25 @@ def text(doc: str, *, default: Any = MISSING, choices: Iterable[str] = ()) -> An
 def section(doc: str, *, cls: Any = None, default: Any = MISSING) -> Any:
     """Declare what a `Checked` class reads, or, without one, lists that the owner checks."""
     return field(default=default, metadata={'kind': object, 'doc': doc, 'cls': cls})
+
+
+def live(declared: Any) -> Any:
+    """Mark a declared field: a node whose parameter it is takes another value while it runs."""
+    return _marked(declared, '')
+
+
+def fixed(why: str, declared: Any) -> Any:
+    """Mark a declared field: it cannot change while a node runs, and why (``'it ...'``)."""
+    return _marked(declared, why)
+
+
+def why_fixed(metadata: Mapping[str, Any]) -> str:
+    """Return why a field cannot change while a node runs; empty where it can."""
+    return str(metadata.get('fixed', READ_AT_START))
+
+
+def _marked(declared: 'Field[Any]', why: str) -> Any:
+    return field(default=declared.default, metadata={**declared.metadata, 'fixed': why})
 
 
 def allowed(metadata: Mapping[str, Any]) -> str:

@@ -2,13 +2,15 @@
 """How boldly to drive at a step: speeds, margins and patience."""
 from dataclasses import dataclass
 
-from ballbot_ros.config.fields import Checked, count, quantity
+from ballbot_ros.config.fields import Checked, count, fixed, quantity
 from ballbot_ros.config.files import load_config
 from ballbot_ros.control import RollingModel
 from ballbot_ros.decision.curve import HeightCurve
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import Robot
 
+# Why some numbers cannot change in the middle of an approach.
+SEEN = 'what has been seen so far rests on it'
 # Law and set angle [rad] with which the approach by a height curve touches a step.
 APPROACH = ('position', 0.0)
 
@@ -56,30 +58,30 @@ class DecisionTuning(Checked):
         default=2.6)
     observation_timeout: float = quantity(
         's', 'age at which an observation is worth nothing', above=0.0, default=0.6)
-    contradiction_sigma: float = quantity(
-        '1', 'deviations at which an observation contradicts', above=0.0, default=5.0)
-    forget_after: int = count(
+    contradiction_sigma: float = fixed(SEEN, quantity(
+        '1', 'deviations at which an observation contradicts', above=0.0, default=5.0))
+    forget_after: int = fixed(SEEN, count(
         'observations in a row after which the newest are believed instead', minimum=1,
-        default=5)
+        default=5))
 
     required_probability: float = quantity(
         '1', 'probability of getting over that a crossing must have', minimum=0.5,
         maximum=0.999, default=0.9)
-    room_behind: float = quantity(
+    room_behind: float = fixed('it is of the place where the ball started', quantity(
         'm', 'ground known to be free behind the place where the ball started', minimum=0.0,
-        default=0.0)
+        default=0.0))
     unseen_room: float = quantity(
         'm', 'floor taken for granted behind an edge that a sensor does not see beyond',
         minimum=0.0, default=0.65)
     actuation_delay: float = quantity(
         's', 'time from an odometry message until its answer acts', minimum=0.0, maximum=0.5,
         default=0.0)
-    height_bias_sd: float = quantity(
+    height_bias_sd: float = fixed(SEEN, quantity(
         'm', 'standard deviation of what a sensor of heights is off by all the time',
-        minimum=0.0, default=0.0005)
-    untold_bias_sd: float = quantity(
+        minimum=0.0, default=0.0005))
+    untold_bias_sd: float = fixed(SEEN, quantity(
         'm', 'the same for a sensor that does not tell its standard deviation', minimum=0.0,
-        default=0.002)
+        default=0.002))
 
     def __post_init__(self) -> None:
         """Check each value, then that the speeds agree."""

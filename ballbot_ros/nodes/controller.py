@@ -12,8 +12,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
-from ballbot_ros.control import (
-    checked_controller, load_tuning, SetPoint, Supervision, Watchdog)
+from ballbot_ros.control import checked_controller, SetPoint, Supervision, Watchdog
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.cmd_vel import speed_set_point, TYPES
@@ -33,11 +32,8 @@ class Controller(Node):
         super().__init__('controller', **kwargs)
         settings = declare(self, ControllerSettings)
         robot = load_robot(settings.robot)
-        tuning = load_tuning(settings.tuning)
-        if settings.torque_limit > 0.0:
-            tuning = replace(tuning, torque_limit=settings.torque_limit)
         self._controller = checked_controller(
-            robot, tuning, settings.rate, settings.delay, Supervision(
+            robot, settings.law_tuning, settings.rate, settings.delay, Supervision(
                 set_point_timeout=settings.set_point_timeout,
                 set_point_period=settings.lockstep_set_point_period))
         self._watchdog = Watchdog(settings.state_timeout)

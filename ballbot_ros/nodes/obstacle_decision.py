@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import (
-    check_decision, Decider, Kind, Knowledge, load_curve, load_decision_tuning, Observation)
+    check_decision, Decider, Kind, Knowledge, load_curve, Observation)
 from ballbot_ros.msg import StepObservation, TerrainObservation
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
@@ -43,7 +43,7 @@ class ObstacleDecision(Node):
         settings = declare(self, DecisionSettings)
         knowledge = Knowledge(
             load_robot(settings.robot), load_curve(settings.curve, settings.variant),
-            load_decision_tuning(settings.tuning), load_tuning(settings.control_tuning))
+            settings.margins, load_tuning(settings.control_tuning))
         check_decision(knowledge.robot, knowledge.curve, knowledge.tuning)
         self._experience = Experience(settings.outcome_log, knowledge, settings.planner,
                                       self.get_logger())

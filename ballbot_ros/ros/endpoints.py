@@ -50,6 +50,12 @@ def create_service(node: Node, kind: Any, name: str,
                    callback: Callable[[Any, Any], Any]) -> Service:
     """Return a service whose callback may return a future of the response, to answer later."""
     server = node.create_service(kind, name, callback)
+    answer_later(server)
+    return server
+
+
+def answer_later(server: Service) -> None:
+    """Let the callback of a service return a future of the response, to answer later."""
     send = server.send_response
 
     def send_response(response: Any, header: Any) -> None:
@@ -60,7 +66,6 @@ def create_service(node: Node, kind: Any, name: str,
 
     # A coroutine would do for one executor of rclpy, and not for the other.
     server.send_response = send_response
-    return server
 
 
 def create_trigger(node: Node, name: str, act: Callable[[], str]) -> Service:

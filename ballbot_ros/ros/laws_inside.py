@@ -8,7 +8,7 @@ from rclpy.node import Node
 from std_msgs.msg import Bool
 
 from ballbot_ros.control import (
-    checked_controller, JointReadings, load_tuning, SetPoint, SupervisedController, Supervision)
+    checked_controller, JointReadings, SetPoint, SupervisedController, Supervision)
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.plant import periods_per, Plant
 from ballbot_ros.ros import qos
@@ -66,7 +66,7 @@ class LawsInside:
         """Subscribe to set-points and the e-stop; start idle."""
         self._plant = plant
         self._controller: SupervisedController = checked_controller(
-            plant.model.robot, load_tuning(settings.tuning), settings.control_rate, 0,
+            plant.model.robot, settings.gains, settings.control_rate, 0,
             Supervision(set_point_timeout=settings.set_point_timeout))
         self.refused: Counter[str] = Counter()
         SetPoints(node, self._give, self.refused, settings.cmd_vel_type,

@@ -10,7 +10,7 @@ from ballbot_ros.bridge.feasibility import (
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.onboard import OnBoard
 from ballbot_ros.bridge.session import Session
-from ballbot_ros.control import load_tuning, Supervision
+from ballbot_ros.control import Supervision
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros.black_box import black_box
 from ballbot_ros.ros.endpoints import publisher_names
@@ -28,7 +28,7 @@ def new_session(node: Node, settings: BridgeSettings) -> Session:
 
     """
     hardware = load_hardware(settings.hardware).at(settings.port, settings.baud)
-    robot, tuning = load_robot(hardware.robot), load_tuning(settings.tuning)
+    robot, tuning = load_robot(hardware.robot), settings.gains
     law = None
     if settings.control == 'onboard':
         check_joint_state_rate(hardware, settings.joint_state_rate)

@@ -4,31 +4,28 @@ ROS parameters from the described fields of a dataclass.
 
 One declaration gives the parameter, its description, its range, the message of its refusal
 and the row in docs/nodes.md.  Integers are accepted for floats, and a parameter that nobody
-declared is refused instead of ignored.
+declared is refused instead of ignored.  What a parameter can do while the node runs is in
+`parameter_changes`.
 """
-from dataclasses import fields
-from typing import Any, Dict, Iterable, Type, TypeVar
+from typing import Any, Mapping, Optional, Type
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ballbot_ros.config.fields import allowed, check_value, Checked, suggestion
-from ballbot_ros.errors import ConfigurationError
-
-T = TypeVar('T', bound=Checked)
-
-# Parameters that rclpy itself declares.  Those named qos_overrides are not among them: no
-# publisher or subscriber here asks for them, so they would have no effect.
-BUILT_IN = ('use_sim_time', 'start_type_description_service')
+from ballbot_ros.config.fields import allowed, check_value, READ_AT_START, why_fixed
+from ballbot_ros.ros.overrides import overrides, refuse_unknown_overrides
+from ballbot_ros.ros.parameter_changes import Changes, Prepare
+from ballbot_ros.ros.setting_fields import S
 
 
-def describe(metadata: Any) -> ParameterDescriptor:
-    """Return the read-only descriptor of a described field."""
+def describe(metadata: Mapping[str, Any], why: str) -> ParameterDescriptor:
+    """Return the descriptor of a described field, and why it cannot change, if so."""
     unit = metadata.get('unit', '1')
     text = metadata['doc'] + ('' if unit == '1' else f' [{unit}]')
-    # Dynamic typing lets an integer stand for a float; the value is checked by check_value.
-    descriptor = ParameterDescriptor(description=text, read_only=True, dynamic_typing=True)
+    text += f'. Cannot change while the node runs: {why}' if why else (
+        '. Can change while the node runs')
+    descriptor = ParameterDescriptor(description=text, read_only=bool(why))
     if metadata['kind'] is float:
         descriptor.additional_constraints = allowed(metadata)
         bottom = max(metadata['minimum'], metadata['above'])
@@ -43,20 +40,24 @@ def describe(metadata: Any) -> ParameterDescriptor:
     return descriptor
 
 
-def declare(node: Node, cls: Type[T]) -> T:
+def declare(node: Node, cls: Type[S], prepare: Optional[Prepare[S]] = None) -> S:
     """
-    Declare the described fields of `cls` as read-only parameters of a node.
+    Declare the parameters of a node, and let those change at run time that can.
 
     Parameters
     ----------
     node : Node
     cls : type
-        A `Checked` dataclass whose fields all have defaults.
+        The settings, whose fields all have defaults.
+    prepare : callable, optional
+        Takes settings that somebody wants while the node runs; raises `BallbotError` if they
+        cannot work, or returns what puts them in force.  See `parameter_changes.Changes`.
+        Without it none can change.
 
     Returns
     -------
-    T
-        The settings, checked.
+    Settings
+        Checked.
 
     Raises
     ------
@@ -65,32 +66,22 @@ def declare(node: Node, cls: Type[T]) -> T:
         names the nearest one that is.
 
     """
-    described = {item.name: item for item in fields(cls) if 'kind' in item.metadata}
-    _refuse_unknown_overrides(node, described)
-    values: Dict[str, Any] = {}
-    for name, item in described.items():
-        override = _overrides(node).get(name)
-        if override is not None:
+    described = cls.described()
+    refuse_unknown_overrides(node, described)
+    given = {}
+    for name, parameter in overrides(node).items():
+        if name in described:
             # Checked before rclpy sees it: its own message would name neither value nor range.
-            checked = check_value(name, override.value, item.metadata, f'node {node.get_name()}')
-            _overrides(node)[name] = Parameter(name, value=checked)
-        values[name] = node.declare_parameter(name, item.default, describe(item.metadata)).value
-    settings = cls(**values)
-    effective = ', '.join(f'{name} {getattr(settings, name)!r}' for name in described)
-    node.get_logger().info(f'running with {effective}')
+            given[name] = check_value(name, parameter.value, described[name].metadata,
+                                      f'node {node.get_name()}')
+            overrides(node)[name] = Parameter(name, value=given[name])
+    settings = cls.of(given)
+    for name, item in described.items():
+        why = why_fixed(item.metadata) if prepare else READ_AT_START
+        node.declare_parameter(name, item.value(settings), describe(item.metadata, why))
+    # Numbers that stand in a file are told where they differ from it.
+    told = {name: item for name, item in described.items() if not item.part or name in given}
+    node.get_logger().info('running with ' + ', '.join(
+        f'{name} {item.value(settings)!r}' for name, item in told.items()))
+    Changes(node, settings, prepare)
     return settings
-
-
-def _overrides(node: Node) -> Dict[str, Parameter]:
-    """Return what was given by command line and files; rclpy has no public way to ask."""
-    found: Dict[str, Parameter] = node._parameter_overrides
-    return found
-
-
-def _refuse_unknown_overrides(node: Node, known: Iterable[str]) -> None:
-    names = sorted({*known, *BUILT_IN})
-    for name in _overrides(node):
-        if name not in names:
-            raise ConfigurationError(
-                f'{name!r} is not a parameter of node {node.get_name()}'
-                + suggestion(name, names))

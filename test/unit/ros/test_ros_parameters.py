@@ -5,26 +5,25 @@ import math
 
 import pytest
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 
-from ballbot_ros.config.fields import Checked, count, flag, quantity, text
+from ballbot_ros.config.fields import count, fixed, flag, live, quantity, text
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.nodes.controller import Controller
-from ballbot_ros.nodes.obstacle_decision import ObstacleDecision
-from ballbot_ros.nodes.simulator import Simulator
-from ballbot_ros.ros.parameters import BUILT_IN, declare
+from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.setting_fields import Settings
 from ballbot_ros.ros.settings import BridgeSettings
 
 
 @dataclass(frozen=True)
-class Example(Checked):
+class Example(Settings):
     """Some parameters."""
 
-    gain: float = quantity('N m/rad', 'stiffness', default=2.0, minimum=0.0, maximum=10.0)
-    ratio: float = quantity('1', 'ratio', default=1.0, above=0.0)
-    steps: int = count('of a stair', default=3, maximum=9)
-    loud: bool = flag('say it', default=False)
-    method: str = text('how', default='rk4', choices=('rk4', 'euler'))
+    gain: float = live(quantity('N m/rad', 'stiffness', default=2.0, minimum=0.0, maximum=10.0))
+    ratio: float = live(quantity('1', 'ratio', default=1.0, above=0.0))
+    steps: int = live(count('of a stair', default=3, maximum=9))
+    loud: bool = live(flag('say it', default=False))
+    method: str = live(text('how', default='rk4', choices=('rk4', 'euler')))
+    robot: str = fixed('the world is built of it', text('its name', default='gimball'))
+    version: str = text('a number as text', default='0.5')
 
 
 def given(make_node, **overrides):
@@ -33,15 +32,12 @@ def given(make_node, **overrides):
     return node, declare(node, Example)
 
 
-def changed(node, name, value):
-    return node.set_parameters([Parameter(name, value=value)])[0]
-
-
 def test_defaults_are_declared_and_returned(make_node):
     node, settings = given(make_node)
     assert settings == Example()
     assert {item.name: node.get_parameter(item.name).value for item in fields(Example)} == {
-        'gain': 2.0, 'ratio': 1.0, 'steps': 3, 'loud': False, 'method': 'rk4'}
+        'gain': 2.0, 'ratio': 1.0, 'steps': 3, 'loud': False, 'method': 'rk4',
+        'robot': 'gimball', 'version': '0.5'}
 
 
 def test_a_whole_number_is_a_float_too(make_node):
@@ -53,8 +49,8 @@ def test_a_whole_number_is_a_float_too(make_node):
 @pytest.mark.parametrize('overrides, sayings', [
     ({'gian': 1.0}, ("'gian' is not a parameter of node example", "did you mean 'gain'?")),
     ({'Gain': 1.0}, ("did you mean 'gain'?",)),
-    ({'zzz': 1.0}, ('known are gain, loud, method, ratio, start_type_description_service, '
-                    'steps, use_sim_time',)),
+    ({'zzz': 1.0}, ('known are gain, loud, method, ratio, robot, '
+                    'start_type_description_service, steps, use_sim_time, version',)),
     ({'use_simtime': True}, ("did you mean 'use_sim_time'?",)),
     ({'qos_overrides./odom.publisher.depth': 1}, ('is not a parameter',)),
     ({'gain': 10.5}, ('node example: gain must be at least 0 and at most 10 N m/rad, got 10.5',)),
@@ -77,29 +73,6 @@ def test_refused_at_the_start_with_a_sentence_that_helps(make_node, overrides, s
         given(make_node, **overrides)
     for saying in sayings:
         assert saying in str(caught.value)
-
-
-def test_a_parameter_cannot_be_changed_while_the_node_runs(make_node):
-    node, _ = given(make_node)
-    assert not changed(node, 'gain', 3.0).successful
-    assert node.get_parameter('gain').value == 2.0
-
-
-@pytest.mark.parametrize('cls', [Simulator, Controller, ObstacleDecision])
-def test_each_parameter_of_a_node_is_described_ranged_and_read_only(make_node, cls):
-    node = make_node(cls)
-    own = set(node.get_parameters_by_prefix('')) - set(BUILT_IN)
-    assert len(own) >= 3
-    for name in own:
-        described = node.describe_parameter(name)
-        assert len(described.description) > 10 and described.read_only, name
-        value = node.get_parameter(name).value
-        if isinstance(value, float):
-            assert described.floating_point_range or 'more than' in \
-                described.additional_constraints, name
-        elif isinstance(value, int) and not isinstance(value, bool):
-            assert described.integer_range, name
-        assert not changed(node, name, value).successful
 
 
 def test_a_real_motor_follows_no_set_point_for_ever():

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fields that several nodes have among their parameters, and parameters that a file gives."""
+from dataclasses import dataclass, Field, field, fields, replace
+from typing import Any, Callable, Dict, Mapping, NamedTuple, Type, TypeVar
+
+from ballbot_ros.config.fields import Checked, quantity, text
+
+S = TypeVar('S', bound='Settings')
+
+
+def file_in(folder: str, default: str, kind: str = '', doc: str = '') -> Any:
+    """Declare the name of a file in a folder of config."""
+    return text(f'name of a {kind or folder[:-1]} in config/{folder}, or a YAML file{doc}',
+                default=default)
+
+
+def rate_of(topic: str, default: float, minimum: float = 1.0, maximum: float = 10000.0) -> Any:
+    """Declare how often a topic is published."""
+    return quantity('Hz', f'rate of {topic}', default=default, minimum=minimum, maximum=maximum)
+
+
+def numbers_in(source: str, cls: Type[Checked], load: Callable[[str], Any],
+               prefix: str = '') -> Any:
+    """
+    Declare the numbers of a file as parameters, each by its own name.
+
+    Parameters
+    ----------
+    source : str
+        The field that names the file.  Where it changes, all of the numbers do.
+    cls : type
+        Whose described fields are the parameters.
+    load : callable
+        Reads the file.
+    prefix : str
+        Of the names of the parameters.
+
+    """
+    return field(default=None, metadata={
+        'kind': object, 'doc': f'the numbers of {source}', 'cls': cls, 'source': source,
+        'load': load, 'prefix': prefix})
+
+
+class Described(NamedTuple):
+    """A parameter: the field of the settings that it is, or the part of such a field."""
+
+    field: str
+    part: str  # of numbers that come from a file; empty for a field that is a parameter itself
+    metadata: Mapping[str, Any]
+
+    def value(self, settings: Any) -> Any:
+        """Return the value of the parameter."""
+        value = getattr(settings, self.field)
+        return getattr(value, self.part) if self.part else value
+
+
+@dataclass(frozen=True)
+class Settings(Checked):
+    """The parameters of a node; numbers that are not given come from the file that is named."""
+
+    def __post_init__(self) -> None:
+        """Check every field, and read the numbers that are missing."""
+        super().__post_init__()
+        for item in _from_files(type(self)):
+            if getattr(self, item.name) is None:
+                object.__setattr__(self, item.name, self._read(item))
+
+    @classmethod
+    def described(cls) -> Dict[str, Described]:
+        """Return all parameters by name."""
+        found: Dict[str, Described] = {}
+        for item in fields(cls):
+            if 'source' in item.metadata:
+                for part in fields(item.metadata['cls']):
+                    found[item.metadata['prefix'] + part.name] = Described(
+                        item.name, part.name, {'fixed': '', **part.metadata})
+            elif 'kind' in item.metadata:
+                found[item.name] = Described(item.name, '', item.metadata)
+        return found
+
+    @classmethod
+    def of(cls: Type[S], values: Mapping[str, Any]) -> S:
+        """
+        Return settings with these values of parameters, and defaults for the others.
+
+        Raises
+        ------
+        ConfigurationError
+            If a file cannot be read, or values contradict each other.
+
+        """
+        described = cls.described()
+        own = {name: value for name, value in values.items() if not described[name].part}
+        return cls(**own).changed(
+            {name: value for name, value in values.items() if name not in own})
+
+    def changed(self: S, values: Mapping[str, Any]) -> S:
+        """
+        Return settings that differ by these values of parameters.
+
+        Another file gives all of its numbers anew, but for those among the values.
+
+        Raises
+        ------
+        ConfigurationError
+            As `of` does.
+
+        """
+        described = self.described()
+        own = {name: value for name, value in values.items() if not described[name].part}
+        parts: Dict[str, Dict[str, Any]] = {}
+        for name in set(values) - set(own):
+            parts.setdefault(described[name].field, {})[described[name].part] = values[name]
+        numbers = {}
+        for item in _from_files(type(self)):
+            base, source = getattr(self, item.name), item.metadata['source']
+            if own.get(source, getattr(self, source)) != getattr(self, source):
+                base = item.metadata['load'](own[source])
+            numbers[item.name] = replace(base, **parts.get(item.name, {}))
+        return replace(self, **own, **numbers)
+
+    def _read(self, item: 'Field[Any]') -> Any:
+        return item.metadata['load'](getattr(self, item.metadata['source']))
+
+
+def _from_files(cls: Type[Settings]) -> list['Field[Any]']:
+    return [item for item in fields(cls) if 'source' in item.metadata]

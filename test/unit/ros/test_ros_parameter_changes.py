@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters at run time: all that a request asks for or nothing, and why where nothing."""
+from dataclasses import dataclass
+import math
+import threading
+
+import pytest
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from ballbot_ros.config.fields import count, fixed, flag, live, quantity, text
+from ballbot_ros.control import ControlTuning, load_tuning
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.setting_fields import file_in, numbers_in, Settings
+
+# A number so small that ros2cli sends it as text.
+TINY = 1e-5
+
+
+@dataclass(frozen=True)
+class Example(Settings):
+    """Some parameters."""
+
+    gain: float = live(quantity('N m/rad', 'stiffness', default=2.0, minimum=0.0, maximum=10.0))
+    tiny: float = live(quantity('m', 'accuracy', default=TINY, minimum=0.0))
+    steps: int = live(count('of a stair', default=3, maximum=9))
+    loud: bool = live(flag('say it', default=False))
+    method: str = live(text('how', default='rk4', choices=('rk4', 'euler')))
+    robot: str = fixed('the world is built of it', text('its name', default='gimball'))
+    quiet: bool = fixed('it says how to begin', flag('say nothing', default=False))
+    version: str = text('a number as text', default='0.5')
+    tuning: str = live(file_in('tunings', 'published'))
+    gains: ControlTuning = numbers_in('tuning', ControlTuning, load_tuning, 'gains.')
+
+
+class Owner:
+    """A node that keeps what it is handed, and refuses a gain of 7."""
+
+    def __init__(self, make_node, **overrides):
+        self.node = make_node(Node, 'example', **overrides)
+        self.threads = set()
+        self.settings = declare(self.node, Example, self.prepare)
+
+    def prepare(self, wanted):
+        self.threads.add(threading.current_thread())
+        if wanted.gain == 7.0:
+            raise ConfigurationError('it diverges at a gain of 7; take 6')
+
+        def commit():
+            self.settings = wanted
+        return commit
+
+    def set(self, **values):
+        """Set all at once, in this process."""
+        return self.node.set_parameters_atomically(
+            [Parameter(name.replace('__', '.'), value=value) for name, value in values.items()])
+
+    def value(self, name):
+        return self.node.get_parameter(name).value
+
+
+@pytest.fixture
+def owner(make_node):
+    return Owner(make_node)
+
+
+def test_another_value_is_handed_over_as_another_settings(owner):
+    before = owner.settings
+    assert owner.set(gain=3.0, method='euler').successful
+    assert (owner.settings.gain, owner.settings.method) == (3.0, 'euler')
+    assert (before.gain, before.method) == (2.0, 'rk4')
+    assert owner.value('gain') == 3.0
+
+
+def test_a_whole_number_and_a_number_as_text_are_floats_at_run_time_too(owner):
+    assert owner.set(gain=3).successful and owner.set(tiny='1e-6').successful
+    assert (owner.value('gain'), owner.value('tiny')) == (3.0, 1e-6)
+    assert type(owner.value('gain')) is type(owner.settings.gain) is float
+
+
+@pytest.mark.parametrize('values, sayings', [
+    ({'gain': 10.5}, ('node example: gain must be at least 0 and at most 10 N m/rad, got 10.5',)),
+    ({'gain': math.nan}, ('at least 0', 'got nan')),
+    ({'gain': 'nan'}, ('at least 0', 'got nan')),
+    ({'gain': math.inf}, ('got inf',)),
+    ({'gain': 'stiff'}, ('gain must be a number', "got 'stiff'")),
+    ({'gain': True}, ('gain must be a number', 'got True')),
+    ({'gain': None}, ('gain must be a number', 'got None')),
+    ({'tiny': -1.0}, ('tiny must be at least 0 m, got -1',)),
+    ({'steps': 2.5}, ('steps must be a whole number, got 2.5',)),
+    ({'steps': 10}, ('at most 9, got 10',)),
+    ({'loud': 1}, ('loud must be true or false, got 1',)),
+    ({'method': 'rk5'}, ('one of rk4, euler', "did you mean 'rk4'?")),
+    ({'gian': 3.0}, ("'gian' is not a parameter of node example", "did you mean 'gain'?")),
+    ({'robot': 'shellball'}, (
+        'node example: robot cannot change while the node runs: the world is built of it; '
+        'start it again with -p robot:=shellball',)),
+    ({'quiet': True}, ('it says how to begin', 'with -p quiet:=true')),
+    ({'version': 0.6}, ('it is read once, at the start', '-p version:=0.6')),
+    ({'gain': 7.0}, ('it diverges at a gain of 7; take 6',)),
+    ({'gains__position_kp': -1.0}, ('gains.position_kp must be at least 0 N m/rad, got -1',)),
+    ({'tuning': 'gentel'}, ("no tuning named 'gentel'", 'gentle')),
+])
+def test_refused_with_a_sentence_that_helps(owner, values, sayings):
+    before = owner.settings
+    result = owner.set(**{'steps': 4, 'loud': True, **values})
+    assert not result.successful
+    for saying in sayings:
+        assert saying in result.reason
+    # All or nothing.
+    assert owner.settings is before
+    assert [owner.value(name) for name in ('gain', 'steps', 'loud')] == [2.0, 3, False]
+
+
+def test_a_description_says_whether_the_parameter_can_change_and_why_not(owner):
+    for name, item in Example.described().items():
+        found = owner.node.describe_parameter(name)
+        fits = 'Can change' if not found.read_only else 'Cannot change while the node runs: '
+        assert fits in found.description, name
+    assert owner.node.describe_parameter('robot').read_only
+    assert 'the world is built of it' in owner.node.describe_parameter('robot').description
+    assert not owner.node.describe_parameter('gains.position_kd').read_only
+    slider, = owner.node.describe_parameter('gain').floating_point_range
+    assert (slider.from_value, slider.to_value) == (0.0, 10.0)
+
+
+def test_another_file_gives_all_of_its_numbers_but_those_that_are_given_too(owner):
+    assert owner.value('gains.position_kp') == 40.0
+    assert owner.set(gains__position_kp=20.0).successful
+    assert owner.set(tuning='gentle', gains__blend_time=0.3).successful
+    assert owner.settings.gains == ControlTuning(
+        **{**vars(load_tuning('gentle')), 'blend_time': 0.3})
+    assert owner.value('gains.position_kp') == 6.0 and owner.value('tuning') == 'gentle'
+
+
+def test_a_number_given_at_the_start_stands_above_that_of_the_file(make_node):
+    given = Owner(make_node, **{'gains.position_kp': 5, 'tuning': 'gentle'})
+    assert given.settings.gains.position_kp == given.value('gains.position_kp') == 5.0
+    assert given.settings.gains.position_kd == load_tuning('gentle').position_kd
+
+
+def messages(owner, names=None):
+    """Return all parameters as `ros2 param load` sends them, from what `ros2 param dump` wrote."""
+    import yaml
+    from rcl_interfaces.msg import Parameter as Message
+    from rclpy.parameter import get_parameter_value
+    names = names or owner.node.list_parameters([], 0).names
+    dump = yaml.dump({name: owner.node.get_parameter(name).value for name in names})
+    return [Message(name=name, value=get_parameter_value(str(value)))
+            for name, value in yaml.safe_load(dump).items()]
+
+
+@pytest.fixture(params=[new_executor, SingleThreadedExecutor])
+def ask(request, owner, context):
+    """Return a function that calls a service of the node, which spins meanwhile."""
+    executor = request.param(context=context)
+    executor.add_node(owner.node)
+
+    def ask(kind, name, parameters):
+        client = owner.node.create_client(kind, f'example/{name}')
+        assert client.wait_for_service(10.0)
+        answer = client.call_async(kind.Request(parameters=parameters))
+        while not answer.done():
+            executor.spin_once(timeout_sec=0.1)
+        owner.node.destroy_client(client)
+        return answer.result()
+    yield ask
+    executor.remove_node(owner.node)
+    executor.shutdown()
+
+
+def test_by_service_a_change_is_checked_aside_and_made_between_two_callbacks(owner, ask):
+    seen = []
+    prepare = owner.prepare
+
+    def watched(wanted):
+        commit = prepare(wanted)
+        return lambda: (seen.append(threading.current_thread()), commit())
+    owner.node.set_parameters_atomically.__self__._prepare = watched
+    result = ask(SetParametersAtomically, 'set_parameters_atomically', [
+        Parameter('gain', value=4.0).to_parameter_msg(),
+        Parameter('steps', value=4).to_parameter_msg()]).result
+    assert result.successful and (owner.settings.gain, owner.settings.steps) == (4.0, 4)
+    assert threading.main_thread() not in owner.threads
+    assert seen == [threading.main_thread()]
+
+
+def test_by_service_each_is_answered_for_itself(owner, ask):
+    results = ask(SetParameters, 'set_parameters', [
+        Parameter(name, value=value).to_parameter_msg() for name, value in (
+            ('gain', 5.0), ('gain', 11.0), ('robot', 'x'), ('steps', 5))]).results
+    assert [result.successful for result in results] == [True, False, False, True]
+    assert 'at most 10' in results[1].reason and 'start it again' in results[2].reason
+    assert (owner.settings.gain, owner.settings.steps) == (5.0, 5)
+
+
+def test_a_node_takes_its_own_dump_back(owner, ask):
+    assert owner.set(gain=4.5, gains__position_kp=30.0).successful
+    before = owner.settings
+    results = ask(SetParameters, 'set_parameters', messages(owner)).results
+    assert len(results) > 20
+    assert [result.reason for result in results if not result.successful] == []
+    assert owner.settings == before
+
+
+def test_a_dump_of_another_time_is_gone_back_to(owner, ask):
+    dump = messages(owner)
+    assert owner.set(gain=4.5, method='euler', gains__position_kp=30.0).successful
+    assert all(one.successful for one in ask(SetParameters, 'set_parameters', dump).results)
+    assert owner.settings == Example()
+
+
+def test_a_check_that_breaks_is_answered_all_the_same(owner, ask):
+    def broken(wanted):
+        raise ZeroDivisionError('by nought')
+    owner.node.set_parameters_atomically.__self__._prepare = broken
+    result, = ask(SetParameters, 'set_parameters', [
+        Parameter('gain', value=4.0).to_parameter_msg()]).results
+    assert not result.successful and 'by nought' in result.reason
