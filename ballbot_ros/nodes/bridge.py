@@ -48,8 +48,7 @@ class Bridge(ManagedNode):
         self._outputs = MotorOutputs(
             self, clocks, settings.status_rate,
             0.0 if self._session.law is None else 1.0 / settings.joint_state_rate)
-        self._robot_outputs = RobotOutputs(
-            self, self._session, clocks, settings.odom_rate)
+        self._robot_outputs = RobotOutputs(self, self._session, clocks, settings)
         self._loop: Optional[Loop] = None
         self._service = ServiceManager()
         self._complaint = ''

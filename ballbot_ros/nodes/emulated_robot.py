@@ -21,6 +21,7 @@ from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import (
     ball_state_message, observation_message, odometry_message, terrain_message, to_time)
 from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.motor import imu_message
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
@@ -45,6 +46,7 @@ class EmulatedRobot(Node):
         """Plug the drive in."""
         super().__init__('emulated_robot', **kwargs)
         settings = declare(self, EmulatedRobotSettings)
+        self._frames = Frames.of(settings)
         connection = load_hardware(settings.hardware).connection
         scene = load_scene(settings.scene)
         self._model = scene.model
@@ -85,22 +87,23 @@ class EmulatedRobot(Node):
         self._before, self._number = state, self._number + 1
         sample = self._imu.sample(before, state, self._number)
         if self._imu_line is None:
-            self._readings.publish(imu_message(now, *sample[1:]))
+            self._readings.publish(imu_message(now, *sample[1:], self._frames))
         else:
             self._imu_line.measure(*sample[1:])
         here = state._replace(time=now)
         if self._number % TRUTH_EVERY == 0:
             self._truth.publish(ball_state_message(
-                here, self._emulator.pendulum_torque, self._model))
+                here, self._emulator.pendulum_torque, self._model, self._frames))
         if self._odometry is not None and self._number % ODOM_EVERY == 0:
-            self._odometry.publish(odometry_message(here))
+            self._odometry.publish(odometry_message(here, self._frames))
         if self._number % OBSERVATION_EVERY == 0:
             sight = self._sensor.look(state.x, self._number // OBSERVATION_EVERY)
             if sight is not None:
-                self._observation.publish(observation_message(to_time(now), sight, self._sensor))
+                self._observation.publish(observation_message(
+                    to_time(now), sight, self._sensor, self._frames))
             ground = self._camera.look(state.x, state.y, self._number // OBSERVATION_EVERY)
             if ground is not None:
-                self._terrain.publish(terrain_message(to_time(now), ground))
+                self._terrain.publish(terrain_message(to_time(now), ground, self._frames))
 
     def make_safe(self) -> None:
         """Unplug."""

@@ -7,6 +7,7 @@ from rclpy.node import Node
 
 from ballbot_ros.drives.transport import Link
 from ballbot_ros.errors import BallbotError, LinkError
+from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.imu import ImuOutput
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
@@ -33,7 +34,7 @@ class ImuNode(Node):
             lambda baud: Link(settings.port, baud), settings.baud, settings.rate,
             settings.bandwidth, Axes(settings.axes), settings.latency)
         self._output = ImuOutput(self, source, settings.port, settings.rate, settings.gyro_sd,
-                                 settings.force_sd)
+                                 settings.force_sd, Frames.of(settings).imu)
 
     @property
     def failure(self) -> Optional[BallbotError]:

@@ -20,7 +20,7 @@ from ballbot_ros.msg import (
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.plant import Sensor, Sight, TerrainSight
-from ballbot_ros.ros.frames import PENDULUM, SHELL
+from ballbot_ros.ros.frames import FRAMES, Frames, PENDULUM, SHELL
 
 # Variances of what is known by definition (all zeros would mean that nobody knows), and of what is
 # not known; squares of metres, radians, or these per second.
@@ -162,9 +162,9 @@ def set_point_message(stamp: Time, angle: float, sender: str = '') -> JointState
     return message
 
 
-def odometry_message(state: State) -> Odometry:
+def odometry_message(state: State, frames: Frames = FRAMES) -> Odometry:
     """Return the true pose and velocity of the level, non-rolling frame at the ball centre."""
-    message = _odometry(state.time, np.full(6, EXACT), np.full(6, EXACT))
+    message = _odometry(state.time, np.full(6, EXACT), np.full(6, EXACT), frames)
     message.pose.pose.position.x = state.x
     message.pose.pose.position.z = state.y
     message.twist.twist.linear.x = state.velocity_x
@@ -172,7 +172,8 @@ def odometry_message(state: State) -> Odometry:
     return message
 
 
-def estimated_odometry_message(stamp: float, state: OdometryState, radius: float) -> Odometry:
+def estimated_odometry_message(stamp: float, state: OdometryState, radius: float,
+                               frames: Frames = FRAMES) -> Odometry:
     """
     Return pose and velocity of the same frame as an encoder and an IMU know them.
 
@@ -184,21 +185,22 @@ def estimated_odometry_message(stamp: float, state: OdometryState, radius: float
     radius : float
         Height of the centre above the floor on which the ball started [m]: what it climbs is
         not known, nor where it turns to.
+    frames : Frames
 
     """
     pose, twist = (np.array([variance + EXACT, UNKNOWN, UNKNOWN, EXACT, EXACT, UNKNOWN])
                    for variance in (state.position_variance, state.speed_variance))
-    message = _odometry(stamp, pose, twist)
+    message = _odometry(stamp, pose, twist, frames)
     message.pose.pose.position.x = state.position
     message.pose.pose.position.z = radius
     message.twist.twist.linear.x = state.speed
     return message
 
 
-def _odometry(stamp: float, pose: Variances, twist: Variances) -> Odometry:
+def _odometry(stamp: float, pose: Variances, twist: Variances, frames: Frames) -> Odometry:
     """Return odometry with variances of x, y, z and about these axes."""
-    message = Odometry(child_frame_id='base_link')
-    message.header.frame_id = 'odom'
+    message = Odometry(child_frame_id=frames.base)
+    message.header.frame_id = frames.odom
     message.header.stamp = to_time(stamp)
     message.pose.covariance, message.twist.covariance = (
         np.diag(variances).ravel() for variances in (pose, twist))
@@ -211,7 +213,8 @@ def motion(message: Odometry) -> Motion:
                   message.twist.twist.linear.x)
 
 
-def ball_state_message(state: State, torque: float, model: Model) -> BallState:
+def ball_state_message(state: State, torque: float, model: Model,
+                       frames: Frames = FRAMES) -> BallState:
     """Return everything that is known about a state."""
     energies = model.energies(state)
     absent = None if model.robot.has_pendulum else math.nan
@@ -225,17 +228,18 @@ def ball_state_message(state: State, torque: float, model: Model) -> BallState:
         contact_energy=energies.contact, dissipated_energy=state.dissipated_energy,
         motor_work=state.motor_work,
         contacts=[Contact(**touch._asdict()) for touch in model.touches(state)])
-    message.header.frame_id = 'odom'
+    message.header.frame_id = frames.odom
     message.header.stamp = to_time(state.time)
     return message
 
 
-def observation_message(stamp: Time, sight: Sight, sensor: Sensor) -> StepObservationMsg:
+def observation_message(stamp: Time, sight: Sight, sensor: Sensor,
+                        frames: Frames = FRAMES) -> StepObservationMsg:
     """Return what a step sensor has seen."""
     message = StepObservationMsg(
         detected=sight.detected, distance=sight.distance, height=sight.height,
         distance_sd=sensor.distance_sd, height_sd=sensor.height_sd)
-    message.header.frame_id = 'base_link'
+    message.header.frame_id = frames.base
     message.header.stamp = stamp
     return message
 
@@ -247,11 +251,12 @@ def observation(message: StepObservationMsg) -> StepObservation:
         message.distance_sd, message.height_sd)
 
 
-def terrain_message(stamp: Time, sight: TerrainSight) -> TerrainObservationMsg:
+def terrain_message(stamp: Time, sight: TerrainSight,
+                    frames: Frames = FRAMES) -> TerrainObservationMsg:
     """Return what a terrain sensor has seen."""
     message = TerrainObservationMsg(
         x=sight.x, z=sight.z, z_sd=sight.z_sd, x_min=sight.x_min, x_max=sight.x_max)
-    message.header.frame_id = 'base_link'
+    message.header.frame_id = frames.base
     message.header.stamp = stamp
     return message
 

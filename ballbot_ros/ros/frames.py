@@ -13,7 +13,7 @@ The tree, in which each frame hangs from the one before it::
 from dataclasses import dataclass
 from typing import Any
 
-from ballbot_ros.config.fields import text
+from ballbot_ros.config.fields import fixed, flag, text
 
 SHELL, PENDULUM = 'shell', 'pendulum'  # the joints
 BALL_LINK, PENDULUM_LINK = 'ball_link', 'pendulum_link'
@@ -49,14 +49,16 @@ class Frames:
     pendulum: str = PENDULUM_LINK
 
     @classmethod
-    def of(cls, settings: Any) -> 'Frames':
-        """Return the frames that the parameters of a node name."""
-        return cls(**{kind: settings.frame_prefix + getattr(settings, f'{kind}_frame', default)
+    def of(cls, settings: Any, prefixed: bool = True) -> 'Frames':
+        """Return the frames that the parameters of a node name, with the prefix or without."""
+        prefix = settings.frame_prefix if prefixed else ''
+        return cls(**{kind: prefix + getattr(settings, f'{kind}_frame', default)
                       for kind, default in vars(FRAMES).items()})
 
 
 FRAMES = Frames()
 
+WHY = 'others have looked it up already'
 _DOCS = {
     'odom': 'frame that odometry is told in: it stands still',
     'footprint': 'level frame at the lowest point of the ball, which hangs from odom_frame',
@@ -64,12 +66,19 @@ _DOCS = {
     'imu': 'frame of the inertial sensor, which rolls with the shell'}
 
 
+def described() -> Any:
+    """Declare the parameter for who tells where the links are."""
+    return fixed('the topics are made at the start', flag(
+        'publish robot_description, and where the links are on /tf and /tf_static; false where '
+        'robot_state_publisher does', default=True))
+
+
 def frame(kind: str) -> Any:
     """Declare the parameter for the name of a frame."""
-    return text(_DOCS[kind], default=getattr(FRAMES, kind))
+    return fixed(WHY, text(_DOCS[kind], default=getattr(FRAMES, kind)))
 
 
 def frame_prefix() -> Any:
     """Declare the parameter for what stands before all frames."""
-    return text('before the name of each frame, such as `left/` where there are more robots',
-                default='')
+    return fixed(WHY, text(
+        'before the name of each frame, such as `left/` where there are more robots', default=''))

@@ -6,6 +6,7 @@ from ballbot_ros.bridge.realtime import Scheduling
 from ballbot_ros.config.fields import count, fixed, flag, live, quantity, text
 from ballbot_ros.control import ControlTuning, load_tuning
 from ballbot_ros.ros.cmd_vel import cmd_vel_type
+from ballbot_ros.ros.frames import described, frame, frame_prefix
 from ballbot_ros.ros.setting_fields import file_in, numbers_in, rate_of, Settings
 
 
@@ -53,8 +54,14 @@ class BridgeSettings(Settings):
     lock_memory: bool = fixed('the loop begins with it', flag(
         'keep the memory of the process from being swapped out', default=False))
     odom_rate: float = live(rate_of(
-        'odom and, where tf2_msgs is installed, /tf; 0 for none', 100.0, minimum=0.0,
+        'odom and, where tf2_msgs is installed, /tf; 0 for neither', 100.0, minimum=0.0,
         maximum=1000.0))
+    publish_description: bool = described()
+    frame_prefix: str = frame_prefix()
+    odom_frame: str = frame('odom')
+    footprint_frame: str = frame('footprint')
+    base_frame: str = frame('base')
+    imu_frame: str = frame('imu')
     gains: ControlTuning = numbers_in('tuning', ControlTuning, load_tuning, 'gains.')
 
     @property
@@ -90,6 +97,8 @@ class ImuSettings(Settings):
     force_sd: float = live(quantity(
         'm/s2', 'noise of the accelerometer per reading, likewise', default=0.05, above=0.0,
         maximum=10.0))
+    frame_prefix: str = frame_prefix()
+    imu_frame: str = frame('imu')
 
 
 @dataclass(frozen=True)
@@ -118,3 +127,7 @@ class EmulatedRobotSettings(Settings):
         'rad/s', 'constant error of the gyro', default=0.005, minimum=-1.0, maximum=1.0))
     force_sd: float = live(quantity(
         'm/s2', 'noise of the accelerometer per reading', default=0.1, minimum=0.0, maximum=10.0))
+    frame_prefix: str = frame_prefix()
+    odom_frame: str = frame('odom')
+    base_frame: str = frame('base')
+    imu_frame: str = frame('imu')

@@ -10,6 +10,7 @@ from sensor_msgs.msg import Imu
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import to_time
 from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.frames import FRAMES
 from ballbot_ros.ros.motor import Clocks, NOT_REPORTED
 from ballbot_ros.sensors.source import ImuSource, StampedReading
 
@@ -44,6 +45,8 @@ class ImuOutput:
         That the sensor was asked for [Hz].
     gyro_sd, force_sd : float
         Standard deviations, for the covariances [rad/s], [m/s2].
+    frame : str
+        That the readings are told in.
 
     Attributes
     ----------
@@ -53,8 +56,9 @@ class ImuOutput:
     """
 
     def __init__(self, node: Node, source: ImuSource, port: str, rate: float, gyro_sd: float,
-                 force_sd: float):
+                 force_sd: float, frame: str = FRAMES.imu):
         """Start at once."""
+        self._frame = frame
         self._source, self._port, self._asked = source, port, rate
         self._clocks = Clocks(node)
         self._covariances = [[sd**2, 0.0, 0.0, 0.0, sd**2, 0.0, 0.0, 0.0, sd**2]
@@ -84,7 +88,7 @@ class ImuOutput:
     def _message(self, reading: StampedReading) -> Imu:
         message = Imu()
         message.header.stamp = to_time(self._clocks.stamp(reading.stamp))
-        message.header.frame_id = 'ball_link'
+        message.header.frame_id = self._frame
         message.orientation_covariance[0] = NOT_REPORTED
         message.angular_velocity_covariance, message.linear_acceleration_covariance = \
             self._covariances

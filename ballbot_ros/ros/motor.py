@@ -19,6 +19,7 @@ from ballbot_ros.msg import MotorStatus
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import to_seconds, to_time
 from ballbot_ros.ros.endpoints import create_publisher, wait_until_received
+from ballbot_ros.ros.frames import FRAMES, Frames
 from ballbot_ros.ros.joint_state_bytes import JointStateBytes
 
 # Below `bridge`, whose records are held back: a loop that drives a motor asks for the time, too.
@@ -107,11 +108,12 @@ def imu_reading(message: Imu, clocks: Clocks) -> ImuReading:
         message.linear_acceleration.x, message.linear_acceleration.z)
 
 
-def imu_message(stamp: float, turn_rate: float, forward: float, upward: float) -> Imu:
+def imu_message(stamp: float, turn_rate: float, forward: float, upward: float,
+                frames: Frames = FRAMES) -> Imu:
     """Return an IMU message for a reading in the plane of motion."""
     message = Imu()
     message.header.stamp = to_time(stamp)
-    message.header.frame_id = 'ball_link'
+    message.header.frame_id = frames.imu
     message.orientation_covariance[0] = NOT_REPORTED
     message.angular_velocity.y = -turn_rate
     message.linear_acceleration.x, message.linear_acceleration.z = forward, upward

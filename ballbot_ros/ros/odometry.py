@@ -1,39 +1,108 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Odometry as a message, and as a transform where tf2_msgs is installed."""
-from typing import Any, Iterator, Optional, Tuple
+"""Odometry as a message; the robot description and, with tf2_msgs, transforms to all frames."""
+import math
+from typing import Any, Iterator, List, Optional, Tuple
 
+from geometry_msgs.msg import Transform, TransformStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from std_msgs.msg import Header, String
 
+from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.frames import Frames
+from ballbot_ros.ros.urdf import robot_description
 
 try:
-    from geometry_msgs.msg import TransformStamped
     from tf2_msgs.msg import TFMessage
-except ImportError:  # not among the wheels; part of every ROS 2 installation
+except ImportError:  # part of every ROS 2 installation
     TFMessage = None
 
 
 class OdometryTopics:
-    """The topics ``odom`` and, where there is tf2_msgs, ``/tf``."""
+    """
+    The topics ``odom`` and ``/tf``, and what else a viewer needs to show the robot.
 
-    def __init__(self, node: Node):
-        """Create the publishers."""
+    Odometry moves the footprint in the frame ``odom``. What hangs from it is told by
+    robot_state_publisher, or by this class in its place: ``robot_description``, ``/tf_static``,
+    and on ``/tf`` the links that turn.
+
+    Parameters
+    ----------
+    node : Node
+    robot : Robot
+    settings : SimulatorSettings or BridgeSettings
+        Its names of frames, and its ``publish_description``.
+
+    """
+
+    def __init__(self, node: Node, robot: Robot, settings: Any):
+        """Create the publishers, and publish what does not change."""
+        self.frames = Frames.of(settings)
+        self._radius, self._has_pendulum = robot.ball_radius, robot.has_pendulum
+        self._described = settings.publish_description
         self._odometry = create_publisher(node, Odometry, 'odom', qos.STATE)
         self._transforms: Optional[Publisher] = None
         if TFMessage is None:
-            node.get_logger().info('tf2_msgs is not installed: no /tf from odom to base_link')
+            node.get_logger().info('tf2_msgs is not installed: no /tf')
         else:
             self._transforms = create_publisher(node, TFMessage, '/tf', qos.STATE)
+        if self._described:
+            self._describe(node, robot, Frames.of(settings, prefixed=False))
 
-    def messages(self, message: Odometry) -> Iterator[Tuple[Publisher, Any]]:
-        """Yield what odometry is to be published as, and where."""
+    def _describe(self, node: Node, robot: Robot, names: Frames) -> None:
+        """Publish the description, and the transforms that stay as they are."""
+        # Kept: a publisher that is not referenced ends, and what is latched with it.
+        self._description = create_publisher(node, String, 'robot_description', qos.LATCHED)
+        self._description.publish(String(data=robot_description(robot, names)))
+        if TFMessage is not None:
+            self._static = create_publisher(node, TFMessage, '/tf_static', qos.LATCHED)
+            header = Header()  # what never changes needs no stamp
+            self._static.publish(TFMessage(transforms=[
+                _transform(header, self.frames.footprint, self.frames.base, up=self._radius),
+                _transform(header, self.frames.ball, self.frames.imu)]))
+
+    def messages(self, message: Odometry, ball_angle: float, joint_angle: float
+                 ) -> Iterator[Tuple[Publisher, Any]]:
+        """
+        Yield what odometry is to be published as, and where.
+
+        Parameters
+        ----------
+        message : Odometry
+            Of the centre of the ball.
+        ball_angle, joint_angle : float
+            Of the joints ``shell`` and ``pendulum`` [rad].
+
+        """
         yield self._odometry, message
         if self._transforms is not None:
-            transform = TransformStamped(
-                header=message.header, child_frame_id=message.child_frame_id)
-            place, at = transform.transform.translation, message.pose.pose.position
-            place.x, place.y, place.z = at.x, at.y, at.z
-            yield self._transforms, TFMessage(transforms=[transform])
+            at = message.pose.pose.position
+            moved = _transform(message.header, self.frames.odom, self.frames.footprint,
+                               at.x, at.z - self._radius)
+            yield self._transforms, TFMessage(transforms=[
+                moved, *self._turned(message.header, ball_angle, joint_angle)])
+
+    def _turned(self, header: Header, ball_angle: float, joint_angle: float
+                ) -> List[TransformStamped]:
+        """Return the transforms of the joints, if nobody else publishes them."""
+        if not self._described:
+            return []
+        links = [_transform(header, self.frames.base, self.frames.ball, angle=ball_angle)]
+        if self._has_pendulum:
+            links.append(_transform(header, self.frames.ball, self.frames.pendulum,
+                                    angle=joint_angle))
+        return links
+
+
+def _transform(header: Header, parent: str, child: str, forward: float = 0.0, up: float = 0.0,
+               angle: float = 0.0) -> TransformStamped:
+    """Return a transform: moved in the plane [m], and turned counter-clockwise in it [rad]."""
+    transform = Transform()
+    transform.translation.x, transform.translation.z = forward, up
+    transform.rotation.y = -math.sin(0.5 * angle)  # y points into the plane
+    transform.rotation.w = math.cos(0.5 * angle)
+    return TransformStamped(header=Header(stamp=header.stamp, frame_id=parent),
+                            child_frame_id=child, transform=transform)

@@ -48,7 +48,7 @@ class Outputs:
         self._schedule = list(zip(every, (
             self._publish_clock, self._publish_odometry, self._publish_ball_state)))
         self._clock = create_publisher(node, Clock, '/clock', qos.CLOCK)
-        self._odometry = OdometryTopics(node)
+        self._odometry = OdometryTopics(node, plant.model.robot, settings)
         self._ball = create_publisher(node, BallState, 'ball_state', qos.STATE)
         self._sensors = Sensors(node, plant, settings)
         self._joints = create_publisher(node, JointState, 'joint_states', qos.STATE)
@@ -84,9 +84,12 @@ class Outputs:
         self._send(self._clock, Clock(clock=to_time(self._plant.time)))
 
     def _publish_odometry(self) -> None:
-        for publisher, message in self._odometry.messages(odometry_message(self._plant.state)):
+        state = self._plant.state
+        for publisher, message in self._odometry.messages(
+                odometry_message(state, self._odometry.frames), state.ball_angle,
+                state.joint_angle):
             self._send(publisher, message)
 
     def _publish_ball_state(self) -> None:
         self._send(self._ball, ball_state_message(
-            self._plant.state, self._plant.torque, self._plant.model))
+            self._plant.state, self._plant.torque, self._plant.model, self._odometry.frames))

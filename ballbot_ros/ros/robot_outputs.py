@@ -15,6 +15,7 @@ from ballbot_ros.ros.conversions import estimated_odometry_message, to_time
 from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.motor import Clocks
 from ballbot_ros.ros.odometry import OdometryTopics
+from ballbot_ros.ros.settings import BridgeSettings
 
 BATTERY_PERIOD = 1.0  # [s]
 
@@ -46,18 +47,18 @@ class RobotOutputs:
     node : Node
     session : Session
     clocks : Clocks
-    odom_rate : float
-        [Hz]; 0 for none.
+    settings : BridgeSettings
 
     """
 
-    def __init__(self, node: Node, session: Session, clocks: Clocks, odom_rate: float):
+    def __init__(self, node: Node, session: Session, clocks: Clocks, settings: BridgeSettings):
         """Create the publishers."""
         self._session, self._clocks = session, clocks
         self._radius, self._battery = session.robot.ball_radius, session.hardware.battery
         self._topics: Optional[OdometryTopics] = None
-        if odom_rate > 0.0:
-            self._topics, self._odometry_turns = OdometryTopics(node), Turns(1.0 / odom_rate)
+        if settings.odom_rate > 0.0:
+            self._topics = OdometryTopics(node, session.robot, settings)
+            self._odometry_turns = Turns(1.0 / settings.odom_rate)
         self._battery_topic = create_publisher(node, BatteryState, 'battery_state', qos.STATE)
         self._battery_turns = Turns(BATTERY_PERIOD)
 
@@ -66,8 +67,11 @@ class RobotOutputs:
         state = self._session.odometry
         if self._topics is not None and state is not None and report.estimate is not None \
                 and self._odometry_turns.is_due(state.stamp):
-            for publisher, message in self._topics.messages(estimated_odometry_message(
-                    self._clocks.stamp(state.stamp), state, self._radius)):
+            odometry = estimated_odometry_message(
+                self._clocks.stamp(state.stamp), state, self._radius, self._topics.frames)
+            angles = report.estimate.readings
+            for publisher, message in self._topics.messages(
+                    odometry, angles.ball_angle, angles.joint_angle):
                 publisher.publish(message)
         if self._battery_turns.is_due(report.time):
             self._battery_topic.publish(battery_message(

@@ -12,6 +12,7 @@ from ballbot_ros.plant import Latency, periods_per, Plant, Sensor, SensorFaults,
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import observation_message, terrain_message, to_time
 from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.settings import SimulatorSettings
 
 
@@ -42,7 +43,7 @@ class Sensors:
         if settings.lockstep:
             check_lockstep(settings)
         terrain = plant.model.terrain
-        self._plant = plant
+        self._plant, self._frames = plant, Frames.of(settings)
         self._late: Latency[Tuple[Publisher, Any]] = Latency(faults.latency)
         self._step: Optional[Sensor] = None
         if settings.observation_rate > 0.0:
@@ -80,14 +81,14 @@ class Sensors:
             sight = self._step.look(plant.state.x, plant.periods // self._step_periods)
             if sight is not None:
                 self._late.put(plant.time, (self._step_topic, observation_message(
-                    to_time(plant.time), sight, self._step)))
+                    to_time(plant.time), sight, self._step, self._frames)))
         if self._terrain is not None and (
                 everything or plant.periods % self._terrain_periods == 0):
             ground = self._terrain.look(
                 plant.state.x, plant.state.y, plant.periods // self._terrain_periods)
             if ground is not None:
                 self._late.put(plant.time, (self._terrain_topic, terrain_message(
-                    to_time(plant.time), ground)))
+                    to_time(plant.time), ground, self._frames)))
         return self._late.due(plant.time)
 
 

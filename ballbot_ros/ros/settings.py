@@ -10,6 +10,7 @@ from ballbot_ros.decision.planners import PLANNERS
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.plant import SensorFaults
 from ballbot_ros.ros.cmd_vel import cmd_vel_type
+from ballbot_ros.ros.frames import described, frame, frame_prefix
 from ballbot_ros.ros.hardware_settings import BridgeSettings, EmulatedRobotSettings, ImuSettings
 from ballbot_ros.ros.setting_fields import file_in, numbers_in, rate_of, Settings
 
@@ -96,6 +97,12 @@ class SimulatorSettings(Settings):
     sensor_offset: float = live(_fault('offset'))
     sensor_tilt: float = live(_fault('tilt'))
     seed: int = live(count('of the noise and the losses of the sensors', default=0))
+    publish_description: bool = described()
+    frame_prefix: str = frame_prefix()
+    odom_frame: str = frame('odom')
+    footprint_frame: str = frame('footprint')
+    base_frame: str = frame('base')
+    imu_frame: str = frame('imu')
     gains: ControlTuning = numbers_in('tuning', ControlTuning, load_tuning, 'gains.')
 
 

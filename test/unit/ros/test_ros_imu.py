@@ -79,7 +79,7 @@ def test_a_sensor_from_the_factory_becomes_a_topic_that_the_bridge_takes(
         assert reading.turn_rate == pytest.approx(-0.25, abs=0.002)
         assert reading.forward == pytest.approx(0.5, abs=0.01)
         assert 0.0 <= time.monotonic() - reading.stamp < 0.5
-        assert message.header.frame_id == 'ball_link'
+        assert message.header.frame_id == 'imu_link'
         assert message.orientation_covariance[0] == -1.0
         assert message.angular_velocity_covariance[4] == pytest.approx(0.005**2)
         stamps = [to_seconds(item.header.stamp) for item in published]

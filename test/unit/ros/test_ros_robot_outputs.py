@@ -3,7 +3,6 @@
 import math
 from types import SimpleNamespace
 
-from geometry_msgs.msg import TransformStamped
 import pytest
 from rclpy.node import Node
 from sensor_msgs.msg import BatteryState
@@ -16,6 +15,7 @@ from ballbot_ros.estimation import OdometryFilter, PendulumFilter
 from ballbot_ros.physics import load_robot
 from ballbot_ros.ros import odometry, robot_outputs
 from ballbot_ros.ros.robot_outputs import battery_message, RobotOutputs
+from ballbot_ros.ros.settings import BridgeSettings
 
 GIMBALL = load_robot('gimball')
 # On a clock that is as far from ROS time as wall time is from the time since boot.
@@ -35,7 +35,7 @@ def published(monkeypatch):
 def outputs_of(make_node, session, rate):
     """Return the outputs of a session."""
     session.robot, session.hardware = GIMBALL, load_hardware('gimball_odrive')
-    return RobotOutputs(make_node(Node, 'robot'), session, CLOCKS, rate)
+    return RobotOutputs(make_node(Node, 'robot'), session, CLOCKS, BridgeSettings(odom_rate=rate))
 
 
 def topics(published, *names):
@@ -83,22 +83,6 @@ def test_after_a_gap_it_does_not_catch_up(make_node, published):
     for stamp in (0.0, 5.0, 5.002, 5.004):
         report(outputs, session, stamp)
     assert len(topics(published, 'odom')) == 2
-
-
-def test_the_transform_is_that_of_the_message(make_node, published, monkeypatch):
-    # tf2_msgs is not among the wheels.
-    monkeypatch.setattr(odometry, 'TFMessage', SimpleNamespace)
-    monkeypatch.setattr(odometry, 'TransformStamped', TransformStamped, raising=False)
-    session = SimpleNamespace(odometry=None)
-    outputs = outputs_of(make_node, session, 100.0)
-    report(outputs, session, 2.5)
-    message, = topics(published, 'odom')
-    transform, = topics(published, '/tf')[0].transforms
-    assert transform.header == message.header
-    assert transform.child_frame_id == 'base_link'
-    assert transform.transform.translation.x == message.pose.pose.position.x == 2.5
-    assert transform.transform.translation.z == GIMBALL.ball_radius
-    assert transform.transform.rotation.w == 1.0
 
 
 def test_the_battery_is_told_once_a_second_whatever_the_rate_of_the_loop(make_node, published):
