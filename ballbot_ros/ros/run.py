@@ -14,6 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.ros import discovery
 from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.first_start import announce_compilation
 from ballbot_ros.ros.logs import forward_logs
 
 # How long a stop signal may wait for the executor to wake up [s].
@@ -59,6 +60,7 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
         return REFUSED
     node: Optional[Node] = None
     executor = new_executor()
+    announce_compilation(get_logger('ballbot_ros').info)
     try:
         node = make_node()
         forward_logs(node)
