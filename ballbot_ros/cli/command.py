@@ -40,8 +40,8 @@ VERBS = {
     'doctor': ('ballbot_ros.cli.doctor', 'find out why a motor controller does not answer'),
     'emulate-motor': ('ballbot_ros.cli.emulate_motor', 'a motor controller in software, with '
                       'the ball behind it, on a serial device'),
-    'replay': ('ballbot_ros.cli.replay', 'show what happened before a fault of a real robot, '
-               'from the file of its black box'),
+    'replay': ('ballbot_ros.cli.replay', 'run a recorded bag again beside the model, or show what '
+               'happened before a fault, from the file of a black box'),
     'on-timeout': ('ballbot_ros.cli.on_timeout', 'show what the ball does on a slope when its '
                    'commands stop'),
     'figures': ('ballbot_ros.cli.figures', "draw the paper's figures, re-simulated, and some "

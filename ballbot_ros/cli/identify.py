@@ -45,8 +45,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.data.suffix in ('.csv', '.npz'):
         recording = Recording.of_columns(read_columns(arguments.data))
     else:
+        from ballbot_ros.cli.bags import bag_opener
         from ballbot_ros.studies.bag_reader import read_bag
-        recording = read_bag(arguments.data)
+        recording = read_bag(arguments.data, bag_opener())
     if arguments.channels:
         recording = recording.only(arguments.channels)
     folder = arguments.out or Path('ballbot_output') / f'identify_{scene.name}'

@@ -1,35 +1,55 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``replay``: what the black box of the bridge has kept of a fault."""
+"""The verb ``replay``: run a bag again beside the model, or show what a black box has kept."""
 import argparse
 from pathlib import Path
 from typing import Any
 
+from ballbot_ros.cli.bags import is_bag
 from ballbot_ros.cli.command import DONE, FAILED
 from ballbot_ros.cli.options import add_format, add_quiet
 from ballbot_ros.cli.output import save_figure
+from ballbot_ros.cli.replay_bag import add_bag_options, BAG_OPTIONS, run_bag
 from ballbot_ros.errors import ConfigurationError
 
 LONGEST = 600.0  # that can be drawn [s]
+BEFORE = 5.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the file and where numbers and figure go."""
+    """Add what to replay and where numbers and figure go."""
     parser.add_argument('file', type=Path, metavar='FILE',
-                        help='that the bridge wrote, in ~/.ros/ballbot by default; of a folder '
-                        'the newest')
+                        help='a ROS 2 bag; or the file of a black box that the bridge wrote, in '
+                        '~/.ros/ballbot by default (of a folder the newest)')
     parser.add_argument('--out', type=Path, metavar='DIR',
-                        help='write CSV files, the traffic as a capture, and the figure here')
-    parser.add_argument('--before', type=float, default=5.0, metavar='SECONDS',
-                        help='drawn before the fault (default: %(default)g)')
+                        help='folder for numbers and figure; of a bag that is not identical '
+                        'ballbot_output/replay_BAG by default')
+    parser.add_argument('--before', type=float, metavar='SECONDS',
+                        help=f'of a black box, drawn before the fault (default: {BEFORE:g})')
+    add_bag_options(parser)
     add_format(parser)
     add_quiet(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print what happened, and write what is asked for; 1 if the file is damaged."""
-    if not 0.0 < arguments.before <= LONGEST:
+    """Replay a bag or a black box, whichever it is."""
+    if is_bag(arguments.file):
+        if arguments.before is not None:
+            raise ConfigurationError(f'--before goes with a black box; {arguments.file} is a bag')
+        return run_bag(arguments)
+    given = [f'--{name}' for name in BAG_OPTIONS if getattr(arguments, name)]
+    if given:
         raise ConfigurationError(
-            f'--before must be above 0 and at most {LONGEST:g} s, got {arguments.before:g}')
+            f'{given[0]} goes with a bag (a folder with metadata.yaml, a file ending in .mcap or '
+            f'.db3); {arguments.file} is none')
+    return run_black_box(arguments)
+
+
+def run_black_box(arguments: argparse.Namespace) -> int:
+    """Print what happened, and write what is asked for; 1 if the file is damaged."""
+    before = BEFORE if arguments.before is None else arguments.before
+    if not 0.0 < before <= LONGEST:
+        raise ConfigurationError(
+            f'--before must be above 0 and at most {LONGEST:g} s, got {before:g}')
     path = newest(arguments.file)
     from ballbot_ros.results.black_box import read_black_box
     from ballbot_ros.results.black_box_wording import in_words, write_tables
@@ -41,16 +61,16 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'{path}\n\n{in_words(recording)}')
     if arguments.out is not None:
         files = [file.name for file in write_tables(recording, arguments.out)]
-        files += draw(recording, arguments)
+        files += draw(recording, before, arguments)
         if not arguments.quiet:
             print(f'\nWritten to {arguments.out}: {", ".join(files)}')
     return FAILED if recording.damage else DONE
 
 
-def draw(recording: Any, arguments: argparse.Namespace) -> list[str]:
+def draw(recording: Any, before: float, arguments: argparse.Namespace) -> list[str]:
     """Write the figure and return the names of its files."""
     from ballbot_ros.figures.black_box import around_fault
-    return save_figure(around_fault(recording, arguments.before), arguments.out, 'black_box',
+    return save_figure(around_fault(recording, before), arguments.out, 'black_box',
                        arguments.format)
 
 
@@ -62,6 +82,6 @@ def newest(path: Path) -> Path:
     files = sorted(path.glob(f'*{ENDING}'))
     if not files:
         raise ConfigurationError(
-            f'{path}: holds no file of a black box (*{ENDING}); the bridge writes one after a '
-            'fault, see its parameter black_box')
+            f'{path}: holds no file of a black box (*{ENDING}), and no bag; the bridge writes one '
+            'after a fault, see its parameter black_box')
     return files[-1]

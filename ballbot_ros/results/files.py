@@ -9,7 +9,7 @@ import csv
 import os
 from pathlib import Path
 import re
-from typing import Any, BinaryIO, Iterator, Union
+from typing import Any, BinaryIO, Iterator, Mapping, Union
 import zipfile
 
 import numpy as np
@@ -99,11 +99,25 @@ def write_csv(trajectory: Trajectory, path: PathLike) -> None:
         If the file cannot be written.
 
     """
-    columns = trajectory.columns
+    write_columns(trajectory.columns, UNITS, path)
+
+
+def write_columns(columns: Mapping[str, Array], units: Mapping[str, str],
+                  path: PathLike) -> None:
+    """
+    Write columns of equal length as comma-separated values; see `write_csv`.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be written.
+
+    """
+    length = len(next(iter(columns.values())))
     with replacing(path) as stream:
-        header = ','.join(f'{name} [{UNITS[name]}]' for name in columns)
+        header = ','.join(f'{name} [{units[name]}]' for name in columns)
         stream.write(f'{header}\n'.encode())
-        for begin in range(0, len(trajectory), _BLOCK):
+        for begin in range(0, length, _BLOCK):
             block = np.column_stack(
                 [values[begin:begin + _BLOCK] for values in columns.values()])
             # repr is the shortest text that gives the same float again.

@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bag is run again: to the bit where the simulator made it, beside the model where not."""
+from contextlib import contextmanager
+from dataclasses import replace
+import json
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ballbot_ros.cli.command import main
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import load_scene, Solver
+from ballbot_ros.plant import Plant
+from ballbot_ros.results.bag_metadata import bag_metadata, BRIDGE, SIMULATOR
+from ballbot_ros.ros.bag_source import Rosbag2Bag
+from ballbot_ros.ros.bag_storage import RosbagsWriter
+from ballbot_ros.studies.recorded_run import BALL_STATE, read_run
+from ballbot_ros.studies.rerun import plant_values
+
+RATE, PERIODS = 500.0, 400
+SETTINGS = {'scene': 'flat', 'lockstep': True}
+
+
+def plant_of(scene='flat', robot=None, **changes):
+    scene = load_scene(scene, robot, Solver('rk4', 1e-4))
+    if changes:
+        model = replace(scene.model, robot=replace(scene.model.robot, **changes))
+        scene = replace(scene, model=model)
+    return Plant(scene, RATE)
+
+
+class BagOf:
+    """Writes what a simulator publishes, by rosbags alone."""
+
+    def __init__(self, folder, metadata, namespace=''):
+        self.writer = RosbagsWriter(folder, metadata)
+        self.writer.open()
+        self.namespace, self.store = namespace, self.writer._store
+        self.topics = {}
+
+    def write(self, place, kind, stamp, **fields):
+        types = self.store.types
+        header = types['std_msgs/msg/Header'](
+            types['builtin_interfaces/msg/Time'](stamp // 10**9, stamp % 10**9), '')
+        topic = f'{self.namespace}/{place}'
+        if topic not in self.topics:
+            self.topics[topic] = self.writer.add_topic(topic, kind)
+        message = types[kind](header=header, **fields)
+        self.writer.write(self.topics[topic], stamp, self.store.serialize_cdr(message, kind))
+
+    def joints(self, name, stamp, names, position=(), velocity=(), effort=()):
+        self.write(name, 'sensor_msgs/msg/JointState', stamp, name=names,
+                   **{key: np.array(values, dtype=float) for key, values in (
+                       ('position', position), ('velocity', velocity), ('effort', effort))})
+
+    def state(self, plant, ball=True):
+        stamp, state = round(plant.time * 1e9), plant.state
+        self.joints('joint_states', stamp, ['shell', 'pendulum'],
+                    [state.ball_angle, state.joint_angle], [state.ball_rate, state.joint_rate],
+                    [0.0, plant.torque])
+        if ball and plant.periods % 5 == 0:
+            values = plant_values(plant)
+            zero = dict.fromkeys((
+                'kinetic_energy', 'potential_energy', 'contact_energy', 'dissipated_energy'), 0.0)
+            self.write('ball_state', 'ballbot_ros/msg/BallState', stamp, contacts=[],
+                       **{name: values[name] for name in BALL_STATE}, **zero)
+        return stamp
+
+
+def wanted(number):
+    """Return a torque that changes each period, now and then above what the motor can give."""
+    return 0.5 * math.sin(0.05 * number) + (20.0 if number % 97 == 0 else 0.0)
+
+
+def record(folder, metadata=None, late=(), lost=(), reset_at=None, namespace='', plant=None):
+    """Write the bag of a run; commands of `late` periods were not followed, `lost` not kept."""
+    plant = plant or plant_of()
+    bag = BagOf(folder, bag_metadata(SIMULATOR, SETTINGS, load_scene('flat'))
+                if metadata is None else metadata, namespace)
+    for number in range(PERIODS):
+        stamp = bag.state(plant)
+        if number == reset_at:
+            plant.reset()
+            bag.state(plant)
+        if number not in lost:
+            bag.joints('joint_commands', stamp, ['pendulum'], effort=[wanted(number)])
+        plant.advance(wanted(number - (number in late)))
+    bag.state(plant)
+    bag.joints('joint_commands', stamp, ['pendulum'], effort=[0.0])  # of a controller that ends
+    bag.writer.close()
+    return folder
+
+
+def replayed(capsys, *words):
+    """Return exit code, words and what was written as errors."""
+    code = main(['replay', *map(str, words)])
+    return (code, *capsys.readouterr())
+
+
+def test_a_run_of_the_simulator_is_the_same_again_to_the_bit(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, said, _ = replayed(capsys, record(tmp_path / 'bag'))
+    assert code == 0 and f'identical: {PERIODS + 1} states' in said
+    assert not (tmp_path / 'ballbot_output').exists()  # there is nothing to look into
+
+
+def test_a_lost_command_is_replaced_by_what_the_motor_gave(tmp_path, capsys):
+    code, said, _ = replayed(capsys, record(tmp_path / 'bag', lost=(7, 8)))
+    assert code == 0 and '2 are missing' in said and f'identical: {PERIODS + 1} states' in said
+
+
+def test_a_reset_is_followed(tmp_path, capsys):
+    code, said, _ = replayed(capsys, record(tmp_path / 'bag', reset_at=200))
+    assert code == 0 and '1 resets' in said and f'identical: {PERIODS + 2} states' in said
+
+
+def test_where_commands_came_late_the_model_is_cleared_by_what_the_motor_gave(tmp_path, capsys):
+    code, said, _ = replayed(capsys, record(tmp_path / 'bag', late=(100,)))
+    assert code == 0
+    assert 'departs at t = 0.202 s, after 101 identical states: ball angle' in said
+    assert f'identical: {PERIODS + 1} states' in said
+
+
+@pytest.mark.slow
+def test_another_robot_is_told_by_its_digest_and_by_where_it_departs(tmp_path, capsys):
+    plant = plant_of(pendulum_mass=2.0)
+    code, said, _ = replayed(
+        capsys, record(tmp_path / 'bag', plant=plant, metadata=bag_metadata(
+            SIMULATOR, SETTINGS, replace(load_scene('flat'), model=plant.model))),
+        '--out', tmp_path / 'out', '--format', 'png')
+    assert code == 1
+    assert 'numbers of the robot are not those of the recording: digest' in said
+    assert 'departs at t = 0.000 s, after 0 identical states' in said
+    content = json.loads((tmp_path / 'out' / 'replay.json').read_text())
+    assert content['identical'] is False
+    assert {item['channel'] for item in content['differences']} >= {'x', 'joint_angle'}
+    assert (tmp_path / 'out' / 'replay.png').stat().st_size > 5000
+
+
+def test_what_a_bag_does_not_say_is_asked_for(tmp_path, capsys):
+    bag = record(tmp_path / 'bag', metadata={})
+    code, _, said = replayed(capsys, bag)
+    assert code == 2 and 'does not say which scene it is of: give it, --scene NAME' in said
+    code, said, _ = replayed(capsys, bag, '--scene', 'flat')
+    assert code == 0 and 'flat, robot gimball, 500 Hz' in said
+    code, _, said = replayed(capsys, bag, '--scene', 'flat', '--set', 'control_rate=400')
+    assert code == 2 and 'do not fit a control rate of 400 Hz' in said
+    code, _, said = replayed(capsys, bag, '--scene', 'flat', '--set', 'contrl_rate=400')
+    assert code == 2 and "did you mean 'control_rate'?" in said
+    code, _, said = replayed(capsys, bag, '--before', '3')
+    assert code == 2 and '--before goes with a black box' in said
+
+
+def test_of_two_robots_one_is_named(tmp_path, capsys):
+    plant = plant_of()
+    bag = BagOf(tmp_path / 'bag', {})
+    for bag.namespace in ('/left', '/right'):
+        bag.state(plant)
+    bag.writer.close()
+    with pytest.raises(ConfigurationError, match='--namespace /left or /right'):
+        read_run(tmp_path / 'bag')
+    assert read_run(tmp_path / 'bag', 'left').stamps == [0]
+    with pytest.raises(ConfigurationError, match="no robot 'rihgt'; did you mean '/right'"):
+        read_run(tmp_path / 'bag', 'rihgt')
+
+
+def test_foreign_and_damaged_bags_are_refused_with_a_sentence(tmp_path, capsys):
+    bag = BagOf(tmp_path / 'foreign', {})
+    bag.write('imu', 'sensor_msgs/msg/JointState', 0, name=[], position=np.array([]),
+              velocity=np.array([]), effort=np.array([]))
+    bag.writer.close()
+    file = record(tmp_path / 'cut') / 'cut.mcap'
+    data = file.read_bytes()
+    file.write_bytes(data[:len(data) // 2])
+    (tmp_path / 'odd').mkdir()
+    (tmp_path / 'odd' / 'metadata.yaml').write_text('{')
+    for name, told in (('foreign', 'has no joint_states, so it is no recording of a ball robot'),
+                       ('cut', 'one that was cut short'), ('odd', 'is no bag that can be read'),
+                       ('none.mcap', 'is no bag that can be read')):
+        code, _, said = replayed(capsys, tmp_path / name)
+        assert code == 2 and told in said and 'Traceback' not in said
+
+
+def record_robot(folder):
+    """Write the bag of a real robot: with more friction than its file says, somewhere turned."""
+    plant = plant_of(joint_friction=0.1)
+    bag = BagOf(folder, bag_metadata(BRIDGE, {'hardware': 'gimball_vesc'}))
+    rng = np.random.default_rng(1)
+    for number in range(PERIODS):
+        state, stamp = plant.state, round(plant.time * 1e9) + 5 * 10**9
+        noise = rng.normal(0.0, 1e-4, 2)
+        bag.joints('joint_states', stamp, ['shell', 'pendulum'],
+                   [state.ball_angle + 7.0 + noise[0], state.joint_angle - 7.0 + noise[1]],
+                   [state.ball_rate, state.joint_rate], [0.0, plant.torque])
+        plant.advance(wanted(number))
+    bag.writer.close()
+    return folder
+
+
+@pytest.mark.slow
+def test_of_a_real_robot_it_says_where_the_model_departs_and_identify_takes_it(
+        tmp_path, capsys):
+    code, said, _ = replayed(capsys, record_robot(tmp_path / 'bag'), '--out', tmp_path / 'out',
+                             '--format', 'png')
+    assert code == 0
+    assert 'real robot, 400 states in 0.798 s; the model is gimball on flat' in said
+    assert 'ballbot identify' in said
+    content = json.loads((tmp_path / 'out' / 'replay.json').read_text())
+    worst = {item['channel']: item['largest'] for item in content['differences']}
+    assert worst['joint_angle'] > 0.01
+    assert main(['identify', str(tmp_path / 'out' / 'scene.yaml'),
+                 str(tmp_path / 'out' / 'recording.csv'), '--recorded-torque', '--estimate',
+                 'joint_friction', '--out', str(tmp_path / 'found'), '--quiet']) == 0
+    found = json.loads((tmp_path / 'found' / 'identify.json').read_text())
+    assert found['estimates'][0]['value'] == pytest.approx(0.1, rel=0.02)
+
+
+class FakeReader:
+    """What `rosbag2_py.SequentialReader` offers, as far as it is used."""
+
+    def __init__(self, messages):
+        self.messages = list(messages)
+
+    def get_all_topics_and_types(self):
+        return [SimpleNamespace(name='/joint_states', type='sensor_msgs/msg/JointState')]
+
+    def get_metadata(self):
+        return SimpleNamespace(custom_data={'key': 'value'})
+
+    def has_next(self):
+        return bool(self.messages)
+
+    def read_next(self):
+        if self.messages[0] is None:
+            raise RuntimeError('chunk is damaged')
+        return self.messages.pop(0)
+
+
+def test_a_bag_is_read_with_rosbag2_py_where_ros_has_it(tmp_path):
+    messages = pytest.importorskip('sensor_msgs.msg')
+    from rclpy.serialization import serialize_message
+    state = messages.JointState(name=['shell', 'pendulum'], position=[1.0, 2.0],
+                                velocity=[3.0, 4.0], effort=[0.0, 5.0])
+    data = serialize_message(state)
+
+    @contextmanager
+    def opener(path):
+        yield Rosbag2Bag(path, FakeReader([('/joint_states', data, 0), ('/other', b'', 0)]))
+    run = read_run(tmp_path, opener=opener)
+    assert run.metadata == {'key': 'value'}
+    assert run.joints == {0: [{'ball_angle': 1.0, 'ball_rate': 3.0, 'joint_angle': 2.0,
+                               'joint_rate': 4.0, 'pendulum_torque': 5.0}]}
+    with pytest.raises(ConfigurationError, match='bag: is no bag .* chunk is damaged'):
+        list(Rosbag2Bag('bag', FakeReader([None])).messages(()))
