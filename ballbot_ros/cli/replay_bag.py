@@ -1,17 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Replay a bag: bit for bit where the simulator made it, beside the model where a robot did."""
 import argparse
-import math
 from pathlib import Path
-from typing import Any, NamedTuple, Optional
 
 from ballbot_ros.cli.command import DONE, FAILED
 from ballbot_ros.cli.output import print_json, save_figure
-from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.cli.replayed import COMMANDS, Replayed, SET_POINTS, TORQUES
 
 BAG_OPTIONS = ('scene', 'robot', 'set', 'namespace', 'by', 'json')
-# Where the torque comes from; the words of --by.
-COMMANDS, TORQUES, SET_POINTS = 'commands', 'torques', 'set-points'
 
 
 def add_bag_options(parser: argparse.ArgumentParser) -> None:
@@ -28,16 +24,6 @@ def add_bag_options(parser: argparse.ArgumentParser) -> None:
                         help='of a bag, what drives the model: joint_commands, what the motor '
                         'gave by joint_states, or set_point and cmd_vel through the laws on board')
     parser.add_argument('--json', action='store_true', help='of a bag, print the result as JSON')
-
-
-class Outcome(NamedTuple):
-    """What a replay found; `identical` is None where there is nothing to be identical with."""
-
-    words: str
-    content: dict[str, Any]
-    series: Any
-    identical: Optional[bool]
-    files: dict[str, Any] = {}  # for identify, by name
 
 
 def run_bag(arguments: argparse.Namespace) -> int:
@@ -57,7 +43,7 @@ def run_bag(arguments: argparse.Namespace) -> int:
     run = read_run(path, arguments.namespace, bag_opener())
     metadata = BagMetadata.read(run.metadata)
     real = metadata.source == BRIDGE or not run.balls
-    found: Outcome = (replay_robot if real else replay_simulator)(arguments, run, metadata)
+    found: Replayed = (replay_robot if real else replay_simulator)(arguments, run, metadata)
     verbose = not (arguments.quiet or arguments.json)
     if verbose:
         print(f'{path}\n{found.words}')
@@ -74,7 +60,7 @@ def run_bag(arguments: argparse.Namespace) -> int:
     return FAILED if found.identical is False else DONE
 
 
-def write(found: Outcome, folder: Path, title: str, kind: str) -> list[str]:
+def write(found: Replayed, folder: Path, title: str, kind: str) -> list[str]:
     """Write numbers, figure and what `identify` takes, and return the names of the files."""
     import json
     import yaml
@@ -94,42 +80,3 @@ def write(found: Outcome, folder: Path, title: str, kind: str) -> list[str]:
             found.files['scene.yaml'], sort_keys=False), folder / 'scene.yaml')
         files += ['recording.csv', 'scene.yaml']
     return files
-
-
-def table(found: list[Any]) -> str:
-    """Return the differences of all channels as lines."""
-    lines = [f'{"channel":<16}{"RMS":>11}{"largest":>11}       {"at":>8}   of its span   departs']
-    for item in found:
-        share = f'{100.0 * item.largest / item.span:.1f} %' if item.span > 0.0 else '-'
-        departs = 'never' if math.isnan(item.departs) else f'at {item.departs:.3f} s'
-        lines.append(f'{item.channel:<16}{item.rms:>11.3g}{item.largest:>11.3g} {item.unit:<6}'
-                     f'{item.when:>6.3f} s   {share:>11}   {departs}')
-    return '\n'.join(lines)
-
-
-def parameters_of(arguments: argparse.Namespace, known: dict[str, Any]) -> Any:
-    """
-    Return the parameters of the simulator of a bag.
-
-    Raises
-    ------
-    ConfigurationError
-        If no scene is known, or a parameter is unknown or out of range.
-
-    """
-    import yaml
-    from ballbot_ros.ros.settings import SimulatorSettings
-    given = dict(known)
-    for words in arguments.set or ():
-        name, sign, text = words.partition('=')
-        if not sign:
-            raise ConfigurationError(f'--set takes NAME=VALUE, got {words!r}')
-        given[name] = yaml.safe_load(text)
-    given.update({name: getattr(arguments, name) for name in ('scene', 'robot')
-                  if getattr(arguments, name)})
-    if 'scene' not in given:
-        raise ConfigurationError(
-            f'{arguments.file} does not say which scene it is of: give it, --scene NAME, and '
-            'where they are not the defaults --robot NAME and --set NAME=VALUE for parameters of '
-            'the simulator')
-    return SimulatorSettings.from_mapping(given, 'parameters of the simulator')

@@ -3,11 +3,11 @@
 import argparse
 from typing import Any
 
-from ballbot_ros.cli.replay_bag import COMMANDS, Outcome, SET_POINTS, table
+from ballbot_ros.cli.replayed import COMMANDS, Replayed, SET_POINTS, table
 from ballbot_ros.errors import ConfigurationError
 
 
-def replay_robot(arguments: argparse.Namespace, run: Any, metadata: Any) -> Outcome:
+def replay_robot(arguments: argparse.Namespace, run: Any, metadata: Any) -> Replayed:
     """Drive the model by the recorded torque, from the first state, and compare."""
     from ballbot_ros.physics.simulation.scene import read_scene
     from ballbot_ros.results.summary import plain
@@ -32,7 +32,7 @@ def replay_robot(arguments: argparse.Namespace, run: Any, metadata: Any) -> Outc
     words = (f'real robot, {len(columns["time"])} states in {columns["time"][-1]:.3f} s; the '
              f'model is {name} on {arguments.scene or "flat"}, from the first state, under the '
              f'torque {what}\n\n{table(numbers)}')
-    return Outcome(words, plain({
+    return Replayed(words, plain({
         'identical': None, 'driven_by': by, 'robot': name,
         'states': len(columns['time']), 'duration': float(columns['time'][-1]),
         'differences': [item._asdict() for item in numbers]}), series, None,

@@ -4,11 +4,11 @@ import argparse
 import statistics
 from typing import Any
 
-from ballbot_ros.cli.replay_bag import (
-    COMMANDS, Outcome, parameters_of, SET_POINTS, table, TORQUES)
+from ballbot_ros.cli.replayed import (
+    COMMANDS, Replayed, parameters_of, SET_POINTS, table, TORQUES)
 
 
-def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> Outcome:
+def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> Replayed:
     """Run again, by commands first, and say whether all states are the same."""
     from ballbot_ros.physics import load_scene
     from ballbot_ros.physics.simulation.solver import Solver
@@ -49,7 +49,7 @@ def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> 
                   'ended': item.ended,
                   'departure': item.departure and vars(item.departure)} for item in found],
         'differences': [item._asdict() for item in numbers]})
-    return Outcome('\n'.join(lines), content, series, identical)
+    return Replayed('\n'.join(lines), content, series, identical)
 
 
 def ways_of(settings: Any, run: Any) -> list[str]:
