@@ -5,7 +5,7 @@ import statistics
 from typing import Any
 
 from ballbot_ros.cli.replayed import (
-    COMMANDS, Replayed, parameters_of, SET_POINTS, table, TORQUES)
+    COMMANDS, parameters_of, Replayed, SET_POINTS, table, TORQUES)
 
 
 def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> Replayed:
