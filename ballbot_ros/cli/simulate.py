@@ -160,8 +160,8 @@ def write_animation(trajectory: Any, path: Path, name: str, arguments: argparse.
 
 
 def named(path: Path, folder: Path) -> str:
-    """Return a file as people call it: by its name in the folder."""
-    return path.name if path.parent == folder else str(path)
+    """Return a file as people call it: by its name in the folder, or with all of its path."""
+    return path.name if path.parent == folder else str(path.absolute())
 
 
 def load_machine_code(scene: Any, silent: bool) -> None:

@@ -191,10 +191,10 @@ def _furnish(figure: Figure, axes: Any, run: Trajectory, title: str, playback: f
     pace = '' if playback == 1.0 else f'{playback:g} times real time'
     figure.text(_LEFT / width, 1.0 - 0.25 / height, ', '.join(
         part for part in (title, robot.name, pace) if part), fontsize=11, weight='bold')
-    colours = ['grey: turns with the ball', 'red: pendulum', 'green: path of the centre',
+    colours = ['grey: turns with the ball', 'orange: pendulum', 'green: path of the centre',
                'purple: force of the ground']
     figure.text(_LEFT / width, 1.0 - 0.45 / height, '; '.join(
-        part for part in colours if robot.has_pendulum or not part.startswith('red')),
+        part for part in colours if robot.has_pendulum or not part.startswith('orange')),
         fontsize=7.5, color=canvas.GREY)
     return figure.text(1.0 - _RIGHT / width, 1.0 - 0.25 / height, '', fontsize=10, ha='right')
 

@@ -17,7 +17,7 @@ from ballbot_ros.results.faces import rising_faces
 _WIDTH, _HIGHEST_ROW = 9.6, 3.6  # of the drawing, and of a row in it [in]
 _LEFT, _RIGHT, _TOP, _BOTTOM = 0.8, 0.2, 0.72, 0.48  # [in]
 _ROW_GAP, _COLUMN_GAP, _NARROWEST = 0.55, 0.65, 6.4  # [in]
-_COLOURS = 'grey: turns with the ball; red: pendulum; green: path of the centre'
+_COLOURS = 'grey: turns with the ball; orange: pendulum; green: path of the centre'
 _LETTER, _LINE = 0.072, 0.15  # size of a letter of a label [in]
 _MARGIN, _DEPTH = 1.25, 0.42  # beside the outermost centres, of the ground [ball radii]
 
@@ -168,7 +168,7 @@ def _heading(figure: Figure, run: Trajectory, chosen: Layout, title: str) -> Non
         words.append('at rest')
     words.append('grey: turns with the ball')
     if robot.has_pendulum:
-        words.append('red: pendulum')
+        words.append('orange: pendulum')
     words.append('green: path of the centre')
     figure.text(_LEFT / width, 1.0 - 0.47 / height, '; '.join(words), fontsize=7.5,
                 color=canvas.GREY)
