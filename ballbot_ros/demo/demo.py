@@ -12,9 +12,10 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import JointState
 
+from ballbot_ros.demo.bag_check import also_recorded, verdict
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
-from ballbot_ros.demo.recorded_graph import recorded_graph
+from ballbot_ros.demo.recorded_graph import recorded_graph, RecordedGraph
 from ballbot_ros.demo.synchronized_start import SynchronizedStart
 from ballbot_ros.demo.timeline import Expected, Passage, Timeline
 from ballbot_ros.figures.run import save, strip
@@ -34,6 +35,11 @@ TOPICS = (
     ('set_point', JointState, qos.RECORD), ('odom', Odometry, qos.RECORD),
     ('terrain_observation', TerrainObservation, qos.RECORD), ('ball_state', BallState, qos.RECORD),
     ('step_decision', StepDecision, qos.RECORD_LATCHED))
+ALSO = also_recorded()
+
+# How often what the simulator publishes must be there; and in lockstep what answers it [Hz].
+STATES = {'joint_states': 500.0, 'ball_state': 100.0, 'odom': 100.0, 'terrain_observation': 50.0}
+ANSWERS = {'joint_commands': 500.0, 'set_point': 50.0, 'step_decision': 50.0}
 
 
 class Act(NamedTuple):
@@ -83,15 +89,31 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False,
             'scene': act.scene, 'lockstep': not real_time, **CAMERA,
             'real_time_factor': 1.0 if real_time else 0.0, 'start_paused': True}
         metadata = bag_metadata(SIMULATOR, simulator, load_scene(act.scene))
-        with recorded_graph(folder, TOPICS, timeline, metadata) as graph:
+        with recorded_graph(folder, (*TOPICS, *ALSO), timeline, metadata) as graph:
             graph.nodes.start('controller', {'lockstep_set_point_period': lockstep_period})
             graph.nodes.start('obstacle_decision', {'curve': CURVE})
             graph.nodes.start('simulator', simulator)
             start = SynchronizedStart(graph.node, graph.bag, (topic for topic, *_ in TOPICS))
-            return graph.run(start.poll, timeout, LONGEST)
+            wrong = graph.run(start.poll, timeout, LONGEST)
+        return wrong + check_bag(graph, real_time, quiet)
 
     return max([perform(out / Path(act.scene).stem, act, quiet, partial(play, act))
                 for act in acts])
+
+
+def check_bag(graph: RecordedGraph, real_time: bool, quiet: bool) -> List[str]:
+    """Return what is missing in the bag of a run that has ended, and say where it is complete."""
+    states = graph.timeline.states
+    if not states:
+        return []
+    # What answers the last state was perhaps still to come.
+    last = states[-1].header.stamp
+    end = last.sec * 10**9 + last.nanosec - round(1e9 / CAMERA['terrain_rate'])
+    rates = STATES if real_time else {**STATES, **ANSWERS}
+    wrong, count = verdict(graph.bag.folder, graph.bag.recorded, rates, end)
+    if not wrong and not quiet:
+        print(f'\nbag: complete, {count:,} messages', flush=True)
+    return wrong
 
 
 def get_ready(quiet: bool) -> None:

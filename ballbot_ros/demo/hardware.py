@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.config.files import shipped_files
-from ballbot_ros.demo.demo import CURVE, get_ready, perform, TOPICS, TWO_STEPS
+from ballbot_ros.demo.demo import ALSO, CURVE, get_ready, perform, TOPICS, TWO_STEPS
 from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.demo.recorded_graph import recorded_graph, RecordedGraph
 from ballbot_ros.demo.timeline import Timeline
@@ -62,7 +62,7 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
         imu = str((folder / 'imu').resolve()) if serial_imu else ''
         bridge = {'hardware': hardware.name, 'port': link, 'tuning': TUNING}
         metadata = bag_metadata(BRIDGE, bridge)
-        with recorded_graph(folder, (*TOPICS, *MORE_TOPICS), timeline, metadata) as graph:
+        with recorded_graph(folder, (*TOPICS, *ALSO, *MORE_TOPICS), timeline, metadata) as graph:
             graph.nodes.start('emulated_robot', {
                 'hardware': hardware.name, 'firmware': firmware, 'scene': TWO_STEPS.scene,
                 'link': link, 'imu_link': imu})

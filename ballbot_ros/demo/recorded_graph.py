@@ -4,6 +4,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 import os
 from pathlib import Path
+from queue import SimpleQueue
 import time
 from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
@@ -22,6 +23,10 @@ from ballbot_ros.ros.bag import BagRecorder
 from ballbot_ros.ros.executor import new_executor
 
 
+# So often what was recorded is looked at, and the nodes are [s].
+TAKE_AGAIN = 0.01
+
+
 @dataclass(frozen=True)
 class RecordedGraph:
     """The nodes of a demo, and the node that records them; made by `recorded_graph`."""
@@ -31,6 +36,7 @@ class RecordedGraph:
     bag: BagRecorder
     nodes: NodeProcesses
     timeline: Timeline
+    heard: 'SimpleQueue[Callable[[], None]]'  # what the timeline is to take, in its turn
 
     def run(self, poll: Callable[[], None], timeout: float, longest: float) -> List[str]:
         """
@@ -41,9 +47,12 @@ class RecordedGraph:
         """
         deadline = time.monotonic() + timeout
         while self.timeline.rested is None and self.timeline.now <= longest:
-            self.executor.spin_once(timeout_sec=0.1)
-            self.bag.take_all()
+            self.executor.spin_once(timeout_sec=TAKE_AGAIN)
+            while not self.heard.empty():
+                self.heard.get()()
             poll()
+            if self.bag.failure is not None:
+                return [f'the bag cannot be written: {self.bag.failure}']
             ended = self.nodes.ended()
             if ended is not None:
                 return [self._badly(*ended)]
@@ -71,18 +80,22 @@ def recorded_graph(out: Path, topics: Sequence[Tuple[str, Any, QoSProfile]],
     domain = own_domain()
     discovery.apply(os.environ)
     rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-    node, executor = Node('ballbot_demo'), new_executor()
+    node, recorder, executor = Node('ballbot_demo'), Node('ballbot_recorder'), new_executor()
     executor.add_node(node)
+    heard: SimpleQueue[Callable[[], None]] = SimpleQueue()
+
+    def telling(take: Callable[[Any], None], kind: Any) -> Callable[[bytes], None]:
+        return lambda data: heard.put(lambda: take(deserialize_message(data, kind)))
     try:
         with BagRecorder(out / 'bag', metadata) as bag, \
                 NodeProcesses(out / 'logs', domain) as nodes:
-            bag.subscribe(node, topics, {
-                'ball_state':
-                    lambda data: timeline.add_state(deserialize_message(data, BallState)),
-                'step_decision':
-                    lambda data: timeline.add_decision(deserialize_message(data, StepDecision))})
-            yield RecordedGraph(node, executor, bag, nodes, timeline)
+            bag.subscribe(recorder, topics, {
+                'ball_state': telling(timeline.add_state, BallState),
+                'step_decision': telling(timeline.add_decision, StepDecision)})
+            bag.record_in_thread()
+            yield RecordedGraph(node, executor, bag, nodes, timeline, heard)
     finally:
         executor.remove_node(node)
         node.destroy_node()
+        recorder.destroy_node()
         rclpy.try_shutdown()

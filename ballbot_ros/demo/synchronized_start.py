@@ -43,6 +43,6 @@ class SynchronizedStart:
         if self._done or now < self._next or not (
                 self._reset.service_is_ready() and self._resume.service_is_ready()):
             return
-        self._done = self._topics <= self._bag.recorded
+        self._done = self._topics <= self._bag.recorded.keys()
         (self._resume if self._done else self._reset).call_async(Trigger.Request())
         self._next = now + AGAIN

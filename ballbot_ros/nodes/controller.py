@@ -41,7 +41,7 @@ class Controller(Node):
         self._torque = 0.0
         self._refused: Counter = Counter()
         self._name = own_name(self)
-        self._commands = create_publisher(self, JointState, 'joint_commands', qos.NEWEST)
+        self._commands = create_publisher(self, JointState, 'joint_commands', qos.COMMAND)
         self._subscribe(JointState, 'joint_states', self._on_state)
         self._subscribe(JointState, 'set_point', lambda one: self._give(set_point(one)))
         self._subscribe(TYPES[settings.cmd_vel_type], 'cmd_vel',

@@ -22,8 +22,8 @@ class DecisionOutputs:
     def __init__(self, node: Node):
         """Create the publishers."""
         self._name = own_name(node)
-        self._decisions = create_publisher(node, StepDecision, 'step_decision', qos.LATCHED)
-        self._set_points = create_publisher(node, JointState, 'set_point', qos.NEWEST)
+        self._decisions = create_publisher(node, StepDecision, 'step_decision', qos.DECISION)
+        self._set_points = create_publisher(node, JointState, 'set_point', qos.COMMAND)
         self._newest: Optional[Tuple[Optional[StepDecision], JointState]] = None
 
     @property

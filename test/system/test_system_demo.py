@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The demo as people start it: what it shows, what it leaves behind, and how it fails."""
 from pathlib import Path
-import re
 import signal
 import subprocess
 import sys
@@ -87,6 +86,8 @@ def test_a_step_is_crossed_one_refused_a_drop_not_fallen_off_and_all_recorded(de
         heights, last = set(), None
         for connection, _, data in bag.messages():
             message = bag.deserialize(data, connection.msgtype)
+            if not hasattr(message, 'header'):
+                continue
             stamps[connection.topic].add(
                 round(1e3 * (message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)))
             if connection.topic == '/ball_state':
@@ -95,20 +96,13 @@ def test_a_step_is_crossed_one_refused_a_drop_not_fallen_off_and_all_recorded(de
                 heights.add(round(1e2 * message.height))
     end = max(stamps['/joint_states'])
     assert end > 5000 and {3, 8} <= heights
-    # A machine that had time for it has recorded everything from the first moment on, but for
-    # what was on its way at the end; of topics that keep the newest only a little may be lost.
-    simulated, wall = map(float, re.search(r'Done: (\S+) s of simulated time in (\S+) s',
-                                           printed).groups())
-    allowed = 0.0 if wall < simulated else 0.5
-    for topic, period, lost in (
-            ('/joint_states', 2, 0.0), ('/ball_state', 10, 0.0), ('/odom', 10, 0.0),
-            ('/terrain_observation', 20, 0.0), ('/joint_commands', 2, 0.1),
-            ('/step_decision', 20, 0.1), ('/set_point', 20, 0.1)):
-        wanted = set(range(0, end - 20, period))
-        missing = wanted - stamps.pop(topic)
-        assert len(missing) <= max(lost, allowed) * len(wanted), (topic, missing)
-        assert 0 not in missing, topic
-    assert not stamps
+    # Whatever the machine had to do meanwhile, but for what was on its way at the end.
+    for topic, period in (('/joint_states', 2), ('/ball_state', 10), ('/odom', 10),
+                          ('/terrain_observation', 20), ('/joint_commands', 2),
+                          ('/step_decision', 20), ('/set_point', 20)):
+        assert not set(range(0, end - 20, period)) - stamps[topic], topic
+    assert printed.count('bag: complete, ') == 2
+    assert {'/clock', '/diagnostics'} <= {one.topic for one in bag.connections if one.msgcount}
     assert 0.726 < last.x < 3.726 - 0.226 and abs(last.velocity_x) < 0.02
 
     with open(tmp_path / 'out' / 'doorstep' / 'bag' / 'bag.mcap', 'rb') as file:

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a recorder takes, and the times that it is given in the bag."""
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TransformStamped
+import pytest
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+from rosbags.rosbag2 import Reader
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from visualization_msgs.msg import Marker, MarkerArray
+
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.bag import BagRecorder
+from ballbot_ros.ros.conversions import to_time
+from ballbot_ros.ros.message_stamps import no_stamp, stamp_of, stamp_of_first, stamp_reader
+
+
+def stamped(kind, seconds):
+    """Return a message with a header."""
+    message = kind()
+    message.header.stamp = to_time(seconds)
+    return message
+
+
+def test_stamps_are_read_where_messages_have_them():
+    assert stamp_reader(JointState) is stamp_reader(Clock) is stamp_of
+    assert stamp_reader(String) is stamp_reader(DiagnosticArray) is no_stamp
+    assert stamp_of(serialize_message(stamped(JointState, 1.25))) == 1_250_000_000
+    assert stamp_of(serialize_message(Clock(clock=to_time(2.5)))) == 2_500_000_000
+    assert stamp_reader(MarkerArray) is stamp_of_first
+    markers = MarkerArray(markers=[stamped(Marker, 3.5), stamped(Marker, 4.0)])
+    assert stamp_of_first(serialize_message(markers)) == 3_500_000_000
+    assert stamp_of_first(serialize_message(MarkerArray())) == 0
+
+    class Transforms:
+        """tf2_msgs is not among the wheels; its one field is this."""
+
+        @staticmethod
+        def get_fields_and_field_types():
+            return {'transforms': 'sequence<geometry_msgs/TransformStamped>'}
+    assert stamp_reader(Transforms) is stamp_of_first
+    # A sequence of one is its length and the message, whatever stands there.
+    one = serialize_message(stamped(TransformStamped, 5.0))
+    assert stamp_of_first(one[:4] + b'\1\0\0\0' + one[4:]) == 5_000_000_000
+
+
+@pytest.fixture
+def recorded(make_node, tmp_path):
+    """Return a function that publishes messages one by one, and returns the bag's contents."""
+    def record(*messages):
+        source, sink = make_node(Node, 'source'), make_node(Node, 'sink')
+        kinds = dict.fromkeys(map(type, messages))
+        publishers = {kind: source.create_publisher(kind, kind.__name__, qos.STATE)
+                      for kind in kinds}
+        with BagRecorder(tmp_path / 'bag') as bag:
+            bag.subscribe(sink, [(kind.__name__, kind, qos.RECORD) for kind in kinds])
+            for message in messages:
+                publishers[type(message)].publish(message)
+                bag.take_all()
+        with Reader(tmp_path / 'bag') as reader:
+            return bag, [(connection.topic, stamp) for connection, stamp, _ in reader.messages()]
+    return record
+
+
+def test_what_has_no_time_is_given_that_of_the_last_message_that_has(recorded):
+    bag, found = recorded(
+        String(data='robot'), stamped(JointState, 0.0), stamped(DiagnosticArray, 1.7e9),
+        stamped(JointState, 2.0), String(), MarkerArray(),
+        MarkerArray(markers=[stamped(Marker, 1.5)]))
+    assert bag.recorded == {
+        'String': [0, 2 * 10**9], 'JointState': [0, 2 * 10**9], 'DiagnosticArray': [0],
+        'MarkerArray': [2 * 10**9, 1_500_000_000]}
+    assert len(found) == 7 and max(stamp for _, stamp in found) == 2 * 10**9
+
+
+def test_where_nothing_has_a_time_it_is_that_of_the_wall(recorded):
+    _, found = recorded(String(data='robot'))
+    assert found[0][0] == '/String' and abs(found[0][1] - time.time_ns()) < 3600 * 10**9
+
+
+def test_a_recorder_with_its_own_thread_misses_nothing_while_nobody_else_gets_on(
+        make_node, tmp_path):
+    source, sink = make_node(Node, 'source'), make_node(Node, 'sink')
+    publisher = source.create_publisher(JointState, 'states', qos.STATE)
+    told = []
+    with BagRecorder(tmp_path / 'bag') as bag:
+        bag.subscribe(sink, [('states', JointState, qos.RECORD)], {'states': told.append})
+        bag.record_in_thread()
+        for number in range(10000):  # twice what a subscription holds; no executor ever spins
+            publisher.publish(stamped(JointState, 0.002 * number))
+        while len(told) < 10000:
+            assert bag.failure is None
+            time.sleep(0.001)
+    assert bag.recorded == {'states': [2_000_000 * number for number in range(10000)]}
+
+
+def test_a_bag_that_cannot_be_written_is_told(make_node, tmp_path):
+    source, sink = make_node(Node, 'source'), make_node(Node, 'sink')
+    publisher = source.create_publisher(String, 'words', qos.STATE)
+
+    def full(_):
+        raise OSError('No space left on device')
+    with BagRecorder(tmp_path / 'bag') as bag:
+        publisher.publish(String())
+        bag.subscribe(sink, [('words', String, qos.RECORD), ('states', JointState, qos.RECORD)],
+                      {'states': full})
+        bag.record_in_thread()
+        states = source.create_publisher(JointState, 'states', qos.STATE)
+        while bag.failure is None:
+            states.publish(JointState())
+            time.sleep(0.001)
+    assert 'No space left' in str(bag.failure)
