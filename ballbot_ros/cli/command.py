@@ -23,6 +23,15 @@ from ballbot_ros.renamed import OPTIONS, remark
 VERBS = {
     'demo': ('ballbot_ros.cli.demo', 'show the robot meet a step that it can cross and one '
              'that it cannot, with all ROS nodes'),
+    'run': ('ballbot_ros.cli.run', 'run a node as ros2 run does, or an experiment from a file'),
+    'drive': ('ballbot_ros.cli.drive', 'drive the robot from the keyboard or with a gamepad'),
+    'topics': ('ballbot_ros.cli.topics', 'list the topics of the running graph'),
+    'echo': ('ballbot_ros.cli.echo', 'print the messages of a topic'),
+    'hz': ('ballbot_ros.cli.hz', 'print how often messages of a topic come'),
+    'record': ('ballbot_ros.cli.record', 'record topics into an MCAP bag'),
+    'release-e-stop': ('ballbot_ros.cli.release_e_stop', 'let the motor have power, if the '
+                       'bridge agrees'),
+    'engage-e-stop': ('ballbot_ros.cli.engage_e_stop', 'take the power off the motor'),
     'simulate': ('ballbot_ros.cli.simulate', 'run a scene and keep numbers and figures'),
     'max-step-height': ('ballbot_ros.cli.max_step_height',
                         'find the highest step that a robot gets over'),

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Keys of a terminal one by one, and a terminal that is afterwards as it was before."""
+import os
+import select
+import sys
+import termios
+from typing import Any, List, Optional, TextIO
+
+from ballbot_ros.errors import ConfigurationError
+
+# What terminals send for keys; both modes of the arrows.
+_KEYS = {b'\x1b[A': 'up', b'\x1b[B': 'down', b'\x1b[C': 'right', b'\x1b[D': 'left',
+         b'\x1bOA': 'up', b'\x1bOB': 'down', b'\x1bOC': 'right', b'\x1bOD': 'left',
+         b' ': 'space', b'\x03': 'interrupt', b'\x04': 'interrupt'}
+_LONGEST = 1024
+
+
+def keys_of(data: bytes) -> List[str]:
+    """Return names of keys, ``'up'`` for instance; letters as they are, others left out."""
+    found = []
+    while data:
+        for code, name in _KEYS.items():
+            if data.startswith(code):
+                found.append(name)
+                data = data[len(code):]
+                break
+        else:
+            if data[:1] == b'\x1b':  # of a key that is not known: all that comes with it
+                end = 2
+                while end < len(data) and not data[end:end + 1].isalpha() \
+                        and data[end:end + 1] != b'~':
+                    end += 1
+                data = data[end + 1:]
+                continue
+            if data[:1].isalnum():
+                found.append(data[:1].decode())
+            data = data[1:]
+    return found
+
+
+class Keyboard:
+    """
+    The keys of a terminal as they are pressed, without Enter and without an echo.
+
+    Use as a context manager: however it is left, the terminal gets back the settings it had.
+    Ctrl-C is a key here and interrupts nothing, so that whoever drives can stop first.
+
+    Parameters
+    ----------
+    stream : text stream, optional
+        Standard input by default.
+
+    Attributes
+    ----------
+    gone : bool
+        Whether the terminal has been closed.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no terminal.
+
+    """
+
+    def __init__(self, stream: Optional[TextIO] = None):
+        """Look whether it is a terminal."""
+        stream = sys.stdin if stream is None else stream
+        try:
+            self._file = stream.fileno()
+            self._before: Any = termios.tcgetattr(self._file)
+        except (AttributeError, OSError, ValueError, termios.error) as error:
+            raise ConfigurationError(
+                'the keyboard is read from a terminal, and standard input is none: run it in a '
+                'terminal, or publish cmd_vel from a program') from error
+        self.gone = False
+
+    def __enter__(self) -> 'Keyboard':
+        """Ask for each key at once; those pressed before do not count."""
+        mode = termios.tcgetattr(self._file)
+        mode[0] &= ~termios.IXON
+        mode[3] &= ~(termios.ICANON | termios.ECHO | termios.ISIG | termios.IEXTEN)
+        mode[6][termios.VMIN], mode[6][termios.VTIME] = 0, 0
+        termios.tcsetattr(self._file, termios.TCSAFLUSH, mode)
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        """Restore the terminal; keys that were pressed meanwhile are forgotten."""
+        try:
+            termios.tcsetattr(self._file, termios.TCSAFLUSH, self._before)
+        except termios.error:
+            self.gone = True
+
+    def keys(self, wait: float) -> List[str]:
+        """Return what has been pressed; waits for at most so long [s] for the first."""
+        try:
+            ready, _, _ = select.select([self._file], [], [], wait)
+            data = os.read(self._file, _LONGEST) if ready else None
+        except OSError:
+            data = b''
+        if data == b'':  # ready, and nothing to read: closed
+            self.gone = True
+        return keys_of(data or b'')

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verb ``run``: a node, as ``ros2 run ballbot_ros NODE`` runs it, or an experiment file."""
+import argparse
+from pathlib import Path
+from pkgutil import iter_modules
+
+from ballbot_ros.cli.command import DONE, Parser
+from ballbot_ros.cli.running_graph import from_ros
+from ballbot_ros.errors import ConfigurationError
+
+FOLDER = Path(__file__).resolve().parent.parent / 'nodes'
+NODES = tuple(sorted(module.name for module in iter_modules([str(FOLDER)])))
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what to run."""
+    parser.add_argument('target', metavar='NODE|FILE',
+                        help=f'{", ".join(NODES)}; or the YAML file or folder of an experiment')
+    # Whatever begins with a dash behind the target belongs to it.
+    parser.add_argument('rest', nargs=argparse.REMAINDER, metavar='...',
+                        help='of a node: --ros-args and what ros2 run takes behind it; of an '
+                        'experiment: --out DIR, --quiet, --timeout SECONDS')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run until Ctrl-C, which is how a node ends: exit code 0."""
+    target = arguments.target
+    if target.endswith(('.yaml', '.yml')) or '/' in target or Path(target).is_dir():
+        return _experiment(target, arguments.rest)
+    if target not in NODES:
+        from ballbot_ros.config.fields import suggestion
+        near = suggestion(target, NODES)
+        raise ConfigurationError(f'there is no node {target!r}{near}; an experiment is the path '
+                                 'of a YAML file')
+    return int(from_ros(f'ballbot_ros.nodes.{target}').main(arguments.rest))
+
+
+def _experiment(target: str, words: list[str]) -> int:
+    """Run an experiment with the options behind its name."""
+    parser = Parser(prog='ballbot run FILE', allow_abbrev=False)
+    parser.add_argument('--out', type=Path, metavar='DIR', help='where to')
+    parser.add_argument('--quiet', action='store_true', help='errors only')
+    parser.add_argument('--timeout', type=float, default=120.0, metavar='SECONDS',
+                        help='wall time per seed (default: %(default)g)')
+    try:
+        options = parser.parse_args(words)
+    except SystemExit:  # --help
+        return DONE
+    from ballbot_ros.cli.experiment import run_experiment
+    return int(run_experiment(target, options.out, options.quiet, options.timeout))

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What somebody at a keyboard needs of the graph: cmd_vel, the e-stop, and how the robot is."""
+import math
+from typing import Any, Dict, Optional
+
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+
+from ballbot_ros.decision.values import Kind
+from ballbot_ros.errors import MessageError
+from ballbot_ros.msg import StepDecision
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.conversions import readings
+from ballbot_ros.ros.endpoints import create_publisher, create_subscription, wait_until_received
+from ballbot_ros.ros.senders import own_name
+from ballbot_ros.ros.tools.observer import Observer
+
+DECISIONS: Dict[int, str] = {
+    getattr(StepDecision, kind.name): kind.name.replace('_', ' ') for kind in Kind}
+
+
+class RobotDriver:
+    """
+    Publishes cmd_vel under its own name, and knows what the robot says.
+
+    Parameters
+    ----------
+    observer : Observer
+    node : str
+        That has the services of the e-stop.
+
+    Attributes
+    ----------
+    speed, pendulum : float or None
+        Of the centre [m/s], and absolute [rad]; None before they came.
+    decision : str
+        The newest of obstacle_decision; empty without one.
+    e_stop : bool or None
+        Whether it is engaged; None where nobody says.
+    said : str
+        What the e-stop has answered last.
+
+    """
+
+    def __init__(self, observer: Observer, node: str):
+        """Join the topics."""
+        self._observer = observer
+        one = observer.node
+        self._name = own_name(one)
+        self._cmd_vel = create_publisher(one, TwistStamped, 'cmd_vel', qos.NEWEST)
+        self._clients = {verb: one.create_client(Trigger, f'{node}/{verb}')
+                         for verb in ('engage_e_stop', 'release_e_stop')}
+        self.speed: Optional[float] = None
+        self.pendulum: Optional[float] = None
+        self.decision, self.said = '', ''
+        self.e_stop: Optional[bool] = None
+        self._e_stop: Any = None
+        create_subscription(one, Odometry, 'odom', self._on_odom, qos.SENSOR)
+        create_subscription(one, JointState, 'joint_states', self._on_joints, qos.SENSOR)
+        create_subscription(one, StepDecision, 'step_decision', self._on_decision, qos.LATCHED)
+        create_subscription(one, Bool, 'e_stop', self._on_e_stop, qos.LATCHED)
+
+    @property
+    def followers(self) -> int:
+        """Return how many subscribe to cmd_vel."""
+        return self._observer.node.count_subscribers(self._cmd_vel.topic_name)
+
+    def publish(self, speed: float) -> None:
+        """Ask for a speed [m/s]; unstamped, so that its age counts from when it comes."""
+        message = TwistStamped()
+        message.header.frame_id = self._name
+        message.twist.linear.x = speed
+        self._cmd_vel.publish(message)
+
+    def last(self) -> None:
+        """Ask for a stop, and wait until that has come."""
+        self.publish(0.0)
+        wait_until_received(self._cmd_vel)
+
+    def engage(self) -> None:
+        """Engage the e-stop: that of the bridge, or by the topic where there is no bridge."""
+        self._set('engage_e_stop', True)
+
+    def release(self) -> None:
+        """Release the e-stop; the bridge may refuse that, and says why."""
+        self._set('release_e_stop', False)
+
+    def _set(self, verb: str, engaged: bool) -> None:
+        client = self._clients[verb]
+        if client.service_is_ready():
+            client.call_async(Trigger.Request()).add_done_callback(
+                lambda done: setattr(self, 'said', done.result().message))
+            return
+        if self._e_stop is None:
+            self._e_stop = create_publisher(self._observer.node, Bool, 'e_stop', qos.LATCHED)
+        self._e_stop.publish(Bool(data=engaged))
+        self.said = f'no bridge: e-stop {"engaged" if engaged else "released"} by its topic'
+
+    def _on_odom(self, message: Odometry) -> None:
+        self.speed = message.twist.twist.linear.x
+
+    def _on_joints(self, message: JointState) -> None:
+        try:
+            joints = readings(message)
+        except MessageError:  # an empty ball has no pendulum
+            return
+        self.pendulum = math.remainder(joints.ball_angle + joints.joint_angle, math.tau)
+
+    def _on_decision(self, message: StepDecision) -> None:
+        self.decision = DECISIONS.get(message.decision, '?')
+
+    def _on_e_stop(self, message: Bool) -> None:
+        self.e_stop = message.data

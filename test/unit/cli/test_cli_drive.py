@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Driving by hand: keys, sticks, and a terminal that is always as it was before."""
+import argparse
+from contextlib import suppress
+import io
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import termios
+from types import SimpleNamespace
+
+import pytest
+
+from ballbot_ros.cli.drive import drive
+from ballbot_ros.cli.driving import Driving, HELD, HELD_FIRST, line
+from ballbot_ros.cli.gamepad import centred, MISSING, NONE_THERE, open_gamepad
+from ballbot_ros.cli.keyboard import Keyboard, keys_of
+from ballbot_ros.errors import ConfigurationError
+
+UNUSED = 60  # numbers of terminals that other tests do not come to
+OPTIONS = argparse.Namespace(step=0.1, max_speed=0.6, hold=False, node='bridge')
+
+
+@pytest.fixture
+def terminal():
+    """Return the two ends of a terminal: where somebody types, and what the command reads."""
+    # A bridge of another test that has lost its drive opens the number that it had again and
+    # again: take one that none has had.
+    pairs = [pty.openpty()]
+    while int(os.ttyname(pairs[-1][1]).rpartition('/')[2]) < UNUSED:
+        pairs.append(pty.openpty())
+    (master, slave), *others = reversed(pairs)
+    with os.fdopen(slave, 'r') as stream:
+        yield SimpleNamespace(master=master, stream=stream,
+                              settings=lambda: termios.tcgetattr(stream.fileno()))
+    for one in (master, *(end for pair in others for end in pair)):
+        with suppress(OSError):  # closed by the test
+            os.close(one)
+
+
+class Robot(SimpleNamespace):
+    """Keeps what it is asked for, and types the next key after each."""
+
+    def __init__(self, terminal, *keys):
+        super().__init__(speed=0.25, pendulum=0.5, decision='CROSS', e_stop=False, followers=1,
+                         said='', asked=[], calls=[])
+        self._terminal, self._keys = terminal, list(keys)
+
+    def publish(self, speed):
+        self.asked.append(speed)
+        if self._keys:
+            key = self._keys.pop(0)
+            if callable(key):
+                key()
+                return
+            os.write(self._terminal.master, key)
+            assert select.select([self._terminal.stream], [], [], 30.0)[0]
+
+    def engage(self):
+        self.calls.append('engage')
+
+    def release(self):
+        self.calls.append('release')
+
+
+GRAPH = SimpleNamespace(spin=lambda seconds: None)
+
+
+def test_keys_change_the_speed_until_q_and_the_terminal_is_as_before(terminal, capsys):
+    before = terminal.settings()
+    robot = Robot(terminal, b'\x1b[A', b'\x1b[A', b'\x1b[B', b' ', b'e', b'R', b'q')
+    with Keyboard(terminal.stream) as keyboard:
+        assert terminal.settings() != before
+        assert drive(OPTIONS, GRAPH, robot, keyboard) == 0
+    assert terminal.settings() == before
+    assert robot.asked == pytest.approx([0.0, 0.1, 0.2, 0.1, 0.0, 0.0, 0.0])
+    assert robot.calls == ['engage', 'release']
+    shown = capsys.readouterr().out
+    for words in ('drives +0.25 m/s', 'pendulum  +29 deg', 'CROSS', 'e-stop off'):
+        assert words in shown
+
+
+def test_ctrl_c_is_a_key_that_ends_as_q_does(terminal):
+    robot = Robot(terminal, b'\x1b[A', b'\x03')
+    with Keyboard(terminal.stream) as keyboard:
+        assert drive(OPTIONS, GRAPH, robot, keyboard) == 0
+
+
+@pytest.mark.parametrize('error', [RuntimeError('broken'), KeyboardInterrupt(), SystemExit(143)])
+def test_whatever_goes_wrong_the_terminal_is_as_before(terminal, error):
+    def fail():
+        raise error
+
+    before = terminal.settings()
+    with pytest.raises(type(error)), Keyboard(terminal.stream) as keyboard:
+        drive(OPTIONS, GRAPH, Robot(terminal, fail), keyboard)
+    assert terminal.settings() == before
+
+
+def test_nothing_is_asked_for_once_the_terminal_has_gone(terminal):
+    robot = Robot(terminal, b'\x1b[A', lambda: os.close(terminal.master))
+    with Keyboard(terminal.stream) as keyboard:
+        assert drive(OPTIONS, GRAPH, robot, keyboard) == 1
+    assert robot.asked == pytest.approx([0.0, 0.1])
+
+
+def test_keys_that_were_pressed_before_the_start_do_not_drive(terminal):
+    os.write(terminal.master, b'\x1b[A' * 5 + b'\n')
+    assert select.select([terminal.stream], [], [], 30.0)[0]
+    robot = Robot(terminal, b'q')
+    with Keyboard(terminal.stream) as keyboard:
+        drive(OPTIONS, GRAPH, robot, keyboard)
+    assert robot.asked == [0.0]
+
+
+@pytest.mark.parametrize('stream', [io.StringIO(), None])
+def test_without_a_terminal_it_refuses(stream, tmp_path):
+    with open(tmp_path / 'file', 'w') as file, pytest.raises(ConfigurationError, match='terminal'):
+        Keyboard(file if stream is None else stream)
+
+
+def test_the_command_stops_the_robot_and_restores_its_terminal_when_it_is_ended(terminal):
+    before = terminal.settings()
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'ballbot_ros.cli', 'drive'], stdin=terminal.stream,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        env={**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF', 'COLUMNS': '200'})
+    printed = b''
+    try:
+        while b'nobody follows cmd_vel' not in printed:
+            printed += (more := os.read(process.stdout.fileno(), 4096))
+            assert more, printed
+        os.write(terminal.master, b'\x1b[A')
+        while b'ask +0.10' not in printed:
+            printed += (more := os.read(process.stdout.fileno(), 4096))
+            assert more, printed
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(30.0) == 128 + signal.SIGTERM
+    finally:
+        process.kill()
+        process.wait()
+    assert terminal.settings() == before
+    assert b'Traceback' not in printed + process.stdout.read()
+    process.stdout.close()
+
+
+def test_speeds_are_whole_steps_within_the_largest():
+    driving = Driving(0.1, 0.25)
+    for _ in range(9):
+        driving.press('up', 0.0)
+    assert driving.speed == 0.25
+    driving.press('down', 0.0)
+    assert driving.speed == pytest.approx(0.1)
+    for _ in range(9):
+        driving.press('down', 0.0)
+    assert driving.at(1e9) == -0.25
+    driving.press('space', 0.0)
+    assert driving.at(0.0) == 0.0
+
+
+def test_a_dead_man_stops():
+    driving = Driving(0.3, 0.6, hold=True)
+    driving.press('up', 10.0)
+    assert driving.at(10.0 + 0.9 * HELD_FIRST) == 0.3
+    driving.press('up', 10.5)
+    assert driving.at(10.5 + 0.9 * HELD) == 0.3
+    assert driving.at(10.5 + 1.1 * HELD) == 0.0
+    assert driving.at(11.0) == 0.0
+    driving.press('down', 20.0)
+    assert driving.at(20.0 + 0.9 * HELD_FIRST) == -0.3
+
+
+def test_an_e_stop_also_takes_back_what_was_asked_for():
+    driving = Driving(0.1, 0.6)
+    driving.press('up', 0.0)
+    assert driving.press('e', 0.0).engage and driving.speed == 0.0
+    driving.press('up', 0.0)
+    assert driving.press('R', 0.0).release and driving.speed == 0.0
+    driving.press('up', 0.0)
+    assert driving.press('r', 0.0) == driving.press('x', 0.0) and driving.speed == 0.1
+    assert driving.press('interrupt', 0.0).quit and driving.speed == 0.0
+
+
+def test_keys_are_told_apart_and_unknown_ones_ignored():
+    assert keys_of(b'\x1b[A\x1bOBq \x03') == ['up', 'down', 'q', 'space', 'interrupt']
+    assert keys_of(b'\x1b[5~\x1b[1;5Ce\xc3\xa4\x1b') == ['e']
+    assert keys_of(b'') == []
+
+
+def test_the_line_fits_the_terminal_and_says_what_is_not_known():
+    text = line(0.0, None, None, '', None, 0, '', 200)
+    assert 'nobody follows' in text and '-  m/s' in text and 'stop' not in text
+    assert line(0.1, 0.1, 0.0, '', True, 1, 'e-stop:\nengaged', 200).endswith('e-stop: engaged')
+    assert 'E-STOP' in line(0.1, 0.1, 0.0, '', True, 1, '', 200)
+    for width in (1, 4, 20, 80):
+        assert len(line(0.1, 0.1, 0.0, 'CROSS', True, 1, 'x' * 300, width)) <= max(width - 1, 3)
+
+
+# Gamepads
+
+CODES = SimpleNamespace(EV_ABS=3, EV_KEY=1, ABS_Y=1, BTN_SOUTH=304, BTN_EAST=305)
+
+
+def fake_evdev(events, low=0, high=255, devices=('/dev/input/event7',), keys=(304, 305)):
+    """Return a module evdev with a gamepad that gives these events."""
+    left = list(events)
+    device = SimpleNamespace(
+        capabilities=lambda absinfo: {3: [0, 1], 1: list(keys)},
+        absinfo=lambda code: SimpleNamespace(min=low, max=high, value=(low + high) // 2),
+        read_one=lambda: left.pop(0) if left else None)
+    return SimpleNamespace(ecodes=CODES, list_devices=lambda: list(devices),
+                           InputDevice=lambda path: device)
+
+
+def event(kind, code, value):
+    return SimpleNamespace(type=kind, code=code, value=value)
+
+
+def test_a_stick_and_two_buttons_are_read_by_evdev(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'evdev', fake_evdev(
+        [event(3, 1, 0), event(1, 305, 1), event(1, 305, 0), event(1, 304, 1), event(3, 0, 9)]))
+    gamepad = open_gamepad()
+    assert gamepad.read() == (1.0, ['e', 'space'])
+    assert gamepad.read() == (1.0, [])
+    driving = Driving(0.1, 0.6)
+    driving.stick(gamepad.read().stick)
+    assert driving.speed == 0.6
+
+
+def test_a_stick_that_nobody_touches_asks_for_nothing(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'evdev', fake_evdev([event(3, 1, 131)]))
+    assert open_gamepad().read() == (0.0, [])
+    assert centred(0.1) == 0.0 == centred(-0.1)
+    assert centred(1.0) == pytest.approx(1.0) and centred(-1.0) == pytest.approx(-1.0)
+
+
+@pytest.mark.parametrize('devices, keys', [((), (304,)), (('/dev/input/event1',), (30,))])
+def test_no_gamepad_is_told_from_none_that_may_be_read(devices, keys, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'evdev', fake_evdev([], devices=devices, keys=keys))
+    with pytest.raises(ConfigurationError, match='no gamepad is connected'):
+        open_gamepad()
+    assert 'input' in NONE_THERE
+    for name in ('evdev', 'pygame'):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(ConfigurationError) as refusal:
+        open_gamepad()
+    assert str(refusal.value) == MISSING
+
+
+def test_pygame_does_where_evdev_is_not(monkeypatch):
+    events = [SimpleNamespace(type='down', button=1), SimpleNamespace(type='down', button=7)]
+    stick = SimpleNamespace(init=lambda: None, get_axis=lambda axis: -1.0)
+    pygame = SimpleNamespace(
+        display=SimpleNamespace(init=lambda: None), JOYBUTTONDOWN='down', JOYDEVICEREMOVED='gone',
+        joystick=SimpleNamespace(init=lambda: None, get_count=lambda: 1,
+                                 Joystick=lambda number: stick),
+        event=SimpleNamespace(get=lambda: events))
+    monkeypatch.setitem(sys.modules, 'evdev', None)
+    monkeypatch.setitem(sys.modules, 'pygame', pygame)
+    gamepad = open_gamepad()
+    assert gamepad.read() == (1.0, ['e'])
+    events[:] = [SimpleNamespace(type='gone')]
+    with pytest.raises(OSError, match='unplugged'):
+        gamepad.read()
+
+
+def test_a_gamepad_that_is_unplugged_ends_the_drive(terminal, capsys):
+    def read():
+        raise OSError('No such device')
+
+    with Keyboard(terminal.stream) as keyboard:
+        code = drive(OPTIONS, GRAPH, Robot(terminal), keyboard, SimpleNamespace(read=read))
+    assert code == 1 and 'stopped: No such device' in capsys.readouterr().err

@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verbs for a running graph, against a robot of a few topics in this process."""
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+
+from geometry_msgs.msg import TwistStamped
+from mcap.reader import make_reader
+from nav_msgs.msg import Odometry
+import numpy as np
+import pytest
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, String
+from std_srvs.srv import Trigger
+import yaml
+
+from ballbot_ros.cli import main
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.msg import BallState, Contact
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.conversions import to_time
+from ballbot_ros.ros.senders import MARK
+from ballbot_ros.ros.tools import e_stop, observer, record, topics
+from ballbot_ros.ros.tools.driver import RobotDriver
+from ballbot_ros.ros.tools.observer import Observer
+from ballbot_ros.ros.tools.topics import as_csv, as_yaml, rate_in_words
+
+
+@pytest.fixture
+def look(context, monkeypatch):
+    """Return an observer that waits no longer than it must here, where all is known at once."""
+    monkeypatch.setattr(observer, 'SETTLED', 0.05)
+    with Observer('test', context) as one:
+        yield one
+
+
+@pytest.fixture
+def robot(make_node, look):
+    """Return a node on the executor of the observer, as another process would be."""
+    node = make_node(Node, 'robot')
+    look._executor.add_node(node)
+    yield node
+    look._executor.remove_node(node)
+
+
+def publish_while(robot, kind, topic, message, profile=10):
+    """Publish a message twenty times a second."""
+    publisher = robot.create_publisher(kind, topic, profile)
+    robot.create_timer(0.05, lambda: publisher.publish(message))
+    return publisher
+
+
+def odometry():
+    message = Odometry()
+    message.header.frame_id = 'odom'
+    message.header.stamp = to_time(12.5)
+    message.twist.twist.linear.x = 0.25
+    return message
+
+
+def test_topics_are_listed_with_types_and_who_has_them(look, robot):
+    robot.create_publisher(Odometry, 'odom', 10)
+    robot.create_subscription(Odometry, 'odom', lambda _: None, 10)
+    found = {topic.name: topic for topic in topics.topics(look)}
+    assert found['/odom'] == ('/odom', ['nav_msgs/msg/Odometry'], 1, 1)
+
+
+def test_what_only_the_observer_has_is_no_topic_of_the_graph(look, robot):
+    look.node.create_publisher(Bool, 'mine', 1)
+    assert '/mine' not in [topic.name for topic in topics.topics(look)]
+
+
+def test_echo_finds_the_type_and_prints_what_ros2_prints(look, robot):
+    publish_while(robot, Odometry, 'odom', odometry())
+    shown = []
+    assert topics.echo(look, 'odom', shown.append, once=True, timeout=30.0) == 1
+    text = as_yaml(shown[0])
+    assert text.startswith('header:\n  stamp:\n    sec: 12\n    nanosec: 500000000\n'
+                           '  frame_id: odom\nchild_frame_id:')
+    assert text.endswith('\n---')
+    content = yaml.safe_load(text[:-3])
+    assert content['twist']['twist']['linear']['x'] == 0.25
+    assert len(content['pose']['covariance']) == 36
+
+
+def test_echo_of_what_is_latched_gets_it_and_of_best_effort_too(look, robot):
+    robot.create_publisher(Bool, 'e_stop', qos.LATCHED).publish(Bool(data=True))
+    shown = []
+    topics.echo(look, 'e_stop', shown.append, once=True, timeout=30.0)
+    assert shown[0].data is True
+    publish_while(robot, String, 'loose', String(data='hello'), qos.SENSOR)
+    topics.echo(look, '/loose', shown.append, once=True, timeout=30.0)
+    assert shown[1].data == 'hello'
+
+
+def test_a_topic_that_is_not_there_is_waited_for_and_its_neighbour_named(look, robot):
+    robot.create_publisher(Odometry, 'odom', 10)
+    said = []
+    with pytest.raises(ConfigurationError, match="did you mean '/odom'"):
+        topics.echo(look, 'odmo', print, timeout=0.2, waiting=lambda: said.append(1))
+    assert said == [1]
+    with pytest.raises(ConfigurationError, match='no name of a topic'):
+        topics.echo(look, 'a b', print, timeout=0.2)
+
+
+def test_a_topic_of_two_types_and_one_of_a_missing_package_are_refused(look, monkeypatch):
+    # Not even DDS lets one process make both.
+    monkeypatch.setattr(look, '_types', lambda name: ['std_msgs/msg/Bool', 'std_msgs/msg/String'])
+    with pytest.raises(ConfigurationError, match='several types'):
+        topics.echo(look, 'torn', print, timeout=1.0)
+    with pytest.raises(ConfigurationError, match='my_msgs/msg/Thing is not installed'):
+        observer.message_class('my_msgs/msg/Thing')
+
+
+def test_nested_messages_and_arrays_are_printed():
+    message = BallState(contacts=[Contact(kind=2, x=0.5)], pendulum_rate=math.nan)
+    content = yaml.safe_load(as_yaml(message)[:-3])
+    assert content['contacts'][0]['x'] == 0.5 and math.isnan(content['pendulum_rate'])
+    assert topics.plain(np.array([1.0, 2.0])) == [1.0, 2.0]
+    assert topics.plain(b'\x02') == 2 and topics.plain((1, b'ab')) == [1, [97, 98]]
+    joints = JointState(name=['shell', 'a,b'], position=[1.0, 2.0])
+    assert as_csv(joints) == '0,0,,shell,"a,b",1.0,2.0'
+
+
+def test_the_rate_is_that_of_the_messages(look, robot):
+    publish_while(robot, Bool, 'tick', Bool())
+    said = [sentence for sentence in topics.rates(look, 'tick', 1.1, lambda: None)]
+    assert said[-1].startswith('average rate: ')
+    assert rate_in_words([1.0]) is None
+    assert rate_in_words([0.0, 0.1, 0.3]) == (
+        'average rate: 6.667\n\tmin: 0.100s max: 0.200s std dev: 0.05000s window: 3')
+
+
+def test_a_recording_has_all_that_came_and_says_how_many(look, robot, tmp_path):
+    publish_while(robot, Odometry, 'odom', odometry())
+    said = []
+    counts = record.record(look, tmp_path / 'bag', ['odom', 'later'], 1.0, said.append)
+    assert counts['/odom'] > 3 and set(counts) == {'/odom'}
+    assert 'recording /odom [nav_msgs/msg/Odometry]' in said
+    assert any(words.startswith('not there yet: /later') for words in said)
+    with open(next((tmp_path / 'bag').glob('*.mcap')), 'rb') as file:
+        assert len(list(make_reader(file).iter_messages())) == counts['/odom']
+    with pytest.raises(ConfigurationError, match='exists already'):
+        record.record(look, tmp_path / 'bag', ['odom'], 1.0, said.append)
+
+
+def test_ctrl_c_completes_the_bag_and_topics_that_come_late_are_in_it(
+        look, robot, tmp_path, monkeypatch):
+    publish_while(robot, Odometry, 'odom', odometry())
+    spin, begun = look.spin, time.monotonic()
+    late = []
+
+    def interrupted(seconds=0.05):
+        spin(seconds)
+        if not late and time.monotonic() > begun + 0.5:
+            late.append(publish_while(robot, Odometry, 'later', odometry()))
+        if late and late[0].get_subscription_count():
+            late.append(None)
+        if len(late) > 20:
+            raise KeyboardInterrupt
+    monkeypatch.setattr(look, 'spin', interrupted)
+    counts = record.record(look, tmp_path / 'bag', [], math.inf, lambda _: None)
+    assert counts['/odom'] and counts['/later']
+    assert not set(counts) & set(record.OWN)
+    assert (tmp_path / 'bag' / 'metadata.yaml').is_file()
+
+
+def answer(success, message):
+    def callback(_, response):
+        response.success, response.message = success, message
+        return response
+    return callback
+
+
+def test_an_e_stop_is_called_by_the_name_of_its_node_and_a_refusal_handed_on(look, robot):
+    robot.create_service(Trigger, 'bridge/release_e_stop', answer(False, 'no IMU'))
+    robot.create_service(Trigger, 'left/bridge/release_e_stop', answer(True, 'released'))
+    assert e_stop.trigger(look, 'bridge', 'release_e_stop', 30.0) == (False, 'no IMU')
+    assert e_stop.trigger(look, '/left/bridge', 'release_e_stop', 30.0) == (True, 'released')
+    with pytest.raises(ConfigurationError) as refusal:
+        e_stop.trigger(look, 'brigde', 'release_e_stop', 0.2)
+    assert "did you mean '/bridge'" in str(refusal.value)
+    assert '/bridge, /left/bridge have one' in str(refusal.value)
+    with pytest.raises(ConfigurationError, match='is the node running'):
+        e_stop.trigger(look, 'bridge', 'engage_e_stop', 0.2)
+
+
+def test_who_drives_has_a_name_and_sees_the_robot(look, robot):
+    came = []
+    robot.create_subscription(TwistStamped, 'cmd_vel', came.append, 10)
+    publish_while(robot, Odometry, 'odom', odometry())
+    publish_while(robot, JointState, 'joint_states', JointState(
+        name=['shell', 'pendulum'], position=[-7.0, 7.5], velocity=[0.0, 0.0]))
+    latched = robot.create_publisher(Bool, 'e_stop', qos.LATCHED)
+    latched.publish(Bool(data=True))
+    driver = RobotDriver(look, 'bridge')
+
+    def arrived():
+        driver.publish(0.3)
+        return came and driver.speed and driver.pendulum and driver.e_stop
+    assert look.wait(arrived, 30.0)
+    assert came[0].twist.linear.x == 0.3
+    assert came[0].header.frame_id.startswith('/ballbot_test_')
+    assert MARK in came[0].header.frame_id and came[0].header.stamp.sec == 0
+    assert driver.speed == 0.25 and driver.pendulum == pytest.approx(0.5)
+    assert driver.followers == 1
+
+
+def test_the_e_stop_of_who_drives_is_that_of_the_bridge_or_else_the_topic(look, robot):
+    heard = []
+    robot.create_subscription(Bool, 'e_stop', heard.append, qos.LATCHED)
+    driver = RobotDriver(look, 'bridge')
+    driver.engage()
+    assert look.wait(lambda: heard and heard[-1].data, 30.0)
+    driver.release()
+    assert look.wait(lambda: not heard[-1].data, 30.0)
+    robot.create_service(Trigger, 'bridge/engage_e_stop', answer(True, 'engaged by service'))
+    assert look.wait(lambda: driver._clients['engage_e_stop'].service_is_ready(), 30.0)
+    driver.engage()
+    assert look.wait(lambda: driver.said == 'engaged by service', 30.0)
+
+
+def test_a_node_runs_as_with_ros2_run_and_ends_well_with_ctrl_c():
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'ballbot_ros.cli', 'run', 'imu', '--ros-args', '-p',
+         'port:=/dev/no_such_line', '-r', '__node:=my_imu'], stderr=subprocess.PIPE, text=True,
+        env={**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'},
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+    try:
+        logged = ''
+        while 'no_such_line' not in logged:
+            logged += (line := process.stderr.readline())
+            assert line, logged
+        process.send_signal(signal.SIGINT)
+        logged += process.communicate(timeout=30.0)[1]
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 0 and '[my_imu]' in logged and 'Traceback' not in logged
+
+
+def test_an_unknown_node_and_a_missing_verb_of_recording_are_refused(capsys):
+    for words, said in ((['run', 'simulatr'], "did you mean 'simulator'"),
+                        (['record'], 'name the topics to record'),
+                        (['record', '-a', 'odom'], 'name the topics to record'),
+                        (['echo', 'odom', '--timeout', '0'], '--timeout must be above 0'),
+                        (['drive', '--step', '0'], '--step must be above 0'),
+                        (['drive', '--step', '0.7'], 'more than --max-speed')):
+        assert main(words) == 2
+        assert said in capsys.readouterr().err
+
+
+def test_without_ros_the_verbs_say_what_to_do(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, 'ballbot_ros.ros.tools.observer', None)
+    for words in (['topics'], ['echo', '/odom'], ['release-e-stop']):
+        assert main(words) == 2
+        error = capsys.readouterr().err
+        assert 'needs ROS 2' in error and 'setup.bash' in error and error.count('\n') == 1
