@@ -1,0 +1,279 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Someone who looks at running nodes, and speaks to them only when told to."""
+from concurrent.futures import Future, TimeoutError as TooLong
+import os
+from queue import Empty, Queue
+from threading import Event, Thread
+from time import monotonic
+from typing import Any, Callable, Dict, FrozenSet, Mapping, NamedTuple, Optional, Tuple
+
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from rcl_interfaces.srv import GetParameters
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+
+from ballbot_ros.errors import ConfigurationError, RefusedError
+from ballbot_ros.msg import (
+    BallState, MotorStatus, StepDecision, StepObservation, TerrainObservation)
+from ballbot_ros.ros import discovery, qos
+from ballbot_ros.ros.conversions import PENDULUM
+from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.senders import own_name
+from ballbot_ros.srv import Step
+
+# Topic -> type, quality of service, and the time between two that are looked at, at least [s].
+TOPICS: Mapping[str, Tuple[Any, QoSProfile, float]] = {
+    'ball_state': (BallState, qos.SENSOR, 0.0), 'joint_states': (JointState, qos.SENSOR, 0.008),
+    'odom': (Odometry, qos.SENSOR, 0.008),
+    'step_observation': (StepObservation, qos.SENSOR, 0.1),
+    'terrain_observation': (TerrainObservation, qos.SENSOR, 0.1),
+    'step_decision': (StepDecision, qos.LATCHED, 0.0),
+    'motor_status': (MotorStatus, qos.SENSOR, 0.05), 'e_stop': (Bool, qos.LATCHED, 0.0)}
+
+# Nodes that are looked for, and which of their parameters say what is there.
+NODES: Mapping[str, Tuple[str, ...]] = {
+    'simulator': ('scene', 'robot', 'control_rate'), 'bridge': ('hardware',),
+    'emulated_robot': ('scene',), 'controller': ('robot',), 'obstacle_decision': ('robot',)}
+
+ANSWER = 5.0  # patience with a service [s]
+LOOK = 1.0  # between two looks at who is there [s]
+RENEW = 0.05  # between two publications of a set-point that is held [s]
+UNATTENDED = 1.0  # nobody attends to a set-point that is held for longer: it is let go [s]
+WAKE = 0.02  # longest wait for messages [s]
+
+
+class Presence(NamedTuple):
+    """Who is there."""
+
+    nodes: FrozenSet[str]  # of `NODES`
+    drivers: Tuple[str, ...]  # names of others that publish set-points
+    followers: int  # that subscribe to set-points
+
+
+class Spectator:
+    """
+    Receives what nodes publish, in a thread of its own, and keeps up by leaving out.
+
+    It subscribes best effort wherever much is published: no publisher waits for it.
+
+    Parameters
+    ----------
+    namespace : str
+        Of the nodes; empty for none.
+    receive : callable
+        Takes the name of a topic and a message; called in the thread.
+    learn : callable
+        Takes the name of a node and its parameters, likewise.
+    domain : int, optional
+        ROS domain, that of the environment by default.
+
+    Raises
+    ------
+    ConfigurationError
+        If the namespace is none.
+
+    """
+
+    def __init__(self, namespace: str, receive: Callable[[str, Any], None],
+                 learn: Callable[[str, Dict[str, Any]], None], domain: Optional[int] = None):
+        """Join the graph."""
+        self._receive, self._learn = receive, learn
+        discovery.apply(os.environ)
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=domain,
+                   signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            self._node = Node('ballbot_view', namespace=namespace, context=self._context,
+                              enable_rosout=False, start_parameter_services=False)
+        except Exception as error:  # rclpy has one for each part of a name
+            rclpy.try_shutdown(context=self._context)
+            raise ConfigurationError(f'--namespace {namespace}: {error}') from error
+        self._name = own_name(self._node)
+        self._jobs: 'Queue[Callable[[], None]]' = Queue()
+        self._ending = Event()
+        self._asked: Dict[str, float] = {}
+        self._clients: Dict[str, Any] = {}
+        self._publisher: Optional[Any] = None
+        self._held: Optional[Any] = None
+        self._attended = 0.0
+        self.presence = Presence(frozenset(), (), 0)
+        for topic, (kind, profile, least) in TOPICS.items():
+            create_subscription(self._node, kind, topic, self._taking(topic, kind, least),
+                                profile, raw=True)
+        self._thread = Thread(target=self._live, name='spectator', daemon=True)
+
+    def start(self) -> None:
+        """Begin to receive."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._ending.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        self._node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def trigger(self, service: str) -> str:
+        """
+        Call a service of type std_srvs/Trigger and return what it says.
+
+        Raises
+        ------
+        RefusedError
+            If it says no, or nothing.
+
+        """
+        answer = self._call(Trigger, service, Trigger.Request())
+        if not answer.success:
+            raise RefusedError(answer.message)
+        return str(answer.message)
+
+    def step(self, periods: int) -> None:
+        """Let a paused simulator go on by control periods; `RefusedError` if it does not."""
+        answer = self._call(Step, 'simulator/step', Step.Request(periods=periods))
+        if not answer.success:
+            raise RefusedError(answer.message)
+
+    def hold_speed(self, speed: float) -> None:
+        """Publish a speed [m/s] again and again."""
+        message = TwistStamped()
+        message.header.frame_id, message.twist.linear.x = self._name, speed
+        self._held = message
+
+    def hold_angle(self, angle: float) -> None:
+        """Publish an absolute pendulum angle [rad] again and again."""
+        message = JointState(name=[PENDULUM], position=[angle])
+        message.header.frame_id = self._name
+        self._held = message
+
+    def let_go(self) -> None:
+        """Publish no set-points any more."""
+        self._held = None
+
+    @property
+    def holding(self) -> bool:
+        """Return whether a set-point is published."""
+        return self._held is not None
+
+    def attend(self) -> None:
+        """Say that somebody still holds the set-point; else it is let go soon."""
+        self._attended = monotonic()
+
+    def ask_again(self) -> None:
+        """Learn the parameters of all nodes afresh; called in the thread."""
+        self._asked.clear()
+
+    # What the thread does.
+
+    def _live(self) -> None:
+        executor = new_executor(self._context)
+        executor.add_node(self._node)
+        look = renew = 0.0
+        while not self._ending.is_set():
+            executor.spin_once(timeout_sec=WAKE)
+            now = monotonic()
+            try:
+                while True:
+                    self._jobs.get_nowait()()
+            except Empty:
+                pass
+            if now >= look:
+                look = now + LOOK
+                self._look_around(now)
+            if now >= renew:
+                renew = now + RENEW
+                self._publish(now)
+        executor.remove_node(self._node)
+        executor.shutdown()
+
+    def _taking(self, topic: str, kind: Any, least: float) -> Callable[[bytes], None]:
+        """Return a callback that decodes no more messages than are looked at."""
+        last = [-1e9]
+
+        def take(data: bytes) -> None:
+            now = monotonic()
+            if now - last[0] >= least:
+                last[0] = now
+                self._receive(topic, deserialize_message(data, kind))
+        return take
+
+    def _look_around(self, now: float) -> None:
+        """See who is there, and ask new ones what they show."""
+        own = self._node.get_namespace()
+        nodes = frozenset(name for name, where in self._node.get_node_names_and_namespaces()
+                          if where == own and name in NODES)
+        drivers = {info.node_name for topic in ('set_point', 'cmd_vel')
+                   for info in self._node.get_publishers_info_by_topic(
+                       self._node.resolve_topic_name(topic))} - {self._node.get_name()}
+        followers = sum(self._node.count_subscribers(topic) for topic in ('set_point', 'cmd_vel'))
+        self.presence = Presence(nodes, tuple(sorted(drivers)), followers)
+        for name in [known for known in self._asked if known not in nodes]:
+            del self._asked[name]
+        for name in nodes:
+            if now - self._asked.get(name, -1e9) > ANSWER:
+                self._ask(name, now)
+
+    def _ask(self, name: str, now: float) -> None:
+        """Ask a node for its parameters; ask again if it does not answer."""
+        client = self._client(GetParameters, f'{name}/get_parameters')
+        if not client.service_is_ready():
+            return
+        self._asked[name] = now
+
+        def answered(future: Any) -> None:
+            if future.result() is None:
+                return
+            values = map(parameter_value_to_python, future.result().values)
+            self._asked[name] = float('inf')
+            self._learn(name, dict(zip(NODES[name], values)))
+
+        client.call_async(GetParameters.Request(names=list(NODES[name]))
+                          ).add_done_callback(answered)
+
+    def _client(self, kind: Any, service: str) -> Any:
+        if service not in self._clients:
+            self._clients[service] = self._node.create_client(kind, service)
+        return self._clients[service]
+
+    def _call(self, kind: Any, service: str, request: Any) -> Any:
+        """Call a service from another thread and wait for its answer."""
+        answer: 'Future[Any]' = Future()
+
+        def call() -> None:
+            client = self._client(kind, service)
+            client.call_async(request).add_done_callback(
+                lambda done: answer.set_result(done.result()))
+
+        self._jobs.put(call)
+        try:
+            return answer.result(ANSWER)
+        except TooLong:
+            raise RefusedError(f'{service} has not answered for {ANSWER:g} s') from None
+
+    def _publish(self, now: float) -> None:
+        """Publish the set-point that is held, if somebody attends to it."""
+        if now - self._attended > UNATTENDED:
+            self._held = None
+        held = self._held
+        kind = None if held is None else type(held)
+        if self._publisher is not None and self._publisher.msg_type is not kind:
+            # Others may drive then.
+            self._node.destroy_publisher(self._publisher)
+            self._publisher = None
+        if held is None:
+            return
+        if self._publisher is None:
+            topic = 'cmd_vel' if isinstance(held, TwistStamped) else 'set_point'
+            self._publisher = self._node.create_publisher(kind, topic, qos.NEWEST)
+        self._publisher.publish(held)

@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page beside running nodes: it looks, it drives while somebody holds, it holds nobody up."""
+from threading import Event, Thread
+import time
+from types import SimpleNamespace
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import TwistStamped
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from ballbot_ros.demo.processes import own_domain
+from ballbot_ros.errors import ConfigurationError, RefusedError
+from ballbot_ros.msg import BallState
+from ballbot_ros.ros import discovery, qos, spectator
+from ballbot_ros.ros.spectator import Presence, Spectator
+from ballbot_ros.view import live
+from ballbot_ros.view.live import LiveSource
+
+
+def state(stamp, x=0.0):
+    """Return a true state."""
+    message = BallState(x=x, y=0.226)
+    message.header.stamp = Time(sec=int(stamp), nanosec=round(stamp % 1 * 1e9))
+    return message
+
+
+def wait_for(true, patience=20.0):
+    """Wait until something is true."""
+    end = time.monotonic() + patience
+    while not true():
+        assert time.monotonic() < end, 'it has not come to be'
+        time.sleep(0.01)
+
+
+class Link:
+    """Stands in for a spectator, and notes what it is told."""
+
+    def __init__(self, nodes=('simulator',), drivers=(), followers=1):
+        self.presence = Presence(frozenset(nodes), drivers, followers)
+        self.holding, self.told, self.refusal = False, [], ''
+
+    def __getattr__(self, name):
+        def tell(*values):
+            self.holding = name.startswith('hold') or self.holding and name != 'let_go'
+            if name != 'attend':
+                self.told.append((name, *values))
+            if self.refusal:
+                raise RefusedError(self.refusal)
+        return tell
+
+
+@pytest.fixture
+def link():
+    """Return the link of a simulator."""
+    return Link()
+
+
+@pytest.fixture
+def source(link):
+    """Return what looks at it, with two frames."""
+    source = LiveSource(link=link)
+    for stamp in (5.0, 5.01):
+        source.receive('ball_state', state(stamp, stamp))
+    return source
+
+
+def test_what_comes_is_shown_and_what_has_been_can_be_sought(source):
+    assert source.shown.time == pytest.approx(5.01) and source.health.running
+    source.apply('seek', 5.0)
+    assert source.shown.x == 5.0 and source.controls['pause'].value is True
+    source.apply('pause', False)
+    assert source.shown.x == pytest.approx(5.01)
+
+
+def test_a_clock_that_counts_from_1970_begins_at_0(link):
+    source = LiveSource(link=link)
+    for stamp in (1.7e9, 1.7e9 + 0.5):
+        source.receive('ball_state', state(stamp))
+    assert source.span == (0.0, pytest.approx(0.5))
+
+
+def test_a_repeated_state_counts_once_and_time_that_begins_again_is_another_epoch(source, link):
+    source.receive('ball_state', state(5.01))
+    assert len(source.history(-1.0)) == 2
+    epoch = source.epoch
+    source.receive('ball_state', state(0.0))
+    assert source.epoch != epoch and source.span == (0.0, 0.0)
+    assert ('ask_again',) in link.told  # it may be another simulator
+
+
+def test_a_simulator_is_paused_stepped_and_reset(source, link):
+    source.learn('simulator', {'scene': 'fig7_top', 'robot': '', 'control_rate': 250.0})
+    assert source.terrain.height(1.5) == pytest.approx(0.021)
+    for name, value in (('pause', True), ('step', 0.1), ('pause', False), ('reset', True)):
+        source.apply(name, value)
+    assert link.told == [('trigger', 'simulator/pause'), ('step', 25),
+                         ('trigger', 'simulator/resume'), ('trigger', 'simulator/reset')]
+    assert source.shown is None
+
+
+def test_a_bridge_is_not_paused_but_looked_at_standing_still():
+    link = Link(nodes=('bridge',))
+    source = LiveSource(link=link)
+    source.receive('ball_state', state(1.0, 1.0))
+    source.apply('pause', True)
+    source.receive('ball_state', state(1.1, 1.1))
+    assert source.shown.x == 1.0 and not link.told
+    for name, value in (('step', 0.1), ('reset', True)):
+        with pytest.raises(ConfigurationError, match='there is no simulator here'):
+            source.apply(name, value)
+
+
+def test_an_e_stop_lets_go_first_and_a_refused_release_is_said_in_the_words_of_the_bridge():
+    link = Link(nodes=('bridge',))
+    source = LiveSource(link=link)
+    source.apply('law', 'speed')
+    source.apply('e_stop', True)
+    assert link.told[-2:] == [('let_go',), ('trigger', 'bridge/engage_e_stop')]
+    link.refusal = 'no IMU readings come'
+    with pytest.raises(ConfigurationError, match='e_stop: no IMU readings come'):
+        source.apply('e_stop', False)
+
+
+def test_the_e_stop_of_a_bridge_is_shown():
+    source = LiveSource(link=Link(nodes=('bridge',)))
+    source.receive('motor_status', SimpleNamespace(e_stop='at start'))
+    source.receive('ball_state', state(1.0))
+    assert source.controls['e_stop'].value is True and source.shown.e_stop is True
+
+
+def test_a_law_is_held_and_let_go(source, link):
+    with pytest.raises(ConfigurationError, match='choose a law first'):
+        source.apply('set_point', 0.3)
+    source.apply('law', 'speed')
+    source.apply('set_point', 0.3)
+    source.apply('law', 'position')
+    source.apply('set_point', 90.0)
+    assert [words for words in link.told if words[0].startswith('hold')] == [
+        ('hold_speed', 0.0), ('hold_speed', 0.3), ('hold_angle', 0.0),
+        ('hold_angle', pytest.approx(1.5708, abs=1e-4))]
+    assert source.controls['law'].value == 'position'
+    link.holding = False  # nobody attended
+    assert source.controls['law'].value == 'free'
+    source.apply('law', 'free')
+    assert link.told[-1] == ('let_go',)
+
+
+@pytest.mark.parametrize('link, says', [
+    (Link(drivers=('obstacle_decision',)), 'obstacle_decision drives'),
+    (Link(followers=0), 'nobody follows set-points')])
+def test_nobody_drives_against_another_or_for_nobody(link, says):
+    with pytest.raises(ConfigurationError, match=says):
+        LiveSource(link=link).apply('law', 'speed')
+
+
+@pytest.mark.parametrize('nodes, says', [
+    ((), 'Waiting for a simulator or a bridge'), (('bridge',), 'waits for its drive'),
+    (('simulator',), 'is paused')])
+def test_it_says_what_it_waits_for(nodes, says):
+    source = LiveSource('left', link=Link(nodes=nodes))
+    assert says in source.health.notes[-1] and not source.health.running
+    assert source.shown is None and source.title.startswith('Live: ')
+
+
+# --- With ROS -------------------------------------------------------------------------------
+
+
+class Robot:
+    """A node with the name and the ends of a simulator, in a thread of its own."""
+
+    def __init__(self, domain):
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = Node('simulator', namespace='left', context=self.context)
+        for name, value in (('scene', 'fig7_top'), ('robot', ''), ('control_rate', 250.0)):
+            self.node.declare_parameter(name, value)
+        self.states = self.node.create_publisher(BallState, 'ball_state', qos.STATE)
+        self.speeds, self.paused = [], Event()
+        self.node.create_subscription(TwistStamped, 'cmd_vel', self.speeds.append, qos.NEWEST)
+        self.node.create_service(Trigger, '~/pause', self.pause)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.thread = Thread(target=self.executor.spin)
+        self.thread.start()
+
+    def pause(self, _, response):
+        self.paused.set()
+        response.success = True
+        return response
+
+    def close(self):
+        self.executor.shutdown()
+        self.thread.join()
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self.context)
+
+
+@pytest.fixture
+def domain(monkeypatch):
+    """Return a domain of this process, on this machine."""
+    monkeypatch.setattr(discovery, 'apply', lambda _: '')
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    return own_domain()
+
+
+@pytest.fixture
+def robot(domain):
+    """Return a robot that has just begun."""
+    robot = Robot(domain)
+    yield robot
+    robot.close()
+
+
+def test_a_spectator_hears_learns_calls_and_drives_as_long_as_someone_attends(
+        domain, robot, monkeypatch):
+    monkeypatch.setattr(spectator, 'LOOK', 0.1)
+    heard, learned = [], {}
+    looking = Spectator('left', lambda *words: heard.append(words), learned.__setitem__, domain)
+    looking.start()
+    try:
+        wait_for(lambda: learned and looking.presence.followers)
+        assert learned == {'simulator': {
+            'scene': 'fig7_top', 'robot': '', 'control_rate': 250.0}}
+        wait_for(lambda: robot.states.publish(state(1.5, 0.7)) or heard)
+        assert heard[0][0] == 'ball_state' and heard[0][1].x == 0.7
+        looking.trigger('simulator/pause')
+        assert robot.paused.is_set()
+
+        def driven():
+            looking.attend()
+            return robot.speeds
+        looking.hold_speed(0.3)
+        wait_for(driven)
+        assert robot.speeds[0].twist.linear.x == 0.3
+        assert '#' in robot.speeds[0].header.frame_id  # the name of the sender
+        wait_for(lambda: not looking.holding)  # the browser is closed
+        wait_for(lambda: not robot.node.count_publishers('cmd_vel'))
+    finally:
+        looking.close()
+
+
+def test_a_page_that_hangs_never_slows_the_one_who_publishes(domain, robot):
+    hangs, goes_on = Event(), Event()
+
+    def receive(*_):
+        hangs.set()
+        goes_on.wait()
+
+    looking = Spectator('left', receive, lambda *_: None, domain)
+    looking.start()
+    try:
+        wait_for(lambda: robot.states.publish(state(0.0)) or hangs.is_set())
+        for number in range(5000):  # more than any queue holds
+            robot.states.publish(state(0.01 * number))
+        assert not goes_on.is_set()
+    finally:
+        goes_on.set()
+        looking.close()
+
+
+def test_a_namespace_that_is_none_is_refused(domain):
+    with pytest.raises(ConfigurationError, match='--namespace'):
+        Spectator('not a name', lambda *_: None, lambda *_: None, domain)
+
+
+def test_live_frames_are_kept_while_nobody_looks(link, monkeypatch):
+    monkeypatch.setattr(live, 'SILENT', 1e9)
+    source = LiveSource(link=link)
+    for number in range(300):
+        source.receive('ball_state', state(0.01 * number))
+    assert len(source.history(-1.0)) == 300
