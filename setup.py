@@ -76,7 +76,7 @@ def messages():
     # Afresh, so that a deleted message disappears; copies keep their times, so make stays quick.
     for folder in (source, stage):
         shutil.rmtree(folder, ignore_errors=True)
-    for folder in ('msg', 'srv'):
+    for folder in ('msg', 'srv', 'action'):
         shutil.copytree(ROOT / folder, source / folder)
     shutil.copy2(ROOT / 'package.xml', source)
     shutil.copy2(ROOT / 'cmake_msgs' / 'CMakeLists.txt', source)

@@ -3,17 +3,16 @@
 Prepare .venv so that `.venv/bin/ballbot` and `import ballbot_ros.msg` simply work.
 
 The stages: find a Python and the system tools, make the virtual environment, install the pinned
-packages, mend the include paths in the ROS wheels, build the messages with colcon. A stage that
-is finished leaves a stamp with a hash of its inputs; a stage whose stamp matches is skipped, so
-the second run costs nothing and an interrupted one goes on where it was.
+packages, mend the include paths in the ROS wheels, build interfaces that have no wheel and the
+messages with colcon. A stage that is finished leaves a stamp with a hash of its inputs; a stage
+whose stamp matches is skipped, so the second run costs nothing and an interrupted one goes on
+where it was.
 
-Where a ROS 2 installation is sourced, it takes the place of the wheels.
+Where a ROS 2 installation is sourced, it takes the place of the wheels and of those interfaces.
 
 Standard library only, and readable by old interpreters: it is what tells them they are too old.
 """
-import contextlib
 import fcntl
-import hashlib
 import json
 import os
 from pathlib import Path
@@ -24,11 +23,10 @@ import sys
 import time
 
 from host import check_tools, choose_python, Problem, sourced_ros
+from stages import digest, done, ROOT, stage, STAMPS, VENV
 
-ROOT = Path(__file__).resolve().parent.parent
-VENV = ROOT / '.venv'
 PYTHON = VENV / 'bin' / 'python'
-STAMPS = VENV / 'stamps'
+INTERFACES = ROOT / 'interfaces'
 LOCK = ROOT / 'requirements' / 'lock.txt'
 PACKAGE = 'ballbot_ros'
 
@@ -44,66 +42,6 @@ if library not in known:
     os.environ['LD_LIBRARY_PATH'] = os.pathsep.join([library, *known])
     os.execv(sys.executable, sys.orig_argv)
 """
-
-
-# --- Running and remembering ----------------------------------------------------------------
-
-def digest(*parts):
-    """Hash strings, and files by name and content, into one short key."""
-    total = hashlib.sha256()
-    for part in parts:
-        name = str(part.relative_to(ROOT)) if isinstance(part, Path) else part
-        content = part.read_bytes() if isinstance(part, Path) else b''
-        total.update(('%s\0%d\0' % (name, len(content))).encode() + content)
-    return total.hexdigest()[:16]
-
-
-def done(stage, key):
-    """Say whether a stage has finished with these inputs before."""
-    stamp = STAMPS / stage
-    return stamp.exists() and stamp.read_text() == key
-
-
-@contextlib.contextmanager
-def stage(name, text, key):
-    """Show a stage in one line with its seconds, and stamp it once its body is through."""
-    label = '%-9s %s ... ' % (name, text)
-    print(label, end='', flush=True)
-    start = time.monotonic()
-    if STAMPS.exists():
-        with contextlib.suppress(FileNotFoundError):
-            (STAMPS / name).unlink()
-    try:
-        yield lambda *command, **more: run(name, label, start, command, **more)
-    except BaseException:
-        print(flush=True)
-        raise
-    STAMPS.mkdir(exist_ok=True)
-    (STAMPS / name).write_text(key)
-    print('%s%.1f s' % ('\r' + label if sys.stdout.isatty() else '', time.monotonic() - start))
-
-
-def run(name, label, start, command, env=None, hint=''):
-    """Run a command into a log file, counting seconds on a terminal; raise Problem on failure."""
-    log = VENV / 'log' / (name + '.txt')
-    log.parent.mkdir(parents=True, exist_ok=True)
-    with log.open('a') as out:
-        out.write('$ %s\n' % ' '.join(map(str, command)))
-        out.flush()
-        process = subprocess.Popen([str(word) for word in command], cwd=str(ROOT), env=env,
-                                   stdout=out, stderr=subprocess.STDOUT)
-        try:
-            while process.poll() is None:
-                time.sleep(0.05)
-                if sys.stdout.isatty():
-                    print('\r%s%d s' % (label, time.monotonic() - start), end='', flush=True)
-        except KeyboardInterrupt:
-            process.wait()  # The terminal has told the child as well
-            raise
-    if process.returncode:
-        tail = log.read_text(errors='replace').splitlines()[-25:]
-        raise Problem('\n'.join(['%s failed. The end of %s:' % (name, log)]
-                                + ['  ' + line for line in tail] + ([hint] if hint else [])))
 
 
 # --- The stages -----------------------------------------------------------------------------
@@ -199,27 +137,57 @@ def mend_include_paths():
             path.write_text(new)
 
 
-def build_messages(ros, key):
-    """Build the package with colcon into .venv itself, which serves as its install prefix."""
-    if not done('messages', key):
-        shutil.rmtree(str(VENV / 'build'), ignore_errors=True)
+def remove_built(package):
+    """Remove what a build has put into .venv, so that a deleted message disappears."""
     for pattern in ('share/%s', 'include/%s', 'lib/%s', 'lib/lib%s__*',
                     'lib/python3*/site-packages/%s/'):
-        for path in VENV.glob(pattern % PACKAGE):  # So that a deleted message disappears
+        for path in VENV.glob(pattern % package):
             shutil.rmtree(str(path)) if path.is_dir() else path.unlink()
+
+
+def colcon(command, ros, build, *paths):
+    """Build packages into .venv itself, which serves as their install prefix."""
     env = dict(os.environ, PATH='%s%s%s' % (PYTHON.parent, os.pathsep, os.environ['PATH']))
+    # colcon would have make wait while other work loads the machine.
+    env.setdefault('MAKEFLAGS', '-j%d' % (os.cpu_count() or 1))
     for name in ('PYTHONPATH', 'COLCON_PREFIX_PATH', 'AMENT_PREFIX_PATH', 'CMAKE_PREFIX_PATH'):
         if not ros:
             env.pop(name, None)
     for name in ('AMENT_PREFIX_PATH', 'CMAKE_PREFIX_PATH'):
         env[name] = os.pathsep.join(filter(None, [str(VENV), env.get(name)]))
+    command(PYTHON, '-c', 'import sys; from colcon_core.command import main; sys.exit(main())',
+            '--log-base', VENV / 'log' / 'colcon', 'build', '--paths', *paths,
+            '--build-base', build, '--install-base', VENV,
+            '--merge-install', '--symlink-install', '--event-handlers', 'console_direct+',
+            '--cmake-args', '-DPython3_EXECUTABLE=%s' % PYTHON, '-DBUILD_TESTING=OFF', env=env)
+
+
+def build_interfaces(key):
+    """Build the packages of interfaces/ that no wheel has brought."""
+    build = VENV / 'build-interfaces'
+    lacking = []
+    for path in sorted(INTERFACES.glob('*/package.xml')):
+        package = path.parent.name
+        if (build / package).exists():  # Made by this script before
+            shutil.rmtree(str(build / package))
+            remove_built(package)
+        if not any(VENV.glob('lib/python3*/site-packages/%s' % package)):
+            lacking.append(path.parent)
+    with stage('interfaces', '%d that have no wheel, half a minute' % len(lacking),
+               key) as command:
+        if lacking:
+            colcon(command, '', build, *lacking)
+            command(PYTHON, '-c', 'import ' + ', '.join(path.name for path in lacking))
+
+
+def build_messages(ros, key):
+    """Build the messages of the package itself."""
+    if not done('messages', key):
+        shutil.rmtree(str(VENV / 'build'), ignore_errors=True)
+    remove_built(PACKAGE)
     with stage('messages', 'built with colcon, up to a minute', key) as command:
-        command(PYTHON, '-c', 'import sys; from colcon_core.command import main; sys.exit(main())',
-                '--log-base', VENV / 'log' / 'colcon', 'build', '--paths', ROOT,
-                '--build-base', VENV / 'build', '--install-base', VENV,
-                '--merge-install', '--symlink-install', '--event-handlers', 'console_direct+',
-                env=env)
-        command(PYTHON, '-c', 'import rclpy, %s.msg, %s.srv' % (PACKAGE, PACKAGE))
+        colcon(command, ros, VENV / 'build', ROOT)
+        command(PYTHON, '-c', 'import rclpy, %s.msg, %s.srv, %s.action' % ((PACKAGE,) * 3))
 
 
 def set_up():
@@ -230,20 +198,26 @@ def set_up():
                       ros and str(python['rclpy']), LOCK, LOCK.parent / 'app.in',
                       LOCK.parent / 'build.in')
     sources = [ROOT / 'package.xml', ROOT / 'setup.py', ROOT / 'setup.cfg', Path(__file__)]
-    for folder in ('msg', 'srv', 'cmake_msgs'):
+    for folder in ('msg', 'srv', 'action', 'cmake_msgs'):
         sources += sorted(path for path in (ROOT / folder).iterdir() if path.is_file())
     messages_key = digest(venv_key, *sources)
+    interfaces_key = digest(venv_key, Path(__file__), *sorted(
+        path for path in INTERFACES.rglob('*.*') if path.is_file()))
     # Of these only the names matter: they are installed as links.
     links_key = digest(*sorted(str(path) for folder in ('config', 'launch')
                                for path in (ROOT / folder).rglob('[!._]*.*')))
-    if done('messages', messages_key) and done('links', links_key):
+    interfaces = bool(ros) or done('interfaces', interfaces_key)
+    if interfaces and done('messages', messages_key) and done('links', links_key):
         return False
     check_tools(python)
     if not done('venv', venv_key):
         make_venv(python, ros, venv_key)
     if not done('packages', venv_key):
         install_packages(ros, venv_key)
-    build_messages(ros, messages_key)
+    if not (ros or done('interfaces', interfaces_key)):
+        build_interfaces(interfaces_key)
+    if not (done('messages', messages_key) and done('links', links_key)):
+        build_messages(ros, messages_key)
     (STAMPS / 'links').write_text(links_key)
     return True
 

@@ -100,6 +100,12 @@ def test_catkin_pkg_accepts_the_manifest():
     assert 'rosidl_interface_packages' in [group.name for group in parsed.member_of_groups]
 
 
+def test_a_workspace_holds_one_package_and_none_of_those_for_a_setup_without_ros():
+    packages = pytest.importorskip('catkin_pkg.packages')
+    assert len(list(ROOT.glob('interfaces/*/package.xml'))) == 2
+    assert packages.find_package_paths(str(ROOT)) == ['.']  # as rosdep looks for them
+
+
 def test_each_ros_package_that_is_imported_is_declared():
     declared = {element.text for element in MANIFEST if element.tag in ('depend', 'exec_depend')}
     used = set()
@@ -238,10 +244,10 @@ def test_config_and_launch_files_keep_their_folders(workspace, folder):
 @pytest.mark.slow
 def test_the_messages_import_and_serialise(workspace):
     said = sourced(workspace, sys.executable, '-c', (
-        'import ballbot_ros.msg, ballbot_ros.srv\n'
+        'import ballbot_ros.action, ballbot_ros.msg, ballbot_ros.srv\n'
         'from ballbot_ros.msg import BallState, Contact\n'
         'from rclpy.serialization import deserialize_message, serialize_message\n'
-        'sent = BallState(x=1.5, contacts=[Contact(kind=Contact.EDGE)])\n'
+        'sent = BallState(x=1.5, contacts=[Contact(kind=Contact.KIND_EDGE)])\n'
         'got = deserialize_message(serialize_message(sent), BallState)\n'
         'assert got == sent\n'
         'print(ballbot_ros.msg.__file__)'))
@@ -250,7 +256,8 @@ def test_the_messages_import_and_serialise(workspace):
 
 @pytest.mark.slow
 def test_the_interface_files_are_where_ros2_interface_reads_them(workspace):
-    for source in [*ROOT.glob('msg/*.msg'), *ROOT.glob('srv/*.srv')]:
+    for source in [*ROOT.glob('msg/*.msg'), *ROOT.glob('srv/*.srv'),
+                   *ROOT.glob('action/*.action')]:
         installed = prefix(workspace) / 'share' / 'ballbot_ros' / source.relative_to(ROOT)
         assert installed.read_text() == source.read_text()
 

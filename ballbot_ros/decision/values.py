@@ -40,6 +40,7 @@ class Reason(str, Enum):
     STUCK = 'stuck'
     WALL = 'wall'
     LIKELY = 'likely'
+    GOAL = 'goal'
 
 
 # Farther [m] or faster [m/s] than this no ball rolls: odometry is broken.

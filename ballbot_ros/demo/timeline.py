@@ -19,8 +19,11 @@ DRIVEN = 0.2
 # Heights are seen with an error below this [m].
 SAME_HEIGHT = 0.01
 
-NAMES = {StepDecision.CLEAR: 'CLEAR', StepDecision.CROSS: 'CROSS', StepDecision.STOP: 'STOP',
-         StepDecision.GO_ROUND: 'GO ROUND', StepDecision.BACK_OFF: 'BACK OFF'}
+NAMES = {
+    StepDecision.DECISION_CLEAR: 'CLEAR', StepDecision.DECISION_CROSS: 'CROSS',
+    StepDecision.DECISION_STOP: 'STOP', StepDecision.DECISION_GO_ROUND: 'GO ROUND',
+    StepDecision.DECISION_BACK_OFF: 'BACK OFF'}
+REFUSED = {StepDecision.DECISION_GO_ROUND, StepDecision.DECISION_STOP}
 
 
 class Expected(str, Enum):
@@ -130,7 +133,7 @@ class Timeline:
         # Topics overtake each other: what counts is which step was ahead at that time.
         index = sum(passage.crossed is not None and passage.crossed <= time
                     for passage in self.passages)
-        if index and message.decision == StepDecision.CROSS and abs(
+        if index and message.decision == StepDecision.DECISION_CROSS and abs(
                 message.height - self.passages[index - 1].height) < SAME_HEIGHT:
             index -= 1  # it is not over yet for the decision
         key = (message.decision, message.reason, index)
@@ -138,7 +141,7 @@ class Timeline:
             return
         seen_before = self._last is not None and self._last[2] == index
         self._last = key
-        if index < len(self.passages) and message.decision != StepDecision.CLEAR:
+        if index < len(self.passages) and message.decision != StepDecision.DECISION_CLEAR:
             if not seen_before:
                 self._report(
                     time, 'sees', f'a {"step" if message.height > 0.0 else "drop"} of '
@@ -146,15 +149,15 @@ class Timeline:
                     'centre')
             if message.decision not in self.passages[index].decided:
                 self.passages[index].decided.append(message.decision)
-        late = 'too late to stop: ' if message.reason == StepDecision.COMMITTED else ''
-        if message.decision == StepDecision.CROSS:
+        late = 'too late to stop: ' if message.reason == StepDecision.REASON_COMMITTED else ''
+        if message.decision == StepDecision.DECISION_CROSS:
             self._limit = message.height_limit
         self._report(time, NAMES.get(message.decision, '?'), late + message.explanation)
 
     def _follow(self, passage: Passage, message: BallState, before: BallState) -> None:
         """Report when the ball touches a step, and when it has crossed it."""
         if passage.touched is None and any(
-                touch.kind == Contact.EDGE and abs(touch.x - passage.x) < NEAR
+                touch.kind == Contact.KIND_EDGE and abs(touch.x - passage.x) < NEAR
                 for touch in message.contacts):
             passage.touched, passage.touch_speed = self.now, before.velocity_x
             good = '' if math.isnan(self._limit) else (
@@ -193,7 +196,7 @@ class Timeline:
         """Return what did not happen as it should have; empty for a success."""
         wrong = []
         for passage in self.passages:
-            accepted = StepDecision.CROSS in passage.decided
+            accepted = StepDecision.DECISION_CROSS in passage.decided
             if passage.expected is Expected.CROSSED:
                 if not accepted:
                     wrong.append(f'the {passage.name} was never accepted')
@@ -202,7 +205,7 @@ class Timeline:
                 continue
             if accepted:
                 wrong.append(f'the {passage.name} was accepted, and is not to be taken')
-            if not {StepDecision.GO_ROUND, StepDecision.STOP} & set(passage.decided):
+            if not REFUSED & set(passage.decided):
                 wrong.append(f'the {passage.name} was never refused')
             if passage.touched is not None or passage.crossed is not None:
                 wrong.append(f'the {passage.name} was touched')

@@ -10,6 +10,7 @@ from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.errors import BallbotError, DriveError
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.ros import diagnostics
+from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
 from ballbot_ros.ros.logs import DeferredLogs
 from ballbot_ros.ros.motor import Clocks, MotorOutputs
@@ -47,7 +48,8 @@ class Bridge(ManagedNode):
         clocks = Clocks(self)
         self._outputs = MotorOutputs(
             self, clocks, settings.status_rate,
-            0.0 if self._session.law is None else 1.0 / settings.joint_state_rate)
+            0.0 if self._session.law is None else 1.0 / settings.joint_state_rate,
+            Frames.of(settings).base)
         self._robot_outputs = RobotOutputs(self, self._session, clocks, settings)
         self._loop: Optional[Loop] = None
         self._service = ServiceManager()
@@ -56,7 +58,7 @@ class Bridge(ManagedNode):
         self._inputs = MotorInputs(self, self._session, clocks, settings.cmd_vel_type)
         self._diagnostics = diagnostics.Diagnostics(self, 'motor', lambda: health(
             self._session, self._loop, self._hardware, self._inputs.imu_refused,
-            self._inputs.authority))
+            self._inputs.authority), self._session.robot.name)
         self.create_timer(LOOK_AFTER, self._look_after,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         if settings.autostart:
@@ -102,7 +104,7 @@ class Bridge(ManagedNode):
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop the motor and close the line."""
         self._close()
-        self._outputs.publish_end(MotorStatus.OFF, self._session)
+        self._outputs.publish_end(MotorStatus.STATE_OFF, self._session)
         return SUCCESS
 
     on_shutdown = on_error = on_cleanup
@@ -111,7 +113,7 @@ class Bridge(ManagedNode):
         """Stop the motor, close the line, and say that this is the end."""
         self._service.stopping()
         self._close()
-        self._outputs.publish_end(MotorStatus.ENDED, self._session)
+        self._outputs.publish_end(MotorStatus.STATE_ENDED, self._session)
 
     def _close(self) -> None:
         loop, self._loop = self._loop, None

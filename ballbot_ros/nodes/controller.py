@@ -47,7 +47,8 @@ class Controller(Node):
         self._subscribe(TYPES[settings.cmd_vel_type], 'cmd_vel',
                         lambda one: self._give(speed_set_point(one)))
         create_subscription(self, Bool, 'e_stop', self._on_e_stop, qos.LATCHED)
-        self._diagnostics = diagnostics.Diagnostics(self, 'pendulum', self._health)
+        self._diagnostics = diagnostics.Diagnostics(
+            self, 'pendulum', self._health, robot.name)
         # In lockstep time stands still between states, for as long as somebody needs.
         if not settings.lockstep_set_point_period:
             self.create_timer(settings.state_timeout / 4, self._watch,

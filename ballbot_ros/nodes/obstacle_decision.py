@@ -53,7 +53,7 @@ class ObstacleDecision(Node):
         self._observed: Any = None  # the newest observation that waits for odometry
         self._seen: Dict[type, Tuple[int, int]] = {}
         self._counts: Counter = Counter()
-        self._outputs = DecisionOutputs(self)
+        self._outputs = DecisionOutputs(self, settings.terrain_frame)
         for topic, kind, convert in (
                 ('step_observation', StepObservation, observation),
                 ('terrain_observation', TerrainObservation, terrain_observation)):
@@ -61,7 +61,8 @@ class ObstacleDecision(Node):
                                 qos.SHORT)
         create_subscription(self, Odometry, 'odom', self._on_odometry, qos.SHORT)
         self._standstill = Standstill(self, self._stand)
-        self._diagnostics = diagnostics.Diagnostics(self, 'decision', self._health)
+        self._diagnostics = diagnostics.Diagnostics(
+            self, 'decision', self._health, knowledge.robot.name)
 
     def _on_observation(self, convert: Callable[[Any], Observation], message: Any) -> None:
         if self._seen.get(type(message)) == exact(message):

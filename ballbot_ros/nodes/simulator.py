@@ -43,7 +43,8 @@ class Simulator(Node):
                             settings.accuracy or None)
         self._gate = CommandGate(settings.command_timeout)
         outputs = Outputs(self, self._plant, settings)
-        self._diagnostics = diagnostics.Diagnostics(self, 'simulation', self._health)
+        self._diagnostics = diagnostics.Diagnostics(
+            self, 'simulation', self._health, scene.model.robot.name)
         self._laws = LawsInside(self, self._plant, settings) \
             if settings.control == 'onboard' else None
         self._scheduler = Scheduler(self._plant, self._laws or self._gate, outputs, settings,

@@ -88,10 +88,11 @@ def command_message(stamp: Time, torque: float, sender: str = '') -> JointState:
     return message
 
 
-def joint_state_message(state: State, torque: float, has_pendulum: bool) -> JointState:
+def joint_state_message(state: State, torque: float, has_pendulum: bool,
+                        frames: Frames = FRAMES) -> JointState:
     """Return shell and pendulum as joints: theta1, and theta2 relative to the shell."""
     message = JointState()
-    message.header.stamp = to_time(state.time)
+    message.header.stamp, message.header.frame_id = to_time(state.time), frames.base
     if has_pendulum:
         message.name = JOINTS
         message.position = [state.ball_angle, state.joint_angle]
@@ -268,15 +269,15 @@ def terrain_observation(message: TerrainObservationMsg) -> TerrainObservation:
         tuple(message.z_sd), message.x_min, message.x_max, message.header.frame_id)
 
 
-_KINDS = {kind: getattr(StepDecision, kind.name) for kind in Kind}
+_KINDS = {kind: getattr(StepDecision, f'DECISION_{kind.name}') for kind in Kind}
+_REASONS = {reason: getattr(StepDecision, f'REASON_{reason.name}') for reason in Reason}
 
 
-def decision_message(stamp: Time, decision: Decision) -> StepDecision:
-    """Return a decision as a message."""
+def decision_message(stamp: Time, decision: Decision, frame: str = FRAMES.base) -> StepDecision:
+    """Return a decision as a message, with its distances in a frame."""
     outlook, plan = decision.outlook or Outlook(), decision.plan
     message = StepDecision(
-        decision=_KINDS[decision.kind],
-        reason=getattr(StepDecision, Reason(decision.reason).name),
+        decision=_KINDS[decision.kind], reason=_REASONS[Reason(decision.reason)],
         speed=decision.set_speed, required_speed=decision.required_speed,
         reachable_speed=decision.reachable_speed,
         height=0.0 if math.isnan(decision.height) else decision.height,
@@ -289,5 +290,5 @@ def decision_message(stamp: Time, decision: Decision) -> StepDecision:
         swing_distance=decision.swing_distance,
         swing_angle=plan.swing_angle if plan and math.isfinite(plan.swing_position) else math.nan,
         attempts=outlook.attempts, others=list(outlook.others))
-    message.header.stamp = stamp
+    message.header.stamp, message.header.frame_id = stamp, frame
     return message

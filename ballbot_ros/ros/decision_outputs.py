@@ -19,8 +19,9 @@ from ballbot_ros.ros.senders import own_name
 class DecisionOutputs:
     """Publishes step_decision and set_point."""
 
-    def __init__(self, node: Node):
-        """Create the publishers."""
+    def __init__(self, node: Node, frame: str):
+        """Create the publishers; distances are in the frame."""
+        self._frame = frame
         self._name = own_name(node)
         self._decisions = create_publisher(node, StepDecision, 'step_decision', qos.DECISION)
         self._set_points = create_publisher(node, JointState, 'set_point', qos.COMMAND)
@@ -38,7 +39,7 @@ class DecisionOutputs:
     def decide(self, stamp: Time, answer: Answer) -> None:
         """Publish a decision stamped like its observation, and the set-point for now."""
         # In lockstep the stamp of the set-point names the period that it is for.
-        self._newest = (decision_message(stamp, answer.decision),
+        self._newest = (decision_message(stamp, answer.decision, self._frame),
                         set_point_message(to_time(answer.stamp), answer.set_angle, self._name))
         self.repeat()
 

@@ -36,15 +36,20 @@ class Diagnostics:
         Of the status, after the name of the node.
     report : callable
         Called at each publication.
+    hardware : str
+        What it is the health of, such as the name of a robot; with the namespace of the node it
+        tells robots apart.
     period : float
         [s] of wall time: health is published while simulated time stands still, too.
 
     """
 
-    def __init__(self, node: Node, name: str, report: Callable[[], Health], period: float = 1.0):
+    def __init__(self, node: Node, name: str, report: Callable[[], Health], hardware: str,
+                 period: float = 1.0):
         """Create publisher and timer."""
         self._node = node
         self._name = f'{node.get_fully_qualified_name().lstrip("/")}: {name}'
+        self._hardware = '/'.join(filter(None, (node.get_namespace().strip('/'), hardware)))
         self._report = report
         self._count = 0
         self._publisher = create_publisher(node, DiagnosticArray, '/diagnostics', qos.SHORT)
@@ -54,7 +59,7 @@ class Diagnostics:
         """Publish now."""
         level, message, values = self._report()
         status = DiagnosticStatus(
-            level=level, name=self._name, message=message, hardware_id='ballbot',
+            level=level, name=self._name, message=message, hardware_id=self._hardware,
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])
         array = DiagnosticArray(status=[status])
         array.header.stamp = self._node.get_clock().now().to_msg()

@@ -65,7 +65,7 @@ class ImuOutput:
                              for sd in (gyro_sd, force_sd)]
         self._publisher = create_publisher(node, Imu, 'imu', qos.STATE)
         self._counted, self._counted_at, self._rate = 0, time.monotonic(), 0.0
-        self._diagnostics = diagnostics.Diagnostics(node, 'imu', self._health)
+        self._diagnostics = diagnostics.Diagnostics(node, 'imu', self._health, f'imu on {port}')
         self.failure: Optional[Exception] = None
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name='imu', daemon=True)

@@ -17,18 +17,19 @@ POSITIONS, VELOCITIES, EFFORTS = (1.25e101, 1.25e102), (1.25e103, 1.25e104), (0.
 class JointStateBytes:
     """A serialised joint state of shell and pendulum; what changes is written in place."""
 
-    def __init__(self) -> None:
+    def __init__(self, frame: str = ''):
         """Let the middleware serialise one message, and find its numbers in it."""
-        self._buffer = bytearray(serialize_message(self._marked()))
+        self._buffer = bytearray(serialize_message(self._marked(frame)))
         self._stamp, self._positions, self._velocities, self._torque = (
             self._place(mark) for mark in (
                 struct.pack('=iI', SECONDS, NANOSECONDS), struct.pack('=2d', *POSITIONS),
                 struct.pack('=2d', *VELOCITIES), struct.pack('=d', EFFORTS[1])))
 
     @staticmethod
-    def _marked() -> JointState:
+    def _marked(frame: str) -> JointState:
         message = JointState(name=JOINTS, position=POSITIONS, velocity=VELOCITIES, effort=EFFORTS)
         message.header.stamp = Time(sec=SECONDS, nanosec=NANOSECONDS)
+        message.header.frame_id = frame
         return message
 
     def _place(self, mark: bytes) -> int:

@@ -132,16 +132,18 @@ class MotorOutputs:
         [Hz]
     joint_state_period : float
         [s]; 0 for each estimate.
+    frame : str
+        Of joint_states and motor_status.
 
     """
 
     def __init__(self, node: Node, clocks: Clocks, status_rate: float,
-                 joint_state_period: float = 0.0):
+                 joint_state_period: float = 0.0, frame: str = FRAMES.base):
         """Create the publishers."""
         self._clocks, self._status_period = clocks, 1.0 / status_rate
         self._joint_period, self._joints_due = joint_state_period, 0.0
         self._joints = create_publisher(node, JointState, 'joint_states', qos.STATE)
-        self._joint_states = JointStateBytes()
+        self._frame, self._joint_states = frame, JointStateBytes(frame)
         self._status = create_publisher(node, MotorStatus, 'motor_status', qos.STATE)
         self._e_stop = create_publisher(node, Bool, 'e_stop', qos.LATCHED)
         self._published: Optional[bool] = None
@@ -181,9 +183,11 @@ class MotorOutputs:
         message = MotorStatus(
             state=state, e_stop=e_stop, derating=1.0,
             warnings=[unconfirmed] if unconfirmed else [],
-            control=MotorStatus.ONBOARD if self._joint_period else MotorStatus.DIRECT,
+            control=(MotorStatus.CONTROL_ONBOARD if self._joint_period
+                     else MotorStatus.CONTROL_DIRECT),
             **dict.fromkeys(NUMBERS, math.nan))
         message.header.stamp = to_time(self._clocks.stamp(time.monotonic()))
+        message.header.frame_id = self._frame
         self.publish_e_stop(bool(e_stop))
         self._state = state
         self._status.publish(message)
@@ -198,7 +202,7 @@ class MotorOutputs:
             pendulum_rate_sd=estimate.rate_sd if estimate else math.nan,
             current=_number(drive.current), bus_voltage=_number(drive.bus_voltage),
             bus_current=_number(drive.bus_current), set_value=math.nan,
-            control=MotorStatus.DIRECT if law is None else MotorStatus.ONBOARD,
+            control=MotorStatus.CONTROL_DIRECT if law is None else MotorStatus.CONTROL_ONBOARD,
             law='' if law is None else law.mode.value, derating=report.condition.part,
             warnings=(*drive.warnings, *report.condition.warnings),
             temperature=_number(drive.temperature),
@@ -206,24 +210,25 @@ class MotorOutputs:
         if law is not None and law.mode is not Mode.IDLE:
             message.set_value = law.value
         message.header.stamp = to_time(self._clocks.stamp(report.time))
+        message.header.frame_id = self._frame
         return message
 
 
 def state_of(report: Report) -> str:
     """Return the state of a report, as in MotorStatus."""
     if report.state is MotorState.DISCONNECTED:
-        return MotorStatus.LOST
+        return MotorStatus.STATE_LOST
     if report.state is MotorState.STOPPING:
-        return MotorStatus.STOPPING
+        return MotorStatus.STATE_STOPPING
     if report.e_stop:
-        return MotorStatus.E_STOP
+        return MotorStatus.STATE_E_STOP
     if report.state is MotorState.DISARMED:
-        return MotorStatus.OFF
+        return MotorStatus.STATE_OFF
     if report.needs_imu:
-        return MotorStatus.NO_IMU
+        return MotorStatus.STATE_NO_IMU
     if report.timed_out:
-        return MotorStatus.TIMED_OUT
-    return MotorStatus.FOLLOWING if report.commanded else MotorStatus.WAITING
+        return MotorStatus.STATE_TIMED_OUT
+    return MotorStatus.STATE_FOLLOWING if report.commanded else MotorStatus.STATE_WAITING
 
 
 def _number(value: Optional[float]) -> float:

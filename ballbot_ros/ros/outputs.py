@@ -64,7 +64,8 @@ class Outputs:
             self._send(publisher, message)
         if everything or self._plant.periods % self._joints_every == 0:
             self._send(self._joints, joint_state_message(
-                self._plant.state, self._plant.torque, self._plant.model.robot.has_pendulum))
+                self._plant.state, self._plant.torque, self._plant.model.robot.has_pendulum,
+                self._odometry.frames))
 
     def repeat(self) -> None:
         """

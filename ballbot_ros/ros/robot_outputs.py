@@ -13,6 +13,7 @@ from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import estimated_odometry_message, to_time
 from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.frames import FRAMES, Frames
 from ballbot_ros.ros.motor import Clocks
 from ballbot_ros.ros.odometry import OdometryTopics
 from ballbot_ros.ros.settings import BridgeSettings
@@ -60,7 +61,7 @@ class RobotOutputs:
             self._topics = OdometryTopics(node, session.robot, settings)
             self._odometry_turns = Turns(1.0 / settings.odom_rate)
         self._battery_topic = create_publisher(node, BatteryState, 'battery_state', qos.STATE)
-        self._battery_turns = Turns(BATTERY_PERIOD)
+        self._battery_turns, self._frame = Turns(BATTERY_PERIOD), Frames.of(settings).base
 
     def publish(self, report: Report) -> None:
         """Publish what a period of the loop has found, each topic when its turn has come."""
@@ -76,11 +77,11 @@ class RobotOutputs:
         if self._battery_turns.is_due(report.time):
             self._battery_topic.publish(battery_message(
                 self._clocks.stamp(report.time), self._battery, report.telemetry,
-                report.condition))
+                report.condition, self._frame))
 
 
 def battery_message(stamp: float, battery: Battery, telemetry: Telemetry,
-                    condition: Condition) -> BatteryState:
+                    condition: Condition, frame: str = FRAMES.base) -> BatteryState:
     """
     Return what is known of the battery; NaN where nobody knows, as the message asks for.
 
@@ -91,6 +92,7 @@ def battery_message(stamp: float, battery: Battery, telemetry: Telemetry,
     battery : Battery
     telemetry : Telemetry
     condition : Condition
+    frame : str
 
     """
     voltage, drawn = telemetry.bus_voltage, telemetry.bus_current
@@ -113,5 +115,5 @@ def battery_message(stamp: float, battery: Battery, telemetry: Telemetry,
         power_supply_health=health, present=voltage is not None,
         power_supply_technology=getattr(
             BatteryState, f'POWER_SUPPLY_TECHNOLOGY_{battery.technology.upper()}'))
-    message.header.stamp = to_time(stamp)
+    message.header.stamp, message.header.frame_id = to_time(stamp), frame
     return message

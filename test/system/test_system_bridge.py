@@ -32,9 +32,9 @@ def test_a_signal_ends_the_bridge_with_a_stop(driving, motor, number):
     run = driving()
     assert run.graph.end('bridge', number) == 0
     assert motor.torque == 0.0 and not motor.device.armed
-    run.wait_until_told(MotorStatus.ENDED)
+    run.wait_until_told(MotorStatus.STATE_ENDED)
     last = run.status[-1]
-    assert last.state == MotorStatus.ENDED and last.torque == 0.0
+    assert last.state == MotorStatus.STATE_ENDED and last.torque == 0.0
 
 
 def test_a_kill_is_outlived_by_no_torque_for_the_drive_watches(driving, motor):
@@ -58,7 +58,7 @@ def test_a_process_that_is_frozen_and_a_full_disk_do_no_harm(driving, motor):
 def test_commands_that_stop_stop_the_motor_and_are_followed_again(driving, motor):
     run = driving()
     run.wait_for_nothing()
-    run.wait_until_told(MotorStatus.TIMED_OUT)
+    run.wait_until_told(MotorStatus.STATE_TIMED_OUT)
     run.pull()
 
 
@@ -66,10 +66,10 @@ def test_unplugging_ends_in_a_stop_and_service_comes_back(driving, motor):
     run = driving()
     obey(motor, 'unplug')
     run.wait_for_nothing()
-    run.wait_until_told(MotorStatus.LOST)
+    run.wait_until_told(MotorStatus.STATE_LOST)
     run.graph.wait_for_health('bridge', diagnostics.ERROR, 'looking for the drive')
     obey(motor, 'plug')
-    run.graph.wait(lambda: run.status[-1].state == MotorStatus.E_STOP, 'the drive is back')
+    run.graph.wait(lambda: run.status[-1].state == MotorStatus.STATE_E_STOP, 'the drive is back')
     assert 'line was lost' in run.status[-1].e_stop
     refusal = run.graph.call('bridge/release_e_stop', Trigger)
     run.release() if not refusal.success else None

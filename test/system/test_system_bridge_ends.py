@@ -41,7 +41,7 @@ def test_who_asks_for_a_transition_while_it_starts_by_itself_is_obeyed(graph, mo
         obey(motor, 'plug')  # and from now on the bridge could do it by itself
     graph.wait(lambda: status, 'the loop runs')
     graph.spin(2.5)
-    assert status[-1].state == MotorStatus.E_STOP
+    assert status[-1].state == MotorStatus.STATE_E_STOP
     assert 'active;' not in graph.log('bridge')
     assert change(graph, Transition.TRANSITION_ACTIVATE)
 

@@ -108,7 +108,7 @@ def slope(length, angle_deg):
 def test_before_a_drop_behind_half_a_degree_downhill_it_stands(ride, sensor):
     seen = ride([flat(0.4), slope(2.0, -0.5), step(-0.1), flat(2.0)], 12.0, **sensor)
     assert max(seen.x) < 2.4 - RADIUS and seen.at_rest()
-    assert StepDecision.CROSS not in seen.kinds
+    assert StepDecision.DECISION_CROSS not in seen.kinds
 
 
 def test_on_three_degrees_downhill_it_does_not_hit_the_step_that_it_goes_round(ride):
@@ -146,7 +146,7 @@ def test_what_failed_is_not_tried_again_in_the_same_way(ride):
 def test_where_the_run_up_is_too_short_it_backs_off_and_crosses(ride):
     seen = ride([flat(2.0), step(0.031), flat(3.0)], 14.0, start=1.62,
                 tuning={'room_behind': 1.5}, **SEES_TERRAIN)
-    assert min(seen.x) < 1.5 and StepDecision.BACK_OFF in seen.kinds
+    assert min(seen.x) < 1.5 and StepDecision.DECISION_BACK_OFF in seen.kinds
     assert max(seen.x) > 2.1
 
 
@@ -159,7 +159,7 @@ def test_uphill_it_does_not_roll_back_without_a_word(ride):
 def test_a_ramp_is_seen_before_the_ball_is_on_it(ride, angle_deg):
     seen = ride([flat(1.5), slope(0.6, angle_deg), flat(1.0)], 10.0, **SEES_TERRAIN)
     climbed = max(seen.x) > 2.2
-    refused = seen.kinds & {StepDecision.STOP, StepDecision.GO_ROUND}
+    refused = seen.kinds & {StepDecision.DECISION_STOP, StepDecision.DECISION_GO_ROUND}
     assert climbed or refused and seen.at_rest() and max(seen.x) < 1.6
 
 
@@ -167,7 +167,7 @@ def test_a_ramp_is_seen_before_the_ball_is_on_it(ride, angle_deg):
     {'observation_height_sd': 0.003, **SEES_STEPS}, {'terrain_height_sd': 0.003, **SEES_TERRAIN}])
 def test_noise_that_nobody_told_of_is_no_reason_to_hit_a_step(ride, sensor):
     seen = ride([flat(1.0), step(0.055), flat(1.0)], 8.0, sensor_told=0.0, **sensor)
-    if StepDecision.CROSS not in seen.kinds:
+    if StepDecision.DECISION_CROSS not in seen.kinds:
         assert seen.speed_at(1.0) < HIT
     assert len(seen.story) <= 4, seen.story
 

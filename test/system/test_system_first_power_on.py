@@ -254,7 +254,7 @@ class Walk:
         assert words[4].strip('.') == 'std_srvs/srv/Trigger'
         assert self.graph.call(words[3].lstrip('/'), Trigger).success
         self.graph.wait(lambda: self.motor.torque == 0.0, 'the motor is at zero')
-        self.wait_for_state(MotorStatus.E_STOP)
+        self.wait_for_state(MotorStatus.STATE_E_STOP)
         assert self.graph.end('bridge', signal.SIGINT) == 0
 
     # What several of them do

@@ -19,7 +19,7 @@ def test_the_decision_drives_a_simulator_over_a_step_without_a_controller(graph)
     graph.wait_until_connected(states, decisions)
     graph.trigger('resume')
     graph.wait(lambda: states[-1].x > 2.2, 'the ball is over the step')
-    assert StepDecision.CROSS in {decision.decision for decision in decisions}
+    assert StepDecision.DECISION_CROSS in {decision.decision for decision in decisions}
     stamps = [to_seconds(joint.header.stamp) for joint in joints[-50:]]
     assert abs((stamps[-1] - stamps[0]) / 49 - 0.01) < 1e-6
     assert graph.values('simulator')['law'] == 'hold'
@@ -87,7 +87,7 @@ def test_a_bridge_drives_by_set_points_and_names_who_keeps_the_e_stop_engaged(
         graph, motor, hardware):
     status = graph.subscribe('motor_status', MotorStatus)
     graph.start('bridge', hardware=hardware(), port=motor.path)
-    graph.wait(lambda: status and status[-1].control == MotorStatus.ONBOARD, 'it runs')
+    graph.wait(lambda: status and status[-1].control == MotorStatus.CONTROL_ONBOARD, 'it runs')
     up, rest = graph.joint(position=[0.4]), graph.joint(position=[0.0])
 
     def released():

@@ -122,19 +122,19 @@ def sight(stamp, **changes):
 
 
 BAD = {
-    'distance is NaN': ({'distance': NAN}, StepDecision.BAD_OBSERVATION),
-    'height is infinite': ({'height': INF}, StepDecision.BAD_OBSERVATION),
-    'distance is negative': ({'distance': -0.1}, StepDecision.BAD_OBSERVATION),
-    'deviation is negative': ({'height_sd': -0.001}, StepDecision.BAD_OBSERVATION),
-    'deviation is NaN': ({'distance_sd': NAN}, StepDecision.BAD_OBSERVATION),
-    'step that changes': ({'height': 0.06}, StepDecision.CONTRADICTORY),
-    'step that jumps': ({'distance': 0.7}, StepDecision.CONTRADICTORY),
-    'height of nothing': ({'detected': False}, StepDecision.CONTRADICTORY),
+    'distance is NaN': ({'distance': NAN}, StepDecision.REASON_BAD_OBSERVATION),
+    'height is infinite': ({'height': INF}, StepDecision.REASON_BAD_OBSERVATION),
+    'distance is negative': ({'distance': -0.1}, StepDecision.REASON_BAD_OBSERVATION),
+    'deviation is negative': ({'height_sd': -0.001}, StepDecision.REASON_BAD_OBSERVATION),
+    'deviation is NaN': ({'distance_sd': NAN}, StepDecision.REASON_BAD_OBSERVATION),
+    'step that changes': ({'height': 0.06}, StepDecision.REASON_CONTRADICTORY),
+    'step that jumps': ({'distance': 0.7}, StepDecision.REASON_CONTRADICTORY),
+    'height of nothing': ({'detected': False}, StepDecision.REASON_CONTRADICTORY),
 }
 
 
 @pytest.mark.parametrize('planner, good_reason', [
-    ('cubic', StepDecision.WITHIN_CURVE), ('rollout', StepDecision.LIKELY)])
+    ('cubic', StepDecision.REASON_WITHIN_CURVE), ('rollout', StepDecision.REASON_LIKELY)])
 def test_bad_observations_stop_the_robot_with_their_reason(graph, planner, good_reason):
     decisions = graph.subscribe('step_decision', StepDecision, qos.LATCHED)
     points = graph.subscribe('set_point', JointState)
@@ -157,19 +157,20 @@ def test_bad_observations_stop_the_robot_with_their_reason(graph, planner, good_
 
     graph.wait(lambda: graph.node.count_publishers('step_decision')
                and graph.node.count_publishers('set_point'), 'the decision publishes')
-    good = StepDecision.CROSS, good_reason
+    good = StepDecision.DECISION_CROSS, good_reason
     assert ask({})[:2] == good
     for name, (change, reason) in BAD.items():
         decision, why, angle = ask(change)
-        assert (decision, why) == (StepDecision.STOP, reason), name
+        assert (decision, why) == (StepDecision.DECISION_STOP, reason), name
         assert angle < 0.0, name  # it brakes
         assert decisions[-1].speed == 0.0 and decisions[-1].explanation
         assert ask({})[:2] == good, name
-    assert ask({}, speed=NAN) == (StepDecision.STOP, StepDecision.BAD_OBSERVATION, 0.0)
-    assert ask({}, x=INF)[:2] == (StepDecision.STOP, StepDecision.BAD_OBSERVATION)
+    assert ask({}, speed=NAN) == (
+        StepDecision.DECISION_STOP, StepDecision.REASON_BAD_OBSERVATION, 0.0)
+    assert ask({}, x=INF)[:2] == (StepDecision.DECISION_STOP, StepDecision.REASON_BAD_OBSERVATION)
     assert ask({})[:2] == good
     # Odometry goes on, and observations do not.
-    assert ask()[:2] == (StepDecision.STOP, StepDecision.STALE)
+    assert ask()[:2] == (StepDecision.DECISION_STOP, StepDecision.REASON_STALE)
     graph.wait_for_health('obstacle_decision', diagnostics.WARN)
     assert graph.end('obstacle_decision') == 0
     assert 'Traceback' not in graph.log('obstacle_decision')

@@ -94,15 +94,15 @@ def test_decision_that_dies_on_the_way_is_replaced_and_nothing_is_guessed(graph,
     second = [decision for decision in decisions if decision.height > 0.05]
     assert first and all(decision.explanation for decision in decisions)
     for decision in first:
-        if decision.reason == StepDecision.LIKELY:
-            assert decision.decision == StepDecision.CROSS
+        if decision.reason == StepDecision.REASON_LIKELY:
+            assert decision.decision == StepDecision.DECISION_CROSS
             assert decision.probability >= 0.5
-        elif decision.decision == StepDecision.CROSS:
-            assert decision.reason == StepDecision.COMMITTED
-    assert {decision.decision for decision in second} <= {StepDecision.GO_ROUND}
+        elif decision.decision == StepDecision.DECISION_CROSS:
+            assert decision.reason == StepDecision.REASON_COMMITTED
+    assert {decision.decision for decision in second} <= {StepDecision.DECISION_GO_ROUND}
     assert not any(abs(touch.x - 4.0) < 0.01 for state in states for touch in state.contacts)
     # There was room enough; what was decided was done.
-    assert first[0].decision == StepDecision.CROSS
+    assert first[0].decision == StepDecision.DECISION_CROSS
     assert 2.2 < states[-1].x < 4.0 - 0.226
 
 

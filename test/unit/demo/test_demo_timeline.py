@@ -9,8 +9,9 @@ from ballbot_ros.ros.conversions import to_time
 STEPS = ((1.426, 0.031, 0.031, Expected.CROSSED), (4.426, 0.080, 0.111, Expected.REFUSED))
 DROP = ((2.5, -0.1, -0.15, Expected.REFUSED),)
 RADIUS = 0.226
-CROSS = (StepDecision.CROSS, StepDecision.WITHIN_CURVE)
-GO_ROUND = (StepDecision.GO_ROUND, StepDecision.TOO_HIGH)
+CROSS = (StepDecision.DECISION_CROSS, StepDecision.REASON_WITHIN_CURVE)
+COMMITTED = (StepDecision.DECISION_CROSS, StepDecision.REASON_COMMITTED)
+GO_ROUND = (StepDecision.DECISION_GO_ROUND, StepDecision.REASON_TOO_HIGH)
 
 
 @pytest.fixture
@@ -24,7 +25,7 @@ def timeline(gimball):
 
 def ball(stamp, x, y=RADIUS, speed=0.5, touching=()):
     message = BallState(x=x, y=y, velocity_x=speed, contacts=[
-        Contact(kind=Contact.EDGE, x=place) for place in touching])
+        Contact(kind=Contact.KIND_EDGE, x=place) for place in touching])
     message.header.stamp = to_time(stamp)
     return message
 
@@ -114,7 +115,7 @@ def test_only_a_change_of_decision_is_reported(timeline):
         timeline.add_state(ball(stamp, 0.0))
     for number in range(50):
         timeline.add_decision(decided(0.02 * number, CROSS, explanation=f'look {number}'))
-    timeline.add_decision(decided(1.0, (StepDecision.CROSS, StepDecision.COMMITTED)))
+    timeline.add_decision(decided(1.0, COMMITTED))
     assert marks(timeline) == ['sees', 'CROSS', 'CROSS']
     assert timeline.events[-1][2] == 'too late to stop: because'
 
@@ -127,12 +128,12 @@ def test_a_decision_that_overtakes_the_states_waits_for_them(timeline):
     assert marks(timeline)[-1] == 'crossed'
     timeline.add_state(ball(2.02, 1.44, y=RADIUS + 0.031))
     assert marks(timeline)[-3:] == ['crossed', 'sees', 'GO ROUND']
-    assert timeline.passages[0].decided == [StepDecision.CROSS]
+    assert timeline.passages[0].decided == [StepDecision.DECISION_CROSS]
 
 
 def test_a_decision_that_comes_late_belongs_to_the_step_of_its_time(timeline):
     play(timeline, 'crossed')
-    timeline.add_decision(decided(1.98, (StepDecision.CROSS, StepDecision.COMMITTED)))
+    timeline.add_decision(decided(1.98, COMMITTED))
     assert timeline.passages[1].decided == []
 
 
@@ -164,7 +165,7 @@ def test_before_a_drop_it_is_right_to_stop_and_wrong_to_fall(gimball):
     def new():
         return Timeline([Passage(*face) for face in DROP], gimball, lambda *event: None)
 
-    stop = (StepDecision.STOP, StepDecision.DROP)
+    stop = (StepDecision.DECISION_STOP, StepDecision.REASON_DROP)
     right, wrong = new(), new()
     for timeline in (right, wrong):
         timeline.add_state(ball(0.0, 0.0, speed=0.0))

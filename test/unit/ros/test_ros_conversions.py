@@ -97,8 +97,8 @@ def test_a_robot_without_a_pendulum_has_one_joint_and_nan_for_the_rest():
 def test_every_decision_has_its_number_in_the_message(kind, reason):
     from builtin_interfaces.msg import Time
     message = conversions.decision_message(Time(), Decision(kind, reason, 0.4, 'because'))
-    assert message.decision == getattr(StepDecision, kind.name) != StepDecision.UNKNOWN
-    assert message.reason == getattr(StepDecision, reason.name) != StepDecision.UNKNOWN
+    assert message.decision == getattr(StepDecision, f'DECISION_{kind.name}') != 0
+    assert message.reason == getattr(StepDecision, f'REASON_{reason.name}') != 0
     assert message.explanation == 'because'
 
 

@@ -35,3 +35,9 @@ def test_a_middleware_that_writes_numbers_otherwise_is_noticed(monkeypatch):
     monkeypatch.setattr(joint_state_bytes, 'serialize_message', lambda message: b'text')
     with pytest.raises(RuntimeError, match='serialises numbers otherwise'):
         JointStateBytes()
+
+
+def test_the_frame_is_in_the_bytes():
+    sent = JointStateBytes('one/base_link').of(1.0, JointReadings(0.0, 1.0, 2.0, 3.0, 4.0), 5.0)
+    message = deserialize_message(sent, JointState)
+    assert message.header.frame_id == 'one/base_link' and message.effort[1] == 5.0
