@@ -5,7 +5,6 @@ import importlib.util
 import os
 from pathlib import Path
 import re
-import runpy
 import shutil
 import signal
 import subprocess
@@ -303,42 +302,3 @@ def test_without_ros_pip_installs_all_but_the_messages(tmp_path):
     assert not (package / 'msg').exists()
     assert files_below(package) == files_below(ROOT / 'ballbot_ros')
     assert os.access(target / 'bin' / 'ballbot', os.X_OK)
-
-
-# --- Launch files ---------------------------------------------------------------------------
-
-@pytest.mark.parametrize('path', sorted(ROOT.glob('launch/*.launch.py')), ids=lambda p: p.stem)
-def test_launch_files_start_executables_that_exist(path):
-    started = {keyword.value.value for node in ast.walk(ast.parse(path.read_text()))
-               if isinstance(node, ast.Call) for keyword in node.keywords
-               if keyword.arg == 'executable'}
-    assert started and started <= set(table('EXECUTABLES'))
-
-
-@pytest.mark.parametrize('path', sorted(ROOT.glob('launch/*.launch.py')), ids=lambda p: p.stem)
-def test_launch_files_set_parameters_that_exist(path):
-    settings = pytest.importorskip('ballbot_ros.ros.settings')
-    known = {'bridge': settings.BridgeSettings, 'simulator': settings.SimulatorSettings,
-             'controller': settings.ControllerSettings,
-             'obstacle_decision': settings.DecisionSettings, 'imu': settings.ImuSettings}
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'Node':
-            keywords = {keyword.arg: keyword.value for keyword in node.keywords}
-            fields = known[keywords['executable'].value].__dataclass_fields__
-            for table_ in keywords['parameters'].elts:
-                assert {key.value for key in table_.keys} <= {*fields, 'use_sim_time'}
-
-
-@pytest.mark.parametrize('path', sorted(ROOT.glob('launch/*.launch.py')), ids=lambda p: p.stem)
-def test_launch_arguments_are_described_and_their_defaults_exist(path):
-    pytest.importorskip('launch_ros')
-    from launch import LaunchContext
-    from launch.utilities import perform_substitutions
-    description = runpy.run_path(str(path))['generate_launch_description']()
-    arguments = {argument.name: argument for argument in description.get_launch_arguments()}
-    assert all(argument.description for argument in arguments.values())
-    for name, folder in (('robot', 'robots'), ('scene', 'scenes'), ('hardware', 'hardware'),
-                         ('tuning', 'tunings')):
-        if name in arguments:
-            default = perform_substitutions(LaunchContext(), arguments[name].default_value)
-            assert (ROOT / 'config' / folder / f'{default}.yaml').exists()

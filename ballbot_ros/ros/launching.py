@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the launch files share: their arguments, and how nodes of this package are started."""
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Tuple
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import (
+    DeclareLaunchArgument, ExecuteProcess, GroupAction, LogInfo, OpaqueFunction, Shutdown)
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node, PushRosNamespace, SetParameter
+from launch_ros.parameter_descriptions import ParameterValue
+
+from ballbot_ros.config.files import shipped_folder
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.model.robot import load_robot
+from ballbot_ros.ros.urdf import robot_description
+
+# Name, default, description and, where there are only some, the choices.
+Argument = Tuple[Any, ...]
+
+# Arguments of all launch files.
+SHARED: Tuple[Argument, ...] = (
+    ('namespace', '', 'Namespace of all nodes and their topics'),
+    ('frame_prefix', '', 'Before the name of each frame, such as left/, for more robots'),
+    ('params_file', '', 'YAML file with parameters of the nodes; goes before the arguments here'),
+    ('log_level', 'info', 'What is logged at least', ('debug', 'info', 'warn', 'error', 'fatal')),
+    ('rviz', 'false', 'true: start RViz with the view of this package'),
+    ('view', 'false', 'true: open a page that shows the robot, by ballbot view --live'))
+
+ROBOT = ('robot', 'gimball', 'Name of a robot in config/robots, or the path of a YAML file')
+SCENE = ('scene', 'doorstep', 'Name of a scene in config/scenes, or the path of a YAML file')
+
+TUNING = ('tuning', 'gentle',
+          'Gains: name of a tuning in config/tunings, or the path of a YAML file')
+HARDWARE: Tuple[Argument, ...] = (
+    ('hardware', 'gimball_odrive',
+     'hardware: name of a hardware file in config/hardware, or the path of a YAML file'),
+    ('port', '', 'hardware: serial device, URL or CAN interface; empty takes that of the file'))
+IMU: Tuple[Argument, ...] = (
+    ('imu_port', '',
+     'hardware: serial device of a WitMotion sensor; empty where another node publishes imu'),
+    ('imu_axes', 'x y z', 'hardware: which of its axes point forward, left and up'))
+
+# Of rviz/ballbot.rviz: what is to follow the namespace.
+SHOWN = ('odom', 'robot_description', 'markers')
+
+TRUTH = {'true': True, 'false': False}
+# How often robot_state_publisher tells where the links are, at most [Hz].
+LINK_RATE = 100.0
+
+
+class Given:
+    """The arguments of a launch file as they were given."""
+
+    def __init__(self, context: LaunchContext):
+        """Read them from where the launch system keeps them."""
+        self._context = context
+
+    def __getitem__(self, name: str) -> str:
+        """Return an argument as text."""
+        return str(LaunchConfiguration(name).perform(self._context))
+
+    def number(self, name: str) -> float:
+        """Return an argument as a number; raises `ConfigurationError` if it is none."""
+        try:
+            return float(self[name])
+        except ValueError:
+            raise ConfigurationError(
+                f'launch argument {name} must be a number, got {self[name]!r}') from None
+
+    def flag(self, name: str) -> bool:
+        """Return an argument as true or false; raises `ConfigurationError` if it is neither."""
+        text = self[name].lower()
+        if text not in TRUTH:
+            raise ConfigurationError(
+                f'launch argument {name} must be true or false, got {self[name]!r}')
+        return TRUTH[text]
+
+    def node(self, executable: str, parameters: Mapping[str, Any], required: bool = True) -> Node:
+        """
+        Return a node of this package; when a required one ends, everything ends.
+
+        Parameters
+        ----------
+        executable : str
+        parameters : mapping of str to float, bool or str
+            Those of `params_file` go before them.
+        required : bool
+
+        """
+        return Node(
+            package='ballbot_ros', executable=executable, output='screen',
+            parameters=[typed(parameters), *self._file()],
+            arguments=['--ros-args', '--log-level', self['log_level']],
+            on_exit=[Shutdown(reason=f'{executable} has ended')] if required else [])
+
+    def _file(self) -> List[str]:
+        given = self['params_file']
+        if given and not Path(given).is_file():
+            raise ConfigurationError(
+                f'launch argument params_file: there is no file {given!r}')
+        return [given] if given else []
+
+    def frames(self) -> Dict[str, Any]:
+        """Return the parameters of a node beside whom robot_state_publisher tells the links."""
+        return {'publish_description': False, 'frame_prefix': self['frame_prefix']}
+
+    def viewers(self, robot: str, simulated: bool) -> List[Any]:
+        """Return robot_state_publisher, and what else was asked for to look at the robot."""
+        found: List[Any] = [Node(
+            package='robot_state_publisher', executable='robot_state_publisher',
+            parameters=[typed({
+                'robot_description': robot_description(load_robot(robot)),
+                'frame_prefix': self['frame_prefix'], 'publish_frequency': LINK_RATE})])]
+        if self.flag('rviz'):
+            view = shipped_folder('rviz') / 'ballbot.rviz'
+            found.append(Node(
+                package='rviz2', executable='rviz2',
+                arguments=['-d', str(view), '-f', f'{self["frame_prefix"]}odom'],
+                remappings=[(f'/{topic}', topic) for topic in SHOWN]))
+        if self.flag('view'):
+            found.append(ExecuteProcess(cmd=['ballbot', 'view', '--live'], output='screen'))
+        return [SetParameter(name='use_sim_time', value=simulated), *found]
+
+
+def typed(parameters: Mapping[str, Any]) -> Dict[str, Any]:
+    """Return parameters of which text stays text: a robot may be named 1 or true."""
+    return {name: ParameterValue(value, value_type=str) if isinstance(value, str) else value
+            for name, value in parameters.items()}
+
+
+def describe(arguments: Iterable[Argument], start: Callable[[Given], List[Any]]
+             ) -> LaunchDescription:
+    """
+    Return a launch description of arguments, and of what is started with them.
+
+    Parameters
+    ----------
+    arguments : iterable of (name, default, description) or (name, default, description, choices)
+        Besides those that all launch files have.
+    start : callable
+        Takes the arguments as given, returns actions; see `together`.
+
+    """
+    return LaunchDescription([
+        *(DeclareLaunchArgument(name, default_value=default, description=text,
+                                **({'choices': choices[0]} if choices else {}))
+          for name, default, text, *choices in (*arguments, *SHARED)),
+        LogInfo(msg='The first start compiles, for a minute or two, before the robot moves.'),
+        together(start)])
+
+
+def together(start: Callable[[Given], List[Any]]) -> OpaqueFunction:
+    """Return an action that starts what `start` returns for the arguments, in the namespace."""
+    def open_up(context: LaunchContext) -> List[Any]:
+        given = Given(context)
+        return [GroupAction([PushRosNamespace(given['namespace']), *start(given)])]
+    return OpaqueFunction(function=open_up)

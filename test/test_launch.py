@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What the launch files start; where launch_ros is not installed, only what can be read of them.
+
+No wheel of launch_ros exists: the second half runs where ROS 2 is installed.
+"""
+import ast
+from pathlib import Path
+import runpy
+
+import pytest
+
+from ballbot_ros.errors import ConfigurationError
+
+ROOT = Path(__file__).resolve().parent.parent
+EXECUTABLES = {path.stem for path in (ROOT / 'ballbot_ros' / 'nodes').glob('*.py')}
+LAUNCH_FILES = sorted(ROOT.glob('launch/*.launch.py'))
+
+
+def started(path):
+    """Yield (executable, names of parameters) of the nodes that a launch file starts."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Call) and getattr(node.func, 'attr', '') == 'node':
+            executable, parameters = node.args
+            yield executable.value, {key.value for key in parameters.keys if key is not None}
+
+
+@pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda p: p.stem)
+def test_launch_files_start_nodes_that_exist_with_parameters_that_exist(path):
+    settings = pytest.importorskip('ballbot_ros.ros.settings')
+    known = {'bridge': settings.BridgeSettings, 'simulator': settings.SimulatorSettings,
+             'controller': settings.ControllerSettings,
+             'obstacle_decision': settings.DecisionSettings, 'imu': settings.ImuSettings}
+    nodes = list(started(path))
+    assert nodes or path.name == 'record.launch.py'
+    for executable, names in nodes:
+        assert executable in EXECUTABLES
+        assert names <= {*known[executable].described(), 'use_sim_time'}
+
+
+def opened(path, **arguments):
+    """Return the processes that a launch file starts, which are not started here."""
+    pytest.importorskip('launch_ros')
+    from launch import LaunchContext
+    from launch.actions import ExecuteProcess
+    context = LaunchContext()
+    context.launch_configurations.update(arguments)
+    waiting, found = [runpy.run_path(str(path))['generate_launch_description']()], []
+    while waiting:
+        entity = waiting.pop(0)
+        if isinstance(entity, ExecuteProcess):
+            found.append(entity)
+        else:
+            waiting = [*(entity.visit(context) or []), *waiting]
+    return found
+
+
+@pytest.mark.parametrize('path', [path for path in LAUNCH_FILES if 'record' not in path.name],
+                         ids=lambda p: p.stem)
+def test_launch_files_start_robot_state_publisher_and_end_with_their_nodes(path):
+    nodes = opened(path)
+    assert 'robot_state_publisher' in [node.node_executable for node in nodes]
+    for node in nodes:
+        ends = bool(node._ExecuteLocal__on_exit)
+        assert ends is (node.node_package == 'ballbot_ros')
+
+
+def test_everything_that_there_is_can_be_recorded():
+    recorder, = opened(ROOT / 'launch' / 'record.launch.py', namespace='left')
+    words = [part[0].text for part in recorder.cmd]
+    assert {'/tf', '/clock', '/left/odom', '/left/markers'} <= set(words)
+
+
+@pytest.mark.parametrize('arguments', [
+    {'rviz': 'perhaps'}, {'terrain_rate': 'often'}, {'params_file': '/nowhere.yaml'}],
+    ids=lambda arguments: next(iter(arguments)))
+def test_a_launch_argument_that_makes_no_sense_is_named(arguments):
+    name, = arguments
+    with pytest.raises(ConfigurationError, match=f'launch argument {name}'):
+        opened(ROOT / 'launch' / 'sim.launch.py', **arguments)
+
+
+@pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda p: p.stem)
+def test_launch_arguments_are_described_and_their_defaults_exist(path):
+    pytest.importorskip('launch_ros')
+    from launch import LaunchContext
+    from launch.utilities import perform_substitutions
+    description = runpy.run_path(str(path))['generate_launch_description']()
+    arguments = {argument.name: argument for argument in description.get_launch_arguments()}
+    assert all(argument.description for argument in arguments.values())
+    for name, folder in (('robot', 'robots'), ('scene', 'scenes'), ('hardware', 'hardware'),
+                         ('tuning', 'tunings')):
+        if name in arguments:
+            default = perform_substitutions(LaunchContext(), arguments[name].default_value)
+            assert (ROOT / 'config' / folder / f'{default}.yaml').exists()
