@@ -112,7 +112,8 @@ setup(
     install_requires=[
         'matplotlib', 'numba', 'numpy', 'pyserial', 'python-can', 'PyYAML', 'rich', 'rosbags',
         'scipy'],
-    extras_require={'sweep': ['pyarrow'], 'cluster': ['dask[distributed]', 'pyarrow']},
+    extras_require={'sweep': ['pyarrow'], 'cluster': ['dask[distributed]', 'pyarrow'],
+                    'view': ['viser']},
     zip_safe=False,
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     data_files=[

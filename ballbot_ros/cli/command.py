@@ -33,6 +33,7 @@ VERBS = {
                        'bridge agrees'),
     'engage-e-stop': ('ballbot_ros.cli.engage_e_stop', 'take the power off the motor'),
     'simulate': ('ballbot_ros.cli.simulate', 'run a scene and keep numbers and figures'),
+    'view': ('ballbot_ros.cli.view', 'look at a scene in the browser, and drive it'),
     'max-step-height': ('ballbot_ros.cli.max_step_height',
                         'find the highest step that a robot gets over'),
     'fit-curve': ('ballbot_ros.cli.fit_curve', 'make the height curve of a robot, for '

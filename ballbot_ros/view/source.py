@@ -32,7 +32,7 @@ CONTROLS: Mapping[str, Tuple[type, str]] = MappingProxyType({
     'set_point': (float, 'what the law is to hold; its unit is that of the law'),
     'step_height': (float, 'height of the next step ahead [m]'),
     'friction': (float, 'coefficient between ball and ground'),
-    'accuracy': (float, 'largest error of position [m]'),
+    'accuracy': (float, 'largest error of position [m]; 0 for the solver of the scene'),
     'e_stop': (bool, 'engage the e-stop; false releases it'),
 })
 

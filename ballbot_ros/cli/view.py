@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verb ``view``: a scene in a browser, to be driven by hand."""
+import argparse
+import math
+import sys
+from threading import Event
+
+from ballbot_ros.cli.command import DONE
+from ballbot_ros.cli.options import add_quiet
+from ballbot_ros.errors import ConfigurationError
+
+LOOPBACK = '127.0.0.1'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what to show, and where."""
+    parser.add_argument('scene', nargs='?', default='voltage_start', metavar='SCENE',
+                        help='name of a scene ("ballbot scenes" lists them) or a YAML file '
+                        '(default: %(default)s)')
+    add_server(parser)
+    add_quiet(parser)
+
+
+def add_server(parser: argparse.ArgumentParser) -> None:
+    """Add where the page is served, and for how long."""
+    parser.add_argument('--host', default=LOOPBACK, metavar='ADDRESS',
+                        help='address to listen on; any but the default lets others in the '
+                        'network see and drive (default: %(default)s)')
+    parser.add_argument('--port', type=int, metavar='PORT',
+                        help='port to listen on (default: the first free one from 8080 on)')
+    parser.add_argument('--no-browser', action='store_true', help='open no browser')
+    parser.add_argument('--duration', type=float, metavar='SECONDS',
+                        help='end after so long (default: with Ctrl-C)')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve the page until Ctrl-C."""
+    check(arguments)
+    from ballbot_ros.cli.listing import check_name
+    check_name('scenes', arguments.scene)
+    from ballbot_ros.cli.simulate import load_machine_code
+    from ballbot_ros.physics.simulation.scene import load_scene
+    from ballbot_ros.view.scene_source import SceneSource
+    load_machine_code(load_scene(arguments.scene), arguments.quiet)
+    return serve(SceneSource(arguments.scene, paused=True), arguments, begin=True)
+
+
+def check(arguments: argparse.Namespace) -> None:
+    """
+    Refuse what cannot be served.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the option, or the package that is missing.
+
+    """
+    from importlib.util import find_spec
+    if arguments.port is not None and not 0 <= arguments.port <= 65535:
+        raise ConfigurationError(f'--port must be from 0 to 65535, got {arguments.port}')
+    if arguments.duration is not None and not 0.0 < arguments.duration < math.inf:
+        raise ConfigurationError(
+            f'--duration must be more than 0 s and finite, got {arguments.duration:g}')
+    if find_spec('viser') is None:
+        raise ConfigurationError(
+            'the page needs the package viser, which is not installed; install it with: '
+            'pip install "ballbot_ros[view]", or pip install viser')
+
+
+def serve(source: object, arguments: argparse.Namespace, begin: bool) -> int:
+    """
+    Serve a page for a source until its time is up or Ctrl-C comes; both end with 0.
+
+    Parameters
+    ----------
+    source : Source
+        Of `ballbot_ros.view.source`; ended here.
+    arguments : namespace
+        With what `add_server` has added, checked.
+    begin : bool
+        See `Page`.
+
+    """
+    from ballbot_ros.view.page import Page
+    from ballbot_ros.view.server import free_port, PageServer
+    if arguments.host not in (LOOPBACK, 'localhost', '::1'):
+        print(f'Warning: with --host {arguments.host} whoever reaches this machine can see the '
+              'page and drive what it shows; there is no password', file=sys.stderr)
+    try:
+        server = PageServer(arguments.host, free_port(arguments.host, arguments.port))
+        page = Page(source, server, begin)  # type: ignore[arg-type]
+        try:
+            page.start()
+            if not arguments.quiet:
+                print(f'{page.url}  (Ctrl-C ends)', flush=True)
+            if not arguments.no_browser:
+                import webbrowser
+                webbrowser.open(page.url)
+            Event().wait(arguments.duration)
+        finally:
+            page.close()
+    except KeyboardInterrupt:
+        pass
+    return DONE

@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The controls of the page: one widget for each control of a source, and what became of it."""
+from html import escape
+import logging
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+
+import viser
+
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.figures.canvas import GREEN, GREY, VERMILION
+from ballbot_ros.view.source import Control, CONTROLS, Health, Source, Value
+
+# Control -> its label.  What is in one group stands together.
+GROUPS: Mapping[str, Mapping[str, str]] = {
+    'What to look at': {'scene': 'scene', 'robot': 'robot'},
+    'Motor': {'law': 'law', 'set_point': 'set-point'},
+    'World': {'step_height': 'step ahead', 'friction': 'friction'},
+    'Simulation': {'speed': 'playback', 'accuracy': 'accuracy'}}
+# Number of positions of a slider.
+FINENESS = 300
+# What `step` goes on by [s].
+STRIDE = 0.02
+ACCURACIES: Mapping[str, float] = {
+    'as the scene says': 0.0, '1 mm': 1e-3, '0.1 mm': 1e-4, '10 um': 1e-5, '1 um': 1e-6,
+    '10 nm': 1e-8}
+SPEEDS = ('0.05', '0.1', '0.25', '0.5', '1', '2', '4')
+UNITS = {'step_height': (1e3, 'mm')}  # people think of steps in millimetres
+REFUSED_FOR = 12  # a refusal is shown [s]
+
+
+class Controls:
+    """
+    Makes a widget for whatever a source can do, and keeps both the same.
+
+    A control that is absent has no widget.  One that cannot be used now is grey, and says why.
+
+    Parameters
+    ----------
+    server : viser.ViserServer
+    source : Source
+
+    """
+
+    def __init__(self, server: viser.ViserServer, source: Source):
+        """Make all widgets."""
+        self._gui, self._source = server.gui, source
+        self._widgets: Dict[str, Any] = {}
+        # Range, unit and choices of each widget: with others it has to be made anew.
+        self._shapes: Dict[str, Tuple[Any, ...]] = {}
+        self._orders: Dict[str, float] = {}
+        self._refused = ''
+        self._told = ''
+        self._gui.main_panel.dock_right()
+        self._gui.main_panel.set_width(310)
+        self._status = self._gui.add_html('')
+        self._run_controls()
+        self._folders: Dict[str, Any] = {}
+        for group, members in GROUPS.items():
+            if any(name in source.controls for name in members):
+                self._folders[group] = self._gui.add_folder(group)
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Show how things stand."""
+        controls = self._source.controls
+        for group, members in GROUPS.items():
+            for name, label in members.items():
+                if name in controls:
+                    self._show(name, label, controls[name], self._folders[group])
+        if 'pause' in controls:
+            paused = bool(controls['pause'].value)
+            self._set(self._widgets['pause'], 'label', 'Run' if paused else 'Pause')
+            if 'step' in controls:
+                self._set(self._widgets['step'], 'disabled', not paused)
+        if 'e_stop' in controls:
+            self._set(self._widgets['e_stop'], 'label', 'Release the e-stop'
+                      if controls['e_stop'].value else 'E-STOP: motor off')
+        self._seek()
+        self._tell()
+
+    # One widget each for what runs and stops.
+
+    def _run_controls(self) -> None:
+        """Make the buttons on top, and the slider of time."""
+        controls = self._source.controls
+        if 'e_stop' in controls:
+            self._button('e_stop', 'E-STOP: motor off', 'red', lambda: not self._is_on('e_stop'))
+        if 'pause' in controls:
+            self._button('pause', 'Pause', 'blue', lambda: not self._is_on('pause'))
+        if 'step' in controls:
+            self._button('step', f'Step by {STRIDE:g} s', 'gray', lambda: STRIDE)
+        if 'reset' in controls:
+            self._button('reset', 'Reset', 'gray', lambda: True)
+        if 'seek' in controls:
+            slider = self._gui.add_slider(
+                'look back', 0.0, 1.0, 0.01, 0.0, disabled=True,
+                hint='Drag to see an earlier moment [s]; the run is paused meanwhile')
+            self._widgets['seek'] = slider
+            self._on_change('seek', slider, float)
+
+    def _button(self, name: str, label: str, colour: Any, value: Callable[[], Value]) -> None:
+        """Make a button that gives a control a value."""
+        control = self._source.controls[name]
+        button = self._gui.add_button(
+            label, color=colour, disabled=bool(control.refusal),
+            hint=control.refusal or CONTROLS[name][1])
+        button.on_click(lambda event: self._use(name, value(), event))
+        self._widgets[name] = button
+
+    def _is_on(self, name: str) -> bool:
+        return bool(self._source.controls[name].value)
+
+    def _seek(self) -> None:
+        """Let the slider of time follow, and end with the newest frame."""
+        slider, shown = self._widgets.get('seek'), self._source.shown
+        if slider is None or shown is None:
+            return
+        first, last = self._source.span
+        if last > first:
+            # The end moves in leaps: each is a message.
+            if not slider.max - 5.0 <= last <= slider.max:
+                slider.max = 5.0 * (last // 5.0 + 1.0)
+            self._set(slider, 'min', min(first, last))
+            self._set(slider, 'disabled', False)
+            self._set(slider, 'value', round(min(max(shown.time, first), slider.max), 2))
+
+    # Widgets that hold a value.
+
+    def _show(self, name: str, label: str, control: Control, folder: Any) -> None:
+        """Make a widget where it is missing or of another kind, and show its value."""
+        shape = (control.lowest, control.highest, control.unit, control.choices,
+                 control.refusal)
+        if self._shapes.get(name) != shape:
+            if name in self._widgets:
+                self._widgets.pop(name).remove()
+            self._shapes[name] = shape
+            self._orders.setdefault(name, float(len(self._orders)))
+            with folder:
+                self._widgets[name] = self._make(name, label, control)
+        elif control.value is not None:
+            self._set(self._widgets[name], 'value', self._shown(name, control.value))
+
+    def _make(self, name: str, label: str, control: Control) -> Any:
+        """Make the widget for a control."""
+        about: Any = {'order': self._orders[name], 'hint': control.refusal or CONTROLS[name][1]}
+        if control.refusal:
+            return self._gui.add_text(label, '-', disabled=True, **about)
+        if name in ('accuracy', 'speed') or CONTROLS[name][0] is str:
+            options: Any = {'accuracy': tuple(ACCURACIES), 'speed': SPEEDS}.get(
+                name, control.choices)
+            given = self._shown(name, control.value)
+            if given not in options:
+                options = (str(given), *options)
+            widget: Any = self._gui.add_dropdown(label, options, initial_value=given, **about)
+            self._on_change(name, widget, lambda words: self._meant(name, words))
+            return widget
+        factor, unit = UNITS.get(name, (1.0, control.unit))
+        low, high = (factor * float(bound or 0.0) for bound in (control.lowest, control.highest))
+        widget = self._gui.add_slider(
+            f'{label} [{unit}]' if unit else label, low, high, _round_step(high - low),
+            min(max(factor * float(control.value or 0.0), low), high), **about)
+        self._on_change(name, widget, lambda number: number / factor)
+        return widget
+
+    def _shown(self, name: str, value: Any) -> Any:
+        """Return a value as its widget shows it."""
+        if name == 'accuracy':
+            named = [words for words, number in ACCURACIES.items() if number == value]
+            return named[0] if named else f'{value:g} m'
+        if name == 'speed':
+            return f'{value:g}'
+        if CONTROLS[name][0] is float:
+            widget = self._widgets.get(name)
+            scaled = float(value) * UNITS.get(name, (1.0, ''))[0]
+            return scaled if widget is None else min(max(scaled, widget.min), widget.max)
+        return value
+
+    def _meant(self, name: str, words: str) -> Value:
+        """Return what a choice of a drop-down stands for."""
+        if name == 'accuracy':
+            return ACCURACIES[words] if words in ACCURACIES else float(words.split()[0])
+        return float(words) if name == 'speed' else words
+
+    def _on_change(self, name: str, widget: Any, meaning: Callable[[Any], Value]) -> None:
+        # What the page itself sets comes without a client.
+        widget.on_update(lambda event: None if event.client is None else self._use(
+            name, meaning(event.target.value), event))
+
+    def _set(self, widget: Any, what: str, value: Any) -> None:
+        """Send what has changed only."""
+        if getattr(widget, what) != value:
+            setattr(widget, what, value)
+
+    # What became of it.
+
+    def _use(self, name: str, value: Value, event: Any) -> None:
+        """Use a control; a refusal is a sentence in the page of whoever asked."""
+        try:
+            self._source.apply(name, value)
+            self._refused = ''
+        except BallbotError as error:
+            self._refused = str(error)
+            if event.client is not None:
+                event.client.add_notification(
+                    'Refused', str(error), color='red', auto_close_seconds=REFUSED_FOR)
+        except RuntimeError as error:  # of a source that has gone away
+            logging.getLogger(__name__).warning('%s: %s', name, error)
+            self._refused = f'{name}: {error}'
+        self.refresh()
+
+    def _tell(self) -> None:
+        """Write how the source is doing."""
+        health = self._source.health
+        lines = status_lines(health, self._is_on('e_stop') if 'e_stop' in
+                             self._source.controls else None)
+        if self._refused:
+            lines.append(_coloured(f'Refused: {self._refused}', VERMILION, 'refusal'))
+        words = (f'<div style="font:13px/1.5 system-ui,sans-serif;padding:0.5em 0.7em 0">'
+                 f'<b id="ballbot-title">{escape(self._source.title)}</b> &middot; '
+                 f'{escape(self._source.robot.name)}<br>{"<br>".join(lines)}</div>')
+        if words != self._told:
+            self._told = self._status.content = words
+
+
+def status_lines(health: Health, e_stop: Optional[bool]) -> List[str]:
+    """Return how a source is doing, as lines of HTML."""
+    state = _coloured('runs', GREEN, 'state') if health.running else _coloured(
+        'paused', GREY, 'state')
+    if health.real_time_factor is not None:
+        state += f' at {health.real_time_factor:.2f} x real time'
+    lines = [state]
+    if health.error_estimate is not None:
+        lines.append(f'error of position below {_length(health.error_estimate)}')
+    if e_stop:
+        lines.append(_coloured('e-stop engaged: no torque', VERMILION, 'e-stop'))
+    if health.failure:
+        lines.append(_coloured(health.failure, VERMILION, 'failure'))
+    return lines + [escape(note) for note in health.notes]
+
+
+def _coloured(words: str, colour: str, name: str) -> str:
+    return f'<span id="ballbot-{name}" style="color:{colour};font-weight:600">' \
+        f'{escape(words)}</span>'
+
+
+def _length(metres: float) -> str:
+    """Return a small length in a unit that people read."""
+    for factor, unit in ((1e3, 'mm'), (1e6, 'um'), (1e9, 'nm')):
+        if factor * metres >= 0.1:
+            return f'{factor * metres:.2g} {unit}'
+    return '0.1 nm'
+
+
+def _round_step(span: float) -> float:
+    """Return a round step of a slider."""
+    step = 10.0
+    while step > span / FINENESS:
+        step /= 10.0
+    return next((part * step for part in (5.0, 2.0) if part * step <= span / FINENESS), step)

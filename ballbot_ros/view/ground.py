@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The next step ahead of the ball: which it is, and the same ground with another one there."""
+from typing import NamedTuple, Optional
+
+import numpy as np
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.model.terrain import Array, Terrain
+from ballbot_ros.results.faces import LEAST_HEIGHT, LEAST_SLOPE, SHORT
+
+# Where no step lies ahead, a new one is placed so far before the centre of the ball [m].
+NEW_STEP = 1.0
+
+
+class StepAhead(NamedTuple):
+    """The next face ahead that rises or drops."""
+
+    x: float  # of its foot, or of the edge where it drops [m]
+    height: float  # [m]; negative where it drops
+
+
+def step_ahead(terrain: Terrain, x: float, radius: float) -> Optional[StepAhead]:
+    """
+    Return the first face beyond `x`, None where there is none.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    x : float
+        From where on to look [m].
+    radius : float
+        Of the ball [m]: what is short beside it is no slope.
+
+    """
+    for face in _faces(terrain, radius):
+        if face[0, 0] > x:
+            return StepAhead(float(face[0, 0]), float(face[-1, 1] - face[0, 1]))
+    return None
+
+
+def with_step(terrain: Terrain, x: float, radius: float, height: float) -> Terrain:
+    """
+    Return the ground with another height of the next step ahead of a ball at `x`.
+
+    What lies behind the step is lifted with it.  Where no step lies ahead one is made, `NEW_STEP`
+    before the ball; one of less than `LEAST_HEIGHT` goes.
+
+    Raises
+    ------
+    ConfigurationError
+        If the ball touches the step already: the ground does not move beneath it.
+
+    """
+    faces = [face for face in _faces(terrain, radius) if face[-1, 0] > x]
+    if not faces:
+        return _new_step(terrain, x + NEW_STEP, height) if abs(height) >= LEAST_HEIGHT else terrain
+    face = faces[0]
+    if face[0, 0] - x <= 1.01 * radius:
+        raise ConfigurationError(
+            f'step_height cannot change while the ball is at the step: its centre is '
+            f'{max(face[0, 0] - x, 0.0):.2f} m before it, let there be more than {radius:.2f} m')
+    height = 0.0 if abs(height) < LEAST_HEIGHT else height
+    points = terrain.vertices.copy()
+    begin = int(np.flatnonzero((points == face[0]).all(axis=1))[0])
+    end = begin + len(face) - 1
+    foot, old = face[0, 1], face[-1, 1] - face[0, 1]
+    points[begin:end + 1, 1] = foot + (points[begin:end + 1, 1] - foot) * height / old
+    points[end + 1:, 1] += height - old
+    return _without_doubles(points, terrain.surface_friction, terrain.edge_friction)
+
+
+def _faces(terrain: Terrain, radius: float) -> list[Array]:
+    return terrain.faces(LEAST_SLOPE, LEAST_HEIGHT, SHORT * radius, endless=False)
+
+
+def _new_step(terrain: Terrain, x: float, height: float) -> Terrain:
+    """Return the ground with an upright face at `x`, where there was none."""
+    points, surface, edge = terrain.vertices, terrain.surface_friction, terrain.edge_friction
+    # The ends go on for ever: a vertex more on them changes nothing.
+    if x <= points[0, 0]:
+        end = [[x - 1.0, float(terrain.height(x - 1.0))]]
+        points, surface, edge = (np.vstack([end, points]), np.append(surface[:1], surface),
+                                 np.append(edge[:1], edge))
+    if x >= points[-1, 0]:
+        end = [[x + 1.0, float(terrain.height(x + 1.0))]]
+        points, surface, edge = (np.vstack([points, end]), np.append(surface, surface[-1:]),
+                                 np.append(edge, edge[-1:]))
+    foot = float(terrain.height(x))
+    cut = int(np.searchsorted(points[:, 0], x, side='right'))
+    behind = points[cut:] + [0.0, height]
+    points = np.vstack([points[:cut], [[x, foot], [x, foot + height]], behind])
+    # The face takes the friction of the robot; the segment that it cuts keeps its own.
+    surface = np.concatenate([surface[:cut], [np.nan], surface[cut - 1:]])
+    edge = np.concatenate([edge[:cut], [np.nan, np.nan], edge[cut:]])
+    return _without_doubles(points, surface, edge)
+
+
+def _without_doubles(points: Array, surface: Array, edge: Array) -> Terrain:
+    """Return a terrain without the vertices that lie on the one before."""
+    kept = np.append(True, (np.diff(points, axis=0) != 0.0).any(axis=1))
+    return Terrain(points[kept], surface[kept[1:]], edge[kept])

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the motor of a simulated robot follows, set by a person: a law and its set-point."""
+from dataclasses import replace
+import math
+from typing import Any, Mapping, NamedTuple, Optional, Tuple
+
+from ballbot_ros.control import (
+    JointReadings, load_tuning, Mode, PendulumController, SetPoint)
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.mechanics.laws import available_torque, limited
+from ballbot_ros.physics.model.actuation import Actuation, set_rate_for_speed
+from ballbot_ros.physics.model.parameters import Actuator, TORQUE
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.state import State
+
+# Law -> unit of its set-point as people give it.  All but `speed` are those of scene files;
+# `speed` is the speed law of the controller, answered once in a period.
+UNITS: Mapping[str, str] = {
+    'free': '', 'speed': 'm/s', 'position': 'deg', 'velocity': 'm/s', 'voltage': 'V',
+    'torque': 'N m'}
+FASTEST = 1.5  # set speed [m/s]
+
+
+class Bounds(NamedTuple):
+    """Range of a set-point in the unit of its law."""
+
+    lowest: float
+    highest: float
+
+
+class MotorLaw:
+    """
+    A law with its set-point, for one robot.
+
+    What the scene file says holds until a person chooses another law or set-point; from then on
+    no more torque is asked for than the motor of the robot file can give.
+
+    Parameters
+    ----------
+    robot : Robot
+    law : str
+        One of `UNITS`.
+    set_point : float
+        In the unit of the law.
+    base : Actuation
+        Gains, and for as long as nobody chooses the law itself.
+    chosen : bool
+        Whether a person chose.
+
+    Raises
+    ------
+    ConfigurationError
+        If the robot cannot follow this law.
+
+    """
+
+    def __init__(self, robot: Robot, law: str, set_point: float, base: Actuation,
+                 chosen: bool = True):
+        """Start where `begin` says."""
+        self.robot, self.law, self.set_point, self.base = robot, law, set_point, base
+        self.chosen = chosen
+        self._controller: Optional[PendulumController] = None
+        if law == 'speed':
+            self._controller = PendulumController(robot, load_tuning('published'))
+        else:
+            self._actuation = self._actuation_of(law, set_point) if chosen else base
+            self._actuation.actuator(robot)
+        self.begin(State())
+
+    @classmethod
+    def of_scene(cls, robot: Robot, actuation: Actuation) -> 'MotorLaw':
+        """Return what a scene file says."""
+        value = {'position': math.degrees(actuation.set_angle), 'voltage': actuation.voltage,
+                 'velocity': actuation.set_rate * robot.ball_radius,
+                 'torque': actuation.torque}.get(actuation.law, 0.0)
+        return cls(robot, actuation.law, value, actuation, chosen=False)
+
+    def changed(self, robot: Optional[Robot] = None, law: Optional[str] = None,
+                set_point: Optional[float] = None) -> 'MotorLaw':
+        """Return another: another law begins with a set-point of 0."""
+        other = law is not None and law != self.law
+        value = set_point if set_point is not None else 0.0 if other else self.set_point
+        return MotorLaw(robot or self.robot, law or self.law, value, self.base,
+                        self.chosen or other or set_point is not None)
+
+    def begin(self, state: State) -> None:
+        """Count integrals from this state on."""
+        if self._controller is not None:
+            self._controller.reset()
+            self._controller.give(SetPoint(Mode.SPEED, self.set_point, state.time))
+        else:
+            self._actuator = self._actuation.actuator(self.robot, state.time, state.joint_angle)
+
+    @property
+    def sampled(self) -> bool:
+        """Return whether the torque is set once in a period, by the state at its beginning."""
+        return self._controller is not None
+
+    def actuator(self, state: State) -> Actuator:
+        """Return what drives the robot from this state on."""
+        if self._controller is None:
+            return self._actuator
+        asked = self._controller.torque(JointReadings(
+            state.time, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate))
+        # As the motor of a `Plant`: no more than it can give at the rate of its joint.
+        lowest, highest = available_torque(state.joint_rate, *self.robot.motor_line)
+        return Actuator(TORQUE, limited(min(max(asked, lowest), highest), 1e9))
+
+    def _actuation_of(self, law: str, value: float) -> Actuation:
+        """Return the actuation of a law that a person chose."""
+        if law == 'free':
+            return Actuation('free')
+        given: Any = {
+            'position': {'set_angle': math.radians(value)}, 'torque': {'torque': value},
+            'velocity': {'set_rate': set_rate_for_speed(self.robot, value)},
+            'voltage': {'voltage': value}}[law]
+        largest = self.robot.motor.maximum_torque if self.robot.motor else math.inf
+        return replace(self.base, law=law, torque_limit=min(self.base.torque_limit, largest),
+                       **given)
+
+
+def laws_of(robot: Robot) -> Tuple[str, ...]:
+    """Return the laws that a robot can follow."""
+    if not robot.has_pendulum:
+        return ('free',)
+    return tuple(law for law in UNITS if law != 'voltage' or robot.motor is not None)
+
+
+def bounds_of(robot: Robot, law: str) -> Bounds:
+    """
+    Return what a person may set.
+
+    Raises
+    ------
+    ConfigurationError
+        For ``free``, which follows nothing.
+
+    """
+    motor = robot.motor
+    if law in ('speed', 'velocity'):
+        return Bounds(-FASTEST, FASTEST)
+    if law == 'position':
+        return Bounds(-180.0, 180.0)
+    if law == 'voltage' and motor is not None:
+        return Bounds(-motor.maximum_voltage, motor.maximum_voltage)
+    if law == 'torque':
+        largest = motor.maximum_torque if motor else 2.0 * robot.largest_gravity_torque
+        return Bounds(-largest, largest)
+    raise ConfigurationError('a free pendulum follows no set-point; choose another law')

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page: a source, drawn again and again for whoever looks."""
+from threading import Event, Thread
+from time import monotonic
+
+from ballbot_ros.view.controls import Controls
+from ballbot_ros.view.readouts import Readouts
+from ballbot_ros.view.server import PageServer
+from ballbot_ros.view.source import Source
+from ballbot_ros.view.stage import Stage
+
+RATE = 30.0  # frames per second
+# Frames of the scene for one of the numbers, and of the time series.
+NUMBERS, SERIES = 4, 6
+
+
+class Page:
+    """
+    Samples a source and sends what is new to all browsers that look.
+
+    It runs in threads of its own and only ever reads from the source, so that neither a slow nor a
+    closed browser holds anything up.  With nobody looking it does nothing.
+
+    Parameters
+    ----------
+    source : Source
+    server : PageServer
+    begin : bool
+        Lift the pause of the source when the first browser comes: what is simulated or played
+        back begins when somebody sees it.
+
+    Attributes
+    ----------
+    frames : int
+        Drawn so far.
+
+    """
+
+    def __init__(self, source: Source, server: PageServer, begin: bool = False):
+        """Make all that is shown."""
+        self._source, self._server = source, server
+        self._stage = Stage(server)
+        self._readouts = Readouts(server)
+        self._controls = Controls(server, source)
+        self._begin = begin
+        self._ended = Event()
+        self.frames = 0
+        self._thread = Thread(target=self._live, name='page', daemon=True)
+
+    @property
+    def url(self) -> str:
+        """Return the address of the page."""
+        host = self._server.get_host()
+        shown = {'0.0.0.0': '127.0.0.1', '::': '[::1]'}.get(host, host)
+        if ':' in shown and not shown.startswith('['):
+            shown = f'[{shown}]'
+        return f'http://{shown}:{self._server.get_port()}'
+
+    def start(self) -> None:
+        """Begin to draw."""
+        self._source.start()
+        self._draw(whole=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End page and source."""
+        self._ended.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        self._server.end()
+        self._source.close()
+
+    def _live(self) -> None:
+        """Draw at an even rate."""
+        due, looked = monotonic(), False
+        while not self._ended.wait(max(0.0, due - monotonic())):
+            # One that is late is left out, not made up for.
+            due = max(due + 1.0 / RATE, monotonic())
+            if not self._server.get_clients():
+                looked, due = False, monotonic() + 0.2
+                continue
+            if self._begin:
+                self._begin = False
+                self._source.apply('pause', False)
+            self._draw(whole=not looked)
+            looked = True
+
+    def _draw(self, whole: bool) -> None:
+        """Draw the moment to be shown; all of it, or what is due."""
+        frame = self._source.shown
+        count, self.frames = self.frames, self.frames + 1
+        with self._server.atomic():
+            if frame is not None:
+                self._stage.draw(self._source, frame)
+                if whole or count % NUMBERS == 0:
+                    self._readouts.write(self._source, frame)
+                    self._stage.draw_path(self._source, frame)
+                if whole or count % SERIES == 3:
+                    self._readouts.plot(self._source, frame)
+            if whole or count % NUMBERS == 2:
+                self._controls.refresh()

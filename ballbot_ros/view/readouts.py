@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers, sentences and time series beside the scene."""
+from html import escape
+import math
+from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+import numpy as np
+import viser
+
+from ballbot_ros.figures.canvas import BLUE, GREEN, GREY, ORANGE, SKY, VERMILION
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.view.chart import draw, prospect_of, verdict
+from ballbot_ros.view.frame import DecisionSign, EnergyShares, Frame
+from ballbot_ros.view.source import Source
+
+WINDOW = 10.0  # of the time series [s]
+POINTS = 250  # of a series at most
+PLOT_HEIGHT = 150  # [px]
+COLOURS: Mapping[str, str] = {
+    'clear': GREEN, 'cross': GREEN, 'stop': VERMILION, 'go_round': ORANGE, 'back_off': ORANGE}
+
+
+# Title -> what its axis spans at least, to both sides of 0: less is rest, not news.
+LEAST = {'speed [m/s]': 0.2, 'pendulum angle [deg]': 10.0, 'torque [N m]': 0.5, 'energy [J]': 0.5}
+
+
+class Series(NamedTuple):
+    """A curve over time: its name, its colour, and its value in a frame."""
+
+    name: str
+    colour: str
+    value: Callable[[Frame], Optional[float]]
+
+
+def _degrees(angle: Optional[float]) -> Optional[float]:
+    return None if angle is None else math.degrees(angle)
+
+
+def _energy(name: str) -> Callable[[Frame], Optional[float]]:
+    def value(frame: Frame) -> Optional[float]:
+        shares = frame.energies or EnergyShares()
+        found: Optional[float] = getattr(shares, name)
+        return found
+    return value
+
+
+# Title with unit -> its curves.  A plot of which nobody knows a value is not shown.
+PLOTS: Mapping[str, Tuple[Series, ...]] = {
+    'speed [m/s]': (Series('ahead', BLUE, lambda frame: frame.velocity_x),
+                    Series('up', SKY, lambda frame: frame.velocity_y)),
+    'pendulum angle [deg]': (
+        Series('from hanging', VERMILION, lambda frame: _degrees(frame.pendulum_angle)),),
+    'torque [N m]': (Series('motor', VERMILION, lambda frame: frame.pendulum_torque),),
+    'energy [J]': (Series('kinetic', BLUE, _energy('kinetic')),
+                   Series('potential', GREEN, _energy('potential')),
+                   Series('dissipated', VERMILION, _energy('dissipated')),
+                   Series('motor work', ORANGE, _energy('motor_work'))),
+}
+
+
+class Readouts:
+    """
+    What is written and plotted; made once, filled again and again.
+
+    Parameters
+    ----------
+    server : viser.ViserServer
+
+    """
+
+    def __init__(self, server: viser.ViserServer):
+        """Make the panel on the left."""
+        self._gui = server.gui
+        panel = self._gui.add_panel()
+        with panel.add_tab('What happens'):
+            self._now = self._gui.add_html('')
+            self._chart = self._gui.add_html('')
+            self._plots = {title: self._plot(title, series) for title, series in PLOTS.items()}
+        panel.dock_left()
+        panel.set_width(350)
+        self._last: dict[str, str] = {}
+        self._drawn: Tuple[int, float] = (-1, math.nan)
+
+    def write(self, source: Source, frame: Frame) -> None:
+        """Write the numbers and draw the step ahead."""
+        prospect = prospect_of(source, frame)
+        self._put('now', self._now, numbers(frame))
+        sentence = verdict(source.curve, prospect)
+        words = '' if frame.decision is None else decision_words(frame.decision)
+        self._put('chart', self._chart, f'{words}<div style="{SMALL}"><b>Step ahead</b><br>'
+                  f'{escape(sentence)}</div>'
+                  f'<div style="padding-right:14px">{draw(source.curve, prospect)}</div>')
+
+    def plot(self, source: Source, frame: Frame) -> None:
+        """Draw the time series up to a moment."""
+        if self._drawn == (source.epoch, frame.time):
+            return
+        self._drawn = source.epoch, frame.time
+        since = frame.time - WINDOW
+        frames = [passed for passed in source.history(since) if passed.time <= frame.time]
+        frames = thinned(frames, WINDOW / POINTS)
+        if len(frames) < 2:
+            return
+        times = np.array([passed.time for passed in frames])
+        for title, series in PLOTS.items():
+            columns = [column(frames, item.value) for item in series]
+            known = any(np.isfinite(values).any() for values in columns)
+            handle = self._plots[title]
+            if handle.visible is not known:
+                handle.visible = known
+            if known:
+                handle.data = (times, *columns)
+
+    def _put(self, name: str, handle: Any, content: str) -> None:
+        """Send what has changed only."""
+        if self._last.get(name) != content:
+            self._last[name] = handle.content = content
+
+    def _plot(self, title: str, series: Sequence[Series]) -> Any:
+        """Make one plot."""
+        from viser import uplot
+        empty, least = np.array([0.0, 1e-3]), LEAST[title]
+        spread = {'min': {'pad': 0.1, 'soft': -least, 'mode': 1},
+                  'max': {'pad': 0.1, 'soft': least, 'mode': 1}}
+        return self._gui.add_uplot(
+            (empty, *(np.zeros(2) for _ in series)),
+            (uplot.Series(label='t [s]'), *(uplot.Series(
+                label=item.name, stroke=item.colour, width=1.5,
+                points=uplot.Series_Points(show=False)) for item in series)),
+            title=title, height=PLOT_HEIGHT, padding=(0, 14, 0, 0),
+            scales={'x': uplot.Scale(time=False, auto=True), 'y': uplot.Scale(
+                auto=True, range=spread)},
+            axes=(uplot.Axis(size=30), uplot.Axis(size=46)),
+            legend=uplot.Legend(show=len(series) > 1))
+
+
+SMALL = 'font:13px/1.45 system-ui,sans-serif;padding:0.5em 0.7em 0'
+
+
+def numbers(frame: Frame) -> str:
+    """Return the numbers of a moment as a small table; unknown ones are left out."""
+    force = None if frame.contacts is None else sum(
+        math.hypot(contact.force_x, contact.force_y) for contact in frame.contacts)
+    rows = [('time', frame.time, '.2f', 's'), ('place x', frame.x, '.2f', 'm'),
+            ('speed', frame.velocity_x, '.2f', 'm/s'),
+            ('pendulum angle', _degrees(frame.pendulum_angle), '.0f', 'deg'),
+            ('motor torque', frame.pendulum_torque, '.2f', 'N m'),
+            ('force of the ground', force, '.0f', 'N')]
+    cells = ''.join(
+        f'<tr><td style="color:{GREY};padding-right:1em">{name}</td>'
+        f'<td style="text-align:right;font-variant-numeric:tabular-nums">'
+        f'<b>{_rounded(value, form)}</b></td><td style="padding-left:0.4em">{unit}</td></tr>'
+        for name, value, form, unit in rows if value is not None)
+    flight = '' if frame.contacts is None or frame.contacts else (
+        f'<tr><td colspan="3" style="color:{BLUE}">in flight</td></tr>')
+    return f'<div style="{SMALL}"><table id="ballbot-numbers">{cells}{flight}</table></div>'
+
+
+def _rounded(value: float, form: str) -> str:
+    """Return a number without a minus sign before zeros."""
+    words = f'{value:{form}}'
+    return words.lstrip('-') if float(words) == 0.0 else words
+
+
+def decision_words(decision: DecisionSign) -> str:
+    """Return the decision, its reason, and how sure it is."""
+    colour = COLOURS.get(decision.kind, GREY)
+    facts = []
+    if decision.margin is not None:
+        facts.append(f'margin {1e3 * decision.margin:+.0f} mm')
+    if decision.probability is not None:
+        facts.append(f'gets over with {100.0 * decision.probability:.0f} %')
+    name = escape(decision.kind.replace('_', ' ').upper())
+    reason = escape(decision.reason.replace('_', ' '))
+    return (f'<div style="{SMALL}"><span id="ballbot-decision" style="background:{colour};'
+            f'color:white;border-radius:4px;padding:1px 8px;font-weight:600">{name}</span> '
+            f'{reason}<br>{escape(decision.explanation)}'
+            f'{"<br>" if facts else ""}{", ".join(facts)}</div>')
+
+
+def thinned(frames: Sequence[Frame], apart: float) -> List[Frame]:
+    """
+    Return the first frame of each stretch of time of a length [s], and the last of all.
+
+    The stretches stand still while time goes on, so that a curve does not flicker.
+    """
+    kept: List[Frame] = []
+    for frame in frames:
+        if not kept or frame.time // apart != kept[-1].time // apart:
+            kept.append(frame)
+    return kept if not frames or kept[-1] is frames[-1] else [*kept, frames[-1]]
+
+
+def column(frames: Sequence[Frame], value: Callable[[Frame], Optional[float]]) -> Array:
+    """Return a value in each frame, NaN where it is not known."""
+    found = [value(frame) for frame in frames]
+    return np.array([math.nan if item is None else item for item in found])

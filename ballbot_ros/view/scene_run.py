@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A scene that goes on for as long as somebody looks, and can be changed on the way."""
+from dataclasses import replace
+import math
+from typing import Optional
+
+from ballbot_ros.config.files import shipped_files
+from ballbot_ros.decision.curve import HeightCurve, load_curve
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.model.parameters import Actuator
+from ballbot_ros.physics.model.robot import load_robot, Robot
+from ballbot_ros.physics.model.state import State
+from ballbot_ros.physics.simulation.accuracy import solvers_for
+from ballbot_ros.physics.simulation.model import Model
+from ballbot_ros.physics.simulation.scene import Scene
+from ballbot_ros.plant.error_monitor import ErrorMonitor
+from ballbot_ros.view.frame import ContactForce, EnergyShares, Frame
+from ballbot_ros.view.ground import with_step
+from ballbot_ros.view.laws import MotorLaw
+
+PERIOD = 2e-3  # about: a whole number of solver steps [s]
+
+
+class SceneRun:
+    """
+    A scene, one period after the other; for one thread.
+
+    Each change is made whole or, with an error, not at all.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Attributes
+    ----------
+    law : MotorLaw
+    e_stop : bool
+        While engaged there is no torque.
+    accuracy : float or None
+        Largest error of position that is allowed [m]; None takes the solver of the scene.
+    state : State
+    period : float
+        [s].
+
+    """
+
+    def __init__(self, scene: Scene):
+        """Start at the start of the scene."""
+        self.scene, self.accuracy, self.e_stop = scene, scene.run.accuracy, False
+        self.law = MotorLaw.of_scene(scene.model.robot, scene.actuation)
+        self._steps = max(1, round(PERIOD / scene.model.solver.step))
+        self.period = self._steps * scene.model.solver.step
+        self.state, self._periods = scene.start, 0
+        self._take(scene.model, None)
+
+    @property
+    def model(self) -> Model:
+        """Return robot, ground and solver in use."""
+        return self._model
+
+    @property
+    def robot(self) -> Robot:
+        """Return the robot."""
+        return self._model.robot
+
+    @property
+    def error_estimate(self) -> Optional[float]:
+        """Return the largest error of position so far [m], None without an accuracy."""
+        return self._monitor.error if self._monitor else None
+
+    @property
+    def lost_at(self) -> float:
+        """Return since when the accuracy does not hold any more [s], infinite while it does."""
+        return self._monitor.lost_at if self._monitor else math.inf
+
+    def advance(self, periods: int) -> None:
+        """
+        Go on by some periods.
+
+        Raises
+        ------
+        SimulationError
+            If the run cannot go on; it stays at the last good period.
+
+        """
+        # What depends on the state at the beginning of a period is asked once in each.
+        at_once = 1 if self.law.sampled and not self.e_stop else periods
+        for _ in range(periods // at_once):
+            actuator = self._actuator()
+            steps = at_once * self._steps
+            after = self._model.advance(self.state, actuator, steps)
+            after = after._replace(time=(self._periods + at_once) * self.period)
+            if self._monitor:
+                self._monitor.advance(after, actuator, steps)
+            self.state, self._periods = after, self._periods + at_once
+
+    def frame(self) -> Frame:
+        """Return the present moment."""
+        state, model = self.state, self._model
+        contacts = tuple(ContactForce(
+            touch.x, touch.y,
+            touch.normal_force * touch.normal_x + touch.friction_force * touch.normal_y,
+            touch.normal_force * touch.normal_y - touch.friction_force * touch.normal_x,
+            touch.penetration) for touch in model.touches(state))
+        energies = model.energies(state)
+        has = model.robot.has_pendulum
+        return Frame(
+            state.time, state.x, state.y, state.ball_angle,
+            state.pendulum_angle if has else None, state.velocity_x, state.velocity_y,
+            state.ball_rate, state.pendulum_rate if has else None,
+            model.torque(state, self._actuator()) if has else None, contacts,
+            EnergyShares(*energies, state.dissipated_energy, state.motor_work),
+            e_stop=self.e_stop)
+
+    def reset(self) -> None:
+        """Go back to the start, on the present ground, with the present robot and law."""
+        self._take(self._model, None)
+
+    def set_robot(self, name: str) -> None:
+        """Begin again with another robot."""
+        robot = load_robot(name)
+        law = self.law.changed(robot=robot) if robot.has_pendulum or self.law.law == 'free' \
+            else self.law.changed(robot=robot, law='free')
+        self._take(replace(self._model, robot=robot), None)
+        self.law = law
+        law.begin(self.state)
+
+    def set_friction(self, friction: float) -> None:
+        """Give ball and ground another coefficient, also at edges; what has its own keeps it."""
+        robot = replace(self.robot, surface_friction=friction, edge_friction=friction)
+        law = self.law.changed(robot=robot)
+        self._take(replace(self._model, robot=robot), self.state)
+        self.law = law
+        law.begin(self.state)
+
+    def set_step_height(self, height: float) -> None:
+        """Change the next step ahead, see `with_step`."""
+        ground = with_step(self._model.terrain, self.state.x, self.robot.ball_radius, height)
+        self._take(replace(self._model, terrain=ground), self.state)
+
+    def set_law(self, law: Optional[str] = None, set_point: Optional[float] = None) -> None:
+        """Follow another law, from a set-point of 0, or another set-point."""
+        self.law = self.law.changed(law=law, set_point=set_point)
+        self.law.begin(self.state)
+
+    def set_accuracy(self, accuracy: float) -> None:
+        """Go on with another accuracy [m]; 0 goes back to the solver of the scene."""
+        self.accuracy, before = accuracy or None, self.accuracy
+        try:
+            self._take(self._model, self.state)
+        except ConfigurationError:
+            self.accuracy = before
+            raise
+
+    def curve(self) -> Optional[HeightCurve]:
+        """Return the shipped height curve for this robot and law, None where none is for it."""
+        law, angle = self.law.law, math.radians(self.law.set_point)
+        held = law == 'position' and not self.e_stop
+        for file in shipped_files('curves'):
+            curve = load_curve(file.stem)
+            made = curve.made
+            if made and made.robot_digest == self.robot.digest \
+                    and (made.law == 'position') is held \
+                    and (not held or abs(made.set_angle - angle) < 1e-3):
+                return curve
+        return None
+
+    def _actuator(self) -> Actuator:
+        return Actuator() if self.e_stop else self.law.actuator(self.state)
+
+    def _take(self, model: Model, state: Optional[State]) -> None:
+        """Go on with a model, from a state, or from the start of the scene."""
+        monitor, begin = None, state
+        if begin is None:
+            begin = self.scene.initial.state(model)
+        if self.accuracy is None:
+            solver = self.scene.model.solver
+        else:
+            coarse, solver = solvers_for(self.accuracy, self.scene.model.solver.step)
+            monitor = ErrorMonitor(replace(model, solver=coarse), begin, self.accuracy)
+        self._model, self._monitor, self.state = replace(model, solver=solver), monitor, begin
+        if state is None:
+            self._periods = 0
+            self.law.begin(begin)

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A scene runs by itself, is changed between two frames, and is looked back at."""
+from threading import Event
+
+import pytest
+
+from ballbot_ros.errors import ConfigurationError, SimulationError
+from ballbot_ros.view.scene_source import SceneSource
+
+TICK = Event()  # never set: a pause between two looks
+
+
+@pytest.fixture
+def source():
+    made = SceneSource('voltage_start', paused=True)
+    yield made
+    made.close()
+
+
+def until(what):
+    """Wait for as long as it takes; whoever ends a hanging test sees where it hung."""
+    while not what():
+        TICK.wait(0.005)
+
+
+def test_before_it_starts_it_stands_at_the_start(source):
+    assert source.shown.time == 0.0 and source.span == (0.0, 0.0)
+    assert source.title == 'Scene voltage_start' and not source.health.running
+
+
+def test_it_runs_until_it_is_paused(source):
+    source.start()
+    source.apply('pause', False)
+    until(lambda: source.shown.time > 0.2)
+    source.apply('pause', True)
+    stopped = source.shown.time
+    TICK.wait(0.05)
+    assert source.shown.time == stopped and not source.health.running
+
+
+def test_a_step_goes_on_by_what_is_asked_for(source):
+    source.apply('step', 0.05)
+    assert source.shown.time == pytest.approx(0.05)
+    source.apply('pause', False)
+    with pytest.raises(ConfigurationError, match='pause it first'):
+        source.apply('step', 0.05)
+
+
+def test_reset_begins_a_new_epoch_on_the_same_ground(source):
+    source.apply('step', 0.2)
+    source.apply('step_height', 0.05)
+    epoch = source.epoch
+    source.apply('reset', True)
+    assert source.epoch == epoch + 1 and source.shown.time == 0.0
+    assert source.controls['step_height'].value == pytest.approx(0.05)
+
+
+def test_looking_back_pauses_and_running_shows_the_newest_again(source):
+    source.apply('step', 0.2)
+    source.apply('seek', 0.1)
+    assert source.shown.time == pytest.approx(0.1) and not source.health.running
+    source.apply('step', 0.02)
+    assert source.shown.time == pytest.approx(0.22)
+
+
+def test_the_step_ahead_is_told_as_the_ball_goes_on(source):
+    assert source.controls['step_height'].value == pytest.approx(0.031)
+    source.apply('step', 5.0)
+    assert source.shown.x > 1.5 and source.controls['step_height'].value == 0.0
+
+
+def test_a_free_pendulum_has_no_set_point(source):
+    assert source.controls['set_point'].value == 7.0 and source.controls['set_point'].unit == 'V'
+    source.apply('law', 'free')
+    assert 'follows no set-point' in source.controls['set_point'].refusal
+    with pytest.raises(ConfigurationError, match='follows no set-point'):
+        source.apply('set_point', 1.0)
+
+
+def test_a_robot_without_a_pendulum_has_one_law(source):
+    source.apply('robot', 'shellball')
+    assert source.controls['law'].choices == ('free',) and source.robot.name == 'shellball'
+
+
+def test_another_scene_keeps_the_e_stop(source):
+    source.apply('e_stop', True)
+    source.apply('scene', 'flat')
+    assert source.controls['e_stop'].value is True and source.title == 'Scene flat'
+
+
+def test_what_is_refused_while_it_runs_reaches_whoever_asked(source):
+    source.start()
+    with pytest.raises(ConfigurationError, match='voltage must be|set_point must be'):
+        source.apply('set_point', 400.0)
+    with pytest.raises(ConfigurationError, match='is not|must be one of'):
+        source.apply('scene', 'moon')
+    source.apply('pause', False)
+    until(lambda: source.shown.time > 0.05)
+
+
+def test_a_run_that_cannot_go_on_says_so_and_begins_again_after_a_reset(source, monkeypatch):
+    def fail(periods):
+        raise SimulationError(0.1, 'x is not finite', 'take a smaller step')
+    with monkeypatch.context() as patched:
+        patched.setattr(source._run, 'advance', fail)
+        source.apply('step', 0.1)
+    assert 'x is not finite' in source.health.failure and not source.health.running
+    with pytest.raises(ConfigurationError, match='press reset'):
+        source.apply('pause', False)
+    source.apply('reset', True)
+    assert source.health.failure == ''
+
+
+def test_history_is_what_came_after(source):
+    source.apply('step', 0.1)
+    assert [frame.time for frame in source.history(0.05)][0] == pytest.approx(0.052)
+
+
+def test_closing_ends_the_thread_also_while_it_runs(source):
+    source.start()
+    source.apply('pause', False)
+    source.close()
+    assert not source._thread.is_alive()

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The server answers its own page, and nobody else's."""
+from contextlib import nullcontext
+import http.client
+import socket
+
+import pytest
+
+viser = pytest.importorskip('viser')
+
+from websockets.exceptions import InvalidStatus  # noqa: E402
+from websockets.sync.client import connect  # noqa: E402
+
+from ballbot_ros.errors import ConfigurationError  # noqa: E402
+from ballbot_ros.view.server import free_port, LOOPBACK, PageServer  # noqa: E402
+
+
+@pytest.fixture(scope='module')
+def server():
+    made = PageServer(LOOPBACK, free_port(LOOPBACK, 0))
+    yield made
+    made.end()
+
+
+def get(server, host=None, **headers):
+    """Ask for the page, and return status, headers and text."""
+    connection = http.client.HTTPConnection(LOOPBACK, server.get_port(), timeout=30)
+    connection.putrequest('GET', '/', skip_host=True)
+    for name, value in {'Host': host or f'{LOOPBACK}:{server.get_port()}', **headers}.items():
+        connection.putheader(name, value)
+    connection.endheaders()
+    answer = connection.getresponse()
+    text = answer.read().decode()
+    connection.close()
+    return answer.status, answer.headers, text
+
+
+def handshake(server, origin):
+    """Open a websocket as a page of `origin` would."""
+    return connect(f'ws://{LOOPBACK}:{server.get_port()}', origin=origin, open_timeout=30,
+                   subprotocols=[f'viser-v{viser.__version__}'])
+
+
+def test_the_page_is_served_and_may_ask_nobody_else(server):
+    status, headers, text = get(server)
+    assert status == 200 and '<html' in text
+    policy = headers['Content-Security-Policy']
+    assert "default-src 'none'" in policy and "frame-ancestors 'none'" in policy
+    assert f"connect-src 'self' data: blob: ws://{LOOPBACK}:{server.get_port()};" in policy
+
+
+@pytest.mark.parametrize('host', ['evil.example', 'evil.example:8080', '127.0.0.1.evil.example',
+                                  'localhost.evil.example', '[::1', ''])
+def test_a_name_that_was_made_to_point_here_is_refused(server, host):
+    status, _, text = get(server, host=host or ' ')
+    assert status in (400, 403) and '<html' not in text
+
+
+@pytest.mark.parametrize('origin', ['http://evil.example', 'null', 'http://localhost:3000',
+                                    'http://127.0.0.1'])
+def test_a_page_of_another_origin_gets_no_connection(server, origin):
+    with pytest.raises(InvalidStatus) as refused:
+        handshake(server, origin)
+    assert refused.value.response.status_code == 403
+
+
+def test_without_an_origin_there_is_no_connection(server):
+    with pytest.raises(InvalidStatus) as refused:
+        handshake(server, None)
+    assert refused.value.response.status_code == 403
+
+
+def test_its_own_page_gets_a_connection(server):
+    with handshake(server, f'http://{LOOPBACK}:{server.get_port()}') as connection:
+        assert connection.recv(timeout=30)
+
+
+def test_a_foreign_page_does_not_get_the_document_either(server):
+    assert get(server, Origin='http://evil.example')[0] == 403
+
+
+def test_nobody_opens_a_tunnel(server):
+    assert server.request_share_url() is None and server._share_tunnel is None
+
+
+def test_it_listens_on_loopback_only(server):
+    sockets = server._websock_server
+    assert sockets._host == LOOPBACK
+    other = socket.gethostbyname(socket.gethostname())
+    if other.startswith('127.'):
+        pytest.skip('this machine has no other address')
+    with pytest.raises(OSError):
+        socket.create_connection((other, server.get_port()), timeout=5).close()
+
+
+def test_a_port_that_is_taken_is_refused_if_asked_for_and_passed_over_if_not(monkeypatch):
+    with socket.socket() as taken:
+        taken.bind((LOOPBACK, 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(ConfigurationError, match=f'port {port} of 127.0.0.1 is taken'):
+            free_port(LOOPBACK, port)
+        monkeypatch.setattr('ballbot_ros.view.server.DEFAULT_PORT', port)
+        assert port < free_port(LOOPBACK, None) <= port + 20
+
+
+def test_an_address_of_another_machine_is_refused():
+    with pytest.raises(ConfigurationError, match='not an address of this machine'):
+        free_port('203.0.113.7', None)
+
+
+def test_a_viser_that_cannot_be_guarded_is_refused(monkeypatch):
+    # As if it started its server in another way than the one that is watched.
+    monkeypatch.setattr('ballbot_ros.view.server._guarded', lambda bound, done: nullcontext())
+    with pytest.raises(ConfigurationError, match='cannot guard'):
+        PageServer(LOOPBACK, free_port(LOOPBACK, 0))
