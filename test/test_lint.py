@@ -14,7 +14,7 @@ SPDX = '# SPDX-License-Identifier: Apache-2.0'
 # The layers that work without ROS carry type hints, in this order: lowest first.
 TYPED = ('errors.py', 'renamed.py', 'compiled.py', 'config', 'physics', 'crossing', 'control',
          'estimation', 'plant', 'drives', 'decision', 'emulator', 'bridge', 'studies', 'results',
-         'figures')
+         'figures', 'view')
 
 
 def project_files(*suffixes):

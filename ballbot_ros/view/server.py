@@ -29,7 +29,7 @@ POLICY = (
     "base-uri 'none'; form-action 'none'")
 
 
-class PageServer(viser.ViserServer):  # type: ignore[misc, unused-ignore]
+class PageServer(viser.ViserServer):
     """
     A viser server that answers its own page only, and never opens a tunnel.
 
@@ -130,7 +130,7 @@ def _checked(inner: Optional[Handler], bound: str) -> Handler:
 @contextmanager
 def _guarded(bound: str, done: List[bool]) -> Iterator[None]:
     """Let the server that is started within be guarded, and note in `done` that it is."""
-    module = websockets.asyncio.server
+    module: Any = websockets.asyncio.server
     serve = module.serve
 
     def guarded(*args: Any, **kwargs: Any) -> Any:
@@ -139,11 +139,11 @@ def _guarded(bound: str, done: List[bool]) -> Iterator[None]:
         return serve(*args, **kwargs)
 
     # viser has no argument for this; the name is looked up when its server starts.
-    module.serve = guarded  # type: ignore[misc, assignment]
+    module.serve = guarded
     try:
         yield
     finally:
-        module.serve = serve  # type: ignore[misc]
+        module.serve = serve
 
 
 def free_port(host: str, port: Optional[int]) -> int:

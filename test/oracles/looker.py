@@ -1,0 +1,19 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Somebody who looks at the live page, without a browser: the first words of viser's own client."""
+import msgspec.msgpack
+import viser
+from websockets.sync.client import connect
+
+CAMERA = {
+    'type': 'ViewerCameraMessage', 'wxyz': (1.0, 0.0, 0.0, 0.0), 'position': (0.0, -3.0, 0.5),
+    'fov': 0.6, 'near': 0.01, 'far': 1000.0, 'image_height': 800, 'image_width': 1200,
+    'look_at': (0.0, 0.0, 0.0), 'up_direction': (0.0, 0.0, 1.0)}
+
+
+def look(url, **options):
+    """Connect as the page at `url` does; its messages are received or not, as one likes."""
+    connection = connect(url.replace('http', 'ws', 1), origin=url, open_timeout=30,
+                         max_size=None, subprotocols=[f'viser-v{viser.__version__}'], **options)
+    # viser counts a client from its first camera on.
+    connection.send(msgspec.msgpack.encode(CAMERA))
+    return connection

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page draws for whoever looks, and holds nothing up for whoever does not read."""
+from dataclasses import replace
+from threading import Event
+
+import pytest
+
+pytest.importorskip('viser')
+
+from looker import look  # noqa: E402
+
+from ballbot_ros.errors import ConfigurationError  # noqa: E402
+from ballbot_ros.view.page import Page  # noqa: E402
+from ballbot_ros.view.scene_source import SceneSource  # noqa: E402
+from ballbot_ros.view.server import free_port, LOOPBACK, PageServer  # noqa: E402
+
+TICK = Event()  # never set: a pause between two looks
+
+
+@pytest.fixture
+def page():
+    made = Page(SceneSource('voltage_start', paused=True),
+                PageServer(LOOPBACK, free_port(LOOPBACK, 0)), begin=True)
+    yield made
+    made.close()
+
+
+def until(what):
+    """Wait; a minute is for a machine that is busy, not for what is waited for."""
+    for _ in range(6000):
+        if what():
+            return
+        TICK.wait(0.01)
+    raise AssertionError('waited for a minute in vain')
+
+
+class Asker:
+    """Somebody who uses a widget, and is told."""
+
+    def __init__(self):
+        """Start with nothing told."""
+        self.told = []
+        self.client = self
+
+    def add_notification(self, title, body, **_):
+        """Note what is shown."""
+        self.told.append((title, body))
+
+
+def test_time_begins_when_somebody_looks(page):
+    source = page._source
+    page.start()
+    assert source.shown.time == 0.0 and not source.health.running
+    with look(page.url):
+        until(lambda: source.shown.time > 0.1)
+
+
+def test_a_slow_browser_never_slows_a_simulation(page):
+    source = page._source
+    page.start()
+    # It takes the first bytes and then never reads again: its buffers are full soon.
+    with look(page.url, max_queue=1):
+        source.apply('speed', 4.0)
+        until(lambda: source.shown.time > 6.0)
+        drawn = page.frames
+        until(lambda: page.frames > drawn + 30)
+        assert source.health.running
+
+
+def test_a_closed_browser_never_slows_a_simulation(page):
+    source = page._source
+    page.start()
+    with look(page.url):
+        until(lambda: source.shown.time > 0.1)
+    gone = source.shown.time
+    until(lambda: source.shown.time > gone + 1.0)
+    until(lambda: not page._server.get_clients())
+    drawn = page.frames
+    TICK.wait(0.3)
+    assert page.frames <= drawn + 1
+
+
+def test_a_refusal_is_told_in_the_page_in_its_own_words(page, monkeypatch):
+    controls, asker = page._controls, Asker()
+
+    def refuse(name, value):
+        raise ConfigurationError('friction must be at least 0, got <-1>')
+    with monkeypatch.context() as patched:
+        patched.setattr(page._source, 'apply', refuse)
+        controls._use('friction', -1.0, asker)
+    assert asker.told == [('Refused', 'friction must be at least 0, got <-1>')]
+    assert 'got &lt;-1&gt;' in controls._status.content
+    controls._use('friction', 0.5, asker)
+    assert 'Refused' not in controls._status.content
+
+
+def test_a_slider_shows_what_became_of_a_refused_value(page):
+    controls = page._controls
+    slider = controls._widgets['set_point']
+    slider.value = 3.0  # as if drawn there by hand, and refused
+    controls.refresh()
+    assert slider.value == 7.0
+
+
+def test_widgets_follow_what_the_source_can_do(page):
+    controls, source = page._controls, page._source
+    controls._use('law', 'free', Asker())
+    assert controls._widgets['set_point'].disabled
+    assert 'follows no set-point' in controls._widgets['set_point'].hint
+    controls._use('law', 'position', Asker())
+    slider = controls._widgets['set_point']
+    assert (slider.min, slider.max) == (-180.0, 180.0) and 'deg' in slider.label
+    controls._use('robot', 'shellball', Asker())
+    assert controls._widgets['law'].options == ('free',) and source.robot.name == 'shellball'
+
+
+def test_steps_are_shown_in_millimetres_and_set_in_metres(page):
+    slider = page._controls._widgets['step_height']
+    assert slider.value == pytest.approx(31.0) and '[mm]' in slider.label
+
+
+def test_the_stage_follows_the_ball_and_forgets_another_run(page):
+    source, stage = page._source, page._stage
+    source.apply('step', 2.0)
+    page._draw(whole=True)
+    frame = source.shown
+    assert stage._nodes['place'].position == pytest.approx((frame.x, 0.0, frame.y))
+    assert stage._world.position[0] == pytest.approx(-frame.x)
+    assert len(stage._path) > 10
+    source.apply('reset', True)
+    page._draw(whole=True)
+    assert len(stage._path) == 1
+
+
+def test_what_nobody_knows_is_not_drawn(page):
+    source, stage = page._source, page._stage
+    bare = replace(source.shown, x=None, y=None, contacts=None, energies=None)
+    stage.draw(source, bare)
+    assert not stage._nodes['place'].visible and not stage._nodes['forces'].visible
+    stage.draw(source, source.shown)
+    assert stage._nodes['place'].visible and stage._nodes['forces'].visible
