@@ -5,14 +5,12 @@ from threading import Event
 
 import pytest
 
-pytest.importorskip('viser')
+looker = pytest.importorskip('looker')  # and viser
 
-from looker import look  # noqa: E402
-
-from ballbot_ros.errors import ConfigurationError  # noqa: E402
-from ballbot_ros.view.page import Page  # noqa: E402
-from ballbot_ros.view.scene_source import SceneSource  # noqa: E402
-from ballbot_ros.view.server import free_port, LOOPBACK, PageServer  # noqa: E402
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.view.page import Page
+from ballbot_ros.view.scene_source import SceneSource
+from ballbot_ros.view.server import free_port, LOOPBACK, PageServer
 
 TICK = Event()  # never set: a pause between two looks
 
@@ -51,7 +49,7 @@ def test_time_begins_when_somebody_looks(page):
     source = page._source
     page.start()
     assert source.shown.time == 0.0 and not source.health.running
-    with look(page.url):
+    with looker.look(page.url):
         until(lambda: source.shown.time > 0.1)
 
 
@@ -59,7 +57,7 @@ def test_a_slow_browser_never_slows_a_simulation(page):
     source = page._source
     page.start()
     # It takes the first bytes and then never reads again: its buffers are full soon.
-    with look(page.url, max_queue=1):
+    with looker.look(page.url, max_queue=1):
         source.apply('speed', 4.0)
         until(lambda: source.shown.time > 6.0)
         drawn = page.frames
@@ -70,7 +68,7 @@ def test_a_slow_browser_never_slows_a_simulation(page):
 def test_a_closed_browser_never_slows_a_simulation(page):
     source = page._source
     page.start()
-    with look(page.url):
+    with looker.look(page.url):
         until(lambda: source.shown.time > 0.1)
     gone = source.shown.time
     until(lambda: source.shown.time > gone + 1.0)
