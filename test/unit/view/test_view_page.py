@@ -7,10 +7,10 @@ import pytest
 
 looker = pytest.importorskip('looker')  # and viser
 
-from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.view.page import Page
-from ballbot_ros.view.scene_source import SceneSource
-from ballbot_ros.view.server import free_port, LOOPBACK, PageServer
+from ballbot_ros.errors import ConfigurationError  # noqa: E402
+from ballbot_ros.view.page import Page  # noqa: E402
+from ballbot_ros.view.scene_source import SceneSource  # noqa: E402
+from ballbot_ros.view.server import free_port, LOOPBACK, PageServer  # noqa: E402
 
 TICK = Event()  # never set: a pause between two looks
 
