@@ -24,7 +24,7 @@ COLOURS: Mapping[str, str] = {
 LEAST = {'speed [m/s]': 0.2, 'pendulum angle [deg]': 10.0, 'torque [N m]': 0.5, 'energy [J]': 0.5}
 
 
-class Series(NamedTuple):
+class PlottedCurve(NamedTuple):
     """A curve over time: its name, its colour, and its value in a frame."""
 
     name: str
@@ -45,16 +45,16 @@ def _energy(name: str) -> Callable[[Frame], Optional[float]]:
 
 
 # Title with unit -> its curves.  A plot of which nobody knows a value is not shown.
-PLOTS: Mapping[str, Tuple[Series, ...]] = {
-    'speed [m/s]': (Series('ahead', BLUE, lambda frame: frame.velocity_x),
-                    Series('up', SKY, lambda frame: frame.velocity_y)),
+PLOTS: Mapping[str, Tuple[PlottedCurve, ...]] = {
+    'speed [m/s]': (PlottedCurve('ahead', BLUE, lambda frame: frame.velocity_x),
+                    PlottedCurve('up', SKY, lambda frame: frame.velocity_y)),
     'pendulum angle [deg]': (
-        Series('from hanging', VERMILION, lambda frame: _degrees(frame.pendulum_angle)),),
-    'torque [N m]': (Series('motor', VERMILION, lambda frame: frame.pendulum_torque),),
-    'energy [J]': (Series('kinetic', BLUE, _energy('kinetic')),
-                   Series('potential', GREEN, _energy('potential')),
-                   Series('dissipated', VERMILION, _energy('dissipated')),
-                   Series('motor work', ORANGE, _energy('motor_work'))),
+        PlottedCurve('from hanging', VERMILION, lambda frame: _degrees(frame.pendulum_angle)),),
+    'torque [N m]': (PlottedCurve('motor', VERMILION, lambda frame: frame.pendulum_torque),),
+    'energy [J]': (PlottedCurve('kinetic', BLUE, _energy('kinetic')),
+                   PlottedCurve('potential', GREEN, _energy('potential')),
+                   PlottedCurve('dissipated', VERMILION, _energy('dissipated')),
+                   PlottedCurve('motor work', ORANGE, _energy('motor_work'))),
 }
 
 
@@ -116,7 +116,7 @@ class Readouts:
         if self._last.get(name) != content:
             self._last[name] = handle.content = content
 
-    def _plot(self, title: str, series: Sequence[Series]) -> Any:
+    def _plot(self, title: str, series: Sequence[PlottedCurve]) -> Any:
         """Make one plot."""
         from viser import uplot
         empty, least = np.array([0.0, 1e-3]), LEAST[title]

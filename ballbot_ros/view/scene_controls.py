@@ -14,15 +14,15 @@ HIGHEST_STEP, HIGHEST_FRICTION, LONGEST_STRIDE = 0.15, 1.2, 5.0  # [m], [1], [s]
 NO_SET_POINT = 'a free pendulum follows no set-point; choose another law'
 
 
-class Choice(NamedTuple):
+class FileChoice(NamedTuple):
     """A file that is in use, by its name, and one of one's own that may be chosen again."""
 
     chosen: str
     own: str
 
 
-def controls_of(run: SceneRun, paused: bool, speed: float, first: float, scene: Choice,
-                robot: Choice) -> Mapping[str, Control]:
+def controls_of(run: SceneRun, paused: bool, speed: float, first: float, scene: FileChoice,
+                robot: FileChoice) -> Mapping[str, Control]:
     """
     Return the controls of a scene that runs.
 
@@ -34,7 +34,7 @@ def controls_of(run: SceneRun, paused: bool, speed: float, first: float, scene: 
         Simulated seconds per second on the wall.
     first : float
         Earliest time that can be looked at [s].
-    scene, robot : Choice
+    scene, robot : FileChoice
 
     """
     law = run.law.law
@@ -57,7 +57,7 @@ def controls_of(run: SceneRun, paused: bool, speed: float, first: float, scene: 
     }
 
 
-def _names(kind: str, choice: Choice) -> Tuple[str, ...]:
+def _names(kind: str, choice: FileChoice) -> Tuple[str, ...]:
     """Return the names of the files that come with the package, after one of one's own."""
     shipped = tuple(file.stem for file in shipped_files(kind))
     return shipped if choice.own in shipped else (choice.own, *shipped)

@@ -19,7 +19,7 @@ from ballbot_ros.plant import Speedometer
 from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.frame_history import FrameHistory
 from ballbot_ros.view.ground import step_ahead
-from ballbot_ros.view.scene_controls import Choice, controls_of
+from ballbot_ros.view.scene_controls import FileChoice, controls_of
 from ballbot_ros.view.scene_run import SceneRun
 from ballbot_ros.view.source import checked, Control, Health, Value
 
@@ -282,4 +282,5 @@ class SceneSource:
         self._curve = self._run.curve()
         self._controls: Mapping[str, Control] = MappingProxyType(controls_of(
             self._run, self._paused, self._speed, self._history.span[0],
-            Choice(self._name, self._first_name), Choice(self._robot_name, self._robot_name)))
+            FileChoice(self._name, self._first_name),
+            FileChoice(self._robot_name, self._robot_name)))
