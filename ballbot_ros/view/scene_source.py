@@ -19,7 +19,7 @@ from ballbot_ros.plant import Speedometer
 from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.frame_history import FrameHistory
 from ballbot_ros.view.ground import step_ahead
-from ballbot_ros.view.scene_controls import FileChoice, controls_of
+from ballbot_ros.view.scene_controls import controls_of, FileChoice
 from ballbot_ros.view.scene_run import SceneRun
 from ballbot_ros.view.source import checked, Control, Health, Value
 
