@@ -19,7 +19,7 @@ import sys
 
 PARTS = ('kernels', 'first_compile', 'search', 'threads', 'sweep', 'loop', 'wire', 'flood',
          'accuracy', 'precision', 'models', 'estimate', 'bridge', 'onboard_delay', 'black_box',
-         'decision')
+         'decision', 'view')
 # Measured only when asked for: each takes ten minutes.
 EXTRA = ('loop_faults', 'faults')
 
