@@ -234,7 +234,7 @@ def test_each_node_starts_and_stops(workspace, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('folder', ['config', 'launch'])
+@pytest.mark.parametrize('folder', ['config', 'launch', 'rviz', 'foxglove', 'plotjuggler'])
 def test_config_and_launch_files_keep_their_folders(workspace, folder):
     installed = prefix(workspace) / 'share' / 'ballbot_ros' / folder
     assert files_below(installed) == files_below(ROOT / folder)

@@ -7,6 +7,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
 import yaml
 
 from ballbot_ros.ros import qos
@@ -18,7 +19,8 @@ NANOSECONDS = 10**9
 def also_recorded() -> Tuple[Tuple[str, Any, QoSProfile], ...]:
     """Return the topics that tools which open a bag look for, where their types are installed."""
     topics = [('/clock', Clock, qos.RECORD), ('/diagnostics', DiagnosticArray, qos.RECORD),
-              ('robot_description', String, qos.RECORD_LATCHED)]
+              ('robot_description', String, qos.RECORD_LATCHED),
+              ('markers', MarkerArray, qos.RECORD)]
     if TFMessage is not None:
         topics += [('/tf', TFMessage, qos.RECORD), ('/tf_static', TFMessage, qos.RECORD_LATCHED)]
     return tuple(topics)

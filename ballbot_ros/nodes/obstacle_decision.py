@@ -53,7 +53,7 @@ class ObstacleDecision(Node):
         self._observed: Any = None  # the newest observation that waits for odometry
         self._seen: Dict[type, Tuple[int, int]] = {}
         self._counts: Counter = Counter()
-        self._outputs = DecisionOutputs(self, settings.terrain_frame)
+        self._outputs = DecisionOutputs(self, settings, knowledge.robot.ball_radius)
         for topic, kind, convert in (
                 ('step_observation', StepObservation, observation),
                 ('terrain_observation', TerrainObservation, terrain_observation)):
@@ -113,7 +113,7 @@ class ObstacleDecision(Node):
         decision = answer.decision
         self._experience.keep(self._decider.outcome)
         self._counts[decision.kind.value] += 1
-        self._outputs.decide(stamp, answer)
+        self._outputs.decide(stamp, answer, self._odometry)
         if before is None or (before.kind, before.reason) != (decision.kind, decision.reason):
             self.get_logger().info(f'{decision.kind.name}: {decision.explanation}')
 

@@ -4,6 +4,7 @@ import math
 from typing import Optional, Tuple
 
 from builtin_interfaces.msg import Time
+from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
@@ -13,15 +14,18 @@ from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import (
     decision_message, set_point_message, to_seconds, to_time)
 from ballbot_ros.ros.endpoints import create_publisher, wait_until_received
+from ballbot_ros.ros.markers import decision_markers, MarkerTopic
 from ballbot_ros.ros.senders import own_name
+from ballbot_ros.ros.settings import DecisionSettings
 
 
 class DecisionOutputs:
-    """Publishes step_decision and set_point."""
+    """Publishes step_decision, set_point and markers."""
 
-    def __init__(self, node: Node, frame: str):
-        """Create the publishers; distances are in the frame."""
-        self._frame = frame
+    def __init__(self, node: Node, settings: DecisionSettings, radius: float):
+        """Create the publishers; the radius is that of the ball [m]."""
+        self._frame, self._radius = settings.terrain_frame, radius
+        self._markers = MarkerTopic(node, settings.publish_markers)
         self._name = own_name(node)
         self._decisions = create_publisher(node, StepDecision, 'step_decision', qos.DECISION)
         self._set_points = create_publisher(node, JointState, 'set_point', qos.COMMAND)
@@ -36,8 +40,10 @@ class DecisionOutputs:
         """Have nothing to repeat."""
         self._newest = None
 
-    def decide(self, stamp: Time, answer: Answer) -> None:
+    def decide(self, stamp: Time, answer: Answer, odometry: Odometry) -> None:
         """Publish a decision stamped like its observation, and the set-point for now."""
+        if self._markers.is_due(to_seconds(stamp)):
+            self._markers.publish(decision_markers(answer.decision, odometry, self._radius))
         # In lockstep the stamp of the set-point names the period that it is for.
         self._newest = (decision_message(stamp, answer.decision, self._frame),
                         set_point_message(to_time(answer.stamp), answer.set_angle, self._name))

@@ -15,7 +15,7 @@ from typing import Any
 
 from ballbot_ros.config.fields import fixed, flag, text
 
-SHELL, PENDULUM = 'shell', 'pendulum'  # the joints
+SHELL, PENDULUM = JOINTS = 'shell', 'pendulum'
 BALL_LINK, PENDULUM_LINK = 'ball_link', 'pendulum_link'
 
 
@@ -71,6 +71,12 @@ def described() -> Any:
     return fixed('the topics are made at the start', flag(
         'publish robot_description, and where the links are on /tf and /tf_static; false where '
         'robot_state_publisher does', default=True))
+
+
+def marked(what: str) -> Any:
+    """Declare the parameter for whether something is drawn."""
+    return fixed('the topic is made at the start', flag(
+        f'publish {what} on markers, 10 times a second while somebody subscribes', default=True))
 
 
 def frame(kind: str) -> Any:

@@ -13,6 +13,7 @@ from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import (
     ball_state_message, joint_state_message, odometry_message, to_time)
 from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.markers import MarkerTopic, world_markers
 from ballbot_ros.ros.odometry import OdometryTopics
 from ballbot_ros.ros.sensors import Sensors
 from ballbot_ros.ros.settings import SimulatorSettings
@@ -51,6 +52,7 @@ class Outputs:
         self._odometry = OdometryTopics(node, plant.model.robot, settings)
         self._ball = create_publisher(node, BallState, 'ball_state', qos.STATE)
         self._sensors = Sensors(node, plant, settings)
+        self._markers = MarkerTopic(node, settings.publish_markers)
         self._joints = create_publisher(node, JointState, 'joint_states', qos.STATE)
         self._joints_every = 1 if settings.control == 'direct' else periods_per(
             settings.joint_state_rate, settings.control_rate, 'joint_state_rate')
@@ -62,6 +64,9 @@ class Outputs:
                 publish()
         for publisher, message in self._sensors.look(everything):
             self._send(publisher, message)
+        if self._markers.is_due(self._plant.time):
+            self._markers.publish(world_markers(
+                self._plant.state, self._plant.model, self._odometry.frames.odom))
         if everything or self._plant.periods % self._joints_every == 0:
             self._send(self._joints, joint_state_message(
                 self._plant.state, self._plant.torque, self._plant.model.robot.has_pendulum,

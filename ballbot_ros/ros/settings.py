@@ -10,7 +10,7 @@ from ballbot_ros.decision.planners import PLANNERS
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.plant import SensorFaults
 from ballbot_ros.ros.cmd_vel import cmd_vel_type
-from ballbot_ros.ros.frames import described, frame, frame_prefix
+from ballbot_ros.ros.frames import described, frame, frame_prefix, marked
 from ballbot_ros.ros.hardware_settings import BridgeSettings, EmulatedRobotSettings, ImuSettings
 from ballbot_ros.ros.setting_fields import file_in, numbers_in, rate_of, Settings
 
@@ -97,6 +97,7 @@ class SimulatorSettings(Settings):
     sensor_offset: float = live(_fault('offset'))
     sensor_tilt: float = live(_fault('tilt'))
     seed: int = live(count('of the noise and the losses of the sensors', default=0))
+    publish_markers: bool = marked('ground, contacts and forces')
     publish_description: bool = described()
     frame_prefix: str = frame_prefix()
     odom_frame: str = frame('odom')
@@ -161,6 +162,5 @@ class DecisionSettings(Settings):
         'rolling', default='base_link'))
     planner: str = fixed('what it calls is compiled at the start', text(
         'how decisions are made', default='rollout', choices=tuple(PLANNERS)))
+    publish_markers: bool = marked('the step ahead, the height that is allowed and the words')
     margins: DecisionTuning = numbers_in('tuning', DecisionTuning, load_decision_tuning)
-
-

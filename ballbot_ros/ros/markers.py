@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What RViz and Foxglove draw besides the robot: ground, contacts, forces, and the decision."""
+import math
+from typing import Iterable, List, Sequence, Tuple
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point
+from nav_msgs.msg import Odometry
+import numpy as np
+from rclpy.node import Node
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from ballbot_ros.decision import Decision, Kind
+from ballbot_ros.physics.model.state import State
+from ballbot_ros.physics.simulation.model import Model
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.conversions import to_time
+from ballbot_ros.ros.endpoints import create_publisher
+
+PERIOD = 0.1  # [s]
+HALF_WIDTH = 0.5  # of ground and steps, to both sides [m]
+END = 5.0  # how far the ground is drawn beyond its last vertex [m]
+LENGTH = 0.3  # of the arrow of a force like the weight [m]
+GROUND, CONTACT, FORCE = (0.55, 0.5, 0.45, 1.0), (0.9, 0.1, 0.1, 1.0), (0.9, 0.6, 0.1, 1.0)
+LIMIT = (0.1, 0.4, 0.9, 1.0)
+TAKEN, REFUSED = (0.1, 0.65, 0.25, 1.0), (0.85, 0.15, 0.1, 1.0)
+Place = Tuple[float, float, float]
+
+
+class MarkerTopic:
+    """
+    The topic ``markers``: ten times a second at most, and only while somebody subscribes.
+
+    Parameters
+    ----------
+    node : Node
+    wanted : bool
+        Whether to publish at all.
+
+    """
+
+    def __init__(self, node: Node, wanted: bool):
+        """Create the publisher, if it is wanted."""
+        self._topic = create_publisher(node, MarkerArray, 'markers', qos.SHORT) if wanted else None
+        self._last = -math.inf
+
+    def is_due(self, now: float) -> bool:
+        """Return whether markers would be seen, and take note that they are then published."""
+        if self._topic is None or 0.0 <= now - self._last < PERIOD:
+            return False
+        self._last = now
+        return self._topic.get_subscription_count() > 0
+
+    def publish(self, markers: List[Marker]) -> None:
+        """Publish markers."""
+        assert self._topic is not None
+        self._topic.publish(MarkerArray(markers=markers))
+
+
+def world_markers(state: State, model: Model, frame: str) -> List[Marker]:
+    """Return the ground, where the ball touches it, and with what force, in the frame `odom`."""
+    stamp = to_time(state.time)
+    ground = _marker(stamp, frame, 'terrain', Marker.TRIANGLE_LIST, GROUND, _ribbon(
+        model.terrain.vertices), (1.0, 1.0, 1.0))
+    touches = model.touches(state)
+    points = [(touch.x, 0.0, touch.y) for touch in touches]
+    arrows = []
+    for touch, foot in zip(touches, points):
+        part = LENGTH / model.robot.weight if model.robot.weight > 0.0 else 0.0
+        along = touch.normal_force * touch.normal_x + touch.friction_force * touch.normal_y
+        up = touch.normal_force * touch.normal_y - touch.friction_force * touch.normal_x
+        arrows += [foot, (foot[0] + part * along, 0.0, foot[2] + part * up)]
+    return [
+        ground,
+        _marker(stamp, frame, 'contacts', Marker.SPHERE_LIST, CONTACT, points,
+                (0.03, 0.03, 0.03)),
+        _marker(stamp, frame, 'forces', Marker.LINE_LIST, FORCE, arrows, (0.015, 0.0, 0.0))]
+
+
+def decision_markers(decision: Decision, odometry: Odometry, radius: float) -> List[Marker]:
+    """
+    Return the step ahead, how high it may be, and what was decided, where the ball is.
+
+    Parameters
+    ----------
+    decision : Decision
+    odometry : Odometry
+        Of the centre of the ball; the markers are in its frame.
+    radius : float
+        Of the ball [m].
+
+    """
+    stamp, frame = odometry.header.stamp, odometry.header.frame_id
+    at = odometry.pose.pose.position
+    colour = TAKEN if decision.kind in (Kind.CLEAR, Kind.CROSS) else REFUSED
+    foot, floor = at.x + decision.distance, at.z - radius
+    known = math.isfinite(decision.distance) and math.isfinite(decision.height)
+    outline, limit = [], []
+    if known and decision.height != 0.0:
+        outline = _across(foot, floor, floor + decision.height)
+        most = decision.outlook.height_limit if decision.outlook is not None else math.nan
+        if math.isfinite(most):
+            limit = [(foot, side, floor + most) for side in (-HALF_WIDTH, HALF_WIDTH)]
+    text = _marker(stamp, frame, 'decision', Marker.TEXT_VIEW_FACING, colour,
+                   [(at.x, 0.0, at.z + 2.0 * radius)], (0.0, 0.0, 0.08))
+    text.pose.position, text.points = text.points[0], []
+    text.text = f'{decision.kind.name}\n{decision.explanation}'
+    return [
+        _marker(stamp, frame, 'step', Marker.LINE_STRIP, colour, outline, (0.02, 0.0, 0.0)),
+        _marker(stamp, frame, 'height_limit', Marker.LINE_STRIP, LIMIT, limit, (0.015, 0.0, 0.0)),
+        text]
+
+
+def _across(x: float, low: float, high: float) -> List[Place]:
+    """Return the outline of an upright face across the way."""
+    left, right = HALF_WIDTH, -HALF_WIDTH
+    return [(x, left, low), (x, left, high), (x, right, high), (x, right, low), (x, left, low)]
+
+
+def _ribbon(vertices: 'np.ndarray[Tuple[int, int], np.dtype[np.float64]]') -> List[Place]:
+    """Return the triangles of the ground, whose ends go on as its last segments do."""
+    ends = [vertices[near] + END * (vertices[near] - vertices[next_]) / np.linalg.norm(
+        vertices[near] - vertices[next_]) for near, next_ in ((0, 1), (-1, -2))]
+    course = [ends[0], *vertices, ends[1]]
+    found: List[Place] = []
+    for (x, z), (next_x, next_z) in zip(course[:-1], course[1:]):
+        corners = [(float(a), side, float(b)) for a, b in ((x, z), (next_x, next_z))
+                   for side in (HALF_WIDTH, -HALF_WIDTH)]
+        found += [corners[0], corners[1], corners[2], corners[2], corners[1], corners[3]]
+    return found
+
+
+def _marker(stamp: Time, frame: str, name: str, kind: int, colour: Sequence[float],
+            points: Iterable[Place], scale: Place) -> Marker:
+    """Return a marker of points; without any, one that takes away that of before."""
+    marker = Marker(ns=name, type=kind, action=Marker.ADD, color=ColorRGBA(
+        **dict(zip('rgba', colour))), points=[Point(x=x, y=y, z=z) for x, y, z in points])
+    marker.header.stamp, marker.header.frame_id = stamp, frame
+    marker.pose.orientation.w = 1.0
+    marker.scale.x, marker.scale.y, marker.scale.z = scale
+    if not marker.points:  # viewers complain of a list that is empty
+        marker.action = Marker.DELETE
+    return marker
