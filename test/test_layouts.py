@@ -134,6 +134,13 @@ def test_plotjuggler_plots_numbers_of_messages_and_joints():
             assert is_number(field_type(type_of(topic), words)), curve
 
 
+def named_topics():
+    """Return all topics that the layouts name, without slash."""
+    text = ''.join(path.read_text() for path in (RVIZ, FOXGLOVE, PLOTJUGGLER))
+    return {topic for topic in (name.lstrip('/') for name in TOPICS)
+            if re.search(rf'[ "]/{topic}\b', text)}
+
+
 def test_the_topics_are_those_that_the_nodes_publish():
     published = set()
     for folder in ('nodes', 'ros'):
