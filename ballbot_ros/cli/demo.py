@@ -1,10 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``demo``: all ROS nodes together, on a scene with two steps."""
+"""The verb ``demo``: all ROS nodes together, on scenes of ours or on one's own."""
 import argparse
 from pathlib import Path
 
 from ballbot_ros.cli.options import add_quiet
 from ballbot_ros.drives import DRIVES
+from ballbot_ros.errors import ConfigurationError
+
+# What may be one's own: a name, or a YAML file.
+OWN = {'scene': 'of ours or a YAML file, instead of the two that belong to the demo',
+       'robot': 'of ours or a YAML file, instead of that of the scene',
+       'curve': 'height curve that the decision counts on, of "ballbot fit-curve"',
+       'tuning': 'gains of the controller (default: published)'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,6 +30,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='of an odrive: 0.5 (default) or 0.6')
     parser.add_argument('--serial-imu', action='store_true',
                         help='the IMU on a serial line of its own, too, read by the node imu')
+    for option, what in OWN.items():
+        parser.add_argument(f'--{option}', metavar='NAME', help=what)
+    parser.add_argument('--duration', type=float, metavar='SECONDS',
+                        help='simulated time after which the robot has had its chance '
+                        '(default: 30)')
     parser.add_argument('--timeout', type=float, default=60.0, metavar='SECONDS',
                         help='give up after this long (default: %(default)g)')
     add_quiet(parser)
@@ -36,26 +48,13 @@ def run(arguments: argparse.Namespace) -> int:
     ------
     ConfigurationError
         If the timeout is not above 0, a protocol or firmware is given without such a motor
-        controller, the folder cannot be written, or ROS cannot be found.
+        controller, scene, robot, curve and gains do not exist or do not belong together, the
+        folder cannot be written, or ROS cannot be found.
 
     """
-    from ballbot_ros.drives import device_class
-    from ballbot_ros.errors import ConfigurationError
-    if not 0.0 < arguments.timeout < float('inf'):
-        raise ConfigurationError(
-            f'--timeout must be more than 0 s and finite, got {arguments.timeout!r}')
-    if arguments.protocol is not None and not arguments.hardware:
-        raise ConfigurationError('--protocol goes with --hardware')
-    if arguments.serial_imu and not arguments.hardware:
-        raise ConfigurationError('--serial-imu goes with --hardware')
-    protocol = arguments.protocol or 'odrive'
-    known = device_class(protocol).firmwares
-    if arguments.firmware and (not arguments.hardware or arguments.firmware not in known):
-        raise ConfigurationError(
-            f'--firmware goes with --hardware, and must be {" or ".join(known) or "left out"} '
-            f'with --protocol {protocol}, got {arguments.firmware!r}')
+    check(arguments)
     try:
-        from ballbot_ros.demo import run_demo, run_hardware_demo
+        from ballbot_ros.demo import own_acts, run_demo, run_hardware_demo
     except ImportError as error:
         raise ConfigurationError(
             f'the demo needs ROS 2, and {error.name or error} cannot be imported; source '
@@ -66,11 +65,40 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.results.files import check_writable
     check_writable(out / 'crossing.png')
     if arguments.hardware:
-        code: int = run_hardware_demo(out=out, protocol=protocol,
-                                      firmware=arguments.firmware,
-                                      serial_imu=arguments.serial_imu, quiet=arguments.quiet,
-                                      timeout=arguments.timeout)
+        code: int = run_hardware_demo(
+            out=out, protocol=arguments.protocol or 'odrive', firmware=arguments.firmware,
+            serial_imu=arguments.serial_imu, quiet=arguments.quiet, timeout=arguments.timeout)
     else:
-        code = run_demo(out=out, real_time=arguments.real_time,
-                        quiet=arguments.quiet, timeout=arguments.timeout)
+        acts = own_acts(arguments.scene, arguments.robot, arguments.curve, arguments.tuning,
+                        arguments.duration)
+        code = run_demo(out=out, real_time=arguments.real_time, quiet=arguments.quiet,
+                        timeout=arguments.timeout, acts=acts)
     return code
+
+
+def check(arguments: argparse.Namespace) -> None:
+    """Refuse what is out of range, does not exist or does not go together."""
+    from ballbot_ros.cli.listing import check_name
+    from ballbot_ros.drives import device_class
+    for option in ('timeout', 'duration'):
+        value = getattr(arguments, option)
+        if value is not None and not 0.0 < value < float('inf'):
+            raise ConfigurationError(
+                f'--{option} must be more than 0 s and finite, got {value!r}')
+    if arguments.protocol is not None and not arguments.hardware:
+        raise ConfigurationError('--protocol goes with --hardware')
+    if arguments.serial_imu and not arguments.hardware:
+        raise ConfigurationError('--serial-imu goes with --hardware')
+    for option in (*OWN, 'duration'):
+        if getattr(arguments, option) is not None and arguments.hardware:
+            raise ConfigurationError(f'--{option} goes without --hardware, whose demo is one of '
+                                     'the bridge on its own scene')
+    for option in OWN:
+        if getattr(arguments, option) is not None:
+            check_name(f'{option}s', getattr(arguments, option))
+    protocol = arguments.protocol or 'odrive'
+    known = device_class(protocol).firmwares
+    if arguments.firmware and (not arguments.hardware or arguments.firmware not in known):
+        raise ConfigurationError(
+            f'--firmware goes with --hardware, and must be {" or ".join(known) or "left out"} '
+            f'with --protocol {protocol}, got {arguments.firmware!r}')

@@ -28,9 +28,10 @@ def check_name(kind: str, name: str) -> None:
     if is_path(name) or name in names:
         return
     what = kind[:-1]
+    listing = f'"ballbot {kind}" lists them, and ' if kind in ('scenes', 'robots') else ''
     raise ConfigurationError(
-        f'there is no {what} named {name!r}{suggestion(name, names)}; "ballbot {kind}" lists '
-        f'them, and the path of a YAML file is accepted too')
+        f'there is no {what} named {name!r}{suggestion(name, names)}; {listing}the path of a '
+        'YAML file is accepted too')
 
 
 def describe(path: Path) -> str:

@@ -2,5 +2,6 @@
 """The demo: all nodes as processes, two door-steps, and a timeline of what happened."""
 from ballbot_ros.demo.demo import run_demo
 from ballbot_ros.demo.hardware import run_hardware_demo
+from ballbot_ros.demo.own_act import own_acts
 
-__all__ = ['run_demo', 'run_hardware_demo']
+__all__ = ['own_acts', 'run_demo', 'run_hardware_demo']

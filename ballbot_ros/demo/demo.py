@@ -6,12 +6,13 @@ from pathlib import Path
 import signal
 import sys
 import time
-from typing import Any, Callable, Iterator, List, NamedTuple, Sequence, Tuple
+from typing import Any, Callable, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import JointState
 
+from ballbot_ros.demo.account import account
 from ballbot_ros.demo.bag_check import also_recorded, verdict
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
@@ -25,7 +26,8 @@ from ballbot_ros.plant.step_sensor import LEAST_HEIGHT, LEAST_SLOPE
 from ballbot_ros.results.bag_metadata import bag_metadata, SIMULATOR
 from ballbot_ros.ros import qos
 
-CURVE = 'gimball_down'
+ROBOT, CURVE, TUNING = 'gimball', 'gimball_down', 'published'
+CONTROL_RATE = 500.0  # [Hz]
 # The simulator sees the ground ahead as a depth camera does, not only the next step.
 CAMERA = {'observation_rate': 0.0, 'terrain_rate': 50.0}
 LONGEST = 30.0  # simulated time after which the robot has had its chance [s]
@@ -43,11 +45,15 @@ ANSWERS = {'joint_commands': 500.0, 'set_point': 50.0, 'step_decision': 50.0}
 
 
 class Act(NamedTuple):
-    """A scene, and what the robot should do about its faces, from left to right."""
+    """A scene, and what the robot should do about its faces, left to right; None: whatever."""
 
     title: str
     scene: str
-    expected: Tuple[Expected, ...]
+    expected: Optional[Tuple[Expected, ...]]
+    robot: str = ROBOT
+    curve: str = CURVE
+    tuning: str = TUNING
+    longest: float = LONGEST
 
 
 TWO_STEPS = Act('The ball stands before a door-step, and behind that is a higher one.',
@@ -86,15 +92,19 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False,
 
     def play(act: Act, folder: Path, timeline: Timeline) -> List[str]:
         simulator = {
-            'scene': act.scene, 'lockstep': not real_time, **CAMERA,
+            'scene': act.scene, 'robot': act.robot, 'control_rate': CONTROL_RATE,
+            'lockstep': not real_time, **CAMERA,
             'real_time_factor': 1.0 if real_time else 0.0, 'start_paused': True}
-        metadata = bag_metadata(SIMULATOR, simulator, load_scene(act.scene))
+        metadata = bag_metadata(SIMULATOR, simulator, load_scene(act.scene, act.robot))
         with recorded_graph(folder, (*TOPICS, *ALSO), timeline, metadata) as graph:
-            graph.nodes.start('controller', {'lockstep_set_point_period': lockstep_period})
-            graph.nodes.start('obstacle_decision', {'curve': CURVE})
+            graph.nodes.start('controller', {
+                'robot': act.robot, 'tuning': act.tuning, 'rate': CONTROL_RATE,
+                'lockstep_set_point_period': lockstep_period})
+            graph.nodes.start('obstacle_decision', {
+                'robot': act.robot, 'curve': act.curve, 'control_tuning': act.tuning})
             graph.nodes.start('simulator', simulator)
             start = SynchronizedStart(graph.node, graph.bag, (topic for topic, *_ in TOPICS))
-            wrong = graph.run(start.poll, timeout, LONGEST)
+            wrong = graph.run(start.poll, timeout, act.longest)
         return wrong + check_bag(graph, real_time, quiet)
 
     return max([perform(out / Path(act.scene).stem, act, quiet, partial(play, act))
@@ -140,19 +150,26 @@ def perform(out: Path, act: Act, quiet: bool,
         Runs the nodes with that folder, and returns what went wrong on the way.
 
     """
-    scene = load_scene(act.scene)
+    scene = load_scene(act.scene, act.robot)
     out.mkdir(parents=True, exist_ok=True)
+    faces = scene.model.terrain.faces(LEAST_SLOPE, LEAST_HEIGHT)
     passages = [Passage(float(face[0, 0]), float(face[-1, 1] - face[0, 1]),
                         float(face[-1, 1]), due)
-                for face, due in zip(scene.model.terrain.faces(LEAST_SLOPE, LEAST_HEIGHT),
-                                     act.expected)]
+                for face, due in zip(faces, act.expected or [None] * len(faces))]
     timeline = Timeline(passages, scene.model.robot, (lambda *_: None) if quiet else print_event)
     begun = time.monotonic()
     if not quiet:
         print(f'\n{act.title}\n', flush=True)
     with ending_by_signal():
         wrong = play(out, timeline)
-    wrong = wrong + timeline.verdict()
+    if act.expected is not None:
+        wrong = wrong + timeline.verdict()
+    elif not timeline.states:
+        wrong = wrong + ['no state of the ball came']
+    elif not quiet:
+        print('\nWhat happened:')
+        for sentence in account(timeline):
+            print(f'  - {sentence}')
     picture = out / 'crossing.png'
     if timeline.states:
         save(strip(_trajectory(scene, timeline), 'as published on ball_state'), picture)

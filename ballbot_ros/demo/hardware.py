@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The demo through a serial line: an emulated drive, laws on board the bridge, decision."""
 import math
+import os
 from pathlib import Path
 import time
 from typing import List, Optional
 
+from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
@@ -13,16 +15,19 @@ from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.config.files import shipped_files
 from ballbot_ros.demo.demo import ALSO, CURVE, get_ready, perform, TOPICS, TWO_STEPS
 from ballbot_ros.demo.processes import own_domain
-from ballbot_ros.demo.recorded_graph import recorded_graph, RecordedGraph
+from ballbot_ros.demo.recorded_graph import recorded_graph
 from ballbot_ros.demo.timeline import Timeline
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.results.bag_metadata import bag_metadata, BRIDGE
 from ballbot_ros.ros import qos
+from ballbot_ros.ros.endpoints import create_subscription
 
 TUNING = 'gentle'  # gains that a sample of delay and an estimated angle leave stable
 MORE_TOPICS = (('imu', Imu, qos.RECORD), ('motor_status', MotorStatus, qos.RECORD))
 # Wall time between two calls of a service [s].
 AGAIN = 0.3
+# What has refused for so long will not agree [s].
+PATIENCE = 20.0
 
 
 def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: bool = False,
@@ -70,7 +75,7 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
                 graph.nodes.start('imu', {'port': imu})
             graph.nodes.start('bridge', bridge)
             graph.nodes.start('obstacle_decision', {'curve': CURVE, 'control_tuning': TUNING})
-            return graph.run(_GetGoing(graph).poll, timeout, math.inf)
+            return graph.run(GetGoing(graph.node).poll, timeout, math.inf)
 
     get_ready(quiet)
     if not quiet:
@@ -81,30 +86,70 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
     return perform(out, TWO_STEPS, quiet, play)
 
 
-class _GetGoing:
+class GetGoing:
     """
     Does what a person does: releases the e-stop, then lets the decision go on.
 
     Not before the decision is there: while it gets ready it takes what the machine has, and a
-    motor under power needs some of that.
+    motor under power needs some of that.  An e-stop that engages by itself after that is the end:
+    why it did is worth more than another attempt.
     """
 
-    def __init__(self, graph: RecordedGraph):
-        self._clients = [graph.node.create_client(Trigger, service) for service in (
-            'bridge/release_e_stop', 'obstacle_decision/resume')]
+    def __init__(self, node: Node):
+        """Create the clients."""
+        self._services = ('bridge/release_e_stop', 'obstacle_decision/resume')
+        self._clients = [node.create_client(Trigger, service) for service in self._services]
         self._answer: Optional[Future] = None
         self._next = 0.0
         self._done = 0  # calls that succeeded
+        self._refused_since: Optional[float] = None
+        self._free = False  # the e-stop has been seen released
+        self._e_stop: Optional[str] = None  # why it engaged after that
+        create_subscription(node, MotorStatus, 'motor_status', self.take, qos.NEWEST)
 
-    def poll(self) -> None:
-        """Do what can be done now; to be called often."""
+    def take(self, message: MotorStatus) -> None:
+        """Take note of the e-stop; that of the start does not count."""
         if self._done == len(self._clients):
-            return
+            if self._free and message.e_stop:
+                faults = f' ({", ".join(message.faults)})' if message.faults else ''
+                self._e_stop = f'{message.e_stop}{faults}'
+            self._free = self._free or not message.e_stop
+
+    def poll(self) -> Optional[str]:
+        """Do what can be done now, and return why it is no use; to be called often."""
+        if self._e_stop is not None:
+            return f'the e-stop has engaged by itself: {self._e_stop}; {_load()}'
+        if self._done == len(self._clients):
+            return None
+        now = time.monotonic()
         if self._answer is not None and self._answer.done():
-            # Where it may not go on, the e-stop has engaged again meanwhile.
-            self._done = self._done + 1 if self._answer.result().success else 0
-            self._answer = None
-        elif time.monotonic() > self._next and all(
+            answer, self._answer = self._answer.result(), None
+            return self._took(answer.success, answer.message, now)
+        if self._answer is None and now > self._next and all(
                 client.service_is_ready() for client in self._clients):
             self._answer = self._clients[self._done].call_async(Trigger.Request())
-            self._next = time.monotonic() + AGAIN
+            self._next = now + AGAIN
+        return None
+
+    def _took(self, success: bool, message: str, now: float) -> Optional[str]:
+        """Take an answer; where the decision may not go on, the e-stop has engaged again."""
+        service = self._services[self._done]
+        if success:
+            self._done += 1
+            if self._done == len(self._clients):
+                self._refused_since = None
+            return None
+        self._done = 0
+        if self._refused_since is None:
+            self._refused_since = now
+        if now - self._refused_since > PATIENCE:
+            return f'{service} has refused for {PATIENCE:g} s: {message}; {_load()}'
+        return None
+
+
+def _load() -> str:
+    """Return how busy the machine is: the watchdog of a drive waits for nobody."""
+    load = os.getloadavg()[0]
+    return (f'the load of this machine is {load:.1f} on {os.cpu_count()} processors, and a bridge '
+            'that waits for its turn for too long is stopped by the watchdog of the drive'
+            if load > (os.cpu_count() or 1) else 'see the log of the bridge')

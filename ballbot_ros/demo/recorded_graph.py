@@ -38,19 +38,23 @@ class RecordedGraph:
     timeline: Timeline
     heard: 'SimpleQueue[Callable[[], None]]'  # what the timeline is to take, in its turn
 
-    def run(self, poll: Callable[[], None], timeout: float, longest: float) -> List[str]:
+    def run(self, poll: Callable[[], Optional[str]], timeout: float,
+            longest: float) -> List[str]:
         """
         Record until the ball rests, end the nodes, and return what went wrong.
 
-        Calls `poll` often; gives up after `timeout` of wall time [s], and ends after `longest` on
-        the timeline [s], when the robot has had its chance.
+        Calls `poll` often, which returns why it is no use to go on, or nothing; gives up after
+        `timeout` of wall time [s], and ends after `longest` on the timeline [s], when the robot
+        has had its chance.
         """
         deadline = time.monotonic() + timeout
         while self.timeline.rested is None and self.timeline.now <= longest:
             self.executor.spin_once(timeout_sec=TAKE_AGAIN)
             while not self.heard.empty():
                 self.heard.get()()
-            poll()
+            hopeless = poll()
+            if hopeless:
+                return [hopeless]
             if self.bag.failure is not None:
                 return [f'the bag cannot be written: {self.bag.failure}']
             ended = self.nodes.ended()

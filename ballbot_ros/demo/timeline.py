@@ -42,14 +42,15 @@ class Passage:
     ----------
     x, height, top : float
         Where it is, how high (negative for a drop), and the level of the ground behind it [m].
-    expected : Expected
+    expected : Expected or None
+        None where either will do.
 
     """
 
     x: float
     height: float
     top: float
-    expected: Expected
+    expected: Optional[Expected]
     decided: List[int] = field(default_factory=list)
     touched: Optional[float] = None  # when [s]
     touch_speed: float = math.nan
@@ -202,6 +203,8 @@ class Timeline:
                     wrong.append(f'the {passage.name} was never accepted')
                 if passage.crossed is None:
                     wrong.append(f'the {passage.name} was not crossed')
+                continue
+            if passage.expected is None:
                 continue
             if accepted:
                 wrong.append(f'the {passage.name} was accepted, and is not to be taken')

@@ -19,7 +19,7 @@ from ballbot_ros.ros.senders import own_name
 from ballbot_ros.ros.tools.observer import Observer
 
 DECISIONS: Dict[int, str] = {
-    getattr(StepDecision, kind.name): kind.name.replace('_', ' ') for kind in Kind}
+    getattr(StepDecision, f'DECISION_{kind.name}'): kind.name.replace('_', ' ') for kind in Kind}
 
 
 class RobotDriver:

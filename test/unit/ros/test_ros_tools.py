@@ -20,7 +20,7 @@ import yaml
 
 from ballbot_ros.cli import main
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.msg import BallState, Contact
+from ballbot_ros.msg import BallState, Contact, StepDecision
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import to_time
 from ballbot_ros.ros.senders import MARK
@@ -197,17 +197,19 @@ def test_who_drives_has_a_name_and_sees_the_robot(look, robot):
         name=['shell', 'pendulum'], position=[-7.0, 7.5], velocity=[0.0, 0.0]))
     latched = robot.create_publisher(Bool, 'e_stop', qos.LATCHED)
     latched.publish(Bool(data=True))
+    robot.create_publisher(StepDecision, 'step_decision', qos.LATCHED).publish(
+        StepDecision(decision=StepDecision.DECISION_GO_ROUND))
     driver = RobotDriver(look, 'bridge')
 
     def arrived():
         driver.publish(0.3)
-        return came and driver.speed and driver.pendulum and driver.e_stop
+        return came and driver.speed and driver.pendulum and driver.e_stop and driver.decision
     assert look.wait(arrived, 30.0)
     assert came[0].twist.linear.x == 0.3
     assert came[0].header.frame_id.startswith('/ballbot_test_')
     assert MARK in came[0].header.frame_id and came[0].header.stamp.sec == 0
     assert driver.speed == 0.25 and driver.pendulum == pytest.approx(0.5)
-    assert driver.followers == 1
+    assert driver.followers == 1 and driver.decision == 'GO ROUND'
 
 
 def test_the_e_stop_of_who_drives_is_that_of_the_bridge_or_else_the_topic(look, robot):

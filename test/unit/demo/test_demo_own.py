@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The demo with one's own robot, and one that is honest about an e-stop."""
+from types import SimpleNamespace
+
+import pytest
+
+from ballbot_ros.config.files import config_folder
+from ballbot_ros.demo import hardware, own_act
+from ballbot_ros.demo.account import account
+from ballbot_ros.demo.demo import ACTS
+from ballbot_ros.demo.hardware import GetGoing
+from ballbot_ros.demo.own_act import own_acts
+from ballbot_ros.demo.timeline import Passage, Timeline
+from ballbot_ros.errors import ConfigurationError, UnstableLoopError
+from ballbot_ros.msg import BallState, Contact, MotorStatus
+from ballbot_ros.ros.conversions import to_time
+
+
+def test_with_nothing_of_ones_own_the_acts_are_those_of_the_readme():
+    assert list(own_acts()) == list(ACTS)
+    act, = own_acts('doorstep', longest=12.0)
+    assert act == ACTS[0]._replace(longest=12.0)
+
+
+def test_a_scene_of_ones_own_has_its_robot_and_a_curve_made_for_that():
+    act, = own_acts('household')
+    assert act.expected is None and act.scene == 'household'
+    assert (act.robot, act.curve, act.tuning) == ('gimball', 'gimball_down', 'published')
+    act, = own_acts(tuning='gentle')
+    assert act.scene == 'doorstep' and act.expected is None and act.tuning == 'gentle'
+
+
+@pytest.fixture
+def own_robot(tmp_path):
+    """Return the file of a robot for which there is no curve."""
+    path = tmp_path / 'mine.yaml'
+    text = (config_folder() / 'robots' / 'gimball.yaml').read_text()
+    path.write_text(text.replace('name: gimball', 'name: mine'))
+    return str(path)
+
+
+def test_a_robot_without_a_curve_is_told_what_to_run(own_robot):
+    with pytest.raises(ConfigurationError) as refusal:
+        own_acts(robot=own_robot)
+    assert f'ballbot fit-curve --robot {own_robot} --actuation held' in str(refusal.value)
+    with pytest.raises(ConfigurationError, match='was made for gimball, not for mine'):
+        own_acts(robot=own_robot, curve='gimball_down')
+
+
+def test_a_robot_without_a_pendulum_and_gains_that_diverge_are_refused(monkeypatch):
+    with pytest.raises(ConfigurationError, match='no pendulum'):
+        own_acts(robot='shellball')
+    monkeypatch.setattr(own_act, 'CONTROL_RATE', 100.0)
+    with pytest.raises(UnstableLoopError, match='275'):
+        own_acts('household')
+
+
+def test_a_run_of_which_nothing_was_expected_is_told_face_by_face(gimball):
+    timeline = Timeline([Passage(1.0, 0.03, 0.03, None), Passage(2.0, 0.08, 0.11, None)],
+                        gimball, lambda *event: None)
+    assert account(timeline) == ['the 30 mm step at 1.00 m: not touched',
+                                 'the 80 mm step at 2.00 m: not touched']
+    for stamp, x, y, touched in ((0.0, 0.0, 0.226, ()), (1.0, 1.1, 0.256, ()),
+                                 (2.0, 1.8, 0.256, (2.0,))):
+        message = BallState(x=x, y=y, velocity_x=0.5, contacts=[
+            Contact(kind=2, x=place) for place in touched])
+        message.header.stamp = to_time(stamp)
+        timeline.add_state(message)
+    assert account(timeline) == [
+        'the 30 mm step at 1.00 m: crossed', 'the 80 mm step at 2.00 m: touched, not crossed',
+        'had not come to rest after 2.0 s, at 1.80 m']
+
+
+# The e-stop in the demo of the hardware
+
+
+@pytest.fixture
+def person(monkeypatch):
+    """Return who gets the robot going, with services that answer what `answers` has for them."""
+    clock = SimpleNamespace(now=100.0)
+    answers = {}
+
+    def create_client(kind, name):
+        def call_async(request):
+            done = SimpleNamespace(success=answers[name] == '', message=answers[name])
+            return SimpleNamespace(done=lambda: True, result=lambda: done)
+        return SimpleNamespace(service_is_ready=lambda: True, call_async=call_async)
+    monkeypatch.setattr(hardware, 'create_subscription', lambda *arguments: None)
+    monkeypatch.setattr(hardware, 'time', SimpleNamespace(monotonic=lambda: clock.now))
+    person = GetGoing(SimpleNamespace(create_client=create_client))
+
+    def poll(seconds):
+        for _ in range(round(seconds / 0.1)):
+            clock.now += 0.1
+            why = person.poll()
+            if why:
+                return why
+        return None
+    return SimpleNamespace(answers=answers, poll=poll, take=person.take)
+
+
+RELEASE, RESUME = 'bridge/release_e_stop', 'obstacle_decision/resume'
+
+
+def test_an_e_stop_that_engages_by_itself_ends_the_demo_with_its_reason(person):
+    person.answers.update({RELEASE: '', RESUME: ''})
+    person.take(MotorStatus(e_stop='engaged at start'))
+    assert person.poll(3.0) is None
+    person.take(MotorStatus(e_stop='engaged at start'))  # was on its way
+    assert person.poll(1.0) is None
+    person.take(MotorStatus())
+    assert person.poll(1.0) is None
+    person.take(MotorStatus(e_stop='the drive took off the power', faults=['WATCHDOG']))
+    why = person.poll(0.2)
+    assert why.startswith('the e-stop has engaged by itself: the drive took off the power '
+                          '(WATCHDOG); ')
+
+
+def test_what_refuses_for_long_enough_ends_the_demo_with_its_last_words(person, monkeypatch):
+    person.answers.update({RELEASE: 'the line is down', RESUME: ''})
+    assert person.poll(10.0) is None
+    person.answers[RELEASE] = 'the drive reports WATCHDOG'
+    monkeypatch.setattr(hardware.os, 'getloadavg', lambda: (1e3, 0.0, 0.0))
+    why = person.poll(15.0)
+    assert why.startswith('bridge/release_e_stop has refused for 20 s: the drive reports WATCHDOG')
+    assert 'load of this machine is 1000.0' in why
+
+
+def test_a_refusal_at_first_is_no_reason_to_give_up(person):
+    person.answers.update({RELEASE: 'no IMU yet', RESUME: 'the e-stop is engaged'})
+    assert person.poll(8.0) is None
+    person.answers[RELEASE] = ''
+    assert person.poll(8.0) is None
+    person.answers[RESUME] = ''
+    assert person.poll(60.0) is None
