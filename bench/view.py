@@ -12,10 +12,9 @@ import subprocess
 import sys
 import time
 
+from loop import processor_time
 import msgspec.msgpack
 import zstandard
-
-from loop import processor_time
 
 WINDOW = 10.0  # of the measurement [s]
 REPEATS = 3
