@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Run an experiment: one folder with bags, inputs, versions and digests, that runs again."""
+import csv
+import io
+import json
+from pathlib import Path
+import platform
+import shutil
+from typing import Any, Optional
+
+from ballbot_ros.cli.command import DONE, FAILED
+from ballbot_ros.cli.experiment_file import (
+    Experiment, FILE, freeze, load_experiment, node_parameters)
+from ballbot_ros.errors import ConfigurationError, RefusedError
+
+RESULT, TABLE, VERSIONS = 'numbers.json', 'results.csv', 'versions.json'
+
+
+def run_experiment(target: str, out: Optional[Path], quiet: bool, timeout: float) -> int:
+    """
+    Run the file of an experiment, or the folder of one again.
+
+    Seeds that are done are kept; each appears whole or not at all.
+
+    Parameters
+    ----------
+    target : str
+        The file, or the folder.
+    out : Path, optional
+        Folder for a new one; ``ballbot_output/experiments/NAME`` by default.
+    quiet : bool
+        Print only errors.
+    timeout : float
+        Wall time per seed [s].
+
+    Returns
+    -------
+    int
+        0; 1 where a run failed, or the numbers are not the same again.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file is not right, or the folder holds another experiment.
+
+    """
+    if not 0.0 < timeout < float('inf'):
+        raise ConfigurationError(
+            f'--timeout must be more than 0 s and finite, got {timeout!r}')
+    say = (lambda *_: None) if quiet else _say
+    path = Path(target)
+    if path.is_dir():
+        if out is not None:
+            raise ConfigurationError(
+                f'--out goes with the file of an experiment; {path} is a folder, which is run '
+                'again in its place')
+        if not (path / FILE).is_file():
+            raise ConfigurationError(f'{path}: holds no {FILE}: it is no folder of an experiment')
+        folder, plan = path, load_experiment(path / FILE)
+        if all(_done(folder, seed) for seed in plan.seeds):
+            return _again(folder, plan, timeout, say)
+    else:
+        folder = out or Path('ballbot_output') / 'experiments' / path.stem
+        plan = _begin(load_experiment(path), folder)
+    return _missing(folder, plan, timeout, say)
+
+
+def _say(*words: Any) -> None:
+    print(*words, flush=True)
+
+
+def _done(folder: Path, seed: int) -> bool:
+    return (folder / f'seed_{seed}' / RESULT).is_file()
+
+
+def _begin(plan: Experiment, folder: Path) -> Experiment:
+    """Put all that is read into a folder, and return the experiment that lies there."""
+    from ballbot_ros.results.files import check_writable, write_text
+    files = freeze(plan)
+    check_writable(folder / FILE)
+    for name, text in files.items():
+        place = folder / name
+        if (folder / FILE).is_file() and (
+                not place.is_file() or place.read_text(encoding='utf-8') != text):
+            raise ConfigurationError(
+                f'{folder}: holds another experiment ({name} differs); choose another folder with '
+                '--out, or remove that one')
+    for name, text in sorted(files.items(), key=lambda item: item[0] == FILE):
+        write_text(text, folder / name)
+    return load_experiment(folder / FILE)
+
+
+def _missing(folder: Path, plan: Experiment, timeout: float, say: Any) -> int:
+    """Run the seeds that are not done, and write the table of all."""
+    from ballbot_ros.results.files import write_text
+    from ballbot_ros.studies.experiment_results import as_json
+    left = [seed for seed in plan.seeds if not _done(folder, seed)]
+    if len(left) < len(plan.seeds):
+        say(f'{len(plan.seeds) - len(left)} of {len(plan.seeds)} seeds were done before')
+    if left:
+        _prepare(say)
+        write_text(as_json(versions()), folder / VERSIONS)
+    for seed in left:
+        result = _run_seed(folder, plan, seed, timeout)
+        say(f'seed {seed}: {words(result)}')
+    results = [json.loads((folder / f'seed_{seed}' / RESULT).read_text(encoding='utf-8'))
+               for seed in plan.seeds]
+    write_text(table(results), folder / TABLE)
+    say(f'Written to {folder}: {TABLE}, {VERSIONS}, a folder for each seed with its bag.  Again, '
+        f'to compare: ballbot run {folder}{"" if "/" in str(folder) else "/"}')
+    return DONE
+
+
+def _prepare(say: Any) -> None:
+    try:
+        from ballbot_ros.demo.prepare import prepare
+    except ImportError as error:
+        raise ConfigurationError(
+            f'an experiment needs ROS 2, and {error.name or error} cannot be imported; source '
+            '/opt/ros/jazzy/setup.bash, or use the .venv of a checkout (make setup)') from error
+    say('Compiling what is not compiled yet: up to some minutes, the first time only ...')
+    prepare()
+
+
+def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict[str, Any]:
+    """Run one seed into its folder, which appears when all is in it; return the result."""
+    from ballbot_ros.cli.bags import bag_opener
+    from ballbot_ros.demo.lockstep_run import run_lockstep
+    from ballbot_ros.physics import load_scene
+    from ballbot_ros.results.bag_metadata import bag_metadata, SIMULATOR
+    from ballbot_ros.results.files import write_text
+    from ballbot_ros.results.summary import plain
+    from ballbot_ros.studies.experiment_results import as_json, numbers_of, read_told
+    draft, failed = folder / f'.seed_{seed}.part', folder / f'seed_{seed}_failed'
+    for old in (draft, failed):
+        shutil.rmtree(old, ignore_errors=True)
+    scene = load_scene(plan.scene, plan.robot or None)
+    nodes = node_parameters(plan, seed)
+    try:
+        run_lockstep(draft, nodes, plan.periods,
+                     bag_metadata(SIMULATOR, nodes['simulator'], scene), timeout)
+        told = read_told(draft / 'bag', round(plan.duration * 1e9), bag_opener())
+        result: dict[str, Any] = plain({
+            'seed': seed, 'numbers': numbers_of(draft / 'bag', scene, bag_opener()),
+            'digests': told.digests,
+            'messages': {name: len(topic) for name, topic in sorted(told.topics.items())}})
+        write_text(as_json(result), draft / RESULT)
+        draft.rename(folder / f'seed_{seed}')
+    except RefusedError as error:
+        draft.rename(failed)
+        # The logs have been moved with it.
+        raise RefusedError(str(error).replace(str(draft), str(failed))) from error
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+    return result
+
+
+def _again(folder: Path, plan: Experiment, timeout: float, say: Any) -> int:
+    """Run all seeds again beside the old ones, and say whether the numbers are the same."""
+    from ballbot_ros.cli.bags import bag_opener
+    from ballbot_ros.studies.experiment_results import first_difference, read_told
+    _prepare(say)
+    for remark in _other_versions(folder):
+        say(remark)
+    beside, same = folder / 'again', True
+    shutil.rmtree(beside, ignore_errors=True)
+    try:
+        for seed in plan.seeds:
+            old = json.loads((folder / f'seed_{seed}' / RESULT).read_text(encoding='utf-8'))
+            new = _run_seed(beside, plan, seed, timeout)
+            if new == old:
+                say(f'seed {seed}: the same in {sum(new["messages"].values())} messages')
+                continue
+            same, until = False, round(plan.duration * 1e9)
+            place = first_difference(*(read_told(where / f'seed_{seed}' / 'bag', until,
+                                                 bag_opener()) for where in (folder, beside)))
+            say(f'seed {seed}: differs' + (
+                f' from t = {1e-9 * place[0]:.3f} s on, first on {place[1]}' if place else
+                f'; the bag is the same, but {RESULT} is not'))
+    finally:
+        if same:
+            shutil.rmtree(beside, ignore_errors=True)
+    print(f'same numbers: {"yes" if same else f"no; the second runs are in {beside}"}')
+    return DONE if same else FAILED
+
+
+def versions() -> dict[str, str]:
+    """Return what the numbers may depend on besides the inputs."""
+    from importlib.metadata import PackageNotFoundError, version
+    from ballbot_ros import __version__
+    found = {'ballbot_ros': __version__, 'python': platform.python_version(),
+             'machine': platform.machine()}
+    for name in ('numpy', 'numba', 'scipy'):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = 'unknown'
+    return found
+
+
+def _other_versions(folder: Path) -> list[str]:
+    """Return what is not as it was, in sentences."""
+    file = folder / VERSIONS
+    before = json.loads(file.read_text(encoding='utf-8')) if file.is_file() else {}
+    return [f'{name} was {before[name]}, is {now}' for name, now in versions().items()
+            if before.get(name, now) != now]
+
+
+def words(result: dict[str, Any]) -> str:
+    """Return a result in a line."""
+    numbers = result['numbers']
+    return (f'x = {numbers["x"]:.3f} m, {numbers["faces_passed"]} of '
+            f'{len(numbers["touch_times"])} faces passed, {numbers["motor_work"]:.2f} J, '
+            f'{sum(result["messages"].values())} messages')
+
+
+def table(results: list[dict[str, Any]]) -> str:
+    """Return the numbers of all seeds as comma-separated values."""
+    units = {'x': 'm', 'speed': 'm/s', 'highest_speed': 'm/s', 'pendulum_angle': 'rad',
+             'pendulum_torque': 'N m', 'motor_work': 'J', 'faces_passed': '1'}
+    stream = io.StringIO()
+    rows = csv.writer(stream, lineterminator='\n')
+    rows.writerow(['seed [1]', *(f'{name} [{unit}]' for name, unit in units.items())])
+    rows.writerows([item['seed'], *(repr(item['numbers'][name]) for name in units)]
+                   for item in results)
+    return stream.getvalue()

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The file of an experiment: scene, nodes and seeds; and a folder that holds all it needs."""
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Tuple
+
+from ballbot_ros.config.fields import Checked, expect_mapping, quantity, section, text
+from ballbot_ros.config.files import find_config, is_path, read_yaml
+from ballbot_ros.errors import ConfigurationError
+
+FILE = 'experiment.yaml'
+NODES = ('simulator', 'controller', 'obstacle_decision')
+# What the experiment sets itself, and why.
+OWN = {
+    'scene': 'it is a field of the experiment', 'robot': 'it is a field of the experiment',
+    'seed': 'it is each of the seeds of the experiment',
+    'lockstep': 'an experiment is in lockstep', 'start_paused': 'the experiment starts it',
+    'real_time_factor': 'an experiment goes as fast as it can',
+    'control': 'in lockstep, joint_commands answer each state',
+    'lockstep_set_point_period': 'it is the period of the observations',
+    'outcome_log': 'a run that learns from the one before it is not repeatable'}
+# Parameters of nodes that name a file, and the folder of config it is in.
+FILES = {'tuning': 'tunings', 'control_tuning': 'tunings', 'curve': 'curves'}
+
+
+@dataclass(frozen=True)
+class Experiment(Checked):
+    """Runs of a scene in lockstep, one for each seed."""
+
+    scene: str = text('name of a scene or a YAML file')
+    duration: float = quantity('s', 'simulated time of a run', above=0.0, maximum=3600.0)
+    seeds: Any = section('whole numbers, one run each: the seeds of the noise of the sensors')
+    robot: str = text('name or file of a robot; empty keeps that of the scene', default='')
+    simulator: Any = section('parameters of the node simulator', default=None)
+    controller: Any = section('parameters of the node controller', default=None)
+    obstacle_decision: Any = section(
+        'parameters of the node obstacle_decision; left out, nothing drives', default=None)
+    nodes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    period: float = 0.0  # of the observations [s]; 0 without obstacle_decision
+
+    @property
+    def periods(self) -> int:
+        """Return how many control periods a run has."""
+        return round(self.duration * float(self.nodes['simulator']['control_rate']))
+
+
+def load_experiment(path: Path) -> Experiment:
+    """
+    Read the file of an experiment; files that it names are looked for beside it.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file, field, value and allowed range.
+
+    """
+    if not path.is_file():
+        raise ConfigurationError(f'{path}: there is no such file of an experiment')
+    plan = Experiment.from_mapping(read_yaml(path), str(path))
+    seeds = plan.seeds
+    whole = isinstance(seeds, list) and seeds and all(
+        isinstance(seed, int) and not isinstance(seed, bool) and 0 <= seed < 2**31
+        for seed in seeds)
+    if not whole or len(set(seeds)) < len(seeds):
+        raise ConfigurationError(f'{path}: seeds must be a list of different whole numbers from 0 '
+                                 f'to {2**31 - 1}, got {seeds!r}')
+    beside = path.resolve().parent
+    plan = replace(plan, scene=_place(beside, plan.scene), robot=_place(beside, plan.robot))
+    nodes, period = _nodes(plan, path, beside)
+    plan = replace(plan, nodes=nodes, period=period)
+    whole_number = plan.duration * nodes['simulator']['control_rate']
+    step = period or 1.0 / nodes['simulator']['control_rate']
+    if abs(plan.duration / step - round(plan.duration / step)) > 1e-6 \
+            or abs(whole_number - round(whole_number)) > 1e-6:
+        raise ConfigurationError(
+            f'{path}: duration must be a whole number of periods of {step:g} s, '
+            f'got {plan.duration:g}')
+    return plan
+
+
+def _place(folder: Path, name: str) -> str:
+    """Return the name of a shipped file, or the absolute path of one's own."""
+    own = Path(name).expanduser()
+    return str(own if own.is_absolute() else folder / own) if is_path(name) else name
+
+
+def _nodes(plan: Experiment, path: Path, beside: Path
+           ) -> Tuple[Dict[str, Dict[str, Any]], float]:
+    """Return the parameters of each node, checked, and the period of the observations [s]."""
+    from ballbot_ros.ros.settings import ControllerSettings, DecisionSettings, SimulatorSettings
+    kinds = dict(zip(NODES, (SimulatorSettings, ControllerSettings, DecisionSettings)))
+    nodes: Dict[str, Dict[str, Any]] = {}
+    for name, kind in kinds.items():
+        given = getattr(plan, name)
+        if given is None and name == 'obstacle_decision':
+            continue
+        place = f'{path}: {name}'
+        entries = dict(expect_mapping(given or {}, place))
+        for key, why in OWN.items():
+            if key in entries:
+                raise ConfigurationError(f'{place}: {key} cannot be set here: {why}')
+        for key in set(FILES) & set(entries):
+            if isinstance(entries[key], str):
+                entries[key] = _place(beside, entries[key])
+        kind.from_mapping(entries, place)
+        nodes[name] = entries
+    simulator = nodes['simulator']
+    simulator.setdefault('control_rate', SimulatorSettings.control_rate)
+    simulator.setdefault('terrain_rate', 0.0)
+    simulator.setdefault('observation_rate', 0.0 if simulator['terrain_rate'] else 50.0)
+    rates = [simulator[name] for name in ('terrain_rate', 'observation_rate') if simulator[name]]
+    if 'obstacle_decision' not in nodes:
+        return nodes, 0.0
+    if len(rates) != 1:
+        raise ConfigurationError(
+            f'{path}: simulator: in lockstep the decision judges each observation: one of '
+            'terrain_rate and observation_rate must be above 0 Hz, and the other one 0')
+    return nodes, 1.0 / rates[0]
+
+
+def freeze(plan: Experiment) -> Dict[str, str]:
+    """
+    Return the files, as text by their names, that hold all that an experiment reads.
+
+    The first is the experiment itself; it names the others, which lie beside it.
+    """
+    files: Dict[str, str] = {}
+
+    def keep(kind: str, name: str) -> str:
+        source = find_config(kind, name)
+        target = f'config/{kind}/{source.name}'
+        content = source.read_text(encoding='utf-8')
+        if files.get(target, content) != content:
+            raise ConfigurationError(f'two files are named {source.name}: {source} is one of them')
+        files[target] = content
+        return f'./{target}'
+    robot = plan.robot or str(read_yaml(find_config('scenes', plan.scene)).get('robot', ''))
+    lines: Dict[str, Any] = {
+        'scene': keep('scenes', plan.scene), 'robot': keep('robots', robot),
+        'duration': plan.duration, 'seeds': list(plan.seeds)}
+    for name, entries in plan.nodes.items():
+        lines[name] = {key: keep(FILES[key], value) if key in FILES else value
+                       for key, value in {**_defaults(name), **entries}.items()}
+    import yaml
+    return {FILE: yaml.safe_dump(lines, sort_keys=False), **dict(sorted(files.items()))}
+
+
+def _defaults(node: str) -> Dict[str, str]:
+    """Return the files that a node reads where nothing else is said."""
+    from ballbot_ros.ros.settings import ControllerSettings, DecisionSettings
+    kind: Any = {'controller': ControllerSettings, 'obstacle_decision': DecisionSettings}.get(node)
+    fields: List[str] = [name for name in FILES if kind is not None and hasattr(kind, name)]
+    return {name: getattr(kind, name) for name in fields}
+
+
+def node_parameters(plan: Experiment, seed: int) -> Dict[str, Dict[str, Any]]:
+    """Return all parameters of each node of a run."""
+    found = {name: {**entries, 'robot': plan.robot} for name, entries in plan.nodes.items()}
+    found['simulator'].update(
+        scene=plan.scene, seed=seed, lockstep=True, real_time_factor=0.0, start_paused=True)
+    found['controller']['lockstep_set_point_period'] = plan.period
+    return found
