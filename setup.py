@@ -14,7 +14,8 @@ ROOT = Path(__file__).resolve().parent
 VERSION = ElementTree.parse(ROOT / 'package.xml').findtext('version')
 
 # The only table of executables. Each lands in lib/ballbot_ros, for `ros2 run`; those in ON_PATH
-# land in bin as well, and so become plain commands.
+# land in bin as well, and so become plain commands. pip knows bin only, and installs no others: a
+# node may lack rclpy there, and has too common a name; `ballbot run bridge` starts it.
 EXECUTABLES = {
     'ballbot': 'ballbot_ros.cli:main',
     'bridge': 'ballbot_ros.nodes.bridge:main',
@@ -25,6 +26,7 @@ EXECUTABLES = {
     'simulator': 'ballbot_ros.nodes.simulator:main',
 }
 ON_PATH = ('ballbot',)
+BY_PIP = bool({'bdist_wheel', 'dist_info', 'editable_wheel'} & set(sys.argv))
 
 # colcon also calls `develop --uninstall` and `--help`, which must build nothing.
 INSTALLING = bool({'install', 'develop', 'bdist_wheel'} & set(sys.argv)) \
@@ -51,7 +53,7 @@ def tree(folder):
 
 def commands():
     """Write the executables that go into bin; pip makes them from the entry points itself."""
-    if not INSTALLING or 'bdist_wheel' in sys.argv:
+    if not INSTALLING or BY_PIP:
         return []
     folder = build_directory() / 'bin'
     folder.mkdir(parents=True, exist_ok=True)
@@ -80,6 +82,8 @@ def messages():
         shutil.copytree(ROOT / folder, source / folder)
     shutil.copy2(ROOT / 'package.xml', source)
     shutil.copy2(ROOT / 'cmake_msgs' / 'CMakeLists.txt', source)
+    # A packager's DESTDIR is for what is installed in the end, which the staging folder is not.
+    environment = {name: text for name, text in os.environ.items() if name != 'DESTDIR'}
     for command in (
         ['cmake', '-S', source, '-B', build, f'-DCMAKE_INSTALL_PREFIX={stage}',
          '-DCMAKE_BUILD_TYPE=Release', '-DBUILD_TESTING=OFF',
@@ -87,7 +91,7 @@ def messages():
         ['cmake', '--build', build, '--parallel', str(os.cpu_count() or 1)],
         ['cmake', '--install', build],
     ):
-        subprocess.run([str(word) for word in command], check=True)
+        subprocess.run([str(word) for word in command], check=True, env=environment)
     files = {}
     for path in sorted(stage.rglob('*')):
         where = path.relative_to(stage)
@@ -112,8 +116,10 @@ setup(
     install_requires=[
         'matplotlib', 'numba', 'numpy', 'pyserial', 'python-can', 'PyYAML', 'rich', 'rosbags',
         'scipy'],
-    extras_require={'sweep': ['pyarrow'], 'cluster': ['dask[distributed]', 'pyarrow'],
-                    'view': ['viser']},
+    # colcon test runs pytest where the extra `test` asks for it.
+    extras_require={
+        'test': ['hypothesis', 'pytest', 'sympy'], 'sweep': ['pyarrow'],
+        'cluster': ['dask[distributed]', 'pyarrow'], 'view': ['viser']},
     zip_safe=False,
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     data_files=[
@@ -128,6 +134,7 @@ setup(
         *messages(),
     ],
     entry_points={
-        'console_scripts': [f'{name} = {target}' for name, target in EXECUTABLES.items()],
+        'console_scripts': [f'{name} = {target}' for name, target in EXECUTABLES.items()
+                            if name in ON_PATH or not BY_PIP],
     },
 )

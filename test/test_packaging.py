@@ -115,8 +115,22 @@ def test_each_ros_package_that_is_imported_is_declared():
                     else [node.module or ''] if isinstance(node, ast.ImportFrom) else []
                 used.update(name.split('.')[0] for name in names)
     ros = {name for name in used if name.endswith(('_msgs', '_srvs', '_interfaces')) or name in (
-        'ament_index_python', 'diagnostic_updater', 'launch', 'launch_ros', 'rclpy', 'tf2_ros')}
+        'ament_index_python', 'diagnostic_updater', 'launch', 'launch_ros', 'rclpy', 'rosbag2_py',
+        'tf2_ros')}
     assert ros <= declared, f'add to package.xml: {ros - declared}'
+
+
+def test_no_dependency_at_run_time_is_one_that_bloom_refuses():
+    keys = [element.text for element in MANIFEST if element.tag != 'test_depend']
+    assert not [key for key in keys if key.endswith('-pip')]
+
+
+def test_colcon_test_finds_that_pytest_is_wanted():
+    pytest.importorskip('colcon_python_setup_py')
+    from colcon_core.task.python.test import has_test_dependency
+    from colcon_python_setup_py.package_identification.python_setup_py import (
+        get_setup_information)
+    assert has_test_dependency(get_setup_information(ROOT / 'setup.py'), 'pytest')
 
 
 def test_the_lists_of_python_dependencies_agree():
@@ -294,6 +308,8 @@ def test_without_ros_pip_installs_all_but_the_messages(tmp_path):
     source = copy_project(tmp_path / 'source')
     environment = {name: text for name, text in os.environ.items()
                    if name not in ('AMENT_PREFIX_PATH', 'CMAKE_PREFIX_PATH')}
+    # With or without ROS, pip puts no node on the path: it may lack rclpy, and "bridge" is no name
+    # for a command.
     target = tmp_path / 'prefix'
     run(sys.executable, '-m', 'pip', 'install', '--no-deps', '--no-build-isolation',
         '--no-index', '--ignore-installed', '--prefix', target, source, env=environment)
@@ -301,4 +317,5 @@ def test_without_ros_pip_installs_all_but_the_messages(tmp_path):
     (package,) = target.glob('lib/python*/site-packages/ballbot_ros')
     assert not (package / 'msg').exists()
     assert files_below(package) == files_below(ROOT / 'ballbot_ros')
+    assert [path.name for path in (target / 'bin').iterdir()] == ['ballbot']
     assert os.access(target / 'bin' / 'ballbot', os.X_OK)
