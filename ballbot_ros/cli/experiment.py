@@ -98,7 +98,7 @@ def _missing(folder: Path, plan: Experiment, timeout: float, say: Any) -> int:
     if len(left) < len(plan.seeds):
         say(f'{len(plan.seeds) - len(left)} of {len(plan.seeds)} seeds were done before')
     if left:
-        _prepare(say)
+        _prepare(plan, say)
         write_text(as_json(versions()), folder / VERSIONS)
     for seed in left:
         result = _run_seed(folder, plan, seed, timeout)
@@ -107,19 +107,21 @@ def _missing(folder: Path, plan: Experiment, timeout: float, say: Any) -> int:
                for seed in plan.seeds]
     write_text(table(results), folder / TABLE)
     say(f'Written to {folder}: {TABLE}, {VERSIONS}, a folder for each seed with its bag.  Again, '
-        f'to compare: ballbot run {folder}{"" if "/" in str(folder) else "/"}')
+        f'to compare: ballbot run {folder}')
     return DONE
 
 
-def _prepare(say: Any) -> None:
+def _prepare(plan: Experiment, say: Any) -> None:
+    """Compile before anything is waited for, and say so."""
     try:
         from ballbot_ros.demo.prepare import prepare
     except ImportError as error:
         raise ConfigurationError(
             f'an experiment needs ROS 2, and {error.name or error} cannot be imported; source '
             '/opt/ros/jazzy/setup.bash, or use the .venv of a checkout (make setup)') from error
-    say('Compiling what is not compiled yet: up to some minutes, the first time only ...')
-    prepare()
+    if 'obstacle_decision' in plan.nodes:  # the others are ready soon
+        say('Compiling what is not compiled yet: up to some minutes, the first time only ...')
+        prepare()
 
 
 def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict[str, Any]:
@@ -159,7 +161,7 @@ def _again(folder: Path, plan: Experiment, timeout: float, say: Any) -> int:
     """Run all seeds again beside the old ones, and say whether the numbers are the same."""
     from ballbot_ros.cli.bags import bag_opener
     from ballbot_ros.studies.experiment_results import first_difference, read_told
-    _prepare(say)
+    _prepare(plan, say)
     for remark in _other_versions(folder):
         say(remark)
     beside, same = folder / 'again', True

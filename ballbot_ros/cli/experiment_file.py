@@ -88,7 +88,8 @@ def _nodes(plan: Experiment, path: Path, beside: Path
            ) -> Tuple[Dict[str, Dict[str, Any]], float]:
     """Return the parameters of each node, checked, and the period of the observations [s]."""
     from ballbot_ros.ros.settings import ControllerSettings, DecisionSettings, SimulatorSettings
-    kinds = dict(zip(NODES, (SimulatorSettings, ControllerSettings, DecisionSettings)))
+    kinds: Dict[str, Any] = dict(zip(
+        NODES, (SimulatorSettings, ControllerSettings, DecisionSettings)))
     nodes: Dict[str, Dict[str, Any]] = {}
     for name, kind in kinds.items():
         given = getattr(plan, name)

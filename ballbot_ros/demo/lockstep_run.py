@@ -23,6 +23,8 @@ from ballbot_ros.srv import Step
 
 # Wall time after which a paused simulator is reset again, to publish its state [s].
 AGAIN = 0.2
+# Wall time after which answers of services are looked for again [s].
+TAKE_AGAIN = 0.02
 
 
 def topics_of(nodes: Mapping[str, Mapping[str, Any]]) -> List[Tuple[str, Any, Any]]:
@@ -76,24 +78,28 @@ def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: 
     logs.mkdir(parents=True, exist_ok=True)
     discovery.apply(os.environ)
     rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-    node, executor = Node('ballbot_experiment'), new_executor()
+    node, recorder = Node('ballbot_experiment'), Node('ballbot_recorder')
+    executor = new_executor()
     executor.add_node(node)
     try:
         with ending_by_signal(), BagRecorder(folder / 'bag', metadata) as bag, \
                 NodeProcesses(logs, domain) as processes:
             driver = _Driver(node, bag, topics_of(nodes), periods,
                              last_stamps(nodes['simulator'], periods))
+            bag.subscribe(recorder, topics_of(nodes), driver.taking)
+            bag.record_in_thread()
             for name, parameters in nodes.items():
                 processes.start(name, parameters)
             deadline = time.monotonic() + timeout
             while not driver.done:
-                executor.spin_once(timeout_sec=0.1)
-                bag.take_all()
+                executor.spin_once(timeout_sec=TAKE_AGAIN)
                 driver.poll()
+                if bag.failure is not None:
+                    raise RefusedError(f'the bag cannot be written: {bag.failure}')
                 ended = processes.ended()
                 if ended is not None:
                     raise RefusedError(f'node {ended[0]} ended with code {ended[1]}; see '
-                                          f'{processes.log(ended[0])}')
+                                       f'{processes.log(ended[0])}')
                 if time.monotonic() > deadline:
                     raise RefusedError(
                         f'given up after {timeout:g} s; where the machine was just too slow, '
@@ -101,6 +107,7 @@ def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: 
     finally:
         executor.remove_node(node)
         node.destroy_node()
+        recorder.destroy_node()
         rclpy.try_shutdown()
 
 
@@ -117,7 +124,7 @@ class _Driver:
         self._answer: Any = None
         self._next = 0.0
         self._topics = {name for name, *_ in topics}
-        bag.subscribe(node, topics, {name: self._noting(name) for name in self._topics})
+        self.taking = {name: self._noting(name) for name in self._topics}
 
     def poll(self) -> None:
         """Do what can be done now; to be called often."""
@@ -132,7 +139,7 @@ class _Driver:
         elif now >= self._next and self._reset.service_is_ready() \
                 and self._step.service_is_ready():
             self._next = now + AGAIN
-            if self._topics <= self._bag.recorded:
+            if self._topics <= self._bag.recorded.keys():
                 self._answer = self._step.call_async(Step.Request(periods=self._periods))
             else:
                 self._reset.call_async(Trigger.Request())

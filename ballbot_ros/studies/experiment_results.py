@@ -12,7 +12,7 @@ from ballbot_ros.physics import Scene, Trajectory
 from ballbot_ros.results.digests import digest, LENGTH
 from ballbot_ros.results.faces import meet_faces
 from ballbot_ros.studies.bag_reader import BagOpener, open_bag
-from ballbot_ros.studies.recorded_run import RecordedRun, read_run
+from ballbot_ros.studies.recorded_run import read_run, RecordedRun
 
 # In these the frame is the sender, with a random number.
 SENDERS = ('joint_commands', 'set_point')

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An experiment: a file that is checked, a folder that holds all it needs and runs again."""
+import json
+import math
+import shutil
+
+from bag_of_a_run import BagOf
+import pytest
+import yaml
+
+from ballbot_ros.cli import experiment
+from ballbot_ros.cli.experiment import run_experiment
+from ballbot_ros.cli.experiment_file import freeze, load_experiment, node_parameters
+from ballbot_ros.config.files import shipped_files
+from ballbot_ros.errors import ConfigurationError, RefusedError
+from ballbot_ros.physics import load_scene, Solver
+from ballbot_ros.plant import Plant
+from ballbot_ros.studies.experiment_results import first_difference, Told
+
+PLAN = {'scene': 'flat', 'duration': 0.2, 'seeds': [3, 5], 'controller': {'tuning': 'gentle'}}
+
+
+def write(folder, **changes):
+    """Write the file of an experiment."""
+    file = folder / 'plan.yaml'
+    file.write_text(yaml.safe_dump({
+        name: value for name, value in {**PLAN, **changes}.items() if value is not None}))
+    return file
+
+
+@pytest.mark.parametrize('path', shipped_files('experiments'), ids=lambda path: path.stem)
+def test_the_shipped_experiments_are_right(path):
+    assert load_experiment(path).periods > 0
+
+
+@pytest.mark.parametrize('changes, told', [
+    ({'scnee': 'flat'}, "'scnee' is not known here; did you mean 'scene'?"),
+    ({'duration': None}, 'duration is missing .simulated time of a run, more than 0'),
+    ({'duration': -1.0}, 'duration must be more than 0 and at most 3600 s, got -1.0'),
+    ({'duration': 0.2005}, 'duration must be a whole number of periods of 0.002 s, got 0.2005'),
+    ({'seeds': []}, 'seeds must be a list of different whole numbers'),
+    ({'seeds': [1, 1]}, 'seeds must be a list of different whole numbers'),
+    ({'seeds': [-1]}, 'seeds must be a list of different whole numbers'),
+    ({'simulator': {'seed': 4}}, 'simulator: seed cannot be set here: it is each of the seeds'),
+    ({'simulator': {'lockstep': False}}, 'lockstep cannot be set here'),
+    ({'simulator': {'terrain_height_sd': 3.0}}, 'terrain_height_sd must be at least 0 and'),
+    ({'controller': {'tunning': 'gentle'}}, "'tunning' is not known here; did you mean 'tuning'"),
+    ({'controller': {'tuning': 'none'}}, "there is no tuning named 'none'"),
+    ({'obstacle_decision': {}, 'simulator': {'terrain_rate': 50.0, 'observation_rate': 50.0}},
+     'one of terrain_rate and observation_rate must be above 0'),
+    ({'obstacle_decision': {'outcome_log': 'here'}}, 'a run that learns from the one before')])
+def test_what_is_wrong_in_the_file_is_named(tmp_path, changes, told):
+    with pytest.raises(ConfigurationError, match=told):
+        freeze(load_experiment(write(tmp_path, **changes)))
+
+
+def test_the_folder_holds_all_that_is_read_and_gives_the_same_parameters(tmp_path):
+    shutil.copy(shipped_files('scenes')[0], tmp_path / 'mine.yaml')
+    plan = load_experiment(write(tmp_path, scene='./mine.yaml', obstacle_decision={}))
+    for name, text in freeze(plan).items():
+        place = tmp_path / 'moved' / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(text)
+    (tmp_path / 'mine.yaml').unlink()
+    again = load_experiment(tmp_path / 'moved' / 'experiment.yaml')
+    assert freeze(again) == freeze(load_experiment(tmp_path / 'moved' / 'experiment.yaml'))
+    nodes = node_parameters(again, 5)
+    assert nodes['simulator']['seed'] == 5 and nodes['simulator']['lockstep'] is True
+    assert nodes['controller']['lockstep_set_point_period'] == 0.02
+    for name in ('curve', 'tuning', 'control_tuning', 'robot'):
+        assert nodes['obstacle_decision'][name].startswith(str(tmp_path / 'moved'))
+
+
+def pretend(monkeypatch, wrong=()):
+    """Let runs be made without nodes; those with a seed in `wrong` end as given there."""
+    made = []
+
+    def run(folder, nodes, periods, metadata, timeout):
+        simulator = nodes['simulator']
+        made.append(simulator['seed'])
+        plant = Plant(load_scene(simulator['scene'], simulator['robot'], Solver('rk4', 1e-4)),
+                      500.0)
+        bag = BagOf(folder / 'bag', metadata)
+        for number in range(periods + 1):
+            stamp = bag.state(plant)
+            torque = math.sin(0.1 * number + simulator['seed'])
+            if made.count(simulator['seed']) > 1 and 'drift' in wrong:
+                torque *= 1.0 if number < 50 else 1.0 + 1e-15
+            bag.joints('joint_commands', stamp, ['pendulum'], effort=[torque])
+            if number < periods:
+                plant.advance(torque)
+        if simulator['seed'] in wrong:
+            raise wrong[simulator['seed']]
+        bag.writer.close()
+    lockstep = pytest.importorskip('ballbot_ros.demo.lockstep_run')
+    monkeypatch.setattr(lockstep, 'run_lockstep', run)
+    monkeypatch.setattr(experiment, '_prepare', lambda plan, say: None)
+    return made
+
+
+def test_a_folder_gives_the_same_numbers_again(tmp_path, monkeypatch, capsys):
+    pretend(monkeypatch)
+    out = tmp_path / 'out'
+    assert run_experiment(str(write(tmp_path)), out, False, 60.0) == 0
+    assert (out / 'results.csv').read_text().startswith('seed [1],x [m],speed [m/s],')
+    assert json.loads((out / 'versions.json').read_text())['numpy']
+    before = sorted(path.name for path in out.rglob('*'))
+    assert run_experiment(str(out), None, False, 60.0) == 0
+    assert 'same numbers: yes' in capsys.readouterr().out
+    assert sorted(path.name for path in out.rglob('*')) == before
+
+
+def test_a_number_that_is_not_the_same_is_told_by_time_and_topic(tmp_path, monkeypatch, capsys):
+    pretend(monkeypatch, {'drift': True})
+    assert run_experiment(str(write(tmp_path, seeds=[3])), tmp_path / 'out', True, 60.0) == 0
+    assert run_experiment(str(tmp_path / 'out'), None, False, 60.0) == 1
+    said = capsys.readouterr().out
+    assert 'same numbers: no' in said and 'differs from t = 0.1' in said
+
+
+@pytest.mark.parametrize('ending', [KeyboardInterrupt(), RefusedError('node x ended')])
+def test_what_was_done_before_an_end_is_kept_and_the_rest_done_later(
+        tmp_path, monkeypatch, ending):
+    file, out = str(write(tmp_path)), tmp_path / 'out'
+    pretend(monkeypatch, {5: ending})
+    with pytest.raises(type(ending)):
+        run_experiment(file, out, True, 60.0)
+    assert (out / 'seed_3').is_dir() and not (out / 'seed_5').exists()
+    assert not list(out.glob('.*'))  # nothing half
+    made = pretend(monkeypatch)
+    assert run_experiment(file, out, True, 60.0) == 0
+    assert made == [5] and (out / 'results.csv').read_text().count('\n') == 3
+
+
+def test_a_folder_of_another_experiment_is_left_alone(tmp_path, monkeypatch):
+    pretend(monkeypatch)
+    run_experiment(str(write(tmp_path)), tmp_path / 'out', True, 60.0)
+    with pytest.raises(ConfigurationError, match='holds another experiment .experiment.yaml'):
+        run_experiment(str(write(tmp_path, duration=0.3)), tmp_path / 'out', True, 60.0)
+    with pytest.raises(ConfigurationError, match='holds no experiment.yaml'):
+        run_experiment(str(tmp_path), None, True, 60.0)
+
+
+def test_the_first_difference_is_the_earliest_of_all_topics():
+    one = Told({'/a': {1: 'x', 5: 'y'}, '/b': {3: 'z'}})
+    assert first_difference(one, one) is None
+    assert first_difference(one, Told({'/a': {1: 'x', 5: 'n'}, '/b': {}})) == (3, '/b')
