@@ -11,6 +11,7 @@ ARGUMENTS = (
     SCENE,
     ('terrain_rate', '50.0', 'sim: how often the ground ahead is seen as a polyline [Hz]; 0: not'),
     ('start_paused', 'false', 'sim: true to wait for the service simulator/resume'),
+    ('publish_clock', 'true', 'sim: false to follow the /clock of another simulator'),
     *HARDWARE, *IMU,
 )
 
@@ -34,7 +35,8 @@ def simulation(given):
         'use_sim_time': False, 'control': 'onboard', 'robot': given['robot'],
         'tuning': given['tuning'], 'scene': given['scene'],
         'terrain_rate': given.number('terrain_rate'),
-        'start_paused': given.flag('start_paused'), **given.frames()})]
+        'start_paused': given.flag('start_paused'),
+        'publish_clock': given.flag('publish_clock'), **given.frames()})]
 
 
 def hardware(given):

@@ -32,7 +32,7 @@ def test_launch_files_start_nodes_that_exist_with_parameters_that_exist(path):
              'controller': settings.ControllerSettings,
              'obstacle_decision': settings.DecisionSettings, 'imu': settings.ImuSettings}
     nodes = list(started(path))
-    assert nodes or path.name == 'record.launch.py'
+    assert nodes or path.stem in ('record.launch', 'two_robots.launch')
     for executable, names in nodes:
         assert executable in EXECUTABLES
         assert names <= {*known[executable].described(), 'use_sim_time'}
@@ -63,6 +63,12 @@ def test_launch_files_start_robot_state_publisher_and_end_with_their_nodes(path)
     for node in nodes:
         ends = bool(node._ExecuteLocal__on_exit)
         assert ends is (node.node_package == 'ballbot_ros')
+
+
+def test_two_robots_are_apart_and_one_of_them_makes_the_time():
+    nodes = opened(ROOT / 'launch' / 'two_robots.launch.py')
+    simulators = [node for node in nodes if node.node_executable == 'simulator']
+    assert len(simulators) == 2 and len(nodes) == 6
 
 
 def test_everything_that_there_is_can_be_recorded():

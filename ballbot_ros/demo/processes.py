@@ -79,7 +79,7 @@ class NodeProcesses:
         return self._folder / f'{name}.log'
 
     def start(self, name: str, parameters: Optional[Mapping[str, Any]] = None,
-              arguments: Sequence[str] = ()) -> None:
+              arguments: Sequence[str] = (), label: str = '') -> None:
         """
         Start ``ballbot_ros.nodes.<name>``; a second start goes on in the same log.
 
@@ -89,10 +89,12 @@ class NodeProcesses:
         parameters : mapping, optional
         arguments : sequence of str
             More of the command line, ``('--ros-args', '-r', '__ns:=/left')`` for instance.
+        label : str
+            What it is called here, if not by its name: where there are two of them.
 
         """
-        with open(self.log(name), 'a', encoding='utf-8') as log:
-            self._running[name] = subprocess.Popen(
+        with open(self.log(label or name), 'a', encoding='utf-8') as log:
+            self._running[label or name] = subprocess.Popen(
                 [sys.executable, '-m', f'ballbot_ros.nodes.{name}',
                  *parameter_arguments(parameters or {}), *arguments],
                 stdout=log, stderr=subprocess.STDOUT, env=self._environment,

@@ -17,6 +17,7 @@ from ballbot_ros.plant import Plant
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import command_torque, to_seconds, to_time
 from ballbot_ros.ros.endpoints import create_service, create_subscription, create_trigger
+from ballbot_ros.ros.followed_clock import FollowedClock
 from ballbot_ros.ros.laws_inside import check_control, LawsInside
 from ballbot_ros.ros.outputs import Outputs
 from ballbot_ros.ros.parameters import declare
@@ -48,7 +49,9 @@ class Simulator(Node):
         self._laws = LawsInside(self, self._plant, settings) \
             if settings.control == 'onboard' else None
         self._scheduler = Scheduler(self._plant, self._laws or self._gate, outputs, settings,
-                                    self.get_logger(), self._diagnostics.publish)
+                                    self.get_logger(), self._diagnostics.publish,
+                                    None if settings.publish_clock
+                                    else FollowedClock(self, self._plant))
         create_subscription(self, JointState, 'joint_commands', self._on_command, qos.NEWEST)
         for name, act in (('pause', self._pause), ('resume', self._resume),
                           ('reset', self._reset)):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the simulator publishes, each topic at its own rate."""
-from typing import Any, Dict
+import struct
+from typing import Any, Dict, NamedTuple, Optional
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -11,7 +12,7 @@ from ballbot_ros.msg import BallState
 from ballbot_ros.plant import periods_per, Plant
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import (
-    ball_state_message, joint_state_message, odometry_message, to_time)
+    ball_state_message, joint_state_message, odometry_message)
 from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.markers import MarkerTopic, world_markers
 from ballbot_ros.ros.odometry import OdometryTopics
@@ -19,12 +20,36 @@ from ballbot_ros.ros.sensors import Sensors
 from ballbot_ros.ros.settings import SimulatorSettings
 
 
+# A serialized rosgraph_msgs/Clock (little-endian CDR): made so often, messages would cost more.
+LITTLE_ENDIAN, CLOCK = b'\0\1\0\0', struct.Struct('<4siI')
+
+
+class Every(NamedTuple):
+    """Control periods from one message to the next."""
+
+    clock: int  # 0: with each message of another topic
+    odometry: int
+    ball_state: int
+    joint_states: int
+
+
+def every(settings: SimulatorSettings) -> Every:
+    """Return when what is due; raise `ConfigurationError` for a rate that does not fit."""
+    periods = [periods_per(getattr(settings, name), settings.control_rate, name)
+               for name in ('odom_rate', 'ball_state_rate')]
+    clock = settings.clock_rate and periods_per(
+        settings.clock_rate, settings.control_rate, 'clock_rate')
+    return Every(int(clock), *periods, 1 if settings.control == 'direct' else periods_per(
+        settings.joint_state_rate, settings.control_rate, 'joint_state_rate'))
+
+
 class Outputs:
     """
     Publishes the state of a plant.
 
-    /clock is published first, so that nothing is stamped later than the receivers' clock;
-    joint_states is published last, because in lockstep its answer ends the period.
+    /clock is published first, and with everything else, so that nothing is stamped later than the
+    receivers' clock, unless its rate says otherwise; joint_states is published last, because in
+    lockstep its answer ends the period.
 
     Parameters
     ----------
@@ -43,31 +68,36 @@ class Outputs:
         """Create the publishers."""
         self._plant = plant
         self._last: Dict[Publisher, Any] = {}
-        rates = ('clock_rate', 'odom_rate', 'ball_state_rate')
-        every = [periods_per(getattr(settings, rate), settings.control_rate, rate)
-                 for rate in rates]
-        self._schedule = list(zip(every, (
-            self._publish_clock, self._publish_odometry, self._publish_ball_state)))
-        self._clock = create_publisher(node, Clock, '/clock', qos.CLOCK)
+        self._every = every(settings)
+        self._clock: Optional[Publisher] = None
+        if settings.publish_clock:
+            self._clock = create_publisher(node, Clock, '/clock', qos.CLOCK)
         self._odometry = OdometryTopics(node, plant.model.robot, settings)
         self._ball = create_publisher(node, BallState, 'ball_state', qos.STATE)
         self._sensors = Sensors(node, plant, settings)
         self._markers = MarkerTopic(node, settings.publish_markers)
         self._joints = create_publisher(node, JointState, 'joint_states', qos.STATE)
-        self._joints_every = 1 if settings.control == 'direct' else periods_per(
-            settings.joint_state_rate, settings.control_rate, 'joint_state_rate')
 
     def publish(self, everything: bool = False) -> None:
         """Publish the present state, on each topic whose turn has come or on all of them."""
-        for every, publish in self._schedule:
-            if everything or self._plant.periods % every == 0:
-                publish()
-        for publisher, message in self._sensors.look(everything):
+        now, every = self._plant.periods, self._every
+        odometry, ball_state, joint_states = (
+            everything or now % period == 0 for period in every[1:])
+        seen = self._sensors.look(everything)
+        marked = self._markers.is_due(self._plant.time)
+        stamped = odometry or ball_state or joint_states or seen or marked
+        if stamped if not every.clock else everything or now % every.clock == 0:
+            self._publish_clock()
+        if odometry:
+            self._publish_odometry()
+        if ball_state:
+            self._publish_ball_state()
+        for publisher, message in seen:
             self._send(publisher, message)
-        if self._markers.is_due(self._plant.time):
+        if marked:
             self._markers.publish(world_markers(
                 self._plant.state, self._plant.model, self._odometry.frames.odom))
-        if everything or self._plant.periods % self._joints_every == 0:
+        if joint_states:
             self._send(self._joints, joint_state_message(
                 self._plant.state, self._plant.torque, self._plant.model.robot.has_pendulum,
                 self._odometry.frames))
@@ -87,7 +117,9 @@ class Outputs:
         publisher.publish(message)
 
     def _publish_clock(self) -> None:
-        self._send(self._clock, Clock(clock=to_time(self._plant.time)))
+        if self._clock is not None:
+            self._send(self._clock, CLOCK.pack(
+                LITTLE_ENDIAN, *divmod(round(1e9 * self._plant.time), 10**9)))
 
     def _publish_odometry(self) -> None:
         state = self._plant.state

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs the control periods of a simulation: in real time, as fast as it goes, or in lockstep."""
 import time
-from typing import Callable, Optional
+from typing import Callable, Optional, Union
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.task import Future
 
 from ballbot_ros.errors import SimulationError
 from ballbot_ros.plant import Pace, Plant, Speedometer
+from ballbot_ros.ros.followed_clock import FollowedClock
 from ballbot_ros.ros.laws_inside import TorqueSource
 from ballbot_ros.ros.outputs import Outputs
 from ballbot_ros.ros.run_control import RunControl
@@ -34,6 +35,8 @@ class Scheduler:
     logger : RcutilsLogger
     failed : callable
         Called when the simulation cannot go on.
+    clock : FollowedClock, optional
+        Of another simulator, by which time passes here.
 
     Attributes
     ----------
@@ -44,13 +47,13 @@ class Scheduler:
 
     def __init__(self, plant: Plant, gate: TorqueSource, outputs: Outputs,
                  settings: SimulatorSettings, logger: RcutilsLogger,
-                 failed: Callable[[], None]):
+                 failed: Callable[[], None], clock: Optional[FollowedClock] = None):
         """Publish the first state."""
         self._plant, self._gate, self._outputs = plant, gate, outputs
         self._settings, self._logger, self._failed = settings, logger, failed
         self._control = RunControl(settings.start_paused)
-        factor = settings.real_time_factor
-        self._pace = Pace(plant.period, factor) if factor > 0.0 else None
+        self._clock = clock
+        self._pace = self._new_pace(settings)
         self._speed = Speedometer()
         self._due = 0  # periods that the clock allows and lockstep has not run yet
         self._expecting = False  # commands have come, and their end would be worth a warning
@@ -60,6 +63,8 @@ class Scheduler:
     @property
     def interval(self) -> float:
         """Return how often `tick` is to be called [s of wall time]."""
+        if self._clock is not None:
+            return self._plant.period
         if self._pace:
             return self._plant.period / self._settings.real_time_factor
         return REPEAT / 4 if self._settings.lockstep else BATCH / 4
@@ -105,6 +110,12 @@ class Scheduler:
             if self._settings.lockstep:
                 self._run_answered()
 
+    def _new_pace(self, settings: SimulatorSettings) -> Union[Pace, FollowedClock, None]:
+        if self._clock is not None:
+            return self._clock
+        factor = settings.real_time_factor
+        return Pace(self._plant.period, factor) if factor > 0.0 else None
+
     def pause(self) -> None:
         """Let no more time pass."""
         self._control.pause()
@@ -132,7 +143,7 @@ class Scheduler:
         if self._pace:
             self._pace.restart(self._since)
 
-    def _run_due(self, pace: Pace, now: float) -> None:
+    def _run_due(self, pace: Union[Pace, FollowedClock], now: float) -> None:
         dropped, wanted = pace.dropped, self._settings.real_time_factor
         for _ in range(pace.due(now)):
             if self._control.running:  # a failure or the last step ends it in between

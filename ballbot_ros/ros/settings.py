@@ -70,7 +70,12 @@ class SimulatorSettings(Settings):
     torque_limit: float = live(quantity(
         'N m', 'largest torque at the pendulum, where the motor could give more; 0 for none but '
         'that of the motor', default=0.0, minimum=0.0, maximum=1e6))
-    clock_rate: float = live(rate_of('/clock in simulated time', 100.0, maximum=250.0))
+    publish_clock: bool = fixed('who makes the time is said at the start', flag(
+        'make the time of the graph and publish it as /clock; false to follow the /clock of '
+        'another simulator', default=True))
+    clock_rate: float = live(rate_of(
+        '/clock in simulated time; 0 for one before all that is published, so that no stamp is '
+        'ahead of it', 0.0, minimum=0.0))
     odom_rate: float = live(rate_of('odom', 100.0))
     ball_state_rate: float = live(rate_of('ball_state', 100.0))
     observation_rate: float = live(rate_of('step_observation; 0 for none', 50.0, minimum=0.0))

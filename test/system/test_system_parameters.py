@@ -34,7 +34,7 @@ REFUSED = {
                                           'at least 1', "'fast'")),
         'obstacle_decision': ({'curve': 5}, ('curve must be text', '5'))},
     'out of range': {
-        'simulator': ({'clock_rate': 300.0}, ('clock_rate must be', 'at most 250 Hz', '300')),
+        'simulator': ({'clock_rate': 3e4}, ('clock_rate must be', 'at most 10000 Hz', '30000')),
         'controller': ({'delay': 11}, ('delay must be', 'at most 10', '11')),
         'obstacle_decision': ({'robot': 'gimbal'}, ("no robot named 'gimbal'", 'gimball'))},
     'not a number': {

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""No stamp is ahead of /clock, and in one graph there is one time, however many simulators."""
+import time
+
+from nav_msgs.msg import Odometry
+import pytest
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+
+from ballbot_ros.msg import BallState, StepObservation
+from ballbot_ros.nodes.simulator import Simulator
+from ballbot_ros.plant import Plant
+from ballbot_ros.physics import load_scene
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.conversions import to_seconds, to_time
+from ballbot_ros.ros.endpoints import mismatches
+from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.followed_clock import FollowedClock, LONGEST_LAG
+from ballbot_ros.ros.outputs import CLOCK, LITTLE_ENDIAN
+
+TOPICS = (('joint_states', JointState), ('odom', Odometry), ('ball_state', BallState),
+          ('step_observation', StepObservation))
+
+
+@pytest.fixture
+def simulators(context):
+    """Return a function that makes simulators by namespace, and one that spins until something."""
+    executor, made = new_executor(context), []
+
+    def make(namespace='', **parameters):
+        # A subscription that the executor does not know yet has no order of arrival.
+        executor.spin_once(timeout_sec=0.01)
+        parameters = {'scene': 'flat', **parameters}
+        node = Simulator(context=context, namespace=namespace, parameter_overrides=[
+            Parameter(name, value=value) for name, value in parameters.items()])
+        made.append(node)
+        executor.add_node(node)
+        return node
+
+    def until(condition):
+        deadline = time.monotonic() + 30.0
+        while not condition():
+            assert time.monotonic() < deadline
+            executor.spin_once(timeout_sec=0.01)
+    make.listener = Node('listener', context=context)
+    made.append(make.listener)
+    executor.add_node(make.listener)
+    yield make, until
+    executor.shutdown()
+    for node in made:
+        node.destroy_node()
+
+
+class Arrivals:
+    """What one subscriber hears, in order of arrival."""
+
+    def __init__(self, node, *namespaces):
+        self.now, self.clocks, self.ahead = -1.0, [], []
+        self.heard = {}
+        node.create_subscription(Clock, '/clock', self._tick, qos.RECORD)
+        for namespace in namespaces:
+            for topic, kind in TOPICS:
+                name = f'{namespace}/{topic}'
+                self.heard[name] = []
+                node.create_subscription(kind, name, self._hearing(name), qos.RECORD)
+
+    def _tick(self, message):
+        self.now = to_seconds(message.clock)
+        self.clocks.append(self.now)
+
+    def _hearing(self, name):
+        def hear(message):
+            stamp = to_seconds(message.header.stamp)
+            self.heard[name].append(stamp)
+            if stamp > self.now:
+                self.ahead.append((name, stamp, self.now))
+        return hear
+
+
+@pytest.mark.parametrize('parameters', [
+    {}, {'real_time_factor': 0.0}, {'control': 'onboard'},
+    {'control': 'onboard', 'joint_state_rate': 250.0, 'odom_rate': 20.0}])
+def test_no_stamp_is_ahead_of_the_clock_in_order_of_arrival(simulators, parameters):
+    make, until = simulators
+    arrivals = Arrivals(make.listener, '')
+    make(**parameters)
+    until(lambda: all(len(found) > 20 for found in arrivals.heard.values()))
+    assert not arrivals.ahead
+    # And it is not published for nothing.
+    assert len(set(arrivals.clocks)) <= 1 + max(map(len, map(set, arrivals.heard.values()))) * (
+        3 if parameters.get('joint_state_rate') == 250.0 else 1)
+
+
+def test_a_rate_that_is_asked_for_is_kept_and_stamps_are_ahead_by_less_than_its_period(simulators):
+    make, until = simulators
+    arrivals = Arrivals(make.listener, '')
+    make(clock_rate=100.0)
+    until(lambda: len(arrivals.heard['/odom']) > 20)
+    assert arrivals.ahead and all(
+        stamp - now < 0.01 for _, stamp, now in arrivals.ahead if now >= 0.0)
+
+
+@pytest.mark.parametrize('seconds', [0.0, 0.002, 12.5, 1e6 + 0.25])
+def test_the_clock_is_serialized_as_the_middleware_does(seconds):
+    time_of = to_time(seconds)
+    assert CLOCK.pack(LITTLE_ENDIAN, time_of.sec, time_of.nanosec) == serialize_message(
+        Clock(clock=time_of))
+
+
+def test_two_robots_have_one_time_and_the_second_never_runs_ahead_of_it(simulators):
+    make, until = simulators
+    arrivals = Arrivals(make.listener, '/a', '/b')
+    follower = make('b', publish_clock=False, real_time_factor=0.0)
+    until(lambda: follower._scheduler._pace._asked is not None)
+    assert not arrivals.heard['/b/odom'] or arrivals.heard['/b/odom'] == [0.0]
+    make('a')
+    until(lambda: min(len(arrivals.heard[f'/{name}/odom']) for name in 'ab') > 30)
+    assert not [one for one in arrivals.ahead if one[2] >= 0.0]
+    one, other = (arrivals.heard[f'/{name}/joint_states'] for name in 'ab')
+    assert abs(one[-1] - other[-1]) < 0.2
+    assert make.listener.count_publishers('/clock') == 1
+    assert not mismatches(follower)
+
+
+def test_two_that_both_make_the_time_are_told_by_name(simulators):
+    make, _ = simulators
+    first, second = make('a'), make('b')
+    assert mismatches(first)[0].startswith('/b/simulator publishes /clock, too')
+    assert mismatches(second)[0].startswith('/a/simulator publishes /clock, too')
+
+
+# The clock that is followed ----------------------------------------------------------------
+
+@pytest.fixture
+def followed(make_node):
+    """Return a plant, the clock that it follows, and a function that sets that."""
+    plant = Plant(load_scene('flat'), 500.0)
+    clock = FollowedClock(make_node(Node, 'b'), plant)
+
+    def at(seconds):
+        clock._on_clock(Clock(clock=to_time(seconds)))
+        due = clock.due(0.0)
+        plant.periods += due
+        return due
+    return plant, clock, at
+
+
+def test_time_begins_where_the_clock_is_and_goes_on_with_it(followed):
+    plant, clock, at = followed
+    assert clock.due(0.0) == 0
+    assert at(7.25) == 0 and plant.time == 7.25
+    assert [at(7.25 + 0.002 * number) for number in (1, 1, 2, 5, 5)] == [1, 0, 1, 3, 0]
+    assert at(7.2639) == 1 and plant.time == pytest.approx(7.262)  # never ahead
+
+
+def test_a_lag_is_made_up_for_a_long_one_given_up_and_a_clock_set_back_followed(followed):
+    plant, clock, at = followed
+    at(1.0)
+    assert at(1.9) == 50 and [at(1.9) for _ in range(8)] == [50] * 8
+    assert plant.time == pytest.approx(1.9) and clock.dropped == 0
+    assert at(1.9 + LONGEST_LAG + 0.1) == 0 and plant.time == pytest.approx(3.0)
+    assert clock.dropped == 550
+    assert at(0.5) == 0 and plant.time == 0.5
+    clock.restart(0.0)  # after a pause of its own
+    assert at(0.9) == 0 and plant.time == 0.9 and clock.dropped == 550
+
+
+def test_that_no_clock_comes_is_said_after_some_patience(followed, capfd):
+    _, clock, _ = followed
+    clock.due(100.0)
+    clock.due(102.9)
+    assert 'no /clock' not in capfd.readouterr().err
+    clock.due(103.1)
+    assert 'no /clock, and publish_clock is false: time stands still' in capfd.readouterr().err
