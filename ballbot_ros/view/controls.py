@@ -2,6 +2,7 @@
 """The controls of the page: one widget for each control of a source, and what became of it."""
 from html import escape
 import logging
+from threading import RLock
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 import viser
@@ -50,6 +51,8 @@ class Controls:
         self._orders: Dict[str, float] = {}
         self._refused = ''
         self._told = ''
+        # The page refreshes, and so does each thread in which a widget is used.
+        self._refreshing = RLock()
         self._gui.main_panel.dock_right()
         self._gui.main_panel.set_width(310)
         self._status = self._gui.add_html('')
@@ -62,6 +65,10 @@ class Controls:
 
     def refresh(self) -> None:
         """Show how things stand."""
+        with self._refreshing:
+            self._refresh()
+
+    def _refresh(self) -> None:
         controls = self._source.controls
         for group, members in GROUPS.items():
             for name, label in members.items():
