@@ -24,6 +24,7 @@ class Prospect(NamedTuple):
     height: Optional[float] = None  # of the step ahead [m]
     distance: Optional[float] = None  # from the centre to its face [m]
     touch_speed: Optional[float] = None  # at which a decision expects or wants the touch [m/s]
+    at_it: bool = False  # closer than a radius: the speed is no more that of the touch
 
 
 def prospect_of(source: Source, frame: Frame) -> Prospect:
@@ -37,7 +38,8 @@ def prospect_of(source: Source, frame: Frame) -> Prospect:
     ahead = step_ahead(source.terrain, frame.x, source.robot.ball_radius)
     if ahead is None:
         return Prospect(speed)
-    return Prospect(speed, ahead.height, ahead.x - frame.x)
+    distance = ahead.x - frame.x
+    return Prospect(speed, ahead.height, distance, at_it=distance < source.robot.ball_radius)
 
 
 def verdict(curve: Optional[HeightCurve], prospect: Prospect) -> str:
@@ -47,6 +49,8 @@ def verdict(curve: Optional[HeightCurve], prospect: Prospect) -> str:
     where = '' if prospect.distance is None else f', {prospect.distance:.2f} m ahead'
     step = f'{"Step" if prospect.height > 0.0 else "Drop"} of ' \
         f'{abs(1e3 * prospect.height):.0f} mm{where}'
+    if prospect.at_it:
+        return f'{step}: the ball is at it.'
     if prospect.height < 0.0:
         return f'{step}.'
     if curve is None:
@@ -100,7 +104,7 @@ def _marks(curve: Optional[HeightCurve], prospect: Prospect, across: Scale,
                 f'stroke="{BLUE}" stroke-width="1.5"/>', _text(x + 4, TOP + 10, 'now', BLUE)]
     needed = curve.required_speed(height) if curve else None
     good = needed is not None and prospect.speed >= needed
-    colour = GREEN if good else VERMILION if curve else BLUE
+    colour = BLUE if curve is None or prospect.at_it else GREEN if good else VERMILION
     y = down(height)
     parts = [f'<line x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y:.1f}" y2="{y:.1f}" stroke="{INK}" '
              'stroke-dasharray="4 3"/>',

@@ -25,6 +25,7 @@ CURVE = load_curve('gimball_free')
      'now 0.30 m/s, too slow.'),
     (Prospect(0.9, 0.031, 0.5), 'fast enough'),
     (Prospect(0.9, 0.2, 0.5), 'higher than the 53 mm that the curve ends with'),
+    (Prospect(0.7, 0.031, 0.1, at_it=True), 'Step of 31 mm, 0.10 m ahead: the ball is at it.'),
     (Prospect(0.9, -0.1, 0.5), 'Drop of 100 mm, 0.50 m ahead.'),
     (Prospect(None, 0.031), 'Step of 31 mm: takes 0.79 m/s at the touch.')])
 def test_the_step_ahead_in_a_sentence(prospect, words):
