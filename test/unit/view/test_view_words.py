@@ -57,7 +57,7 @@ def test_a_decision_is_asked_before_the_ground():
     frame = source.shown
     assert prospect_of(source, frame).height == pytest.approx(0.031)
     seen = DecisionSign('cross', 'likely', height=0.028, distance=0.7, speed=0.8)
-    assert prospect_of(source, replace(frame, decision=seen)) == (
+    assert prospect_of(source, replace(frame, decision=seen))[:4] == (
         pytest.approx(0.0), 0.028, 0.7, 0.8)
 
 
