@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verb ``demo``: all ROS nodes together, on scenes of ours or on one's own."""
 import argparse
+from contextlib import nullcontext
 from pathlib import Path
 
 from ballbot_ros.cli.options import add_quiet
@@ -21,6 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'ballbot_output/demo_hardware)')
     parser.add_argument('--real-time', action='store_true',
                         help='in real time instead of as fast as it goes')
+    parser.add_argument('--view', action='store_true',
+                        help='with the live page in a browser beside it, in real time')
     parser.add_argument('--hardware', action='store_true',
                         help='with an emulated motor controller behind a serial line and the '
                         'bridge, in real time')
@@ -54,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     check(arguments)
     try:
-        from ballbot_ros.demo import own_acts, run_demo, run_hardware_demo
+        from ballbot_ros.demo import own_acts, page_beside, run_demo, run_hardware_demo
     except ImportError as error:
         raise ConfigurationError(
             f'the demo needs ROS 2, and {error.name or error} cannot be imported; source '
@@ -64,15 +67,16 @@ def run(arguments: argparse.Namespace) -> int:
     out = arguments.out or Path('ballbot_output') / folder
     from ballbot_ros.results.files import check_writable
     check_writable(out / 'crossing.png')
-    if arguments.hardware:
-        code: int = run_hardware_demo(
-            out=out, protocol=arguments.protocol or 'odrive', firmware=arguments.firmware,
-            serial_imu=arguments.serial_imu, quiet=arguments.quiet, timeout=arguments.timeout)
-    else:
-        acts = own_acts(arguments.scene, arguments.robot, arguments.curve, arguments.tuning,
-                        arguments.duration)
-        code = run_demo(out=out, real_time=arguments.real_time, quiet=arguments.quiet,
-                        timeout=arguments.timeout, acts=acts)
+    acts = [] if arguments.hardware else own_acts(
+        arguments.scene, arguments.robot, arguments.curve, arguments.tuning, arguments.duration)
+    with page_beside(arguments.quiet) if arguments.view else nullcontext():
+        if arguments.hardware:
+            code: int = run_hardware_demo(
+                out=out, protocol=arguments.protocol or 'odrive', firmware=arguments.firmware,
+                serial_imu=arguments.serial_imu, quiet=arguments.quiet, timeout=arguments.timeout)
+        else:
+            code = run_demo(out=out, real_time=arguments.real_time or arguments.view,
+                            quiet=arguments.quiet, timeout=arguments.timeout, acts=acts)
     return code
 
 

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``view``: a scene in a browser, to be driven by hand."""
+"""The verb ``view``: a scene, a bag or running nodes in a browser."""
 import argparse
 import math
+from pathlib import Path
 import sys
 from threading import Event
+from typing import Optional
 
 from ballbot_ros.cli.command import DONE
 from ballbot_ros.cli.options import add_quiet
@@ -15,8 +17,14 @@ LOOPBACK = '127.0.0.1'
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what to show, and where."""
     parser.add_argument('scene', nargs='?', default='voltage_start', metavar='SCENE',
-                        help='name of a scene ("ballbot scenes" lists them) or a YAML file '
-                        '(default: %(default)s)')
+                        help='name of a scene ("ballbot scenes" lists them), a YAML file, or a '
+                        'bag: its folder or a file ending in .mcap (default: %(default)s)')
+    parser.add_argument('--live', action='store_true',
+                        help='running nodes instead, a simulator or a bridge; needs ROS')
+    parser.add_argument('--namespace', default='', metavar='NAME',
+                        help='of the robot, among running nodes or in a bag')
+    parser.add_argument('--robot', default='', metavar='NAME',
+                        help='robot to draw, where neither nodes nor bag say which it is')
     add_server(parser)
     add_quiet(parser)
 
@@ -36,6 +44,9 @@ def add_server(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C."""
     check(arguments)
+    source = other_source(arguments)
+    if source is not None:
+        return serve(source, arguments, begin=not arguments.live)
     from ballbot_ros.cli.listing import check_name
     check_name('scenes', arguments.scene)
     from ballbot_ros.cli.simulate import load_machine_code
@@ -43,6 +54,42 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.view.scene_source import SceneSource
     load_machine_code(load_scene(arguments.scene), arguments.quiet)
     return serve(SceneSource(arguments.scene, paused=True), arguments, begin=True)
+
+
+def other_source(arguments: argparse.Namespace) -> Optional[object]:
+    """
+    Return what is shown instead of a scene, None where a scene is.
+
+    Raises
+    ------
+    ConfigurationError
+        For a bag that cannot be read, an option that does not go with a scene, and where there is
+        no ROS for nodes.
+
+    """
+    path = Path(arguments.scene)
+    if arguments.live:
+        try:
+            from ballbot_ros.view.live import LiveSource
+        except ImportError as error:
+            raise ConfigurationError(
+                f'--live needs ROS 2, and {error.name or error} cannot be imported; source '
+                '/opt/ros/jazzy/setup.bash, or run it in the .venv of a checkout') from error
+        return LiveSource(arguments.namespace, arguments.robot)
+    if path.suffix == '.mcap' or path.is_dir():
+        try:
+            from ballbot_ros.view.bag_source import BagSource
+        except ImportError as error:
+            raise ConfigurationError(
+                f'a bag needs the package rosbags, and {error.name or error} cannot be imported; '
+                'install it with: pip install rosbags') from error
+        return BagSource(path, arguments.namespace, arguments.robot, paused=True)
+    for option in ('namespace', 'robot'):
+        if getattr(arguments, option):
+            raise ConfigurationError(
+                f'--{option} goes with a bag or --live; the page has a choice of robots for a '
+                'scene')
+    return None
 
 
 def check(arguments: argparse.Namespace) -> None:

@@ -3,5 +3,6 @@
 from ballbot_ros.demo.demo import run_demo
 from ballbot_ros.demo.hardware import run_hardware_demo
 from ballbot_ros.demo.own_act import own_acts
+from ballbot_ros.demo.page import page_beside
 
-__all__ = ['own_acts', 'run_demo', 'run_hardware_demo']
+__all__ = ['own_acts', 'page_beside', 'run_demo', 'run_hardware_demo']

@@ -37,6 +37,8 @@ class BagSource:
         Of the robot, where the bag has several.
     robot : str
         Name or file of the robot; empty for what the bag says.
+    paused : bool
+        Whether to wait for ``pause`` to be lifted.
 
     Raises
     ------
@@ -45,7 +47,7 @@ class BagSource:
 
     """
 
-    def __init__(self, path: Path, namespace: str = '', robot: str = ''):
+    def __init__(self, path: Path, namespace: str = '', robot: str = '', paused: bool = False):
         """Open the bag."""
         self._bag = BagReading(path, namespace)
         said = scene_named(self._bag.parameters, robot)
@@ -54,6 +56,7 @@ class BagSource:
         self._curve = curve_for(said.robot)
         self._history = FrameHistory()
         self._playback = Playback(lambda: self._history.span)
+        self._playback.pause(paused)
         self._thread: Optional[Thread] = None
         self._ending = Event()
         self._done, self._failure = 0.0, ''

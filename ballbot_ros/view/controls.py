@@ -74,11 +74,14 @@ class Controls:
             for name, label in members.items():
                 if name in controls:
                     self._show(name, label, controls[name], self._folders[group])
+        for name in ('e_stop', 'pause', 'step', 'reset'):
+            if name in self._widgets:
+                # Nodes come and go, and what can be done with them.
+                idle = name == 'step' and not controls['pause'].value
+                self._set(self._widgets[name], 'disabled', bool(controls[name].refusal) or idle)
         if 'pause' in controls:
-            paused = bool(controls['pause'].value)
-            self._set(self._widgets['pause'], 'label', 'Run' if paused else 'Pause')
-            if 'step' in controls:
-                self._set(self._widgets['step'], 'disabled', not paused)
+            self._set(self._widgets['pause'], 'label',
+                      'Run' if controls['pause'].value else 'Pause')
         if 'e_stop' in controls:
             self._set(self._widgets['e_stop'], 'label', 'Release the e-stop'
                       if controls['e_stop'].value else 'E-STOP: motor off')

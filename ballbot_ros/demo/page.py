@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The live page beside a demo: a process of its own, so that it takes no time from the nodes."""
+from contextlib import contextmanager
+from importlib.util import find_spec
+import os
+import select
+import signal
+import subprocess
+import sys
+from typing import Iterator
+
+from ballbot_ros.demo.demo import ending_by_signal
+from ballbot_ros.demo.processes import own_domain
+from ballbot_ros.errors import ConfigurationError
+
+# Until the page is served, and until it has ended [s].
+PATIENCE, GRACE = 60.0, 10.0
+
+
+@contextmanager
+def page_beside(quiet: bool = False) -> Iterator[None]:
+    """
+    Serve the page for as long as the demo runs.
+
+    The domain of the demo is that of the environment from here on.
+
+    Parameters
+    ----------
+    quiet : bool
+        Do not print the address.
+
+    Raises
+    ------
+    ConfigurationError
+        If the page is not there; says why.
+
+    """
+    if find_spec('viser') is None:
+        raise ConfigurationError(
+            '--view needs the package viser, which is not installed; install it with: pip install '
+            'viser')
+    os.environ['ROS_DOMAIN_ID'] = str(own_domain())
+    with ending_by_signal(), subprocess.Popen(
+            [sys.executable, '-m', 'ballbot_ros.cli', 'view', '--live'], stdout=subprocess.PIPE,
+            stdin=subprocess.DEVNULL, text=True, start_new_session=True) as process:
+        try:
+            address = _first_line(process)
+            if not quiet:
+                print(f'The page: {address}', flush=True)
+            yield
+        finally:
+            process.send_signal(signal.SIGINT)
+            try:
+                process.wait(GRACE)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+def _first_line(process: 'subprocess.Popen[str]') -> str:
+    """Return what the page prints once it is served."""
+    assert process.stdout is not None
+    ready, _, _ = select.select([process.stdout], [], [], PATIENCE)
+    line = process.stdout.readline().strip() if ready else ''
+    if not line:
+        raise ConfigurationError(
+            f'the page was not served within {PATIENCE:g} s; leave --view out, or see what '
+            '"ballbot view --live" says')
+    return line

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Draw the picture of the live page afresh: ``python scripts/draw_page.py [FILE]``.
+
+It opens the page in a Chromium without a window, as the tests of the page do.
+"""
+from contextlib import contextmanager
+from pathlib import Path
+import shutil
+import sys
+
+from playwright.sync_api import Error, sync_playwright
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from ballbot_ros.cli.simulate import load_machine_code  # noqa: E402
+from ballbot_ros.physics import load_scene  # noqa: E402
+from ballbot_ros.view.page import Page  # noqa: E402
+from ballbot_ros.view.scene_source import SceneSource  # noqa: E402
+from ballbot_ros.view.server import free_port, LOOPBACK, PageServer  # noqa: E402
+
+NAMES = ('chromium', 'chromium-browser', 'google-chrome')
+# WebGL by the processor, where there is no graphics card; root has no sandbox.
+OPTIONS = ('--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader',
+           '--ignore-gpu-blocklist')
+WIDTH, HEIGHT = 1280, 720
+WEBGL = "() => document.createElement('canvas').getContext('webgl2') !== null"
+PATIENCE = 60e3  # [ms]
+
+
+class NoBrowser(RuntimeError):
+    """There is no browser that could show the page; says what is missing."""
+
+
+@contextmanager
+def browser():
+    """Give a Chromium without a window; raise `NoBrowser` where there is none with WebGL."""
+    path = next(filter(None, map(shutil.which, NAMES)), None)
+    if path is None:
+        raise NoBrowser(f'none of {", ".join(NAMES)} is installed: sudo apt-get install chromium')
+    with sync_playwright() as playwright:
+        try:
+            chromium = playwright.chromium.launch(executable_path=path, args=list(OPTIONS))
+        except Error as error:
+            raise NoBrowser(f'{path} does not start: {error}') from error
+        try:
+            page = chromium.new_page()
+            if not page.evaluate(WEBGL):
+                raise NoBrowser(f'{path} has no WebGL 2')
+            page.close()
+            yield chromium
+        finally:
+            chromium.close()
+
+
+def standing(name):
+    """Return a scene that stands at its start, compiled."""
+    load_machine_code(load_scene(name), silent=True)
+    source = SceneSource(name, paused=True)
+    source.apply('step', 0.02)
+    source.apply('reset', True)
+    return source
+
+
+@contextmanager
+def served(source):
+    """Give the page of a source, with nobody looking yet."""
+    page = Page(source, PageServer(LOOPBACK, free_port(LOOPBACK, None)))
+    try:
+        page.start()
+        yield page
+    finally:
+        page.close()
+
+
+def look(tab, url):
+    """Open the page in a tab and wait until it is drawn."""
+    tab.set_default_timeout(PATIENCE)
+    tab.goto(url)
+    tab.wait_for_selector('#ballbot-title')
+    tab.wait_for_selector('canvas')
+
+
+def close_notes(tab):
+    """Close what lies before the scene: that no graphics card is there."""
+    for button in tab.locator('.mantine-Notification-closeButton').all():
+        button.click()
+    tab.wait_for_function("() => !document.querySelector('.mantine-Notification-root')")
+
+
+def main():
+    """Draw docs/figures/view.png, or the file on the command line."""
+    file = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / 'docs' / 'figures' / 'view.png'
+    source = standing('fig7_bottom')
+    with browser() as chromium, served(source) as page:
+        tab = chromium.new_page(viewport={'width': WIDTH, 'height': HEIGHT})
+        look(tab, page.url)
+        close_notes(tab)
+        for _ in range(20):
+            source.apply('step', 0.02)
+        tab.wait_for_timeout(5e3)  # where there is no graphics card, it takes a while
+        tab.screenshot(path=file)
+
+
+if __name__ == '__main__':
+    main()

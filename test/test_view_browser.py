@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The live page in a real browser: it loads, moves and obeys, and asks nobody but its server."""
+from pathlib import Path
+import sys
+from urllib.parse import urlsplit
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / 'scripts'))
+
+pytest.importorskip('playwright', reason='playwright is not installed')
+pytest.importorskip('viser', reason='viser is not installed')
+
+from draw_page import (  # noqa: E402, I100, I202
+    browser, HEIGHT, look, NoBrowser, served, standing, WIDTH)
+
+
+@pytest.fixture(scope='module')
+def chromium():
+    """Return a browser without a window."""
+    try:
+        with browser() as found:
+            yield found
+    except NoBrowser as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope='module')
+def source():
+    """Return a scene that stands at its start."""
+    return standing('fig7_middle')
+
+
+@pytest.fixture(scope='module')
+def complaints():
+    """Return a list for what should not happen in the browser."""
+    return []
+
+
+@pytest.fixture(scope='module')
+def tab(chromium, source, complaints):
+    """Return a tab with the page of the scene."""
+    with served(source) as page:
+        here = urlsplit(page.url).netloc
+        # Few pixels: where there is no graphics card, each is drawn by the processor.
+        tab = chromium.new_page(viewport={'width': WIDTH, 'height': HEIGHT},
+                                device_scale_factor=0.5)
+
+        def check(route):
+            address = urlsplit(route.request.url)
+            if address.scheme in ('data', 'blob') or address.netloc == here:
+                route.continue_()
+            else:
+                complaints.append(f'asks for {route.request.url}')
+                route.abort()
+
+        tab.route('**/*', check)
+        tab.on('websocket', lambda socket: urlsplit(socket.url).netloc == here
+               or complaints.append(f'connects to {socket.url}'))
+        tab.on('console', lambda message: message.type == 'error'
+               and complaints.append(message.text))
+        tab.on('pageerror', lambda error: complaints.append(str(error)))
+        look(tab, page.url)
+        yield tab
+        tab.close()
+
+
+def wait_for(tab, true):
+    """Wait until something is true here, while the browser goes on."""
+    for _ in range(600):
+        if true():
+            return
+        tab.wait_for_timeout(100)
+    raise AssertionError('it has not come to be')
+
+
+def slide(tab, label, key):
+    """Press a key on the slider with a label."""
+    name = tab.locator('label', has_text=label).first.get_attribute('for')
+    tab.locator(f'[id="{name}"] [role=slider]').press(key)
+
+
+def press(tab, label):
+    """Click at once: a busy machine draws too slowly for a button to be seen standing still."""
+    tab.get_by_role('button', name=label).dispatch_event('click')
+
+
+def test_the_page_says_what_it_shows(tab):
+    assert tab.locator('#ballbot-title').inner_text() == 'Scene fig7_middle'
+    assert tab.locator('#ballbot-state').inner_text() == 'paused'
+
+
+def test_a_slider_changes_the_run(tab, source):
+    before = source.controls['friction'].value
+    slide(tab, 'friction', 'End')
+    wait_for(tab, lambda: source.controls['friction'].value > before)
+    ground = source.terrain
+    slide(tab, 'step ahead', 'ArrowLeft')
+    wait_for(tab, lambda: source.terrain is not ground)
+    assert source.controls['step_height'].value < 0.031
+
+
+def test_a_button_lets_the_ball_go_and_it_moves_in_the_picture(tab, source):
+    canvas = tab.locator('canvas').first
+    stands = canvas.screenshot()
+    begin = source.shown.x
+    press(tab, 'Run')
+    wait_for(tab, lambda: source.shown.x > begin + 0.05)
+    press(tab, 'Pause')
+    wait_for(tab, lambda: not source.health.running)
+    end = source.shown.time
+    wait_for(tab, lambda: f'{end:.2f}' in tab.locator('#ballbot-numbers').inner_text())
+    wait_for(tab, lambda: canvas.screenshot() != stands)
+
+
+def test_a_picture_can_be_taken_and_is_not_empty(tab, tmp_path):
+    tab.screenshot(path=tmp_path / 'page.png')
+    image = pytest.importorskip('PIL.Image').open(tmp_path / 'page.png')
+    assert image.size == (WIDTH // 2, HEIGHT // 2)
+    assert len(image.convert('RGB').getcolors(1 << 20)) > 500
+
+
+# The last one: it looks back on all of the above.
+def test_nothing_went_wrong_in_the_browser_and_nobody_else_was_asked(tab, complaints):
+    assert not complaints

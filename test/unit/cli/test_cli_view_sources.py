@@ -1,0 +1,16 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What ``ballbot view`` shows beside scenes is refused in one line where it cannot be shown."""
+import pytest
+
+pytest.importorskip('viser')
+
+
+@pytest.mark.parametrize('words, says', [
+    (['missing.mcap'], 'missing.mcap: is no bag that can be read'),
+    (['.'], 'is no bag that can be read'),
+    (['doorstep', '--robot', 'shellball'], '--robot goes with a bag or --live'),
+    (['doorstep', '--namespace', 'left'], '--namespace goes with a bag or --live'),
+    (['--live', '--robot', 'gimbal'], "no robot named 'gimbal'")])
+def test_what_cannot_be_shown_is_refused(error_of, tmp_path, monkeypatch, words, says):
+    monkeypatch.chdir(tmp_path)
+    assert says in error_of('view', *words, '--no-browser')

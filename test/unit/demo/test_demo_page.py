@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page beside the demo begins before it, ends with it, and says why it cannot."""
+import os
+import sys
+
+import pytest
+
+from ballbot_ros.demo import page, page_beside
+from ballbot_ros.errors import ConfigurationError
+
+
+@pytest.fixture
+def server(tmp_path, monkeypatch):
+    """Let a script take the place of the page, and return where it notes what became of it."""
+    script, note = tmp_path / 'page', tmp_path / 'note'
+    script.write_text(
+        f'#!{sys.executable}\nimport os, signal, sys, time\n'
+        f'note = open({str(note)!r}, "w", buffering=1)\n'
+        'def end(*_):\n    note.write("ended")\n    sys.exit()\n'
+        'signal.signal(signal.SIGINT, end)\n'
+        'note.write(f"{sys.argv[3:]} in {os.environ[\'ROS_DOMAIN_ID\']}\\n")\n'
+        'print("http://127.0.0.1:8080", flush=True)\ntime.sleep(60)\n')
+    script.chmod(0o755)
+    monkeypatch.setattr(sys, 'executable', str(script))
+    monkeypatch.setenv('ROS_DOMAIN_ID', '17')
+    return note
+
+
+def test_the_page_is_there_while_the_demo_runs_and_ends_with_it(server, capsys):
+    with page_beside():
+        assert 'http://127.0.0.1:8080' in capsys.readouterr().out
+        assert server.read_text() == "['view', '--live'] in 17\n"
+    assert server.read_text().endswith('ended')
+
+
+def test_the_page_ends_when_the_demo_fails(server):
+    with pytest.raises(KeyboardInterrupt), page_beside(quiet=True):
+        raise KeyboardInterrupt
+    assert server.read_text().endswith('ended')
+
+
+def test_without_a_domain_the_page_and_the_demo_take_the_same(server, monkeypatch):
+    monkeypatch.delenv('ROS_DOMAIN_ID')
+    with page_beside(quiet=True):
+        assert f'in {os.environ["ROS_DOMAIN_ID"]}\n' in server.read_text()
+
+
+def test_a_page_that_does_not_begin_is_said(server, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, 'executable', '/bin/false')
+    with pytest.raises(ConfigurationError, match='the page was not served'), page_beside():
+        pass
+
+
+def test_without_viser_the_page_is_refused_with_the_remedy(monkeypatch):
+    monkeypatch.setattr(page, 'find_spec', lambda _: None)
+    with pytest.raises(ConfigurationError, match='pip install viser'), page_beside():
+        pass
