@@ -24,6 +24,7 @@ from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.scheduler import Scheduler
 from ballbot_ros.ros.settings import SimulatorSettings
+from ballbot_ros.ros.simulation_interfaces import serve
 from ballbot_ros.srv import Step
 
 
@@ -48,15 +49,14 @@ class Simulator(Node):
             self, 'simulation', self._health, scene.model.robot.name)
         self._laws = LawsInside(self, self._plant, settings) \
             if settings.control == 'onboard' else None
+        follow = None if settings.publish_clock else FollowedClock(self, self._plant)
         self._scheduler = Scheduler(self._plant, self._laws or self._gate, outputs, settings,
-                                    self.get_logger(), self._diagnostics.publish,
-                                    None if settings.publish_clock
-                                    else FollowedClock(self, self._plant))
+                                    self.get_logger(), self._diagnostics.publish, follow)
         create_subscription(self, JointState, 'joint_commands', self._on_command, qos.NEWEST)
-        for name, act in (('pause', self._pause), ('resume', self._resume),
-                          ('reset', self._reset)):
-            create_trigger(self, f'~/{name}', act)
+        for name, do in (('pause', self._pause), ('resume', self._resume), ('reset', self._reset)):
+            create_trigger(self, f'~/{name}', do)
         create_service(self, Step, '~/step', self._on_step)
+        self._interfaces = serve(self, self._plant, self._scheduler, settings)
         # Only the clock authority ticks on wall time; a timer on its own time would wait for ever.
         self.create_timer(self._scheduler.interval, self._scheduler.tick,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))

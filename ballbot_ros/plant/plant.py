@@ -115,9 +115,20 @@ class Plant:
         self.state = after
         return after
 
+    @property
+    def at_start(self) -> bool:
+        """Return whether nothing has happened since the start, or the last reset."""
+        return self.periods == self._begun
+
     def reset(self) -> State:
         """Go back to the start of the scene; time goes on."""
-        self.state, self.torque = self._start._replace(time=self.time), 0.0
+        self.put(self._start)
+        self._begun = self.periods
+        return self.state
+
+    def put(self, state: State) -> State:
+        """Have the robot in a state from now on, whose time is not looked at."""
+        self.state, self.torque, self._begun = state._replace(time=self.time), 0.0, -1
         if self._monitor:
             self._monitor.reset(self.state)
         return self.state

@@ -7,6 +7,7 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.task import Future
 
 from ballbot_ros.errors import SimulationError
+from ballbot_ros.physics.model.state import State
 from ballbot_ros.plant import Pace, Plant, Speedometer
 from ballbot_ros.ros.followed_clock import FollowedClock
 from ballbot_ros.ros.laws_inside import TorqueSource
@@ -136,6 +137,11 @@ class Scheduler:
         self.failure = None
         self._gate.clear()
         self._plant.reset()
+        self._publish(everything=True)
+
+    def put(self, state: State) -> None:
+        """Have the robot in a state from now on."""
+        self._plant.put(state)
         self._publish(everything=True)
 
     def _restart(self) -> None:

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+An action server whose goals are worked on by the callbacks of the node, not by a coroutine.
+
+rclpy runs a goal as a coroutine, which its executor that is driven by events never wakes again
+(7.1.6); a loop in a callback would stop the node.  So a goal is handed over when it is accepted,
+and handed back with its result.
+"""
+from typing import Any, Callable
+
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
+
+from ballbot_ros.errors import RefusedError
+
+
+class DeferredActionServer(ActionServer):
+    """
+    Serves an action; cancel requests are granted, and found at the handle.
+
+    Parameters
+    ----------
+    node : Node
+    kind : type
+        Of the action.
+    name : str
+    check : callable
+        Is given each request first, and raises `RefusedError` to refuse it.
+    begin : callable
+        Is given the handle of each accepted goal.
+
+    """
+
+    def __init__(self, node: Node, kind: Any, name: str, check: Callable[[Any], None],
+                 begin: Callable[[ServerGoalHandle], None]):
+        """Serve at once."""
+        def judged(request: Any) -> GoalResponse:
+            try:
+                check(request)
+            except RefusedError as error:
+                node.get_logger().warning(f'{name} refused: {error}')
+                return GoalResponse.REJECT
+            return GoalResponse.ACCEPT
+
+        def accepted(handle: ServerGoalHandle) -> None:
+            handle.execute()
+            begin(handle)
+
+        super().__init__(
+            node, kind, name, lambda _: None, goal_callback=judged,
+            handle_accepted_callback=accepted, cancel_callback=lambda _: CancelResponse.ACCEPT)
+
+    def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Any) -> None:
+        """Do nothing: the owner works on the goal."""
+
+    def finish(self, handle: ServerGoalHandle, result: Any) -> None:
+        """Send the result of a goal whose handle says already how it ended."""
+        super().notify_execute(handle, lambda _: result)

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""simulation_interfaces, as a client meets them: codes, states, steps, entities."""
+import math
+
+import pytest
+from rclpy.action import ActionClient
+
+from ballbot_ros.nodes.simulator import Simulator
+from ballbot_ros.ros.executor import new_executor
+
+srv = pytest.importorskip('simulation_interfaces.srv')
+msg = pytest.importorskip('simulation_interfaces.msg')
+SimulateSteps = pytest.importorskip('simulation_interfaces.action').SimulateSteps
+Bounds, EntityCategory, EntityFilters, EntityState, Result = (
+    msg.Bounds, msg.EntityCategory, msg.EntityFilters, msg.EntityState, msg.Result)
+SimulationState, SimulatorFeatures, TagsFilter = (
+    msg.SimulationState, msg.SimulatorFeatures, msg.TagsFilter)
+
+STOPPED, PLAYING, PAUSED = 0, 1, 2
+OK, UNSUPPORTED, NOT_FOUND, FAILED = (
+    Result.RESULT_OK, Result.RESULT_FEATURE_UNSUPPORTED, Result.RESULT_NOT_FOUND,
+    Result.RESULT_OPERATION_FAILED)
+
+
+class Client:
+    """A client in the process of the simulator."""
+
+    def __init__(self, context, simulator, node):
+        self.executor, self.node = new_executor(context), node
+        self.executor.add_node(simulator)
+        self.executor.add_node(node)
+        self.clients = {}
+
+    def wait(self, condition):
+        for _ in range(3000):
+            if condition():
+                return
+            self.executor.spin_once(timeout_sec=0.01)
+        raise AssertionError('waited in vain')
+
+    def done(self, future):
+        self.wait(future.done)
+        return future.result()
+
+    def ask(self, kind, **fields):
+        """Call a service and return its response."""
+        if kind not in self.clients:
+            name = ''.join('_' + c.lower() if c.isupper() else c for c in kind.__name__)[1:]
+            self.clients[kind] = self.node.create_client(kind, f'/simulator/{name}')
+        client = self.clients[kind]
+        self.wait(client.service_is_ready)
+        return self.done(client.call_async(kind.Request(**fields)))
+
+    def code(self, kind, **fields):
+        return self.ask(kind, **fields).result.result
+
+    def state(self):
+        return self.ask(srv.GetSimulationState).state.state
+
+    def set_state(self, state):
+        return self.code(srv.SetSimulationState, state=SimulationState(state=state))
+
+
+@pytest.fixture
+def simulator(make_node):
+    return make_node(Simulator, scene='flat', start_paused=True, real_time_factor=0.0)
+
+
+@pytest.fixture
+def client(context, make_node, simulator):
+    from rclpy.node import Node
+    client = Client(context, simulator, make_node(Node, 'client'))
+    yield client
+    client.executor.shutdown()
+
+
+def test_features_are_those_that_are_served(client):
+    features = client.ask(srv.GetSimulatorFeatures).features
+    assert SimulatorFeatures.STEP_SIMULATION_ACTION in features.features
+    assert SimulatorFeatures.SIMULATION_RESET_TIME not in features.features
+    assert not features.spawn_formats
+
+
+def test_states_and_transitions_have_their_codes(client):
+    answer = srv.SetSimulationState.Response
+    assert client.state() == STOPPED
+    assert client.set_state(STOPPED) == answer.ALREADY_IN_TARGET_STATE
+    assert client.set_state(PAUSED) == answer.INCORRECT_TRANSITION
+    assert client.set_state(PLAYING) == OK and client.state() == PLAYING
+    assert client.code(srv.StepSimulation, steps=1) == FAILED
+    assert client.set_state(PAUSED) == OK and client.state() == PAUSED
+    assert client.set_state(PAUSED) == answer.ALREADY_IN_TARGET_STATE
+    assert client.set_state(STOPPED) == OK and client.state() == STOPPED
+    assert client.set_state(SimulationState.STATE_NO_WORLD) == answer.INCORRECT_TRANSITION
+    assert client.set_state(SimulationState.STATE_QUITTING) == UNSUPPORTED
+
+
+def test_steps_run_exactly_and_none_is_refused(client, simulator):
+    assert client.code(srv.StepSimulation, steps=7) == OK
+    assert simulator._plant.periods == 7 and client.state() == PAUSED
+    assert client.code(srv.StepSimulation, steps=0) == FAILED
+
+
+def test_the_state_can_be_reset_and_time_cannot(client, simulator):
+    client.ask(srv.StepSimulation, steps=5)
+    asked = srv.ResetSimulation.Request
+    assert client.code(srv.ResetSimulation, scope=asked.SCOPE_STATE) == OK
+    assert client.state() == STOPPED and simulator._plant.periods == 5
+    for scope in (asked.SCOPE_DEFAULT, asked.SCOPE_TIME, asked.SCOPE_SPAWNED, asked.SCOPE_ALL):
+        response = client.ask(srv.ResetSimulation, scope=scope)
+        assert response.result.result == UNSUPPORTED and 'SCOPE_STATE' in \
+            response.result.error_message
+
+
+def test_the_action_tells_how_far_it_is_and_can_be_canceled(client, simulator):
+    action, told = ActionClient(client.node, SimulateSteps, '/simulator/simulate_steps'), []
+    client.wait(action.server_is_ready)
+
+    def send(steps):
+        return client.done(action.send_goal_async(
+            SimulateSteps.Goal(steps=steps), lambda one: told.append(one.feedback)))
+
+    done = client.done(send(50).get_result_async())
+    assert (done.status, done.result.result.result) == (4, OK)
+    client.wait(lambda: told and told[-1].remaining_steps == 0)
+    assert told[-1].completed_steps == simulator._plant.periods == 50
+
+    goal = send(2**40)
+    other = client.done(send(1).get_result_async())
+    assert (other.status, other.result.result.result) == (6, FAILED)
+    client.done(goal.cancel_goal_async())
+    done = client.done(goal.get_result_async())
+    assert (done.status, done.result.result.result) == (5, FAILED)
+    assert client.state() == PAUSED
+
+
+def test_entities_are_filtered_and_unknown_ones_not_found(client):
+    def names(**filters):
+        return client.ask(srv.GetEntities, filters=EntityFilters(**filters))
+
+    everything = names()
+    assert everything.result.result == OK and len(everything.entities) == 1
+    robot = everything.entities[0]
+    assert names(filter=f'^{robot[:3]}').entities == [robot]
+    assert names(filter='^nobody$').entities == []
+    assert names(filter='(').result.result == FAILED
+    assert names(categories=[EntityCategory(category=EntityCategory.CATEGORY_HUMAN)]).entities \
+        == []
+    assert names(tags=TagsFilter(tags=['x'])).result.result == UNSUPPORTED
+    assert names(bounds=Bounds(type=Bounds.TYPE_BOX)).result.result == UNSUPPORTED
+    assert client.code(srv.GetEntityState, entity='nobody') == NOT_FOUND
+    assert client.code(srv.SetEntityState, entity='nobody') == NOT_FOUND
+
+
+def test_the_robot_is_put_where_it_is_asked_for_and_never_into_the_ground(client):
+    robot = client.ask(srv.GetEntities).entities[0]
+
+    def put(**changes):
+        state = EntityState()
+        state.pose.position.z, state.pose.orientation.w = 0.3, 1.0
+        for path, value in changes.items():
+            *way, last = path.split('__')
+            part = state
+            for name in way:
+                part = getattr(part, name)
+            setattr(part, last, value)
+        return client.code(srv.SetEntityState, entity=robot, state=state, set_pose=True,
+                           set_twist=True)
+
+    assert put(pose__position__x=1.5, twist__linear__x=0.4) == OK
+    state = client.ask(srv.GetEntityState, entity=robot).state
+    assert (state.pose.position.x, state.pose.position.z, state.twist.linear.x) == (1.5, 0.3, 0.4)
+    assert state.header.frame_id == 'odom' and client.state() == PAUSED
+    for wrong in ({'pose__position__x': math.nan}, {'pose__position__y': 0.1},
+                  {'pose__position__z': 0.1}, {'pose__orientation__w': 0.0},
+                  {'twist__angular__z': 1.0}):
+        assert put(**wrong) == srv.SetEntityState.Response.INVALID_POSE
+    assert put(header__frame_id='map') == FAILED
