@@ -148,8 +148,8 @@ class GetGoing:
 
 
 def _load() -> str:
-    """Return how busy the machine is: the watchdog of a drive waits for nobody."""
+    """Return how busy the machine is: watchdogs wait for nobody."""
     load = os.getloadavg()[0]
-    return (f'the load of this machine is {load:.1f} on {os.cpu_count()} processors, and a bridge '
-            'that waits for its turn for too long is stopped by the watchdog of the drive'
-            if load > (os.cpu_count() or 1) else 'see the log of the bridge')
+    return (f'the load of this machine is {load:.1f} on {os.cpu_count()} processors, and in real '
+            'time whoever waits for a turn for too long is taken for dead: try again when it has '
+            'less to do' if load > (os.cpu_count() or 1) else 'see the log of the bridge')
