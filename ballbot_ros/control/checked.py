@@ -34,7 +34,16 @@ def checked_controller(robot: Robot, tuning: ControlTuning, rate: float, delay: 
 
     """
     controller = PendulumController(robot, tuning)
+    lowest = checked_rate(robot, tuning, rate, delay)
+    return SupervisedController(controller, replace(expected, lowest_rate=lowest))
+
+
+def checked_rate(robot: Robot, tuning: ControlTuning, rate: float, delay: float) -> float:
+    """
+    Return the lowest rate at which gains are stable, if they are at the one given [Hz].
+
+    Parameters, and what is raised, as in `checked_controller`.
+    """
     for law in CLOSED:
         check_loop(robot, tuning, law, rate, delay)
-    lowest = max(lowest_stable_rate(robot, tuning, law, delay) for law in CLOSED)
-    return SupervisedController(controller, replace(expected, lowest_rate=lowest))
+    return max(lowest_stable_rate(robot, tuning, law, delay) for law in CLOSED)

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pendulum controller: set-points and readings in, torque out; no clock, no ROS."""
-from functools import cached_property
 import math
 from typing import Optional
 
@@ -15,6 +14,8 @@ from ballbot_ros.physics.mechanics.laws import limited, position_torque, velocit
 from ballbot_ros.physics.model.robot import Robot
 
 
+# Other gains take over from the torque in force within this time at least [s].
+RETUNING = 0.2
 # Where readings were missing for so long, the speed law starts anew [s].
 LONGEST_STEP = 0.5
 
@@ -57,15 +58,31 @@ class PendulumController:
     def __init__(self, robot: Robot, tuning: ControlTuning):
         """Start idle."""
         require_pendulum(robot)
-        self._robot, self._tuning = robot, tuning
-        self._gravity_torque = (
-            robot.largest_gravity_torque if tuning.gravity_compensation else 0.0)
+        self._robot = robot
+        self._use(tuning)
         self.reset()
 
     @property
     def set_point(self) -> SetPoint:
         """Return the set-point in force."""
         return self._set_point
+
+    def retune(self, tuning: ControlTuning) -> None:
+        """
+        Go on with other gains, without a jump: they take over as another law does.
+
+        Set-point, integral and what was learnt of the ground stay.
+        """
+        self._use(tuning)
+        self._fade = max(tuning.blend_time, RETUNING)
+        self._taking_over = True
+
+    def _use(self, tuning: ControlTuning) -> None:
+        self._tuning = tuning
+        self._gravity_torque = (
+            self._robot.largest_gravity_torque if tuning.gravity_compensation else 0.0)
+        # The speed law as its kernels read it, made when it is first asked for.
+        self._numbers: Optional[Numbers] = None
 
     def reset(self) -> None:
         """Forget set-point, readings and integral: idle, for a stop or a jump of time."""
@@ -75,6 +92,7 @@ class PendulumController:
         self._taking_over = False
         # Between the torque in force and that of the law that took over [N m], and since when.
         self._difference, self._since = 0.0, 0.0
+        self._fade = self._tuning.blend_time
         self._restart()
 
     def give(self, set_point: SetPoint) -> None:
@@ -97,7 +115,8 @@ class PendulumController:
                 self._restart()
             # The reading to come is answered, even if its stamp was answered before.
             self._answered = False
-            self._taking_over = self._taking_over or set_point.mode is not current.mode
+            if set_point.mode is not current.mode:
+                self._taking_over, self._fade = True, self._tuning.blend_time
         self._set_point = set_point
 
     def torque(self, readings: JointReadings, in_force: Optional[float] = None) -> float:
@@ -158,7 +177,7 @@ class PendulumController:
         self.excess = unsaturated - torque
         if self._taking_over:
             self._taking_over = False
-            if self._tuning.blend_time > 0.0:
+            if self._fade > 0.0:
                 self._difference, self._since = in_force - torque, readings.stamp
         if self._difference:
             unlimited = unsaturated + self._faded(readings.stamp)
@@ -168,15 +187,16 @@ class PendulumController:
 
     def _faded(self, stamp: float) -> float:
         """Return what is left of the difference to the law before [N m]."""
-        left = 1.0 - (stamp - self._since) / self._tuning.blend_time
+        left = 1.0 - (stamp - self._since) / self._fade
         if left <= 0.0:
             self._difference = left = 0.0
         return self._difference * left
 
-    @cached_property
+    @property
     def _speed_numbers(self) -> Numbers:
-        """Return the speed law as its kernels read it."""
-        return SpeedLaw.tuned(self._robot, self._tuning)[:]
+        if self._numbers is None:
+            self._numbers = SpeedLaw.tuned(self._robot, self._tuning)[:]
+        return self._numbers
 
     @property
     def slope(self) -> float:

@@ -8,6 +8,7 @@ from typing import Optional
 from ballbot_ros.control.controller import PendulumController
 from ballbot_ros.control.freshness import RateMonitor
 from ballbot_ros.control.signals import JointReadings, Mode, SetPoint
+from ballbot_ros.control.tuning import ControlTuning
 from ballbot_ros.errors import MessageError
 
 LOG = logging.getLogger(__name__)
@@ -87,6 +88,10 @@ class SupervisedController:
         self._asked_at = -math.inf
         self._rest_first = False
         self.too_slow = self.overcome = self.let_down = self.e_stop = False
+
+    def retune(self, tuning: ControlTuning) -> None:
+        """Go on with other gains, without a jump; `expected` is to be changed with them."""
+        self._controller.retune(tuning)
 
     @property
     def set_point(self) -> SetPoint:

@@ -70,8 +70,9 @@ class Decider:
             knowledge.robot, knowledge.tuning.height_bias_sd)
         knowledge = replace(knowledge, particles=particles)
         self._learner = Learner(particles)
-        maker = PLANNERS[planner] if isinstance(planner, str) else planner
-        self._plan = guarded(maker(knowledge), knowledge)
+        self._maker = PLANNERS[planner] if isinstance(planner, str) else planner
+        self._particles = particles
+        self._plan = guarded(self._maker(knowledge), knowledge)
         self._fusion = GroundFusion(knowledge.robot, knowledge.tuning, frame)
         self._pilot = Pilot(knowledge)
         self._memory, self._watch = Memory(knowledge.tuning), AttemptWatch(knowledge.robot)
@@ -86,6 +87,21 @@ class Decider:
         self._motion: Optional[Motion] = None
         self._outcome: Optional[Outcome] = None
         self._decision: Optional[Decision] = None
+
+    def prepare(self, knowledge: Knowledge) -> Callable[[], None]:
+        """
+        Make ready to decide by another curve, tuning or controller; return what begins it.
+
+        The ground ahead, what was learned, and what the pilot feels stay; plans are made anew.
+        Of the tuning, what is declared as fixed must be the same, and so must the robot.
+        """
+        knowledge = replace(knowledge, particles=self._particles)
+        plan = guarded(self._maker(knowledge), knowledge)
+
+        def begin() -> None:
+            self._plan = plan
+            self._pilot.follow(knowledge)
+        return begin
 
     @property
     def profile(self) -> Optional[Profile]:

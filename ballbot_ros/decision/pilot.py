@@ -61,10 +61,14 @@ class Pilot:
 
     def __init__(self, knowledge: Knowledge):
         """Start with the pendulum hanging down."""
+        self.follow(knowledge)
+        self.reset()
+
+    def follow(self, knowledge: Knowledge) -> None:
+        """Go on by another tuning or controller; what was learned on the way stays."""
         self._tuning = knowledge.tuning
         self.law = SpeedLaw.of(
             knowledge.robot, knowledge.control.position_kd / knowledge.control.position_kp)
-        self.reset()
 
     def reset(self) -> None:
         """Forget what was learned on the way."""

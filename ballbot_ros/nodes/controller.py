@@ -12,13 +12,16 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
-from ballbot_ros.control import checked_controller, SetPoint, Supervision, Watchdog
+from ballbot_ros.control import checked_controller, SetPoint, Watchdog
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.cmd_vel import speed_set_point, TYPES
+from ballbot_ros.ros.controller_health import health
 from ballbot_ros.ros.conversions import command_message, readings, set_point
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription, wait_until_received
+from ballbot_ros.ros.parameter_changes import Commit
 from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.retuning import change_period, LoopNumbers, prepare_laws
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.senders import own_name
 from ballbot_ros.ros.settings import ControllerSettings
@@ -30,12 +33,10 @@ class Controller(Node):
     def __init__(self, **kwargs: Any):
         """Refuse a loop that would diverge, then wait for joint states."""
         super().__init__('controller', **kwargs)
-        settings = declare(self, ControllerSettings)
-        robot = load_robot(settings.robot)
+        self._settings = settings = declare(self, ControllerSettings, self._prepare)
+        self._robot = load_robot(settings.robot)
         self._controller = checked_controller(
-            robot, settings.law_tuning, settings.rate, settings.delay, Supervision(
-                set_point_timeout=settings.set_point_timeout,
-                set_point_period=settings.lockstep_set_point_period))
+            self._robot, *settings.loop, settings.supervision)
         self._watchdog = Watchdog(settings.state_timeout)
         self._newest = self._answered = Time()
         self._torque = 0.0
@@ -48,13 +49,23 @@ class Controller(Node):
                         lambda one: self._give(speed_set_point(one)))
         create_subscription(self, Bool, 'e_stop', self._on_e_stop, qos.LATCHED)
         self._diagnostics = diagnostics.Diagnostics(
-            self, 'pendulum', self._health, robot.name)
-        # In lockstep time stands still between states, for as long as somebody needs.
-        if not settings.lockstep_set_point_period:
-            self.create_timer(settings.state_timeout / 4, self._watch,
-                              clock=Clock(clock_type=ClockType.STEADY_TIME))
+            self, 'pendulum', self._health, self._robot.name)
+        self._timer = self.create_timer(settings.state_timeout / 4, self._watch,
+                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
         lowest = self._controller.expected.lowest_rate
         self.get_logger().info(f'these gains need joint states at {lowest:.0f} Hz or more')
+
+    def _prepare(self, wanted: ControllerSettings) -> Commit:
+        """Check other parameters; return what puts them in force."""
+        hand_over = prepare_laws(
+            self._controller, self._robot, LoopNumbers(*self._settings.loop),
+            LoopNumbers(*wanted.loop), wanted.supervision)
+
+        def commit() -> None:
+            hand_over()
+            self._settings, self._watchdog.timeout = wanted, wanted.state_timeout
+            change_period(self._timer, wanted.state_timeout / 4)
+        return commit
 
     def _subscribe(self, kind: Any, topic: str, take: Callable[[Any], None]) -> None:
         """Subscribe to a topic; answer what is taken, count and log what is refused."""
@@ -103,6 +114,8 @@ class Controller(Node):
 
     def _watch(self) -> None:
         """Set the torque to 0 when no joint state comes any more."""
+        if self._settings.lockstep_set_point_period:
+            return  # time stands still between states, for as long as somebody needs
         if self._watchdog.fed and self._watchdog.expired(time.monotonic()) and self._torque:
             self._command(0.0)
             self.get_logger().warning(
@@ -118,24 +131,7 @@ class Controller(Node):
 
     def _health(self) -> Tuple[bytes, str, dict]:
         """Return level, message and numbers for /diagnostics."""
-        now = self._controller.set_point
-        values = {
-            'mode': now.mode.value, 'set_value': f'{now.value:.4f}',
-            'torque': f'{self._torque:.4f}', 'state_rate': f'{self._controller.rate or 0.0:.1f}',
-            **diagnostics.refusals('messages', self._refused)}
-        if not self._watchdog.fed:
-            return diagnostics.WARN, 'waiting for joint_states', values
-        if self._watchdog.expired(time.monotonic()):
-            return diagnostics.WARN, 'no joint_states any more, torque is 0', values
-        if self._controller.e_stop:
-            return diagnostics.WARN, 'the e-stop is engaged, torque is 0', values
-        if self._controller.too_slow:
-            return diagnostics.ERROR, 'joint_states come too rarely, torque is 0', values
-        if self._controller.overcome:
-            return diagnostics.WARN, 'running; more resists the set speed than can be held', values
-        if self._refused:
-            return diagnostics.WARN, 'running; messages were refused', values
-        return diagnostics.OK, 'running', values
+        return health(self._controller, self._watchdog, self._torque, self._refused)
 
 
 def main(args: Optional[List[str]] = None) -> int:

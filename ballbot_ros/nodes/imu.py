@@ -9,6 +9,7 @@ from ballbot_ros.drives.transport import Link
 from ballbot_ros.errors import BallbotError, LinkError
 from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.imu import ImuOutput
+from ballbot_ros.ros.parameter_changes import Commit
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import ImuSettings
@@ -29,12 +30,22 @@ class ImuNode(Node):
     def __init__(self, **kwargs: Any):
         """Check the parameters, then read."""
         super().__init__('imu', **kwargs)
-        settings = declare(self, ImuSettings)
-        source = ImuSource(
+        settings = declare(self, ImuSettings, self._prepare)
+        self._source = ImuSource(
             lambda baud: Link(settings.port, baud), settings.baud, settings.rate,
             settings.bandwidth, Axes(settings.axes), settings.latency)
-        self._output = ImuOutput(self, source, settings.port, settings.rate, settings.gyro_sd,
-                                 settings.force_sd, Frames.of(settings).imu)
+        self._output = ImuOutput(
+            self, self._source, settings.port, settings.rate, settings.gyro_sd,
+            settings.force_sd, Frames.of(settings).imu)
+
+    def _prepare(self, wanted: ImuSettings) -> Commit:
+        """Check other parameters; return what puts them in force."""
+        axes = Axes(wanted.axes)
+
+        def commit() -> None:
+            self._source.read_as(axes, wanted.latency)
+            self._output.tell(wanted.gyro_sd, wanted.force_sd)
+        return commit
 
     @property
     def failure(self) -> Optional[BallbotError]:

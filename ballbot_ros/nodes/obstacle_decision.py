@@ -20,6 +20,7 @@ from ballbot_ros.ros.conversions import (
 from ballbot_ros.ros.decision_outputs import DecisionOutputs
 from ballbot_ros.ros.endpoints import create_subscription
 from ballbot_ros.ros.outcomes import Experience
+from ballbot_ros.ros.parameter_changes import Commit
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import DecisionSettings
@@ -27,6 +28,15 @@ from ballbot_ros.ros.standstill import Standstill
 
 # Where observations come more slowly, set-points are published with the odometry in between [s].
 LONGEST_SILENCE = 0.025
+
+
+def known(settings: DecisionSettings) -> Knowledge:
+    """Return what parameters name; raise `ConfigurationError` for what does not fit together."""
+    knowledge = Knowledge(
+        load_robot(settings.robot), load_curve(settings.curve, settings.variant),
+        settings.margins, load_tuning(settings.control_tuning))
+    check_decision(knowledge.robot, knowledge.curve, knowledge.tuning)
+    return knowledge
 
 
 class ObstacleDecision(Node):
@@ -40,11 +50,8 @@ class ObstacleDecision(Node):
     def __init__(self, **kwargs: Any):
         """Check that robot, curve and tuning belong together, then wait."""
         super().__init__('obstacle_decision', **kwargs)
-        settings = declare(self, DecisionSettings)
-        knowledge = Knowledge(
-            load_robot(settings.robot), load_curve(settings.curve, settings.variant),
-            settings.margins, load_tuning(settings.control_tuning))
-        check_decision(knowledge.robot, knowledge.curve, knowledge.tuning)
+        settings = declare(self, DecisionSettings, self._prepare)
+        knowledge = known(settings)
         self._experience = Experience(settings.outcome_log, knowledge, settings.planner,
                                       self.get_logger())
         self._decider = Decider(self._experience.knowledge, settings.planner,
@@ -63,6 +70,10 @@ class ObstacleDecision(Node):
         self._standstill = Standstill(self, self._stand)
         self._diagnostics = diagnostics.Diagnostics(
             self, 'decision', self._health, knowledge.robot.name)
+
+    def _prepare(self, wanted: DecisionSettings) -> Commit:
+        """Check other parameters; return what puts them in force."""
+        return self._decider.prepare(known(wanted))
 
     def _on_observation(self, convert: Callable[[Any], Observation], message: Any) -> None:
         if self._seen.get(type(message)) == exact(message):

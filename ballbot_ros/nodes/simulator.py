@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node ``simulator``: the ball robot, its sensors, and the time they live in."""
-import math
 import sys
 from typing import Any, List, Optional, Tuple, Union
 
@@ -10,7 +9,7 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import CommandGate
-from ballbot_ros.errors import ConfigurationError, MessageError, RefusedError
+from ballbot_ros.errors import MessageError, RefusedError
 from ballbot_ros.physics.simulation.scene import load_scene
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.plant import Plant
@@ -20,10 +19,13 @@ from ballbot_ros.ros.endpoints import create_service, create_subscription, creat
 from ballbot_ros.ros.followed_clock import FollowedClock
 from ballbot_ros.ros.laws_inside import check_control, LawsInside
 from ballbot_ros.ros.outputs import Outputs
+from ballbot_ros.ros.parameter_changes import Commit
 from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.retuning import change_period
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.scheduler import Scheduler
 from ballbot_ros.ros.settings import SimulatorSettings
+from ballbot_ros.ros.simulation_health import health
 from ballbot_ros.ros.simulation_interfaces import serve
 from ballbot_ros.srv import Step
 
@@ -35,31 +37,48 @@ class Simulator(Node):
         """Load the scene and start (or wait, if paused)."""
         super().__init__('simulator', **kwargs)
         if self.get_parameter('use_sim_time').value:
-            raise ConfigurationError(
-                'use_sim_time must be false for the simulator: it makes the simulated time')
-        self._settings = settings = declare(self, SimulatorSettings)
+            self.get_logger().warning(
+                'use_sim_time is of no use to the simulator, which makes the simulated time')
+        self._settings = settings = declare(self, SimulatorSettings, self._prepare)
         check_control(settings)
         scene = load_scene(settings.scene, settings.robot or None,
                            Solver(settings.method, settings.physics_step))
         self._plant = Plant(scene, settings.control_rate, settings.torque_limit or None,
                             settings.accuracy or None)
         self._gate = CommandGate(settings.command_timeout)
-        outputs = Outputs(self, self._plant, settings)
+        self._outputs = Outputs(self, self._plant, settings)
         self._diagnostics = diagnostics.Diagnostics(
             self, 'simulation', self._health, scene.model.robot.name)
         self._laws = LawsInside(self, self._plant, settings) \
             if settings.control == 'onboard' else None
         follow = None if settings.publish_clock else FollowedClock(self, self._plant)
-        self._scheduler = Scheduler(self._plant, self._laws or self._gate, outputs, settings,
-                                    self.get_logger(), self._diagnostics.publish, follow)
+        self._scheduler = Scheduler(self._plant, self._laws or self._gate, self._outputs,
+                                    settings, self.get_logger(), self._diagnostics.publish,
+                                    follow)
         create_subscription(self, JointState, 'joint_commands', self._on_command, qos.NEWEST)
         for name, do in (('pause', self._pause), ('resume', self._resume), ('reset', self._reset)):
             create_trigger(self, f'~/{name}', do)
         create_service(self, Step, '~/step', self._on_step)
         self._interfaces = serve(self, self._plant, self._scheduler, settings)
         # Only the clock authority ticks on wall time; a timer on its own time would wait for ever.
-        self.create_timer(self._scheduler.interval, self._scheduler.tick,
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = self.create_timer(self._scheduler.interval, self._scheduler.tick,
+                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _prepare(self, wanted: SimulatorSettings) -> Commit:
+        """Check other parameters; return what puts them in force, between two periods."""
+        check_control(wanted)
+        steps = [self._outputs.prepare(wanted)]
+        if self._laws is not None:
+            steps.append(self._laws.prepare(self._settings, wanted))
+
+        def commit() -> None:
+            self._settings, self._gate.timeout = wanted, wanted.command_timeout
+            self._plant.limit_torque(wanted.torque_limit or None)
+            for step in steps:
+                step()
+            self._scheduler.follow(wanted)
+            change_period(self._timer, self._scheduler.interval)
+        return commit
 
     def _on_command(self, message: JointState) -> None:
         """Take a command; in lockstep the right one lets time go on."""
@@ -119,26 +138,7 @@ class Simulator(Node):
 
     def _health(self) -> Tuple[bytes, str, dict]:
         """Return level, message and numbers for /diagnostics."""
-        values = {
-            'simulated_time': f'{self._plant.time:.3f}', 'scene': self._settings.scene,
-            'real_time_factor': f'{self._scheduler.real_time_factor:.3f}',
-            'periods_dropped': self._scheduler.dropped,
-            'commands_accepted': self._gate.accepted,
-            'error_estimate': f'{self._plant.error_estimate:.1e}',
-            **diagnostics.refusals('commands', self._gate.refused)}
-        if self._laws is not None:
-            values.update(self._laws.values, set_points_refused=sum(self._laws.refused.values()))
-        if self._scheduler.failure is not None:
-            return diagnostics.ERROR, str(self._scheduler.failure), values
-        if self._plant.lost_at < math.inf:
-            return diagnostics.WARN, (
-                f'the accuracy of {self._settings.accuracy:g} m holds up to '
-                f't = {self._plant.lost_at:.3f} s only: the motion is chaotic'), values
-        if self._scheduler.paused:
-            return diagnostics.OK, 'paused', values
-        if self._gate.refused:
-            return diagnostics.WARN, 'running; commands were refused', values
-        return diagnostics.OK, 'running', values
+        return health(self._settings, self._plant, self._scheduler, self._gate, self._laws)
 
 
 def main(args: Optional[List[str]] = None) -> int:

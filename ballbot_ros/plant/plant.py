@@ -64,7 +64,7 @@ class Plant:
         self._steps = steps_in(self.period, scene.model.solver.step,
                                f'a control period (control_rate {control_rate:g} Hz)')
         self._line = scene.model.robot.motor_line
-        self.torque_limit = min(1e9 if torque_limit is None else torque_limit, self._line[-1])
+        self.limit_torque(torque_limit)
         self._start = self.state = scene.start
         self.periods = 0
         # Compile now: the first control period must not wait for it.
@@ -72,6 +72,10 @@ class Plant:
         if self._monitor:
             self._monitor.advance(self._start, Actuator(TORQUE), 1)
         self.reset()
+
+    def limit_torque(self, torque_limit: Optional[float]) -> None:
+        """Cut further than the motor does, from the next period on; None for no further."""
+        self.torque_limit = min(1e9 if torque_limit is None else torque_limit, self._line[-1])
 
     @property
     def time(self) -> float:

@@ -44,13 +44,13 @@ class Latency(Generic[T]):
     Parameters
     ----------
     seconds : float
-        [s]
+        [s]; may be set to another value.
 
     """
 
     def __init__(self, seconds: float):
         """Start with nothing held back."""
-        self._seconds = seconds
+        self.seconds = seconds
         self.clear()
 
     def clear(self) -> None:
@@ -65,6 +65,6 @@ class Latency(Generic[T]):
         """Return what has become old enough, in its order, and hold it no longer."""
         ripe = []
         # Times are sums of periods: what is due up to rounding is due.
-        while self._held and self._held[0][0] + self._seconds <= now + 1e-9:
+        while self._held and self._held[0][0] + self.seconds <= now + 1e-9:
             ripe.append(self._held.popleft()[1])
         return ripe

@@ -61,8 +61,7 @@ class ImuOutput:
         self._frame = frame
         self._source, self._port, self._asked = source, port, rate
         self._clocks = Clocks(node)
-        self._covariances = [[sd**2, 0.0, 0.0, 0.0, sd**2, 0.0, 0.0, 0.0, sd**2]
-                             for sd in (gyro_sd, force_sd)]
+        self.tell(gyro_sd, force_sd)
         self._publisher = create_publisher(node, Imu, 'imu', qos.STATE)
         self._counted, self._counted_at, self._rate = 0, time.monotonic(), 0.0
         self._diagnostics = diagnostics.Diagnostics(node, 'imu', self._health, f'imu on {port}')
@@ -70,6 +69,11 @@ class ImuOutput:
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name='imu', daemon=True)
         self._thread.start()
+
+    def tell(self, gyro_sd: float, force_sd: float) -> None:
+        """Tell other standard deviations from the next reading on [rad/s], [m/s2]."""
+        self._covariances = [[sd**2, 0.0, 0.0, 0.0, sd**2, 0.0, 0.0, 0.0, sd**2]
+                             for sd in (gyro_sd, force_sd)]
 
     def end(self) -> None:
         """End the thread and close the line."""

@@ -13,6 +13,8 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.plant import periods_per, Plant
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.ros.parameter_changes import Commit
+from ballbot_ros.ros.retuning import LoopNumbers, prepare_laws
 from ballbot_ros.ros.set_points import SetPoints
 from ballbot_ros.ros.settings import SimulatorSettings
 
@@ -66,8 +68,7 @@ class LawsInside:
         """Subscribe to set-points and the e-stop; start idle."""
         self._plant = plant
         self._controller: SupervisedController = checked_controller(
-            plant.model.robot, settings.gains, settings.control_rate, 0,
-            Supervision(set_point_timeout=settings.set_point_timeout))
+            plant.model.robot, *_loop(settings), _supervision(settings))
         self.refused: Counter[str] = Counter()
         SetPoints(node, self._give, self.refused, settings.cmd_vel_type,
                   self._controller.overhear)
@@ -88,6 +89,11 @@ class LawsInside:
         """Forget the set-point."""
         self._controller.forget()
 
+    def prepare(self, now: SimulatorSettings, wanted: SimulatorSettings) -> Commit:
+        """Check other parameters; return what puts them in force."""
+        return prepare_laws(self._controller, self._plant.model.robot, _loop(now), _loop(wanted),
+                            _supervision(wanted))
+
     @property
     def values(self) -> Dict[str, object]:
         """Return what is told on /diagnostics."""
@@ -100,3 +106,11 @@ class LawsInside:
 
     def _on_e_stop(self, message: Bool) -> None:
         self._controller.hear_e_stop(message.data)
+
+
+def _loop(settings: SimulatorSettings) -> LoopNumbers:
+    return LoopNumbers(settings.gains, settings.control_rate, 0)
+
+
+def _supervision(settings: SimulatorSettings) -> Supervision:
+    return Supervision(set_point_timeout=settings.set_point_timeout)

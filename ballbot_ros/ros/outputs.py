@@ -16,6 +16,7 @@ from ballbot_ros.ros.conversions import (
 from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.markers import MarkerTopic, world_markers
 from ballbot_ros.ros.odometry import OdometryTopics
+from ballbot_ros.ros.parameter_changes import Commit
 from ballbot_ros.ros.sensors import Sensors
 from ballbot_ros.ros.settings import SimulatorSettings
 
@@ -77,6 +78,15 @@ class Outputs:
         self._sensors = Sensors(node, plant, settings)
         self._markers = MarkerTopic(node, settings.publish_markers)
         self._joints = create_publisher(node, JointState, 'joint_states', qos.STATE)
+
+    def prepare(self, wanted: SimulatorSettings) -> Commit:
+        """Check other rates and sensors; return what puts them in force."""
+        periods, see = every(wanted), self._sensors.prepare(wanted)
+
+        def commit() -> None:
+            self._every = periods
+            see()
+        return commit
 
     def publish(self, everything: bool = False) -> None:
         """Publish the present state, on each topic whose turn has come or on all of them."""

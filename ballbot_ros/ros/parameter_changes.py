@@ -7,8 +7,10 @@ node, and only then hands them over; what the node keeps meanwhile are the old o
 take long (the stability of the laws takes a tenth of a second), so for a request by service they
 are made in a thread of their own: between two periods the node is only handed the result.
 """
+from contextlib import contextmanager
+import sys
 import threading
-from typing import Any, Callable, Dict, Generic, List, NamedTuple, Optional, Sequence
+from typing import Any, Callable, Dict, Generic, Iterator, List, NamedTuple, Optional, Sequence
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
@@ -26,6 +28,8 @@ Commit = Callable[[], None]
 Prepare = Callable[[S], Commit]
 # How long a request may wait for the executor before it looks whether there still is one [s].
 PATIENCE = 0.2
+# Longest time that a check keeps other threads from running [s].
+SWITCH = 5e-4
 
 
 class Change(NamedTuple):
@@ -98,7 +102,7 @@ class Changes(Generic[S]):
     def _serve(self, given: List[Parameter], atomically: bool, response: Any, answer: Future
                ) -> None:
         """Check and change, then answer; runs in a thread of its own."""
-        with self._busy:
+        with self._busy, _yielding():
             results = [self._change(batch)
                        for batch in ([given] if atomically else [[one] for one in given])]
         if atomically:
@@ -187,6 +191,17 @@ class Changes(Generic[S]):
             plan.commit()
             self._node.get_logger().info(f'changed: {plan.said}')
         return result
+
+
+@contextmanager
+def _yielding() -> Iterator[None]:
+    """Let no other thread wait long for this one, which computes."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(min(before, SWITCH))
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)
 
 
 def same(now: Any, wanted: Any) -> bool:

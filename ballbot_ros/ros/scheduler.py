@@ -111,6 +111,19 @@ class Scheduler:
             if self._settings.lockstep:
                 self._run_answered()
 
+    def follow(self, settings: SimulatorSettings) -> None:
+        """Go on by other parameters from now on."""
+        before, self._settings = self._settings, settings
+        if settings.real_time_factor != before.real_time_factor:
+            dropped, self._pace = self.dropped, self._new_pace(settings)
+            if isinstance(self._pace, Pace):
+                self._pace.dropped = dropped
+            self._speed = Speedometer()
+        if settings.real_time_factor != before.real_time_factor \
+                or settings.lockstep != before.lockstep:
+            self._due = 0
+            self._restart()
+
     def _new_pace(self, settings: SimulatorSettings) -> Union[Pace, FollowedClock, None]:
         if self._clock is not None:
             return self._clock

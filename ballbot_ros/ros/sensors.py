@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the simulated sensors of the ground ahead publish, and when."""
 from dataclasses import fields
-from typing import Any, List, Optional, Tuple
+from typing import Any, Dict, List, Tuple
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -13,6 +13,7 @@ from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import observation_message, terrain_message, to_time
 from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.frames import Frames
+from ballbot_ros.ros.parameter_changes import Commit
 from ballbot_ros.ros.settings import SimulatorSettings
 
 
@@ -38,30 +39,56 @@ class Sensors:
 
     def __init__(self, node: Node, plant: Plant, settings: SimulatorSettings):
         """Create sensors and publishers."""
+        self._node, self._plant, self._frames = node, plant, Frames.of(settings)
+        self._late: Latency[Tuple[Publisher, Any]] = Latency(settings.sensor_latency)
+        self._topics: Dict[str, Publisher] = {}
+        self.prepare(settings)()
+
+    def prepare(self, settings: SimulatorSettings) -> Commit:
+        """
+        Make sensors with these parameters; return what puts them in force.
+
+        A look that is held back keeps its place: only the time until it is told changes.
+
+        Raises
+        ------
+        ConfigurationError
+            See the class.
+
+        """
         faults = SensorFaults(**{item.name: getattr(settings, f'sensor_{item.name}')
                                  for item in fields(SensorFaults)})
         if settings.lockstep:
             check_lockstep(settings)
-        terrain = plant.model.terrain
-        self._plant, self._frames = plant, Frames.of(settings)
-        self._late: Latency[Tuple[Publisher, Any]] = Latency(faults.latency)
-        self._step: Optional[Sensor] = None
+        ground = self._plant.model.terrain
+        step, terrain = None, None
         if settings.observation_rate > 0.0:
-            self._step = Sensor(
-                terrain, settings.observation_reach, settings.observation_distance_sd,
+            step = Sensor(
+                ground, settings.observation_reach, settings.observation_distance_sd,
                 settings.observation_height_sd, settings.seed, faults)
-            self._step_periods = periods_per(
-                settings.observation_rate, settings.control_rate, 'observation_rate')
-            self._step_topic = create_publisher(
-                node, StepObservation, 'step_observation', qos.STATE)
-        self._terrain: Optional[TerrainSensor] = None
         if settings.terrain_rate > 0.0:
-            self._terrain = TerrainSensor(
-                terrain, settings.terrain_reach, settings.terrain_height_sd, settings.seed, faults)
-            self._terrain_periods = periods_per(
-                settings.terrain_rate, settings.control_rate, 'terrain_rate')
-            self._terrain_topic = create_publisher(
-                node, TerrainObservation, 'terrain_observation', qos.STATE)
+            terrain = TerrainSensor(
+                ground, settings.terrain_reach, settings.terrain_height_sd, settings.seed, faults)
+        periods = [
+            periods_per(rate, settings.control_rate, name) if rate > 0.0 else 0
+            for name, rate in (('observation_rate', settings.observation_rate),
+                               ('terrain_rate', settings.terrain_rate))]
+
+        def commit() -> None:
+            self._step, self._terrain = step, terrain
+            self._step_periods, self._terrain_periods = periods
+            self._late.seconds = faults.latency
+            if step is not None:
+                self._step_topic = self._topic(StepObservation, 'step_observation')
+            if terrain is not None:
+                self._terrain_topic = self._topic(TerrainObservation, 'terrain_observation')
+        return commit
+
+    def _topic(self, kind: Any, name: str) -> Publisher:
+        """Return a publisher, made when it is first needed."""
+        if name not in self._topics:
+            self._topics[name] = create_publisher(self._node, kind, name, qos.STATE)
+        return self._topics[name]
 
     def look(self, everything: bool = False) -> List[Tuple[Publisher, Any]]:
         """

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of the nodes: name, unit, range, default and meaning of each."""
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Tuple
 
 from ballbot_ros.config.fields import count, fixed, flag, live, quantity, text
-from ballbot_ros.control import ControlTuning, load_tuning
+from ballbot_ros.control import ControlTuning, load_tuning, Supervision
 from ballbot_ros.decision import DecisionTuning, load_decision_tuning
 from ballbot_ros.decision.planners import PLANNERS
 from ballbot_ros.physics.solvers.registry import METHODS
@@ -141,10 +141,17 @@ class ControllerSettings(Settings):
     gains: ControlTuning = numbers_in('tuning', ControlTuning, load_tuning, 'gains.')
 
     @property
-    def law_tuning(self) -> ControlTuning:
-        """Return the gains, and the torque limit that is in force."""
+    def loop(self) -> Tuple[ControlTuning, float, int]:
+        """Return the gains under the torque limit in force, rate [Hz] and delay [samples]."""
         limit = self.torque_limit
-        return self.gains if limit == 0.0 else replace(self.gains, torque_limit=limit)
+        gains = self.gains if limit == 0.0 else replace(self.gains, torque_limit=limit)
+        return gains, self.rate, self.delay
+
+    @property
+    def supervision(self) -> Supervision:
+        """Return what is expected of those that publish."""
+        return Supervision(set_point_timeout=self.set_point_timeout,
+                           set_point_period=self.lockstep_set_point_period)
 
 
 @dataclass(frozen=True)

@@ -76,9 +76,8 @@ class ImuSource:
             raise ConfigurationError(
                 f'{rate} readings a second take {least_baud(rate):.0f} bit/s, and the line has '
                 f'{baud}: raise baud or lower rate')
-        self._connect, self._wanted, self._axes = connect, baud, axes
-        # Both packets are on the wire before the reading is there.
-        self._before = latency + least_baud(1) / baud
+        self._connect, self._wanted = connect, baud
+        self.read_as(axes, latency)
         self._clock, self._sleep = clock, sleep
         self._arrivals, self._frozen_after = ArrivalClock(1.0 / rate), round(FROZEN * rate)
         self.counts: Counter[str] = Counter(
@@ -89,6 +88,11 @@ class ImuSource:
         self._baud, self._try_at, self._heard = baud, 0.0, 0.0
         self._last: Optional[InertialReading] = None
         self._alike = 0
+
+    def read_as(self, axes: Axes, latency: float) -> None:
+        """Read as a sensor that is mounted otherwise, or is later [s]."""
+        # Both packets are on the wire before the reading is there.
+        self._axes, self._before = axes, latency + least_baud(1) / self._wanted
 
     def read(self, patience: float) -> List[StampedReading]:
         """Return what comes within so many seconds [s], at least in part; nothing is raised."""

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A calculation in a process of its own, so that a loop in this one is not disturbed.
+
+Threads of one Python process wait for each other: beside a thread that computes, a controller
+answers half of what comes at 500 Hz.  To ask for another process costs a loop a millisecond.
+"""
+import copyreg
+import os
+import pickle
+import subprocess
+import sys
+from types import MappingProxyType
+from typing import Any, Callable, Mapping, TypeVar
+
+from ballbot_ros.errors import BallbotError
+
+R = TypeVar('R')
+
+# What the other process runs; nothing of this one's main module.
+ANSWER = 'from ballbot_ros.control.aside import answer; answer()'
+# Longest time that a calculation may take [s].
+PATIENCE = 120.0
+
+
+def _shown(mapping: Mapping[Any, Any]) -> Mapping[Any, Any]:
+    return MappingProxyType(mapping)
+
+
+# A mapping that nobody can change travels as what it shows.
+copyreg.pickle(
+    MappingProxyType, lambda proxy: (_shown, (dict(proxy),)))  # type: ignore[arg-type,return-value]
+
+
+
+def aside(function: Callable[..., R], *arguments: Any) -> R:
+    """
+    Return what a function of a module gives, calculated in another process.
+
+    Raises
+    ------
+    BallbotError
+        As the function does.
+    RuntimeError
+        If the process ends without an answer.
+
+    """
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
+    # A session of its own, or Ctrl-C would be for it, too.
+    done = subprocess.run(
+        [sys.executable, '-c', ANSWER], input=pickle.dumps((function, arguments)),
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment, timeout=PATIENCE,
+        start_new_session=True, check=False)
+    try:
+        value, error = pickle.loads(done.stdout)
+    except (EOFError, pickle.UnpicklingError):
+        words = done.stderr.decode(errors='replace').strip().splitlines()
+        raise RuntimeError(
+            f'{function.__name__} gave no answer in a process of its own: '
+            + (words[-1] if words else f'exit code {done.returncode}')) from None
+    if error is not None:
+        raise error
+    return value
+
+
+def answer() -> None:
+    """Calculate what is asked for on the standard input; the other end of `aside`."""
+    try:  # a loop's priority is not for this
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        os.nice(5)
+    except (AttributeError, OSError):
+        pass
+    function, arguments = pickle.load(sys.stdin.buffer)
+    output, sys.stdout = sys.stdout.buffer, sys.stderr
+    try:
+        found = function(*arguments), None
+    except BallbotError as error:
+        found = None, error
+    output.write(pickle.dumps(found))

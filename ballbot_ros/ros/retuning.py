@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws that run get other gains: checked before, and handed over without a jump."""
+from dataclasses import replace
+from typing import NamedTuple
+
+from rclpy.timer import Timer
+
+from ballbot_ros.control import checked_rate, ControlTuning, SupervisedController, Supervision
+from ballbot_ros.control.aside import aside
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.ros.parameter_changes import Commit
+
+
+class LoopNumbers(NamedTuple):
+    """What the stability of a loop depends on, beside the robot."""
+
+    tuning: ControlTuning
+    rate: float  # [Hz]
+    delay: float  # [samples]
+
+
+def prepare_laws(controller: SupervisedController, robot: Robot, now: LoopNumbers,
+                 wanted: LoopNumbers, expected: Supervision) -> Commit:
+    """
+    Check what is wanted of a controller; return what hands it over.
+
+    Parameters
+    ----------
+    controller : SupervisedController
+    robot : Robot
+    now, wanted : LoopNumbers
+    expected : Supervision
+        Whose `lowest_rate` is found here.
+
+    Raises
+    ------
+    ConfigurationError, UnstableLoopError
+        As `control.checked_controller`.
+
+    """
+    lowest = controller.expected.lowest_rate if wanted == now else aside(
+        checked_rate, robot, *wanted)
+
+    def commit() -> None:
+        controller.expected = replace(expected, lowest_rate=lowest)
+        if wanted.tuning != now.tuning:
+            controller.retune(wanted.tuning)
+    return commit
+
+
+def change_period(timer: Timer, period: float) -> None:
+    """Let a timer go on with another period, from now [s]."""
+    nanoseconds = round(1e9 * period)
+    if timer.timer_period_ns != nanoseconds:
+        timer.timer_period_ns = nanoseconds
+        timer.reset()
