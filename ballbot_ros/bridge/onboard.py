@@ -40,6 +40,8 @@ class OnBoard:
     Attributes
     ----------
     controller : SupervisedController
+    tuning : ControlTuning
+        Gains in force.
 
     """
 
@@ -49,8 +51,19 @@ class OnBoard:
         """Start idle."""
         self.controller = SupervisedController(PendulumController(robot, tuning), expected)
         self._publishers = publishers
+        self._note(tuning)
+
+    def _note(self, tuning: ControlTuning) -> None:
+        self.tuning = tuning
         self._rate_gains = {Mode.HOLD: tuning.position_kd, Mode.SPEED: tuning.position_kd,
                             Mode.DRIVE: tuning.velocity_kp}
+
+    def retune(self, tuning: ControlTuning, expected: Supervision) -> None:
+        """Go on with gains that were checked, without a jump of the torque."""
+        self.controller.expected = expected
+        if tuning != self.tuning:
+            self.controller.retune(tuning)
+            self._note(tuning)
 
     @property
     def set_point(self) -> SetPoint:

@@ -80,6 +80,8 @@ class Session:
         With the newest estimate.
     set_points_refused : Counter
         By reason; counted by whoever takes them in.
+    lock : RLock
+        Held in each call, and by whoever changes what the loop reads.
 
     """
 
@@ -95,13 +97,13 @@ class Session:
         self.line, self.supervisor = self.control.line, self.control.supervisor
         self._sensing = self.control.sensing
         self.fusion: Fusion = self._sensing.fusion
-        self._lock, self._wanted = threading.RLock(), Wanted.CLOSED
+        self.lock, self._wanted = threading.RLock(), Wanted.CLOSED
 
     # What the owner wants
 
     def configure(self) -> Tuple[Identity, Tuple[Setting, ...]]:
         """Open the line, find the drive and check it; raises as `connect.handshake` does."""
-        with self._lock:
+        with self.lock:
             self.close()
             found = self.line.open(patience=0.5)
             self.control.begin()
@@ -110,14 +112,14 @@ class Session:
 
     def activate(self) -> None:
         """Allow power, once the e-stop is released; raise `RefusedError` without a drive."""
-        with self._lock:
+        with self.lock:
             if self.line.driver is None:
                 raise RefusedError(f'there is no drive: {self.line.trouble or "not configured"}')
             self._wanted = Wanted.ACTIVE
 
     def deactivate(self) -> None:
         """Take the power off, wait until the drive confirms it, and engage the e-stop."""
-        with self._lock:
+        with self.lock:
             if self._wanted is Wanted.ACTIVE:
                 self._wanted = Wanted.INACTIVE
             self.control.stop()
@@ -125,7 +127,7 @@ class Session:
 
     def close(self) -> None:
         """Stop the motor, close the line, engage the e-stop; nothing is raised."""
-        with self._lock:
+        with self.lock:
             self._wanted = Wanted.CLOSED
             self.control.close()
             self.engage('the bridge was shut down')
@@ -142,7 +144,7 @@ class Session:
             raise MessageError(
                 'onboard', 'joint_commands are not followed while the laws run on board: send '
                 'set_point or cmd_vel, or start the bridge with control:=direct')
-        with self._lock:
+        with self.lock:
             now = self.clock()
             self.witness.command(torque, stamp)
             self.supervisor.offer(torque, stamp, now)
@@ -163,26 +165,26 @@ class Session:
             raise MessageError(
                 'direct', 'set-points are not followed in direct control: send joint_commands, '
                 'from a node controller for instance, or start the bridge with control:=onboard')
-        with self._lock:
+        with self.lock:
             self.witness.set_point(set_point)
             self.law.give(set_point, self.clock(), bool(self.supervisor.e_stop))
 
     def imu(self, reading: ImuReading) -> None:
         """Take an IMU reading; raises as `Sensing.imu` does."""
-        with self._lock:
+        with self.lock:
             self.witness.imu(reading)
             self._sensing.imu(reading, self.clock())
 
     def engage(self, reason: str) -> None:
         """Engage the e-stop; the motor loses its power at once."""
-        with self._lock:
+        with self.lock:
             self.witness.wished(reason)
             self.supervisor.trigger(reason)
             self.control.withdraw()
 
     def release(self) -> None:
         """Release the e-stop if it is engaged; raise `RefusedError` with the reason why not."""
-        with self._lock:
+        with self.lock:
             if self._wanted is Wanted.ACTIVE and not self.supervisor.e_stop:
                 return
             try:
@@ -222,7 +224,7 @@ class Session:
             faults that are there again.
 
         """
-        with self._lock:
+        with self.lock:
             driver = self.line.driver
             if driver is None:
                 raise RefusedError(f'there is no drive: {self.line.trouble or "not configured"}')
@@ -247,7 +249,7 @@ class Session:
 
     def tick(self) -> Optional[Report]:
         """Do what this period asks for; None before `configure` and after `close`."""
-        with self._lock:
+        with self.lock:
             if self._wanted is Wanted.CLOSED:
                 return None
             return self._report(self.control.tick(self._wanted is Wanted.ACTIVE))
@@ -268,7 +270,7 @@ class Session:
             return None
         try:
             if driver.line.wait(patience, driver.shortest_answer):
-                with self._lock:
+                with self.lock:
                     if self.line.driver is driver:
                         estimate = self.control.measure(driver)
                         if estimate is None:
@@ -277,7 +279,7 @@ class Session:
                             self.control.follow(self.clock())
                         return self._report(estimate)
         except LinkError as error:
-            with self._lock:
+            with self.lock:
                 self.control.lose(driver, error)
         return None
 

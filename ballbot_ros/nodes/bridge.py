@@ -16,15 +16,15 @@ from ballbot_ros.ros.logs import DeferredLogs
 from ballbot_ros.ros.motor import Clocks, MotorOutputs
 from ballbot_ros.ros.motor_health import health
 from ballbot_ros.ros.motor_inputs import MotorInputs
-from ballbot_ros.ros.motor_session import new_session
+from ballbot_ros.ros.motor_session import new_session, prepare_session
+from ballbot_ros.ros.parameter_changes import Commit
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.robot_outputs import RobotOutputs
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.service_manager import ServiceManager
 from ballbot_ros.ros.settings import BridgeSettings
 
-# Longest time that a thread keeps others from running [s].
-SWITCH = 5e-4
+SWITCH = 5e-4  # longest time that a thread keeps others from running [s]
 LOOK_AFTER = 0.1  # how often the loop is looked after [s]
 
 
@@ -40,15 +40,14 @@ class Bridge(ManagedNode):
     def __init__(self, **kwargs: Any):
         """Refuse a loop that cannot work, then wait for a transition or make it."""
         super().__init__('bridge', **kwargs)
-        settings = declare(self, BridgeSettings)
+        self._settings = settings = declare(self, BridgeSettings, self._prepare)
         self._logs = DeferredLogs('ballbot_ros.bridge')
         self._session = new_session(self, settings)
         self._scheduling = settings.scheduling.prepared()
         self._hardware = self._session.hardware
         clocks = Clocks(self)
         self._outputs = MotorOutputs(
-            self, clocks, settings.status_rate,
-            0.0 if self._session.law is None else 1.0 / settings.joint_state_rate,
+            self, clocks, settings.status_rate, settings.joint_state_period,
             Frames.of(settings).base)
         self._robot_outputs = RobotOutputs(self, self._session, clocks, settings)
         self._loop: Optional[Loop] = None
@@ -64,7 +63,16 @@ class Bridge(ManagedNode):
         if settings.autostart:
             Autostart(self)
 
-    # Lifecycle
+    def _prepare(self, wanted: BridgeSettings) -> Commit:
+        """Check other parameters; return what puts them in force."""
+        hand_over = prepare_session(self._session, self._settings, wanted)
+
+        def commit() -> None:
+            hand_over()
+            self._outputs.publish_at(wanted.status_rate, wanted.joint_state_period)
+            self._robot_outputs.publish_odometry_at(wanted)
+            self._settings = wanted
+        return commit
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Open the line, find the drive, check it, and start the loop."""

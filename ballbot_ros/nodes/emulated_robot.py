@@ -23,7 +23,9 @@ from ballbot_ros.ros.conversions import (
 from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.motor import imu_message
+from ballbot_ros.ros.parameter_changes import Commit
 from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.retuning import change_period
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import EmulatedRobotSettings
 
@@ -45,13 +47,12 @@ class EmulatedRobot(Node):
     def __init__(self, **kwargs: Any):
         """Plug the drive in."""
         super().__init__('emulated_robot', **kwargs)
-        settings = declare(self, EmulatedRobotSettings)
+        settings = declare(self, EmulatedRobotSettings, self._prepare)
         self._frames = Frames.of(settings)
         connection = load_hardware(settings.hardware).connection
         scene = load_scene(settings.scene)
         self._model = scene.model
-        self._imu = Imu(scene.model.robot.gravity, gyro_sd=settings.gyro_sd,
-                        force_sd=settings.force_sd, bias=settings.gyro_bias)
+        self._imu = self._new_imu(settings)
         self._sensor = Sensor(scene.model.terrain, REACH)
         self._camera = TerrainSensor(scene.model.terrain, REACH)
         self._readings = create_publisher(self, ImuMessage, 'imu', qos.STATE)
@@ -68,10 +69,21 @@ class EmulatedRobot(Node):
         self._before = self._emulator.state
         self._number = 0
         self._emulator.start()
-        self.create_timer(1.0 / settings.imu_rate, self._publish,
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = self.create_timer(1.0 / settings.imu_rate, self._publish,
+                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.get_logger().info(
             f'{connection.protocol} at {connection.baud} baud on {self._emulator.path}')
+
+    def _new_imu(self, settings: EmulatedRobotSettings) -> Imu:
+        return Imu(self._model.robot.gravity, gyro_sd=settings.gyro_sd,
+                   force_sd=settings.force_sd, bias=settings.gyro_bias)
+
+    def _prepare(self, wanted: EmulatedRobotSettings) -> Commit:
+        """Return what puts other parameters in force."""
+        def commit() -> None:
+            self._imu = self._new_imu(wanted)
+            change_period(self._timer, 1.0 / wanted.imu_rate)
+        return commit
 
     @property
     def failure(self) -> Optional[BallbotError]:

@@ -9,16 +9,15 @@ from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
-from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import (
-    check_decision, Decider, Kind, Knowledge, load_curve, Observation)
+    Decider, Kind, Observation)
 from ballbot_ros.msg import StepObservation, TerrainObservation
-from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.conversions import (
     exact, motion, observation, terrain_observation, to_seconds)
 from ballbot_ros.ros.decision_outputs import DecisionOutputs
 from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.ros.knowledge import known
 from ballbot_ros.ros.outcomes import Experience
 from ballbot_ros.ros.parameter_changes import Commit
 from ballbot_ros.ros.parameters import declare
@@ -28,15 +27,6 @@ from ballbot_ros.ros.standstill import Standstill
 
 # Where observations come more slowly, set-points are published with the odometry in between [s].
 LONGEST_SILENCE = 0.025
-
-
-def known(settings: DecisionSettings) -> Knowledge:
-    """Return what parameters name; raise `ConfigurationError` for what does not fit together."""
-    knowledge = Knowledge(
-        load_robot(settings.robot), load_curve(settings.curve, settings.variant),
-        settings.margins, load_tuning(settings.control_tuning))
-    check_decision(knowledge.robot, knowledge.curve, knowledge.tuning)
-    return knowledge
 
 
 class ObstacleDecision(Node):

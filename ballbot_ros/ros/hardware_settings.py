@@ -65,6 +65,11 @@ class BridgeSettings(Settings):
     gains: ControlTuning = numbers_in('tuning', ControlTuning, load_tuning, 'gains.')
 
     @property
+    def joint_state_period(self) -> float:
+        """Return the time between joint states [s], 0 for one with each estimate."""
+        return 1.0 / self.joint_state_rate if self.control == 'onboard' else 0.0
+
+    @property
     def scheduling(self) -> Scheduling:
         """Return what the loop asks of the system."""
         return Scheduling(self.realtime_priority, self.cpu, self.lock_memory)

@@ -140,8 +140,8 @@ class MotorOutputs:
     def __init__(self, node: Node, clocks: Clocks, status_rate: float,
                  joint_state_period: float = 0.0, frame: str = FRAMES.base):
         """Create the publishers."""
-        self._clocks, self._status_period = clocks, 1.0 / status_rate
-        self._joint_period, self._joints_due = joint_state_period, 0.0
+        self._clocks, self._joints_due = clocks, 0.0
+        self.publish_at(status_rate, joint_state_period)
         self._joints = create_publisher(node, JointState, 'joint_states', qos.STATE)
         self._frame, self._joint_states = frame, JointStateBytes(frame)
         self._status = create_publisher(node, MotorStatus, 'motor_status', qos.STATE)
@@ -151,6 +151,10 @@ class MotorOutputs:
         self._next, self._state = 0.0, ''
         self._estimate: Optional[Estimate] = None
         self.publish_e_stop(True)
+
+    def publish_at(self, status_rate: float, joint_state_period: float) -> None:
+        """Publish so often from now on; parameters as of the class."""
+        self._status_period, self._joint_period = 1.0 / status_rate, joint_state_period
 
     def publish_e_stop(self, engaged: bool) -> None:
         """Publish whether the e-stop is engaged, if that has changed."""

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The session of the motor bridge, as its parameters ask for."""
+from dataclasses import replace
 from functools import partial
 
 from rclpy.node import Node
@@ -11,9 +12,11 @@ from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.onboard import OnBoard
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import Supervision
+from ballbot_ros.control.aside import aside
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros.black_box import black_box
 from ballbot_ros.ros.endpoints import publisher_names
+from ballbot_ros.ros.parameter_changes import Commit
 from ballbot_ros.ros.settings import BridgeSettings
 
 
@@ -45,3 +48,34 @@ def new_session(node: Node, settings: BridgeSettings) -> Session:
     witness = black_box(settings.black_box, hardware)
     return Session(hardware, robot, connector(hardware, settings.capture, witness),
                    witness=witness, law=law)
+
+
+def prepare_session(session: Session, now: BridgeSettings, wanted: BridgeSettings) -> Commit:
+    """
+    Check other gains and timeouts; return what hands them to the loop.
+
+    Raises
+    ------
+    ConfigurationError, UnstableLoopError
+        As `new_session`.
+
+    """
+    hardware, law = session.hardware, session.law
+    if law is None:
+        if (wanted.gains, wanted.delay) != (now.gains, now.delay):
+            aside(check_feasible, hardware, session.robot, wanted.gains, wanted.delay)
+        return lambda: None
+    check_joint_state_rate(hardware, wanted.joint_state_rate)
+    lowest = law.controller.expected.lowest_rate
+    if wanted.gains != now.gains:
+        lowest = aside(check_feasible, hardware, session.robot, wanted.gains, 0,
+                       onboard_lag(hardware))
+    expected = replace(law.controller.expected, lowest_rate=lowest,
+                       set_point_timeout=wanted.set_point_timeout)
+
+    def commit() -> None:
+        with session.lock:
+            law.retune(wanted.gains, expected)
+        if wanted.gains != now.gains:
+            session.witness.tell('other gains are in force')
+    return commit

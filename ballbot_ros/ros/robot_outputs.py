@@ -56,22 +56,29 @@ class RobotOutputs:
         """Create the publishers."""
         self._session, self._clocks = session, clocks
         self._radius, self._battery = session.robot.ball_radius, session.hardware.battery
+        self._node = node
+        self._made: Optional[OdometryTopics] = None
         self._topics: Optional[OdometryTopics] = None
-        if settings.odom_rate > 0.0:
-            self._topics = OdometryTopics(node, session.robot, settings)
-            self._odometry_turns = Turns(1.0 / settings.odom_rate)
+        self.publish_odometry_at(settings)
         self._battery_topic = create_publisher(node, BatteryState, 'battery_state', qos.STATE)
         self._battery_turns, self._frame = Turns(BATTERY_PERIOD), Frames.of(settings).base
 
+    def publish_odometry_at(self, settings: BridgeSettings) -> None:
+        """Publish odometry so often from now on; the loop may be running."""
+        if settings.odom_rate > 0.0:
+            self._odometry_turns = Turns(1.0 / settings.odom_rate)
+            self._made = self._made or OdometryTopics(self._node, self._session.robot, settings)
+        self._topics = self._made if settings.odom_rate > 0.0 else None
+
     def publish(self, report: Report) -> None:
         """Publish what a period of the loop has found, each topic when its turn has come."""
-        state = self._session.odometry
-        if self._topics is not None and state is not None and report.estimate is not None \
+        state, topics = self._session.odometry, self._topics
+        if topics is not None and state is not None and report.estimate is not None \
                 and self._odometry_turns.is_due(state.stamp):
             odometry = estimated_odometry_message(
-                self._clocks.stamp(state.stamp), state, self._radius, self._topics.frames)
+                self._clocks.stamp(state.stamp), state, self._radius, topics.frames)
             angles = report.estimate.readings
-            for publisher, message in self._topics.messages(
+            for publisher, message in topics.messages(
                     odometry, angles.ball_angle, angles.joint_angle):
                 publisher.publish(message)
         if self._battery_turns.is_due(report.time):

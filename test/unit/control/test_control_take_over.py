@@ -7,6 +7,7 @@ import pytest
 
 from ballbot_ros.control import (
     ControlTuning, JointReadings, load_tuning, Mode, PendulumController, SetPoint)
+from ballbot_ros.control.controller import RETUNING
 from ballbot_ros.physics import load_robot
 
 GIMBALL = load_robot('gimball')
@@ -111,3 +112,30 @@ def test_no_change_of_law_makes_a_jump_and_the_limit_is_kept(orders):
                 assert torque == pytest.approx(last, abs=1e-9)
             last = torque
         mode = wanted
+
+
+@pytest.mark.parametrize('set_point', [SetPoint(Mode.HOLD, 0.5), SetPoint(Mode.DRIVE, 1.0)])
+def test_other_gains_take_over_without_a_jump_even_where_laws_take_over_at_once(set_point):
+    tuning = replace(PLAIN, blend_time=0.0, velocity_ki=2.0)
+    controller = driven(tuning, set_point)
+    before = controller.torque(at(0.2))
+    stiffer = replace(tuning, position_kp=12.0, velocity_kp=1.6, velocity_ki=4.0)
+    controller.retune(stiffer)
+    assert controller.torque(at(0.2)) == before  # the same reading, the same answer
+    fresh = driven(stiffer, set_point)
+    jump = controller.torque(at(0.202)) - before
+    assert abs(jump) < 0.02 * abs(before) < 0.02 * abs(fresh.torque(at(0.202)))
+    assert controller.torque(at(0.2 + 2.0 * RETUNING)) == pytest.approx(
+        fresh.torque(at(0.2 + 2.0 * RETUNING)))
+    assert controller.set_point == set_point
+
+
+def test_a_set_speed_that_was_learnt_to_be_kept_is_kept_under_other_gains():
+    controller = PendulumController(GIMBALL, load_tuning('gentle'))
+    controller.give(SetPoint(Mode.SPEED, 0.3))
+    for number in range(300):
+        controller.torque(at(0.002 * number, angle=0.1))
+    learnt = controller.slope
+    controller.retune(replace(load_tuning('gentle'), observer_rate=3.0))
+    controller.torque(at(0.602, angle=0.1))
+    assert learnt != 0.0 and controller.slope == pytest.approx(learnt, rel=0.05)

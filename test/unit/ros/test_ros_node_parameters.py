@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What each node lets be changed while it runs, and that it takes its own dump back."""
+import pytest
+from rclpy.parameter import get_parameter_value, Parameter
+import yaml
+
+from ballbot_ros.nodes.bridge import Bridge
+from ballbot_ros.nodes.controller import Controller
+from ballbot_ros.nodes.emulated_robot import EmulatedRobot
+from ballbot_ros.nodes.imu import ImuNode
+from ballbot_ros.nodes.obstacle_decision import ObstacleDecision
+from ballbot_ros.nodes.simulator import Simulator
+from ballbot_ros.ros.overrides import BUILT_IN
+
+NODES = {
+    Simulator: {'start_paused': True}, Controller: {}, ObstacleDecision: {'planner': 'cubic'},
+    Bridge: {'autostart': False, 'black_box': '', 'port': '/dev/none'},
+    ImuNode: {'port': '/dev/none'}, EmulatedRobot: {'scene': 'flat'}}
+
+
+@pytest.fixture
+def start(make_node, tmp_path):
+    """Return a function that starts a node, and ends it as `run` does."""
+    started = []
+
+    def start(cls, **given):
+        own = {'link': str(tmp_path / 'motor')} if cls is EmulatedRobot else {}
+        started.append(make_node(cls, **{**NODES[cls], **own, **given}))
+        return started[-1]
+    yield start
+    for node in started:
+        getattr(node, 'make_safe', lambda: None)()
+
+
+def changed(node, **values):
+    """Ask for all of these at once; return why not, empty if they are in force."""
+    result = node.set_parameters_atomically(
+        [Parameter(name.replace('__', '.'), value=value) for name, value in values.items()])
+    assert result.successful == (not result.reason)
+    return result.reason
+
+
+def loaded(node):
+    """Do as `ros2 param dump` and `ros2 param load` do; return what is refused."""
+    names = node.list_parameters([], 0).names
+    dump = yaml.dump({name: node.get_parameter(name).value for name in names})
+    assert len(names) > 5
+    return [result.reason for result in node.set_parameters([
+        Parameter(name, value=Parameter.from_parameter_msg(
+            Parameter(name).to_parameter_msg()).value) if value is None else _sent(name, value)
+        for name, value in yaml.safe_load(dump).items()]) if not result.successful]
+
+
+def _sent(name, value):
+    message = Parameter(name).to_parameter_msg()
+    message.value = get_parameter_value(str(value))
+    return Parameter.from_parameter_msg(message)
+
+
+@pytest.mark.parametrize('cls', NODES)
+def test_each_parameter_is_described_and_ranged_and_the_own_dump_loads(start, cls):
+    node = start(cls)
+    own = set(node.get_parameters_by_prefix('')) - set(BUILT_IN)
+    some = [node.describe_parameter(name) for name in own]
+    assert any(one.read_only for one in some) and not all(one.read_only for one in some)
+    for described in some:
+        assert len(described.description) > 40, described.name
+        value = node.get_parameter(described.name).value
+        if isinstance(value, float):
+            assert described.floating_point_range or described.additional_constraints
+        elif isinstance(value, int) and not isinstance(value, bool):
+            assert described.integer_range, described.name
+    assert loaded(node) == []
+
+
+def test_a_simulator_takes_other_rates_noise_and_timeouts_all_or_none(start):
+    node = start(Simulator)
+    assert changed(node, observation_distance_sd=0.1, command_timeout=0.2, odom_rate=50,
+                   terrain_rate=10.0, sensor_dropout=1.0, torque_limit=1.0) == ''
+    assert (node._gate.timeout, node._plant.torque_limit) == (0.2, 1.0)
+    assert node._outputs._every.odometry == 10
+    assert 'terrain_observation' in [one.topic.strip('/') for one in node.publishers]
+    assert node._outputs._sensors.look(everything=True) == []
+    assert '250 Hz and 500 Hz do' in changed(node, odom_rate=300.0, command_timeout=0.3)
+    assert node._gate.timeout == node.get_parameter('command_timeout').value == 0.2
+    assert 'must be 0 in lockstep' in changed(node, lockstep=True, terrain_rate=0.0)
+    assert 'start it again with -p scene:=flat' in changed(node, scene='flat')
+
+
+def test_a_simulator_goes_slower_and_faster_from_now_on(start):
+    node = start(Simulator)
+    periods = []
+    for factor in (0.5, 0.0, 1):
+        assert changed(node, real_time_factor=factor) == ''
+        periods.append(1e-9 * node._timer.timer_period_ns)
+    assert periods == pytest.approx([0.004, 0.0005, 0.002])
+
+
+def test_simulated_time_for_the_one_who_makes_it_is_told_and_does_no_harm(start, capfd):
+    node = start(Simulator, use_sim_time=True)
+    assert 'use_sim_time is of no use to the simulator' in capfd.readouterr().err
+    assert node.get_parameter('use_sim_time').value
+
+
+def test_a_controller_refuses_gains_that_diverge_and_names_the_rate_that_works(start):
+    node = start(Controller, tuning='gentle')
+    assert 'run it at 1101 Hz or more' in changed(node, gains__position_kd=40.0)
+    assert node.get_parameter('gains.position_kd').value == 0.8
+    assert changed(node, tuning='published', torque_limit=2.0, state_timeout=0.2) == ''
+    assert node._controller.expected.lowest_rate == pytest.approx(275.0, abs=1.0)
+    assert node._watchdog.timeout == 0.2 and node._timer.timer_period_ns == 50_000_000
+    assert node.get_parameter('gains.position_kd').value == 10.0
+
+
+def test_a_decision_takes_other_margins_but_none_that_contradict_or_rest_on_what_was_seen(start):
+    node = start(ObstacleDecision)
+    pilot = node._decider._pilot
+    assert changed(node, required_probability=0.8, cruise_speed=0.5) == ''
+    assert pilot._tuning.cruise_speed == 0.5 and node._decider._pilot is pilot
+    assert 'cruise_speed must be at most highest_speed' in changed(node, cruise_speed=2.0)
+    assert 'what has been seen so far' in changed(node, forget_after=7)
+    assert 'acceleration must be at most' in changed(node, acceleration=9.0)
+    assert pilot._tuning.cruise_speed == 0.5
+
+
+def test_a_bridge_hands_gains_and_timeouts_to_its_loop(start):
+    node = start(Bridge)
+    law = node._session.law
+    assert changed(node, gains__position_kp=7.0, set_point_timeout=0.8, status_rate=5.0) == ''
+    assert law.tuning.position_kp == 7.0 and law.controller.expected.set_point_timeout == 0.8
+    assert 'diverges on gimball' in changed(node, tuning='published')
+    assert 'at most loop_rate' in changed(node, joint_state_rate=5000.0)
+    assert changed(node, odom_rate=0.0) == '' and node._robot_outputs._topics is None
+    assert law.tuning.position_kp == 7.0
+
+
+def test_an_imu_is_read_along_other_axes(start):
+    node = start(ImuNode)
+    assert changed(node, axes='-y x z', gyro_sd=0.01) == ''
+    assert "got 'up'" in changed(node, axes='up') or changed(node, axes='up')
+    assert 'the sensor is told it when it is found' in changed(node, rate=100)
+
+
+def test_an_emulated_robot_measures_worse_from_now_on(start):
+    node = start(EmulatedRobot)
+    assert changed(node, gyro_sd=0.5, imu_rate=100.0) == ''
+    assert node._imu._gyro_sd == 0.5 and node._timer.timer_period_ns == 10_000_000

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Unknown names: a mistake where they were given to this node, for another where for many."""
+from functools import partial
+import sys
+
+import pytest
+from rclpy.node import Node
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.settings import ControllerSettings
+
+FILE = """
+/**:
+  ros__parameters:
+    rate: 400
+    {many}: 1
+/left/*:
+  ros__parameters: {{nested: {{deep: 1}}}}
+/left/controller:
+  ros__parameters:
+    {one}: gentle
+/right:
+  controller:
+    ros__parameters: {{other: 1}}
+"""
+
+
+@pytest.fixture
+def started(make_node, tmp_path, monkeypatch):
+    """Return a function that starts a node with a parameter file and arguments."""
+    def start(*arguments, many='frequency', one='tuning'):
+        path = tmp_path / 'parameters.yaml'
+        path.write_text(FILE.format(many=many, one=one))
+        line = ['--ros-args', '--params-file', str(path), '-r', '__ns:=/left', *arguments]
+        monkeypatch.setattr(sys, 'argv', ['controller', *line])
+        node = make_node(partial(Node, cli_args=line), 'controller')
+        return declare(node, ControllerSettings)
+    return start
+
+
+def test_what_a_section_for_many_nodes_gives_may_be_for_another_one(started, capfd):
+    settings = started()
+    assert (settings.rate, settings.tuning) == (400.0, 'gentle')
+    told = [line for line in capfd.readouterr().err.splitlines() if 'WARN' in line]
+    assert len(told) == 1 and 'not parameters of node controller, and ignored' in told[0]
+    assert "'frequency'" in told[0] and "'nested.deep'" in told[0] and "'other'" not in told[0]
+
+
+def test_one_that_is_like_a_parameter_is_told_with_it(started, capfd):
+    started(many='tunning')
+    assert "'tunning'; did you mean 'tuning'?" in capfd.readouterr().err
+
+
+def test_what_a_section_for_this_node_gives_is_meant_for_it(started):
+    with pytest.raises(ConfigurationError, match="'tunning' is not .* did you mean 'tuning'"):
+        started(one='tunning')
+
+
+@pytest.mark.parametrize('argument', ['frequency:=1', 'controller:frequency:=1'])
+def test_what_the_command_line_gives_is_meant_for_it_whatever_files_say(started, argument):
+    with pytest.raises(ConfigurationError, match="'frequency' is not a parameter"):
+        started('-p', argument)
