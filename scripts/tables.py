@@ -11,7 +11,8 @@ import sys
 
 from ballbot_ros.bridge.battery import Battery
 from ballbot_ros.bridge.derating import Thermal
-from ballbot_ros.config.fields import allowed
+from ballbot_ros.config.fields import allowed, why_fixed
+from ballbot_ros.control import ControlTuning
 from ballbot_ros.decision import DecisionTuning
 from ballbot_ros.drives import (
     CAN, device_class, driver_class, DRIVES, line_of, SERIAL)
@@ -24,6 +25,7 @@ from ballbot_ros.emulator.control import FAULTS, LINE_FAULTS
 from ballbot_ros.estimation import OdometryTuning
 from ballbot_ros.ros.imu import VALUES as IMU_VALUES
 from ballbot_ros.ros.motor_health import VALUES
+from ballbot_ros.ros.setting_fields import Settings
 from ballbot_ros.ros.settings import (
     BridgeSettings, ControllerSettings, DecisionSettings, EmulatedRobotSettings, ImuSettings,
     SimulatorSettings)
@@ -32,9 +34,11 @@ DOCS = Path(__file__).resolve().parent.parent / 'docs'
 KINDS = {str: 'text', bool: 'true or false', object: 'names with values'}
 
 
-def table(cls):
+def table(cls, prefix='', at_run_time=False):
     """Return the Markdown table of the described fields of a dataclass."""
-    lines = ['| parameter | default | allowed | meaning |', '|---|---|---|---|']
+    extra = (' can change |', '---|') if at_run_time else ('', '')
+    lines = ['| parameter | default | allowed | meaning |' + extra[0],
+             '|---|---|---|---|' + extra[1]]
     for item in fields(cls):
         metadata = item.metadata
         if 'source' in metadata:
@@ -44,8 +48,23 @@ def table(cls):
         else:
             span = ', '.join(metadata.get('choices', ())) or KINDS[metadata['kind']]
         default = f'`{item.default}`' if item.default not in ('', None, MISSING) else ''
-        lines.append(f'| `{item.name}` | {default} | {span} | {metadata["doc"]} |')
+        line = f'| `{prefix}{item.name}` | {default} | {span} | {metadata["doc"]} |'
+        if at_run_time:
+            # The numbers of a file change unless they say why not; other fields say that they do.
+            why = why_fixed(metadata if issubclass(cls, Settings) else {'fixed': '', **metadata})
+            line += f' no: {why} |' if why else ' yes |'
+        lines.append(line)
     return '\n'.join(lines)
+
+
+def gains():
+    """Return the Markdown table of the gains that are parameters."""
+    return table(ControlTuning, 'gains.', True)
+
+
+def margins():
+    """Return that of the decision tuning."""
+    return table(DecisionTuning, '', True)
 
 
 def drivers():
@@ -145,7 +164,7 @@ def imu_values():
 
 
 NODES = {'simulator': SimulatorSettings, 'controller': ControllerSettings,
-         'obstacle_decision': DecisionSettings, 'decision tuning': DecisionTuning,
+         'obstacle_decision': DecisionSettings, 'decision tuning': margins, 'gains': gains,
          'bridge': BridgeSettings, 'bridge health': health_values,
          'imu': ImuSettings, 'imu health': imu_values, 'emulated_robot': EmulatedRobotSettings}
 HARDWARE = {'drivers': drivers, 'can drivers': can_drivers, 'faults': faults,
@@ -159,7 +178,8 @@ def rewritten(text, tables):
     for name, source in tables.items():
         begin, end = f'<!-- table: {name} -->\n', '<!-- end -->'
         head, rest = text.split(begin, 1)
-        content = table(source) if isinstance(source, type) else source()
+        content = table(source, at_run_time=issubclass(source, Settings)) \
+            if isinstance(source, type) else source()
         text = head + begin + content + '\n' + end + rest.split(end, 1)[1]
     return text
 
