@@ -3,7 +3,8 @@
 from dataclasses import dataclass, Field, field, fields, replace
 from typing import Any, Callable, Dict, Mapping, NamedTuple, Type, TypeVar
 
-from ballbot_ros.config.fields import Checked, quantity, text
+from ballbot_ros.config.fields import (
+    check_value, Checked, expect_mapping, quantity, refuse_unknown, text)
 
 S = TypeVar('S', bound='Settings')
 
@@ -93,6 +94,14 @@ class Settings(Checked):
         own = {name: value for name, value in values.items() if not described[name].part}
         return cls(**own).changed(
             {name: value for name, value in values.items() if name not in own})
+
+    @classmethod
+    def from_mapping(cls: Type[S], mapping: Any, where: str) -> S:
+        """Build from names of parameters with values; see `Checked.from_mapping`."""
+        given, described = expect_mapping(mapping, where), cls.described()
+        refuse_unknown(given, described, where)
+        return cls.of({name: check_value(name, value, described[name].metadata, where)
+                       for name, value in given.items()})
 
     def changed(self: S, values: Mapping[str, Any]) -> S:
         """

@@ -8,6 +8,7 @@ import pytest
 from sensor_msgs.msg import JointState
 
 from ballbot_ros import decision
+from ballbot_ros.config.fields import why_fixed
 from ballbot_ros.control import Mode
 from ballbot_ros.decision import Decision, Kind, Reason
 from ballbot_ros.errors import MessageError
@@ -105,12 +106,14 @@ def test_every_decision_has_its_number_in_the_message(kind, reason):
 @pytest.mark.parametrize('cls', [settings.SimulatorSettings, settings.ControllerSettings,
                                  settings.DecisionSettings])
 def test_every_parameter_is_described_and_every_number_has_its_range(cls):
-    for item in cls.__dataclass_fields__.values():
-        descriptor = parameters.describe(item.metadata)
-        assert len(descriptor.description) > 10 and descriptor.read_only, item.name
+    for name, item in cls.described().items():
+        descriptor = parameters.describe(item.metadata, why_fixed(item.metadata))
+        assert len(descriptor.description) > 10, name
+        assert descriptor.read_only == ('Can change' not in descriptor.description), name
         if item.metadata['kind'] is not str and item.metadata['kind'] is not bool:
             assert (descriptor.floating_point_range or descriptor.integer_range
-                    or 'at least' in descriptor.additional_constraints), item.name
+                    or 'at least' in descriptor.additional_constraints
+                    or 'more than' in descriptor.additional_constraints), name
 
 
 @pytest.mark.parametrize('message', [

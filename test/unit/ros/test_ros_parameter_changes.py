@@ -137,6 +137,15 @@ def test_another_file_gives_all_of_its_numbers_but_those_that_are_given_too(owne
     assert owner.value('gains.position_kp') == 6.0 and owner.value('tuning') == 'gentle'
 
 
+def test_a_mapping_of_names_as_a_dump_has_them_makes_settings():
+    made = Example.from_mapping({'gain': 3, 'gains.position_kp': 5, 'tuning': 'gentle'}, 'bag')
+    assert (made.gain, made.gains.position_kp, made.gains.position_kd) == (3.0, 5.0, 0.8)
+    with pytest.raises(ConfigurationError, match="bag: 'gian' is not known here; did you mean"):
+        Example.from_mapping({'gian': 3.0}, 'bag')
+    with pytest.raises(ConfigurationError, match='bag: gains.position_kp must be at least 0'):
+        Example.from_mapping({'gains.position_kp': -1.0}, 'bag')
+
+
 def test_a_number_given_at_the_start_stands_above_that_of_the_file(make_node):
     given = Owner(make_node, **{'gains.position_kp': 5, 'tuning': 'gentle'})
     assert given.settings.gains.position_kp == given.value('gains.position_kp') == 5.0
