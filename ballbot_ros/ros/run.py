@@ -46,9 +46,12 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
 
     """
     stopping: List[int] = []
+    making = False
 
     def stop(number: int, _frame: Any) -> None:
         stopping.append(number)
+        if making:  # it may compile for minutes yet, and has nothing to make safe
+            raise KeyboardInterrupt
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
@@ -62,7 +65,9 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
     executor = new_executor()
     announce_compilation(get_logger('ballbot_ros').info)
     try:
+        making = True
         node = make_node()
+        making = False
         forward_logs(node)
         node.get_logger().info(reach)
         executor.add_node(node)
@@ -75,10 +80,13 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
             failure = getattr(node, 'failure', None)
             if failure is not None:
                 raise failure
+    except KeyboardInterrupt:  # of `stop`
+        pass
     except BallbotError as error:
         get_logger('ballbot_ros').fatal(_one_line(error))
         return REFUSED
     finally:
+        making = False
         if node is not None:
             make_safe = getattr(node, 'make_safe', None)
             if make_safe is not None:

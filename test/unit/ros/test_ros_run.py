@@ -41,3 +41,27 @@ def test_a_node_that_fails_is_made_safe_and_says_so_in_one_line(
     assert done.stdout == 'made safe\n'
     assert done.stderr.count('what went wrong') == 1 and 'FATAL' in done.stderr
     assert 'Traceback' not in done.stderr
+
+
+SLOW = """
+import os, signal, sys, time
+from rclpy.node import Node
+from ballbot_ros.ros import run
+
+class Slow(Node):
+    def __init__(self):
+        super().__init__('slow')
+        os.kill(os.getpid(), getattr(signal, sys.argv[1]))
+        while True:  # as one that compiles
+            time.sleep(0.01)
+
+sys.exit(run.run(Slow, []))
+"""
+
+
+@pytest.mark.parametrize('signal', ['SIGINT', 'SIGTERM'])
+def test_a_node_that_is_still_being_made_ends_at_once_when_told_to(signal, monkeypatch):
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
+    done = subprocess.run([sys.executable, '-c', SLOW, signal], capture_output=True, text=True,
+                          timeout=60)
+    assert (done.returncode, 'Traceback' in done.stderr) == (0, False), done.stderr
