@@ -119,7 +119,10 @@ class Given:
                 arguments=['-d', str(view), '-f', f'{self["frame_prefix"]}odom'],
                 remappings=[(f'/{topic}', topic) for topic in SHOWN]))
         if self.flag('view'):
-            found.append(ExecuteProcess(cmd=['ballbot', 'view', '--live'], output='screen'))
+            words = ['ballbot', 'view', '--live', '--robot', robot]
+            if self['namespace']:
+                words += ['--namespace', self['namespace']]
+            found.append(ExecuteProcess(cmd=words, output='screen'))
         return [SetParameter(name='use_sim_time', value=simulated), *found]
 
 
