@@ -19,7 +19,7 @@ REASONS = (
     Reason.NOTHING_AHEAD, Reason.WITHIN_CURVE, Reason.TOO_HIGH, Reason.NO_ROOM, Reason.DROP,
     Reason.BAD_OBSERVATION, Reason.STALE, Reason.CONTRADICTORY, Reason.COMMITTED, Reason.TOO_FAST,
     Reason.NOT_LIKELY, Reason.LANDING, Reason.STEEP, Reason.FAILED_BEFORE, Reason.RUN_UP,
-    Reason.STUCK, Reason.WALL, Reason.LIKELY)
+    Reason.STUCK, Reason.WALL, Reason.LIKELY, Reason.GOAL)
 
 # Topics by the last part of their names.
 TOPICS = ('ball_state', 'joint_states', 'odom', 'step_decision', 'step_observation',
