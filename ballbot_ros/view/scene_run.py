@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A scene that goes on for as long as somebody looks, and can be changed on the way."""
 from dataclasses import replace
+from functools import lru_cache
 import math
-from typing import Optional
+from typing import Optional, Tuple
 
 from ballbot_ros.config.files import shipped_files
 from ballbot_ros.decision.curve import HeightCurve, load_curve
@@ -19,6 +20,12 @@ from ballbot_ros.view.ground import with_step
 from ballbot_ros.view.laws import MotorLaw
 
 PERIOD = 2e-3  # about: a whole number of solver steps [s]
+
+
+@lru_cache(maxsize=1)
+def _shipped_curves() -> Tuple[HeightCurve, ...]:
+    """Return the curves that come with the package; they are read once."""
+    return tuple(load_curve(file.stem) for file in shipped_files('curves'))
 
 
 class SceneRun:
@@ -156,8 +163,7 @@ class SceneRun:
         """Return the shipped height curve for this robot and law, None where none is for it."""
         law, angle = self.law.law, math.radians(self.law.set_point)
         held = law == 'position' and not self.e_stop
-        for file in shipped_files('curves'):
-            curve = load_curve(file.stem)
+        for curve in _shipped_curves():
             made = curve.made
             if made and made.robot_digest == self.robot.digest \
                     and (made.law == 'position') is held \

@@ -235,6 +235,8 @@ class SceneSource:
         self._sought = None
         for _ in range(max(1, round(seconds / self._run.period))):
             self._go_on(1)
+            if self._failure:
+                break
 
     def _set_reset(self, _: bool) -> None:
         self._run.reset()
