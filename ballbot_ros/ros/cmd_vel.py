@@ -5,25 +5,18 @@ from typing import Any, Mapping, Union
 
 from geometry_msgs.msg import Twist, TwistStamped
 
-from ballbot_ros.config.fields import text
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.errors import MessageError
 from ballbot_ros.ros.conversions import to_seconds
+from ballbot_ros.ros.setting_fields import CMD_VEL_TYPES
 
 # By the value of the parameter cmd_vel_type.
-TYPES: Mapping[str, Any] = {'twist_stamped': TwistStamped, 'twist': Twist}
+TYPES: Mapping[str, Any] = dict(zip(CMD_VEL_TYPES, (TwistStamped, Twist)))
 # What a stick at rest sends still asks for no motion [m/s, rad/s].
 NEGLIGIBLE = 0.01
 # What one motor cannot do, with its unit.
 OTHERS = (('linear', 'y', 'm/s'), ('linear', 'z', 'm/s'), ('angular', 'x', 'rad/s'),
           ('angular', 'y', 'rad/s'), ('angular', 'z', 'rad/s'))
-
-
-def cmd_vel_type() -> Any:
-    """Declare the parameter of this name."""
-    return text('what is taken on cmd_vel: geometry_msgs/TwistStamped or Twist, which has no '
-                'stamp and counts from its arrival', default='twist_stamped',
-                choices=tuple(TYPES))
 
 
 def frame_id_of(message: Any) -> str:

@@ -9,10 +9,9 @@ from ballbot_ros.decision import DecisionTuning, load_decision_tuning
 from ballbot_ros.decision.planners import PLANNERS
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.plant import SensorFaults
-from ballbot_ros.ros.cmd_vel import cmd_vel_type
 from ballbot_ros.ros.frames import described, frame, frame_prefix, marked
 from ballbot_ros.ros.hardware_settings import BridgeSettings, EmulatedRobotSettings, ImuSettings
-from ballbot_ros.ros.setting_fields import file_in, numbers_in, rate_of, Settings
+from ballbot_ros.ros.setting_fields import cmd_vel_type, file_in, numbers_in, rate_of, Settings
 
 __all__ = ['BridgeSettings', 'ControllerSettings', 'DecisionSettings', 'EmulatedRobotSettings',
            'ImuSettings', 'SimulatorSettings']

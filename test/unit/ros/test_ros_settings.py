@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the parameters of the nodes are can be said where no ROS is: `ballbot replay` does."""
+import subprocess
+import sys
+
+WITHOUT_ROS = """
+import sys
+class NoRos:
+    def find_spec(self, name, path=None, target=None):
+        top = name.partition('.')[0]
+        if top == 'rclpy' or top.endswith(('_msgs', '_interfaces', '_srvs')):
+            raise ModuleNotFoundError(f'planted: no {name}', name=name)
+sys.meta_path.insert(0, NoRos())
+from ballbot_ros.ros import settings
+print(settings.SimulatorSettings().cmd_vel_type)
+"""
+
+
+def test_the_settings_of_the_nodes_are_known_without_ros():
+    done = subprocess.run([sys.executable, '-c', WITHOUT_ROS], capture_output=True, text=True)
+    assert done.stdout.strip() == 'twist_stamped', done.stderr
