@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether and how fast to cross the step ahead; no ROS, no clock."""
+from ballbot_ros.decision.cross_goal import cross_goal, CrossGoal, Phase
 from ballbot_ros.decision.curve import HeightCurve, load_curve
 from ballbot_ros.decision.decider import Answer, Decider
+from ballbot_ros.decision.drive_goal import drive_goal, DriveGoal
+from ballbot_ros.decision.goals import Ending, GoalEnd, Goals
 from ballbot_ros.decision.observations import StepObservation, TerrainObservation
 from ballbot_ros.decision.perception import (
     Observation, ProfileTracker, StepTracker, TerrainTracker)
@@ -15,9 +18,10 @@ from ballbot_ros.decision.values import Decision, Kind, Motion, Outlook, Reason
 from ballbot_ros.renamed import refuse_old_names
 
 __all__ = [
-    'After', 'Answer', 'check_decision', 'Decider', 'Decision',
-    'DecisionTuning', 'Face', 'Failure', 'HeightCurve', 'Kind', 'Knowledge', 'load_curve',
-    'load_decision_tuning', 'Motion', 'Observation', 'Outlook', 'Pilot', 'Plan', 'Planner',
+    'After', 'Answer', 'check_decision', 'cross_goal', 'CrossGoal', 'Decider', 'Decision',
+    'DecisionTuning', 'drive_goal', 'DriveGoal', 'Ending', 'Face', 'Failure', 'GoalEnd', 'Goals',
+    'HeightCurve', 'Kind', 'Knowledge', 'load_curve', 'load_decision_tuning', 'Motion',
+    'Observation', 'Outlook', 'Phase', 'Pilot', 'Plan', 'Planner',
     'PLANNERS', 'Profile', 'ProfileTracker', 'Reason', 'Situation',
     'StepObservation', 'StepTracker', 'Strategy', 'TerrainObservation', 'TerrainTracker']
 

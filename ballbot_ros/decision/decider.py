@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Callable, NamedTuple, Optional, Union
 
 from ballbot_ros.decision.attempt_watch import AttemptWatch
+from ballbot_ros.decision.goals import GoalEnd, Goals
 from ballbot_ros.decision.guard import guarded
 from ballbot_ros.decision.learning import Learner
 from ballbot_ros.decision.memory import Memory
@@ -60,6 +61,13 @@ class Decider:
     frame : str
         In which polylines of the ground must be.
 
+    Attributes
+    ----------
+    goals : Goals
+        How far decisions are followed; without a goal, all the way.
+    end : GoalEnd or None
+        Of a goal, if the last call of `decide` ended one.
+
     """
 
     def __init__(self, knowledge: Knowledge,
@@ -76,6 +84,7 @@ class Decider:
         self._fusion = GroundFusion(knowledge.robot, knowledge.tuning, frame)
         self._pilot = Pilot(knowledge)
         self._memory, self._watch = Memory(knowledge.tuning), AttemptWatch(knowledge.robot)
+        self.goals = Goals()
         self.reset()
 
     def reset(self) -> None:
@@ -86,7 +95,9 @@ class Decider:
         self._watch.reset()
         self._motion: Optional[Motion] = None
         self._outcome: Optional[Outcome] = None
+        self._planned: Optional[Decision] = None
         self._decision: Optional[Decision] = None
+        self.end: Optional[GoalEnd] = None
 
     def prepare(self, knowledge: Knowledge) -> Callable[[], None]:
         """
@@ -112,6 +123,21 @@ class Decider:
     def decision(self) -> Optional[Decision]:
         """Return the last decision."""
         return self._decision
+
+    @property
+    def planned(self) -> Optional[Decision]:
+        """Return the last decision as it was before a goal had its say."""
+        return self._planned
+
+    @property
+    def motion(self) -> Optional[Motion]:
+        """Return the newest odometry."""
+        return self._motion
+
+    @property
+    def free_from(self) -> float:
+        """Return the farthest position behind to which the ball may roll back [m]."""
+        return self._memory.free_from
 
     @property
     def outcome(self) -> Optional[Outcome]:
@@ -144,15 +170,17 @@ class Decider:
         profile = self._fusion.at(motion)
         memory.move(motion, profile, self._watch.attempt is not None)
         motion = replace(motion, slope=memory.slope)
-        self._decision = decision = self._plan(
+        self._planned = planned = self._plan(
             Situation(motion, profile, memory.failures(profile), memory.free_from,
-                      memory.obstruction, self._learner.particles), self._decision)
+                      memory.obstruction, self._learner.particles), self._planned)
+        self._decision = decision = self.goals.carry(planned, motion)
         self._outcome = self._watch.update(motion, profile, decision)
         if self._outcome is not None:
             memory.take(self._outcome)
             self._learner.take(self._outcome)
         self._learner.work(LESSON)
         memory.watch(motion, decision)
+        self.end = self.goals.update(planned, motion, self._outcome)
         return Answer(motion.stamp, decision, self._pilot.angle(decision, motion))
 
 

@@ -9,14 +9,13 @@ from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
-from ballbot_ros.decision import (
-    Decider, Kind, Observation)
+from ballbot_ros.decision import Decider, Kind, Observation
 from ballbot_ros.msg import StepObservation, TerrainObservation
 from ballbot_ros.ros import diagnostics, qos
-from ballbot_ros.ros.conversions import (
-    exact, motion, observation, terrain_observation, to_seconds)
+from ballbot_ros.ros.conversions import exact, motion, observation, terrain_observation, to_seconds
 from ballbot_ros.ros.decision_outputs import DecisionOutputs
 from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.ros.goals import GoalServers
 from ballbot_ros.ros.knowledge import known
 from ballbot_ros.ros.outcomes import Experience
 from ballbot_ros.ros.parameter_changes import Commit
@@ -51,13 +50,14 @@ class ObstacleDecision(Node):
         self._seen: Dict[type, Tuple[int, int]] = {}
         self._counts: Counter = Counter()
         self._outputs = DecisionOutputs(self, settings, knowledge.robot.ball_radius)
-        for topic, kind, convert in (
+        for topic, kind, read in (
                 ('step_observation', StepObservation, observation),
                 ('terrain_observation', TerrainObservation, terrain_observation)):
-            create_subscription(self, kind, topic, partial(self._on_observation, convert),
-                                qos.SHORT)
+            create_subscription(self, kind, topic, partial(self._on_observation, read), qos.SHORT)
         create_subscription(self, Odometry, 'odom', self._on_odometry, qos.SHORT)
         self._standstill = Standstill(self, self._stand)
+        self._goals = GoalServers(self, lambda: self._decider, knowledge, self._standstill,
+                                  settings.wait_for_goal)
         self._diagnostics = diagnostics.Diagnostics(
             self, 'decision', self._health, knowledge.robot.name)
 
@@ -79,7 +79,7 @@ class ObstacleDecision(Node):
     def _on_odometry(self, message: Odometry) -> None:
         if self._odometry is not None and exact(message) < exact(self._odometry):
             self.get_logger().warning('time went back: all observations so far are dropped')
-            self._forget()
+            self._forget('time went back')
         self._odometry = message
         self._decider.move(motion(message))
         self._decide_pending()
@@ -87,7 +87,8 @@ class ObstacleDecision(Node):
         if to_seconds(message.header.stamp) - self._outputs.time > LONGEST_SILENCE:
             self._decide(message.header.stamp)
 
-    def _forget(self) -> None:
+    def _forget(self, why: str) -> None:
+        self._goals.abort(why)
         self._decider.reset()
         self._outputs.forget()
         self._observed = self._odometry = None
@@ -95,7 +96,7 @@ class ObstacleDecision(Node):
 
     def _stand(self) -> None:
         """Forget what was decided, so that no plan outlives an e-stop, and ask for rest."""
-        self._forget()
+        self._forget('the e-stop is engaged')
         self._outputs.rest(Time())
 
     def _decide_pending(self) -> None:
@@ -110,16 +111,17 @@ class ObstacleDecision(Node):
         if self._standstill.standing:
             return self._outputs.rest(self._odometry.header.stamp)
         before = self._decider.decision
-        answer = self._decider.decide()
-        decision = answer.decision
+        decision = (answer := self._decider.decide()).decision
         self._experience.keep(self._decider.outcome)
         self._counts[decision.kind.value] += 1
         self._outputs.decide(stamp, answer, self._odometry)
+        self._goals.step()
         if before is None or (before.kind, before.reason) != (decision.kind, decision.reason):
             self.get_logger().info(f'{decision.kind.name}: {decision.explanation}')
 
     def make_safe(self) -> None:
         """Let the pendulum down."""
+        self._goals.close()
         if self._odometry is not None:
             self._outputs.end(self._odometry.header.stamp)
         self._experience.close()

@@ -174,4 +174,6 @@ class DecisionSettings(Settings):
     planner: str = fixed('what it calls is compiled at the start', text(
         'how decisions are made', default='rollout', choices=tuple(PLANNERS)))
     publish_markers: bool = marked('the step ahead, the height that is allowed and the words')
+    wait_for_goal: bool = fixed('a goal, or ~/resume, ends the waiting', flag(
+        'stand until there is a goal, or ~/resume is called', default=False))
     margins: DecisionTuning = numbers_in('tuning', DecisionTuning, load_decision_tuning)

@@ -28,12 +28,15 @@ class Standstill:
         The e-stop, as heard last.
     standing : bool
         It is engaged, or nobody has asked to go on since.
+    go_on : callable
+        Called by the service, too; returns whether that changed anything.
 
     """
 
     def __init__(self, node: Node, stand: Callable[[], None]):
         """Subscribe; as long as nobody publishes an e-stop there is none."""
         self._stand, self._logger = stand, node.get_logger()
+        self.go_on: Callable[[], bool] = lambda: False
         self._service = f'{node.get_fully_qualified_name()}/resume'
         self.engaged = self.standing = False
         create_subscription(node, Bool, 'e_stop', self._on_e_stop, qos.LATCHED)
@@ -57,5 +60,6 @@ class Standstill:
     def _resume(self) -> str:
         if self.engaged:
             raise RefusedError('the e-stop is engaged: release it first')
-        was, self.standing = self.standing, False
+        went_on = self.go_on()
+        was, self.standing = self.standing or went_on, False
         return 'going on' if was else 'nothing has stopped it'

@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Goals in closed loop: the ball drives to a place, or over a step, and ends at rest."""
+import math
+
+import pytest
+
+from ballbot_ros.control import load_tuning
+from ballbot_ros.decision import (
+    cross_goal, Decider, drive_goal, Ending, Kind, Knowledge, load_curve, load_decision_tuning,
+    Motion, Phase, Reason, StepObservation)
+from ballbot_ros.errors import RefusedError
+from ballbot_ros.physics.model.robot import load_robot
+from ballbot_ros.physics.model.terrain import Terrain
+from ballbot_ros.studies.evaluation.closed_loop import ClosedLoop, PERIOD
+
+GIMBALL, TUNING = load_robot('gimball'), load_decision_tuning('decision_default')
+KNOWLEDGE = Knowledge(GIMBALL, load_curve('gimball_down'), TUNING)
+START = Motion(0.0, 0.0, 0.0)
+NAN, INF = math.nan, math.inf
+
+
+class Ride:
+    """A ball at rest before a step, or on a floor without one, that sees perfectly."""
+
+    def __init__(self, height=0.0, face=3.0, seen=True):
+        ground = [[-9.0, 0.0], [face, 0.0], [face, height], [20.0, height]] if height else [
+            [-9.0, 0.0], [20.0, 0.0]]
+        self.loop = ClosedLoop(GIMBALL, Terrain(ground), GIMBALL, load_tuning('published'),
+                               0.0, 0.0)
+        self.height, self.face, self.seen = height, face, seen
+        self.decider = Decider(KNOWLEDGE, 'cubic')
+        self.fastest, self.phases = 0.0, []
+        self.tick()
+
+    @property
+    def motion(self):
+        state = self.loop.state
+        return Motion(state.time, state.x, state.velocity_x)
+
+    def tick(self):
+        """Go on by 20 ms; return how the goal ended, if it has."""
+        now = self.motion
+        distance = self.face - now.position
+        detected = bool(self.height) and distance > 0.05
+        if self.seen:
+            self.decider.observe(StepObservation(
+                now.stamp, detected, distance if detected else 3.0,
+                self.height if detected else 0.0, 0.002, 0.0005))
+        self.decider.move(now)
+        answer = self.decider.decide()
+        self.loop.advance(answer.set_angle, round(0.02 / PERIOD))
+        self.fastest = max(self.fastest, abs(self.motion.speed))
+        phase = getattr(self.decider.goals.goal, 'phase', None)
+        if phase is not None and phase not in self.phases:
+            self.phases.append(phase)
+        return self.decider.end
+
+    def drive(self, target, limit=0.0, timeout=0.0):
+        """Set the goal to be at a place."""
+        self.decider.goals.begin(drive_goal(
+            self.motion, target, limit, 0.0, timeout, TUNING, GIMBALL.ball_radius,
+            self.decider.free_from))
+
+    def until_the_end(self, seconds=40.0):
+        """Go on until the goal has ended; return how."""
+        for _ in range(int(seconds / 0.02)):
+            end = self.tick()
+            if end is not None:
+                assert abs(self.motion.speed) < 0.05
+                return end
+        raise AssertionError(f'no end; {self.decider.decision}')
+
+
+def test_the_ball_drives_to_a_place_rests_there_and_stays():
+    ride = Ride()
+    ride.drive(2.0)
+    assert ride.until_the_end().ending is Ending.REACHED
+    assert ride.motion.position == pytest.approx(2.0, abs=0.05)
+    assert ride.fastest < TUNING.cruise_speed + 0.05
+    for _ in range(200):
+        ride.tick()
+    assert ride.motion.position == pytest.approx(2.0, abs=0.05)
+
+
+def test_a_goal_behind_is_reached_where_the_ground_is_known_to_be_free():
+    ride = Ride()
+    ride.drive(1.0)
+    ride.until_the_end()
+    ride.drive(0.3)
+    assert ride.until_the_end().ending is Ending.REACHED
+    assert ride.motion.position == pytest.approx(0.3, abs=0.05)
+    with pytest.raises(RefusedError, match='known to be free'):
+        ride.drive(-0.5)
+
+
+def test_the_speed_limit_holds_on_the_way():
+    ride = Ride()
+    ride.drive(1.0, limit=0.2)
+    assert ride.until_the_end().ending is Ending.REACHED
+    assert ride.fastest < 0.25
+
+
+def test_canceled_on_the_way_the_ball_rests_before_that_is_told():
+    ride = Ride()
+    ride.drive(5.0)
+    while ride.motion.speed < 0.35:
+        ride.tick()
+    ride.decider.goals.goal.cancel()
+    end = ride.until_the_end()
+    assert end.ending is Ending.CANCELED and ride.motion.position < 2.0
+
+
+def test_a_goal_that_takes_too_long_ends_in_rest():
+    ride = Ride()
+    ride.drive(5.0, timeout=2.0)
+    end = ride.until_the_end()
+    assert end.ending is Ending.TIMED_OUT and '2 s' in end.message
+
+
+def test_a_goal_behind_a_step_too_high_is_blocked_with_the_words_of_the_decision():
+    ride = Ride(height=0.12)
+    ride.drive(6.0)
+    end = ride.until_the_end()
+    assert end.ending is Ending.BLOCKED
+    assert ride.decider.planned.kind in (Kind.GO_ROUND, Kind.STOP)
+    assert end.message == ride.decider.planned.explanation
+    assert ride.motion.position < ride.face - GIMBALL.ball_radius
+
+
+def test_a_goal_behind_a_low_step_is_reached_over_it():
+    ride = Ride(height=0.02)
+    ride.drive(4.5)
+    assert ride.until_the_end().ending is Ending.REACHED
+    assert ride.motion.position == pytest.approx(4.5, abs=0.05)
+    assert ride.loop.state.y == pytest.approx(GIMBALL.ball_radius + 0.02, abs=0.002)
+
+
+def test_a_goal_on_the_edge_of_a_step_is_not_tried():
+    ride = Ride(height=0.02)
+    ride.drive(3.1)
+    end = ride.until_the_end()
+    assert end.ending is Ending.BLOCKED and 'cannot stop' in end.message
+    assert ride.motion.position < ride.face - GIMBALL.ball_radius
+
+
+def test_a_step_that_takes_more_than_the_limit_is_not_crossed():
+    ride = Ride(height=0.025)
+    ride.drive(5.0, limit=0.3)
+    end = ride.until_the_end()
+    assert end.ending is Ending.BLOCKED and '0.3 m/s is the limit' in end.message
+    assert ride.fastest < 0.4
+
+
+def test_without_observations_a_goal_is_blocked():
+    ride = Ride(seen=False)
+    ride.drive(2.0)
+    end = ride.until_the_end()
+    assert end.ending is Ending.BLOCKED and ride.decider.planned.reason is Reason.STALE
+
+
+def test_the_step_ahead_is_crossed_and_the_ball_rests_behind_it():
+    ride = Ride(height=0.02, face=2.0)
+    ride.decider.goals.begin(cross_goal(ride.motion, 0.0))
+    end = ride.until_the_end()
+    assert end.ending is Ending.CROSSED and '20 mm' in end.message
+    assert ride.motion.position > 2.0
+    assert ride.loop.state.y == pytest.approx(GIMBALL.ball_radius + 0.02, abs=0.002)
+    assert ride.phases[0] is Phase.APPROACHING and ride.phases[-1] is Phase.STOPPING
+
+
+def test_a_step_too_high_is_refused_before_it():
+    ride = Ride(height=0.12, face=2.0)
+    ride.decider.goals.begin(cross_goal(ride.motion, 0.0))
+    end = ride.until_the_end()
+    assert end.ending is Ending.REFUSED and end.message == ride.decider.planned.explanation
+
+
+def test_without_a_step_the_ball_does_not_set_out():
+    ride = Ride()
+    for _ in range(3):
+        ride.tick()
+    ride = Ride()
+    ride.decider.goals.begin(cross_goal(ride.motion, 0.0))
+    assert ride.until_the_end().ending is Ending.NO_STEP
+    assert abs(ride.motion.position) < 0.05
+
+
+def test_one_goal_at_a_time_and_rest_after_it_until_told_to_go_on():
+    ride = Ride()
+    ride.drive(0.5)
+    with pytest.raises(RefusedError, match='another goal'):
+        ride.drive(1.0)
+    with pytest.raises(RefusedError, match='a goal is under way'):
+        ride.decider.goals.go_on()
+    ride.until_the_end()
+    ride.decider.goals.go_on()
+    for _ in range(200):
+        ride.tick()
+    assert ride.motion.position > 1.0
+    assert ride.decider.decision.kind is Kind.CLEAR
+
+
+@pytest.mark.parametrize('changes, word', [
+    ({'target': NAN}, 'target'), ({'target': INF}, 'target'), ({'target': -1e9}, 'target'),
+    ({'speed_limit': NAN}, 'speed_limit'), ({'speed_limit': -0.2}, 'speed_limit'),
+    ({'speed_limit': 5.0}, 'highest_speed'), ({'tolerance': NAN}, 'tolerance'),
+    ({'tolerance': -1.0}, 'tolerance'), ({'timeout': NAN}, 'timeout'),
+    ({'timeout': -1.0}, 'timeout'), ({'target': -1.0}, 'known to be free')])
+def test_what_cannot_be_meant_is_refused_in_a_sentence(changes, word):
+    asked = {'target': 1.0, 'speed_limit': 0.0, 'tolerance': 0.0, 'timeout': 0.0, **changes}
+    with pytest.raises(RefusedError, match=word):
+        drive_goal(START, tuning=TUNING, radius=0.226, free_from=0.0, **asked)
+
+
+@pytest.mark.parametrize('timeout', [NAN, -1.0, INF])
+def test_a_timeout_that_is_none_is_refused(timeout):
+    with pytest.raises(RefusedError, match='timeout'):
+        cross_goal(START, timeout)
