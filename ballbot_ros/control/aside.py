@@ -11,7 +11,7 @@ import pickle
 import subprocess
 import sys
 from types import MappingProxyType
-from typing import Any, Callable, Mapping, TypeVar
+from typing import Any, Callable, Mapping, Optional, TypeVar
 
 from ballbot_ros.errors import BallbotError
 
@@ -30,7 +30,6 @@ def _shown(mapping: Mapping[Any, Any]) -> Mapping[Any, Any]:
 # A mapping that nobody can change travels as what it shows.
 copyreg.pickle(
     MappingProxyType, lambda proxy: (_shown, (dict(proxy),)))  # type: ignore[arg-type,return-value]
-
 
 
 def aside(function: Callable[..., R], *arguments: Any) -> R:
@@ -52,6 +51,7 @@ def aside(function: Callable[..., R], *arguments: Any) -> R:
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment, timeout=PATIENCE,
         start_new_session=True, check=False)
     try:
+        value: R
         value, error = pickle.loads(done.stdout)
     except (EOFError, pickle.UnpicklingError):
         words = done.stderr.decode(errors='replace').strip().splitlines()
@@ -72,8 +72,10 @@ def answer() -> None:
         pass
     function, arguments = pickle.load(sys.stdin.buffer)
     output, sys.stdout = sys.stdout.buffer, sys.stderr
+    value: Any = None
+    problem: Optional[BallbotError] = None
     try:
-        found = function(*arguments), None
+        value = function(*arguments)
     except BallbotError as error:
-        found = None, error
-    output.write(pickle.dumps(found))
+        problem = error
+    output.write(pickle.dumps((value, problem)))

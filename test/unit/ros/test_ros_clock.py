@@ -12,8 +12,8 @@ from sensor_msgs.msg import JointState
 
 from ballbot_ros.msg import BallState, StepObservation
 from ballbot_ros.nodes.simulator import Simulator
-from ballbot_ros.plant import Plant
 from ballbot_ros.physics import load_scene
+from ballbot_ros.plant import Plant
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import to_seconds, to_time
 from ballbot_ros.ros.endpoints import mismatches
