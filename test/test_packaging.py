@@ -32,7 +32,7 @@ CONSUMER = {
         #include <iostream>
         int main() {
           ballbot_ros::msg::StepDecision decision;
-          decision.decision = ballbot_ros::msg::StepDecision::CROSS;
+          decision.decision = ballbot_ros::msg::StepDecision::DECISION_CROSS;
           std::cout << to_yaml(decision);
         }
     """,

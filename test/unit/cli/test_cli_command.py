@@ -116,9 +116,11 @@ def test_demo_passes_its_options_on(monkeypatch, tmp_path):
         return 8
 
     monkeypatch.setitem(sys.modules, 'ballbot_ros.demo', types.SimpleNamespace(
-        run_demo=run_demo, run_hardware_demo=run_hardware_demo))
+        run_demo=run_demo, run_hardware_demo=run_hardware_demo,
+        own_acts=lambda *names: [names], page_beside=None))
     assert main(['demo', '--out', str(tmp_path), '--real-time', '--timeout', '9']) == 7
-    assert given == {'out': tmp_path, 'real_time': True, 'quiet': False, 'timeout': 9.0}
+    assert given == {'out': tmp_path, 'real_time': True, 'quiet': False, 'timeout': 9.0,
+                     'acts': [(None, None, None, None, None)]}
     given.clear()
     (tmp_path / 'bag').mkdir()  # of a run before, which this one replaces
     assert main(['demo', '--hardware', '--protocol', 'vesc', '--out', str(tmp_path)]) == 8
