@@ -23,6 +23,15 @@ WAKE = 0.1
 REFUSED = 2  # exit code when the node does not accept its configuration
 
 
+class _Stopped(BaseException):
+    """
+    A stop signal, while the node is made.
+
+    No KeyboardInterrupt: one that goes through exec(), of which numba makes use, has Python end
+    the process by SIGINT, though it was caught.
+    """
+
+
 def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
     """
     Run a node until SIGINT or SIGTERM and return the exit code of the process.
@@ -51,7 +60,7 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
     def stop(number: int, _frame: Any) -> None:
         stopping.append(number)
         if making:  # it may compile for minutes yet, and has nothing to make safe
-            raise KeyboardInterrupt
+            raise _Stopped
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
@@ -80,7 +89,7 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
             failure = getattr(node, 'failure', None)
             if failure is not None:
                 raise failure
-    except KeyboardInterrupt:  # of `stop`
+    except _Stopped:
         pass
     except BallbotError as error:
         get_logger('ballbot_ros').fatal(_one_line(error))

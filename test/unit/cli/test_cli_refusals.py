@@ -24,7 +24,7 @@ def test_a_folder_that_is_a_file_is_refused_before_the_work(
         pytest.fail('worked in vain')
 
     monkeypatch.setitem(sys.modules, 'ballbot_ros.demo', types.SimpleNamespace(
-        run_demo=work, run_hardware_demo=work))
+        run_demo=work, run_hardware_demo=work, own_acts=work, page_beside=work))
     monkeypatch.setattr('ballbot_ros.physics.simulation.scene.Scene.simulate', work)
     monkeypatch.setattr('ballbot_ros.studies.procedure.run_tests', work)
     monkeypatch.setattr('ballbot_ros.studies.curve_fit.fit_curve', work)
