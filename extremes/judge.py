@@ -20,6 +20,7 @@ from ballbot_ros.physics import simulate, State
 from ballbot_ros.physics.mechanics.laws import position_torque, velocity_torque
 from ballbot_ros.physics.model.parameters import Actuator, TORQUE
 from ballbot_ros.physics.simulation.accuracy import FINEST_TOLERANCE, simulate_accurately
+from ballbot_ros.physics.simulation.simulate import simulate_once
 
 GOOD, CHAOTIC, REFUSED, WRONG = 'good', 'chaotic', 'refused', 'WRONG'
 ACCURACY = 1e-4        # asked for, of the radius
@@ -41,12 +42,12 @@ class Verdict:
     seconds: float = 0.0
 
 
-def judge(name, seed):
-    """Run a case and return the verdict."""
+def judge(name, seed, make=make_case):
+    """Run a case, as it is made, and return the verdict."""
     begin = time.perf_counter()
     ledger = 0.0
     try:
-        case = make_case(name, seed)
+        case = make(name, seed)
         verdict, why, ledger = {'accurate': accurate, 'fixed': fixed, 'loop': loop}[
             case.judged](case)
     except SimulationError as error:
@@ -124,8 +125,8 @@ def fixed(case):
     except SimulationError:  # too stiff for it: then much shorter steps have to confirm
         finer = replace(case.model.solver, step=0.1 * case.model.solver.step,
                         work_budget=10 * case.model.solver.work_budget)
-        exact = simulate(replace(case.model, solver=finer), case.start, case.actuation,
-                         case.duration, case.output_step)
+        exact = simulate_once(replace(case.model, solver=finer), case.start, case.actuation,
+                              case.duration, case.output_step)
         horizon = case.duration
     length = float(np.sum(np.hypot(np.diff(exact['x']), np.diff(exact['y']))))
     bound = FIXED * max(case.model.robot.ball_radius, length)

@@ -5,22 +5,29 @@ Push the simulator to its extremes and judge every case.
     make extremes                                  # 20,000 cases, some minutes
     make extremes ARGS='--class slope --cases 500'
     make extremes ARGS='--only combined:17'        # one case again, with its story
+    make extremes ARGS='--seed 5000000 --cases 200000 --resume FILE'  # stop and go on at will
+    make extremes ARGS='--remedies 500'            # whether what so many refusals name helps
+    make extremes ARGS=--cost                      # what the second looks cost
     make extremes ARGS=--maps                      # the pictures of docs/extremes.md
 
 The exit code is 1 if any case is wrong; 130 after Ctrl-C, which keeps the verdicts there are.
 """
 import argparse
+import contextlib
 from dataclasses import asdict
+import itertools
 import json
 import multiprocessing
 import os
 from pathlib import Path
+import random
 import signal
 import sys
 import time
 
 from cases import BY_NAME, CLASSES
 from judge import CHAOTIC, GOOD, judge, REFUSED, Verdict, WRONG
+from remedies import refusal, remedy, report as report_remedies
 
 INTERRUPTED = 130  # exit code, as of the shell for a program that Ctrl-C ended
 PARTS = 10  # progress lines of a whole run, where it is not a person who looks on
@@ -35,13 +42,21 @@ def main():
                         help=f'one class only: {", ".join(sorted(BY_NAME))}')
     parser.add_argument('--only', metavar='CLASS:SEED', help='one case again')
     parser.add_argument('--json', type=Path, metavar='FILE', help='write every verdict here')
+    parser.add_argument('--resume', type=Path, metavar='FILE',
+                        help='add every verdict to FILE at once; run no case that is in it')
     parser.add_argument('--jobs', type=int, default=os.cpu_count(), metavar='N',
                         help='processes; default: one per core')
+    parser.add_argument('--remedies', type=int, metavar='N', help='try what N refusals name')
+    parser.add_argument('--cost', action='store_true', help='what the second looks cost, instead')
     parser.add_argument('--maps', action='store_true', help='draw the maps instead')
     arguments = parser.parse_args()
     if arguments.maps:
         from maps import draw_all
         draw_all(Path(__file__).resolve().parents[1] / 'docs' / 'figures')
+        return 0
+    if arguments.cost:
+        from cost import report as report_cost
+        report_cost()
         return 0
     if arguments.only:
         name, _, seed = arguments.only.partition(':')
@@ -56,7 +71,11 @@ def main():
               f'ledger {found.ledger:.2g}, {found.seconds:.2f} s')
         return int(found.verdict == WRONG)
     jobs = listed(arguments.cases, arguments.only_class, arguments.seed)
-    verdicts = run_all(jobs, arguments.jobs)
+    if arguments.remedies:
+        tried = try_remedies(jobs, arguments.remedies, arguments.jobs)
+        print(report_remedies(tried))
+        return int(len(tried) < arguments.remedies or not all(item.setting for item in tried))
+    verdicts = run_all(jobs, arguments.jobs, arguments.resume)
     print(table(verdicts))
     if arguments.json is not None:
         arguments.json.write_text(json.dumps([asdict(item) for item in verdicts], indent=1))
@@ -78,16 +97,19 @@ def listed(cases, only_class, seed):
     return jobs
 
 
-def run_all(jobs, processes):
-    """Return the verdicts; Ctrl-C ends it with those there are."""
-    verdicts, begin, pool = [], time.monotonic(), None
+def run_all(jobs, processes, kept=None):
+    """Return the verdicts; Ctrl-C ends it with those there are, in the file `kept`, too."""
+    verdicts, begin, pool = read_kept(kept, jobs), time.monotonic(), None
+    done = {(item.name, item.seed) for item in verdicts}
+    left = [job for job in jobs if job not in done]
     try:
-        # Compile once, before several processes do it at the same time and cases wait for it.
-        for name in ('slope', 'fixed', 'control_period'):
-            work((name, 0))
+        compile_first()
         pool = make_pool(processes)
-        for found in pool.imap_unordered(work, jobs, 8 if len(jobs) > 1000 else 1):
+        for found in pool.imap_unordered(work, left, 8 if len(left) > 1000 else 1):
             verdicts.append(found)
+            if kept is not None:
+                with kept.open('a') as file:
+                    file.write(json.dumps(asdict(found)) + '\n')
             report(verdicts, len(jobs), time.monotonic() - begin)
     except KeyboardInterrupt:
         pass
@@ -98,6 +120,38 @@ def run_all(jobs, processes):
         if sys.stderr.isatty():
             print(file=sys.stderr)
     return sorted(verdicts, key=lambda item: (list(BY_NAME).index(item.name), item.seed))
+
+
+def read_kept(kept, jobs):
+    """Return the verdicts on these cases that a file holds."""
+    if kept is None or not kept.exists():
+        return []
+    wanted, found, text = set(jobs), {}, kept.read_text()
+    if not text.endswith('\n'):
+        kept.write_text(text + '\n')  # a kill has cut its last line
+    for line in text.splitlines():
+        with contextlib.suppress(ValueError):
+            item = Verdict(**json.loads(line))
+            if (item.name, item.seed) in wanted:
+                found[item.name, item.seed] = item
+    return list(found.values())
+
+
+def compile_first():
+    """Compile once, before several processes do it at the same time and cases wait for it."""
+    for name in ('slope', 'fixed', 'control_period'):
+        work((name, 0))
+
+
+def try_remedies(jobs, wanted, processes):
+    """Return what became of the first refusals among all cases, in an order without meaning."""
+    jobs = random.Random(0).sample(jobs, len(jobs))
+    compile_first()
+    with make_pool(processes) as pool:
+        refused = list(itertools.islice(filter(None, pool.imap(refusal, jobs, 8)), wanted))
+    # Another one: the first has all jobs in its queue.
+    with make_pool(processes) as pool:
+        return list(pool.imap(remedy, refused))
 
 
 def make_pool(processes):

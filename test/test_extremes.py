@@ -54,6 +54,20 @@ def test_progress_is_a_line_for_each_part_and_what_is_done_is_judged(tmp_path):
     assert out.splitlines()[-1].split()[:2] == ['all', '30']
 
 
+def test_what_a_file_holds_is_not_run_again(tmp_path):
+    kept = tmp_path / 'kept'
+    words = ['--class', 'slope', '--jobs', '1', '--resume', str(kept)]
+    with begin(*words, '--cases', '3') as process:
+        process.communicate(timeout=60)
+    first = kept.read_text()
+    kept.write_text(first + '{"name": "slo')  # as after a kill
+    with begin(*words, '--cases', '5') as process:
+        out, err = process.communicate(timeout=60)
+    added = kept.read_text().removeprefix(first)
+    assert sorted(json.loads(line)['seed'] for line in added.splitlines()[-2:]) == [3, 4]
+    assert out.splitlines()[-1].split()[:2] == ['all', '5'] and process.returncode == 0
+
+
 def test_a_person_sees_progress_on_one_line():
     pty = pytest.importorskip('pty')
     ours, theirs = pty.openpty()

@@ -13,7 +13,7 @@ import sys
 from types import MappingProxyType
 from typing import Any, Callable, Mapping, Optional, TypeVar
 
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, RefusedError
 
 R = TypeVar('R')
 
@@ -40,22 +40,28 @@ def aside(function: Callable[..., R], *arguments: Any) -> R:
     ------
     BallbotError
         As the function does.
-    RuntimeError
-        If the process ends without an answer.
+    RefusedError
+        If the process ends without an answer, or takes longer than `PATIENCE`.
 
     """
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
     # A session of its own, or Ctrl-C would be for it, too.
-    done = subprocess.run(
-        [sys.executable, '-c', ANSWER], input=pickle.dumps((function, arguments)),
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment, timeout=PATIENCE,
-        start_new_session=True, check=False)
+    try:
+        done = subprocess.run(
+            [sys.executable, '-c', ANSWER], input=pickle.dumps((function, arguments)),
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment, timeout=PATIENCE,
+            start_new_session=True, check=False)
+    except subprocess.TimeoutExpired:
+        raise RefusedError(
+            f'{function.__name__} was not done within {PATIENCE:g} s in a process of its own, so '
+            'nothing has changed: is this machine busy? Try again, or give the value at the '
+            'start of the node') from None
     try:
         value: R
         value, error = pickle.loads(done.stdout)
     except (EOFError, pickle.UnpicklingError):
         words = done.stderr.decode(errors='replace').strip().splitlines()
-        raise RuntimeError(
+        raise RefusedError(
             f'{function.__name__} gave no answer in a process of its own: '
             + (words[-1] if words else f'exit code {done.returncode}')) from None
     if error is not None:

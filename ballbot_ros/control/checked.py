@@ -6,6 +6,7 @@ from ballbot_ros.control.controller import PendulumController
 from ballbot_ros.control.sampled import check_loop, CLOSED, lowest_stable_rate
 from ballbot_ros.control.supervised import SupervisedController, Supervision
 from ballbot_ros.control.tuning import ControlTuning
+from ballbot_ros.control.warm_up import warm_up
 from ballbot_ros.physics.model.robot import Robot
 
 
@@ -34,6 +35,7 @@ def checked_controller(robot: Robot, tuning: ControlTuning, rate: float, delay: 
 
     """
     controller = PendulumController(robot, tuning)
+    warm_up(robot)  # the first readings must not wait for what is not compiled yet
     lowest = checked_rate(robot, tuning, rate, delay)
     return SupervisedController(controller, replace(expected, lowest_rate=lowest))
 

@@ -77,6 +77,17 @@ class PendulumController:
         self._fade = max(tuning.blend_time, RETUNING)
         self._taking_over = True
 
+    def take_over(self) -> None:
+        """
+        Go on from no torque, without a jump: somebody else held the motor at zero.
+
+        Set-point and what was learnt of the ground stay; the integral starts at the next reading.
+        """
+        self._restart_integral()
+        self._torque = self.excess = 0.0
+        self._fade = max(self._tuning.blend_time, RETUNING)
+        self._taking_over = True
+
     def _use(self, tuning: ControlTuning) -> None:
         self._tuning = tuning
         self._gravity_torque = (
@@ -151,13 +162,15 @@ class PendulumController:
 
     def _restart(self) -> None:
         """Let the integral start at the next reading."""
-        self._start: Optional[JointReadings] = None
-        self._surplus = 0.0
-        self._lag = 0.0
+        self._restart_integral()
         self._answered = False
         # Stamp and state of the speed law, before the last readings and with them.
         self._before: Optional[tuple[float, SpeedState]] = None
         self._learnt: Optional[tuple[float, SpeedState]] = None
+
+    def _restart_integral(self) -> None:
+        self._start: Optional[JointReadings] = None
+        self._surplus = self._lag = 0.0
 
     def _law(self, readings: JointReadings, in_force: float) -> float:
         """Return the saturated torque of the law in force [N m]."""

@@ -8,8 +8,8 @@ import math
 from typing import NamedTuple, Tuple
 
 import numpy as np
-from scipy.linalg import expm
 
+from ballbot_ros.control.matrix_exponential import expm
 from ballbot_ros.control.rolling_model import Array
 
 

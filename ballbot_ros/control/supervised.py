@@ -212,8 +212,11 @@ class SupervisedController:
                 f'joint states come at {rate:.0f} Hz and these gains need '
                 f'{self.expected.lowest_rate:.0f} Hz: torque is 0; raise the rate or choose '
                 'another tuning')
+        if slow or self.too_slow:
+            # The law takes note of the readings, and begins at the zero that is in force.
+            self._controller.take_over()
         self.too_slow = slow
-        torque = self._controller.torque(readings, in_force)
+        torque = self._controller.torque(readings, 0.0 if slow else in_force)
         self._check_hold(readings.stamp)
         return 0.0 if slow else torque
 

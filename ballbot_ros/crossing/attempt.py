@@ -8,8 +8,10 @@ whether the ball is over or back.  See `crossing` for what these words mean.
 
 Besides the verdict an attempt gives a *score*: the square of the speed with which the centre
 of mass passes above the edge, or else minus the square of how far it stayed away, times the
-square of the rate at which a ball falls off an edge.  Where the ball just gets over, the score
-goes through zero, so that a search can aim instead of halving.  It decides nothing.
+square of the rate at which a ball falls off an edge.  Where the ball must get clear of the edge on
+rising ground, it is the square of the speed with which it does, or else minus what it would have
+taken to climb on from where it turned round.  Where the ball just gets over, the score goes
+through zero, so that a search can aim instead of halving.  It decides nothing.
 """
 import math
 from typing import NamedTuple
@@ -36,6 +38,8 @@ RETREAT = 0.004
 # Simulated between two looks at the ball [s]; a doubtful block is run again in halves.
 BLOCK = 0.04
 SHORTEST_BLOCK = 1e-6
+# What a ball loses on level ground, as a slope; for scores only.
+DRAG = 0.02
 LEAST = 1e-12  # size of a score: none is 0 [m2/s2]
 # Vertices of the ground of a step: its foot and its edge, and an end each way.
 VERTICES, EDGE_VERTEX, END_VERTEX = 4, 2, 3
@@ -49,6 +53,7 @@ class Course(NamedTuple):
     lead: float  # of the start before the touch, along the ground [m]
     first: float  # 1 where the first attempt counts, 0 for any within the time
     time_limit: float  # [s]
+    clearance: float  # of the centre beyond the edge, over the radius; 0: just past it
 
 
 class Crossing(NamedTuple):
@@ -114,18 +119,51 @@ def place(state: Array, course: Course, parameters: Parameters, ground: Array) -
 
 @compiled
 def energy_to_spare(state: Array, parameters: Parameters, ground: Array,
-                    contacts: Array) -> float:
+                    contacts: Array, goal: float) -> float:
     """
-    Return the energy of the ball beyond the least that it has above the edge [J].
+    Return the energy of the ball beyond the least that it has on its way over [J].
 
-    The least is that of a ball at rest on the edge with its pendulum hanging down.
+    The least is that of a ball at rest with its pendulum hanging down: on the edge, or, where the
+    ground rises behind it, there `goal` [m] farther on.
     """
     weight = parameters.mass * parameters.gravity
     least = (weight * (ground[EDGE_VERTEX, VERTEX_Y] + parameters.radius
                        - 0.5 * weight / parameters.stiffness)
              - parameters.pendulum_moment * parameters.gravity)
+    cosine, sine = ground[EDGE_VERTEX, TANGENT_X], ground[EDGE_VERTEX, TANGENT_Y]
+    if goal > 0.0 and sine > 0.0:
+        least += weight * ((goal * sine + parameters.radius * (1.0 - cosine)) / cosine
+                           - 0.5 * weight / parameters.stiffness * (1.0 / cosine**2 - 1.0))
     return (kinetic_energy(state, parameters) + potential_energy(state, parameters)
             + spring_energy(state, parameters, ground, contacts) - least)
+
+
+@compiled
+def shortfall(nearest: float, farthest: float, falling: float, goal: float,
+              crossing: Crossing) -> float:
+    """
+    Return the score of a ball that did not get over, below 0 [m2/s2].
+
+    Parameters
+    ----------
+    nearest, farthest : float
+        How far ahead of the edge its centre of mass got, and its centre [m].
+    falling : float
+        Square of the rate at which it falls off the edge [1/s2].
+    goal : float
+        How far beyond the edge it was to get [m].
+
+    """
+    if goal <= 0.0:
+        return min(-falling * nearest**2, -LEAST)
+    ground = crossing.system.ground
+    steep = max(ground[EDGE_VERTEX, TANGENT_Y] / ground[EDGE_VERTEX, TANGENT_X], 0.0) + DRAG
+    missing = goal - min(max(farthest, 0.0), goal)
+    before = falling * min(nearest, 0.0)**2 if farthest <= 0.0 else 0.0
+    if farthest <= 0.0 and steep == DRAG:
+        missing = 0.0  # behind the edge it is driven on
+    return min(-before - 2.0 * falling * crossing.system.parameters.radius * steep * missing,
+               -LEAST)
 
 
 @compiled
@@ -177,11 +215,13 @@ def run_to_verdict(height: float, tolerance: float,
     # friction works with the printed lever.
     dwindling = (system.actuator.law == FREE and height < parameters.radius
                  and parameters.radius_lever == 0.0)
+    goal = course.clearance * parameters.radius
+    steep = ground[EDGE_VERTEX, TANGENT_Y] / ground[EDGE_VERTEX, TANGENT_X] if goal > 0.0 else 0.0
     doubt = 10.0 * tolerance * parameters.mass * parameters.gravity
     options = Options(tolerance, 0.0, AUTOMATIC, crossing.budget, False)
     status = Status(FINISHED, 0.0, 0, StepController(0.0, False, False, 0.0, 0, 0),
                     EventRate(0, 0, 0), False, True, 0.0)
-    nearest, passed, block = -math.inf, 0.0, BLOCK
+    nearest, farthest, passed, block = -math.inf, -math.inf, 0.0, BLOCK
     while status.time < course.time_limit:
         for i in range(SIZE):
             before[i] = state[i]
@@ -192,9 +232,9 @@ def run_to_verdict(height: float, tolerance: float,
         top = peak(before[X], before[VELOCITY_X], state[X], state[VELOCITY_X],
                    later.time - status.time)
         turned = before[VELOCITY_X] > 0.0 > state[VELOCITY_X]
-        if (turned and state[X] <= 0.0 and block > SHORTEST_BLOCK
-                and top > -0.1 * parameters.gravity * block * block):
-            # It may have been above the edge within the block: look closer.
+        if (turned and state[X] <= goal and block > SHORTEST_BLOCK
+                and top > goal - 0.1 * parameters.gravity * block * block):
+            # It may have been over within the block: look closer.
             block *= 0.5
             for i in range(SIZE):
                 state[i] = before[i]
@@ -203,19 +243,23 @@ def run_to_verdict(height: float, tolerance: float,
             continue
         status, block = later, BLOCK
         early, late = weight_ahead(before, parameters), weight_ahead(state, parameters)
-        nearest = max(nearest, late)
+        nearest, farthest = max(nearest, late), max(farthest, top)
+        if steep > 0.0:
+            early, late = before[X] - goal, state[X] - goal
         if early < 0.0 <= late:
             passed = speed_between(before, state, early / (early - late))
-        if top > 0.0 and state[Y] > height + 0.5 * parameters.radius:
+        if top > goal and state[Y] > height + max(
+                state[X], 0.0) * steep + 0.5 * parameters.radius:
             if passed == 0.0:
                 passed = speed_between(before, state, 1.0)
             return OVER, max(passed * passed, LEAST), status.time, FINISHED
         if state[VELOCITY_X] < 0.0:
             back = course.first > 0.0 and state[X] < touch_x - RETREAT
-            if back or (dwindling and energy_to_spare(
-                    state, parameters, ground, workspace.mode.contacts) < -doubt):
-                return BACK, min(-falling * nearest**2, -LEAST), status.time, FINISHED
-    return UNDECIDED, min(-falling * nearest**2, -LEAST), status.time, FINISHED
+            if back or (dwindling and (state[X] <= 0.0 or steep >= 0.0) and energy_to_spare(
+                    state, parameters, ground, workspace.mode.contacts, goal) < -doubt):
+                return (BACK, shortfall(nearest, farthest, falling, goal, crossing), status.time,
+                        FINISHED)
+    return UNDECIDED, shortfall(nearest, farthest, falling, goal, crossing), status.time, FINISHED
 
 
 @unlocked

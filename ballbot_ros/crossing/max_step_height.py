@@ -30,7 +30,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.contact_options import ContactOptions
 from ballbot_ros.physics.model.parameters import Parameters, System
-from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.robot import load_robot, Robot, RobotLike
 from ballbot_ros.physics.simulation.failures import failure
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.physics.solvers.values import FINISHED
@@ -59,7 +59,7 @@ class MaxStepHeight(NamedTuple):
     work: int  # right-hand sides
 
 
-def max_step_height(robot: Robot, speed: float, actuation: Actuation = Actuation(),
+def max_step_height(robot: RobotLike, speed: float, actuation: Actuation = Actuation(),
                     pendulum_angle: Optional[float] = None, accuracy: float = 5e-5,
                     site: Site = Site(), rules: Rules = Rules(),
                     options: ContactOptions = ContactOptions(), scan: int = 0) -> MaxStepHeight:
@@ -68,7 +68,7 @@ def max_step_height(robot: Robot, speed: float, actuation: Actuation = Actuation
 
     Parameters
     ----------
-    robot : Robot
+    robot : Robot, or the name or file of one
     speed : float
         Of the centre at first touch [m/s], above 0.
     actuation : Actuation
@@ -101,6 +101,7 @@ def max_step_height(robot: Robot, speed: float, actuation: Actuation = Actuation
     """
     accuracy = check_value('accuracy', accuracy, ACCURACY, 'max_step_height')
     scan = check_value('scan', scan, SCAN, 'max_step_height')
+    robot = load_robot(robot)
     crossing = _prepare(robot, speed, actuation, pendulum_angle, site, rules, options)
     width = WIDTH * accuracy
     coarse, fine = COARSE * width, FINE * width
@@ -131,7 +132,7 @@ def _check(outcome: int, crossing: Crossing, tolerance: float) -> None:
             'adaptive', tolerance=max(tolerance, FINEST), work_budget=BUDGET))
 
 
-def try_step(robot: Robot, speed: float, height: float, actuation: Actuation = Actuation(),
+def try_step(robot: RobotLike, speed: float, height: float, actuation: Actuation = Actuation(),
              pendulum_angle: Optional[float] = None, tolerance: float = 1e-7,
              site: Site = Site(), rules: Rules = Rules(),
              options: ContactOptions = ContactOptions()) -> Tuple[bool, float]:
@@ -155,7 +156,8 @@ def try_step(robot: Robot, speed: float, height: float, actuation: Actuation = A
 
     """
     height = check_value('height', height, HEIGHT, 'try_step')
-    crossing = _prepare(robot, speed, actuation, pendulum_angle, site, rules, options)
+    crossing = _prepare(
+        load_robot(robot), speed, actuation, pendulum_angle, site, rules, options)
     return _try(height, tolerance, crossing)
 
 
@@ -183,7 +185,8 @@ def _prepare(robot: Robot, speed: float, actuation: Actuation, pendulum_angle: O
                actuation.actuator(robot, 0.0, pendulum_angle)), BUDGET)
 
 
-def max_step_heights(robot: Robot, speeds: Sequence[float], actuation: Actuations = Actuation(),
+def max_step_heights(robot: RobotLike, speeds: Sequence[float],
+                     actuation: Actuations = Actuation(),
                      pendulum_angle: Optional[float] = None, accuracy: float = 5e-5,
                      site: Site = Site(), rules: Rules = Rules(),
                      options: ContactOptions = ContactOptions(), scan: int = 0,
@@ -203,6 +206,8 @@ def max_step_heights(robot: Robot, speeds: Sequence[float], actuation: Actuation
         See `max_step_height`, also for what is raised.
 
     """
+    robot = load_robot(robot)
+
     def find(speed: float) -> MaxStepHeight:
         drive = actuation if isinstance(actuation, Actuation) else actuation(speed)
         return max_step_height(robot, speed, drive, pendulum_angle, accuracy, site, rules,

@@ -5,8 +5,10 @@ What a crossing of a step is: its ground, its start, and which attempts count.
 *Collision speed* is the speed of the centre when the ball first touches the step.  It rolls
 without slip then, and its pendulum turns only if the law of actuation makes it.
 
-*Over* is a ball whose centre has passed the edge with the contact below it.  What it does
-behind the edge does not count: on a slope up it may come back.
+*Over* is a ball that has the contact below it and whose centre, by the rule `edge`, has passed
+the edge: what it does behind it does not count, and on a slope up it may come back.  By the rule
+`clear` the centre gets farther, a quarter of the radius by default, before it has come back to
+where it began.  The paper's curves are by the former, decisions by the latter.
 
 *Back* is a ball that has rolled 4 mm behind where it touched, and that ends its first attempt.
 Where any attempt counts, it may come again as long as the time lasts.  A ball that is neither
@@ -30,6 +32,9 @@ from ballbot_ros.physics.model.terrain import Array, Terrain
 LEAD = 0.002
 
 STEEPEST = math.radians(80.0)
+
+# How far beyond the edge a ball gets that is clear of it, over its radius.
+CLEARANCE = 0.25
 
 
 @dataclass(frozen=True)
@@ -83,11 +88,22 @@ class Rules(Checked):
     lead: float = quantity(
         'm', 'distance that the ball rolls before it touches; it starts at the collision speed',
         default=0.0, minimum=0.0, maximum=10.0)
+    over: str = text(
+        'where the ball is over: its centre past the edge, or clear of it', default='edge',
+        choices=('edge', 'clear'))
+    clearance: float = quantity(
+        '1', 'how far beyond the edge the centre gets by the rule clear, over the radius',
+        default=CLEARANCE, above=0.0, maximum=4.0)
 
     def course(self, speed: float, pendulum_angle: float) -> Course:
         """Return the rules for one run, as the kernels read them."""
         return Course(speed, pendulum_angle, self.lead, float(self.attempts == 'first'),
-                      self.time_limit)
+                      self.time_limit, self.beyond)
+
+    @property
+    def beyond(self) -> float:
+        """Return how far beyond the edge the centre must get, over the radius."""
+        return self.clearance if self.over == 'clear' else 0.0
 
 
 # What the numbers of a crossing may be; also for those that are no field of anything.
@@ -135,5 +151,17 @@ def too_fast(robot: Robot, speed: float, passed: float) -> ConfigurationError:
 
 
 def held_at(angle: float, actuation: Actuation = Actuation()) -> Actuation:
-    """Return law (11) holding the pendulum at an absolute angle [rad]."""
+    """
+    Return law (11) holding the pendulum at an absolute angle [rad].
+
+    Raises
+    ------
+    ConfigurationError
+        Beyond a half turn: degrees were meant.
+
+    """
+    if math.pi < abs(angle) < math.inf:
+        raise ConfigurationError(
+            f'held_at takes radians, at most pi either way, got {angle:g}; for degrees write '
+            f'held_at(math.radians({angle:g}))')
     return replace(actuation, law='position', set_angle=angle)

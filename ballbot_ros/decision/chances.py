@@ -212,7 +212,8 @@ class Chances:
 def _crossing(robot: Robot, touching: Touching, speed: float) -> Crossing:
     actuation = held_at(touching.set_angle) if robot.has_pendulum else Actuation()
     return Crossing.of(
-        Course(speed, touching.angle, 0.0, 1.0, TIME_LIMIT),
+        # By the edge: the speed that an outcome tells is that past the face.
+        Course(speed, touching.angle, 0.0, 1.0, TIME_LIMIT, 0.0),
         System(Parameters(*([0.0] * len(Parameters._fields))),
                Site(slope_before=touching.slope, slope_behind=touching.slope).profile(robot),
                actuation.actuator(robot, 0.0, touching.angle)), BUDGET)

@@ -76,8 +76,9 @@ class CrossGoal:
 
     def _note(self, planned: Decision, motion: Motion, outcome: Optional[Outcome]) -> None:
         """Take note of the step, and of how the ball comes on with it."""
-        if planned.step and not math.isnan(planned.height) and self._watch.end is None:
-            self.height = planned.height
+        if planned.step and not math.isnan(planned.height) and self._watch.end is None \
+                and (self._edge is None or self._edge[1] == planned.step):
+            self.height = planned.height  # behind the step, the next one is decided about
         if planned.kind is Kind.CROSS and (
                 self._edge is None or self._edge[1] == planned.step):
             plan = planned.plan

@@ -17,7 +17,7 @@ _VARIANT = text('of a curve', choices=('fit', 'conservative')).metadata
 class CurveProvenance(Checked):
     """How a curve was made; SI."""
 
-    robot_digest: str = text('fingerprint of the numbers of the robot')
+    robot_digest: str = text('checksum of the numbers of the robot')
     law: str = text('law of actuation')
     surface_friction: float = quantity('1', 'coefficient of friction of the ground', minimum=0.0)
     edge_friction: float = quantity('1', 'coefficient of friction of the edge', minimum=0.0)
@@ -28,6 +28,12 @@ class CurveProvenance(Checked):
     set_angle: float = quantity('rad', 'angle that law (11) held', default=0.0)
     voltage: float = quantity(
         'V', 'voltage on the motor; 0 for that which rolls the ball at each speed', default=0.0)
+    over: str = text(
+        'where the ball was over; files that do not say it are older, and went by the edge',
+        default='edge', choices=('edge', 'clear'))
+    clearance: float = quantity(
+        '1', 'how far beyond the edge the centre got, over the radius; 0 by the edge',
+        default=0.0, minimum=0.0)
 
 
 @dataclass(frozen=True)

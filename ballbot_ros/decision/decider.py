@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Callable, NamedTuple, Optional, Union
 
 from ballbot_ros.decision.attempt_watch import AttemptWatch
+from ballbot_ros.decision.braking import Braking
 from ballbot_ros.decision.goals import GoalEnd, Goals
 from ballbot_ros.decision.guard import guarded
 from ballbot_ros.decision.learning import Learner
@@ -199,6 +200,9 @@ def warm_up(knowledge: Knowledge, planner: str) -> None:
             (), FLOOR[0], FLOOR[-1]))
         rehearsal.move(Motion(now, 0.0, 0.3))
         rehearsal.decide()
+    braking = Braking(knowledge.robot, knowledge.tuning, knowledge.control)
+    braking.speed_within(1.0, 0.0)
+    braking.expected_distance(0.3, 0.0)
     learner = Learner(Particles.of(knowledge.robot, knowledge.tuning.height_bias_sd))
     learner.take(Outcome(
         stamp=0.0, result='over', face=1, position=1.0, height=0.01, height_sd=0.001,

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from ballbot_ros.config.fields import Checked, count, fixed, quantity
 from ballbot_ros.config.files import load_config
 from ballbot_ros.control import RollingModel
+from ballbot_ros.crossing.rules import CLEARANCE
 from ballbot_ros.decision.curve import HeightCurve
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import Robot
@@ -116,9 +117,9 @@ def check_decision(robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> 
     Raises
     ------
     ConfigurationError
-        If the curve is of another robot, starts above the highest speed, fits worse than the
-        height margin or is for another law or angle than those of the approach, or if the
-        pendulum cannot give the accelerations counted on.
+        If the curve is of another robot or another rule of who is over, starts above the highest
+        speed, fits worse than the height margin or is for another law or angle than those of the
+        approach, or if the pendulum cannot give the accelerations counted on.
 
     """
     if curve.robot != robot.name:
@@ -130,6 +131,13 @@ def check_decision(robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> 
             f'curve {curve.name} was made for a {robot.name} of other numbers (digest '
             f'{curve.made.robot_digest}, this one has {robot.digest}): make it again with '
             'ballbot fit-curve')
+    if curve.made is not None and curve.made.clearance < CLEARANCE:
+        rule = 'its centre has passed the edge' if curve.made.over == 'edge' else \
+            f'it gets {curve.made.clearance:g} radii beyond the edge'
+        raise ConfigurationError(
+            f'curve {curve.name} was made by the rule that a ball is over when {rule}; from there '
+            f'it may come back, so a decision needs at least {CLEARANCE:g} radii: make it again '
+            'with ballbot fit-curve --over clear')
     if tuning.highest_speed < curve.lowest_speed:
         raise ConfigurationError(
             f'highest_speed must be at least the lowest speed of curve {curve.name} '

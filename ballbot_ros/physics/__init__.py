@@ -44,8 +44,8 @@ from ballbot_ros.physics.model.state import Energies, State, Touch
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.scene import load_scene, Scene
-from ballbot_ros.physics.simulation.simulate import simulate
 from ballbot_ros.physics.simulation.solver import Solver
+from ballbot_ros.physics.simulation.steps import simulate
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.renamed import refuse_old_names
 

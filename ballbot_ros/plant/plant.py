@@ -8,6 +8,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.mechanics.laws import available_torque, limited
 from ballbot_ros.physics.model.parameters import Actuator, TORQUE
 from ballbot_ros.physics.model.state import State
+from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.physics.simulation.accuracy import solvers_for
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.scene import Scene
@@ -67,11 +68,21 @@ class Plant:
         self.limit_torque(torque_limit)
         self._start = self.state = scene.start
         self.periods = 0
-        # Compile now: the first control period must not wait for it.
+        self._warm_up()
+        self.reset()
+
+    def _warm_up(self) -> None:
+        """Have compiled what periods call, and what is told of them: none may wait for it."""
         self.model.advance(self._start, Actuator(TORQUE), 1)
         if self._monitor:
             self._monitor.advance(self._start, Actuator(TORQUE), 1)
-        self.reset()
+        available_torque(0.0, *self._line)
+        limited(0.0, self.torque_limit)
+        # Wherever the ball is now, here it touches the ground.
+        floor = replace(self.model, terrain=Terrain.flat())
+        pressed = State(y=self.model.robot.ball_radius - 1e-4)
+        floor.touches(pressed)
+        floor.energies(pressed)
 
     def limit_torque(self, torque_limit: Optional[float]) -> None:
         """Cut further than the motor does, from the next period on; None for no further."""

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ballbot_ros.crossing import max_step_height, max_step_heights
-from ballbot_ros.crossing.rules import held_at, Site
+from ballbot_ros.crossing.rules import held_at, Rules, Site
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array
@@ -26,6 +26,7 @@ class Case(NamedTuple):
     actuation: Actuation = Actuation()
     pendulum_angle: float = 0.0  # absolute, at the first touch [rad]
     site: Site = Site()
+    rules: Rules = Rules()
 
     @property
     def held(self) -> bool:
@@ -46,10 +47,11 @@ def holding(robot: Robot, angle: float) -> Case:
 def step_height(case: Case, speed: float, accuracy: float = ACCURACY) -> float:
     """Return the highest step by the full model [m], to an accuracy [m], at a speed [m/s]."""
     return max_step_height(case.robot, speed, case.actuation, case.pendulum_angle, accuracy,
-                           case.site).height
+                           case.site, case.rules).height
 
 
 def step_heights(case: Case, speeds: Array) -> Array:
     """Return `step_height` at each speed, several at once [m]."""
     return np.array([item.height for item in max_step_heights(
-        case.robot, speeds.tolist(), case.actuation, case.pendulum_angle, ACCURACY, case.site)])
+        case.robot, speeds.tolist(), case.actuation, case.pendulum_angle, ACCURACY, case.site,
+        case.rules)])

@@ -69,7 +69,7 @@ def heights_for(robot: Robot, request: Request) -> int:
 
 
 def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
-              request: Request = Request(), rules: Rules = Rules(),
+              request: Request = Request(), rules: Rules = Rules(over='clear'),
               progress: Callable[[int], None] = ignore) -> HeightCurve:
     """
     Simulate and fit.
@@ -84,7 +84,9 @@ def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
         What the pendulum does, for people.
     progress : callable, optional
         Called with the number of heights done, see `heights_for`.
-    robot, request, rules
+    robot, request
+    rules : Rules
+        By default those of decisions: the ball is over that gets clear of the edge.
 
     Raises
     ------
@@ -141,7 +143,8 @@ def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
             robot.digest, actuation.law, robot.surface_friction, robot.edge_friction,
             rules.attempts, request.accuracy, len(speeds), __version__,
             actuation.set_angle if actuation.law == 'position' else 0.0,
-            actuation.voltage if actuation.law == 'voltage' else 0.0), band)
+            actuation.voltage if actuation.law == 'voltage' else 0.0,
+            rules.over, rules.beyond), band)
 
 
 def monotone_cubic(speeds: Array, heights: Array) -> Array:

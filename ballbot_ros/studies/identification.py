@@ -9,46 +9,33 @@ the residuals, with which the fit is repeated.
 Intervals come from the Jacobian at the solution.  Its singular values, for relative changes of
 the numbers, say how well each combination of numbers is determined: a combination that may
 change by more than `VAGUE` (or its starting value, for a number that may be 0) without the
-residuals showing it is not determined, and neither is a number that takes part in it.
+residuals showing it is not determined, and neither is a number that takes part in it.  What else
+an interval has to cover, and when there is none, stands in `fit_quality`.
 """
 from dataclasses import replace
 import math
-from operator import attrgetter
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.stats import chi2, qmc, t as student
+from scipy.optimize import least_squares, OptimizeResult
+from scipy.stats import chi2, qmc
 
-from ballbot_ros.config.fields import suggestion
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.physics import Scene
-from ballbot_ros.physics.model.named_parameters import described, MOTOR, ROBOT, with_parameters
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.simulation.scene import Initial
+from ballbot_ros.physics.simulation.solver import Solver
+from ballbot_ros.physics.solvers.registry import METHODS
+from ballbot_ros.studies.fit_quality import (
+    channel_fit, ChannelFit, CONFIDENCE, judge, ParameterEstimate)
 from ballbot_ros.studies.progress import ignore
-from ballbot_ros.studies.recording import Recording, replay
+from ballbot_ros.studies.recording import GRID, Recording, replay, SOLVER
+from ballbot_ros.studies.scene_numbers import bounds, check_known, NUMBERS, present, with_values
 
-VAGUE = 0.5   # relative standard deviation of a combination that is not determined
-SHARE = 0.05  # part that a number takes in such a combination, to be not determined
-CONFIDENCE = 0.95
 STEP = 1e-4   # relative, for the Jacobian
 STARTS, REACH = 8, 0.5  # beside the given numbers: how many, and how far away, relative
+SAME = 1e-3   # relative: numbers that agree so well are one explanation, found twice
+FITS = 1 + STARTS + 2  # from the guess, from around it, and twice with the noise of the residuals
 FAR = 1e3     # sigmas that a sample counts as where a trial cannot be simulated
-INITIAL = described(Initial, 'initial.')
-NUMBERS = {**ROBOT, **MOTOR, **INITIAL}
-
-
-class ParameterEstimate(NamedTuple):
-    """One number; SI, but for angles of the start in degrees."""
-
-    name: str
-    unit: str
-    start: float
-    value: float
-    low: float  # ends of the confidence interval; NaN where it is not determined
-    high: float
-    determined: bool
 
 
 class Identification(NamedTuple):
@@ -57,7 +44,9 @@ class Identification(NamedTuple):
 
     ``vague`` lists combinations that the data do not determine, each as relative changes
     that belong together; ``singular_values`` are those of the scaled Jacobian.  ``rivals`` are
-    other numbers that explain the run as well, found from other starts.
+    other numbers that explain the run as well, found from other starts, each once.  Where a
+    channel is explained poorly no number is determined.  ``interrupted`` says that Ctrl-C ended
+    the search; the numbers are then the best that it had found.
     """
 
     estimates: List[ParameterEstimate]
@@ -66,47 +55,17 @@ class Identification(NamedTuple):
     singular_values: List[float]
     noise: Dict[str, float]
     residuals: Dict[str, Array]
+    channels: Dict[str, ChannelFit]
     runs: int
-
-
-def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
-    """
-    Return a scene with other numbers of robot, motor and start.
-
-    Raises
-    ------
-    ConfigurationError
-        If a number is unknown or out of range.
-
-    """
-    for name in values:
-        check_known(scene, name)
-    robot = with_parameters(scene.model.robot, values)
-    start: Dict[str, Any] = {
-        name[len('initial.'):]: value for name, value in values.items() if name in INITIAL}
-    return replace(scene, model=replace(scene.model, robot=robot),
-                   initial=replace(scene.initial, **start))
-
-
-def check_known(scene: Scene, name: str) -> None:
-    """Refuse a number that is unknown, or that the robot does not have."""
-    if name not in NUMBERS:
-        raise ConfigurationError(
-            f'identify: {name!r} is no number that can be estimated{suggestion(name, NUMBERS)}')
-    if name in MOTOR and scene.model.robot.motor is None:
-        raise ConfigurationError(f'identify: robot {scene.model.robot.name!r} has no motor')
-
-
-def present(scene: Scene, name: str) -> float:
-    """Return the number that a scene has."""
-    owner = scene if name in INITIAL else scene.model.robot
-    return float(attrgetter(name)(owner) or 0.0)
+    interrupted: bool
 
 
 def identify(scene: Scene, recording: Recording, names: Sequence[str], use_torque: bool = False,
-             progress: Callable[[int], None] = ignore) -> Identification:
+             progress: Callable[[float], None] = ignore) -> Identification:
     """
     Estimate numbers of a scene from a recording.
+
+    Ctrl-C ends the search; what it has found by then is returned.
 
     Parameters
     ----------
@@ -118,7 +77,7 @@ def identify(scene: Scene, recording: Recording, names: Sequence[str], use_torqu
     use_torque : bool
         Apply the recorded torque instead of the law of the scene.
     progress : callable, optional
-        Called with the number of simulations so far.
+        Called with the number of fits that are done, of `FITS`.
 
     Raises
     ------
@@ -132,100 +91,176 @@ def identify(scene: Scene, recording: Recording, names: Sequence[str], use_torqu
         raise ConfigurationError('identify: name the numbers to estimate, each of them once')
     for name in names:
         check_known(scene, name)
-    starts = np.array([present(scene, name) for name in names])
-    # Where a number is 0 there is no relative change: it counts in its own unit.
-    scales = np.where(starts != 0.0, np.abs(starts), 1.0)
-    runs = 0
+    search = _Search(scene, recording, names, use_torque, progress)
+    search.start()
+    interrupted = False
+    try:
+        search.look_around()
+        search.refine()
+    except KeyboardInterrupt:
+        interrupted = True
+    return search.conclude(interrupted)
 
-    def differences(shift: Array) -> Dict[str, Array]:
-        nonlocal runs
-        runs += 1
-        progress(runs)
-        trial = dict(zip(names, (starts + scales * shift).tolist()))
-        found = replay(with_values(scene, trial), recording, use_torque)
+
+class _Search:
+    """Fits from several starts, of which the best is known at any time."""
+
+    def __init__(self, scene: Scene, recording: Recording, names: Sequence[str],
+                 use_torque: bool, progress: Callable[[float], None]):
+        self.scene, self.recording, self.names = scene, recording, names
+        self.use_torque, self.progress = use_torque, progress
+        self.starts = np.array([present(scene, name) for name in names])
+        # Where a number is 0 there is no relative change: it counts in its own unit.
+        self.scales = np.where(self.starts != 0.0, np.abs(self.starts), 1.0)
+        self.low, self.high = bounds(names, self.starts, self.scales)
+        self.runs, self.noise, self.others = 0, dict[str, float](), list[Any]()
+        self.rough: Dict[str, float] = {}
+        self.best: Array = np.zeros(len(names))
+        self.least = math.inf
+
+    def simulated(self, shift: Array, solver: Solver = SOLVER, grid: float = GRID,
+                  ) -> Dict[str, Array]:
+        """Return all channels with other numbers."""
+        self.runs += 1
+        trial = dict(zip(self.names, (self.starts + self.scales * shift).tolist()))
+        return replay(with_values(self.scene, trial), self.recording, self.use_torque, solver,
+                      grid)
+
+    def differences(self, shift: Array) -> Dict[str, Array]:
+        """Return simulated less measured."""
+        found = self.simulated(shift)
         return {name: found[name] - values
-                for name, (_, values) in recording.channels.items()}
+                for name, (_, values) in self.recording.channels.items()}
 
-    first = differences(np.zeros(len(names)))  # raises where the scene itself is at fault
-    noise = {name: _roughness(values, first[name])
-             for name, (_, values) in recording.channels.items()}
-    low, high = _bounds(names, starts, scales)
-    samples = sum(len(values) for _, values in recording.channels.values())
-
-    def weighed(trial: Array) -> Array:
+    def weighed(self, shift: Array) -> Array:
+        """Return all residuals over their noise, and remember the best numbers."""
         try:
-            found = differences(trial)
+            found = self.differences(shift)
         except BallbotError:  # out of range, or too far from anything that rolls
-            return np.full(samples, FAR)
-        return np.concatenate([found[name] / noise[name] for name in noise])
+            return np.full(sum(len(values) for _, values in self.recording.channels.values()), FAR)
+        fun = np.concatenate([found[name] / self.noise[name] for name in self.noise])
+        cost = float(fun @ fun)
+        if cost < self.least:
+            self.best, self.least = np.array(shift), cost
+        return fun
 
-    def fitted(begin: Array) -> Any:
-        return least_squares(weighed, begin, bounds=(low, high), x_scale='jac', jac='3-point',
-                             diff_step=STEP, max_nfev=100)
-    # Several valleys may lead down: begin on either side, too, and keep the deepest.
-    around = (2.0 * qmc.Sobol(len(names), seed=0).random(STARTS) - 1.0) * REACH
-    fits = [fitted(np.clip(begin, low, high)) for begin in (np.zeros(len(names)), *around)]
-    others = fits
-    for _ in range(2):
-        shift = min(fits, key=lambda fit: fit.cost).x
-        rest = differences(shift)
-        noise = {name: max(float(np.sqrt(np.mean(values**2))), 1e-12 * (1.0 + np.ptp(values)))
-                 for name, values in rest.items()}
-        fits = [fit := fitted(shift)]
-        shift = fit.x
-    estimates, vague, singular = _judge(
-        names, starts, scales, shift, fit.jac, float(np.sum(fit.fun**2)))
-    # A rival is far away for its interval, but not worse than chance may make it.
-    least, away = min(other.cost for other in others), 3.0 * (
-        np.array([item.high - item.low for item in estimates]) / scales)
-    worth = chi2.ppf(CONFIDENCE, len(names)) * least / max(samples - len(names), 1)
-    sure = np.array([item.determined for item in estimates])
-    rivals = [dict(zip(names, (starts + scales * other.x).tolist())) for other in others
-              if other.cost < least + worth and (np.abs(other.x - shift) > away)[sure].any()]
-    return Identification(estimates, vague, rivals, singular, noise, differences(shift), runs)
+    def fitted(self, begin: Array) -> Any:
+        """Return the fit from one start."""
+        return least_squares(
+            self.weighed, begin, bounds=(self.low, self.high), x_scale='jac', jac='3-point',
+            diff_step=STEP, max_nfev=100)
+
+    def start(self) -> None:
+        """Guess the noise; raises where the scene itself is at fault."""
+        first = self.differences(self.best)
+        self.rough = {name: _roughness(values, 0.0 * values)
+                      for name, (_, values) in self.recording.channels.items()}
+        self.noise = {name: _roughness(values, first[name])
+                      for name, (_, values) in self.recording.channels.items()}
+
+    def look_around(self) -> None:
+        """Begin on either side, too: several valleys may lead down."""
+        around = (2.0 * qmc.Sobol(len(self.names), seed=0).random(STARTS) - 1.0) * REACH
+        for begin in (np.zeros(len(self.names)), *around):
+            self.others.append(self.fitted(np.clip(begin, self.low, self.high)))
+            self.progress(len(self.others))
+
+    def refine(self) -> None:
+        """Fit again from the best, with the noise that the residuals have."""
+        for done in (STARTS + 2, STARTS + 3):
+            self.weigh_anew()
+            self.fitted(self.best)
+            self.progress(done)
+
+    def weigh_anew(self) -> None:
+        """Take the noise from the residuals of the best numbers."""
+        self.noise = {name: max(float(np.sqrt(np.mean(values**2))), 1e-12 * (1.0 + np.ptp(values)))
+                      for name, values in self.differences(self.best).items()}
+        self.least = math.inf
+        self.weighed(self.best)
+
+    def at_best(self) -> OptimizeResult:
+        """Return residuals and Jacobian at the best numbers."""
+        shift = self.best.copy()
+        fun, columns = self.weighed(shift), []
+        for place in range(len(self.names)):
+            ends = [np.array(shift), np.array(shift)]
+            for end, sign in zip(ends, (-1.0, 1.0)):
+                end[place] = np.clip(shift[place] + sign * STEP * max(1.0, abs(shift[place])),
+                                     self.low[place], self.high[place])
+            low, high = map(self.weighed, ends)
+            columns.append((high - low) / (ends[1][place] - ends[0][place]))
+        return OptimizeResult(x=shift, fun=fun, jac=np.stack(columns, axis=1))
+
+    def integration_error(self, shift: Array) -> List[Dict[str, Array]]:
+        """
+        Return how far off the simulation of the fit may be, and one by the solver of the scene.
+
+        The latter is what a recording of the simulator has in it.
+        """
+        here = self.simulated(shift)
+        finer = self.simulated(shift, replace(SOLVER, tolerance=0.01 * SOLVER.tolerance),
+                               0.5 * GRID)
+        others = [finer]
+        own = solver_of(self.scene)
+        if not self.use_torque and own is not None:
+            step = own.step if METHODS[own.method].fixed else GRID
+            try:
+                others.append(self.simulated(shift, own, step * math.ceil(GRID / step - 1e-9)))
+            except BallbotError:
+                pass  # too coarse for these numbers
+        return [{name: values - here[name] for name, values in other.items()} for other in others]
+
+    def conclude(self, interrupted: bool) -> Identification:
+        """Return what was found."""
+        if interrupted:
+            self.weigh_anew()
+        fit = self.at_best()
+        shift, residuals = fit.x, self.differences(fit.x)
+        errors = self.integration_error(shift)
+        channels = {name: channel_fit(values, residuals[name], self.rough[name], max(
+            float(np.max(np.abs(error[name]))) for error in errors))
+            for name, (_, values) in self.recording.channels.items()}
+        estimates, vague, singular = judge(
+            self.names, [NUMBERS[name]['unit'] for name in self.names], self.starts, self.scales,
+            shift, fit,
+            np.array([np.concatenate([error[name] / self.noise[name] for name in self.noise])
+                      for error in errors]),
+            {name: (len(residuals[name]), item) for name, item in channels.items()})
+        return Identification(
+            estimates, vague, self.rivals(shift, estimates), singular,
+            {name: item.residual_rms for name, item in channels.items()}, residuals, channels,
+            self.runs, interrupted)
+
+    def rivals(self, shift: Array, estimates: Sequence[ParameterEstimate],
+               ) -> List[Dict[str, float]]:
+        """Return other explanations: far away for an interval, not worse than chance may be."""
+        sure = np.array([item.determined for item in estimates])
+        if not self.others or not sure.any():
+            return []
+        width = np.array([item.high - item.low for item in estimates]) / self.scales
+        away = np.maximum(3.0 * width, SAME * np.maximum(np.abs(
+            self.starts / self.scales + shift), SAME))[sure]
+        samples = sum(len(values) for _, values in self.recording.channels.values())
+        least = min(other.cost for other in self.others)
+        worth = chi2.ppf(CONFIDENCE, len(self.names)) * least / max(
+            samples - len(self.names), 1)
+        known, found = [shift], []
+        for other in sorted(self.others, key=lambda fit: float(fit.cost)):
+            if other.cost < least + worth and all(
+                    (np.abs(other.x - one)[sure] > away).any() for one in known):
+                known.append(other.x)
+                found.append(dict(zip(
+                    self.names, (self.starts + self.scales * other.x).tolist())))
+        return found
+
+
+def solver_of(scene: Scene) -> Optional[Solver]:
+    """Return what a run of a scene is made with; None where an accuracy chooses it."""
+    return scene.model.solver if scene.run.accuracy is None else None
 
 
 def _roughness(values: Array, gap: Array) -> float:
     """Return a first guess of the noise of a channel, from second differences."""
     rough = np.median(np.abs(np.diff(values, 2))) / (0.6745 * math.sqrt(6.0))
     return max(float(rough), 1e-6 * float(np.ptp(values)), 1e-3 * float(np.std(gap)), 1e-12)
-
-
-def _bounds(names: Sequence[str], starts: Array, scales: Array) -> Tuple[Array, Array]:
-    """Return how far each number may go, as relative changes."""
-    low, high = [], []
-    for name, start, scale in zip(names, starts, scales):
-        item = NUMBERS[name]
-        least = max(item['minimum'], item['above'] + 1e-6 * scale)
-        low.append(max((least - start) / scale, -1e6))
-        high.append(min((item['maximum'] - start) / scale, 1e6))
-    # A start on its bound would leave no room for a first step.
-    return np.minimum(np.array(low), -1e-9), np.maximum(np.array(high), 1e-9)
-
-
-def _judge(names: Sequence[str], starts: Array, scales: Array, shift: Array, jacobian: Array,
-           misfit: float) -> tuple[Any, ...]:
-    """Return estimates with intervals, vague combinations and singular values."""
-    values = starts + scales * shift
-    # Per relative change of the number found; of one that is 0, per unit.
-    weights = np.where(np.abs(values) > 1e-9 * scales, np.abs(values), scales)
-    free = max(len(jacobian) - len(names), 1)
-    scatter = max(math.sqrt(misfit / free), 1e-9)
-    _, singular, directions = np.linalg.svd(
-        jacobian * (weights / scales) / scatter, full_matrices=False)
-    spread = 1.0 / np.maximum(singular, 1e-300)
-    vague = [{name: round(float(part), 3) for name, part in zip(names, direction)
-              if abs(part) > SHARE}
-             for direction, width in zip(directions, spread) if width > VAGUE]
-    blurred = {name for combination in vague for name in combination}
-    good = spread <= VAGUE
-    deviation = np.sqrt(np.sum((directions[good].T * spread[good])**2, axis=1))
-    margin = student.ppf(0.5 * (1.0 + CONFIDENCE), free) * deviation * weights
-    estimates = []
-    for name, start, value, wide in zip(names, starts, values, margin):
-        sure = name not in blurred
-        unit = NUMBERS[name]['unit']
-        estimates.append(ParameterEstimate(
-            name, unit, float(start), float(value), float(value - wide) if sure else math.nan,
-            float(value + wide) if sure else math.nan, sure))
-    return estimates, vague, singular.tolist()

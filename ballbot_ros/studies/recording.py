@@ -99,7 +99,8 @@ def _series(name: str, times: Any, values: Any) -> Tuple[Array, Array]:
     return moments, numbers
 
 
-def replay(scene: Scene, recording: Recording, use_torque: bool) -> Dict[str, Array]:
+def replay(scene: Scene, recording: Recording, use_torque: bool, solver: Solver = SOLVER,
+           grid: float = GRID) -> Dict[str, Array]:
     """
     Return what a scene has in place of the samples of each channel.
 
@@ -109,21 +110,28 @@ def replay(scene: Scene, recording: Recording, use_torque: bool) -> Dict[str, Ar
         Its solver and duration are not used.
     use_torque : bool
         Apply the recorded torque instead of the law of the scene.
+    solver : Solver
+    grid : float
+        Time between samples of the simulation, which are interpolated [s].
 
     Raises
     ------
+    KeyboardInterrupt
+        If Ctrl-C has ended the run early.
     ConfigurationError
         If there is no torque.
     SimulationError
         If the run cannot go on.
 
     """
-    model = Model(scene.model.robot, scene.model.terrain, scene.model.options, SOLVER)
+    model = Model(scene.model.robot, scene.model.terrain, scene.model.options, solver)
     if use_torque:
         rows = _driven(model, scene, recording)
     else:
         rows = simulate(model, scene.initial.state(model), scene.actuation,
-                        recording.duration + 2.0 * GRID, GRID).rows
+                        recording.duration + 2.0 * grid, grid).rows
+        if rows[-1, 0] < recording.duration:
+            raise KeyboardInterrupt
     columns = Trajectory(model, rows).columns
     known = dict(columns, joint_angle=columns['pendulum_angle'] - columns['ball_angle'],
                  joint_rate=columns['pendulum_rate'] - columns['ball_rate'])
@@ -137,7 +145,7 @@ def _driven(model: Model, scene: Scene, recording: Recording) -> Array:
         raise ConfigurationError('recording: there is no torque to replay')
     state = scene.initial.state(model)
     vector, status = np.array(state[1:]), Status(FINISHED, state.time)
-    integrator = Integrator(model.parameters, model.profile, SOLVER)
+    integrator = Integrator(model.parameters, model.profile, model.solver)
     times, torques = recording.torque
     rows = [[*state, 0.0]]
     for moment, torque in zip(times.tolist(), torques.tolist()):
@@ -147,6 +155,6 @@ def _driven(model: Model, scene: Scene, recording: Recording) -> Array:
             # The torque jumps: the step goes on, the rates do not.
             Actuator(TORQUE, torque), vector, status._replace(begun=False), moment)
         if status.outcome != FINISHED:
-            raise failure(status.outcome, status.time, vector, SOLVER)
+            raise failure(status.outcome, status.time, vector, model.solver)
         rows.append([moment, *vector.tolist(), torque])
     return np.array(rows)

@@ -13,8 +13,6 @@ from pathlib import Path
 import shutil
 from typing import Any, Callable, Dict, List, Optional, Set, Tuple
 
-import numpy as np
-
 from ballbot_ros.crossing import max_step_height, try_step
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.results.files import replacing, write_text
@@ -198,36 +196,3 @@ def _join(arrow: Any, plan: SweepPlan, parts: List[Path], out: Path) -> None:
             arrow.parquet.ParquetWriter(stream, _schema(arrow, plan)) as writer:
         for part in parts:
             writer.write_table(arrow.parquet.read_table(part))
-
-
-def spread(values: str) -> Tuple[str, Any]:
-    """
-    Read ``name=0.1,0.2``, ``name=0.2:1.2:21`` (a grid of 21) or ``name=0.2:1.2`` (a range).
-
-    Returns
-    -------
-    name : str
-    values : list or tuple of float
-        A list of grid values, or a tuple of two ends.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming what was given and what is allowed.
-
-    """
-    name, _, rest = values.partition('=')
-    try:
-        if ':' not in rest:
-            return name, [float(word) for word in rest.split(',')]
-        words = rest.split(':')
-        low, high = float(words[0]), float(words[1])
-        if len(words) == 2:
-            return name, (low, high)
-        if len(words) == 3 and int(words[2]) >= 2:
-            return name, np.linspace(low, high, int(words[2])).round(12).tolist()
-    except ValueError:
-        pass
-    raise ConfigurationError(
-        f'{values!r} must be name=value,value,... or name=first:last:number, or for a design that '
-        'is no grid name=low:high')

@@ -8,6 +8,7 @@ A case is a robot before a step.  Anything with a number may vary: fields of the
 from dataclasses import asdict, dataclass, replace
 import hashlib
 import json
+import math
 from typing import Any, Dict, Mapping, Tuple
 import warnings
 
@@ -29,7 +30,13 @@ MOST_CASES = 10**9
 
 SITE, ACTUATION, RULES = described(Site), described(Actuation), described(Rules)
 CASE = {'speed': SPEED, 'height': HEIGHT}
-NUMBERS = {**CASE, **SITE, **RULES, **ACTUATION, **ROBOT, **MOTOR}
+SI_NUMBERS = {**CASE, **SITE, **RULES, **ACTUATION, **ROBOT, **MOTOR}
+# Angles in degrees, for people: their name there -> that in radians.
+IN_DEGREES = {f'{name}_deg': name for name, item in SI_NUMBERS.items() if item['unit'] == 'rad'}
+NUMBERS = {**SI_NUMBERS, **{
+    name: {**SI_NUMBERS[owner], 'unit': 'deg', **{
+        end: math.degrees(SI_NUMBERS[owner][end]) for end in ('minimum', 'maximum', 'above')}}
+    for name, owner in IN_DEGREES.items()}}
 
 
 @dataclass(frozen=True)
@@ -97,11 +104,16 @@ class SweepPlan(Checked):
                     f'sweep: {name} must go from low to high, got {low:g} to {high:g}')
         if any(name in MOTOR for name in used) and self.robot.motor is None:
             raise ConfigurationError(f'sweep: robot {self.robot.name!r} has no motor to vary')
+        if 'clearance' in {**used, **self.fixed} and self.rules.over != 'clear':
+            raise ConfigurationError(
+                f'sweep: clearance counts by the rule clear only, over is {self.rules.over!r}: '
+                "make it 'clear' (--over clear)")
         if 'speed' not in {**used, **self.fixed}:
             raise ConfigurationError('sweep: speed is missing; give it, or let it vary')
-        if set(used) & set(self.fixed):
-            raise ConfigurationError(
-                f'sweep: {min(set(used) & set(self.fixed))} is given, and varies, too')
+        owners = [IN_DEGREES.get(name, name) for name in (*used, *self.fixed)]
+        twice = sorted(name for name in set(owners) if owners.count(name) > 1)
+        if twice:
+            raise ConfigurationError(f'sweep: {twice[0]} is given, and varies, too')
         if not 1 <= self.size <= MOST_CASES:
             raise ConfigurationError(
                 f'sweep: there must be at least 1 and at most {MOST_CASES} cases, got '
@@ -150,7 +162,9 @@ class SweepPlan(Checked):
 
     def case(self, values: Mapping[str, float]) -> tuple[Any, ...]:
         """Return robot, speed, height (None to search), actuation, site and rules of a case."""
-        values = {**self.fixed, **values}
+        values = {
+            IN_DEGREES.get(name, name): math.radians(value) if name in IN_DEGREES else value
+            for name, value in {**self.fixed, **values}.items()}
 
         def change(part: Any, known: Mapping[str, Any]) -> Any:
             new = {name: value for name, value in values.items() if name in known}

@@ -26,7 +26,8 @@ def crosses(robot, speed, height, actuation=Actuation(), pendulum_angle=0.0,
     limit = int(rules.time_limit / solver.step) * solver.step
     for duration in (*PATIENCE, limit):
         run = simulate(model, State(0.0, *vector), actuation, min(duration, limit), solver.step)
-        over = (run['x'] > 0.0) & (run['y'] > height + 0.5 * robot.ball_radius)
+        goal, behind = rules.beyond * robot.ball_radius, math.tan(site.slope_behind)
+        over = (run['x'] > goal) & (run['y'] > height + goal * behind + 0.5 * robot.ball_radius)
         back = (run['x'] < touch_x - RETREAT) & (run['velocity_x'] < 0.0)
         first_over, first_back = (
             np.argmax(rows) if rows.any() else math.inf

@@ -7,11 +7,9 @@ from ballbot_ros.decision.plan import After, Plan
 from ballbot_ros.decision.rollout.ahead import Ahead
 from ballbot_ros.decision.rollout.candidates import Candidate, HELD
 from ballbot_ros.decision.rollout.deliberation import Choice
+from ballbot_ros.decision.rollout.layout import TIGHT
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Decision, Kind, Motion, Outlook, Reason
-
-# Less room than this behind an edge before what comes next: the ball is stopped there [m].
-TIGHT = 1.5
 
 WHY = {
     Reason.NOT_LIKELY: 'no plan gets over with the required probability',

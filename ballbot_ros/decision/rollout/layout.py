@@ -28,6 +28,9 @@ EDGE_AT = 5       # number of the vertex of the ground behind which the ball is 
 NEXT_AT = 6       # and of the foot of the next face, which it must not meet; the last for none
 PLAN = 7
 
+# What comes sooner behind the last edge is stopped for, at once [m].
+TIGHT = 1.5
+
 # Columns of a draw. The first are the robot, in the order of `Parameters`.
 ROBOT = len(Parameters._fields)
 SURFACE_FRICTION = ROBOT  # coefficients of friction
@@ -60,6 +63,7 @@ class Drive(NamedTuple):
     lean: float  # see `pilot_law.Order` [rad]
     emergency_lean: float
     reaction: float  # [s]
+    cruise: float  # speed behind the last edge [m/s]
 
 
 class Scratch(NamedTuple):

@@ -2,20 +2,22 @@
 """
 One rollout: from now to the verdict, in one of the worlds that may be the real one.
 
-The ball rolls (`rolling`) until its pendulum swings or it is about to touch, goes on with the
-full model (`contact`) until it is over, back or stuck, and is then stopped, rolling again, to see
-whether that can be done before whatever comes next.
+The ball rolls (`rolling`) until its pendulum swings or it is about to touch, and goes on with the
+full model (`contact`) until it is over, back or stuck.  Over is who gets clear of the edge (see
+`crossing.rules`), driven as the pilot drives it there.  From the edge it is also stopped, rolling
+again, to see whether that can be done before whatever comes next.
 """
 import math
 
 from ballbot_ros.compiled import compiled, outlined, unlocked
 from ballbot_ros.control.speed_law import Numbers, speed_law_start, SpeedState
+from ballbot_ros.crossing.rules import CLEARANCE
 from ballbot_ros.decision.pilot_law import pilot_step, PlainOrder
 from ballbot_ros.decision.rollout.contact import PERIOD, push, torque_of
 from ballbot_ros.decision.rollout.ground import fill_ground
 from ballbot_ros.decision.rollout.layout import (
     DELAY, Drive, EDGE, EDGE_AT, FALLS, NEXT_AT, OVER, REST, Scratch, SPEED, START, STUCK,
-    SWING_ANGLE, SWING_AT, TIME, TOUCH_ANGLE, TOUCH_SPEED, VERDICT)
+    SWING_ANGLE, SWING_AT, TIGHT, TIME, TOUCH_ANGLE, TOUCH_SPEED, VERDICT)
 from ballbot_ros.decision.rollout.rolling import roll, Rolling
 from ballbot_ros.physics.mechanics.contact import first_segment
 from ballbot_ros.physics.model.parameters import Parameters
@@ -37,7 +39,7 @@ SLOW = 0.02  # what is slower stands [m/s]
 PATIENCE = 3.0  # a contact that lasts longer is not going to end well [s]
 IDLE = 0.6  # nor is one in which the ball gets no farther for so long [s]
 LATE = 0.02  # after the edge the ball is stopped [s]
-CLEARANCE = 0.04  # between the standing ball and what it must not reach [m]
+GAP = 0.04  # between the standing ball and what it must not reach [m]
 
 
 @compiled
@@ -92,10 +94,14 @@ def reached_at(ground: Array, rough: int, radius: float) -> float:
 
 
 @compiled
-def order_of(plan: Array, late: float, drive: Drive) -> PlainOrder:
-    """Return the order that the pilot gets for a plan that is carried out a way [m] late."""
-    return (plan[SPEED], 0.0, math.inf, plan[SWING_AT] + late, plan[SWING_ANGLE], plan[EDGE], 0.0,
-            drive.lean, drive.emergency_lean, drive.reaction)
+def order_of(plan: Array, late: float, after: float, drive: Drive) -> PlainOrder:
+    """
+    Return the order that the pilot gets for a plan that is carried out a way [m] late.
+
+    Behind the last edge the ball goes on at `after` [m/s].
+    """
+    return (plan[SPEED], 0.0, math.inf, plan[SWING_AT] + late, plan[SWING_ANGLE], plan[EDGE],
+            after, drive.lean, drive.emergency_lean, drive.reaction)
 
 
 @outlined
@@ -153,9 +159,12 @@ def climb(memory: SpeedState, plan: Array, draw: Array, robot: Parameters, drive
     # The swing ends where the edge is believed to be passed, and the stop begins a little later.
     over_x = max(ground[edge, VERTEX_X], plan[EDGE])
     over_y = ground[edge, VERTEX_Y] + 0.5 * robot.radius
+    clear_x = ground[edge, VERTEX_X] + CLEARANCE * robot.radius
+    room = reached_at(ground, int(plan[NEXT_AT]), robot.radius)
+    after = 0.0 if room - ground[edge, VERTEX_X] < TIGHT else min(plan[SPEED], drive.cruise)
     foot = ground[next_rough(ground, first_segment(ground, state[X])), VERTEX_X] - PROGRESS
     # What is done answers what was measured a little before.
-    order = order_of(plan, draw[DELAY] * state[VELOCITY_X], drive)
+    order = order_of(plan, draw[DELAY] * state[VELOCITY_X], after, drive)
     touch_x, until, time, set_angle = math.inf, LONGEST, 0.0, 0.0
     farthest, idle_from = -math.inf, 0.0
     for count in range(int(LONGEST / PERIOD)):
@@ -169,11 +178,14 @@ def climb(memory: SpeedState, plan: Array, draw: Array, robot: Parameters, drive
             touch_x, until = state[X], time + PATIENCE
             result[TOUCH_SPEED], result[TOUCH_ANGLE] = state[VELOCITY_X], state[PENDULUM_ANGLE]
         if state[X] - LATE * state[VELOCITY_X] > over_x and state[Y] > over_y:
-            if touch_x == math.inf:  # down a drop
-                result[TOUCH_SPEED], result[TOUCH_ANGLE] = (
-                    state[VELOCITY_X], state[PENDULUM_ANGLE])
-            result[TIME] += time
-            return OVER
+            if math.isnan(result[REST]):
+                if touch_x == math.inf:  # down a drop
+                    result[TOUCH_SPEED], result[TOUCH_ANGLE] = (
+                        state[VELOCITY_X], state[PENDULUM_ANGLE])
+                result[REST] = stands_at(state, robot, drive, ground)
+            if result[REST] > room - GAP or state[X] > clear_x:
+                result[TIME] += time
+                return FALLS if result[REST] > room - GAP else OVER
         if state[X] > farthest + PROGRESS:
             farthest, idle_from = state[X], time
         idle = touch_x < math.inf and time > idle_from + IDLE
@@ -215,15 +227,11 @@ def run(start: Rolling, plan: Array, draw: Array, raised: float, drive: Drive, s
     rough = next_rough(ground, first_segment(ground, now.position))
     until = min(reached_at(ground, rough, robot.radius), plan[SWING_AT]) - EARLY
     now, memory, result[TIME] = roll_until(
-        until, RISING, now, order_of(plan, 0.0, drive), robot, drive, ground)
+        until, RISING, now, order_of(plan, 0.0, 0.0, drive), robot, drive, ground)
     verdict = STUCK
     if now.position >= until:
         place(now, robot, ground, state)
         verdict = climb(memory, plan, draw, robot, drive, scratch, result)
-    if verdict == OVER:
-        result[REST] = stands_at(state, robot, drive, ground)
-        if result[REST] > reached_at(ground, int(plan[NEXT_AT]), robot.radius) - CLEARANCE:
-            verdict = FALLS
     result[VERDICT] = verdict
     return verdict
 
@@ -231,7 +239,7 @@ def run(start: Rolling, plan: Array, draw: Array, raised: float, drive: Drive, s
 # What Python hands over: all tuples are plain, see `solvers.values`.
 Start = tuple[float, float, float, float]
 PlainDrive = tuple[float, float, float, float, tuple[float, float, float, float], Numbers, float,
-                   float, float]
+                   float, float, float]
 PlainScratch = tuple[Array, Array, Array, Array]
 
 
@@ -256,10 +264,11 @@ def run_many(start: Start, plans: Array, draws: Array, raised: float, drive: Pla
 
     """
     position, speed, angle, rate = start
-    kp, kd, compensated, limit, motor_line, law, lean, emergency_lean, reaction = drive
+    kp, kd, compensated, limit, motor_line, law, lean, emergency_lean, reaction, cruise = drive
     state, rates, ground, contacts = scratch
     begin = Rolling(position, speed, angle, rate)
-    driven = Drive(kp, kd, compensated, limit, motor_line, law, lean, emergency_lean, reaction)
+    driven = Drive(kp, kd, compensated, limit, motor_line, law, lean, emergency_lean, reaction,
+                   cruise)
     arrays = Scratch(state, rates, ground, contacts)
     for k in range(len(plans)):
         for n in range(len(draws)):

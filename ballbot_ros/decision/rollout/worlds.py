@@ -102,7 +102,8 @@ class Worlds:
         self._drive: PlainDrive = (
             control.position_kp, control.position_kd, float(control.gravity_compensation),
             control.torque_limit, robot.motor_line, law[:], tuning.largest_lean,
-            tuning.emergency_lean, tuning.reaction_time + tuning.actuation_delay)
+            tuning.emergency_lean, tuning.reaction_time + tuning.actuation_delay,
+            tuning.cruise_speed)
         self._scratch: Dict[int, Tuple[Array, Array, Array, Array]] = {}
         self._next = 0
         self.law = law[:]

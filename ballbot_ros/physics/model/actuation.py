@@ -10,10 +10,13 @@ from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.renamed import old_attributes
 
 LAWS = ('free', 'position', 'velocity', 'voltage', 'torque')
+# The law that each set value belongs to; with another law, it would silently do nothing.
+SET_VALUES = {'set_angle': 'position', 'set_rate': 'velocity', 'voltage': 'voltage',
+              'torque': 'torque'}
 
 
 @old_attributes(drive='actuator')
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Actuation(Checked):
     """
     One law of actuation with its set value; gains are the paper's unless given.
@@ -26,7 +29,8 @@ class Actuation(Checked):
     """
 
     law: str = text('law of actuation', default='free', choices=LAWS)
-    set_angle: float = quantity('rad', 'wanted absolute pendulum angle', default=0.0)
+    set_angle: float = quantity('rad', 'wanted absolute pendulum angle', default=0.0,
+                                minimum=-math.pi, maximum=math.pi)
     set_rate: float = quantity('rad/s', 'wanted rate of the pendulum joint', default=0.0)
     voltage: float = quantity('V', 'voltage on the motor', default=0.0)
     torque: float = quantity('N m', 'constant torque', default=0.0)
@@ -38,6 +42,21 @@ class Actuation(Checked):
     torque_limit: float = quantity(
         'N m', 'largest torque; the default is above all that gains can ask for',
         default=1e9, above=0.0)
+
+    def __post_init__(self) -> None:
+        """Check each value; refuse one that is not of the law, and an angle in degrees."""
+        if isinstance(self.set_angle, (int, float)) and math.pi < abs(self.set_angle) < math.inf:
+            raise ConfigurationError(
+                f'Actuation: set_angle is in radians, within +-pi, got {self.set_angle:g}; '
+                f'{self.set_angle:g} degrees are math.radians({self.set_angle:g})')
+        super().__post_init__()
+        given = [name for name in SET_VALUES if getattr(self, name) != 0.0]
+        # One value and no law: forgotten.  Several are settings, of which a law takes its own.
+        if self.law == 'free' and len(given) == 1:
+            name, value = given[0], getattr(self, given[0])
+            raise ConfigurationError(
+                f"Actuation: {name} is given without its law, and law 'free' would ignore it; "
+                f'write Actuation({SET_VALUES[name]!r}, {name}={value:g})')
 
     def actuator(self, robot: Robot, start_time: float = 0.0,
                  start_joint_angle: float = 0.0) -> Actuator:

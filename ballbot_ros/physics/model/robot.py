@@ -3,12 +3,14 @@
 from dataclasses import dataclass, field, fields
 import hashlib
 import math
+from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Mapping, Optional
+from typing import Any, Mapping, Optional, Union
 
-from ballbot_ros.config.fields import build, Checked, expect_mapping, quantity, text
+from ballbot_ros.config.fields import (
+    build, Checked, expect_mapping, quantity, refuse_missing, text)
 from ballbot_ros.config.files import load_config
-from ballbot_ros.config.provenance import Provenance, read_values
+from ballbot_ros.config.provenance import Provenance, read_given
 from ballbot_ros.errors import ConfigurationError
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class Motor(Checked):
         return self.gear_ratio * self.speed_constant
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Robot(Checked):
     """
     A ball with or without a pendulum; symbols are those of the paper's nomenclature.
@@ -111,13 +113,22 @@ class Robot(Checked):
         """Build from the mapping of a YAML file, in which values may carry their `Provenance`."""
         content = dict(expect_mapping(mapping, where))
         motor = content.pop('motor', None)
-        values, provenance = read_values(cls, content, where)
+        part = f'{where}: motor'
+        values, provenance = read_given(cls, content, where)
+        parts: list[tuple[type[Checked], Any, str]] = [(cls, content, where)]
         if motor is not None:
-            part = f'{where}: motor'
-            given, sources = read_values(Motor, expect_mapping(motor, part), part)
-            values['motor'] = Motor(**given)
+            given, sources = read_given(Motor, expect_mapping(motor, part), part)
             provenance.update({f'motor.{key}': item for key, item in sources.items()})
+            parts.append((Motor, given, part))
+        refuse_missing(parts)
+        if motor is not None:
+            values['motor'] = Motor(**given)
         return build(cls, {**values, 'provenance': MappingProxyType(provenance)}, where)
+
+    def __repr__(self) -> str:
+        """Return what people know it by; ``dataclasses.asdict`` has all numbers."""
+        return (f'Robot({self.name!r}, {self.total_mass:g} kg, ball_radius='
+                f'{self.ball_radius:g} m)')
 
     @property
     def has_pendulum(self) -> bool:
@@ -184,9 +195,15 @@ class Robot(Checked):
         return math.exp(-math.pi * zeta / math.sqrt(1.0 - zeta**2)) if zeta < 1.0 else 0.0
 
 
-def load_robot(name_or_path: str) -> Robot:
+# A robot, or the name or the file of one.
+RobotLike = Union[Robot, str, Path]
+
+
+def load_robot(name_or_path: RobotLike) -> Robot:
     """
     Read a robot that comes with the package, by name, or a file of one's own.
+
+    A `Robot` is returned as it is.
 
     >>> load_robot('gimball').provenance['ball_mass'].source
     'derived'
@@ -197,4 +214,6 @@ def load_robot(name_or_path: str) -> Robot:
         Naming file, field, value and allowed range.
 
     """
+    if isinstance(name_or_path, Robot):
+        return name_or_path
     return load_config(Robot, 'robots', name_or_path)

@@ -15,6 +15,7 @@ from ballbot_ros.physics.model.contact_options import ContactOptions
 from ballbot_ros.physics.model.named_parameters import ROBOT, with_parameters
 from ballbot_ros.physics.model.parameters import Parameters
 from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.sobol import sobol
 from ballbot_ros.physics.model.terrain import Array
 
 MASSES = ('pendulum_mass', 'ball_mass')
@@ -79,12 +80,9 @@ def rows_of_parameters(robot: Robot, values: Mapping[str, Array], number: int,
 
 def spread_points(dimensions: int, count: int, seed: int) -> Array:
     """Return (count, dimensions) points, evenly in the unit cube; Sobol's sequence, scrambled."""
-    # Here, for it takes most of a second to import, which a node that draws nothing need not wait.
-    from scipy.stats import qmc
     # A power of two keeps the sequence balanced; more than asked for are thrown away.
     power = max(0, int(np.ceil(np.log2(count))))
-    points: Array = qmc.Sobol(dimensions, seed=seed).random_base2(power)[:count]
-    return points
+    return sobol(dimensions, power, seed)[:count]
 
 
 def draw(robot: Robot, count: int, seed: int = 0) -> List[Robot]:

@@ -7,6 +7,10 @@ runs agree to within the accuracy at all times that are kept.  Their difference 
 of the *coarser* of the two; the finer one is returned, so that the estimate errs on the safe
 side.
 
+That holds where both saw the same motion.  Two runs that met another number of kinks of the
+contact law did not, and may agree by chance; then a third, by another method, has to agree, too.
+And no run is coarser than what friction and contact need to be seen at all.
+
 Motion with many bounces is chaotic: errors grow until no tolerance helps.  Such a run is
 said to be so, with the time up to which the promise holds.
 """
@@ -18,18 +22,26 @@ import numpy as np
 
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics.model.actuation import Actuation
-from ballbot_ros.physics.model.state import State
+from ballbot_ros.physics.model.state import State, X, Y
+from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.failures import OutOfBalance
 from ballbot_ros.physics.simulation.model import Model
-from ballbot_ros.physics.simulation.simulate import simulate
+from ballbot_ros.physics.simulation.simulate import simulate_once
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.physics.simulation.trajectory import Assurance, Effort, Trajectory
+from ballbot_ros.physics.solvers.controller import MEMORY
 
 # The tolerance is one of a step; over a crossing errors grow by one or two orders.
 FIRST_TOLERANCE = 1e-2  # times the accuracy, for the first, coarser run
 REFINEMENT = 0.03
 # Two runs may be wrong in the same way: they have to agree better than was asked for.
 SAFETY = 0.3
+# A tolerance is to resolve the slip at which friction sets in, and how deep the ball sinks in, by
+# so much: two runs that cannot see these are wrong alike, whatever their methods.
+RESOLVED = 0.3
+EARTH = 9.81  # [m/s2]: a ball without weight sinks in where it strikes
+# Work of the run that confirms, over that of the one to be confirmed.
+CONFIRMING_WORK = 10
 # Below this, rounding is what is left [m].
 FINEST_TOLERANCE = 1e-14
 
@@ -82,31 +94,22 @@ def simulate_accurately(model: Model, start: State, actuation: Actuation, durati
         See `simulate`.
 
     """
-    def run(solver: Solver) -> Optional[Trajectory]:
-        try:
-            return simulate(replace(model, solver=solver), start, actuation, duration,
-                            output_step, progress)
-        except OutOfBalance:
-            # The position may be right, but nobody should have to trust it: look closer.
-            if solver.tolerance <= FINEST_TOLERANCE:
-                raise
-            return None
-
+    runs = _Runs(model, start, actuation, duration, output_step, progress)
     first, solver = (replace(item, work_budget=model.solver.work_budget,
                              models=model.solver.models)
-                     for item in solvers_for(accuracy))
-    coarse = run(first)
-    effort, runs = coarse.effort if coarse else Effort(), 1
+                     for item in _resolving(model, *solvers_for(accuracy)))
+    coarse = runs.run(first)
     while True:
-        fine, runs = run(solver), runs + 1
-        if fine is not None:
-            effort = Effort(*map(sum, zip(effort, fine.effort)))
+        fine, finest = runs.run(solver), solver.tolerance <= FINEST_TOLERANCE
         if coarse is not None and fine is not None:
-            assured = _compare(coarse, fine, accuracy, solver.tolerance, runs)
-            if (assured.complete and assured.estimate <= SAFETY * accuracy
-                    or solver.tolerance <= FINEST_TOLERANCE):
-                return replace(fine, effort=effort, assurance=assured)
-        elif fine is not None and solver.tolerance <= FINEST_TOLERANCE:
+            assured = _compare(coarse, fine, accuracy)
+            same = coarse.effort.events == fine.effort.events
+            if _agree(assured) and not (same or finest):
+                assured = runs.confirmed(fine, assured)
+            if _agree(assured) or finest:
+                return replace(fine, effort=runs.effort, assurance=assured._replace(
+                    runs=runs.count))
+        elif fine is not None and finest:
             raise SimulationError(
                 start.time, 'only the finest tolerance keeps the energy: nothing confirms the run',
                 'use a larger slip_threshold, a softer contact_stiffness or softer gains')
@@ -114,15 +117,70 @@ def simulate_accurately(model: Model, start: State, actuation: Actuation, durati
         solver = replace(solver, tolerance=max(FINEST_TOLERANCE, REFINEMENT * solver.tolerance))
 
 
-def _compare(coarse: Trajectory, fine: Trajectory, accuracy: float, tolerance: float,
-             runs: int) -> Assurance:
+def _resolving(model: Model, first: Solver, second: Solver) -> tuple[Solver, Solver]:
+    """Return the solvers, finer where they would not see how a robot slips or sinks in."""
+    robot = model.robot
+    finest_detail = min(robot.slip_threshold * MEMORY,
+                        robot.total_mass * EARTH / robot.contact_stiffness)
+    finer = min(1.0, RESOLVED * finest_detail / first.tolerance)
+    return (replace(first, tolerance=max(FINEST_TOLERANCE, finer * first.tolerance)),
+            replace(second, tolerance=max(FINEST_TOLERANCE, finer * second.tolerance)))
+
+
+class _Runs:
+    """What `simulate_accurately` repeats, and what that costs."""
+
+    def __init__(self, model: Model, start: State, actuation: Actuation, duration: float,
+                 output_step: float, progress: Optional[Callable[[float], None]]) -> None:
+        """Take what all runs have in common."""
+        self._model, self._given = model, (start, actuation, duration, output_step, progress)
+        self.effort, self.count = Effort(), 0
+
+    def run(self, solver: Solver) -> Optional[Trajectory]:
+        """Return a run, or nothing where its energy does not balance."""
+        self.count += 1
+        try:
+            run = simulate_once(replace(self._model, solver=solver), *self._given)
+        except OutOfBalance:
+            # The position may be right, but nobody should have to trust it: look closer.
+            if solver.tolerance <= FINEST_TOLERANCE:
+                raise
+            return None
+        self.effort = Effort(*map(sum, zip(self.effort, run.effort)))
+        return run
+
+    def confirmed(self, fine: Trajectory, assured: Assurance) -> Assurance:
+        """Return what is known of a run once another method was asked, too."""
+        solver = fine.model.solver
+        budget = min(solver.work_budget, CONFIRMING_WORK * fine.effort.evaluations)
+        try:
+            other = self.run(replace(solver, method='implicit', work_budget=budget))
+        except SimulationError:
+            other = None
+        if other is None:
+            return assured._replace(complete=False)
+        again = _compare(other, fine, assured.accuracy)
+        return again._replace(estimate=max(assured.estimate, again.estimate))
+
+
+def centres(run: Trajectory) -> Array:
+    """Return where the centre is at each sample, an (n, 2) array, with nothing else computed."""
+    where: Array = run.rows[:, 1 + X:1 + Y + 1]
+    return where
+
+
+def _agree(assured: Assurance) -> bool:
+    """Return whether two runs were close enough together to be trusted."""
+    return assured.complete and assured.estimate <= SAFETY * assured.accuracy
+
+
+def _compare(coarse: Trajectory, fine: Trajectory, accuracy: float) -> Assurance:
     """Return what the difference of two runs says about the error."""
     samples = min(len(coarse), len(fine))
-    gap = np.hypot(coarse['x'][:samples] - fine['x'][:samples],
-                   coarse['y'][:samples] - fine['y'][:samples])
-    times = fine['time'][:samples]
+    gap = np.hypot(*(centres(coarse)[:samples] - centres(fine)[:samples]).T)
+    times = fine.rows[:samples, 0]
     beyond = np.flatnonzero(~(gap <= accuracy))
     good = int(beyond[0]) if len(beyond) else samples
     estimate = float(np.max(gap[:good])) if good else math.nan
     return Assurance(accuracy, estimate, float(times[max(good - 1, 0)]), good == len(fine),
-                     tolerance, runs)
+                     fine.model.solver.tolerance, 2)

@@ -4,11 +4,12 @@ import math
 
 from ballbot_ros.compiled import compiled
 from ballbot_ros.errors import ConfigurationError, SimulationError
-from ballbot_ros.physics.mechanics.contact import contact_table, spring_energy
+from ballbot_ros.physics.mechanics.contact import (
+    contact_table, first_segment, ground_height, spring_energy)
 from ballbot_ros.physics.mechanics.equations import kinetic_energy, potential_energy
 from ballbot_ros.physics.model.parameters import Parameters
-from ballbot_ros.physics.model.state import CONTACT_LOSS, JOINT_LOSS, MOTOR_WORK, X
-from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.model.state import CONTACT_LOSS, JOINT_LOSS, MOTOR_WORK, X, Y
+from ballbot_ros.physics.model.terrain import Array, TANGENT_X
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.physics.solvers.values import BUDGET_EXCEEDED, PENETRATED, STEP_TOO_SMALL
@@ -128,6 +129,24 @@ def out_of_balance(time: float, missing: float, solver: Solver) -> OutOfBalance:
         f'{remedy} or softer gains, a softer contact_stiffness or a larger slip_threshold')
 
 
+def check_start(time: float, state: Array, radius: float, ground: Array) -> None:
+    """
+    Refuse a start with the centre of the ball under the ground.
+
+    Raises
+    ------
+    SimulationError
+
+    """
+    below = ground_height(ground, state[X])
+    if state[Y] <= below:
+        slope = ground[first_segment(ground, state[X])]
+        raise SimulationError(
+            time, f'the centre of the ball starts under the ground at x = {state[X]:.4g} m, with '
+            f'y = {state[Y]:.4g} m', 'raise y of the start (initial): with y = '
+            f'{below + radius / slope[TANGENT_X]:.9g} m the ball touches the ground there')
+
+
 def check_work(solver: Solver, steps: int) -> None:
     """
     Refuse a run with steps of one length that would take more than its work budget.
@@ -147,11 +166,13 @@ def check_work(solver: Solver, steps: int) -> None:
 
 def failure(outcome: int, time: float, vector: Array, solver: Solver) -> SimulationError:
     """Return the error that explains how a run ended."""
+    shorter = f'use a smaller step than {solver.step:g} s (solver), the adaptive method, or '
+    if not METHODS[solver.method].fixed:
+        shorter = f'use a smaller tolerance than {solver.tolerance:g} m (solver), or '
     if outcome == PENETRATED:
         return SimulationError(
             time, f'the centre of the ball is under the ground at x = {vector[X]:.4g} m',
-            'raise contact_stiffness, lower the speed of the impact, or use a smaller step than '
-            f'{solver.step:g} s (solver) or softer gains')
+            f'raise contact_stiffness, lower the speed of the impact, or {shorter}softer gains')
     if outcome == STEP_TOO_SMALL:
         return SimulationError(
             time, 'the adaptive step became too small to go on',
@@ -166,5 +187,4 @@ def failure(outcome: int, time: float, vector: Array, solver: Solver) -> Simulat
     names = [name for name, value in zip(NAMES, vector) if not math.isfinite(value)]
     return SimulationError(
         time, f'{" and ".join(names) or "the state"} stopped being finite',
-        f'use a smaller step than {solver.step:g} s (solver), the adaptive method, or '
-        'softer gains')
+        f'{shorter}softer gains')

@@ -9,7 +9,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.mechanics import contact, contact_law, equations
 from ballbot_ros.physics.model.contact_options import ContactOptions
 from ballbot_ros.physics.model.parameters import Actuator, Parameters
-from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.robot import load_robot, Robot
 from ballbot_ros.physics.model.state import Energies, State, Touch
 from ballbot_ros.physics.model.terrain import Array, Terrain, VERTEX_X
 from ballbot_ros.physics.simulation.failures import (
@@ -22,7 +22,7 @@ from ballbot_ros.renamed import old_attributes
 
 
 @old_attributes(numbers='parameters')
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Model:
     """
     A robot on a terrain: the full model, eqs. (3)-(10) and (13).
@@ -34,6 +34,14 @@ class Model:
     terrain: Terrain
     options: ContactOptions = ContactOptions()
     solver: Solver = Solver()
+
+    def __post_init__(self) -> None:
+        """Take the name or the file of a robot for the robot, too."""
+        object.__setattr__(self, 'robot', load_robot(self.robot))
+
+    def __repr__(self) -> str:
+        """Return robot and solver, not all numbers of the ground."""
+        return f'Model({self.robot!r}, {self.solver!r})'
 
     @cached_property
     def parameters(self) -> Parameters:
@@ -89,10 +97,16 @@ class Model:
         high = float(np.max(self.terrain.height(reach))) + 1.01 * radius
         low = float(self.terrain.height(x)) + 1e-9 * radius
         if support(low) < 0.0:
+            # What carries grows with the stiffness: for a tenth of the penetration, ten times.
+            lift = support(low) + self.robot.weight
+            enough = 10.0 * robot.stiffness * self.robot.weight / lift if lift > 0.0 else 0.0
             raise ConfigurationError(
                 f'the ground at x = {x:g} m is too soft or too steep to carry the ball at rest: '
                 f'a contact stiffness of {robot.stiffness:g} N/m gives way under '
-                f'{self.robot.weight:g} N; give the height y of the start')
+                f'{self.robot.weight:g} N; '
+                + (f'raise contact_stiffness to {enough:.3g} N/m, or ' if enough > 0.0 else '')
+                + 'give the height y of the start: with y = '
+                f'{high - 0.01 * radius:.9g} m the ball is clear of the ground')
         for _ in range(200):
             middle = 0.5 * (low + high)
             if not low < middle < high:

@@ -3,13 +3,13 @@
 from dataclasses import dataclass, fields, replace
 import math
 from pathlib import Path
-from typing import Any, Callable, Mapping, Optional, Type
+from typing import Any, Callable, Mapping, Optional, Type, Union
 
 from ballbot_ros.config.fields import (
-    Checked, checked_values, expect_mapping, quantity, refuse_unknown, T)
+    Checked, checked_values, expect_mapping, quantity, refuse_missing, section, T, text)
 from ballbot_ros.config.files import find_config, read_yaml
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.model.actuation import Actuation, set_rate_for_speed
+from ballbot_ros.physics.model.actuation import Actuation, set_rate_for_speed, SET_VALUES
 from ballbot_ros.physics.model.contact_options import ContactOptions
 from ballbot_ros.physics.model.robot import load_robot, Robot
 from ballbot_ros.physics.model.state import State
@@ -17,8 +17,8 @@ from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.physics.model.terrain_file import read_terrain
 from ballbot_ros.physics.simulation.accuracy import LARGEST, simulate_accurately, SMALLEST
 from ballbot_ros.physics.simulation.model import Model
-from ballbot_ros.physics.simulation.simulate import simulate
 from ballbot_ros.physics.simulation.solver import PRESETS, Solver
+from ballbot_ros.physics.simulation.steps import simulate
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 
 
@@ -60,7 +60,22 @@ class Run(Checked):
         optional=True)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
+class SceneFile(Run):
+    """The keys of a scene file."""
+
+    robot: str = text('name or file of a robot')
+    robot_changes: Any = section('numbers of the robot to replace, by their names', default=None)
+    terrain: Any = section(
+        'pieces of ground from left to right, or its vertices; level if not given', default=None)
+    initial: Any = section('how it starts', default=None)
+    actuation: Any = section('what the motor does', default=None)
+    solver: Any = section(
+        'the integrator; or a name: paper, for that of the paper', default=None)
+    contact: Any = section('choices in the contact law', default=None)
+
+
+@dataclass(frozen=True, repr=False)
 class Scene:
     """
     Everything that a simulation needs.
@@ -87,34 +102,45 @@ class Scene:
         """Return the state that the scene starts from."""
         return self.initial.state(self.model)
 
-    def simulate(self, progress: Optional[Callable[[float], None]] = None) -> Trajectory:
+    def simulate(self, progress: Optional[Callable[[float], None]] = None, *,
+                 duration: Optional[float] = None) -> Trajectory:
         """
-        Run the scene.
+        Run the scene, for a `duration` [s] of its own or another one.
 
         With an accuracy see `accuracy.simulate_accurately`, else `simulation.simulate`.
         """
-        if self.run.accuracy is not None:
+        run = self.run if duration is None else replace(self.run, duration=duration)
+        if run.accuracy is not None:
             return simulate_accurately(
-                self.model, self.start, self.actuation, self.run.duration, self.run.accuracy,
-                self.run.output_step, progress)
-        return simulate(self.model, self.start, self.actuation, self.run.duration,
-                        self.run.output_step, progress)
+                self.model, self.start, self.actuation, run.duration, run.accuracy,
+                run.output_step, progress)
+        return simulate(self.model, self.start, self.actuation, run.duration, run.output_step,
+                        progress)
+
+    def __repr__(self) -> str:
+        """Return what people call it, not all of its numbers."""
+        return (f'Scene({self.name!r}, {self.model.robot!r}, {self.actuation!r}, '
+                f'{self.run.duration:g} s)')
 
 
-SECTIONS = ('robot', 'robot_changes', 'terrain', 'initial', 'actuation', 'duration',
-            'output_step', 'accuracy', 'solver', 'contact')
+# What scene files have in place of numbers of `Actuation`, for people.
+HUMAN = {
+    'set_angle_deg': quantity('deg', 'wanted absolute pendulum angle, in place of set_angle'),
+    'set_speed': quantity('m/s', 'speed at which the ball rolls, in place of set_rate')}
 
 
-def load_scene(name_or_path: str, robot: Optional[str] = None,
+def load_scene(name_or_path: Union[str, Path, Scene],
+               robot: Union[str, Path, Robot, None] = None,
                solver: Optional[Solver] = None) -> Scene:
     """
     Read a scene that comes with the package, by name, or a file of one's own.
 
     Parameters
     ----------
-    name_or_path : str
-    robot : str, optional
-        Name or file of a robot to put in place of the scene's.
+    name_or_path : str or Path
+        A `Scene`, too, which is taken as it is.
+    robot : str, Path or Robot, optional
+        Name or file of a robot to put in place of the scene's, or the robot itself.
     solver : Solver, optional
         To use instead of the scene's, and of an accuracy that it asks for.
 
@@ -124,11 +150,16 @@ def load_scene(name_or_path: str, robot: Optional[str] = None,
         Naming file, section, field, value and allowed range.
 
     """
-    path = find_config('scenes', name_or_path)
-    content = dict(read_yaml(path))
-    if robot is not None:
-        content['robot'] = robot
-    scene = read_scene(content, str(path), Path(path).stem)
+    if isinstance(name_or_path, Scene):
+        scene = name_or_path
+        if robot is not None:
+            scene = replace(scene, model=replace(scene.model, robot=load_robot(robot)))
+    else:
+        path = find_config('scenes', name_or_path)
+        content = dict(read_yaml(path))
+        if robot is not None:
+            content['robot'] = robot
+        scene = read_scene(content, str(path), Path(path).stem)
     if solver is None:
         return scene
     return replace(scene, model=replace(scene.model, solver=solver),
@@ -149,8 +180,8 @@ def read_scene(content: Mapping[str, Any], where: str, name: str) -> Scene:
         Of the scene.
 
     """
-    refuse_unknown(content, SECTIONS, where)
-    if not isinstance(content.get('robot'), str):
+    refuse_missing([(SceneFile, content, where)])
+    if not isinstance(content.get('robot'), (str, Path, Robot)):
         raise ConfigurationError(
             f'{where}: robot must be the name or the file of a robot, '
             f'got {content.get("robot")!r}')
@@ -202,9 +233,9 @@ def _read_actuation(section: Any, robot: Robot, where: str) -> Actuation:
     entries = dict(expect_mapping(section, where))
     if 'set_angle' in entries:
         raise ConfigurationError(f'{where}: set_angle is not known here; give set_angle_deg')
-    human = {'set_angle_deg': ('deg', 'set_angle', math.radians),
-             'set_speed': ('m/s', 'set_rate', lambda speed: set_rate_for_speed(robot, speed))}
-    for name, (unit, target, convert) in human.items():
+    human = {'set_angle_deg': ('set_angle', math.radians),
+             'set_speed': ('set_rate', lambda speed: set_rate_for_speed(robot, speed))}
+    for name, (target, convert) in human.items():
         if name not in entries:
             continue
         if target in entries:
@@ -213,8 +244,14 @@ def _read_actuation(section: Any, robot: Robot, where: str) -> Actuation:
         if isinstance(value, bool) or not isinstance(value, (int, float)) \
                 or not math.isfinite(value):
             raise ConfigurationError(
-                f'{where}: {name} must be a finite number [{unit}], got {value!r}')
+                f'{where}: {name} must be a finite number '
+                f'[{HUMAN[name].metadata["unit"]}], got {value!r}')
         entries[target] = convert(value)
+    for name, law in SET_VALUES.items():
+        if name in entries and entries.get('law', 'free') != law:
+            raise ConfigurationError(
+                f'{where}: {name} belongs to law {law}, and the law here is '
+                f'{entries.get("law", "free")}, which would ignore it; write law: {law}')
     actuation = Actuation.from_mapping(entries, where)
     try:
         actuation.actuator(robot)  # refuses what this robot cannot do, before the run

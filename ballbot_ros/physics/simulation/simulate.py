@@ -8,7 +8,7 @@ from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.state import SIZE, State
 from ballbot_ros.physics.simulation.failures import (
-    check_work, failure, Ledger, LEDGER_BOUND, out_of_balance)
+    check_start, check_work, failure, Ledger, LEDGER_BOUND, out_of_balance)
 from ballbot_ros.physics.simulation.integrator import Integrator
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.trajectory import Effort, Trajectory
@@ -40,40 +40,10 @@ def steps_in(duration: float, step: float, what: str) -> int:
     return steps
 
 
-def simulate(model: Model, start: State, actuation: Actuation, duration: float,
-             output_step: float = 1e-3,
-             progress: Optional[Callable[[float], None]] = None) -> Trajectory:
-    """
-    Simulate a model.
-
-    Parameters
-    ----------
-    model : Model
-    start : State
-        Its time counts on.
-    actuation : Actuation
-        Held for the whole run.
-    duration : float
-        [s], rounded up to a whole number of output steps.
-    output_step : float
-        Time between samples [s]; a whole number of solver steps, where these are fixed.
-    progress : callable, optional
-        Called now and then with the simulated time since the start [s].  May raise
-        KeyboardInterrupt to end the run early.
-
-    Returns
-    -------
-    Trajectory
-        The start is its first sample.  After a KeyboardInterrupt it ends early.
-
-    Raises
-    ------
-    SimulationError
-        If the run cannot go on; its attribute ``trajectory`` holds what there is.
-    ConfigurationError
-        If steps and durations do not fit together.
-
-    """
+def simulate_once(model: Model, start: State, actuation: Actuation, duration: float,
+                  output_step: float = 1e-3,
+                  progress: Optional[Callable[[float], None]] = None) -> Trajectory:
+    """Simulate a model as `steps.simulate` does, looking at its energy ledger and no further."""
     if not duration > 0.0 or not np.isfinite(duration):
         raise ConfigurationError(f'duration must be above 0 s and finite, got {duration!r}')
     method, count = METHODS[model.solver.method], int(np.ceil(duration / output_step - 1e-9))
@@ -83,6 +53,7 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
         check_work(model.solver, count * every)
     actuator = actuation.actuator(model.robot, start.time, start.joint_angle)
     vector = np.array(start[1:])
+    check_start(start.time, vector, model.robot.ball_radius, model.profile)
     rows = np.empty((1 + count, 2 + SIZE))
     rows[0] = [*start, model.torque(start, actuator)]
     end, status = start.time + count * every * tick, Status(FINISHED, start.time)
@@ -130,4 +101,4 @@ def _spans(integrator: Integrator, method: Method, begin: float, end: float) -> 
     return (Span(begin, end, 'full', 'the run begins'),)
 
 
-__all__ = ['CHUNK', 'simulate', 'SimulationError', 'steps_in']
+__all__ = ['CHUNK', 'simulate_once', 'SimulationError', 'steps_in']

@@ -8,7 +8,7 @@ from ballbot_ros.physics.solvers.registry import METHODS
 MODELS = ('auto', 'full')
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Solver(Checked):
     """
     Which integrator, and how finely.
@@ -33,7 +33,7 @@ class Solver(Checked):
         'what a method that chooses its steps may simulate: full, always the full model; auto, '
         'flight in closed form where that is exact', default='auto', choices=MODELS)
     work_budget: int = count(
-        'right-hand sides that one run may take before it is given up; the default is some '
+        'function evaluations that one run may take before it is given up; the default is some '
         'minutes of work', default=10_000_000_000, minimum=1, maximum=10**15)
 
 

@@ -2,11 +2,14 @@
 """A simulated run as named columns with units."""
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Mapping, NamedTuple, Optional
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Mapping, NamedTuple, Optional, Union
 
 import numpy as np
 
 from ballbot_ros.compiled import compiled
+from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.mechanics.contact import contact_table, find_contacts, spring_energy
 from ballbot_ros.physics.mechanics.contact_law import (
     contact_force, CORNER, EDGE, KIND, NORMAL_X, NORMAL_Y, PENETRATION)
@@ -87,7 +90,7 @@ class Assurance(NamedTuple):
     runs: int  # needed to find out
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
     """
     A run of a model.
@@ -110,6 +113,59 @@ class Trajectory:
     effort: Effort = Effort()
     assurance: Optional[Assurance] = None
     spans: tuple[Span, ...] = ()
+
+    def __repr__(self) -> str:
+        """Return what was run and how long it is; see `columns` for the numbers."""
+        return (f'Trajectory({self.model.robot.name!r}, {len(self)} samples from '
+                f'{self.rows[0, 0]:g} to {self.rows[-1, 0]:g} s)')
+
+    def to_pandas(self) -> Any:
+        """
+        Return all columns as a pandas.DataFrame; units are in its ``attrs['units']``.
+
+        Raises
+        ------
+        ConfigurationError
+            If pandas is not installed.
+
+        """
+        try:
+            frame = import_module('pandas').DataFrame
+        except ImportError as error:
+            raise ConfigurationError(
+                'to_pandas needs pandas, which is not installed: pip install pandas') from error
+        table = frame(self.columns)
+        table.attrs['units'] = dict(UNITS)
+        return table
+
+    def save(self, path: Union[str, Path]) -> None:
+        """
+        Write all columns with their units to a .csv, .npz or .parquet file.
+
+        Raises
+        ------
+        ConfigurationError
+            If the ending is another, or the file cannot be written.
+
+        """
+        # What is above physics is found when asked for: it knows the files, physics does not.
+        import_module('ballbot_ros.results.files').write_trajectory(self, path)
+
+    def plot(self, path: Union[str, Path, None] = None) -> Any:
+        """
+        Return a matplotlib Figure of the columns over time; also write it to a PNG or SVG file.
+
+        Raises
+        ------
+        ConfigurationError
+            If the file cannot be written.
+
+        """
+        figure = import_module('ballbot_ros.figures.panels').time_series(
+            self, self.model.robot.name)
+        if path is not None:
+            import_module('ballbot_ros.figures.canvas').save(figure, path)
+        return figure
 
     def __len__(self) -> int:
         """Return the number of samples."""

@@ -20,7 +20,8 @@ from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, VERTE
 from ballbot_ros.physics.solvers.values import AUTOMATIC, IMPLICIT, SMALLEST_STEP, StepController
 
 FIRST_STEP = 1e-4       # [s]
-LONGEST_STEP = 0.25     # [s]: a motion that begins from nothing is not overlooked
+LONGEST_STEP = 0.25     # [s]: a motion that begins from nothing is not overlooked ...
+CALM_GROWTH = 1.5       # ... nor later, when steps are longer: each may be by so much
 LARGEST_DISTANCE = 0.25  # of the radius per step, more on an empty floor: no feature overlooked
 FAR = 1e6               # radii: on an endless floor
 
@@ -31,8 +32,9 @@ MEMORY = 0.01           # [s]: an error of velocity counts at least with this
 
 STABLE = 3.3            # step times rate of the fastest decay where explicit steps diverge
 AT_LIMIT = 0.6          # of the longest stable explicit step: it is stability that limits it
+SUSPICION = 8           # of a step at that limit; the half of it, of a step half as long
 IMPLICIT_COST = 1.8     # explicit steps that an implicit one costs
-FIRST_PATIENCE, LAST_PATIENCE = 2, 32  # stiff steps before an implicit one is tried
+FIRST_PATIENCE, LAST_PATIENCE = 16, 256  # suspicion after which an implicit step is tried
 
 
 @compiled
@@ -95,8 +97,7 @@ def step_limit(state: Array, distance: float, count: int, parameters: Parameters
     along = state[VELOCITY_X] * tangent_x + state[VELOCITY_Y] * tangent_y
     across = state[VELOCITY_Y] * tangent_x - state[VELOCITY_X] * tangent_y
     near, falling = LARGEST_DISTANCE * parameters.radius, parameters.gravity if count == 0 else 0.0
-    return min(LONGEST_STEP, time_for(distance, along, parameters.gravity),
-               time_for(near, across, falling))
+    return min(time_for(distance, along, parameters.gravity), time_for(near, across, falling))
 
 
 @compiled
@@ -117,10 +118,16 @@ def with_step(now: StepController, step: float) -> StepController:
 
 @compiled
 def stiffness_seen(now: StepController, stiffness: float) -> StepController:
-    """Return the controller after an explicit step that was so much of the longest stable one."""
-    return StepController(
-        now.step, now.implicit, now.on_trial, now.explicit_step,
-        now.stiff_steps + (1 if stiffness > AT_LIMIT else 0), now.patience)
+    """
+    Return the controller after an explicit step that was so much of the longest stable one.
+
+    What is stiff shakes the estimated error, too, and may hold the steps well below the limit.
+    """
+    suspicion = SUSPICION if stiffness > AT_LIMIT else 0
+    if 0.0 < stiffness <= AT_LIMIT:  # a number, that is
+        suspicion = int(SUSPICION * stiffness / AT_LIMIT)
+    return StepController(now.step, now.implicit, now.on_trial, now.explicit_step,
+                          now.stiff_steps + suspicion, now.patience)
 
 
 @compiled
@@ -137,6 +144,23 @@ def rejected(now: StepController, used: float, error: float, tolerance: float) -
 
 
 @compiled
+def shortest(now: StepController, smallest: float) -> StepController:
+    """Return the controller whose next step is the smallest there is [s], and implicit."""
+    return StepController(smallest, True, False, smallest, now.stiff_steps, now.patience)
+
+
+@compiled
+def unavoidable(used: float, smallest: float, implicit: bool, error: float) -> bool:
+    """
+    Return whether a step [s] is to be taken although it is not accurate: no shorter one can be.
+
+    A ball that is struck slips through its threshold in less than time can be told apart. An
+    L-stable step leads to what comes of it; the error is that of an instant.
+    """
+    return implicit and used <= smallest and error < math.inf
+
+
+@compiled
 def growth(error: float, tolerance: float) -> float:
     """Return by what the step may grow after an error."""
     if error == 0.0:
@@ -148,7 +172,8 @@ def growth(error: float, tolerance: float) -> float:
 def next_step(now: StepController, used: float, grow: float) -> float:
     """Return the step to try after one that was accepted [s]."""
     # A step cut short by the end, or by the limit, says little about the one to try.
-    return max(now.step, used * grow) if used < now.step else used * grow
+    step = max(now.step, used * grow) if used < now.step else used * grow
+    return min(step, max(LONGEST_STEP, CALM_GROWTH * used))
 
 
 @compiled
@@ -185,6 +210,7 @@ def accepted_implicit(now: StepController, used: float, grow: float, method: int
 @compiled
 def after_event(now: StepController, count: int, method: int) -> StepController:
     """Return the controller at the begin of a mode with so many contacts."""
+    now = with_step(now, min(now.step, LONGEST_STEP))
     if method != AUTOMATIC or count == 0:
         return now
     # Explicit steps would shake a hard contact before they find it hard.

@@ -14,7 +14,7 @@ NO_EVENT = 2.0        # for theta, which is 0 to 1 within the step
 CHATTER = 1e-9        # [s] between events that rounding makes
 PATIENCE = 20         # such events in a row, then ever longer steps over them
 SOON, CROWD = 0.1, 3  # of the step; so many events in a row that soon, then shorter steps
-STUCK = 1000          # events in a row without any time between them
+STUCK = 1000          # events, or smallest steps, in a row without any time between them
 
 
 @compiled
@@ -103,4 +103,4 @@ def rated(rate: EventRate, theta: float, time: float, step: float) -> tuple[Even
         push = time_width(time) * 2.0**min(chattering - PATIENCE, 40)
         theta = max(theta, min(1.0, push / step))
     return EventRate(chattering, rate.crowded + 1 if theta < SOON else 0,
-                rate.stuck + 1 if theta * step < smallest_step(time) else 0), theta
+                rate.stuck + 1 if min(theta, 1.0) * step <= smallest_step(time) else 0), theta

@@ -18,23 +18,24 @@ from ballbot_ros.physics.mechanics.contact import ground_height
 from ballbot_ros.physics.mechanics.equations import is_finite
 from ballbot_ros.physics.mechanics.jacobian import smooth_contacts
 from ballbot_ros.physics.mechanics.modes import (
-    contact_count, features_within, find_mode, mode_derivative)
+    contact_count, ContactMode, features_within, find_mode, mode_derivative)
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import SIZE, X, Y
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import dormand_prince, rodas5p
 from ballbot_ros.physics.solvers.controller import (
     accepted_explicit, accepted_implicit, after_event, clear_distance, error_length, growth,
-    rejected, smallest_step, started, step_limit, stiffness_seen, with_step)
+    rejected, shortest, smallest_step, started, step_limit, stiffness_seen, unavoidable,
+    with_step)
 from ballbot_ros.physics.solvers.dense import interpolate, write_rows
 from ballbot_ros.physics.solvers.events import CROWD, first_event, LOOKS, rated, STUCK
 from ballbot_ros.physics.solvers.flight import has_closed_form
 from ballbot_ros.physics.solvers.spans import FLIGHT, FULL, note
 from ballbot_ros.physics.solvers.touch_down import fly_to_touch, SHORT_FLIGHT
 from ballbot_ros.physics.solvers.values import (
-    BUDGET_EXCEEDED, Call, EVALUATIONS, EventRate, EVENTS, FINISHED, LOOKING, named, NOT_FINITE,
-    Options, Output, packed, PackedStatus, PAUSED, PENETRATED, REJECTED, Status, STEP_TOO_SMALL,
-    StepController, STEPS, Workspace)
+    BUDGET_EXCEEDED, Call, EVALUATIONS, EventRate, EVENTS, EXPLICIT, FINISHED, LOOKING, named,
+    NOT_FINITE, Options, Output, packed, PackedStatus, PAUSED, PENETRATED, REJECTED, Status,
+    STEP_TOO_SMALL, StepController, STEPS, Workspace)
 
 FREE_FEATURES = 32  # of the ground that a right-hand side pays for; more cost work, too
 
@@ -46,6 +47,14 @@ def begin_mode(time: float, state: Array, system: System, workspace: Workspace) 
     mode_derivative(time, state, system, workspace.mode, workspace.stages[0])
     workspace.statistics[EVALUATIONS] += 1
     return count
+
+
+@compiled
+def too_small(error: float, method: int, mode: ContactMode) -> int:
+    """Return why a run ends that asks for less than the smallest step, or that it does not."""
+    if error == math.inf:
+        return NOT_FINITE
+    return STEP_TOO_SMALL if method == EXPLICIT or not smooth_contacts(mode) else FINISHED
 
 
 @compiled
@@ -130,9 +139,8 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
             break
         smallest, distance = smallest_step(time), clear_distance(state[X], parameters, ground)
         limit = step_limit(state, distance, contact_count(workspace.mode), parameters, ground)
-        used = min(controller.step, limit, end - time)
-        implicit = (controller.implicit or controller.on_trial) and smooth_contacts(
-            workspace.mode)
+        used = min(max(controller.step, smallest), limit, end - time)
+        implicit = smooth_contacts(workspace.mode) and (controller.implicit or controller.on_trial)
         if implicit:
             rodas5p.step(time, state, used, system, workspace, known)
             known = True
@@ -140,13 +148,15 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
             controller = stiffness_seen(
                 controller, dormand_prince.step(time, state, used, system, workspace))
         error = error_length(workspace.error, parameters)
-        if not error <= options.tolerance:
+        if not (error <= options.tolerance or unavoidable(used, smallest, implicit, error)):
             statistics[REJECTED] += 1
             on_trial = controller.on_trial
             controller = rejected(controller, used, error, options.tolerance)
             if controller.step < smallest and not on_trial:
-                outcome = STEP_TOO_SMALL if error < math.inf else NOT_FINITE
-                break
+                outcome = too_small(error, options.method, workspace.mode)
+                if outcome != FINISHED:
+                    break
+                controller = shortest(controller, smallest)
             continue
         controller = accepted(controller, state, used, error, implicit, options, workspace)
         known = False

@@ -52,8 +52,8 @@ class StepController(NamedTuple):
     implicit: bool = False  # whether steps are implicit
     on_trial: bool = False  # whether the next one is, to see whether that pays
     explicit_step: float = 0.0  # to go back to, if it does not [s]
-    stiff_steps: int = 0  # explicit steps at the limit of stability since the last trial
-    patience: int = 0  # so many of them before the next trial
+    stiff_steps: int = 0  # suspicion, see `controller`, that steps are stiff, since the last trial
+    patience: int = 0  # so much of it before the next trial
 
 
 class EventRate(NamedTuple):

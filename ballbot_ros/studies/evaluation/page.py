@@ -31,6 +31,8 @@ law (11) with the published gains; observations come at 50 Hz. The decision beli
 robot file. What each outcome is exactly: `ballbot_ros/studies/evaluation/judge.py`.
 
 ![Reliability, what went wrong, crossings by room](figures/decision_evaluation.png)
+
+*Drawn by `ballbot evaluate-decision`.*
 """
 
 

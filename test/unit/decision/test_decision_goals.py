@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Goals in closed loop: the ball drives to a place, or over a step, and ends at rest."""
+from dataclasses import replace
 import math
 
 import pytest
 
 from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import (
-    cross_goal, Decider, drive_goal, Ending, Kind, Knowledge, load_curve, load_decision_tuning,
-    Motion, Phase, Reason, StepObservation)
+    cross_goal, Decider, Decision, drive_goal, Ending, Kind, Knowledge, load_curve,
+    load_decision_tuning, Motion, Phase, Reason, StepObservation)
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.physics.model.terrain import Terrain
@@ -166,6 +167,18 @@ def test_the_step_ahead_is_crossed_and_the_ball_rests_behind_it():
     assert ride.motion.position > 2.0
     assert ride.loop.state.y == pytest.approx(GIMBALL.ball_radius + 0.02, abs=0.002)
     assert ride.phases[0] is Phase.APPROACHING and ride.phases[-1] is Phase.STOPPING
+
+
+def test_a_goal_tells_of_its_own_step_and_not_of_the_one_behind_it():
+    goal = cross_goal(START, 0.0)
+    first = Decision(Kind.CROSS, Reason.LIKELY, 0.6, 'cross', height=0.012, distance=1.0, step=1)
+    second = replace(first, kind=Kind.GO_ROUND, distance=1.4, height=0.08, step=2)
+    goal.update(first, Motion(0.1, 0.0, 0.5), None)
+    goal.update(second, Motion(2.0, 1.6, 0.5), None)
+    for number in range(40):
+        end = goal.update(second, Motion(2.1 + 0.02 * number, 1.6, 0.0), None)
+    assert end.ending is Ending.CROSSED and end.message == 'over the step of 12 mm'
+    assert goal.height == 0.012
 
 
 def test_a_step_too_high_is_refused_before_it():

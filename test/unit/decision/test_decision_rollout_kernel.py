@@ -7,6 +7,7 @@ import pytest
 
 from ballbot_ros.control.rolling_model import RollingModel
 from ballbot_ros.control.speed_law import speed_law_start
+from ballbot_ros.crossing.rules import CLEARANCE
 from ballbot_ros.decision import Face, Knowledge, load_curve, load_decision_tuning, Profile
 from ballbot_ros.decision.pilot_law import pilot_step
 from ballbot_ros.decision.plan import Strategy
@@ -66,8 +67,9 @@ def driven(robot, height, position, speed, row):
     scene = Scene('', model, Initial(x=position, speed=speed), Actuation(), Run(duration=1.0))
     plant = Plant(scene, 500.0)
     state, touched = speed_law_start(speed, 0.0, 0.0, WORLDS.law), None
-    order = (row[SPEED], 0.0, math.inf, row[SWING_AT], row[SWING_ANGLE], row[EDGE], 0.0,
-             TUNING.largest_lean, TUNING.emergency_lean, TUNING.reaction_time)
+    order = (row[SPEED], 0.0, math.inf, row[SWING_AT], row[SWING_ANGLE], row[EDGE],
+             min(row[SPEED], TUNING.cruise_speed), TUNING.largest_lean,
+             TUNING.emergency_lean, TUNING.reaction_time)
     for period in range(6000):
         now = plant.state
         if period % 10 == 0:
@@ -78,7 +80,7 @@ def driven(robot, height, position, speed, row):
         now = plant.advance(limited(asked, 4.0))
         if touched is None and any(one.x >= -1e-6 for one in model.touches(now)):
             touched = now
-        if now.x > 0.0 and now.y > height + 0.5 * RADIUS:
+        if now.x > CLEARANCE * RADIUS and now.y > height + 0.5 * RADIUS:
             return OVER, touched
         if touched is not None and (
                 now.velocity_x < 0.0 and now.x < touched.x - 0.004

@@ -40,6 +40,16 @@ def test_a_curve_for_another_approach_is_refused(name, told):
     check_decision(GIMBALL, unknown, TUNING)
 
 
+def test_a_curve_of_balls_that_may_come_back_from_the_edge_is_refused():
+    assert CURVE.made.over == 'clear' and CURVE.made.clearance == 0.25
+    older = replace(CURVE, made=replace(CURVE.made, over='edge', clearance=0.0))
+    with pytest.raises(ConfigurationError, match='its centre has passed the edge.*--over clear'):
+        check_decision(GIMBALL, older, TUNING)
+    nearly = replace(CURVE, made=replace(CURVE.made, clearance=0.1))
+    with pytest.raises(ConfigurationError, match='0.1 radii beyond the edge.*at least 0.25'):
+        check_decision(GIMBALL, nearly, TUNING)
+
+
 def test_cruising_above_the_limit_is_refused():
     with pytest.raises(ConfigurationError, match='cruise_speed must be at most'):
         DecisionTuning(cruise_speed=1.2)

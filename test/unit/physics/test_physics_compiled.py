@@ -33,6 +33,18 @@ print(json.dumps([compiled.COMPILED, ends]))
 """
 
 
+@pytest.mark.parametrize('variable', ['NUMBA_DISABLE_JIT', 'BALLBOT_UNCOMPILED'])
+def test_compilation_can_be_switched_off(variable):
+    done = subprocess.run(
+        [sys.executable, '-c', 'from ballbot_ros import compiled, crossing\n'
+         'from ballbot_ros.physics.mechanics.laws import limited\n'
+         'print(compiled.COMPILED, limited(3.0, 2.0), type(limited).__name__)'],
+        check=True, capture_output=True, text=True,
+        env={**os.environ, variable: '1',
+             'PYTHONPATH': os.pathsep.join(path for path in sys.path if path)})
+    assert done.stdout.split() == ['False', '2.0', 'function']
+
+
 def outcome(uncompiled):
     """Return what the program prints, in a process of its own."""
     done = subprocess.run(

@@ -12,6 +12,7 @@ from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import (
     Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
 from ballbot_ros.physics.mechanics.equations import X
+from ballbot_ros.physics.simulation.accuracy import simulate_accurately
 from ballbot_ros.physics.simulation.integrator import Integrator
 from ballbot_ros.physics.solvers.values import FINISHED, Status
 
@@ -20,6 +21,9 @@ BY_NAME, make_case = (
     getattr(importlib.import_module('cases'), name) for name in ('BY_NAME', 'make_case'))
 judge, REFUSED, WRONG = (
     getattr(importlib.import_module('judge'), name) for name in ('judge', 'REFUSED', 'WRONG'))
+
+refusal, remedy = (
+    getattr(importlib.import_module('remedies'), name) for name in ('refusal', 'remedy'))
 
 SHELLBALL = load_robot('shellball')
 ROUGH = Terrain([[0.001 * i, 0.0005 * (i % 2)] for i in range(1000)])
@@ -118,3 +122,81 @@ def test_a_tolerance_coarser_than_the_penetration_does_not_make_a_run_hang(metho
         scene.actuation.actuator(model.robot), vector, Status(FINISHED, 0.0), scene.run.duration)
     assert status.outcome == FINISHED and status.time == scene.run.duration
     assert 0.0 < vector[X] < 0.5
+
+
+def extreme_run(name, seed, tolerance, budget):
+    case = make_case(name, seed)
+    model = replace(case.model, solver=replace(
+        case.model.solver, tolerance=tolerance, work_budget=budget))
+    return simulate(model, case.start, case.actuation, case.duration, 0.02 * case.duration)
+
+
+def test_steps_that_stiffness_holds_below_the_limit_of_stability_become_implicit():
+    # Explicit steps stayed at 0.43 of that limit for good, and used up 2,000,000 right-hand sides.
+    assert extreme_run('combined', 1338, 2.034e-10, 20_000).effort.evaluations < 10_000
+
+
+def test_what_is_over_before_time_can_tell_is_stepped_over():
+    # 40 kN m turn a ball of 0.05 g: it slips through its threshold in less than 1e-16 s.
+    run = extreme_run('combined', 120, 5.9e-12, 20_000)
+    assert len(run) == 51 and np.max(np.abs(run.energy_residual)) < 1e-3 * run.energy_in_play
+
+
+@pytest.mark.parametrize('which', [
+    'stiffness:341', 'fixed:1002', 'combined:120', 'combined:470', 'combined:869',
+    'combined:1338', 'combined:1311'])
+def test_what_was_wrong_once_is_not_any_more(which):
+    name, _, seed = which.partition(':')
+    found = judge(name, int(seed))
+    assert found.verdict != WRONG, found.why
+
+
+def test_runs_that_met_other_kinks_are_confirmed_by_another_method(monkeypatch):
+    # Two tolerances agree on this ball to 0.9 um, by chance, where both are 9 um off.
+    case, asked = make_case('stiffness', 341), []
+
+    def watched(model, *rest):
+        asked.append(model.solver.method)
+        return simulate(model, *rest)
+    monkeypatch.setattr('ballbot_ros.physics.simulation.accuracy.simulate_once', watched)
+    monkeypatch.setattr('ballbot_ros.physics.simulation.accuracy.RESOLVED', 1e9)
+    accuracy = 1e-4 * case.model.robot.ball_radius
+    simulate_accurately(case.model, case.start, case.actuation, case.duration, accuracy, 0.01)
+    assert 'implicit' in asked
+
+
+def test_steps_that_are_stable_in_balance_and_too_long_are_refused():
+    found = judge('fixed', 1002)
+    assert found.verdict == REFUSED and 'are stable, but the ball is' in found.why
+    case = make_case('fixed', 1002)
+    with pytest.raises(SimulationError) as caught:
+        simulate(case.model, case.start, case.actuation, case.duration, case.output_step)
+    assert caught.value.trajectory['time'][-1] == caught.value.time
+
+
+def test_a_start_under_the_ground_is_refused_with_a_height_that_works():
+    model = Model(SHELLBALL, Terrain.slope(0.5), solver=Solver('adaptive'))
+    with pytest.raises(SimulationError, match='starts under the ground') as caught:
+        simulate(model, State(x=0.2, y=-0.1), Actuation(), 0.1)
+    height = float(caught.value.remedy.split('with y = ')[1].split()[0])
+    simulate(model, State(x=0.2, y=height), Actuation(), 0.1)
+    assert model.touches(State(x=0.2, y=height - 1e-6))
+    assert not model.touches(State(x=0.2, y=height + 1e-6))
+
+
+def test_ground_that_gives_way_is_refused_with_a_stiffness_that_carries():
+    soft = replace(SHELLBALL, contact_stiffness=10.0)
+    with pytest.raises(ConfigurationError, match='too soft') as caught:
+        Model(soft, Terrain.flat()).at_rest(0.0)
+    named = float(str(caught.value).split('raise contact_stiffness to ')[1].split()[0])
+    state = Model(replace(soft, contact_stiffness=named), Terrain.flat()).at_rest(0.0)
+    assert state.y == pytest.approx(0.9 * soft.ball_radius, rel=0.01)
+
+
+@pytest.mark.parametrize('which', [
+    'combined:28', 'stiffness:11', 'penetration:6', 'fixed:5', 'fixed:4', 'fixed:22', 'fixed:1002',
+    'combined:530', 'vertices:62'])
+def test_a_refusal_names_a_setting_with_which_the_case_works(which):
+    name, _, seed = which.partition(':')
+    refused = refusal((name, int(seed)))
+    assert refused is not None and remedy(refused).setting, refused

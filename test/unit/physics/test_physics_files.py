@@ -52,6 +52,8 @@ def with_line(name, line):
 @pytest.mark.parametrize('name, line, words', [
     ('ball_mass', 'ball_mas: 3.8', ["'ball_mas'", "did you mean 'ball_mass'"]),
     ('ball_mass', 'weight: 3.8', ["'weight'", 'known are', 'ball_inertia', 'slip_threshold']),
+    ('motor', 'motor: {gear_ratio: 50}', ['motor: gear_efficiency is missing (torque out',
+                                         'maximum_torque is missing']),
     ('ball_mass', '', ['ball_mass is missing', 'mass of the ball', 'more than 0 kg']),
     ('ball_mass', 'ball_mass: -3.8', ['ball_mass', 'more than 0 kg', '-3.8']),
     ('ball_mass', 'ball_mass: 0', ['ball_mass', 'more than 0 kg', 'got 0']),
@@ -90,6 +92,11 @@ def test_malformed_robots_are_refused(tmp_path, name, line, words):
         assert word in message, message
 
 
+def test_all_that_a_scene_lacks_is_named_at_once(tmp_path):
+    message = message_of(load_scene, write(tmp_path, 'output_step: 0.01'))
+    assert 'duration is missing' in message and 'robot is missing' in message
+
+
 @pytest.mark.parametrize('text, words', [
     ('', ['mapping', 'None']),
     ('- a\n- b\n', ['mapping', "['a', 'b']"]),
@@ -108,7 +115,7 @@ def test_files_that_are_no_mapping_are_refused(tmp_path, load, text, words):
 
 
 @pytest.mark.parametrize('old, new, words', [
-    ('robot: gimball', '', ['robot', 'name or the file', 'None']),
+    ('robot: gimball', '', ['robot is missing', 'name or file of a robot']),
     ('robot: gimball', 'robot: 3', ['robot', 'name or the file', 'got 3']),
     ('robot: gimball', 'robot: gimbal', ["'gimbal'", 'known are', 'gimball', 'shellball']),
     ('robot: gimball', 'robot: gimball\nrobot_changes: {ball_mass: -1}',

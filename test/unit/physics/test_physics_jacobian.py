@@ -2,7 +2,7 @@
 """The derivative of the equations of motion, written by hand, is the derivative."""
 from dataclasses import replace
 
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as some
 import numpy as np
 import pytest
@@ -33,14 +33,20 @@ def rates_and_slopes(model, actuation, vector, time=0.5):
 
 
 def differences(rates, vector, time=0.5):
+    """Return the slopes by central differences, extrapolated to none (error of fourth order)."""
+    return (4.0 * central(rates, vector, time, DELTA / 2.0)
+            - central(rates, vector, time, DELTA)) / 3.0
+
+
+def central(rates, vector, time, delta):
     """Return the slopes by central differences."""
     found = np.zeros((9, 9))
     for column in range(8):
         shift = np.zeros(13)
-        shift[column] = DELTA
+        shift[column] = delta
         found[:, column] = (rates(time, vector + shift) - rates(time, vector - shift)) / (
-            2.0 * DELTA)
-    found[:, 8] = (rates(time + DELTA, vector) - rates(time - DELTA, vector)) / (2.0 * DELTA)
+            2.0 * delta)
+    found[:, 8] = (rates(time + delta, vector) - rates(time - delta, vector)) / (2.0 * delta)
     return found
 
 
@@ -60,6 +66,9 @@ actuations = some.builds(
     torque=some.just(0.5), velocity_ki=some.just(3.0), torque_limit=some.sampled_from([1e9, 0.3]))
 
 
+# A contact so shallow that differences of second order miss the slope by 1.4e-5.
+@example('gimball', np.array([0, 0, 0, 0, -1 / 0.226, 0, 1, 0, 0, 0, 0, 0, 0, 1e-5]),
+         ContactOptions(pulling=False, friction_ramp='smooth', slip_lever='contact'), Actuation())
 @given(some.sampled_from(sorted(ROBOTS)), vectors, options, actuations)
 def test_the_slopes_are_those_of_central_differences(name, vector, choice, actuation):
     robot = ROBOTS[name]

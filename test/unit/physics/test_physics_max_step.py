@@ -112,7 +112,7 @@ def test_the_ball_starts_at_its_first_touch_with_the_collision_speed():
     for before in (-0.3, 0.0, 0.4):
         for height in (0.003, 0.05, 0.2, 0.5):
             state = np.zeros(SIZE)
-            touch_x = place(state, Course(0.8, 0.3, 0.0, 1.0, 5.0), PARAMETERS,
+            touch_x = place(state, Course(0.8, 0.3, 0.0, 1.0, 5.0, 0.0), PARAMETERS,
                             Site(slope_before=before).profile(GIMBALL, height).copy())
             start = State(0.0, *state)
             assert start.x == pytest.approx(touch_x, abs=1e-15)

@@ -153,8 +153,10 @@ def test_an_interrupted_test_keeps_its_rolls(capsys, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize('words, part', [
-    (['--driven', '--slope', '5'], '--slope belongs'), (['--run-up', '1'], '--run-up belongs'),
-    (['--seed', '-1'], '--seed'), (['--slope', '80'], 'slope'), (['--rolls', '0'], 'fine_rolls'),
+    (['--driven', '--slope-deg', '5'], '--slope-deg belongs'),
+    (['--run-up', '1'], '--run-up belongs'),
+    (['--seed', '-1'], '--seed'), (['--slope-deg', '80'], 'slope'),
+    (['--rolls', '0'], 'fine_rolls'),
     (['--robot', 'shellball', '--driven'], 'pendulum')])
 def test_mistakes_on_the_command_line_are_named(capsys, tmp_path, words, part):
     assert main(['test-bench', '--out', str(tmp_path / 'none'), *words]) == 2

@@ -106,7 +106,7 @@ def test_the_table_of_the_document_is_what_is_printed():
 
 
 def test_rows_are_printed_as_they_come(capsys):
-    words = ['on-timeout', '--slopes', '0', '--speed', '0', '--policy', 'coast',
+    words = ['on-timeout', '--slopes-deg', '0', '--speed', '0', '--policy', 'coast',
              '--damping-time', '5']
     assert main(words) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -116,8 +116,9 @@ def test_rows_are_printed_as_they_come(capsys):
 
 
 @pytest.mark.parametrize('words, says', [
-    (['--slopes', '7'], 'slope must be within +-5.92 degrees'),
-    (['--slopes', '-1'], '--slopes must be at least 0'), (['--slopes', 'nan'], 'got nan'),
+    (['--slopes-deg', '7'], 'slope must be within +-5.92 degrees'),
+    (['--slopes-deg', '-1'], '--slopes-deg must be at least 0'),
+    (['--slopes-deg', 'nan'], '--slopes-deg must be a number'),
     (['--speed', '-1'], '--speed must be at least 0 and at most 3 m/s, got -1'),
     (['--damping', 'nan'], 'damping must be'), (['--damping-time', '61'], 'at most 60 s'),
     (['--hardware', 'nothing'], 'there is no hardware'), (['--policy', 'hope'], 'coast')])

@@ -77,7 +77,7 @@ def test_the_command_gives_all_heights_as_json(capsys, few):
 
 
 @pytest.mark.parametrize('words, part', [
-    (['--robot', 'gimbal'], "did you mean 'gimball'"), (['--angle', 'nan'], '--angle'),
+    (['--robot', 'gimbal'], "did you mean 'gimball'"), (['--angle-deg', 'nan'], '--angle-deg'),
     (['--robot', 'shellball', '--actuation', 'held'], 'needs a pendulum')])
 def test_mistakes_on_the_command_line_are_named(capsys, words, part):
     assert main(['compare-models', *words]) == 2

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from ballbot_ros.cli import main
-from ballbot_ros.crossing import held_at, max_step_height, rolling
+from ballbot_ros.crossing import held_at, max_step_height, rolling, Rules
 from ballbot_ros.decision import load_curve
 from ballbot_ros.decision.curve_file import curve_text
 from ballbot_ros.physics import Actuation, load_robot
@@ -17,6 +17,7 @@ from ballbot_ros.studies.curve_fit import (
     conservative_cubic, fit_curve, LEAST_SLOPE, monotone_cubic, Request)
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
+CLEAR = Rules(over='clear')
 SPEEDS = np.linspace(0.2, 1.2, 21)
 DENSE = np.linspace(0.2, 1.2, 161)
 SHIPPED = {
@@ -76,7 +77,7 @@ def test_no_shipped_conservative_curve_promises_more_than_the_simulation(name):
     curve, fit = load_curve(name, 'conservative'), load_curve(name)
     robot = load_robot(curve.robot)
     for speed in np.random.default_rng(7).uniform(0.2, 1.2, 40):
-        found = max_step_height(robot, speed, SHIPPED[name], accuracy=1e-6)
+        found = max_step_height(robot, speed, SHIPPED[name], accuracy=1e-6, rules=CLEAR)
         assert curve.height(speed) <= found.height
         assert curve.height(speed) > found.height - 1.5e-3
         assert abs(fit.height(speed) - found.height) < fit.residual + 1e-4
@@ -100,7 +101,7 @@ def test_a_shipped_curve_says_how_it_was_made(name):
 
 def test_covariance_and_residual_are_those_of_least_squares():
     curve = fit_curve('mine', SHELLBALL, Actuation(), 'none', Request())
-    heights = [max_step_height(SHELLBALL, speed, accuracy=2e-6).height
+    heights = [max_step_height(SHELLBALL, speed, accuracy=2e-6, rules=CLEAR).height
                for speed in SPEEDS.round(12)]
     _, known = np.polyfit(SPEEDS, heights, 3, cov=True)
     np.testing.assert_allclose(curve.covariance, known[::-1, ::-1], rtol=1e-6)
@@ -125,7 +126,7 @@ def test_the_probability_of_passing_is_the_part_of_the_robots_that_pass():
     robots = draw(GIMBALL, 64, seed=11)
     for speed in (0.5, 0.9):
         heights = np.array([
-            max_step_height(robot, speed, accuracy=2e-5).height for robot in robots])
+            max_step_height(robot, speed, accuracy=2e-5, rules=CLEAR).height for robot in robots])
         for height in np.linspace(heights.min() - 1e-3, heights.max() + 1e-3, 9):
             counted = np.mean(heights >= height)
             assert band.probability_of_passing(speed, height) == pytest.approx(counted, abs=0.08)
@@ -134,7 +135,7 @@ def test_the_probability_of_passing_is_the_part_of_the_robots_that_pass():
 def test_what_is_written_is_read_again(tmp_path, capsys):
     path = tmp_path / 'mine.yaml'
     assert main(['fit-curve', '--robot', 'gimball', '--actuation', 'velocity', '--out', str(path),
-                 '--samples', '2', '--points', '6', '--highest-speed', '0.6', '--quiet']) == 0
+                 '--samples', '2', '--speed', '0.2:0.6:6', '--quiet']) == 0
     curve = load_curve(str(path))
     assert curve.name == 'mine' and curve.made.law == 'velocity' and curve.band.samples == 2
     again = tmp_path / 'again.yaml'
@@ -144,16 +145,18 @@ def test_what_is_written_is_read_again(tmp_path, capsys):
     law = rolling(GIMBALL)
     for speed in (0.25, 0.5):
         assert curve.height(speed) == pytest.approx(
-            max_step_height(GIMBALL, speed, law(speed)).height, abs=curve.residual + 2e-4)
+            max_step_height(GIMBALL, speed, law(speed), rules=CLEAR).height,
+            abs=curve.residual + 2e-4)
 
 
 @pytest.mark.parametrize('words, told', [
     (['--out', 'x.txt'], '--out must end in .yaml'),
-    (['--out', 'x.yaml', '--points', '3'], 'points must be at least 6'),
-    (['--out', 'x.yaml', '--highest-speed', '0.1'], 'highest_speed must be more than'),
-    (['--out', 'x.yaml', '--highest-speed', '0.2'], 'highest_speed must be more than'),
+    (['--out', 'x.yaml', '--speed', '0.2:1.2:3'], 'points must be at least 6'),
+    (['--out', 'x.yaml', '--speed', '0.2:0.1:21'], 'the last must be above the first'),
+    (['--out', 'x.yaml', '--speed', '0.2,0.4'], '--speed must be FIRST:LAST:COUNT'),
+    (['--out', 'x.yaml', '--points', '9'], "it is now '--speed FIRST:LAST:COUNT'"),
     (['--out', 'x.yaml', '--samples', '1'], 'samples must be 0, or at least 2'),
-    (['--out', 'x.yaml', '--angle', '3'], '--angle goes with')])
+    (['--out', 'x.yaml', '--angle-deg', '3'], '--angle-deg goes with')])
 def test_a_curve_that_cannot_be_made_is_refused(capsys, tmp_path, monkeypatch, words, told):
     monkeypatch.chdir(tmp_path)
     assert main(['fit-curve', *words]) == 2

@@ -12,10 +12,11 @@ from rosbags.typesys import get_typestore, Stores
 from ballbot_ros.cli import main
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.simulation.scene import read_scene
-from ballbot_ros.results import write_csv
+from ballbot_ros.results import read_columns, read_units, write_csv
 from ballbot_ros.studies.bag_reader import read_bag
-from ballbot_ros.studies.identification import identify, present, with_values
+from ballbot_ros.studies.identification import identify
 from ballbot_ros.studies.recording import MOST_SAMPLES, Recording, replay
+from ballbot_ros.studies.scene_numbers import present, with_values
 
 SWING = {'robot': 'gimball', 'initial': {'pendulum_angle_deg': 60.0}, 'duration': 2.0,
          'solver': {'method': 'adaptive'}, 'output_step': 0.01}
@@ -103,13 +104,105 @@ def test_the_command_reads_a_csv_and_leaves_table_and_figure(tmp_path, capsys):
     assert main(words) == 0
     out, _ = capsys.readouterr()
     assert 'not determined' in out and '0.124' in out
-    assert main([*words, '--json']) == 0
+    assert main([*words, '--json', '--overwrite']) == 0
     told = json.loads(capsys.readouterr().out)
     assert told == json.loads((tmp_path / 'out' / 'identify.json').read_text())
     assert told['estimates'][0]['value'] == pytest.approx(0.124, rel=1e-3)
     assert told['estimates'][1]['low'] is None
     for kind in ('png', 'svg'):
         assert (tmp_path / 'out' / f'residuals.{kind}').stat().st_size > 5000
+
+
+def test_noise_free_data_never_exclude_the_true_value():
+    # With the step of the shipped scenes, which is not that of the fit.
+    truth = read_scene({**SWING, 'solver': {}}, 'swing', 'swing')
+    run = truth.simulate()
+    recording = Recording({name: (run['time'], run[name])
+                           for name in ('x', 'ball_angle', 'pendulum_angle')})
+    found = identify(with_values(truth, {'joint_friction': 0.2}), recording, ['joint_friction'])
+    friction, = found.estimates
+    assert friction.low <= present(truth, 'joint_friction') <= friction.high
+    assert friction.high - friction.low < 1e-6
+    # All nine fits find one explanation, and it is told once.
+    assert found.rivals == [] and not found.interrupted
+    assert {item.verdict for item in found.channels.values()} == {'good'}
+
+
+def test_the_run_of_another_scene_is_refused_loudly(tmp_path, capsys):
+    rolling = read_scene({'robot': 'gimball', 'initial': {'speed': 0.8}, 'duration': 2.0,
+                          'output_step': 0.02}, 'rolling', 'rolling')
+    write_csv(rolling.simulate(), tmp_path / 'run.csv')
+    (tmp_path / 'swing.yaml').write_text(
+        'robot: gimball\ninitial: {pendulum_angle_deg: 60.0}\nduration: 2.0\n')
+    assert main(['identify', str(tmp_path / 'swing.yaml'), str(tmp_path / 'run.csv'),
+                 '--estimate', 'joint_friction', '--channels', 'x', '--out',
+                 str(tmp_path / 'out'), '--json']) == 1
+    out, err = capsys.readouterr()
+    assert 'x: poor fit, residual RMS' in err
+    assert 'the model does not explain x: no number is estimated' in err
+    told = json.loads((tmp_path / 'out' / 'identify.json').read_text())
+    assert told['estimates'][0]['low'] is None and not told['estimates'][0]['determined']
+
+
+def test_residuals_that_hang_together_widen_the_interval_and_are_told():
+    # The recording has a friction law that the model leaves out: a slow wave of 0.02 rad.
+    exact, chance = recorded(TRUTH, 2), np.random.default_rng(0)
+    times, angle = exact.channels['ball_angle']
+    bent = Recording({'ball_angle': (times, angle + 0.02 * np.sin(5.0 * times))})
+    plain = Recording({'ball_angle': (times, angle + chance.normal(0.0, 0.02, len(times)))})
+    wave, noise = (identify(GUESS, item, ['joint_friction']) for item in (bent, plain))
+    assert wave.channels['ball_angle'].verdict == 'correlated'
+    assert noise.channels['ball_angle'].verdict == 'good'
+    (odd,), (fair,) = wave.estimates, noise.estimates
+    assert odd.high - odd.low > 2.0 * (fair.high - fair.low)
+    assert odd.low <= present(TRUTH, 'joint_friction') <= odd.high
+
+
+def test_ctrl_c_keeps_the_best_numbers(tmp_path, capsys, monkeypatch):
+    def press(done):
+        if done >= 2:
+            raise KeyboardInterrupt
+
+    found = identify(GUESS, recorded(TRUTH, 0), ['joint_friction'], progress=press)
+    assert found.interrupted and found.runs < 200
+    assert found.estimates[0].value == pytest.approx(present(TRUTH, 'joint_friction'), rel=0.1)
+    assert found.estimates[0].determined
+    done = []
+    monkeypatch.setattr('ballbot_ros.studies.identification.STARTS', 2)
+    identify(GUESS, recorded(TRUTH, 0), ['joint_friction'], progress=done.append)
+    assert done == sorted(done) and done[-1] == 5
+
+
+def test_a_run_that_ctrl_c_has_cut_short_is_no_residual(monkeypatch):
+    from ballbot_ros.studies import recording
+    whole = recording.simulate
+    monkeypatch.setattr(recording, 'simulate', lambda *words: (
+        lambda run: replace(run, rows=run.rows[:20]))(whole(*words)))
+    with pytest.raises(KeyboardInterrupt):
+        replay(TRUTH, recorded(TRUTH, 0), False)
+
+
+@pytest.mark.parametrize('unit, factor', [('deg', 180.0 / np.pi), ('mrad', 1e3), ('rad', 1.0)])
+def test_columns_in_other_units_are_converted(tmp_path, unit, factor):
+    (tmp_path / 'run.csv').write_text(
+        f'time [ms],ball_angle [{unit}],battery [banana]\n'
+        + ''.join(f'{10 * n},{0.1 * n * factor!r},{n}\n' for n in range(9)))
+    columns = read_columns(tmp_path / 'run.csv')
+    np.testing.assert_allclose(columns['time'], 0.01 * np.arange(9))
+    np.testing.assert_allclose(columns['ball_angle'], 0.1 * np.arange(9))
+    assert read_units(tmp_path / 'run.csv') == {
+        'time': 's', 'ball_angle': 'rad', 'battery': 'banana'}
+
+
+@pytest.mark.parametrize('heading, told', [
+    ('time [s],ball_angle [banana]', r'run.csv: column ball_angle must be in rad or mrad or deg.*'
+     r'got \[banana\]'),
+    ('time [s],x [rad]', r'column x must be in m or cm or mm, got \[rad\]'),
+    ('time [m],x [m]', r'column time must be in s or ms')])
+def test_a_unit_that_makes_no_sense_is_refused(tmp_path, heading, told):
+    (tmp_path / 'run.csv').write_text(f'{heading}\n' + '1,2\n' * 9)
+    with pytest.raises(ConfigurationError, match=told):
+        read_columns(tmp_path / 'run.csv')
 
 
 def write_bag(folder, run):

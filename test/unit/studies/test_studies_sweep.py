@@ -3,6 +3,7 @@
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 import json
+import math
 import os
 from pathlib import Path
 import signal
@@ -16,8 +17,8 @@ import pytest
 from ballbot_ros.cli import main
 from ballbot_ros.crossing import held_at, max_step_height, rolling, Site, try_step
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics import load_robot
-from ballbot_ros.studies.sweep import columns, run_block, run_sweep, spread
+from ballbot_ros.physics import Actuation, load_robot
+from ballbot_ros.studies.sweep import columns, run_block, run_sweep
 from ballbot_ros.studies.sweep_plan import SweepPlan
 
 parquet = pytest.importorskip('pyarrow.parquet', reason='sweeps are written with pyarrow')
@@ -207,6 +208,7 @@ def test_only_the_result_of_a_sweep_is_overwritten(tmp_path, capsys):
     ({'design': 'sobol', 'grid': {'speed': [1.0]}}, 'needs ranges from low to high'),
     ({'grid': {'ball_mass': [1.0]}}, 'speed is missing'),
     ({'grid': {'speed': []}}, 'speed has no values'),
+    ({'grid': {'speed': [1.0], 'clearance': [0.2]}}, 'clearance counts by the rule clear only'),
     ({'grid': {'speed': [-1.0]}}, 'speed must be more than 0'),
     ({'grid': {'speed': [1.0]}, 'fixed': {'speed': 2.0}}, 'is given, and varies'),
     ({'design': 'sobol', 'ranges': {'speed': (1.0, 2.0)}}, 'at least 1 and at most'),
@@ -217,18 +219,23 @@ def test_a_plan_that_makes_no_sense_is_refused(given, told):
         SweepPlan(**{'robot': GIMBALL, **given})
 
 
-def test_what_varies_is_read_from_words():
-    assert spread('speed=0.2:0.6:5') == ('speed', [0.2, 0.3, 0.4, 0.5, 0.6])
-    assert spread('speed=0.2,0.7') == ('speed', [0.2, 0.7])
-    assert spread('speed=0.2:0.7') == ('speed', (0.2, 0.7))
-    for word in ('speed', 'speed=', 'speed=a', 'speed=1:2:1', 'speed=1:2:3:4'):
-        with pytest.raises(ConfigurationError, match='must be name=value'):
-            spread(word)
+def test_an_angle_may_be_in_degrees_and_its_column_says_so():
+    in_degrees = SweepPlan(GIMBALL, Actuation('position'), fixed={'speed': 0.6},
+                           grid={'set_angle_deg': [0.0, 90.0], 'slope_before_deg': [-5.0]})
+    assert columns(in_degrees)['set_angle_deg'] == columns(in_degrees)['slope_before_deg'] == 'deg'
+    _, _, _, actuation, site, _ = in_degrees.case({'set_angle_deg': 90.0, 'slope_before_deg': -5})
+    assert actuation.set_angle == math.radians(90.0) and site.slope_before == math.radians(-5.0)
+    with pytest.raises(ConfigurationError, match='slope_before_deg .* at most 80 deg'):
+        SweepPlan(GIMBALL, fixed={'speed': 1.0}, grid={'slope_before_deg': [-81.0]})
+    with pytest.raises(ConfigurationError, match='slope_before is given, and varies, too'):
+        SweepPlan(GIMBALL, fixed={'speed': 1.0, 'slope_before': 0.1},
+                  grid={'slope_before_deg': [1.0]})
 
 
 @pytest.mark.parametrize('words, told', [
     (['--vary', 'speed=1,2', '--workers', '0'], '--workers must be at least 1'),
     (['--vary', 'sped=1,2'], "did you mean 'speed'"),
+    (['--vary', 'speed=1', '--vary', 'set_angle=0:90:3'], 'write set_angle_deg='),
     (['--vary', 'speed=1,2', '--fix', 'height=1:2'], '--fix height: give one value')])
 def test_a_mistake_is_told_in_one_line(capsys, tmp_path, words, told):
     assert main(['sweep', '--out', str(tmp_path / 'x.parquet'), *words]) == 2

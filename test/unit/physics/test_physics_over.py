@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a ball is over is a choice: past the edge, or clear of it; both by the reference, too."""
+import math
+
+import numpy as np
+import pytest
+from reference_search import highest_step
+
+from ballbot_ros.crossing import held_at, max_step_height, rolling, Rules, Site
+from ballbot_ros.crossing.attempt import attempt, Crossing, OVER
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import Actuation, ContactOptions, load_robot
+from ballbot_ros.physics.model.parameters import Parameters, System
+
+GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
+RISE = Site(slope_behind=0.05)
+CLEAR = Rules(over='clear')
+
+
+def test_on_a_rising_ground_a_ball_past_the_edge_is_not_yet_clear_of_it():
+    # What a ball gets beyond the edge it has climbed; half a radius are 11 cm.
+    heights = [1e3 * max_step_height(GIMBALL, 0.85, site=RISE, rules=rules).height for rules in (
+        Rules(), CLEAR, Rules(over='clear', clearance=0.5))]
+    assert heights == pytest.approx([34.5, 32.1, 29.6], abs=0.1)
+
+
+def test_on_level_ground_and_downhill_both_rules_are_nearly_one():
+    for slope in (0.0, -0.1):
+        edge, clear = (max_step_height(GIMBALL, 0.85, site=Site(slope_behind=slope), rules=rules)
+                       for rules in (Rules(), CLEAR))
+        assert clear.height == pytest.approx(edge.height, abs=2e-4)
+
+
+@pytest.mark.parametrize('robot, actuation, site', [
+    (GIMBALL, Actuation(), RISE), (SHELLBALL, Actuation(), Site(slope_behind=0.2)),
+    (GIMBALL, rolling(GIMBALL)(0.6), Site(-0.05, 0.1)), (GIMBALL, held_at(0.0), RISE)])
+def test_the_answers_by_the_rule_clear_are_those_of_the_reference(robot, actuation, site):
+    found = max_step_height(robot, 0.6, actuation, accuracy=2e-5, site=site, rules=CLEAR, scan=6)
+    known = highest_step(robot, 0.6, actuation, tolerance=2e-4, site=site, rules=CLEAR)
+    assert known - 4e-5 <= found.height <= known + 2.4e-4
+    assert found.monotone and found.error <= 2e-5
+
+
+def test_a_ball_is_given_up_before_it_is_clear_only_where_it_cannot_be():
+    # A motor that gives no torque moves nothing else, but nothing can be concluded from energy.
+    for slope in (-0.3, 0.0, 0.1, 0.3):
+        site = Site(slope_behind=slope)
+        middle = max_step_height(GIMBALL, 0.7, accuracy=1e-7, site=site, rules=CLEAR).height
+        shares = np.concatenate([np.linspace(0.1, 2.0, 12), [0.99, 0.999, 1.003, 1.01]])
+        told = []
+        for law in (Actuation(), Actuation('torque', torque=0.0)):
+            crossing = Crossing.of(CLEAR.course(0.7, 0.0), System(
+                Parameters.of(GIMBALL, ContactOptions()), site.profile(GIMBALL),
+                law.actuator(GIMBALL)), 10**8)
+            results = [attempt(share * middle, 1e-8, crossing) for share in shares.tolist()]
+            assert all((score > 0.0) == (verdict == OVER) for verdict, score, _ in results)
+            told.append([verdict == OVER for verdict, _, _ in results])
+        assert told[0] == told[1] == (shares < 1.0).tolist()
+
+
+@pytest.mark.parametrize('change, complaint', [
+    ({'over': 'maybe'}, 'over must be one of'), ({'clearance': 0.0}, 'clearance must be'),
+    ({'clearance': math.nan}, 'clearance must be')])
+def test_impossible_rules_are_refused_by_name(change, complaint):
+    with pytest.raises(ConfigurationError, match=complaint):
+        Rules(**change)

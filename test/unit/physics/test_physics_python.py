@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""At a Python prompt: what is taken, what is shown, and what cannot be mistaken."""
+import math
+from pathlib import Path
+import sys
+
+import pytest
+
+from ballbot_ros.config.files import find_config
+from ballbot_ros.crossing import held_at, max_step_height
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import Actuation, load_robot, load_scene, Model, Solver, Terrain
+from ballbot_ros.physics.simulation.scene import read_scene
+
+GIMBALL = load_robot('gimball')
+SCENE, ROBOT = (Path(find_config(kind, name)) for kind, name in (
+    ('scenes', 'fig7_top'), ('robots', 'gimball')))
+
+
+@pytest.fixture(scope='module')
+def trajectory():
+    return load_scene('flat').simulate(duration=0.02)
+
+
+def test_names_paths_and_what_is_loaded_are_taken_alike():
+    assert load_robot(ROBOT) == load_robot(str(ROBOT)) == load_robot(GIMBALL) == GIMBALL
+    scene = load_scene(SCENE, ROBOT)
+    assert load_scene(scene) is scene and scene.model.robot == GIMBALL
+    assert load_scene('fig7_top', GIMBALL).model.robot == GIMBALL
+    assert load_scene(scene, 'shellball').model.robot.name == 'shellball'
+    assert Model('gimball', Terrain.flat()).robot == Model(ROBOT, Terrain.flat()).robot == GIMBALL
+    for wrong in (5, None):
+        with pytest.raises(ConfigurationError, match='given by its name or the path'):
+            load_robot(wrong)
+
+
+def test_the_highest_step_takes_the_name_of_a_robot():
+    assert max_step_height('gimball', 0.5) == max_step_height(GIMBALL, 0.5)
+
+
+@pytest.mark.parametrize('make', [
+    lambda: held_at(90), lambda: Actuation('position', set_angle=90),
+    lambda: held_at(-45.0)])
+def test_degrees_are_not_taken_for_radians(make):
+    with pytest.raises(ConfigurationError, match=r'math\.radians\('):
+        make()
+
+
+def test_half_a_turn_either_way_is_an_angle():
+    assert held_at(math.pi).set_angle == math.pi and held_at(-math.pi).set_angle == -math.pi
+
+
+@pytest.mark.parametrize('values, told', [
+    ({'voltage': 5.0}, "write Actuation('voltage', voltage=5)"),
+    ({'torque': -0.4}, "write Actuation('torque', torque=-0.4)"),
+    ({'set_angle': 1.0}, "write Actuation('position', set_angle=1)"),
+    ({'set_rate': 2.0}, "write Actuation('velocity', set_rate=2)")])
+def test_a_value_without_its_law_is_refused(values, told):
+    with pytest.raises(ConfigurationError) as refused:
+        Actuation(**values)
+    assert told in str(refused.value)
+
+
+def test_a_scene_with_a_value_of_another_law_is_refused():
+    for section in ({'voltage': 5.0}, {'law': 'position', 'voltage': 5.0},
+                    {'law': 'voltage', 'set_angle_deg': 3.0}):
+        with pytest.raises(ConfigurationError, match='which would ignore it'):
+            read_scene({'robot': 'gimball', 'actuation': section, 'duration': 1.0}, 'a', 'a')
+
+
+def test_what_a_prompt_shows_is_short(trajectory):
+    scene = load_scene('fig7_bottom')
+    for thing in (GIMBALL, scene, scene.model, trajectory, Actuation('position', set_angle=1.0),
+                  Solver('adaptive')):
+        assert len(repr(thing)) < 200 and '\n' not in repr(thing)
+    assert repr(Actuation('position', set_angle=1.0)) == "Actuation(law='position', set_angle=1.0)"
+    assert 'gimball' in repr(GIMBALL) and '21 samples' in repr(trajectory)
+
+
+def test_a_run_is_saved_and_drawn_in_one_call(trajectory, tmp_path):
+    for ending in ('csv', 'npz', 'parquet'):
+        trajectory.save(tmp_path / f'run.{ending}')
+        assert (tmp_path / f'run.{ending}').stat().st_size > 1000
+    with pytest.raises(ConfigurationError, match='ending in .csv, .npz, .parquet'):
+        trajectory.save(tmp_path / 'run.xlsx')
+    figure = trajectory.plot(tmp_path / 'run.png')
+    assert figure.axes and (tmp_path / 'run.png').stat().st_size > 5000
+
+
+def test_a_table_says_its_units_or_what_is_missing(trajectory, monkeypatch):
+    if 'pandas' in sys.modules or __import__('importlib.util').util.find_spec('pandas'):
+        table = trajectory.to_pandas()
+        assert len(table) == len(trajectory) and table.attrs['units']['x'] == 'm'
+    monkeypatch.setitem(sys.modules, 'pandas', None)
+    with pytest.raises(ConfigurationError, match='pip install pandas'):
+        trajectory.to_pandas()

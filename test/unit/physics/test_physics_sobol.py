@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The evenly spread points of our own are those of SciPy."""
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from scipy.stats import qmc
+
+from ballbot_ros.physics.model.sobol import DIMENSIONS, sobol
+
+
+@pytest.mark.parametrize('dimensions', [1, 2, 9, DIMENSIONS])
+@pytest.mark.parametrize('power, seed', [(0, 0), (1, 1), (8, 5)])
+def test_they_are_those_of_scipy(dimensions, power, seed):
+    expected = qmc.Sobol(dimensions, seed=seed).random_base2(power)
+    np.testing.assert_array_equal(sobol(dimensions, power, seed), expected)
+
+
+def test_a_decision_and_the_check_of_a_loop_do_without_scipy():
+    # It takes more than a second to import, of each start of a node.
+    done = subprocess.run([sys.executable, '-c', """
+import sys
+from ballbot_ros import control, decision
+from ballbot_ros.decision.particles import Particles
+from ballbot_ros.physics import load_robot
+robot = load_robot('gimball')
+control.check_loop(robot, control.load_tuning('published'), control.Mode.SPEED, 500.0, 0)
+Particles.of(robot, 0.001)
+print({'scipy.linalg', 'scipy.optimize', 'scipy.sparse', 'scipy.stats'} & set(sys.modules))
+"""], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == 'set()'
