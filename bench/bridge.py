@@ -106,17 +106,19 @@ class Bench:
     def release(self, patience=20.0):
         """Release the e-stop."""
         self.pushing = False
-        deadline = time.monotonic() + patience
+        deadline, why = time.monotonic() + patience, 'there was no answer'
         while time.monotonic() < deadline:
             self.spin(0.3)
             if self._release.service_is_ready():
                 answer = self._release.call_async(Trigger.Request())
                 while not answer.done() and time.monotonic() < deadline:
                     self.executor.spin_once(timeout_sec=0.05)
-                if answer.done() and answer.result().success:
-                    self.pushing = True
-                    return
-        raise TimeoutError('the e-stop was not released')
+                if answer.done():
+                    why = answer.result().message
+                    if answer.result().success:
+                        self.pushing = True
+                        return
+        raise TimeoutError(f'the e-stop was not released: {why}')
 
     @property
     def process(self):

@@ -240,7 +240,11 @@ class Book:
         return self.times.setdefault(f'{control}: {what}', [])
 
     def add(self, control, what, seconds, repeats):
-        """Keep a time, and say how far it is."""
+        """Keep a time, and say how far it is; what was over before it began is none."""
+        if seconds < 0.0:
+            print(f'\n{control}: {what}: the torque had ended before, held up by others?',
+                  file=sys.stderr)
+            return
         times = self.have(control, what)
         times.append(round(seconds, 5))
         self.path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,57 +1,142 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Weigh flight in closed form against the full model alone: same scenes, same tolerance, no output.
+What leaving out gives: for each shipped scene the time with it over that without, at equal error.
 
-A ratio is the time of the full model over that with it, of runs that alternate:
-above 1 it saves time. The errors are those of the end position against the full model at 1e-13.
+    make bench ARGS='--only models --write'      # and into docs/model.md
+
+A time is that of the cheapest tolerance that keeps an error, as all finer ones do, against a run
+of the full model at 1e-13; the least of many runs in turn.
 """
+from dataclasses import replace
 import math
-from time import perf_counter
+import time
 
+import compiled
+import documents
+from kernel_call import Ours
 import numpy as np
-from precision_scenes import cases, with_solver
+from precision_scenes import shipped
 
-from ballbot_ros.physics.model.state import X, Y
-from ballbot_ros.physics.simulation.integrator import Integrator
-from ballbot_ros.physics.solvers.values import FINISHED, Status
+from ballbot_ros.compiled import compiled as compile_kernel
+from ballbot_ros.config.files import shipped_files
+from ballbot_ros.physics.mechanics import contact
+from ballbot_ros.physics.simulation.reachability import analyse
+from ballbot_ros.physics.simulation.steps import simulate
+from ballbot_ros.physics.solvers.spans import FLIGHT, NAMES
+from ballbot_ros.physics.solvers.values import Options
 
-REPEATS = 15
-TOLERANCES = (1e-6, 1e-8)
-CHOICES = ('auto',)
-
-
-def integrator_of(case, tolerance, models):
-    """Return what advances the model of a case."""
-    model = with_solver(case.model, 'adaptive', tolerance=tolerance, models=models)
-    return Integrator(model.parameters, model.profile, model.solver, models != 'full')
-
-
-def end_of(case, integrator):
-    """Return the end position of a run, and how long it took [s]."""
-    actuator = case.actuation.actuator(case.model.robot, 0.0, case.start.joint_angle)
-    state = np.array(case.start[1:])
-    begin = perf_counter()
-    integrator.advance(actuator, state, Status(FINISHED, 0.0), case.duration)
-    return state[[X, Y]], perf_counter() - begin
+LEVELS = (1e-4, 1e-5, 1e-6)  # the errors at which times are compared [m]
+REPEATS = 25
+LOOKS = 200        # at states of a run, at each of which contacts are searched for
+AT_REST = 1e-9     # a pendulum that swings no farther hangs still [rad]
+COLUMNS = {'pendulum': 'pendulum', 'search': 'search for contacts', 'ledger': 'energy ledger',
+           'flight': 'steps in flight', 'all': 'all of them'}
+# A pendulum that moves nothing, to see what its equations cost a robot that has none.
+WEIGHTLESS = {'pendulum_mass': 1e-9, 'pendulum_length': 0.05, 'pendulum_inertia': 1e-9}
 
 
-def measure():
+@compile_kernel
+def search_often(repeats, places, radius, ground, contacts):
+    """Search for the contacts at each place, many times over."""
+    found = 0
+    for _ in range(repeats):
+        for row in range(len(places)):
+            found += contact.find_contacts(
+                places[row, 0], places[row, 1], radius, ground, contacts)
+    return found
+
+
+def search_time(case):
+    """Return what one search for contacts takes on the way of a run [s]."""
+    run = simulate(replace(case.model, solver=replace(
+        case.model.solver, method='adaptive', tolerance=1e-9)), case.start, case.actuation,
+        case.duration, case.duration / LOOKS)
+    places = np.column_stack([run['x'], run['y']])
+    arguments = (places, case.model.robot.ball_radius, case.model.profile,
+                 contact.contact_table(len(case.model.profile)))
+    search_often(1, *arguments)
+    least = math.inf
+    for _ in range(REPEATS):
+        begin = time.perf_counter()
+        search_often(5, *arguments)
+        least = min(least, time.perf_counter() - begin)
+    return least / (5 * len(places)), run
+
+
+def variants(case):
+    """Return by name what runs a case with more than it requires; `least` has the least."""
+    found = {'least': Ours(case), 'flight': Ours(case, flight=False),
+             'ledger': Ours(case, ledger=True), 'all': Ours(case, False, True)}
+    if not case.model.robot.has_pendulum:
+        heavier = replace(case.model, robot=replace(case.model.robot, **WEIGHTLESS))
+        found['pendulum'] = Ours(case._replace(model=heavier))
+    return found
+
+
+def least_times(case):
+    """Return for each error the least time of each variant [s], and the least's evaluations."""
+    runs, found, calls = variants(case), [], 0
+    end = Ours(case, flight=False)(1e-13)
+    keeping = {name: compiled.kept(run, end, LEVELS) for name, run in runs.items()}
+    for level in LEVELS:
+        if all(table[level] for table in keeping.values()):
+            picked = {name: (run, compiled.cheapest(run, keeping[name][level])[0])
+                      for name, run in runs.items()}
+            found.append(compiled.least_times(picked, math.inf))
+            runs['least'](picked['least'][1])
+            calls = runs['least'].evaluations()
+    return found, calls
+
+
+def found_in(case):
+    """Return by what may be left out the factor in time, or in words why there is none."""
+    times, calls = least_times(case)
+    searching, run = search_time(case)
+
+    def factor(name):
+        # Tolerances come in steps, so that one error alone would leave much to chance.
+        return math.exp(sum(math.log(item[name] / item['least']) for item in times) / len(times))
+    least, found = times[-1]['least'], {}
+    flown = sum(span.end - span.begin for span in run.spans if span.model == NAMES[FLIGHT])
+    analysis = analyse(case.model, case.start, case.actuation, case.duration)
+    if flown > 0.0:
+        found['flight'] = factor('flight')
+    else:
+        found['flight'] = 'never flies' if analysis.closed_form else 'has no closed form'
+    found['search'] = 1.0 + calls * searching / least
+    found['ledger'] = factor('ledger') if 'ledger' in Options._fields else 'kept'
+    found['pendulum'] = factor('pendulum') if 'pendulum' in times[-1] else 'kept: it swings'
+    if 'pendulum' not in times[-1] and np.ptp(run['pendulum_angle']) < AT_REST:
+        found['pendulum'] = 'kept: it hangs still'
+    # The search is not among what can be switched on.
+    found['all'] = factor('all') + found['search'] - 1.0
+    return found, least
+
+
+def measure(scenes=None, write=False):
     """Yield name, unit, values and target of each measurement."""
-    for case in cases():
-        exact, _ = end_of(case, integrator_of(case, 1e-13, 'full'))
-        for tolerance in TOLERANCES:
-            integrators = {name: integrator_of(case, tolerance, name)
-                           for name in ('full', *CHOICES)}
-            times = {name: [] for name in integrators}
-            errors = {}
-            for repeat in range(REPEATS + 1):
-                for name, integrator in integrators.items():
-                    found, spent = end_of(case, integrator)
-                    errors[name] = math.hypot(*(found - exact))
-                    if repeat > 0:  # the first warms up
-                        times[name].append(spent)
-            for name in CHOICES:
-                yield (f'{case.name}, {tolerance:g} m: full over {name}', 'x',
-                       [full / spent for full, spent in zip(times['full'], times[name])], None)
-            for name, error in errors.items():
-                yield f'{case.name}, {tolerance:g} m: error, {name}', 'um', [1e6 * error], None
+    table = {}
+    for path in shipped_files('scenes'):
+        if scenes is not None and path.stem not in scenes:
+            continue
+        found, least = found_in(shipped(path.stem))
+        table[path.stem] = found, least
+        yield f'{path.stem}: the least, {LEVELS[-1]:g} m', 'us', [1e6 * least], None
+        for what, name in COLUMNS.items():
+            if isinstance(found[what], float):
+                yield f'{path.stem}: {name}', 'x', [found[what]], None
+            else:
+                yield f'{path.stem}: {name}: {found[what]}', '', [math.nan], None
+    if write:
+        write_table(table)
+
+
+def write_table(table):
+    """Put the factors into the document."""
+    rows = [[f'`{scene}`', f'{1e6 * least:.3g}'] + [
+        f'{value:.2f} x' if isinstance(value, float) else value
+        for value in (found[what] for what in COLUMNS)] for scene, (found, least) in table.items()]
+    documents.keep(left_out={scene: {'least': least, **found}
+                             for scene, (found, least) in table.items()})
+    documents.show('docs/model.md', 'left out', documents.table(
+        ['scene', 'the least [us]', *COLUMNS.values()], rows))

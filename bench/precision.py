@@ -5,15 +5,14 @@ Weigh error against time: our solvers, those of SciPy and SUNDIALS, and MuJoCo.
 The error is that of the end position against a run by `simulate_accurately` at 1e-9 m, for
 MuJoCo against MuJoCo at its finest step.  Timed is one whole run, warm: of ours
 one call into the compiled kernel, of the others one call of their own function.  Runs are
-interleaved and repeated; a ratio is one of times within the same repetition.  All curves go to
-docs/bench.json, from which figures.py draws.
+interleaved and repeated; a ratio is one of times within the same repetition.  With ``--write`` all
+curves go to docs/bench.json, from which figures.py draws.
 """
-import json
 import math
-from pathlib import Path
 from statistics import median
 
 from curves import honest, time_at, timed
+import documents
 import kernels
 import numpy as np
 import peers
@@ -24,7 +23,7 @@ from ballbot_ros.physics import Actuation
 from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.simulation.accuracy import simulate_accurately
 from ballbot_ros.physics.simulation.integrator import Integrator
-from ballbot_ros.physics.simulation.simulate import simulate
+from ballbot_ros.physics.simulation.steps import simulate
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.physics.solvers.values import EVALUATIONS, FINISHED, Status
 from ballbot_ros.studies import mujoco_check
@@ -36,7 +35,6 @@ ENOUGH = 1e-7          # a curve ends once it is this good [m]
 LONGEST = 2.0          # or once a run takes this long [s]
 STEPS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5)
 TOLERANCES = tuple(10.0**-power for power in range(3, 14))
-RESULTS = Path(__file__).resolve().parents[1] / 'docs' / 'bench.json'
 
 
 def integrator_of(model):
@@ -155,8 +153,8 @@ TARGETS = {('SciPy LSODA', 1e-6): -50.0, ('SciPy LSODA', 1e-4): -50.0,
            ('CVODE BDF', 1e-6): -10.0, ('CVODE BDF', 1e-4): -10.0}
 
 
-def measure():
-    """Yield name, unit, values and target of each measurement."""
+def measure(write=False):
+    """Yield name, unit, values and target of each measurement; `write` keeps all in docs/."""
     stored, ratios = {}, {}
     yield 'right-hand side, pendulum free', 'ns', [
         1e9 * value for value in kernels.right_hand_side(Actuation())], 40.0
@@ -180,9 +178,11 @@ def measure():
         yield f'{case.name}: energy residual at 1e-6 m', '1e-9', [
             1e9 * residual(case, curves['adaptive'], 1e-6)], None
     yield from ratio_rows(ratios)
-    RESULTS.write_text(json.dumps({'scenes': stored, 'ratios': [
+    if not write:
+        return
+    documents.keep(scenes=stored, ratios=[
         {'solver': name, 'error': level, 'scenes': table}
-        for (name, level), table in ratios.items()]}, indent=1) + '\n')
+        for (name, level), table in ratios.items()])
 
 
 def own_target(scene, level):

@@ -4,7 +4,9 @@ Measure what the package is meant to reach, and print it beside the targets.
 
     make bench                       # everything, some minutes
     make bench ARGS='--only kernels'
+    make bench ARGS='--only compiled --scenes near_critical,roll_60_s'
     make bench ARGS='--json out.json'
+    make bench ARGS='--only precision --write'   # and docs/bench.json
 
 Nothing here fails: a target that is missed is printed as missed.
 """
@@ -18,10 +20,14 @@ from statistics import median
 import sys
 
 PARTS = ('kernels', 'first_compile', 'search', 'threads', 'sweep', 'loop', 'wire', 'flood',
-         'accuracy', 'precision', 'models', 'estimate', 'bridge', 'onboard_delay', 'black_box',
-         'decision', 'view')
+         'accuracy', 'precision', 'compiled', 'models', 'estimate', 'bridge', 'onboard_delay',
+         'black_box', 'decision', 'view', 'live_gains')
 # Measured only when asked for: each takes ten minutes.
 EXTRA = ('loop_faults', 'faults')
+# Measured scene by scene.
+BY_SCENE = ('compiled', 'models')
+# They change the documents where --write says so; else `make bench` leaves the tree as it was.
+WRITING = (*BY_SCENE, 'precision')
 
 
 def main():
@@ -29,7 +35,17 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--only', choices=PARTS + EXTRA, help='measure one part only')
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the numbers here, too')
+    parser.add_argument('--scenes', metavar='NAME,...', type=lambda text: text.split(','),
+                        help='of those parts that compare solvers, these only')
+    parser.add_argument('--write', action='store_true',
+                        help='put what these parts find into the documents, too')
     arguments = parser.parse_args()
+    for given, parts, option in ((arguments.scenes, BY_SCENE, '--scenes'),
+                                 (arguments.write, WRITING, '--write')):
+        if given and arguments.only not in parts:
+            parser.error(f'{option} goes with --only and one of {", ".join(parts)}')
+    if arguments.scenes and arguments.write:
+        parser.error('--write wants all scenes: leave out --scenes')
     here = Path(__file__).resolve().parent
     sys.path[:0] = [str(here), str(here.parent / 'test' / 'oracles')]
     load = os.getloadavg()[0]
@@ -38,7 +54,10 @@ def main():
     print(f'{"":52}{"median":>9}{"least":>9}{"most":>9}      target')
     results = []
     for part in PARTS if arguments.only is None else (arguments.only,):
-        for name, unit, values, target in importlib.import_module(part).measure():
+        measure = importlib.import_module(part).measure
+        for name, unit, values, target in (
+                measure(arguments.scenes, arguments.write) if part in BY_SCENE
+                else measure(arguments.write) if part in WRITING else measure()):
             results.append({'name': name, 'unit': unit, 'values': values, 'target': target})
             print(row(name, unit, values, target), flush=True)
     if arguments.json is not None:

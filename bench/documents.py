@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where measured figures are kept, and where documents show them."""
+import json
+from pathlib import Path
+import re
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS = ROOT / 'docs' / 'bench.json'
+
+
+def keep(**parts):
+    """Put parts into docs/bench.json and leave the others there."""
+    stored = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+    stored.update(parts)
+    RESULTS.write_text(json.dumps(stored, indent=1) + '\n')
+
+
+def show(document, name, text):
+    """Put a text into a document, between ``<!-- bench: NAME -->`` and ``<!-- end -->``."""
+    path = ROOT / document
+    marks = f'<!-- bench: {name} -->\n', '<!-- end -->'
+    found, count = re.subn(
+        f'({re.escape(marks[0])}).*?({marks[1]})',
+        lambda match: f'{match[1]}{text.rstrip()}\n{match[2]}', path.read_text(), flags=re.DOTALL)
+    if count != 1:
+        raise SystemExit(f'{path}: {count} places for "{name}", one is wanted')
+    path.write_text(found)
+
+
+def table(head, rows):
+    """Return a table in Markdown."""
+    lines = ['| ' + ' | '.join(map(str, line)) + ' |' for line in (head, *rows)]
+    return '\n'.join([lines[0], '|---' * len(head) + '|', *lines[1:]])

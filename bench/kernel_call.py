@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Our adaptive method, called as directly as Python can: one call into the kernel is one run."""
+import math
+
+import numpy as np
+
+from ballbot_ros.physics.model.state import X, Y
+from ballbot_ros.physics.solvers.registry import METHODS
+from ballbot_ros.physics.solvers.values import (
+    EVALUATIONS, FINISHED, NO_OUTPUT, Options, Status, Workspace)
+
+COARSEST = 1e-3  # of `simulation.solver` [m]
+
+
+class Ours:
+    """
+    Runs of one case.
+
+    Parameters
+    ----------
+    case : Case
+        See `precision_scenes`.
+    flight : bool
+        Whether to fly in closed form.
+    ledger : bool
+        Whether to keep the energy ledger; peers have none.
+
+    """
+
+    def __init__(self, case, flight=True, ledger=False):
+        """Make what runs of all tolerances share."""
+        model, method = case.model, METHODS['adaptive']
+        actuator = case.actuation.actuator(model.robot, 0.0, case.start.joint_angle)
+        self.advance, self.duration = method.advance, case.duration
+        self.options = Options(1e-9, model.solver.step, method.steps, 2**62, flight)
+        if 'ledger' in Options._fields:
+            self.options = self.options._replace(ledger=ledger)
+        self.workspace = Workspace.of(len(model.profile))
+        self.system = model.parameters[:], model.profile, actuator[:]
+        self.start, self.state = np.array(case.start[1:]), np.array(case.start[1:])
+        self.begin, self.arrays = Status(FINISHED, 0.0).plain, self.workspace.plain
+        self.tolerance = 0.0
+
+    def evaluations(self):
+        """Return the right-hand sides of a run to the tolerance of the last."""
+        self.workspace.statistics[:] = 0
+        self(self.tolerance)
+        return int(self.workspace.statistics[EVALUATIONS])
+
+    def __call__(self, tolerance):
+        """Run, and return the end position; nothing for a tolerance that nobody may ask for."""
+        if tolerance > COARSEST:
+            return math.nan, math.nan
+        if tolerance != self.tolerance:
+            self.options, self.tolerance = self.options._replace(tolerance=tolerance), tolerance
+        self.state[:] = self.start
+        self.advance((self.begin, self.duration, self.state, self.system, self.options[:],
+                      NO_OUTPUT[:], self.arrays))
+        return self.state[X], self.state[Y]
