@@ -8,7 +8,7 @@ from typing import Any, Mapping, Optional
 from ballbot_ros.bridge.battery import Battery
 from ballbot_ros.bridge.derating import Thermal
 from ballbot_ros.config.fields import (
-    build, Checked, count, expect_mapping, flag, quantity, refuse_unknown, text)
+    build, Checked, count, expect_mapping, flag, quantity, refuse_missing, refuse_unknown, text)
 from ballbot_ros.config.files import find_config, read_yaml
 from ballbot_ros.config.provenance import Provenance, read_values
 from ballbot_ros.drives import driver_class, DRIVES, read_options
@@ -18,6 +18,14 @@ from ballbot_ros.estimation import FilterTuning, ImuMounting, OdometryTuning
 
 # What the bridge does when commands have timed out; see `supervisor`.
 ON_TIMEOUT = ('coast', 'brake', 'settle')
+
+
+@dataclass(frozen=True)
+class HardwareNames(Checked):
+    """What a hardware file is of."""
+
+    name: str = text('its own name')
+    robot: str = text('name of the robot that it moves')
 
 
 @dataclass(frozen=True)
@@ -200,14 +208,16 @@ def read_hardware(content: Mapping[str, Any], where: str) -> Hardware:
 
     """
     refuse_unknown(content, ('name', 'robot', 'drive', *SECTIONS), where)
-    for name in ('name', 'robot'):
-        if not isinstance(content.get(name), str):
-            raise ConfigurationError(f'{where}: {name} must be text, got {content.get(name)!r}')
+    given = {name: expect_mapping(content.get(name, {}), f'{where}: {name}') for name in SECTIONS}
+    names = {name: content[name] for name in ('name', 'robot') if name in content}
+    refuse_missing([(HardwareNames, names, where)] + [
+        (cls, given[name], f'{where}: {name}') for name, cls in SECTIONS.items()])
+    HardwareNames.from_mapping(names, where)
     parts: dict[str, Any] = {}
     provenance = {}
     for name, cls in SECTIONS.items():
         place = f'{where}: {name}'
-        values, sources = read_values(cls, expect_mapping(content.get(name, {}), place), place)
+        values, sources = read_values(cls, given[name], place)
         parts[name] = build(cls, values, place)
         provenance.update({f'{name}.{key}': item for key, item in sources.items()})
     connection = parts['connection']

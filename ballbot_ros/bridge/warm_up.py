@@ -3,7 +3,7 @@
 import logging
 import time
 
-from ballbot_ros.control import ControlTuning, Mode, PendulumController, SetPoint
+from ballbot_ros.control.warm_up import warm_up as warm_up_laws
 from ballbot_ros.estimation import Fusion, ImuReading
 from ballbot_ros.physics.model.robot import Robot
 
@@ -21,14 +21,12 @@ def warm_up(robot: Robot) -> float:
     would wait for a command longer than its watchdog allows.
     """
     begin = time.monotonic()
-    for mode in Mode:
-        fusion, controller = Fusion(robot), PendulumController(robot, ControlTuning())
-        for number in range(1, 5):
-            stamp = 0.002 * number
-            fusion.imu(ImuReading(stamp, 0.0, 0.0, robot.gravity))
-            controller.give(SetPoint(mode, 0.1, stamp))
-            controller.torque(fusion.encoder(stamp, 0.0, 0.0).readings)
-        bool(controller.overcome)
+    warm_up_laws(robot)
+    fusion = Fusion(robot)
+    for number in range(1, 5):
+        stamp = 0.002 * number
+        fusion.imu(ImuReading(stamp, 0.0, 0.0, robot.gravity))
+        fusion.encoder(stamp, 0.0, 0.0)
     spent = time.monotonic() - begin
     if spent > SHORT:
         LOG.info('filter and laws were compiled, in %.1f s; the next start has them', spent)

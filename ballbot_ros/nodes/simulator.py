@@ -19,6 +19,7 @@ from ballbot_ros.ros.endpoints import create_service, create_subscription, creat
 from ballbot_ros.ros.followed_clock import FollowedClock
 from ballbot_ros.ros.laws_inside import check_control, LawsInside
 from ballbot_ros.ros.outputs import Outputs
+from ballbot_ros.ros.own_time import keep_own_time
 from ballbot_ros.ros.parameter_changes import Commit
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.retuning import change_period
@@ -36,9 +37,7 @@ class Simulator(Node):
     def __init__(self, **kwargs: Any):
         """Load the scene and start (or wait, if paused)."""
         super().__init__('simulator', **kwargs)
-        if self.get_parameter('use_sim_time').value:
-            self.get_logger().warning(
-                'use_sim_time is of no use to the simulator, which makes the simulated time')
+        keep_own_time(self)
         self._settings = settings = declare(self, SimulatorSettings, self._prepare)
         check_control(settings)
         scene = load_scene(settings.scene, settings.robot or None,
@@ -48,7 +47,8 @@ class Simulator(Node):
         self._gate = CommandGate(settings.command_timeout)
         self._outputs = Outputs(self, self._plant, settings)
         self._diagnostics = diagnostics.Diagnostics(
-            self, 'simulation', self._health, scene.model.robot.name)
+            self, 'simulation', self._health, scene.model.robot.name,
+            stamp=lambda: to_time(self._plant.time))
         self._laws = LawsInside(self, self._plant, settings) \
             if settings.control == 'onboard' else None
         follow = None if settings.publish_clock else FollowedClock(self, self._plant)

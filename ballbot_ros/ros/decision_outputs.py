@@ -14,6 +14,7 @@ from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import (
     decision_message, set_point_message, to_seconds, to_time)
 from ballbot_ros.ros.endpoints import create_publisher, wait_until_received
+from ballbot_ros.ros.gain_watch import GainWatch
 from ballbot_ros.ros.markers import decision_markers, MarkerTopic
 from ballbot_ros.ros.senders import own_name
 from ballbot_ros.ros.settings import DecisionSettings
@@ -29,6 +30,7 @@ class DecisionOutputs:
         self._name = own_name(node)
         self._decisions = create_publisher(node, StepDecision, 'step_decision', qos.DECISION)
         self._set_points = create_publisher(node, JointState, 'set_point', qos.COMMAND)
+        self._gains = GainWatch(node, 'set_point')
         self._newest: Optional[Tuple[Optional[StepDecision], JointState]] = None
 
     @property

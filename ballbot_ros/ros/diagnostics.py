@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node's health on /diagnostics, once a second and at once when it changes."""
-from typing import Callable, Dict, Mapping, Tuple
+from typing import Callable, Dict, Mapping, Optional, Tuple
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -41,16 +42,19 @@ class Diagnostics:
         tells robots apart.
     period : float
         [s] of wall time: health is published while simulated time stands still, too.
+    stamp : callable, optional
+        Returns the time of the node, where that is not what its clock says.
 
     """
 
     def __init__(self, node: Node, name: str, report: Callable[[], Health], hardware: str,
-                 period: float = 1.0):
+                 period: float = 1.0, stamp: Optional[Callable[[], Time]] = None):
         """Create publisher and timer."""
         self._node = node
         self._name = f'{node.get_fully_qualified_name().lstrip("/")}: {name}'
         self._hardware = '/'.join(filter(None, (node.get_namespace().strip('/'), hardware)))
         self._report = report
+        self._stamp = stamp or (lambda: node.get_clock().now().to_msg())
         self._count = 0
         self._publisher = create_publisher(node, DiagnosticArray, '/diagnostics', qos.SHORT)
         node.create_timer(period, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -62,7 +66,7 @@ class Diagnostics:
             level=level, name=self._name, message=message, hardware_id=self._hardware,
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])
         array = DiagnosticArray(status=[status])
-        array.header.stamp = self._node.get_clock().now().to_msg()
+        array.header.stamp = self._stamp()
         self._publisher.publish(array)
         self._count += 1
         if self._count % MATCHED_EVERY == 2:

@@ -1,37 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A first start says why nothing moves yet: it compiles."""
-from typing import Any, Callable
+"""A first start says why nothing moves yet: it compiles; and none compiles later than that."""
+import time
+from typing import Callable
 
-SENTENCE = ('compiling for this machine, which takes a minute or two and is kept: the next start '
+from ballbot_ros.compiled import hear_of_first_calls
+
+COMPILES = ('compiling for this machine, which takes a minute or two and is kept: the next start '
             'begins at once')
+# A period in which this happens is late, and a test reads every log for it.
+LATE = 'this node is late by a kernel that is called for the first time: '
 
 
-def announce_compilation(tell: Callable[[str], None]) -> None:
+class FirstStart:
     """
-    Have it told once when a kernel is compiled, and never where machine code is kept.
+    Tells what a node compiles before it is ready, and warns of what is left for later.
 
     Parameters
     ----------
-    tell : callable
-        Takes a sentence.
+    tell, warn : callable
+        Take a sentence.
 
     """
-    try:
-        from numba.core import event
-    except ImportError:  # nothing is compiled then
-        return
 
-    class Listener(event.Listener):  # type: ignore[misc]
-        """Hears of each compilation, after the machine code that is kept was looked through."""
+    def __init__(self, tell: Callable[[str], None], warn: Callable[[str], None]):
+        """Listen from now on."""
+        self._tell, self._warn = tell, warn
+        self._begun, self._compiled, self._ready = time.monotonic(), 0, False
+        hear_of_first_calls(self._hear)
 
-        told = False
+    def ready(self) -> None:
+        """Tell how long it took until the node could do its work."""
+        self._ready = True
+        self._tell(f'ready after {time.monotonic() - self._begun:.1f} s' + (
+            f', in which {self._compiled} kernels were compiled' if self._compiled else ''))
 
-        def on_start(self, _event: Any) -> None:
-            if not self.told:
-                self.told = True
-                tell(SENTENCE)
-
-        def on_end(self, _event: Any) -> None:
-            """Wait for nothing."""
-
-    event.register('numba:compile', Listener())
+    def _hear(self, kernel: str, kept: bool) -> None:
+        if self._ready:
+            self._warn(f'{LATE}{kernel}, {"read from the disk" if kept else "compiled"}')
+        elif not kept:
+            if not self._compiled:
+                self._tell(COMPILES)
+            self._compiled += 1

@@ -60,7 +60,7 @@ FRAMES = Frames()
 
 WHY = 'others have looked it up already'
 _DOCS = {
-    'odom': 'frame that odometry is told in: it stands still',
+    'odom': 'frame of reference of the odometry: it stands still',
     'footprint': 'level frame at the lowest point of the ball, which hangs from odom_frame',
     'base': 'level frame at the centre of the ball, which does not roll',
     'imu': 'frame of the inertial sensor, which rolls with the shell'}

@@ -53,8 +53,8 @@ class BridgeSettings(Settings):
     lock_memory: bool = fixed('the loop begins with it', flag(
         'keep the memory of the process from being swapped out', default=False))
     odom_rate: float = live(rate_of(
-        'odom and, where tf2_msgs is installed, /tf; 0 for neither', 100.0, minimum=0.0,
-        maximum=1000.0))
+        'odom and, where tf2_msgs is installed, /tf; 0 leaves odom to another node', 100.0,
+        minimum=0.0, maximum=1000.0))
     publish_description: bool = described()
     frame_prefix: str = frame_prefix()
     odom_frame: str = frame('odom')

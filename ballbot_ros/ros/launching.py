@@ -10,7 +10,8 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node, PushRosNamespace, SetParameter
 from launch_ros.parameter_descriptions import ParameterValue
 
-from ballbot_ros.config.files import shipped_folder
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.config.files import find_config, read_yaml, shipped_folder
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros.urdf import robot_description
@@ -27,7 +28,8 @@ SHARED: Tuple[Argument, ...] = (
     ('rviz', 'false', 'true: start RViz with the view of this package'),
     ('view', 'false', 'true: open a page that shows the robot, by ballbot view --live'))
 
-ROBOT = ('robot', 'gimball', 'Name of a robot in config/robots, or the path of a YAML file')
+ROBOT = ('robot', '', 'Name of a robot in config/robots, or the path of a YAML file; empty takes '
+         'that of the scene, or of the hardware file')
 SCENE = ('scene', 'doorstep', 'Name of a scene in config/scenes, or the path of a YAML file')
 
 TUNING = ('tuning', 'gentle',
@@ -59,6 +61,14 @@ class Given:
     def __getitem__(self, name: str) -> str:
         """Return an argument as text."""
         return str(LaunchConfiguration(name).perform(self._context))
+
+    def robot(self, real: bool) -> str:
+        """Return the robot that is asked for, or else that of the hardware or of the scene."""
+        if self['robot']:
+            return self['robot']
+        if real:
+            return load_hardware(self['hardware']).robot
+        return str(read_yaml(find_config('scenes', self['scene'])).get('robot', ''))
 
     def number(self, name: str) -> float:
         """Return an argument as a number; raises `ConfigurationError` if it is none."""

@@ -2,14 +2,15 @@
 """
 A lifecycle node that no request ends, and that can start by itself.
 
-rclpy raises an error in the callback of the service ``change_state`` where the transition is not
-possible from the state that the node is in, and its executors let that end the process.
+Where a transition is not possible from the state that the node is in, the callback of the service
+``change_state`` raises an error in rclpy of Jazzy, which its executors let end the process; in
+rclpy of Kilted it refuses, and logs the error of the C library.
 """
 from typing import Any, Callable
 
+from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.clock import Clock, ClockType
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
@@ -39,14 +40,14 @@ class ManagedNode(LifecycleNode):
 
         def served(request: ChangeState.Request, response: ChangeState.Response
                    ) -> ChangeState.Response:
-            try:
+            if self._possible(request.transition):
                 response = serve(request, response)
-            except rclpy_implementation.RCLError:
+            else:
                 response.success = False
                 self.get_logger().error(
                     f'{request.transition.label or self._name_of(request.transition.id)} is not '
                     f'possible: the node is {self.state_label}, from where it can go by '
-                    + (', '.join(self._possible()) or 'nothing'))
+                    + (', '.join(label for _, label in self._ways) or 'nothing'))
             self.managed = self.managed or response.success
             return response
         self._service_change_state.callback = served
@@ -63,8 +64,15 @@ class ManagedNode(LifecycleNode):
             return False
         return self.state_label == INACTIVE and self.trigger_activate() is SUCCESS
 
-    def _possible(self) -> list[str]:
-        return [label for _, label, *_ in self._state_machine.available_transitions]
+    @property
+    def _ways(self) -> list[tuple[int, str]]:
+        """Return number and name of each transition that is possible now."""
+        return [(number, label) for number, label, *_ in self._state_machine.available_transitions]
+
+    def _possible(self, wanted: Transition) -> bool:
+        """Say whether a transition is possible now: by its name if it has one, else its number."""
+        return any(wanted.label == label if wanted.label else wanted.id == number
+                   for number, label in self._ways)
 
     def _name_of(self, number: int) -> str:
         """Return what a transition of this node is called."""

@@ -27,14 +27,14 @@ class OdometryTopics:
 
     Odometry moves the footprint in the frame ``odom``. What hangs from it is told by
     robot_state_publisher, or by this class in its place: ``robot_description``, ``/tf_static``,
-    and on ``/tf`` the links that turn.
+    and on ``/tf`` the links that turn.  These are told without odometry, too.
 
     Parameters
     ----------
     node : Node
     robot : Robot
     settings : SimulatorSettings or BridgeSettings
-        Its names of frames, and its ``publish_description``.
+        Its names of frames, ``publish_description``, and ``odom_rate``, 0 for no odometry.
 
     """
 
@@ -43,7 +43,9 @@ class OdometryTopics:
         self.frames = Frames.of(settings)
         self._radius, self._has_pendulum = robot.ball_radius, robot.has_pendulum
         self._described = settings.publish_description
-        self._odometry = create_publisher(node, Odometry, 'odom', qos.STATE)
+        self._node = node
+        self._made: Optional[Publisher] = None
+        self._odometry: Optional[Publisher] = None
         self._transforms: Optional[Publisher] = None
         if TFMessage is None:
             node.get_logger().info('tf2_msgs is not installed: no /tf')
@@ -51,6 +53,13 @@ class OdometryTopics:
             self._transforms = create_publisher(node, TFMessage, '/tf', qos.STATE)
         if self._described:
             self._describe(node, robot, Frames.of(settings, prefixed=False))
+        self.tell_odometry(settings.odom_rate > 0.0)
+
+    def tell_odometry(self, told: bool) -> None:
+        """Tell from now on where the robot is, or leave ``odom`` and its transform to others."""
+        if told and self._made is None:  # and kept: a loop may be publishing
+            self._made = create_publisher(self._node, Odometry, 'odom', qos.STATE)
+        self._odometry = self._made if told else None
 
     def _describe(self, node: Node, robot: Robot, names: Frames) -> None:
         """Publish the description, and the transforms that stay as they are."""
@@ -77,13 +86,15 @@ class OdometryTopics:
             Of the joints ``shell`` and ``pendulum`` [rad].
 
         """
-        yield self._odometry, message
-        if self._transforms is not None:
+        transforms = self._turned(message.header, ball_angle, joint_angle)
+        publisher = self._odometry
+        if publisher is not None:
             at = message.pose.pose.position
-            moved = _transform(message.header, self.frames.odom, self.frames.footprint,
-                               at.x, at.z - self._radius)
-            yield self._transforms, TFMessage(transforms=[
-                moved, *self._turned(message.header, ball_angle, joint_angle)])
+            transforms.insert(0, _transform(message.header, self.frames.odom,
+                                            self.frames.footprint, at.x, at.z - self._radius))
+            yield publisher, message
+        if self._transforms is not None and transforms:
+            yield self._transforms, TFMessage(transforms=transforms)
 
     def _turned(self, header: Header, ball_angle: float, joint_angle: float
                 ) -> List[TransformStamped]:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the bridge publishes besides its motor: where the robot is, and its battery."""
 import math
-from typing import Optional
 
 from rclpy.node import Node
 from sensor_msgs.msg import BatteryState
@@ -19,6 +18,8 @@ from ballbot_ros.ros.odometry import OdometryTopics
 from ballbot_ros.ros.settings import BridgeSettings
 
 BATTERY_PERIOD = 1.0  # [s]
+# How often the links are told where others publish odometry [Hz].
+LINK_RATE = 100.0
 
 
 class Turns:
@@ -56,24 +57,20 @@ class RobotOutputs:
         """Create the publishers."""
         self._session, self._clocks = session, clocks
         self._radius, self._battery = session.robot.ball_radius, session.hardware.battery
-        self._node = node
-        self._made: Optional[OdometryTopics] = None
-        self._topics: Optional[OdometryTopics] = None
+        self._topics = OdometryTopics(node, session.robot, settings)
         self.publish_odometry_at(settings)
         self._battery_topic = create_publisher(node, BatteryState, 'battery_state', qos.STATE)
         self._battery_turns, self._frame = Turns(BATTERY_PERIOD), Frames.of(settings).base
 
     def publish_odometry_at(self, settings: BridgeSettings) -> None:
-        """Publish odometry so often from now on; the loop may be running."""
-        if settings.odom_rate > 0.0:
-            self._odometry_turns = Turns(1.0 / settings.odom_rate)
-            self._made = self._made or OdometryTopics(self._node, self._session.robot, settings)
-        self._topics = self._made if settings.odom_rate > 0.0 else None
+        """Publish odometry so often from now on, the links always; the loop may be running."""
+        self._odometry_turns = Turns(1.0 / (settings.odom_rate or LINK_RATE))
+        self._topics.tell_odometry(settings.odom_rate > 0.0)
 
     def publish(self, report: Report) -> None:
         """Publish what a period of the loop has found, each topic when its turn has come."""
         state, topics = self._session.odometry, self._topics
-        if topics is not None and state is not None and report.estimate is not None \
+        if state is not None and report.estimate is not None \
                 and self._odometry_turns.is_due(state.stamp):
             odometry = estimated_odometry_message(
                 self._clocks.stamp(state.stamp), state, self._radius, topics.frames)

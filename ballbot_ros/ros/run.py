@@ -7,14 +7,16 @@ import sys
 from typing import Any, Callable, List, Optional
 
 import rclpy
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.ros import discovery
 from ballbot_ros.ros.executor import new_executor
-from ballbot_ros.ros.first_start import announce_compilation
+from ballbot_ros.ros.first_start import FirstStart
 from ballbot_ros.ros.logs import forward_logs
 
 # How long a stop signal may wait for the executor to wake up [s].
@@ -51,15 +53,17 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
     Returns
     -------
     int
-        0 after a signal, 2 for a configuration that is refused.
+        0 after a signal, 2 for a configuration or an argument that is refused.
 
     """
     stopping: List[int] = []
     making = False
 
-    def stop(number: int, _frame: Any) -> None:
+    def stop(number: int, frame: Any) -> None:
         stopping.append(number)
         if making:  # it may compile for minutes yet, and has nothing to make safe
+            if _compiles(frame):
+                os._exit(0)
             raise _Stopped
 
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -70,9 +74,19 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
     except (RuntimeError, ValueError) as error:  # a malformed argument or parameter file
         print(f'cannot start: {_one_line(error)}', file=sys.stderr)
         return REFUSED
+    words = sys.argv[1:] if args is None else args
+    begin = words.index('--ros-args') if '--ros-args' in words else len(words)
+    # ROS would pass over them, a parameter among them, too; of NAME:=VALUE it makes a remapping.
+    stray = [*words[:begin], *remove_ros_args(words[begin:])]
+    if stray:
+        print(f'cannot start: {stray[0]!r} is no argument of a node; parameters are given as in '
+              '--ros-args -p robot:=gimball', file=sys.stderr)
+        rclpy.try_shutdown()
+        return REFUSED
     node: Optional[Node] = None
     executor = new_executor()
-    announce_compilation(get_logger('ballbot_ros').info)
+    log = get_logger('ballbot_ros')
+    start = FirstStart(log.info, log.warning)
     try:
         making = True
         node = make_node()
@@ -80,6 +94,7 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
         forward_logs(node)
         node.get_logger().info(reach)
         executor.add_node(node)
+        start.ready()
         # All that is there now lives as long as the node: looking through it again and again for
         # garbage would cost milliseconds in the middle of a control period.
         gc.collect()
@@ -91,8 +106,13 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
                 raise failure
     except _Stopped:
         pass
+    except RCLError as error:
+        if not making:
+            raise
+        get_logger('ballbot_ros').fatal(f'cannot start: {_one_line(error)}')
+        return REFUSED
     except BallbotError as error:
-        get_logger('ballbot_ros').fatal(_one_line(error))
+        log.fatal(_one_line(error))
         return REFUSED
     finally:
         making = False
@@ -105,6 +125,15 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
         executor.shutdown()
         rclpy.try_shutdown()
     return 0
+
+
+def _compiles(frame: Any) -> bool:
+    """Say whether a frame is within the compiler: LLVM does not survive an exception there."""
+    while frame is not None:
+        if str(frame.f_globals.get('__name__')).split('.')[0] in ('numba', 'llvmlite'):
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _one_line(error: Exception) -> str:

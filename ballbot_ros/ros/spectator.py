@@ -5,9 +5,8 @@ import os
 from queue import Empty, Queue
 from threading import Event, Thread
 from time import monotonic
-from typing import Any, Callable, Dict, FrozenSet, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, FrozenSet, Mapping, NamedTuple, Optional, Tuple, Union
 
-from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import GetParameters
 import rclpy
@@ -24,9 +23,9 @@ from std_srvs.srv import Trigger
 from ballbot_ros.errors import ConfigurationError, RefusedError
 from ballbot_ros.msg import (
     BallState, MotorStatus, StepDecision, StepObservation, TerrainObservation)
-from ballbot_ros.ros import discovery, qos
+from ballbot_ros.ros import cmd_vel, discovery, qos
 from ballbot_ros.ros.conversions import PENDULUM
-from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.ros.endpoints import create_publisher, create_subscription
 from ballbot_ros.ros.executor import new_executor
 from ballbot_ros.ros.senders import own_name
 from ballbot_ros.srv import Step
@@ -43,7 +42,8 @@ TOPICS: Mapping[str, Tuple[Any, QoSProfile, float]] = {
 # Nodes that are looked for, and which of their parameters say what is there.
 NODES: Mapping[str, Tuple[str, ...]] = {
     'simulator': ('scene', 'robot', 'control_rate'), 'bridge': ('hardware',),
-    'emulated_robot': ('scene',), 'controller': ('robot',), 'obstacle_decision': ('robot',)}
+    'emulated_robot': ('scene',), 'controller': ('robot',),
+    'obstacle_decision': ('robot', 'curve', 'variant')}
 
 ANSWER = 5.0  # patience with a service [s]
 LOOK = 1.0  # between two looks at who is there [s]
@@ -104,7 +104,7 @@ class Spectator:
         self._asked: Dict[str, float] = {}
         self._clients: Dict[str, Any] = {}
         self._publisher: Optional[Any] = None
-        self._held: Optional[Any] = None
+        self._held: Union[float, JointState, None] = None  # a speed [m/s], or a set-point
         self._attended = 0.0
         self.presence = Presence(frozenset(), (), 0)
         for topic, (kind, profile, least) in TOPICS.items():
@@ -147,9 +147,7 @@ class Spectator:
 
     def hold_speed(self, speed: float) -> None:
         """Publish a speed [m/s] again and again."""
-        message = TwistStamped()
-        message.header.frame_id, message.twist.linear.x = self._name, speed
-        self._held = message
+        self._held = float(speed)
 
     def hold_angle(self, angle: float) -> None:
         """Publish an absolute pendulum angle [rad] again and again."""
@@ -265,7 +263,10 @@ class Spectator:
         """Publish the set-point that is held, if somebody attends to it."""
         if now - self._attended > UNATTENDED:
             self._held = None
-        held = self._held
+        held: Any = self._held
+        if isinstance(held, float):
+            held = cmd_vel.speed_message(
+                cmd_vel.type_followed(self._node), held, self._name)
         kind = None if held is None else type(held)
         if self._publisher is not None and self._publisher.msg_type is not kind:
             # Others may drive then.
@@ -274,6 +275,7 @@ class Spectator:
         if held is None:
             return
         if self._publisher is None:
-            topic = 'cmd_vel' if isinstance(held, TwistStamped) else 'set_point'
-            self._publisher = self._node.create_publisher(kind, topic, qos.NEWEST)
+            topic = 'set_point' if kind is JointState else cmd_vel.TOPIC
+            # Without handlers of events, which would hold one of another type until later.
+            self._publisher = create_publisher(self._node, kind, topic, qos.NEWEST)
         self._publisher.publish(held)

@@ -18,6 +18,7 @@ from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.physics import load_scene
 from ballbot_ros.ros import discovery
+from ballbot_ros.ros.first_start import LATE
 
 # Ports of the first lie beside those that Linux gives to programs, and the demo takes none of
 # them.  The others are for a machine on which many tests run at once.
@@ -70,6 +71,15 @@ def compiled_once():
     with open(Path(tempfile.gettempdir()) / 'ballbot_ros_test_compile.lock', 'w') as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         prepare()
+
+
+@pytest.fixture(autouse=True)
+def no_late_compilation(tmp_path):
+    """See that no node has compiled a kernel, or read one from the disk, once it was ready."""
+    yield
+    late = {path.stem: line for path in tmp_path.rglob('*.log')
+            for line in path.read_text(errors='replace').splitlines() if LATE in line}
+    assert not late
 
 
 @pytest.fixture(autouse=True)

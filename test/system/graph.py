@@ -143,27 +143,27 @@ class Graph:
         while (left := end - time.monotonic()) > 0.0:
             self.executor.spin_once(timeout_sec=left)
 
-    def wait(self, condition, what):
+    def wait(self, condition, what, patience=PATIENCE):
         """Return what a condition returns as soon as that is true."""
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + patience
         while not (found := condition()):
-            assert time.monotonic() < deadline, self._timed_out(what)
+            assert time.monotonic() < deadline, self._timed_out(what, patience)
             self.executor.spin_once(timeout_sec=0.05)
         return found
 
     def wait_for_time(self, states, seconds):
-        """Wait until the stamps of messages have come so far."""
+        """Wait until the stamps of messages have come so far, on a busy machine, too."""
         self.wait(lambda: states and to_seconds(states[-1].header.stamp) >= seconds,
-                  f'simulated time has come to {seconds:g} s')
+                  f'simulated time has come to {seconds:g} s', PATIENCE + 3.0 * seconds)
 
     def wait_for_log(self, name, text):
         """Wait until a node has logged a text."""
         self.wait(lambda: text in self.log(name), f'{name} logs {text!r}')
 
-    def _timed_out(self, what):
+    def _timed_out(self, what, patience=PATIENCE):
         logs = '\n'.join(f'--- {path.stem}\n{path.read_text()[-3000:]}' for path in
                          sorted(self.processes.log('x').parent.glob('*.log')))
-        return f'waited {PATIENCE:g} s in vain until {what}\n{logs}'
+        return f'waited {patience:g} s in vain until {what}\n{logs}'
 
     # Services
 

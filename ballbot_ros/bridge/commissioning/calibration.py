@@ -33,6 +33,7 @@ PERIOD, RAISE, SETTLE, LOOK = 0.01, 1.0, 1.5, 0.5
 LEAST_TURN = 0.3
 # Deviations from the file that deserve a word.
 NOTEWORTHY = 0.1
+SMALLEST_TURN, LARGEST_TURN = 6.0, 400.0  # by hand [degrees]
 
 
 class Dialogue(Protocol):
@@ -91,8 +92,10 @@ class Calibrator:
         say, ask = self._dialogue.say, self._dialogue.ask
         say('The shell must be held so that it cannot roll, nothing in reach of the pendulum, a '
             'hand at the switch of the battery.  Ctrl-C or "q" ends it at any time.')
-        if ask('Is that so? [yes/q]').strip().lower() not in ('yes', 'y'):
-            raise RefusedError('calibration ended: hold the shell first; nothing was changed')
+        while (answer := ask('Is that so? [yes/no/q]').strip().lower()) not in ('yes', 'y'):
+            if answer in ('no', 'n'):
+                raise RefusedError('calibration ended: hold the shell first; nothing was changed')
+            say(f'{answer!r} is neither yes nor no.')
         try:
             direction, scale = self._turn_by_hand()
             say(f'The motor will now lift the pendulum slowly to {math.degrees(HIGHEST):.0f} '
@@ -111,15 +114,9 @@ class Calibrator:
         say, ask = self._dialogue.say, self._dialogue.ask
         ask('Let the pendulum hang straight down, still. Press Enter')
         before = self._position()
-        answer = ask('Turn it by hand forward (to +x, the way it swings to roll ahead) to level, '
-                     'hold it there. Press Enter, or give the angle in degrees if it is not 90')
-        try:
-            turned = math.radians(float(answer)) if answer.strip() else 0.5 * math.pi
-        except ValueError:
-            raise RefusedError(f'an angle in degrees was expected, got {answer!r}') from None
-        if not 0.1 < turned < 7.0:
-            raise RefusedError(
-                f'the angle must be 6 to 400 degrees, got {math.degrees(turned):g}')
+        turned = self._ask_angle(
+            'Turn it by hand forward (to +x, the way it swings to roll ahead) to level, hold it '
+            'there. Press Enter, or give the angle in degrees if it is not 90')
         moved = self._position() - before
         expected = turned * self._joint.gear_ratio if self._joint.encoder_scale is None \
             else turned / self._joint.encoder_scale
@@ -136,6 +133,20 @@ class Calibrator:
         ask('Let it hang again, still. Press Enter')
         self._zero = self._position()
         return (1 if moved > 0.0 else -1), scale
+
+    def _ask_angle(self, question: str) -> float:
+        """Return an angle [rad], a right angle for Enter; whoever mistypes is asked again."""
+        while True:
+            answer = self._dialogue.ask(question).strip()
+            try:
+                degrees = float(answer) if answer else 90.0
+            except ValueError:
+                self._dialogue.say(f'An angle in degrees is expected, got {answer!r}.')
+                continue
+            if SMALLEST_TURN <= degrees <= LARGEST_TURN:
+                return math.radians(degrees)
+            self._dialogue.say(f'The angle must be {SMALLEST_TURN:g} to {LARGEST_TURN:g} degrees, '
+                               f'got {degrees:g}.')
 
     def _lift(self, scale: float) -> Tuple[List[float], List[float]]:
         """Return torques asked for and joint angles at rest, `scale` being signed."""

@@ -3,7 +3,6 @@
 import math
 from typing import Any, Dict, Optional
 
-from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
@@ -12,7 +11,7 @@ from std_srvs.srv import Trigger
 from ballbot_ros.decision.values import Kind
 from ballbot_ros.errors import MessageError
 from ballbot_ros.msg import StepDecision
-from ballbot_ros.ros import qos
+from ballbot_ros.ros import cmd_vel, qos
 from ballbot_ros.ros.conversions import readings
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription, wait_until_received
 from ballbot_ros.ros.senders import own_name
@@ -50,7 +49,7 @@ class RobotDriver:
         self._observer = observer
         one = observer.node
         self._name = own_name(one)
-        self._cmd_vel = create_publisher(one, TwistStamped, 'cmd_vel', qos.NEWEST)
+        self._cmd_vel = self._publisher()
         self._clients = {verb: one.create_client(Trigger, f'{node}/{verb}')
                          for verb in ('engage_e_stop', 'release_e_stop')}
         self.speed: Optional[float] = None
@@ -70,10 +69,16 @@ class RobotDriver:
 
     def publish(self, speed: float) -> None:
         """Ask for a speed [m/s]; unstamped, so that its age counts from when it comes."""
-        message = TwistStamped()
-        message.header.frame_id = self._name
-        message.twist.linear.x = speed
-        self._cmd_vel.publish(message)
+        kind = cmd_vel.type_followed(self._observer.node)
+        if kind is not self._cmd_vel.msg_type:
+            self._observer.node.destroy_publisher(self._cmd_vel)
+            self._cmd_vel = self._publisher()
+        self._cmd_vel.publish(cmd_vel.speed_message(kind, speed, self._name))
+
+    def _publisher(self) -> Any:
+        """Return a publisher of speeds, in the type that is followed."""
+        one = self._observer.node
+        return create_publisher(one, cmd_vel.type_followed(one), cmd_vel.TOPIC, qos.NEWEST)
 
     def last(self) -> None:
         """Ask for a stop, and wait until that has come."""

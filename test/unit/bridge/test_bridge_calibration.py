@@ -119,12 +119,20 @@ def test_an_angle_that_was_not_a_right_one_may_be_told_and_a_wrong_file_is_notic
     assert any('the file was wrong' in text for text in script.said)
 
 
-@pytest.mark.parametrize('answer', ['5', '-90', '430', 'level'])
-def test_an_angle_that_no_hand_turns_it_by_is_refused(answer):
+@pytest.mark.parametrize('part, answer', [
+    ('Turn it', '5'), ('Turn it', '-90'), ('Turn it', '430'), ('Turn it', 'level'),
+    ('Is that so', 'yse'), ('Is that so', '')])
+def test_a_wrong_key_asks_again(part, answer):
     robot = VirtualRobot(held=True)
-    with pytest.raises(RefusedError, match='degrees'):
-        calibrate(robot, Script(robot, **{'Turn it': answer}))
-    assert not any(robot.torques)
+    script = Script(robot)
+    first, ask = [answer], script.ask
+
+    def mistype_once(question):
+        right = ask(question)
+        return first.pop() if part in question and first else right
+    script.ask = mistype_once
+    assert calibrate(robot, script).direction in (-1, 1)
+    assert sum(part in question for question in script.asked) == 2
 
 
 def test_the_pendulum_may_be_turned_by_more_than_a_turn():

@@ -127,6 +127,15 @@ def test_a_file_that_says_no_more_than_it_must_is_one_of_a_careful_bridge():
         encoder_zero=None)
 
 
+def test_all_that_is_missing_is_named_at_once_whatever_section_it_is_in():
+    with pytest.raises(ConfigurationError) as caught:
+        read_hardware({'name': 'mine', 'connection': {'protocol': 'vesc'}}, 'my.yaml')
+    message = str(caught.value)
+    for words in ('my.yaml: robot is missing', 'connection: port is missing',
+                  'joint: gear_ratio is missing', 'limits: torque_limit is missing'):
+        assert words in message
+
+
 @pytest.mark.parametrize('missing', ['name', 'robot'])
 def test_name_and_robot_must_be_text(missing):
     for value in (None, 7):

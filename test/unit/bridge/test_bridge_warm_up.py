@@ -12,19 +12,19 @@ from ballbot_ros.physics import load_robot
 
 # A new process: in this one other tests have compiled what there is.
 PROGRAM = """
-from numba.core.dispatcher import Dispatcher
 from virtual_robot import VirtualRobot
+from ballbot_ros.compiled import hear_of_first_calls
 from ballbot_ros.control import ControlTuning, Mode, PendulumController, SetPoint
 from ballbot_ros.physics import load_robot
 
 robot = VirtualRobot(held=True)
 
 
-def compile(kernel, signature):
-    raise AssertionError(f'{kernel} is compiled for {signature}')
+def refuse(kernel, kept):
+    raise AssertionError(f'{kernel} is called for the first time')
 
 
-Dispatcher.compile = compile
+hear_of_first_calls(refuse)
 robot.ready()
 robot.run(0.1, torque=0.1)
 for mode in Mode:

@@ -126,8 +126,9 @@ def test_two_robots_have_one_time_and_the_second_never_runs_ahead_of_it(simulato
 
 
 def test_two_that_both_make_the_time_are_told_by_name(simulators):
-    make, _ = simulators
+    make, until = simulators
     first, second = make('a'), make('b')
+    until(lambda: mismatches(first) and mismatches(second))  # they have found each other
     assert mismatches(first)[0].startswith('/b/simulator publishes /clock, too')
     assert mismatches(second)[0].startswith('/a/simulator publishes /clock, too')
 

@@ -1,26 +1,68 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What compiles says so, once."""
+"""What compiles says so, once, and what compiles too late is a warning."""
 import pytest
 
-from ballbot_ros.ros.first_start import announce_compilation, SENTENCE
+from ballbot_ros import compiled
+from ballbot_ros.ros.first_start import COMPILES, FirstStart, LATE
+
+pytestmark = pytest.mark.skipif(not compiled.COMPILED, reason='nothing is compiled')
 
 
-def test_the_first_compilation_is_told_and_no_other():
-    numba = pytest.importorskip('numba')
-    told = []
-    announce_compilation(told.append)
-    for number in range(2):
-        kernel = numba.njit(lambda value: value + 1.0)
-        kernel(1.0)
-        kernel(2.0)
-        assert told == [SENTENCE]
+@pytest.fixture
+def kernel(monkeypatch, tmp_path):
+    """Return a function that returns a kernel, as another process would have it."""
+    monkeypatch.setattr(compiled, '_FOLDER', str(tmp_path))
+    monkeypatch.setattr(compiled, '_hearing', [])
+
+    def add_one(number):
+        return number + 1.0
+    return lambda: compiled.compiled(add_one)
 
 
-def test_what_runs_compiled_already_tells_nothing():
-    numba = pytest.importorskip('numba')
-    kernel = numba.njit(lambda value: value + 1.0)
-    kernel(1.0)
-    told = []
-    announce_compilation(told.append)
-    kernel(2.0)
-    assert not told
+@pytest.fixture
+def start(kernel):
+    """Return a start, and what it tells and warns of."""
+    told, warned = [], []
+    return FirstStart(told.append, warned.append), told, warned
+
+
+def test_the_first_compilation_is_told_and_no_other(kernel, start):
+    _, told, warned = start
+    for argument in (1.0, 1, 2.0):
+        kernel()(argument)
+        assert told == [COMPILES] and not warned
+
+
+def test_what_is_kept_tells_nothing_but_that_the_node_is_ready(kernel, start):
+    kernel()(1.0)
+    start[1].clear()
+    again = FirstStart(start[1].append, start[2].append)
+    kernel()(1.0)
+    again.ready()
+    assert len(told := start[1]) == 1 and told[0].startswith('ready after ')
+    assert 'compiled' not in told[0]
+
+
+def test_how_much_was_compiled_is_told_when_it_is_ready(kernel, start):
+    first, told, _ = start
+    kernel()(1.0)
+    first.ready()
+    assert told[1].startswith('ready after ') and '1 kernels were compiled' in told[1]
+
+
+@pytest.mark.parametrize('kept, how', [(False, 'compiled'), (True, 'read from the disk')])
+def test_what_is_first_called_when_the_node_is_ready_is_a_warning(kernel, start, kept, how):
+    if kept:
+        kernel()(1.0)
+    start[0].ready()
+    kernel()(1.0)
+    warning, = start[2]
+    assert warning.startswith(LATE) and 'add_one' in warning and warning.endswith(how)
+
+
+def test_a_second_call_of_the_same_kind_is_not_late(kernel, start):
+    one = kernel()
+    one(1.0)
+    start[0].ready()
+    one(2.0)
+    assert not start[2]

@@ -5,7 +5,7 @@ import time
 from types import SimpleNamespace
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import Twist, TwistStamped, Vector3
 import pytest
 import rclpy
 from rclpy.context import Context
@@ -173,7 +173,7 @@ def test_it_says_what_it_waits_for(nodes, says):
 class Robot:
     """A node with the name and the ends of a simulator, in a thread of its own."""
 
-    def __init__(self, domain):
+    def __init__(self, domain, kind=TwistStamped):
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
         self.node = Node('simulator', namespace='left', context=self.context)
@@ -181,7 +181,7 @@ class Robot:
             self.node.declare_parameter(name, value)
         self.states = self.node.create_publisher(BallState, 'ball_state', qos.STATE)
         self.speeds, self.paused = [], Event()
-        self.node.create_subscription(TwistStamped, 'cmd_vel', self.speeds.append, qos.NEWEST)
+        self.node.create_subscription(kind, 'cmd_vel', self.speeds.append, qos.NEWEST)
         self.node.create_service(Trigger, '~/pause', self.pause)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
@@ -242,6 +242,21 @@ def test_a_spectator_hears_learns_calls_and_drives_as_long_as_someone_attends(
         wait_for(lambda: not robot.node.count_publishers('cmd_vel'))
     finally:
         looking.close()
+
+
+def test_whoever_takes_a_twist_is_sent_one_also_where_that_is_found_out_late(domain):
+    looking = Spectator('left', lambda *_: None, lambda *_: None, domain)
+    looking.start()
+    looking.attend()
+    looking.hold_speed(0.4)
+    wait_for(lambda: looking.attend() or looking._publisher is not None)  # for nobody yet
+    robot = Robot(domain, Twist)
+    try:
+        wait_for(lambda: looking.attend() or robot.speeds)
+        assert robot.speeds[0] == Twist(linear=Vector3(x=0.4))
+    finally:
+        looking.close()
+        robot.close()
 
 
 def test_a_page_that_hangs_never_slows_the_one_who_publishes(domain, robot):

@@ -102,6 +102,13 @@ def test_simulated_time_for_the_one_who_makes_it_is_told_and_does_no_harm(start,
     assert node.get_parameter('use_sim_time').value
 
 
+def test_a_simulator_that_runs_refuses_to_go_by_the_time_that_it_makes(start):
+    node = start(Simulator)
+    assert 'use_sim_time is of no use to the simulator' in changed(node, use_sim_time=True)
+    assert changed(node, use_sim_time=False, odom_rate=50.0) == ''
+    assert not node.get_parameter('use_sim_time').value
+
+
 def test_a_controller_refuses_gains_that_diverge_and_names_the_rate_that_works(start):
     node = start(Controller, tuning='gentle')
     assert 'run it at 1101 Hz or more' in changed(node, gains__position_kd=40.0)
@@ -130,7 +137,8 @@ def test_a_bridge_hands_gains_and_timeouts_to_its_loop(start):
     assert law.tuning.position_kp == 7.0 and law.controller.expected.set_point_timeout == 0.8
     assert 'diverges on gimball' in changed(node, tuning='published')
     assert 'at most loop_rate' in changed(node, joint_state_rate=5000.0)
-    assert changed(node, odom_rate=0.0) == '' and node._robot_outputs._topics is None
+    assert changed(node, odom_rate=0.0) == ''
+    assert node._robot_outputs._topics._odometry is None
     assert law.tuning.position_kp == 7.0
 
 

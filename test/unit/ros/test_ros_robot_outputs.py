@@ -74,7 +74,11 @@ def test_a_rate_of_zero_leaves_odometry_to_others(make_node, published):
     session = SimpleNamespace(odometry=None)
     outputs = outputs_of(make_node, session, 0.0)
     report(outputs, session, 1.0)
-    assert not topics(published, 'odom', '/tf')
+    assert not topics(published, 'odom')
+    moved = {one.child_frame_id for message in topics(published, '/tf')
+             for one in message.transforms}
+    assert moved == {'ball_link', 'pendulum_link'}  # what hangs from odom is for others
+    assert topics(published, 'robot_description') and topics(published, '/tf_static')
 
 
 def test_after_a_gap_it_does_not_catch_up(make_node, published):

@@ -69,3 +69,33 @@ def test_a_node_that_is_still_being_made_ends_at_once_when_told_to(
     done = subprocess.run([sys.executable, '-m', 'slow_node', signal], capture_output=True,
                           text=True, timeout=60)
     assert (done.returncode, 'Traceback' in done.stderr) == (0, False), done.stderr
+
+
+def test_a_node_refuses_stray_arguments_and_says_how_parameters_are_given(monkeypatch, capsys):
+    from ballbot_ros.ros import run
+
+    def make():
+        pytest.fail('made the node all the same')
+
+    for words in (['robot:=gimball'], ['--ros-args', '-r', '__node:=x', '--', '--rate', '5'],
+                  ['-p', 'robot:=gimball']):
+        assert run.run(make, words) == 2
+        err = capsys.readouterr().err
+        assert 'is no argument of a node' in err and '--ros-args -p robot:=gimball' in err
+
+
+SECURE = """
+import sys
+from rclpy.node import Node
+from ballbot_ros.ros import run
+sys.exit(run.run(lambda: Node('secure'), []))
+"""
+
+
+def test_without_its_keys_a_node_ends_in_a_sentence(monkeypatch, tmp_path):
+    for name, value in (('ENABLE', 'true'), ('STRATEGY', 'Enforce'), ('KEYSTORE', tmp_path)):
+        monkeypatch.setenv(f'ROS_SECURITY_{name}', str(value))
+    done = subprocess.run([sys.executable, '-c', SECURE], capture_output=True, text=True,
+                          timeout=60)
+    assert done.returncode == 2 and 'Traceback' not in done.stderr
+    assert 'cannot start: ' in done.stderr and 'SECURITY ERROR' in done.stderr.upper()

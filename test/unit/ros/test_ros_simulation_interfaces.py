@@ -81,13 +81,14 @@ def test_features_are_those_that_are_served(client):
     assert not features.spawn_formats
 
 
-def test_states_and_transitions_have_their_codes(client):
+def test_states_and_transitions_have_their_codes(client, simulator):
     answer = srv.SetSimulationState.Response
     assert client.state() == STOPPED
     assert client.set_state(STOPPED) == answer.ALREADY_IN_TARGET_STATE
     assert client.set_state(PAUSED) == answer.INCORRECT_TRANSITION
     assert client.set_state(PLAYING) == OK and client.state() == PLAYING
     assert client.code(srv.StepSimulation, steps=1) == FAILED
+    client.wait(lambda: simulator._plant.periods)  # what has not begun is stopped, not paused
     assert client.set_state(PAUSED) == OK and client.state() == PAUSED
     assert client.set_state(PAUSED) == answer.ALREADY_IN_TARGET_STATE
     assert client.set_state(STOPPED) == OK and client.state() == STOPPED

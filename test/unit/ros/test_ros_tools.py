@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 
-from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import Twist, TwistStamped, Vector3
 from mcap.reader import make_reader
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -210,6 +210,14 @@ def test_who_drives_has_a_name_and_sees_the_robot(look, robot):
     assert MARK in came[0].header.frame_id and came[0].header.stamp.sec == 0
     assert driver.speed == 0.25 and driver.pendulum == pytest.approx(0.5)
     assert driver.followers == 1 and driver.decision == 'GO ROUND'
+
+
+def test_who_drives_sends_the_type_that_is_followed(look, robot):
+    came = []
+    robot.create_subscription(Twist, 'cmd_vel', came.append, 10)
+    driver = RobotDriver(look, 'bridge')
+    assert look.wait(lambda: driver.publish(0.3) or came, 30.0)
+    assert came[0] == Twist(linear=Vector3(x=0.3)) and driver.followers == 1
 
 
 def test_the_e_stop_of_who_drives_is_that_of_the_bridge_or_else_the_topic(look, robot):

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Say when whoever follows set-points gets other gains than the plans are made for."""
+from typing import Set
+
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import qos_profile_parameter_events
+
+from ballbot_ros.ros.endpoints import create_subscription
+
+EVENTS = '/parameter_events'
+
+
+class GainWatch:
+    """
+    Listens to what changes in the nodes that follow the set-points of a node.
+
+    Plans rest on gains (``control_tuning``): with others the pendulum takes another way to its
+    set angle.  They are not taken over by themselves, for which node drives is not known for
+    certain, and what was learned rests on them.
+
+    Parameters
+    ----------
+    node : Node
+        With a parameter ``control_tuning``.
+    topic : str
+        Of its set-points.
+
+    """
+
+    def __init__(self, node: Node, topic: str):
+        """Listen."""
+        self._node, self._topic = node, node.resolve_topic_name(topic)
+        create_subscription(
+            node, ParameterEvent, EVENTS, self.hear, qos_profile_parameter_events)
+
+    def hear(self, event: ParameterEvent) -> None:
+        """Warn of a change of gains by somebody who follows the set-points."""
+        changed = {one.name: parameter_value_to_python(one.value)
+                   for one in event.changed_parameters
+                   if one.name == 'tuning' or one.name.startswith('gains.')}
+        if not changed or event.node not in self._followers():
+            return
+        planned = self._node.get_parameter('control_tuning').value
+        if 'tuning' in changed:
+            if changed['tuning'] == planned:
+                return
+            changed = {'tuning': changed['tuning']}
+        said = ', '.join(f'{name} {value}' for name, value in changed.items())
+        self._node.get_logger().warning(
+            f'{event.node} drives with other gains now ({said}), and plans are still made for '
+            f'control_tuning {planned!r}: if that is to stay, set control_tuning to a file with '
+            'these gains')
+
+    def _followers(self) -> Set[str]:
+        """Return the full names of the nodes that subscribe to the set-points."""
+        return {f'{one.node_namespace.rstrip("/")}/{one.node_name}'
+                for one in self._node.get_subscriptions_info_by_topic(self._topic)}

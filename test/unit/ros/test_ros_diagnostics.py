@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Of whose health a status is, and when."""
+from types import SimpleNamespace
+
+import pytest
+
+from ballbot_ros.nodes.simulator import Simulator
+from ballbot_ros.ros import diagnostics
+from ballbot_ros.ros.conversions import to_time
+
+
+class Left(Simulator):
+    """A simulator in a namespace."""
+
+    def __init__(self, **kwargs):
+        super().__init__(namespace='left', **kwargs)
+
+
+class Right(Simulator):
+    """A simulator in another namespace."""
+
+    def __init__(self, **kwargs):
+        super().__init__(namespace='right', **kwargs)
+
+
+@pytest.fixture
+def published(monkeypatch):
+    """Return what is published on /diagnostics."""
+    found = []
+    monkeypatch.setattr(diagnostics, 'create_publisher', lambda node, kind, topic, profile: (
+        SimpleNamespace(publish=found.append)))
+    return found
+
+
+def test_two_robots_are_told_apart_by_name_and_hardware_id(make_node, published):
+    for cls, robot in ((Left, 'gimball'), (Right, 'shellball')):
+        make_node(cls, start_paused=True, robot=robot)._diagnostics.publish()
+    found = [array.status[0] for array in published]
+    assert [one.hardware_id for one in found] == ['left/gimball', 'right/shellball']
+    assert [one.name for one in found] == [
+        'left/simulator: simulation', 'right/simulator: simulation']
+
+
+def test_the_health_of_a_simulation_is_of_the_time_that_it_makes(make_node, published):
+    node = make_node(Simulator, start_paused=True, scene='flat')
+    node._plant.advance(0.0)
+    node._diagnostics.publish()
+    assert published[-1].header.stamp == to_time(node._plant.time) == to_time(0.002)

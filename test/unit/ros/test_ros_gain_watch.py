@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whoever plans says when the gains that the plans rest on are no more those in force."""
+import pytest
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+
+from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.gain_watch import GainWatch
+
+
+@pytest.fixture
+def decision(make_node):
+    """Return a node whose set-points /controller follows."""
+    node = make_node(Node, 'decision')
+    node.declare_parameter('control_tuning', 'published')
+    make_node(Node, 'controller').create_subscription(
+        JointState, 'set_point', lambda _: None, 1)
+    return node
+
+
+def event(node, **changed):
+    return ParameterEvent(node=node, changed_parameters=[
+        Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
+        for name, value in changed.items()])
+
+
+def test_other_gains_of_the_one_that_drives_are_said_with_what_to_do(decision, capfd):
+    watch = GainWatch(decision, 'set_point')
+    watch.hear(event('/controller', gains__position_kp=30.0))
+    said = capfd.readouterr().err
+    assert '/controller drives with other gains now (gains.position_kp 30.0)' in said
+    assert "control_tuning 'published'" in said
+    watch.hear(event('/controller', tuning='gentle', gains__position_kp=6.0))
+    assert '(tuning gentle)' in capfd.readouterr().err
+
+
+def test_gains_of_others_other_parameters_and_the_same_tuning_are_nothing_to_say(
+        decision, capfd):
+    watch = GainWatch(decision, 'set_point')
+    watch.hear(event('/left/controller', gains__position_kp=30.0))
+    watch.hear(event('/controller', state_timeout=0.2))
+    watch.hear(event('/controller', tuning='published', gains__position_kp=40.0))
+    assert 'other gains' not in capfd.readouterr().err
+
+
+def test_it_hears_what_a_node_changes(decision, make_node, context, monkeypatch):
+    heard = []
+    monkeypatch.setattr(GainWatch, 'hear', lambda _, message: heard.append(message))
+    GainWatch(decision, 'set_point')
+    other = make_node(Node, 'other')
+    other.declare_parameter('gains.position_kp', 40.0)
+    executor = new_executor(context)
+    executor.add_node(decision)
+    other.set_parameters([Parameter('gains.position_kp', value=30.0)])
+    for _ in range(200):
+        executor.spin_once(timeout_sec=0.1)
+        if any(one.changed_parameters for one in heard):
+            break
+    executor.shutdown()
+    assert [one.changed_parameters[0].name for one in heard if one.changed_parameters] == [
+        'gains.position_kp']

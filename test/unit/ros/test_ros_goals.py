@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The actions over real topics: a client, the decision, and the simulator in lockstep."""
+import time
+
+from action_msgs.msg import GoalStatus
+from nav_msgs.msg import Odometry
+import pytest
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+
+from ballbot_ros.action import CrossStep, DriveTo
+from ballbot_ros.msg import StepDecision
+from ballbot_ros.nodes.controller import Controller
+from ballbot_ros.nodes.obstacle_decision import ObstacleDecision
+from ballbot_ros.nodes.simulator import Simulator
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.executor import new_executor
+
+PATIENCE = 120.0  # for a machine that is busy; nothing waits this long on a quiet one [s]
+
+
+class Graph:
+    """Simulator, controller and decision in lockstep, as fast as it goes, and a client."""
+
+    def __init__(self, context, make_node, scene, planner):
+        """Start them; the ball stands until there is a goal."""
+        self.node = make_node(Client)
+        self.simulator = make_node(
+            Simulator, scene=scene, lockstep=True, real_time_factor=0.0, lockstep_patience=60.0)
+        self.decision = make_node(ObstacleDecision, planner=planner, wait_for_goal=True)
+        controller = make_node(Controller, lockstep_set_point_period=0.02)
+        self.executor = new_executor(context)
+        for node in (self.node, self.simulator, self.decision, controller):
+            self.executor.add_node(node)
+        self.wait(lambda: self.node.odometry is not None, 'odometry comes')
+        self.wait(lambda: self.decision._decider.planned is not None, 'it decides')
+
+    def wait(self, condition, what):
+        """Return what a condition returns as soon as that is true."""
+        deadline = time.monotonic() + PATIENCE
+        while not (found := condition()):
+            assert time.monotonic() < deadline, f'waited in vain until {what}'
+            self.executor.spin_once(timeout_sec=0.05)
+        return found
+
+    def done(self, future, what):
+        """Return the result of a future."""
+        self.wait(future.done, what)
+        return future.result()
+
+    def send(self, kind, **fields):
+        """Send a goal and return its handle; feedback is noted."""
+        client = self.node.clients_of[kind]
+        self.wait(client.server_is_ready, 'the server is there')
+        self.node.feedback.clear()
+        return self.done(client.send_goal_async(
+            kind.Goal(**fields), lambda message: self.node.feedback.append(message.feedback)),
+            'the goal is answered')
+
+    def result(self, handle):
+        """Return status and result of a goal when it has ended."""
+        answer = self.done(handle.get_result_async(), 'the goal ends')
+        return answer.status, answer.result
+
+    @property
+    def speed(self):
+        """Of the ball, by odometry [m/s]."""
+        return self.node.odometry.twist.twist.linear.x
+
+
+class Client(Node):
+    """What somebody who sends goals has."""
+
+    def __init__(self, **kwargs):
+        """Listen to odometry."""
+        super().__init__('client', **kwargs)
+        self.odometry, self.feedback = None, []
+        self.clients_of = {kind: ActionClient(self, kind, f'obstacle_decision/{name}')
+                           for kind, name in ((DriveTo, 'drive_to'), (CrossStep, 'cross_step'))}
+        self.e_stop = self.create_publisher(Bool, 'e_stop', qos.LATCHED)
+        self.create_subscription(Odometry, 'odom', self._hear, qos.NEWEST)
+
+    def _hear(self, message):
+        self.odometry = message
+
+
+@pytest.fixture
+def start(context, make_node):
+    graphs = []
+
+    def start(scene='doorstep', planner='cubic'):
+        graphs.append(Graph(context, make_node, scene, planner))
+        return graphs[-1]
+    yield start
+    for graph in graphs:
+        graph.executor.shutdown()
+
+
+@pytest.fixture
+def two_steps(tmp_path):
+    """Return a scene with a step of 12 mm, then one of 80 mm."""
+    scene = tmp_path / 'two_steps.yaml'
+    scene.write_text('robot: gimball\nterrain:\n  - flat: {length: 1.0}\n'
+                     '  - step: {height: 0.012}\n  - flat: {length: 1.5}\n'
+                     '  - step: {height: 0.080}\n  - flat: {length: 1.0}\n'
+                     'initial: {x: 0.0}\nduration: 10.0\n')
+    return str(scene)
+
+
+def test_a_step_is_crossed_and_the_next_one_of_80_mm_refused(start, two_steps):
+    graph = start(two_steps)
+    status, result = graph.result(graph.send(CrossStep))
+    assert (status, result.outcome) == (GoalStatus.STATUS_SUCCEEDED, result.OUTCOME_CROSSED)
+    assert result.height == pytest.approx(0.012, abs=1e-3) and result.position > 1.0
+    assert abs(graph.speed) < 0.05
+    phases = [one.phase for one in graph.node.feedback]
+    assert phases[0] == CrossStep.Feedback.PHASE_APPROACHING
+    assert phases[-1] == CrossStep.Feedback.PHASE_STOPPING
+    status, result = graph.result(graph.send(CrossStep))
+    assert (status, result.outcome) == (GoalStatus.STATUS_ABORTED, result.OUTCOME_REFUSED)
+    assert '80 mm' in result.message and result.position < 2.5
+    assert result.decision in (StepDecision.DECISION_STOP, StepDecision.DECISION_GO_ROUND)
+
+
+def test_a_canceled_goal_ends_in_rest(start):
+    graph = start('flat')
+    handle = graph.send(DriveTo, target=5.0, relative=True, speed_limit=0.3)
+    graph.wait(lambda: graph.speed > 0.2, 'it drives')
+    graph.done(handle.cancel_goal_async(), 'the cancel is answered')
+    status, result = graph.result(handle)
+    assert (status, result.outcome) == (GoalStatus.STATUS_CANCELED, result.OUTCOME_CANCELED)
+    assert abs(graph.speed) < 0.05 and 0.0 < result.position < 4.0
+    assert result.remaining == pytest.approx(5.0 - result.position, abs=0.02)
+
+
+def test_an_e_stop_during_a_goal_aborts_it_and_none_is_taken_until_the_robot_may_go_on(start):
+    graph = start('flat')
+    handle = graph.send(DriveTo, target=5.0, relative=True)
+    graph.wait(lambda: graph.speed > 0.1, 'it drives')
+    graph.node.e_stop.publish(Bool(data=True))
+    status, result = graph.result(handle)
+    assert (status, result.outcome) == (GoalStatus.STATUS_ABORTED, result.OUTCOME_E_STOP)
+    assert 'e-stop' in result.message
+    assert not graph.send(DriveTo, target=1.0, relative=True).accepted
+    graph.node.e_stop.publish(Bool(data=False))
+    resume = graph.node.create_client(Trigger, 'obstacle_decision/resume')
+    graph.wait(resume.service_is_ready, 'the service is there')
+    graph.wait(lambda: graph.done(resume.call_async(Trigger.Request()), 'answer').success,
+               'it may go on')
+    assert graph.send(DriveTo, target=1.0, relative=True).accepted
+
+
+@pytest.mark.slow
+def test_the_rollout_planner_takes_the_step_of_31_mm_for_a_goal(start):
+    graph = start('doorstep', planner='rollout')
+    status, result = graph.result(graph.send(CrossStep))
+    assert (status, result.outcome) == (GoalStatus.STATUS_SUCCEEDED, result.OUTCOME_CROSSED)
+    assert result.height == pytest.approx(0.031, abs=1e-3) and result.position > 0.726
+    assert max(one.probability for one in graph.node.feedback) > 0.5
