@@ -3,8 +3,8 @@
 Compile the inner loops with numba where it is installed; run the same source where not.
 
 The numerical kernels are written in the part of Python that numba understands and are
-marked ``@compiled``.  Set ``BALLBOT_UNCOMPILED=1`` to run them as plain Python, to debug
-or to compare: both give the same numbers to rounding.
+marked ``@compiled``.  Set ``BALLBOT_UNCOMPILED=1``, or ``NUMBA_DISABLE_JIT=1`` as numba has it,
+to run them as plain Python, to debug or to compare: both give the same numbers to rounding.
 
 Machine code is kept in ``$XDG_CACHE_HOME/ballbot_ros`` (``~/.cache/ballbot_ros``), so that
 only the first run after a change pays for it.  numba by itself notices a change in the
@@ -18,7 +18,7 @@ import os
 from pathlib import Path
 import shutil
 import tempfile
-from typing import Any, Callable, cast, TypeVar
+from typing import Any, Callable, cast, List, TypeVar
 
 F = TypeVar('F', bound=Callable[..., Any])
 
@@ -28,13 +28,26 @@ try:
     import numba
     from numba.core import config as numba_config
 
-    COMPILED = True
+    COMPILED = not numba_config.DISABLE_JIT
 except ImportError:
     COMPILED = False
 
 KEPT_CACHES = 4
 # The folders that may hold any.
 KERNELS = ('physics', 'crossing', 'control', 'estimation', 'decision')
+
+# Takes the name of a kernel, and whether its machine code was kept.
+Hear = Callable[[str, bool], None]
+_hearing: List[Hear] = []
+
+
+def hear_of_first_calls(hear: Hear) -> None:
+    """
+    Have it told when a kernel is called for the first time, or with other types than before.
+
+    Before it is compiled; where its machine code is kept, after that was read.
+    """
+    _hearing.append(hear)
 
 
 def _cache_folder() -> str:
@@ -114,8 +127,32 @@ def _compile(function: F, inline: str,
     finally:
         numba_config.CACHE_DIR = before
     cache = kernel._cache
+    cache.load_overload = _told(f'{function.__module__}.{function.__qualname__}', cache)
     cache.save_overload = _one_at_a_time(cache.save_overload)
     return cast(F, kernel)
+
+
+def _told(name: str, cache: Any) -> Callable[..., Any]:
+    """
+    Return what reads the machine code of a kernel that is kept, and has `Hear` told.
+
+    numba first gets ready to compile, which takes longer than all the reading and is needed only
+    where there is nothing to read.
+    """
+    prepare_and_load = cache.load_overload
+    load = getattr(cache, '_load_overload', prepare_and_load)
+
+    def load_and_tell(signature: Any, target: Any) -> Any:
+        try:
+            found = load(signature, target)
+        except Exception:  # noqa: BLE001 whatever it cannot read, numba knows what to do
+            found = None
+        if found is None:
+            found = prepare_and_load(signature, target)
+        for hear in _hearing:
+            hear(name, found is not None)
+        return found
+    return load_and_tell
 
 
 def _one_at_a_time(save: Callable[..., None]) -> Callable[..., None]:

@@ -86,7 +86,11 @@ PYTHON = {
 VERBS = {'max-step': 'max-step-height'}
 
 # Options of the command line, with their dashes.
-OPTIONS: dict[str, str] = {}
+OPTIONS: dict[str, str] = {
+    '--angle': '--angle-deg', '--slope': '--slope-deg', '--slopes': '--slopes-deg',
+    '--slope-before': '--slope-before-deg', '--slope-behind': '--slope-behind-deg',
+    '--lowest-speed': '--speed FIRST:LAST:COUNT', '--highest-speed': '--speed FIRST:LAST:COUNT',
+    '--points': '--speed FIRST:LAST:COUNT'}
 
 # Parameters of the nodes.
 PARAMETERS: dict[str, str] = {}

@@ -8,12 +8,13 @@ it imports what is heavy inside ``run``: help and errors come at once.
 """
 import argparse
 from contextlib import contextmanager
+from difflib import get_close_matches
 from importlib import import_module
 import os
 import signal
 import sys
 from threading import current_thread, Event, main_thread
-from typing import Iterator, NoReturn, Optional, Sequence
+from typing import Iterable, Iterator, NoReturn, Optional, Sequence
 
 from ballbot_ros import __version__
 from ballbot_ros.errors import BallbotError, ConfigurationError
@@ -61,6 +62,8 @@ VERBS = {
                    "paper's tests did"),
     'outcomes': ('ballbot_ros.cli.outcomes', 'attempts at steps that a robot has made: list, '
                  'export or reset them, and what they teach'),
+    'new': ('ballbot_ros.cli.new', 'write a commented template: of a robot, a scene, hardware, an '
+            'experiment or gains'),
     'robots': ('ballbot_ros.cli.robots', 'list the robots, or the numbers of one of them'),
 }
 
@@ -72,12 +75,27 @@ CUT_SHORT = 'interrupted; files written before are complete, others were not beg
 class Parser(argparse.ArgumentParser):
     """A parser that raises instead of printing its usage and ending the program."""
 
+    words: Sequence[str] = ()  # all that was given
+    asked: Optional['Parser'] = None  # that of the verb
+
     def error(self, message: str) -> NoReturn:
-        """Raise `ConfigurationError`, and say what became of an old option or choice."""
+        """Raise `ConfigurationError`, and say what an old or misspelt option should be."""
+        known = (self.asked or self)._option_string_actions
         words = [word.split('=')[0].strip("':,") for word in message.split()]
-        changed = [f'{word}: {remark(word, OPTIONS.values())}' for word in words
-                   if remark(word, OPTIONS.values())]
-        raise ConfigurationError('; '.join([message, *changed, f'see {self.prog} --help']))
+        words += [word.split('=')[0] for word in self.words if word[:2] == '--']
+        # What follows --ros-args is not ours.
+        words = words[:words.index('--ros-args')] if '--ros-args' in words else words
+        hints = [f'{word}: {hint}' for word in dict.fromkeys(words)
+                 if word not in known and (hint := _hint(word, known))]
+        raise ConfigurationError('; '.join(
+            [message, *hints, f'see {(self.asked or self).prog} --help']))
+
+
+def _hint(word: str, known: Iterable[str]) -> str:
+    """Return what became of an old option or choice, or the option that is nearest."""
+    changed = remark(word, OPTIONS.values())
+    near = [] if changed or not word.startswith('--') else get_close_matches(word, known, n=1)
+    return changed or ''.join(f'did you mean {option}?' for option in near)
 
 
 def main(argv: Optional[Sequence[str]] = None) -> int:
@@ -157,6 +175,8 @@ def print_error(message: str) -> None:
 
 def _run(words: list[str]) -> int:
     """Parse the words and run their verb."""
+    if words[:1] == ['help']:  # "ballbot help simulate", as other programs have it
+        words = [*words[1:2], '--help']
     verb = next((word for word in words if not word.startswith('-')), None)
     if verb is not None and verb not in VERBS:
         from ballbot_ros.config.fields import suggestion
@@ -171,6 +191,8 @@ def _run(words: list[str]) -> int:
                                  description=f'{help_text[0].upper()}{help_text[1:]}.')
         if name == verb:
             import_module(module).add_arguments(sub)
+            parser.asked = sub
+            parser.words = sub.words = words
     try:
         arguments = parser.parse_args(words)
     except SystemExit as ending:  # --help and --version

@@ -15,18 +15,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
     parser.add_argument('--actuation', choices=('free', 'held'), default='free',
                         help='of the pendulum (default: %(default)s)')
-    parser.add_argument('--angle', type=float, metavar='DEGREES',
+    parser.add_argument('--angle-deg', type=float, metavar='DEGREES',
                         help='of the held pendulum, 0 down, 90 level ahead (default: 0)')
     parser.add_argument('--json', action='store_true', help='print all heights as JSON')
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Compute and print the table."""
-    if arguments.angle is not None and arguments.actuation != 'held':
-        raise ConfigurationError(f'--angle goes with --actuation held, not {arguments.actuation}')
-    angle = arguments.angle or 0.0
+    if arguments.angle_deg is not None and arguments.actuation != 'held':
+        raise ConfigurationError(
+            f'--angle-deg goes with --actuation held, not {arguments.actuation}')
+    angle = arguments.angle_deg or 0.0
     if not math.isfinite(angle):
-        raise ConfigurationError(f'--angle must be finite, got {angle!r}')
+        raise ConfigurationError(f'--angle-deg must be finite, got {angle!r}')
     robot = read_robot(arguments)
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.studies.cases import Case, holding, SPEEDS

@@ -4,7 +4,8 @@ import argparse
 from contextlib import nullcontext
 from pathlib import Path
 
-from ballbot_ros.cli.options import add_quiet
+from ballbot_ros.cli.options import add_overwrite, add_quiet
+from ballbot_ros.cli.output import result_folder
 from ballbot_ros.drives import DRIVES
 from ballbot_ros.errors import ConfigurationError
 
@@ -19,7 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add output, nodes and time."""
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder for what it records (default: ballbot_output/demo, or '
-                        'ballbot_output/demo_hardware)')
+                        'ballbot_output/demo_hardware; where results are in it demo_2, ...)')
+    add_overwrite(parser)
     parser.add_argument('--real-time', action='store_true',
                         help='in real time instead of as fast as it goes')
     parser.add_argument('--view', action='store_true',
@@ -63,12 +65,16 @@ def run(arguments: argparse.Namespace) -> int:
             f'the demo needs ROS 2, and {error.name or error} cannot be imported; source '
             '/opt/ros/jazzy/setup.bash, or run "make demo" in a checkout.  "ballbot simulate" '
             'works without ROS') from error
-    folder = 'demo_hardware' if arguments.hardware else 'demo'
-    out = arguments.out or Path('ballbot_output') / folder
     from ballbot_ros.results.files import check_writable
-    check_writable(out / 'crossing.png')
+    folder = 'demo_hardware' if arguments.hardware else 'demo'
+    default = Path('ballbot_output') / folder
+    check_writable((arguments.out or default) / 'crossing.png')  # before scenes are loaded
     acts = [] if arguments.hardware else own_acts(
         arguments.scene, arguments.robot, arguments.curve, arguments.tuning, arguments.duration)
+    names: tuple[str, ...] = ('crossing.png', 'bag', 'logs')
+    if not arguments.hardware:
+        names = tuple(f'{Path(act.scene).stem}/{name}' for act in acts for name in names)
+    out = result_folder(arguments.out, default, names, arguments.overwrite)
     with page_beside(arguments.quiet) if arguments.view else nullcontext():
         if arguments.hardware:
             code: int = run_hardware_demo(

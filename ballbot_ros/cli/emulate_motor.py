@@ -7,6 +7,8 @@ import sys
 from typing import Any
 
 from ballbot_ros.cli.command import DONE, FAILED, print_error
+from ballbot_ros.cli.options import add_overwrite
+from ballbot_ros.cli.output import check_new_file
 from ballbot_ros.drives import DRIVES
 
 
@@ -35,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'does')
     parser.add_argument('--log', type=Path, metavar='FILE',
                         help='write every change of the torque here at the end, as CSV')
+    add_overwrite(parser)
     parser.add_argument('--seed', type=int, default=0, help='of the faults')
 
 
@@ -43,12 +46,11 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.cli.listing import check_name
     from ballbot_ros.emulator.control import Channel, obey
     from ballbot_ros.emulator.emulator import Emulator
-    from ballbot_ros.results.files import check_writable
     check_name('scenes', arguments.scene)
     if arguments.robot is not None:
         check_name('robots', arguments.robot)
     if arguments.log is not None:
-        check_writable(arguments.log)
+        check_new_file(arguments.log, arguments.overwrite, '--log')
     emulator = make_emulator(arguments, Emulator)
     channel = None
     signal.signal(signal.SIGTERM, _interrupt)

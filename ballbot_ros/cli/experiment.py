@@ -140,7 +140,8 @@ def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict
     nodes = node_parameters(plan, seed)
     try:
         run_lockstep(draft, nodes, plan.periods,
-                     bag_metadata(SIMULATOR, nodes['simulator'], scene), timeout)
+                     bag_metadata(SIMULATOR, nodes['simulator'], scene,
+                                  nodes.get('obstacle_decision')), timeout)
         told = read_told(draft / 'bag', round(plan.duration * 1e9), bag_opener())
         result: dict[str, Any] = plain({
             'seed': seed, 'numbers': numbers_of(draft / 'bag', scene, bag_opener()),
@@ -182,7 +183,10 @@ def _again(folder: Path, plan: Experiment, timeout: float, say: Any) -> int:
     finally:
         if same:
             shutil.rmtree(beside, ignore_errors=True)
-    print(f'same numbers: {"yes" if same else f"no; the second runs are in {beside}"}')
+    if same:
+        say('same numbers: yes')
+    else:
+        print(f'same numbers: no; the second runs are in {beside}')  # also with --quiet
     return DONE if same else FAILED
 
 

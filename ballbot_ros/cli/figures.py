@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
-from ballbot_ros.cli.options import add_format, add_quiet
-from ballbot_ros.cli.output import save_figure
+from ballbot_ros.cli.options import add_format, add_overwrite, add_quiet
+from ballbot_ros.cli.output import figure_files, result_folder, save_figure
 from ballbot_ros.errors import ConfigurationError
 
 DEFAULT_FOLDER = Path('ballbot_output/figures')
@@ -17,8 +17,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('names', nargs='*', metavar='NAME',
                         help='which to draw; all by default')
     parser.add_argument('--list', action='store_true', help='print the names, and draw nothing')
-    parser.add_argument('--out', type=Path, metavar='DIR', default=DEFAULT_FOLDER,
-                        help='folder for the files (default: %(default)s)')
+    parser.add_argument('--out', type=Path, metavar='DIR', help='folder for the files (default: '
+                        f'{DEFAULT_FOLDER}, or where these figures are in it figures_2, ...)')
+    add_overwrite(parser)
     add_format(parser)
     add_quiet(parser)
 
@@ -27,25 +28,25 @@ def run(arguments: argparse.Namespace) -> int:
     """Draw one figure after the other; each is written as soon as it is there."""
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.figures.gallery import FIGURES
-    from ballbot_ros.results.files import check_writable
     if arguments.list:
         for name, draw in FIGURES.items():
             print(f'{name:<12} {(draw.__doc__ or "").splitlines()[0]}')
         return DONE
     names = chosen(arguments.names, FIGURES)
-    check_writable(arguments.out / f'{names[0]}.png')
+    out = result_folder(arguments.out, DEFAULT_FOLDER, figure_files(names, arguments.format),
+                        arguments.overwrite)
     files: list[str] = []
     try:
         with watched(len(names), arguments.quiet, 'drawing', 'figures') as progress:
             for number, name in enumerate(names):
                 figure = FIGURES[name](lambda done: progress(number + done))
-                files += save_figure(figure, arguments.out, name, arguments.format)
+                files += save_figure(figure, out, name, arguments.format)
     except KeyboardInterrupt:
-        done = f'; {", ".join(files)} are in {arguments.out}' if files else ''
+        done = f'; {", ".join(files)} are in {out}' if files else ''
         print_error(f'interrupted{done}')
         return INTERRUPTED
     if not arguments.quiet:
-        print(f'Written to {arguments.out}: {", ".join(files)}')
+        print(f'Written to {out}: {", ".join(files)}')
     return DONE
 
 

@@ -5,6 +5,8 @@ from pathlib import Path
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE
+from ballbot_ros.cli.output import check_new_file
+from ballbot_ros.cli.ranges import read_range
 from ballbot_ros.errors import ConfigurationError
 
 
@@ -13,14 +15,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_robot(parser)
     parser.add_argument('--out', type=Path, required=True, metavar='FILE',
                         help='YAML file to write; its name is that of the curve')
+    options.add_overwrite(parser)
     options.add_actuation(parser)
-    options.add_attempts(parser)
-    for option, default, text in (
-            ('lowest-speed', 0.2, 'slowest'), ('highest-speed', 1.2, 'fastest')):
-        parser.add_argument(f'--{option}', type=float, default=default, metavar='M/S',
-                            help=f'{text} speed of the curve (default: %(default)s)')
-    parser.add_argument('--points', type=int, default=21, metavar='N',
-                        help='speeds that are fitted (default: %(default)s)')
+    options.add_rules(parser, over='clear')
+    parser.add_argument('--speed', default='0.2:1.2:21', metavar='FIRST:LAST:COUNT',
+                        help='speeds that are fitted, and that the curve holds for [m/s] '
+                        '(default: %(default)s)')
     options.add_accuracy(parser, 2e-6, 'a simulated height')
     parser.add_argument('--samples', type=int, default=256, metavar='N',
                         help='robots drawn from the ranges of derived numbers; 0 for no band '
@@ -37,14 +37,15 @@ def run(arguments: argparse.Namespace) -> int:
     robot = options.read_robot(arguments)
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.decision.curve_file import curve_text
-    from ballbot_ros.results.files import check_writable, write_text
+    from ballbot_ros.results.files import write_text
     from ballbot_ros.studies.curve_fit import fit_curve, heights_for, Request
-    request = Request(**{name: getattr(arguments, name) for name in (
-        'lowest_speed', 'highest_speed', 'points', 'accuracy', 'samples', 'seed')})
-    check_writable(arguments.out)
+    speeds = read_range(arguments.speed, '--speed')
+    request = Request(lowest_speed=speeds[0], highest_speed=speeds[-1], points=len(speeds), **{
+        name: getattr(arguments, name) for name in ('accuracy', 'samples', 'seed')})
     refuse_foreign(arguments.out)
+    check_new_file(arguments.out, arguments.overwrite)
     wording = {'free': 'pendulum free, motor detached',
-               'held': f'pendulum held at {arguments.angle or 0.0:g} degrees by law (11)',
+               'held': f'pendulum held at {arguments.angle_deg or 0.0:g} degrees by law (11)',
                'velocity': 'rolling at its speed by law (12)',
                'voltage': 'open-loop voltage on the motor'}[arguments.actuation]
     with watched(heights_for(robot, request), arguments.quiet, unit='heights',

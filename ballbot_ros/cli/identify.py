@@ -3,11 +3,11 @@
 import argparse
 from pathlib import Path
 import sys
-from typing import Any
+from typing import Any, Iterator
 
-from ballbot_ros.cli.command import DONE
-from ballbot_ros.cli.options import add_quiet
-from ballbot_ros.cli.output import save_figure
+from ballbot_ros.cli.command import DONE, FAILED, INTERRUPTED, print_error
+from ballbot_ros.cli.options import add_overwrite, add_quiet
+from ballbot_ros.cli.output import figure_files, print_json, result_folder, save_figure
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,8 +16,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='what was run: name of a scene or a YAML file, with the best guess '
                         'of all numbers')
     parser.add_argument('data', type=Path, metavar='DATA',
-                        help='what was measured: a CSV or NPZ file with columns such as "time '
-                        '[s]" and "joint_angle [rad]", or a ROS 2 bag')
+                        help='what was measured: a CSV, NPZ or Parquet file with columns such as '
+                        '"time [s]" and "joint_angle [deg]", or a ROS 2 bag')
     parser.add_argument('--estimate', nargs='+', required=True, metavar='NUMBER',
                         help='fields of the robot, or motor. or initial. and a field of those')
     parser.add_argument('--channels', nargs='+', metavar='NAME',
@@ -25,7 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--recorded-torque', action='store_true',
                         help='apply the torque in the recording, not the law of the scene')
     parser.add_argument('--out', type=Path, metavar='DIR',
-                        help='folder for the files (default: ballbot_output/identify_SCENE)')
+                        help='folder for the files (default: ballbot_output/identify_SCENE, or '
+                        'where results are in it identify_SCENE_2, ...)')
+    add_overwrite(parser)
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     add_quiet(parser)
 
@@ -34,15 +36,15 @@ def run(arguments: argparse.Namespace) -> int:
     """Estimate, write the files and print the table."""
     import json
     from ballbot_ros.cli.listing import check_name
+    from ballbot_ros.cli.progress import watched
     from ballbot_ros.figures.residuals import residual_figure
     from ballbot_ros.physics import load_scene
-    from ballbot_ros.results.files import check_writable, read_columns, write_text
-    from ballbot_ros.results.summary import plain
-    from ballbot_ros.studies.identification import identify
-    from ballbot_ros.studies.recording import CHANNELS, Recording
+    from ballbot_ros.results.files import read_columns, write_text
+    from ballbot_ros.studies.identification import FITS, identify
+    from ballbot_ros.studies.recording import Recording
     check_name('scenes', arguments.scene)
     scene = load_scene(arguments.scene)
-    if arguments.data.suffix in ('.csv', '.npz'):
+    if arguments.data.suffix in ('.csv', '.npz', '.parquet'):
         recording = Recording.of_columns(read_columns(arguments.data))
     else:
         from ballbot_ros.cli.bags import bag_opener
@@ -50,35 +52,70 @@ def run(arguments: argparse.Namespace) -> int:
         recording = read_bag(arguments.data, bag_opener())
     if arguments.channels:
         recording = recording.only(arguments.channels)
-    folder = arguments.out or Path('ballbot_output') / f'identify_{scene.name}'
-    check_writable(folder / 'identify.json')
-    verbose = not (arguments.quiet or arguments.json)
-    if verbose:
-        print('fitting; some hundred simulations, Ctrl-C ends it', file=sys.stderr, flush=True)
-    found = identify(scene, recording, arguments.estimate, arguments.recorded_torque)
-    content = {
-        'estimates': [plain(item._asdict()) for item in found.estimates],
-        'vague': found.vague, 'rivals': found.rivals, 'noise': found.noise,
-        'singular_values': found.singular_values, 'simulations': found.runs}
-    text = json.dumps(content, indent=2, allow_nan=False)
-    write_text(text + '\n', folder / 'identify.json')
+    folder = result_folder(
+        arguments.out, Path('ballbot_output') / f'identify_{scene.name}',
+        ('identify.json', *figure_files(['residuals'])), arguments.overwrite)
+    with watched(FITS, arguments.quiet or arguments.json, 'fitting:', 'fits') as progress:
+        found = identify(scene, recording, arguments.estimate, arguments.recorded_torque, progress)
+    write_text(json.dumps(content_of(found), indent=2, allow_nan=False) + '\n',
+               folder / 'identify.json')
     figure = residual_figure(
         {name: (recording.channels[name][0], values) for name, values in found.residuals.items()},
-        CHANNELS, found.noise, f'{scene.name}: simulated less measured')
+        found.channels, f'{scene.name}: simulated less measured',
+        ' '.join(['ballbot identify', arguments.scene, arguments.data.name, '--estimate',
+                  *arguments.estimate]))
     files = ['identify.json', *save_figure(figure, folder, 'residuals')]
     if arguments.json:
-        print(text)
-    elif verbose:
+        print_json(content_of(found))
+    elif not arguments.quiet:
         print_table(found)
         print(f'\nWritten to {folder}: {", ".join(files)}')
+    for warning in () if arguments.quiet else warnings_of(found):
+        print(f'Warning: {warning}', file=sys.stderr)
+    poor = [name for name, item in found.channels.items() if item.verdict == 'poor']
+    if poor:
+        print_error(f'the model does not explain {", ".join(poor)}: no number is estimated; is '
+                    'it the scene that was run, with its start and its law?')
+        return FAILED
+    if found.interrupted:
+        print_error(f'interrupted; the best numbers until then are in {folder}')
+        return INTERRUPTED
     return DONE
+
+
+def content_of(found: Any) -> dict[str, Any]:
+    """Return what was found, as JSON knows it."""
+    from ballbot_ros.studies.recording import CHANNELS
+    from ballbot_ros.results.summary import plain
+    return {
+        'estimates': [plain(item._asdict()) for item in found.estimates],
+        'vague': found.vague, 'rivals': found.rivals,
+        'channels': {name: {**plain(item._asdict()), 'unit': CHANNELS[name]}
+                     for name, item in found.channels.items()},
+        'warnings': list(warnings_of(found)), 'interrupted': found.interrupted,
+        'singular_values': found.singular_values, 'simulations': found.runs}
+
+
+def warnings_of(found: Any) -> Iterator[str]:
+    """Yield what may be wrong with the numbers, a sentence per channel."""
+    from ballbot_ros.studies.recording import CHANNELS
+    for name, item in found.channels.items():
+        unit = CHANNELS[name]
+        if item.verdict == 'poor':
+            yield (f'{name}: poor fit, residual RMS {item.residual_rms:.3g} {unit} where the '
+                   f'channel itself varies by {item.motion:.3g} {unit}')
+        elif item.verdict == 'correlated':
+            yield (f'{name}: residuals are correlated (RMS {item.residual_rms:.3g} {unit}; '
+                   f'{item.correlation:.0f} samples tell as much as one): the model leaves '
+                   'something out; intervals are wider for it, and may still be too narrow')
 
 
 def print_table(found: Any) -> None:
     """Print numbers with their intervals, and what the data do not determine."""
+    from ballbot_ros.studies.recording import CHANNELS
     print(f'{"number":<24}{"guess":>12}{"estimate":>12}   95 % interval')
     for item in found.estimates:
-        interval = f'{item.low:.5g} to {item.high:.5g} {item.unit}' if item.determined \
+        interval = f'{item.low:.7g} to {item.high:.7g} {item.unit}' if item.determined \
             else 'not determined by these data'
         print(f'{item.name:<24}{item.start:>12.5g}{item.value:>12.5g}   {interval}')
     for combination in found.vague:
@@ -87,4 +124,6 @@ def print_table(found: Any) -> None:
     for rival in found.rivals:
         parts = ', '.join(f'{name} {value:.5g}' for name, value in rival.items())
         print(f'as good an explanation, far away: {parts}')
-    print('scatter: ' + ', '.join(f'{name} {value:.3g}' for name, value in found.noise.items()))
+    print('residual RMS: ' + ', '.join(
+        f'{name} {item.residual_rms:.3g} {CHANNELS[name]}'
+        for name, item in found.channels.items()))

@@ -6,6 +6,7 @@ from typing import Any, Iterator, List
 
 from ballbot_ros.cli.command import DONE
 from ballbot_ros.cli.output import table_row, table_rule
+from ballbot_ros.cli.ranges import METAVAR, read_numbers, WORDING
 from ballbot_ros.errors import ConfigurationError
 
 AFTER = (1.0, 3.0, 10.0)  # at which distance and speed are printed [s]
@@ -19,8 +20,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='name of a hardware file or a YAML file (default: %(default)s)')
     parser.add_argument('--speed', type=float, default=0.6, metavar='M/S',
                         help='of the ball that rolls when commands stop (default: %(default)s)')
-    parser.add_argument('--slopes', type=float, nargs='+', default=[0.0, 1.0, 2.0, 5.0],
-                        metavar='DEGREES', help='tried downhill and uphill (default: 0 1 2 5)')
+    parser.add_argument('--slopes-deg', nargs='+', default=['0,1,2,5'], metavar=METAVAR,
+                        help=f'tried downhill and uphill [degrees]: {WORDING} '
+                        '(default: %(default)s)')
     parser.add_argument('--policy', action='append', choices=('coast', 'brake', 'settle'),
                         help='one of on_timeout, may be repeated (default: all)')
     parser.add_argument('--damping', type=float, metavar='N_M_S',
@@ -34,7 +36,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.bridge.hardware_file import ON_TIMEOUT
     from ballbot_ros.studies.command_loss import lose_commands, scenarios, scene_of
     hardware = read_hardware(arguments)
-    slopes = [math.radians(slope) for slope in read_slopes(arguments.slopes)]
+    slopes = [math.radians(slope) for slope in read_slopes(
+        read_numbers(arguments.slopes_deg, '--slopes-deg'))]
     limits = hardware.limits
     planned = list(scenarios(arguments.speed, slopes, arguments.policy or ON_TIMEOUT))
     for scenario in planned:
@@ -81,8 +84,8 @@ def read_slopes(slopes: List[float]) -> List[float]:
     for slope in slopes:
         if not 0.0 <= slope <= MOST_SLOPE:
             raise ConfigurationError(
-                f'--slopes must be at least 0 and at most {MOST_SLOPE:g} degrees, each is tried '
-                f'both ways, got {slope:g}')
+                f'--slopes-deg must be at least 0 and at most {MOST_SLOPE:g} degrees, each is '
+                f'tried both ways, got {slope:g}')
     return sorted(set(slopes))
 
 

@@ -2,6 +2,7 @@
 """Options that several verbs share, and the values that they stand for."""
 import argparse
 import math
+import sys
 from typing import Any
 
 from ballbot_ros.errors import ConfigurationError
@@ -21,6 +22,13 @@ def add_quiet(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--quiet', action='store_true', help='print errors only')
 
 
+def add_overwrite(parser: argparse.ArgumentParser) -> None:
+    """Add whether results that are there may be replaced."""
+    parser.add_argument('--overwrite', action='store_true',
+                        help='replace results that are there; without it a new folder is taken, '
+                        'and an --out with results in it is refused')
+
+
 def add_format(parser: argparse.ArgumentParser) -> None:
     """Add the format of figures."""
     parser.add_argument('--format', choices=('svg', 'png', 'both'), default='both',
@@ -36,9 +44,9 @@ def add_accuracy(parser: argparse.ArgumentParser, default: float, what: str) -> 
 def add_actuation(parser: argparse.ArgumentParser) -> None:
     """Add what the motor does; `read_law` returns it."""
     parser.add_argument('--actuation', choices=LAWS, default='free',
-                        help='free; held at --angle by law (11); velocity law (12); open-loop '
+                        help='free; held at --angle-deg by law (11); velocity law (12); open-loop '
                         'voltage (default: %(default)s)')
-    parser.add_argument('--angle', type=float, metavar='DEGREES',
+    parser.add_argument('--angle-deg', type=float, metavar='DEGREES',
                         help='of the held pendulum, 0 down, 90 level ahead (default: 0)')
     parser.add_argument('--voltage', type=float, metavar='VOLTS',
                         help='on the motor (default: what rolls the ball at each speed)')
@@ -47,7 +55,7 @@ def add_actuation(parser: argparse.ArgumentParser) -> None:
 def add_site(parser: argparse.ArgumentParser) -> None:
     """Add the ground around the step; `read_site` returns it."""
     for where in ('before', 'behind'):
-        parser.add_argument(f'--slope-{where}', type=float, default=0.0, metavar='DEGREES',
+        parser.add_argument(f'--slope-{where}-deg', type=float, default=0.0, metavar='DEGREES',
                             help=f'of the ground {where} the step, positive uphill')
     for where, what in (('before', 'of the ground before the step'), ('edge', 'of the edge'),
                         ('behind', 'of the ground behind the step')):
@@ -55,10 +63,16 @@ def add_site(parser: argparse.ArgumentParser) -> None:
                             help=f"coefficient {what} (default: the robot's)")
 
 
-def add_attempts(parser: argparse.ArgumentParser) -> None:
-    """Add which attempts count; `read_rules` returns them."""
+def add_rules(parser: argparse.ArgumentParser, over: str = 'edge') -> None:
+    """Add which attempts count, and where the ball is over; `read_rules` returns them."""
     parser.add_argument('--attempts', choices=('first', 'any'), default='first',
                         help='which count: the first, or any within 5 s (default: %(default)s)')
+    parser.add_argument('--over', choices=('edge', 'clear'), default=over,
+                        help='where the ball is over: its centre past the edge, or clear of it '
+                        'by --clearance (default: %(default)s)')
+    parser.add_argument('--clearance', type=float, metavar='RADII',
+                        help='how far beyond the edge the centre gets with --over clear, over '
+                        'the radius of the ball (default: 0.25)')
 
 
 def read_robot(arguments: argparse.Namespace) -> Any:
@@ -74,11 +88,19 @@ def read_law(arguments: argparse.Namespace) -> Any:
     from ballbot_ros.crossing import held_at
     from ballbot_ros.physics import Actuation
     law = arguments.actuation
-    for option, owner in (('angle', 'held'), ('voltage', 'voltage')):
+    for option, owner in (('angle_deg', 'held'), ('voltage', 'voltage')):
         if getattr(arguments, option) is not None and law != owner:
-            raise ConfigurationError(f'--{option} goes with --actuation {owner}, not {law}')
+            raise ConfigurationError(
+                f'--{option.replace("_", "-")} goes with --actuation {owner}, not {law}')
     if law == 'held':
-        return held_at(math.radians(arguments.angle or 0.0))
+        angle = arguments.angle_deg or 0.0
+        if not abs(angle) <= 180.0:
+            raise ConfigurationError(
+                f'--angle-deg must be at least -180 and at most 180 degrees, got {angle:g}')
+        from ballbot_ros.results.questions import ask_angle
+        for question in () if getattr(arguments, 'quiet', False) else ask_angle(angle):
+            print(f'Warning: {question}', file=sys.stderr)
+        return held_at(math.radians(angle))
     if law == 'voltage':
         return Actuation(law, voltage=arguments.voltage or 0.0)
     return Actuation(law)
@@ -87,17 +109,21 @@ def read_law(arguments: argparse.Namespace) -> Any:
 def read_site(arguments: argparse.Namespace) -> Any:
     """Return the ground; `ConfigurationError` for a slope or a friction out of range."""
     from ballbot_ros.crossing import Site
-    for option in ('slope_before', 'slope_behind'):
+    for option in ('slope_before_deg', 'slope_behind_deg'):
         angle = getattr(arguments, option)
         if not abs(angle) <= STEEPEST:
             raise ConfigurationError(
                 f'--{option.replace("_", "-")} must be at least -{STEEPEST:g} and at most '
                 f'{STEEPEST:g} degrees, got {angle:g}')
-    return Site(math.radians(arguments.slope_before), math.radians(arguments.slope_behind),
+    return Site(math.radians(arguments.slope_before_deg), math.radians(arguments.slope_behind_deg),
                 arguments.friction_before, arguments.friction_edge, arguments.friction_behind)
 
 
 def read_rules(arguments: argparse.Namespace) -> Any:
-    """Return which attempts count."""
+    """Return the rules; `ConfigurationError` for a clearance that does not count."""
     from ballbot_ros.crossing import Rules
-    return Rules(arguments.attempts)
+    if arguments.clearance is None:
+        return Rules(arguments.attempts, over=arguments.over)
+    if arguments.over != 'clear':
+        raise ConfigurationError(f'--clearance goes with --over clear, not {arguments.over}')
+    return Rules(arguments.attempts, over=arguments.over, clearance=arguments.clearance)

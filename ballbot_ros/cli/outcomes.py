@@ -7,6 +7,7 @@ from typing import Any, Sequence
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE
+from ballbot_ros.cli.output import check_new_file
 from ballbot_ros.errors import ConfigurationError
 
 ACTIONS = {'list': 'a line for each', 'learned': 'the numbers of the robot before and after',
@@ -23,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_robot(parser)
     parser.add_argument('--out', type=Path, metavar='FILE',
                         help='of export: a .csv or .json file (default: CSV to the terminal)')
+    options.add_overwrite(parser)
     parser.add_argument('--robots', type=int, default=24, metavar='N',
                         help='of show-learning (default: %(default)s)')
     parser.add_argument('--attempts', type=int, default=20, metavar='N',
@@ -45,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
         return reset(arguments.file, arguments.quiet)
     outcomes = read(arguments.file)
     if arguments.action == 'export':
-        return export(outcomes, arguments.out)
+        return export(outcomes, arguments.out, arguments.overwrite)
     if arguments.action == 'learned':
         return print_learned(outcomes, options.read_robot(arguments))
     print_table(outcomes)
@@ -80,17 +82,16 @@ def print_table(outcomes: Sequence[Any]) -> None:
     print(f'{len(outcomes)} outcomes, {over} of them over')
 
 
-def export(outcomes: Sequence[Any], out: Any) -> int:
+def export(outcomes: Sequence[Any], out: Any, overwrite: bool = False) -> int:
     """Write all numbers to a file, or as CSV to the terminal."""
     import json
-    from ballbot_ros.results.files import check_writable
     rows = [_flat(item) for item in outcomes]
     if out is None:
         print(_csv(rows), end='')
         return DONE
     if out.suffix not in ('.csv', '.json'):
         raise ConfigurationError(f'--out must end in .csv or .json, got {str(out)!r}')
-    check_writable(out)
+    check_new_file(out, overwrite)
     out.write_text(_csv(rows) if out.suffix == '.csv' else json.dumps(rows, indent=2) + '\n',
                    encoding='utf-8')
     return DONE

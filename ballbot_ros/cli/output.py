@@ -3,7 +3,9 @@
 import json
 from pathlib import Path
 import sys
-from typing import Any, Sequence
+from typing import Any, Iterable, Optional, Sequence
+
+from ballbot_ros.errors import ConfigurationError
 
 
 def print_json(content: Any) -> None:
@@ -24,8 +26,74 @@ def table_rule(widths: Sequence[int]) -> str:
 
 def save_figure(figure: Any, folder: Path, name: str, kind: str = 'both') -> list[str]:
     """Write a figure as SVG, PNG or both, and return the names of the files."""
-    from ballbot_ros.figures.canvas import FORMATS, save
-    names = [f'{name}.{ending}' for ending in (FORMATS if kind == 'both' else (kind,))]
+    from ballbot_ros.figures.canvas import save
+    names = figure_files([name], kind)
     for file in names:
         save(figure, folder / file)
     return names
+
+
+def result_folder(given: Optional[Path], default: Path, names: Sequence[str],
+                  overwrite: bool) -> Path:
+    """
+    Return the folder that a verb writes to: one with no results in it, unless that is asked for.
+
+    Nothing is made.
+
+    Parameters
+    ----------
+    given : Path or None
+        What the command line says.
+    default : Path
+        Taken where it says nothing; with ``_2``, ``_3``, ... while results are there.
+    names : sequence of str
+        What the verb writes.
+    overwrite : bool
+        Results that are there are to be replaced.
+
+    Raises
+    ------
+    ConfigurationError
+        If results are in the folder that the command line names, or it cannot be written.
+
+    """
+    from ballbot_ros.results.files import check_writable
+
+    def there(folder: Path) -> list[str]:
+        return [name for name in names if (folder / name).exists()]
+    folder = default if given is None else given
+    if given is None and not overwrite:
+        number = 1
+        while there(folder):
+            number += 1
+            folder = default.with_name(f'{default.name}_{number}')
+    check_writable(folder / names[0])
+    if there(folder) and not overwrite:
+        raise ConfigurationError(
+            f'{folder} holds results ({", ".join(there(folder)[:3])}); add --overwrite to '
+            'replace them, or choose another folder with --out')
+    return folder
+
+
+def check_new_file(path: Path, overwrite: bool, option: str = '--out') -> None:
+    """
+    Refuse a file that is there, unless it is to be replaced, and one that cannot be written.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the file and what to do.
+
+    """
+    from ballbot_ros.results.files import check_writable
+    check_writable(path)
+    if path.exists() and not overwrite:
+        raise ConfigurationError(
+            f'{path} is there; add --overwrite to replace it, or choose another {option}')
+
+
+def figure_files(names: Iterable[str], kind: str = 'both') -> list[str]:
+    """Return the files of figures; see `save_figure`."""
+    from ballbot_ros.figures.canvas import FORMATS
+    return [f'{name}.{ending}' for name in names
+            for ending in (FORMATS if kind == 'both' else (kind,))]

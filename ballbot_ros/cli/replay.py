@@ -6,8 +6,8 @@ from typing import Any
 
 from ballbot_ros.cli.bags import is_bag
 from ballbot_ros.cli.command import DONE, FAILED
-from ballbot_ros.cli.options import add_format, add_quiet
-from ballbot_ros.cli.output import save_figure
+from ballbot_ros.cli.options import add_format, add_overwrite, add_quiet
+from ballbot_ros.cli.output import result_folder, save_figure
 from ballbot_ros.cli.replay_bag import add_bag_options, BAG_OPTIONS, run_bag
 from ballbot_ros.errors import ConfigurationError
 
@@ -27,6 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help=f'of a black box, drawn before the fault (default: {BEFORE:g})')
     add_bag_options(parser)
     add_format(parser)
+    add_overwrite(parser)
     add_quiet(parser)
 
 
@@ -53,9 +54,9 @@ def run_black_box(arguments: argparse.Namespace) -> int:
     path = newest(arguments.file)
     from ballbot_ros.results.black_box import read_black_box
     from ballbot_ros.results.black_box_wording import in_words, write_tables
-    from ballbot_ros.results.files import check_writable
     if arguments.out is not None:
-        check_writable(arguments.out / 'period.csv')
+        result_folder(arguments.out, arguments.out, ('period.csv', 'black_box.png',
+                                                     'black_box.svg'), arguments.overwrite)
     recording = read_black_box(path)
     if not arguments.quiet:
         print(f'{path}\n\n{in_words(recording)}')

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from ballbot_ros.cli.command import DONE, FAILED
-from ballbot_ros.cli.output import print_json, save_figure
+from ballbot_ros.cli.output import figure_files, print_json, result_folder, save_figure
 from ballbot_ros.cli.replayed import COMMANDS, Replayed, SET_POINTS, TORQUES
 
 BAG_OPTIONS = ('scene', 'robot', 'set', 'namespace', 'by', 'json')
@@ -32,14 +32,14 @@ def run_bag(arguments: argparse.Namespace) -> int:
     from ballbot_ros.cli.replay_robot import replay_robot
     from ballbot_ros.cli.replay_simulator import replay_simulator
     from ballbot_ros.results.bag_metadata import BagMetadata, BRIDGE
-    from ballbot_ros.results.files import check_writable
     from ballbot_ros.studies.recorded_run import read_run
     path = arguments.file
     bag = path.resolve()
     # A bag is often called "bag": the folder it is in says more.
     name = bag.parent.name if bag.stem == 'bag' and bag.is_dir() else bag.stem
-    folder = arguments.out or Path('ballbot_output') / f'replay_{name}'
-    check_writable(folder / 'replay.json')
+    folder = result_folder(arguments.out, Path('ballbot_output') / f'replay_{name}', (
+        'replay.json', 'scene.yaml', 'recording.csv', *figure_files(['replay'])),
+        arguments.overwrite)
     run = read_run(path, arguments.namespace, bag_opener())
     metadata = BagMetadata.read(run.metadata)
     real = metadata.source == BRIDGE or not run.balls

@@ -1,16 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verb ``simulate``: run a scene and keep what happens."""
 import argparse
+from importlib.util import find_spec
 from pathlib import Path
 import sys
 from time import perf_counter
 from typing import Any, Iterable, Optional
 
+from ballbot_ros.cli.before_run import before_the_run
 from ballbot_ros.cli.command import DONE, FAILED, INTERRUPTED, print_error
-from ballbot_ros.cli.options import add_format, add_quiet
-from ballbot_ros.cli.output import print_json, save_figure
+from ballbot_ros.cli.options import add_format, add_overwrite, add_quiet
+from ballbot_ros.cli.output import check_new_file, print_json, result_folder, save_figure
 
 DEFAULT_FOLDER = Path('ballbot_output')
+NUMBERS = ('summary.txt', 'summary.json', 'trajectory.csv', 'trajectory.npz',
+           'trajectory.parquet')
+PICTURES = ('strip', 'time_series')
+ALL_FILES = (*NUMBERS, *(f'{name}.{ending}' for name in PICTURES for ending in ('png', 'svg')))
 WIDTH = 88  # of a line of words
 
 
@@ -19,9 +25,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('scene', metavar='SCENE',
                         help='name of a scene ("ballbot scenes" lists them) or a YAML file')
     parser.add_argument('--out', type=Path, metavar='DIR',
-                        help='folder for the files (default: ballbot_output/SCENE)')
+                        help='folder for the files (default: ballbot_output/SCENE, or where '
+                        'results are in it SCENE_2, ...)')
+    add_overwrite(parser)
     parser.add_argument('--duration', type=float, metavar='SECONDS',
                         help='simulated time, instead of that of the scene')
+    parser.add_argument('--output-step', type=float, metavar='SECONDS',
+                        help='time between samples that are kept, instead of that of the scene')
     parser.add_argument('--step', type=float, metavar='SECONDS',
                         help='integration step, instead of that of the scene')
     parser.add_argument('--method', help='integrator, instead of that of the scene: adaptive, '
@@ -63,10 +73,10 @@ def run(arguments: argparse.Namespace) -> int:
     scene = read_scene(arguments)
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.errors import SimulationError
-    from ballbot_ros.results.files import check_writable
-    folder = arguments.out or DEFAULT_FOLDER / scene.name
-    check_writable(folder / 'summary.txt')
+    folder = result_folder(arguments.out, DEFAULT_FOLDER / scene.name, ALL_FILES,
+                           arguments.overwrite)
     animation = animation_asked(arguments, scene, folder)
+    before_the_run(scene, folder, arguments.quiet or arguments.json)
     failure: Optional[SimulationError] = None
     begin = perf_counter()
     try:
@@ -87,6 +97,9 @@ def run(arguments: argparse.Namespace) -> int:
     if animation is not None and not cut:
         cut = not write_animation(trajectory, animation, summary.name, arguments)
         files += [] if cut else [animation]
+    for name in ALL_FILES:  # of the run that was replaced
+        if folder / name not in files:
+            (folder / name).unlink(missing_ok=True)
     explanation = None
     if arguments.explain:
         from ballbot_ros.results import explain
@@ -132,9 +145,8 @@ def animation_asked(arguments: argparse.Namespace, scene: Any, folder: Path) -> 
             raise ConfigurationError('--playback goes with --animate')
         return None
     from ballbot_ros.figures.run import check_animation
-    from ballbot_ros.results.files import check_writable
     path: Path = folder / 'animation.gif' if arguments.animate == Path() else arguments.animate
-    check_writable(path)
+    check_new_file(path, arguments.overwrite, '--animate')
     check_animation(path, scene.run.duration, playback_of(arguments))
     return path
 
@@ -217,7 +229,8 @@ def read_scene(arguments: argparse.Namespace) -> Any:
     else:
         solver = change(scene.model.solver, 'method', *names)
     model = replace(scene.model, solver=solver)
-    scene = replace(scene, model=model, run=change(scene.run, 'duration', 'accuracy'))
+    scene = replace(scene, model=model, run=change(
+        scene.run, 'duration', 'accuracy', 'output_step'))
     refuse_idle(arguments, scene)
     return scene
 
@@ -252,13 +265,17 @@ def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
 def write_all(trajectory: Any, summary: Any, folder: Path,
               arguments: argparse.Namespace) -> list[Path]:
     """Write all files of a run and return their paths."""
-    from ballbot_ros.results import report, write_csv, write_npz, write_text
+    from ballbot_ros.results import report, write_csv, write_npz, write_parquet, write_text
     write_text(report(summary) + '\n', folder / 'summary.txt')
     write_text(summary.to_json() + '\n', folder / 'summary.json')
     write_csv(trajectory, folder / 'trajectory.csv')
     write_npz(trajectory, folder / 'trajectory.npz')
-    files = [folder / name for name in (
-        'summary.txt', 'summary.json', 'trajectory.csv', 'trajectory.npz')]
+    names = NUMBERS
+    if find_spec('pyarrow') is None:
+        names = NUMBERS[:-1]
+    else:
+        write_parquet(trajectory, folder / NUMBERS[-1])
+    files = [folder / name for name in names]
     if arguments.no_figures:
         return files
     from ballbot_ros.figures.run import strip, time_series

@@ -13,6 +13,8 @@ from typing import Iterator, Tuple
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
+from ballbot_ros.cli.output import check_new_file
+from ballbot_ros.cli.ranges import METAVAR, read_varied, Values, WORDING
 from ballbot_ros.errors import ConfigurationError
 
 
@@ -21,11 +23,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_robot(parser)
     parser.add_argument('--out', type=Path, required=True, metavar='FILE',
                         help='Parquet file to write')
-    parser.add_argument('--vary', action='append', required=True, metavar='NAME=VALUES',
-                        help='a number that varies, in SI: name=value,value,... or '
-                        'name=first:last:number, or name=low:high for sobol and random; speed, '
-                        'height, fields of the robot, motor.*, slopes and frictions, '
-                        'set_angle, voltage, ...; without height, the highest is searched for')
+    options.add_overwrite(parser)
+    parser.add_argument('--vary', action='append', required=True, metavar=f'NAME={METAVAR}',
+                        help=f'a number that varies, in SI but for angles: {WORDING}; LOW:HIGH '
+                        'for sobol and random.  NAME is speed, height, a field of the robot, '
+                        'motor.*, slope_before_deg and other numbers of the ground, '
+                        'set_angle_deg, voltage, ...; without height, the highest is searched '
+                        'for')
     parser.add_argument('--fix', action='append', default=[], metavar='NAME=VALUE',
                         help='speed or height, where it does not vary')
     parser.add_argument('--design', choices=('grid', 'sobol', 'random'), default='grid',
@@ -35,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_accuracy(parser, 5e-5, 'a height that is searched for')
     options.add_actuation(parser)
     options.add_site(parser)
-    options.add_attempts(parser)
+    options.add_rules(parser)
     parser.add_argument('--workers', type=int, metavar='N',
                         help='processes on this machine (default: one per core)')
     parser.add_argument('--dask', metavar='ADDRESS',
@@ -48,12 +52,11 @@ def run(arguments: argparse.Namespace) -> int:
     """Plan, run and say what was done."""
     robot = options.read_robot(arguments)
     from ballbot_ros.cli.progress import watched
-    from ballbot_ros.results.files import check_writable
-    from ballbot_ros.studies.sweep import load_arrow, refuse_foreign, run_sweep, spread
+    from ballbot_ros.studies.sweep import load_arrow, refuse_foreign, run_sweep
     from ballbot_ros.studies.sweep_plan import SweepPlan
-    varied = dict(map(spread, arguments.vary))
+    varied = dict(given(word, '--vary') for word in arguments.vary)
     fixed = {}
-    for name, values in map(spread, arguments.fix):
+    for name, values in (given(word, '--fix') for word in arguments.fix):
         if not isinstance(values, list) or len(values) != 1:
             raise ConfigurationError(f'--fix {name}: give one value')
         fixed[name] = values[0]
@@ -63,8 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.accuracy, fixed,
         {name: values for name, values in varied.items() if isinstance(values, list)},
         {name: values for name, values in varied.items() if isinstance(values, tuple)})
-    check_writable(arguments.out)
     refuse_foreign(load_arrow(), arguments.out)
+    check_new_file(arguments.out, arguments.overwrite)
     begin = perf_counter()
     try:
         with workers(arguments) as (pool, number), \
@@ -80,6 +83,17 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'{arguments.out}: {plan.size} cases, {new} of them now, in {spent:.1f} s '
               f'({1e3 * spent * number / max(new, 1):.3g} ms of a worker each)')
     return DONE
+
+
+def given(word: str, option: str) -> Tuple[str, Values]:
+    """Return name and values of a number; `ConfigurationError` for an angle in radians."""
+    from ballbot_ros.studies.sweep_plan import IN_DEGREES, NUMBERS
+    name, values = read_varied(word, option)
+    if name not in IN_DEGREES and NUMBERS.get(name, {}).get('unit') == 'rad':
+        in_degrees = next(key for key, owner in IN_DEGREES.items() if owner == name)
+        raise ConfigurationError(
+            f'{option} {name}: angles are given in degrees here; write {in_degrees}=...')
+    return name, values
 
 
 @contextmanager

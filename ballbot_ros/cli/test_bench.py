@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, Iterator
 
 from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
-from ballbot_ros.cli.options import add_quiet, add_robot, read_robot
-from ballbot_ros.cli.output import save_figure
+from ballbot_ros.cli.options import add_overwrite, add_quiet, add_robot, read_robot
+from ballbot_ros.cli.output import figure_files, result_folder, save_figure
 from ballbot_ros.errors import ConfigurationError
 
 DEFAULT_FOLDER = Path('ballbot_output')
@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
     parser.add_argument('--driven', action='store_true',
                         help='from rest under a constant voltage, instead of down a ramp')
-    parser.add_argument('--slope', type=float, metavar='DEGREES', help='of the ramp')
+    parser.add_argument('--slope-deg', type=float, metavar='DEGREES', help='of the ramp')
     parser.add_argument('--run-up', type=float, metavar='METRES',
                         help='of the driven test (default: 1.2)')
     parser.add_argument('--sensor-distance', type=float, metavar='METRES',
@@ -29,7 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seed', type=int, default=0, metavar='N',
                         help='of the scatter (default: %(default)s)')
     parser.add_argument('--out', type=Path, metavar='DIR',
-                        help='folder for the files (default: ballbot_output/bench_ROBOT)')
+                        help='folder for the files (default: ballbot_output/bench_ROBOT, or '
+                        'where results are in it bench_ROBOT_2, ...)')
+    add_overwrite(parser)
     add_quiet(parser)
 
 
@@ -37,13 +39,12 @@ def run(arguments: argparse.Namespace) -> int:
     """Roll, write the files and print what was found."""
     robot, bench = read_robot(arguments), make_bench(arguments)
     from ballbot_ros.cli.progress import watched
-    from ballbot_ros.results.files import check_writable
     from ballbot_ros.studies.procedure import HEIGHTS, run_tests
     if arguments.seed < 0:
         raise ConfigurationError(f'--seed must be at least 0, got {arguments.seed}')
     name = f'bench_{robot.name}{"_driven" if arguments.driven else ""}'
-    folder = arguments.out or DEFAULT_FOLDER / name
-    check_writable(folder / 'tests.csv')
+    folder = result_folder(arguments.out, DEFAULT_FOLDER / name, (
+        'tests.csv', 'truth.csv', *figure_files(['tests'])), arguments.overwrite)
     rolls: list = []
     interrupted = False
     with watched(len(HEIGHTS), arguments.quiet, 'testing', 'steps') as progress:
@@ -66,17 +67,18 @@ def run(arguments: argparse.Namespace) -> int:
 def make_bench(arguments: argparse.Namespace) -> Any:
     """Return the test bench that the command line describes."""
     from ballbot_ros.studies.test_bench import Ramp, RunUp
-    for option, value, wanted in (('--slope', arguments.slope, not arguments.driven),
+    for option, value, wanted in (('--slope-deg', arguments.slope_deg, not arguments.driven),
                                   ('--run-up', arguments.run_up, arguments.driven)):
         if value is not None and not wanted:
             raise ConfigurationError(
                 f'{option} belongs to the {"free-rolling" if arguments.driven else "driven"} '
                 f'test; leave it out, or {"leave out" if arguments.driven else "add"} --driven')
-    if arguments.slope is not None and not 0.0 < arguments.slope <= STEEPEST:
-        raise ConfigurationError(f'--slope must be more than 0 and at most {STEEPEST:g} degrees, '
-                                 f'got {arguments.slope:g}')
+    if arguments.slope_deg is not None and not 0.0 < arguments.slope_deg <= STEEPEST:
+        raise ConfigurationError(
+            f'--slope-deg must be more than 0 and at most {STEEPEST:g} degrees, '
+            f'got {arguments.slope_deg:g}')
     changes = {name: value for name, value in (
-        ('slope', None if arguments.slope is None else math.radians(arguments.slope)),
+        ('slope', None if arguments.slope_deg is None else math.radians(arguments.slope_deg)),
         ('length', arguments.run_up), ('sensor_distance', arguments.sensor_distance))
         if value is not None}
     return RunUp(**changes) if arguments.driven else Ramp(**changes)

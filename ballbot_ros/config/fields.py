@@ -199,6 +199,12 @@ class Checked:
                                     type(self).__name__)
                 object.__setattr__(self, item.name, value)
 
+    def __repr__(self) -> str:
+        """Return the values that are not the defaults; for a class made with ``repr=False``."""
+        shown = [f'{item.name}={getattr(self, item.name)!r}' for item in fields(self)
+                 if item.repr and getattr(self, item.name) != item.default]
+        return f'{type(self).__name__}({", ".join(shown)})'
+
     @classmethod
     def from_mapping(cls: Type[T], mapping: Any, where: str) -> T:
         """
@@ -240,17 +246,42 @@ def checked_values(cls: Type[Checked], entries: Mapping[str, Any],
         For anything missing, unknown, of the wrong type or out of range.
 
     """
-    described = {item.name: item for item in fields(cls) if 'kind' in item.metadata}
-    refuse_unknown(entries, described, where)
-    values = {}
-    for name, item in described.items():
-        if name in entries:
-            values[name] = check_value(name, entries[name], item.metadata, where)
-        elif item.default is MISSING:
-            unit = f', {allowed(item.metadata)}' if 'unit' in item.metadata else ''
-            raise ConfigurationError(
-                f'{where}: {name} is missing ({item.metadata["doc"]}{unit})')
+    values = given_values(cls, entries, where)
+    refuse_missing([(cls, entries, where)])
     return values
+
+
+def given_values(cls: Type[Checked], entries: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Return `entries`, each checked; what is missing or unknown is left to `refuse_missing`."""
+    return {item.name: check_value(item.name, entries[item.name], item.metadata, where)
+            for item in fields(cls) if item.name in entries}
+
+
+def refuse_missing(parts: Iterable[tuple[Type[Checked], Mapping[str, Any], str]]) -> None:
+    """
+    Refuse entries that are unknown, then name all that is missing, in all parts of a file at once.
+
+    Parameters
+    ----------
+    parts : iterable of (class, entries, place)
+
+    Raises
+    ------
+    ConfigurationError
+        Naming each field that is missing, what it means and its range.
+
+    """
+    lacking = []
+    for cls, entries, where in parts:
+        described = {item.name: item for item in fields(cls) if 'kind' in item.metadata}
+        refuse_unknown(entries, described, where)
+        words = [f'{name} is missing ({item.metadata["doc"]}'
+                 + (f', {allowed(item.metadata)})' if 'unit' in item.metadata else ')')
+                 for name, item in described.items()
+                 if name not in entries and item.default is MISSING]
+        lacking += [f'{where}: {"; ".join(words)}'] if words else []
+    if lacking:
+        raise ConfigurationError('; '.join(lacking))
 
 
 def expect_mapping(value: Any, where: str) -> Mapping[str, Any]:

@@ -3,7 +3,7 @@
 from pathlib import Path
 import re
 import sys
-from typing import Any, Mapping, Type
+from typing import Any, Mapping, Type, Union
 
 import yaml
 
@@ -56,7 +56,7 @@ def is_path(name_or_path: str) -> bool:
     return '/' in name_or_path or name_or_path.endswith(('.yaml', '.yml'))
 
 
-def find_config(kind: str, name_or_path: str) -> Path:
+def find_config(kind: str, name_or_path: Union[str, Path]) -> Path:
     """
     Turn a name such as ``'gimball'``, or the path of a file, into a path.
 
@@ -64,7 +64,7 @@ def find_config(kind: str, name_or_path: str) -> Path:
     ----------
     kind : str
         Subfolder of ``config/``: ``'robots'``, ``'scenes'``, ..., ``'hardware'``.
-    name_or_path : str
+    name_or_path : str or Path
         See `is_path`.
 
     Raises
@@ -73,6 +73,11 @@ def find_config(kind: str, name_or_path: str) -> Path:
         If there is no such file; the message lists the names that exist.
 
     """
+    if not isinstance(name_or_path, (str, Path)):
+        raise ConfigurationError(
+            f'a {kind.removesuffix("s")} is given by its name or the path of its file, '
+            f'got {name_or_path!r}')
+    name_or_path = str(name_or_path)
     if is_path(name_or_path):
         path = Path(name_or_path).expanduser()
         if path.is_file():
@@ -86,7 +91,8 @@ def find_config(kind: str, name_or_path: str) -> Path:
         f'{", ".join(files)}. A path to a YAML file of your own is accepted too.')
 
 
-class _StrictLoader(yaml.SafeLoader):
+# libyaml reads ten times as fast; where PyYAML was built without it, it reads by itself.
+class _StrictLoader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ignore[misc]
     """Refuses a key that is given twice, which YAML would silently let win."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> Any:
@@ -107,7 +113,7 @@ _StrictLoader.add_implicit_resolver(
     re.compile(r'^[-+]?[0-9]+[eE][-+]?[0-9]+$'), list('-+0123456789'))
 
 
-def load_config(cls: Type[T], kind: str, name_or_path: str) -> T:
+def load_config(cls: Type[T], kind: str, name_or_path: Union[str, Path]) -> T:
     """
     Return what one YAML file says, see `find_config`, as a checked dataclass.
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields
 from typing import Any, Mapping, Optional, Type
 
 from ballbot_ros.config.fields import (
-    allowed, check_value, Checked, checked_values, refuse_unknown)
+    allowed, check_value, Checked, given_values, refuse_missing, refuse_unknown)
 from ballbot_ros.errors import ConfigurationError
 
 SOURCES = ('published', 'repaired', 'derived', 'assumed', 'measured')
@@ -29,7 +29,23 @@ class Provenance:
 def read_values(cls: Type[Checked], content: Mapping[str, Any],
                 where: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """
-    Return the checked values of the fields of `cls`, and the `Provenance` of those that have one.
+    Return what `read_given` does, where nothing is missing.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming place, field, value and allowed range.
+
+    """
+    values, provenance = read_given(cls, content, where)
+    refuse_missing([(cls, content, where)])
+    return values, provenance
+
+
+def read_given(cls: Type[Checked], content: Mapping[str, Any],
+               where: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """
+    Return the checked values of fields of `cls`, and the `Provenance` of those that have one.
 
     An entry is a value, or a mapping that says more::
 
@@ -49,7 +65,7 @@ def read_values(cls: Type[Checked], content: Mapping[str, Any],
             plain[name], provenance[name] = _read_entry(name, entry, described[name], where)
         else:
             plain[name] = entry
-    return checked_values(cls, plain, where), provenance
+    return given_values(cls, plain, where), provenance
 
 
 def _read_entry(name: str, entry: Mapping[str, Any], metadata: Mapping[str, Any],

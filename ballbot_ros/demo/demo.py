@@ -18,12 +18,13 @@ from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.demo.recorded_graph import recorded_graph, RecordedGraph
 from ballbot_ros.demo.synchronized_start import SynchronizedStart
-from ballbot_ros.demo.timeline import Expected, Passage, Timeline
-from ballbot_ros.figures.run import save, strip
+from ballbot_ros.demo.timeline import Expected, NAMES, Passage, Timeline
+from ballbot_ros.figures.film import Mark, strip
+from ballbot_ros.figures.run import save
 from ballbot_ros.msg import BallState, StepDecision, TerrainObservation
 from ballbot_ros.physics import load_scene, Scene, Trajectory
-from ballbot_ros.plant.step_sensor import LEAST_HEIGHT, LEAST_SLOPE
 from ballbot_ros.results.bag_metadata import bag_metadata, SIMULATOR
+from ballbot_ros.results.faces import LEAST_HEIGHT, LEAST_SLOPE, SHORT
 from ballbot_ros.ros import qos
 
 ROBOT, CURVE, TUNING = 'gimball', 'gimball_down', 'published'
@@ -95,13 +96,14 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False,
             'scene': act.scene, 'robot': act.robot, 'control_rate': CONTROL_RATE,
             'lockstep': not real_time, **CAMERA,
             'real_time_factor': 1.0 if real_time else 0.0, 'start_paused': True}
-        metadata = bag_metadata(SIMULATOR, simulator, load_scene(act.scene, act.robot))
+        decision = {'robot': act.robot, 'curve': act.curve, 'control_tuning': act.tuning}
+        metadata = bag_metadata(
+            SIMULATOR, simulator, load_scene(act.scene, act.robot), decision)
         with recorded_graph(folder, (*TOPICS, *ALSO), timeline, metadata) as graph:
             graph.nodes.start('controller', {
                 'robot': act.robot, 'tuning': act.tuning, 'rate': CONTROL_RATE,
                 'lockstep_set_point_period': lockstep_period})
-            graph.nodes.start('obstacle_decision', {
-                'robot': act.robot, 'curve': act.curve, 'control_tuning': act.tuning})
+            graph.nodes.start('obstacle_decision', decision)
             graph.nodes.start('simulator', simulator)
             start = SynchronizedStart(graph.node, graph.bag, (topic for topic, *_ in TOPICS))
             wrong = graph.run(start.poll, timeout, act.longest)
@@ -134,6 +136,14 @@ def get_ready(quiet: bool) -> None:
     prepare()
 
 
+def passages_of(scene: Scene, expected: Optional[Sequence[Expected]] = None) -> List[Passage]:
+    """Return the faces of a scene, rounded edges included: a carpet is as high as it is thick."""
+    faces = scene.model.terrain.faces(
+        LEAST_SLOPE, LEAST_HEIGHT, SHORT * scene.model.robot.ball_radius)
+    return [Passage(float(face[0, 0]), float(face[-1, 1] - face[0, 1]), float(face[-1, 1]), due)
+            for face, due in zip(faces, expected or [None] * len(faces))]
+
+
 def perform(out: Path, act: Act, quiet: bool,
             play: Callable[[Path, Timeline], List[str]]) -> int:
     """
@@ -152,11 +162,14 @@ def perform(out: Path, act: Act, quiet: bool,
     """
     scene = load_scene(act.scene, act.robot)
     out.mkdir(parents=True, exist_ok=True)
-    faces = scene.model.terrain.faces(LEAST_SLOPE, LEAST_HEIGHT)
-    passages = [Passage(float(face[0, 0]), float(face[-1, 1] - face[0, 1]),
-                        float(face[-1, 1]), due)
-                for face, due in zip(faces, act.expected or [None] * len(faces))]
-    timeline = Timeline(passages, scene.model.robot, (lambda *_: None) if quiet else print_event)
+    marks: List[Mark] = []
+
+    def report(when: float, word: str, sentence: str) -> None:
+        if word in NAMES.values() and [mark.word for mark in marks[-1:]] != [word]:
+            marks.append(Mark(when, word, word in ('CROSS', 'CLEAR')))
+        if not quiet:
+            print_event(when, word, sentence)
+    timeline = Timeline(passages_of(scene, act.expected), scene.model.robot, report)
     begun = time.monotonic()
     if not quiet:
         print(f'\n{act.title}\n', flush=True)
@@ -172,10 +185,12 @@ def perform(out: Path, act: Act, quiet: bool,
             print(f'  - {sentence}')
     picture = out / 'crossing.png'
     if timeline.states:
-        save(strip(_trajectory(scene, timeline), 'as published on ball_state'), picture)
+        save(strip(_trajectory(scene, timeline), 'as published on ball_state', marks), picture)
     simulated = timeline.now if timeline.states else 0.0
-    print(f'\n{"FAILED" if wrong else "Done"}: {simulated:.1f} s of simulated time in '
-          f'{time.monotonic() - begun:.1f} s.  Picture: {picture}  Bag: {out / "bag"}')
+    if wrong or not quiet:
+        print(f'\n{"FAILED" if wrong else "Done"}: {simulated:.1f} s of simulated time in '
+              f'{time.monotonic() - begun:.1f} s.  Picture: {picture}  Bag: {out / "bag"}',
+              file=sys.stderr if quiet else sys.stdout)
     for sentence in wrong:
         print(f'  - {sentence}', file=sys.stderr)
     return 1 if wrong else 0

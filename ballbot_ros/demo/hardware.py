@@ -66,7 +66,8 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
         link = str((folder / 'motor').resolve())
         imu = str((folder / 'imu').resolve()) if serial_imu else ''
         bridge = {'hardware': hardware.name, 'port': link, 'tuning': TUNING}
-        metadata = bag_metadata(BRIDGE, bridge)
+        decision = {'curve': CURVE, 'control_tuning': TUNING}
+        metadata = bag_metadata(BRIDGE, bridge, decision=decision)
         with recorded_graph(folder, (*TOPICS, *ALSO, *MORE_TOPICS), timeline, metadata) as graph:
             graph.nodes.start('emulated_robot', {
                 'hardware': hardware.name, 'firmware': firmware, 'scene': TWO_STEPS.scene,
@@ -74,7 +75,7 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
             if imu:
                 graph.nodes.start('imu', {'port': imu})
             graph.nodes.start('bridge', bridge)
-            graph.nodes.start('obstacle_decision', {'curve': CURVE, 'control_tuning': TUNING})
+            graph.nodes.start('obstacle_decision', decision)
             return graph.run(GetGoing(graph.node).poll, timeout, math.inf)
 
     get_ready(quiet)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.figures import canvas
 from ballbot_ros.figures.contact_forces import ForceArrow, mean_forces
-from ballbot_ros.figures.drawing import draw_ball, draw_ground, ground_line
+from ballbot_ros.figures.drawing import draw_ball, draw_ground, FORCE, ground_line, legend, PATH
 from ballbot_ros.figures.frames import ROW
 from ballbot_ros.figures.panels import sane
 from ballbot_ros.physics.simulation.trajectory import Trajectory
@@ -149,7 +149,7 @@ def _pictures(run: Trajectory, frames: NDArray[np.int64], title: str, playback: 
                                 1.0 - (_LEFT + _RIGHT) / _WIDTH,
                                 1.0 - (_TOP + _BOTTOM) / height))
         words = _furnish(figure, axes, run, title, playback)
-        path, = axes.plot([], [], color=canvas.GREEN, lw=1.2, zorder=2.8)
+        path, = axes.plot([], [], color=PATH, lw=1.2, zorder=2.8)
         still = set(axes.get_children())
         for number, index in enumerate(frames.tolist()):
             _look_at(axes, run, view, index)
@@ -191,11 +191,8 @@ def _furnish(figure: Figure, axes: Any, run: Trajectory, title: str, playback: f
     pace = '' if playback == 1.0 else f'{playback:g} times real time'
     figure.text(_LEFT / width, 1.0 - 0.25 / height, ', '.join(
         part for part in (title, robot.name, pace) if part), fontsize=11, weight='bold')
-    colours = ['grey: turns with the ball', 'orange: pendulum', 'green: path of the centre',
-               'purple: force of the ground']
-    figure.text(_LEFT / width, 1.0 - 0.45 / height, '; '.join(
-        part for part in colours if robot.has_pendulum or not part.startswith('orange')),
-        fontsize=7.5, color=canvas.GREY)
+    figure.text(_LEFT / width, 1.0 - 0.45 / height, legend(robot.has_pendulum, force=True),
+                fontsize=7.5, color=canvas.GREY)
     return figure.text(1.0 - _RIGHT / width, 1.0 - 0.25 / height, '', fontsize=10, ha='right')
 
 
@@ -222,7 +219,7 @@ def _draw_force(axes: Any, run: Trajectory, force: ForceArrow) -> None:
     axes.add_patch(FancyArrow(
         force.x, force.y, along_x, along_y, width=0.035 * robot.ball_radius,
         head_width=0.14 * robot.ball_radius, head_length=min(0.2 * robot.ball_radius, length),
-        length_includes_head=True, facecolor=canvas.PURPLE, lw=0, zorder=6))
+        length_includes_head=True, facecolor=FORCE, lw=0, zorder=6))
 
 
 def _words(run: Trajectory, index: int) -> str:

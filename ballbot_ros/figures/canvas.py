@@ -15,6 +15,9 @@ from ballbot_ros.results.files import PathLike, replacing
 BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE = (
     '#0072B2', '#D55E00', '#009E73', '#E69F00', '#56B4E9', '#A0457A')
 INK, GREY, SOIL, PALE = '#222222', '#767676', '#D9D4CC', '#EEF3F7'
+# What people call them, in legends that are words.
+NAMES: Mapping[str, str] = {BLUE: 'blue', VERMILION: 'orange', GREEN: 'green', ORANGE: 'yellow',
+                            SKY: 'light blue', PURPLE: 'purple', GREY: 'grey', INK: 'black'}
 
 # What the pictures depend on, so that a matplotlibrc of one's own does not spoil them.  The
 # salt makes the names inside an SVG, and so the file, the same each time.

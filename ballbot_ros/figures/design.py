@@ -7,11 +7,13 @@ from matplotlib.patches import Patch
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from ballbot_ros.crossing import Rules, Site
 from ballbot_ros.figures import canvas
 from ballbot_ros.figures.heights import draw_heading, height_axes, place_legend
 from ballbot_ros.physics import Actuation, load_robot
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.studies.cases import Case, holding, LEVEL, SPEEDS, step_height
+from ballbot_ros.studies.cases import (
+    Case, holding, LEVEL, SPEEDS, step_height, step_heights)
 from ballbot_ros.studies.progress import ignore, part_of, Progress
 from ballbot_ros.studies.sensitivity import (
     Bar, design_map, heights_on_slopes, sampled_heights, sensitivity, WHAT_IF)
@@ -24,6 +26,9 @@ LENGTHS: Array = np.linspace(0.005, 0.175, 18, dtype=np.float64)  # of the pendu
 MASSES: Array = np.linspace(0.3, 4.2, 14, dtype=np.float64)  # [kg]
 SLOPE_SPEEDS: Array = np.array([0.3, 0.5, 0.7, 0.9, 1.1])  # [m/s]
 SLOPE_COLOURS = (canvas.PURPLE, canvas.BLUE, canvas.GREEN, canvas.ORANGE, canvas.VERMILION)
+# How "over" is judged, as lines, and slopes behind the step [rad].
+RULES = ((Rules(), '-', 'past the edge'), (Rules(over='clear'), '--', 'clear of it'))
+RISES = ((0.0, canvas.BLUE), (0.05, canvas.ORANGE), (0.1, canvas.VERMILION))
 LEVELS = {0.05: '--', 0.5: '-', 0.95: ':'}  # of the probability, as lines
 
 
@@ -173,4 +178,32 @@ def slope(progress: Progress = ignore) -> Figure:
             axes.grid(color=canvas.SOIL, lw=0.5)
             axes.set_axisbelow(True)
         draw_heading(figure, 'Slope behind the step, GimBall', FULL)
+    return figure
+
+
+def over(progress: Progress = ignore) -> Figure:
+    """Show the highest step by both rules of when a ball is over."""
+    robot = load_robot('gimball')
+    total, done = 2 * len(RULES) * len(RISES), 0
+    with canvas.drawing(10.0, 4.4) as figure:
+        for number, (label, case) in enumerate((('pendulum free', Case(robot)),
+                                                ('held down', holding(robot, 0.0)))):
+            axes = figure.add_axes((0.065 + 0.49 * number, 0.12, 0.43, 0.755))
+            axes.set_title(label, loc='left', fontsize=9.5, weight='bold')
+            for rise, colour in RISES:
+                for rules, line, words in RULES:
+                    found = step_heights(
+                        case._replace(site=Site(slope_behind=rise), rules=rules), SPEEDS)
+                    axes.plot(SPEEDS, 1e3 * found, line, color=colour, lw=1.3,
+                              label=f'{words}, {rise:g} rad up behind it')
+                    done += 1
+                    progress(done / total)
+            axes.set_xlim(0.2, 1.2)
+            axes.set_ylim(0.0, 55.0)
+            axes.set_xlabel('speed at touch [m/s]')
+            axes.set_ylabel('highest step [mm]' if number == 0 else '')
+            axes.grid(color=canvas.SOIL, lw=0.5)
+            axes.set_axisbelow(True)
+            axes.legend(fontsize=8, loc='upper left', frameon=False)
+        draw_heading(figure, 'Where a ball is over, GimBall', FULL)
     return figure

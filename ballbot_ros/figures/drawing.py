@@ -10,6 +10,18 @@ from ballbot_ros.figures import canvas
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array, Terrain
 
+# Colours, by what they stand for; legends are made from these.
+TURNING, PENDULUM, PATH, FORCE = canvas.GREY, canvas.VERMILION, canvas.GREEN, canvas.PURPLE
+MEANING = {TURNING: 'turns with the ball', PENDULUM: 'pendulum', PATH: 'path of the centre',
+           FORCE: 'force of the ground'}
+
+
+def legend(pendulum: bool = True, force: bool = False) -> str:
+    """Return what the colours mean, in words, as far as they are drawn."""
+    drawn = {PENDULUM: pendulum, FORCE: force}
+    return '; '.join(f'{canvas.NAMES[colour]}: {meaning}' for colour, meaning in MEANING.items()
+                     if drawn.get(colour, True))
+
 
 def ground_line(terrain: Terrain, left: float, right: float) -> Array:
     """Return the vertices of a terrain from x = `left` to `right` [m], ends included."""
@@ -55,14 +67,14 @@ def draw_ball(axes: Any, robot: Robot, x: float, y: float, ball_angle: float,
     axes.add_patch(Circle((x, y), radius, fill=False, edgecolor=canvas.BLUE,
                           alpha=strength, lw=0.7 + 0.9 * strength, zorder=order + 0.1))
     rim_x, rim_y = radius * math.sin(ball_angle), -radius * math.cos(ball_angle)
-    axes.plot([x, x + rim_x], [y, y + rim_y], color=canvas.GREY, lw=0.9, alpha=strength,
+    axes.plot([x, x + rim_x], [y, y + rim_y], color=TURNING, lw=0.9, alpha=strength,
               zorder=order + 0.2, solid_capstyle='butt')
     axes.add_patch(Circle((x + 0.94 * rim_x, y + 0.94 * rim_y), 0.06 * radius, lw=0,
-                          facecolor=canvas.GREY, alpha=strength, zorder=order + 0.2))
+                          facecolor=TURNING, alpha=strength, zorder=order + 0.2))
     if robot.has_pendulum:
         bob_x = x + robot.pendulum_length * math.sin(pendulum_angle)
         bob_y = y - robot.pendulum_length * math.cos(pendulum_angle)
-        axes.plot([x, bob_x], [y, bob_y], color=canvas.VERMILION, alpha=strength,
+        axes.plot([x, bob_x], [y, bob_y], color=PENDULUM, alpha=strength,
                   lw=1.0 + 1.2 * strength, zorder=order + 0.3, solid_capstyle='round')
         axes.add_patch(Circle((bob_x, bob_y), 0.11 * radius, lw=0, alpha=strength,
-                              facecolor=canvas.VERMILION, zorder=order + 0.3))
+                              facecolor=PENDULUM, zorder=order + 0.3))

@@ -1,33 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ball on the terrain, true to scale: a film strip like Fig. 7 of the paper."""
 import math
-from typing import Any, Sequence
+from typing import Any, NamedTuple, Sequence
 
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
+import numpy as np
 
 from ballbot_ros.figures import canvas
-from ballbot_ros.figures.drawing import draw_ball, draw_ground, ground_line
+from ballbot_ros.figures.drawing import draw_ball, draw_ground, ground_line, legend, PATH
 from ballbot_ros.figures.frames import lay_out, Layout, Row
 from ballbot_ros.figures.panels import sane
 from ballbot_ros.physics.simulation.trajectory import Trajectory
-from ballbot_ros.results.faces import rising_faces
+from ballbot_ros.results.faces import FaceMeeting, meet_faces, rising_faces
 
 _WIDTH, _HIGHEST_ROW = 9.6, 3.6  # of the drawing, and of a row in it [in]
 _LEFT, _RIGHT, _TOP, _BOTTOM = 0.8, 0.2, 0.72, 0.48  # [in]
 _ROW_GAP, _COLUMN_GAP, _NARROWEST = 0.55, 0.65, 6.4  # [in]
-_COLOURS = 'grey: turns with the ball; orange: pendulum; green: path of the centre'
+_RESULT_LINES = 1.6  # room below a face for what became of it, beside the ground
 _LETTER, _LINE = 0.072, 0.15  # size of a letter of a label [in]
 _MARGIN, _DEPTH = 1.25, 0.42  # beside the outermost centres, of the ground [ball radii]
 
 
-def strip(trajectory: Trajectory, title: str = '') -> Figure:
+class Mark(NamedTuple):
+    """A word at the place where the ball was at a time, such as what was decided there."""
+
+    time: float  # [s]
+    word: str
+    good: bool  # green; else orange
+
+
+def strip(trajectory: Trajectory, title: str = '', marks: Sequence[Mark] = ()) -> Figure:
     """
     Return outlines of the ball along its path, with pendulum, rotation and time.
 
     A row is a part of the run in which the ball goes in one direction.  A run too long for four
-    rows shows those about its hardest impact.  The title is the name of the scene, say.
+    rows shows those about its hardest impact.  Below each rising face stands its height, the
+    speed at which it was touched, and whether the ball got over.  The title is the name of the
+    scene, say.
     """
     run = sane(trajectory)
     chosen = lay_out(run)
@@ -40,8 +51,11 @@ def strip(trajectory: Trajectory, title: str = '') -> Figure:
     bands = [range(begin, min(begin + columns, len(views)))
              for begin in range(0, len(views), columns)]
     # Neighbours share their heights, so that their ground lines up.
-    levels = [(min(views[index][2] for index in band) - _LINE / scale,
-               max(views[index][3] for index in band) + 2.0 * _LINE / scale) for band in bands]
+    lines = _RESULT_LINES if rising_faces(run.model.terrain, run.model.robot.ball_radius) else 1.0
+    above_ball = 4.0 if marks else 2.0
+    levels = [(min(views[index][2] for index in band) - lines * _LINE / scale,
+               max(views[index][3] for index in band) + above_ball * _LINE / scale)
+              for band in bands]
     # A narrow view shows more of the ground, so that the heading fits above it.
     cell = max(cell, (_NARROWEST + _COLUMN_GAP) / columns - _COLUMN_GAP)
     width = _LEFT + _RIGHT + columns * (cell + _COLUMN_GAP) - _COLUMN_GAP
@@ -59,6 +73,7 @@ def strip(trajectory: Trajectory, title: str = '') -> Figure:
                 axes.set_xlim(centre - 0.5 * cell / scale, centre + 0.5 * cell / scale)
                 axes.set_ylim(bottom, top)
                 _draw_row(axes, run, chosen.rows[index], scale)
+                _draw_marks(axes, run, chosen.rows[index], marks, scale)
                 axes.set_xlabel('x [m]' if band is bands[-1] else '', labelpad=1.0)
                 axes.set_ylabel('y [m]' if column == 0 else '')
                 axes.yaxis.set_label_coords(-0.55 / cell, 0.5)
@@ -81,7 +96,7 @@ def stacked(runs: Sequence[tuple[Trajectory, str]], title: str) -> Figure:
     height = _BOTTOM + sum(tall) + _ROW_GAP * len(tall) + 0.4
     with canvas.drawing(width, height) as figure:
         figure.text(0.1 / width, 1.0 - 0.24 / height, title, fontsize=11, weight='bold')
-        figure.text(0.1 / width, 1.0 - 0.43 / height, _COLOURS, fontsize=7.5, color=canvas.GREY)
+        figure.text(0.1 / width, 1.0 - 0.43 / height, legend(), fontsize=7.5, color=canvas.GREY)
         above = height - 0.4
         for (run, row, label), (left, right, bottom, _), inches in zip(chosen, views, tall):
             above -= inches + _ROW_GAP
@@ -116,7 +131,7 @@ def _draw_row(axes: Any, run: Trajectory, row: Row, scale: float) -> None:
     robot, terrain = run.model.robot, run.model.terrain
     left, right = axes.get_xlim()
     draw_ground(axes, terrain, left, right, axes.get_ylim()[0])
-    axes.plot(run['x'][row.samples], run['y'][row.samples], color=canvas.GREEN, lw=1.1,
+    axes.plot(run['x'][row.samples], run['y'][row.samples], color=PATH, lw=1.1,
               zorder=8)
     for number, index in enumerate(row.frames):
         # A strip fades towards its beginning, to end in the ball itself.
@@ -125,15 +140,41 @@ def _draw_row(axes: Any, run: Trajectory, row: Row, scale: float) -> None:
                   run['pendulum_angle'][index], 1.0 if number == len(row.frames) - 1
                   else 0.30 + 0.40 * age, 3.0 + age)
     _label_times(axes, run, row, scale)
-    for face in rising_faces(terrain, robot.ball_radius):
+    for face, met in zip(rising_faces(terrain, robot.ball_radius), meet_faces(run)):
         if left < face[0, 0] and face[-1, 0] < right:
-            height = 1e3 * (face[-1, 1] - face[0, 1])
-            axes.text(face[:, 0].mean(), face[0, 1] - 0.06 / scale, f'{height:.3g} mm',
-                      fontsize=7.5, ha='center', va='top', zorder=9)
+            axes.text(face[:, 0].mean(), face[0, 1] - 0.06 / scale, _result(run, row, met),
+                      fontsize=7.5, ha='center', va='top', zorder=9, linespacing=1.1)
     for axis, (low, high), room in ((axes.xaxis, axes.get_xlim(), 0.7),
                                     (axes.yaxis, axes.get_ylim(), 0.4)):
         axis.set_major_locator(
             MaxNLocator(max(2, int((high - low) * scale / room)), steps=[1, 2, 5, 10]))
+
+
+def _result(run: Trajectory, row: Row, met: FaceMeeting) -> str:
+    """Return height, speed at the touch and result of a face, as far as a row shows them."""
+    words = f'{1e3 * met.height:.3g} mm'
+    first, last = run['time'][row.samples[0]], run['time'][row.samples[-1]]
+    if met.touch_time is None or met.touch_speed is None or not first <= met.touch_time <= last:
+        return words
+    return f'{words}: {"over" if met.passed else "not over"}\nat {met.touch_speed:.2f} m/s'
+
+
+def _draw_marks(axes: Any, run: Trajectory, row: Row, marks: Sequence[Mark],
+                scale: float) -> None:
+    """Write each mark above the place of the ball, two high in turn, with a line down to it."""
+    first, last = run['time'][row.samples[0]], run['time'][row.samples[-1]]
+    top = axes.get_ylim()[1]
+    shown = [mark for mark in marks if first <= mark.time <= last]
+    for number, mark in enumerate(shown):
+        index = row.samples[np.argmin(np.abs(run['time'][row.samples] - mark.time))]
+        colour = canvas.GREEN if mark.good else canvas.VERMILION
+        level = top - (0.2 + 1.1 * (number % 2)) * _LINE / scale
+        axes.plot([run['x'][index]] * 2, [run['y'][index], level - 0.8 * _LINE / scale],
+                  color=colour, lw=0.7, ls=':', zorder=9)
+        axes.plot(run['x'][index], run['y'][index], 'o', color=colour, ms=3.0, zorder=9)
+        axes.text(run['x'][index], level, mark.word, fontsize=7.5, weight='bold', color=colour,
+                  ha='center', va='top', zorder=10,
+                  path_effects=[withStroke(linewidth=2.0, foreground='white')])
 
 
 def _label_times(axes: Any, run: Trajectory, row: Row, scale: float) -> None:
@@ -166,9 +207,6 @@ def _heading(figure: Figure, run: Trajectory, chosen: Layout, title: str) -> Non
         words.append(f'from {first:.4g} to {last:.4g} s of {run["time"][-1]:.4g} s')
     elif math.isclose(run['time'][0], run['time'][-1]):
         words.append('at rest')
-    words.append('grey: turns with the ball')
-    if robot.has_pendulum:
-        words.append('orange: pendulum')
-    words.append('green: path of the centre')
+    words.append(legend(robot.has_pendulum))
     figure.text(_LEFT / width, 1.0 - 0.47 / height, '; '.join(words), fontsize=7.5,
                 color=canvas.GREY)

@@ -10,5 +10,5 @@ from ballbot_ros.figures import black_box, command_loss, design, paper
 FIGURES: Mapping[str, Callable[..., Figure]] = {
     'fig5': paper.figure_5, 'fig6': paper.figure_6, 'fig7': paper.figure_7,
     'fig8': paper.figure_8, 'tornado': design.tornado, 'probability': design.probability,
-    'design': design.design, 'slope': design.slope, 'on_timeout': command_loss.on_timeout,
-    'black_box': black_box.black_box}
+    'design': design.design, 'slope': design.slope, 'over': design.over,
+    'on_timeout': command_loss.on_timeout, 'black_box': black_box.black_box}

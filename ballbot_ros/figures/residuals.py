@@ -6,25 +6,47 @@ from matplotlib.figure import Figure
 
 from ballbot_ros.figures import canvas
 from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.results.units import SI
+
+# What is said of a channel, and in which colour.
+VERDICTS = {
+    'good': ('', canvas.BLUE),
+    'correlated': ('CORRELATED: the model leaves something out', canvas.ORANGE),
+    'poor': ('POOR FIT: the model does not explain this channel', canvas.VERMILION)}
 
 
-def residual_figure(series: Mapping[str, Tuple[Array, Array]], units: Mapping[str, str],
-                    noise: Mapping[str, float], title: str) -> Figure:
+def residual_figure(series: Mapping[str, Tuple[Array, Array]], channels: Mapping[str, Any],
+                    title: str, command: str) -> Figure:
     """
-    Draw residuals against time, a panel per channel, with twice their scatter.
+    Draw residuals against time, a panel per channel, with twice their RMS.
 
-    `series` has times and residuals of each channel, `noise` their root mean square.
+    Parameters
+    ----------
+    series : mapping of str to (times, residuals)
+        By channel.
+    channels : mapping of str to ChannelFit
+        Residual RMS and verdict; a bad fit is said, and drawn in another colour.
+    title : str
+    command : str
+        That makes the figure, for its caption.
+
     """
-    with canvas.drawing(7.0, 0.9 + 1.25 * len(series)) as figure:
+    with canvas.drawing(7.0, 1.1 + 1.35 * len(series)) as figure:
         axes: Any = figure.subplots(len(series), 1, sharex=True, squeeze=False)[:, 0]
         for panel, (name, (times, values)) in zip(axes, series.items()):
-            for level in (-2.0 * noise[name], 2.0 * noise[name]):
+            item = channels[name]
+            words, colour = VERDICTS[item.verdict]
+            for level in (-2.0 * item.residual_rms, 2.0 * item.residual_rms):
                 panel.axhline(level, color=canvas.GREY, linewidth=0.7, linestyle='--')
             panel.axhline(0.0, color=canvas.GREY, linewidth=0.7)
-            panel.plot(times, values, '.', color=canvas.BLUE, markersize=2.0)
-            panel.set_ylabel(f'{name.replace("_", " ")}\n[{units[name]}]')
-        axes[0].set_title(title)
-        axes[-1].set_xlabel('time [s]; dashed: twice the scatter')
+            panel.plot(times, values, '.', color=colour, markersize=2.0)
+            panel.set_ylabel(f'{name.replace("_", " ")}\n[{SI[name]}]')
+            share = 100.0 * item.residual_rms / item.motion if item.motion else float('inf')
+            panel.set_title(f'RMS {item.residual_rms:.3g} {SI[name]}, {share:.2g} % of the motion'
+                            + (f'.  {words}' if words else ''), fontsize=8.0, loc='left',
+                            color=canvas.INK if not words else canvas.VERMILION)
+        figure.suptitle(title, fontsize=11.0)
+        axes[-1].set_xlabel(f'time [s]; dashed: twice the RMS\n{command}')
         figure.align_ylabels(axes)
         figure.tight_layout()
     return figure

@@ -27,6 +27,8 @@ class BagMetadata:
         Those of the node that is the source.
     digests : mapping of str to str
         See `scene_digests`; empty where no scene is known.
+    decision : mapping
+        Parameters of the node obstacle_decision; empty without one.
 
     """
 
@@ -34,29 +36,38 @@ class BagMetadata:
     version: str = ''
     parameters: Mapping[str, Any] = field(default_factory=dict)
     digests: Mapping[str, str] = field(default_factory=dict)
+    decision: Mapping[str, Any] = field(default_factory=dict)
 
     def texts(self) -> Dict[str, str]:
         """Return what `read` takes."""
         return {f'{PREFIX}source': self.source, f'{PREFIX}version': self.version,
                 f'{PREFIX}parameters': json.dumps(dict(self.parameters), sort_keys=True),
+                f'{PREFIX}decision': json.dumps(dict(self.decision), sort_keys=True),
                 **{f'{PREFIX}{name}_digest': text for name, text in self.digests.items()}}
 
     @classmethod
     def read(cls, texts: Mapping[str, str]) -> 'BagMetadata':
         """Return what texts say; what is not there, or cannot be read, is left out."""
-        try:
-            parameters = json.loads(texts.get(f'{PREFIX}parameters', '{}'))
-        except ValueError:
-            parameters = {}
         return cls(
             texts.get(f'{PREFIX}source', ''), texts.get(f'{PREFIX}version', ''),
-            parameters if isinstance(parameters, dict) else {},
+            _mapping(texts, 'parameters'),
             {name: texts[f'{PREFIX}{name}_digest'] for name in ('robot', 'scene')
-             if f'{PREFIX}{name}_digest' in texts})
+             if f'{PREFIX}{name}_digest' in texts},
+            _mapping(texts, 'decision'))
+
+
+def _mapping(texts: Mapping[str, str], name: str) -> Dict[str, Any]:
+    """Return a mapping that is kept as JSON; empty where it is none."""
+    try:
+        found = json.loads(texts.get(f'{PREFIX}{name}', '{}'))
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def bag_metadata(source: str, parameters: Mapping[str, Any],
-                 scene: Optional[Scene] = None) -> Dict[str, str]:
+                 scene: Optional[Scene] = None,
+                 decision: Optional[Mapping[str, Any]] = None) -> Dict[str, str]:
     """
     Return the texts for a bag.
 
@@ -68,7 +79,9 @@ def bag_metadata(source: str, parameters: Mapping[str, Any],
         Of that node.
     scene : Scene, optional
         That the simulator runs.
+    decision : mapping, optional
+        Parameters of the node obstacle_decision.
 
     """
     return BagMetadata(source, __version__, parameters,
-                       {} if scene is None else scene_digests(scene)).texts()
+                       {} if scene is None else scene_digests(scene), decision or {}).texts()

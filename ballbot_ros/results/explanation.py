@@ -45,7 +45,7 @@ def explain(trajectory: Trajectory, scene: Scene) -> Explanation:
     assured = trajectory.assurance
     error = assured.estimate if assured else None
     words = (*_before(analysis, scene), *_during(trajectory, seconds),
-             *_cost(trajectory, scene))
+             *_left_out(analysis, scene, assured is not None), *_cost(trajectory, scene))
     return Explanation(analysis, seconds, trajectory.spans, error, words)
 
 
@@ -88,6 +88,25 @@ def _during(trajectory: Trajectory, seconds: dict[str, float]) -> Iterator[str]:
                    f'{span.reason}.')
     elif trajectory.spans:
         yield f'The model changed {len(trajectory.spans) - 1} times.'
+
+
+def _left_out(analysis: Analysis, scene: Scene, assured: bool) -> Iterator[str]:
+    """Say what the solver did without, what it kept, and why; `assured` runs are adaptive."""
+    method = METHODS[scene.model.solver.method]
+    if analysis.pendulum is None:
+        yield 'Pendulum: the robot has none, so its equations are left out.'
+    if method.flies or assured:
+        yield ('Search for contacts: left out of each step, which keeps the contacts that it '
+               'began with; where one begins or ends, the step ends.')
+        if scene.model.solver.models == 'full':
+            yield 'Flight in closed form: switched off by models: full.'
+        elif not analysis.closed_form:
+            yield ('Flight in closed form: there is none, because the law of the motor is not '
+                   'linear.')
+    elif method.fixed:
+        yield ('Search for contacts: done for every right-hand side, because steps of one length '
+               'do not end where a contact does.')
+    yield 'Energy ledger: kept, because the summary shows what it misses.'
 
 
 def _cost(trajectory: Trajectory, scene: Scene) -> Iterator[str]:

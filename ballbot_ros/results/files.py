@@ -17,6 +17,7 @@ import numpy as np
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.trajectory import Trajectory, UNITS
+from ballbot_ros.results.units import in_si, SI
 
 PathLike = Union[str, Path]
 
@@ -102,6 +103,50 @@ def write_csv(trajectory: Trajectory, path: PathLike) -> None:
     write_columns(trajectory.columns, UNITS, path)
 
 
+def write_parquet(trajectory: Trajectory, path: PathLike) -> None:
+    """
+    Write a trajectory as Parquet; each column has its unit in its metadata.
+
+    Raises
+    ------
+    ConfigurationError
+        If pyarrow is not installed, or the file cannot be written.
+
+    """
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError as error:
+        raise ConfigurationError(
+            'Parquet files need pyarrow, which is not installed: pip install pyarrow') from error
+    columns = trajectory.columns
+    table = pyarrow.table(
+        [pyarrow.array(values) for values in columns.values()], schema=pyarrow.schema(
+            [pyarrow.field(name, pyarrow.float64(), metadata={'unit': UNITS[name]})
+             for name in columns]))
+    with replacing(path) as stream:
+        parquet.write_table(table, stream)
+
+
+def write_trajectory(trajectory: Trajectory, path: PathLike) -> None:
+    """
+    Write a trajectory to a file of the kind that its ending says.
+
+    Raises
+    ------
+    ConfigurationError
+        If the ending is unknown, or the file cannot be written.
+
+    """
+    writers = {'.csv': write_csv, '.npz': write_npz, '.parquet': write_parquet}
+    ending = Path(path).suffix
+    if ending not in writers:
+        raise ConfigurationError(
+            f'{path}: a trajectory is written to a file ending in {", ".join(writers)}, '
+            f'got {ending!r}')
+    writers[ending](trajectory, path)
+
+
 def write_columns(columns: Mapping[str, Array], units: Mapping[str, str],
                   path: PathLike) -> None:
     """
@@ -146,20 +191,27 @@ def write_npz(trajectory: Trajectory, path: PathLike) -> None:
 
 def read_columns(path: PathLike) -> dict[str, Array]:
     """
-    Return the columns of a file from `write_csv` or `write_npz`, by name.
+    Return the columns of a file from `write_csv` or `write_npz`, by name, in SI.
+
+    Columns of a trajectory may be in other units, such as ``x [mm]``; see `results.units`.
 
     Raises
     ------
     ConfigurationError
-        If the file cannot be read or is not of this kind.
+        If the file cannot be read or is not of this kind, or a column is in no unit of what it
+        holds.
 
     """
-    return _read(Path(path))[0]
+    columns, units = _read(Path(path))
+    try:
+        return {name: in_si(name, values, units[name]) for name, values in columns.items()}
+    except ConfigurationError as error:
+        raise ConfigurationError(f'{path}: {error}') from error
 
 
 def read_units(path: PathLike) -> dict[str, str]:
     """
-    Return the units that a file from `write_csv` or `write_npz` gives for its columns.
+    Return the units of what `read_columns` returns for a file.
 
     Raises
     ------
@@ -167,20 +219,25 @@ def read_units(path: PathLike) -> dict[str, str]:
         If the file cannot be read or is not of this kind.
 
     """
-    return _read(Path(path))[1]
+    return {name: SI.get(name, unit) for name, unit in _read(Path(path))[1].items()}
 
 
 def _read(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
     """Return columns and units."""
-    readers = {'.csv': _read_csv, '.npz': _read_npz}
+    readers = {'.csv': _read_csv, '.npz': _read_npz, '.parquet': _read_parquet}
     if path.suffix not in readers:
         raise ConfigurationError(
-            f'{path}: a trajectory is kept in a file ending in .csv or .npz, got {path.suffix!r}')
+            f'{path}: a trajectory is kept in a file ending in .csv, .npz or .parquet, '
+            f'got {path.suffix!r}')
     try:
         return readers[path.suffix](path)
     except OSError as error:
         raise ConfigurationError(
             f'{path}: cannot be read: {error.strerror or error}') from error
+    except ImportError as error:
+        raise ConfigurationError(
+            f'{path}: reading it needs pyarrow, which is not installed: pip install pyarrow'
+            ) from error
     except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise ConfigurationError(f'{path}: is not a trajectory: {error}') from error
 
@@ -204,3 +261,14 @@ def _read_npz(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
     with np.load(path, allow_pickle=False) as archive:
         units = {str(name): str(unit) for name, unit in archive['units']}
         return {name: archive[name] for name in units}, units
+
+
+def _read_parquet(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
+    from pyarrow import parquet
+    table = parquet.read_table(path)
+    units = {field.name: (field.metadata or {}).get(b'unit', b'').decode()
+             for field in table.schema}
+    if '' in units.values():
+        missing = [name for name, unit in units.items() if not unit]
+        raise ValueError(f'column {missing[0]!r} has no unit in its metadata')
+    return {name: np.array(table[name], dtype=float) for name in units}, units

@@ -7,6 +7,7 @@ import numpy as np
 from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.physics.solvers.registry import METHODS
+from ballbot_ros.results.questions import questions
 
 # An energy ledger that is off by more than this share asks for a smaller step.
 RESIDUAL = 1e-5
@@ -26,6 +27,7 @@ def find_warnings(trajectory: Trajectory, scene: Scene, expected: int,
     A complete run has the expected samples; the residual is that of the energy ledger, relative to
     the energy in play.
     """
+    yield from questions(scene)
     robot, solver, assured = scene.model.robot, scene.model.solver, trajectory.assurance
     finer = (f'a smaller step than {solver.step:g} s' if METHODS[solver.method].fixed
              else f'a smaller tolerance than {solver.tolerance:g} m')

@@ -13,6 +13,8 @@ from ballbot_ros.view.assembly import TOPICS
 
 # What states the robot; more of these than frames are wanted are not even decoded.
 STATES = ('ball_state', 'joint_states')
+# Parameters of the decision that the page needs, too.
+CURVE = ('curve', 'variant')
 
 
 class BagReading:
@@ -30,7 +32,8 @@ class BagReading:
     ----------
     path : Path
     parameters : mapping
-        Of the node that was the source, where the bag says so.
+        Of the node that was the source, where the bag says so, and the height curve of the
+        decision.
 
     Raises
     ------
@@ -62,7 +65,10 @@ class BagReading:
         # Who knows the true state needs no joint states.
         self._wanted = [f'{self._prefix}/{name}' for name in TOPICS if not (
             name == 'joint_states' and f'{self._prefix}/ball_state' in topics)]
-        self.parameters: Mapping[str, Any] = self._metadata().parameters
+        told = self._metadata()
+        self.parameters: Mapping[str, Any] = {
+            **{name: told.decision[name] for name in CURVE if name in told.decision},
+            **told.parameters}
 
     def messages(self, least: float, most: int) -> Iterator[Tuple[str, Any, float]]:
         """

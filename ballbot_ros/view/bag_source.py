@@ -15,7 +15,7 @@ from ballbot_ros.view.bag_reading import BagReading
 from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.frame_history import FrameHistory, MOST
 from ballbot_ros.view.playback import Playback
-from ballbot_ros.view.robot_named import curve_for, scene_named
+from ballbot_ros.view.robot_named import scene_named
 from ballbot_ros.view.source import checked, Control, Health, Value
 
 # Frames a second at most: what states the robot comes up to 500 times a second.
@@ -53,7 +53,7 @@ class BagSource:
         said = scene_named(self._bag.parameters, robot)
         self._notes = said.notes
         self._assembly = FrameAssembly(said.robot, said.terrain)
-        self._curve = curve_for(said.robot)
+        self._curve = said.curve
         self._history = FrameHistory()
         self._playback = Playback(lambda: self._history.span)
         self._playback.pause(paused)
@@ -102,9 +102,12 @@ class BagSource:
         """Return whether it plays, and how far the bag has been read."""
         reading = () if self._done >= 1.0 or self._failure else (
             f'Reading the bag: {100.0 * self._done:.0f} %.',)
+        runs = self._history.epoch + 1
+        last = () if runs == 1 else (
+            f'Time begins {runs} times in this bag, as after ~/reset: this is the last run.',)
         playing = not self._playback.paused
         return Health(playing, self._playback.speed if playing else None,
-                      failure=self._failure, notes=(*self._notes, *reading))
+                      failure=self._failure, notes=(*self._notes, *last, *reading))
 
     @property
     def controls(self) -> Mapping[str, Control]:

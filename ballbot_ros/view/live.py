@@ -15,7 +15,7 @@ from ballbot_ros.ros.spectator import Presence, Spectator
 from ballbot_ros.view.assembly import FrameAssembly
 from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.frame_history import FrameHistory
-from ballbot_ros.view.robot_named import curve_for, scene_named
+from ballbot_ros.view.robot_named import scene_named
 from ballbot_ros.view.source import checked, Control, Health, Value
 
 # Law -> the largest set-point and its unit.
@@ -69,9 +69,9 @@ class LiveSource:
         """Know nothing yet."""
         self._namespace, self._robot_name = namespace.strip('/'), robot
         self._said: Dict[str, Dict[str, Any]] = {}
-        self._assembly = FrameAssembly(scene_named({}, robot).robot)
+        said = scene_named({}, robot)
+        self._assembly, self._curve = FrameAssembly(said.robot), said.curve
         self._notes: Tuple[str, ...] = ()
-        self._curve = curve_for(self._assembly.robot)
         self._history = FrameHistory()
         self._speedometer = Speedometer()
         self._origin: Optional[float] = None
@@ -108,7 +108,7 @@ class LiveSource:
             return
         self._said[node] = dict(parameters)
         said = scene_named(self._parameters, self._robot_name)
-        self._notes, self._curve = said.notes, curve_for(said.robot)
+        self._notes, self._curve = said.notes, said.curve
         self._assembly = FrameAssembly(said.robot, said.terrain)
 
     # What the page asks; from any thread.

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which robot and ground a page shows, from what the parameters of nodes say."""
-from typing import Any, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, List, Mapping, NamedTuple, Optional, Tuple
 
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.decision.curve import HeightCurve, load_curve
@@ -13,21 +13,23 @@ DEFAULT = 'gimball'
 
 
 class Said(NamedTuple):
-    """What is known of robot and ground, and what a person should know about that."""
+    """What is known of robot, ground and curve, and what a person should know about that."""
 
     robot: Robot
     terrain: Optional[Terrain]
+    curve: Optional[HeightCurve]
     notes: Tuple[str, ...]
 
 
 def scene_named(parameters: Mapping[str, Any], robot: str = '') -> Said:
     """
-    Return robot and ground that parameters of nodes name.
+    Return robot, ground and height curve that parameters of nodes name.
 
     Parameters
     ----------
     parameters : mapping
-        ``scene``, ``robot`` and ``hardware`` count; a file of another machine may be missing here.
+        ``scene``, ``robot``, ``hardware``, ``curve`` and its ``variant`` count; a file of another
+        machine may be missing here.
     robot : str
         Name or file of the robot, which goes before what is said.
 
@@ -37,7 +39,7 @@ def scene_named(parameters: Mapping[str, Any], robot: str = '') -> Said:
         If `robot` cannot be read.
 
     """
-    notes = []
+    notes: List[str] = []
     terrain: Optional[Terrain] = None
     found = load_robot(robot) if robot else None
     try:
@@ -54,13 +56,21 @@ def scene_named(parameters: Mapping[str, Any], robot: str = '') -> Said:
     if found is None:
         found = load_robot(DEFAULT)
         notes.append(f'Nobody says which robot this is; it is drawn as {DEFAULT} (--robot NAME).')
-    return Said(found, terrain, tuple(notes))
+    curve = _curve(found, parameters, notes)
+    return Said(found, terrain, curve, tuple(notes))
 
 
-def curve_for(robot: Robot) -> Optional[HeightCurve]:
-    """Return the height curve of a robot with its pendulum down, None where none is at hand."""
+def _curve(robot: Robot, parameters: Mapping[str, Any], notes: List[str]
+           ) -> Optional[HeightCurve]:
+    """Return the curve that is named, or else that of the robot with its pendulum down."""
+    if parameters.get('curve'):
+        try:
+            curve = load_curve(str(parameters['curve']), str(parameters.get('variant') or 'fit'))
+            if curve.robot == robot.name:
+                return curve
+        except BallbotError as error:
+            notes.append(f'{error}.')
     try:
-        curve = load_curve(f'{robot.name}_down')
+        return load_curve(f'{robot.name}_down')
     except BallbotError:
         return None
-    return curve

@@ -105,7 +105,7 @@ def test_unknown_robot_gets_a_suggestion(error_of):
 
 def test_demo_passes_its_options_on(monkeypatch, tmp_path):
     import types
-    given = {}
+    given, act = {}, types.SimpleNamespace(scene='doorstep')
 
     def run_demo(**options):
         given.update(options)
@@ -117,13 +117,14 @@ def test_demo_passes_its_options_on(monkeypatch, tmp_path):
 
     monkeypatch.setitem(sys.modules, 'ballbot_ros.demo', types.SimpleNamespace(
         run_demo=run_demo, run_hardware_demo=run_hardware_demo,
-        own_acts=lambda *names: [names], page_beside=None))
+        own_acts=lambda *names: [act, names][:1], page_beside=None))
     assert main(['demo', '--out', str(tmp_path), '--real-time', '--timeout', '9']) == 7
     assert given == {'out': tmp_path, 'real_time': True, 'quiet': False, 'timeout': 9.0,
-                     'acts': [(None, None, None, None, None)]}
+                     'acts': [act]}
     given.clear()
     (tmp_path / 'bag').mkdir()  # of a run before, which this one replaces
-    assert main(['demo', '--hardware', '--protocol', 'vesc', '--out', str(tmp_path)]) == 8
+    assert main(['demo', '--hardware', '--protocol', 'vesc', '--out', str(tmp_path),
+                 '--overwrite']) == 8
     assert given == {'out': tmp_path, 'protocol': 'vesc', 'firmware': '', 'quiet': False,
                     'timeout': 60.0, 'serial_imu': False}
 

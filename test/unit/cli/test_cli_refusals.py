@@ -44,7 +44,7 @@ def test_a_file_that_is_no_curve_is_not_overwritten(tmp_path, error_of):
 
 
 @pytest.mark.parametrize('words, sentence', [
-    (['compare-models', '--angle', '30'], '--angle goes with --actuation held'),
+    (['compare-models', '--angle-deg', '30'], '--angle-deg goes with --actuation held'),
     (['demo', '--protocol', 'vesc'], '--protocol goes with --hardware'),
     (['demo', '--firmware', '0.6'], 'must be 0.5 or 0.6'),
     (['demo', '--hardware', '--protocol', 'roboclaw', '--firmware', '0.6'], 'must be left out'),
@@ -57,8 +57,8 @@ def test_a_file_that_is_no_curve_is_not_overwritten(tmp_path, error_of):
     (['simulate', 'flat', '--method', 'adaptive', '--step', '1e-3'], '--step goes with --method '
      'semi_implicit, rk4, trapezoidal, not adaptive'),
     (['simulate', 'flat', '--accuracy', '1e-4', '--method', 'paper'], '--method changes nothing'),
-    (['test-bench', '--slope', '-3'], '--slope must be more than 0 and at most 45 degrees'),
-    (['test-bench', '--slope', 'nan'], 'degrees, got nan'),
+    (['test-bench', '--slope-deg', '-3'], 'must be more than 0 and at most 45 degrees'),
+    (['test-bench', '--slope-deg', 'nan'], 'degrees, got nan'),
     (['emulate-motor', '--protocol', 'vesc', '--baud', '0'], '--baud must be at least 1'),
     (['emulate-motor', '--protocol', 'roboclaw', '--firmware', '0.6'], 'left out: all are '
      'alike'),

@@ -13,7 +13,8 @@ from ballbot_ros.cli import main
 from ballbot_ros.results import read_columns
 
 COMMAND = [sys.executable, '-m', 'ballbot_ros.cli', 'simulate']
-NUMBERS = {'summary.txt', 'summary.json', 'trajectory.csv', 'trajectory.npz'}
+NUMBERS = {'summary.txt', 'summary.json', 'trajectory.csv', 'trajectory.npz',
+           'trajectory.parquet'}
 FIGURES = {f'{name}.{kind}' for name in ('strip', 'time_series') for kind in ('png', 'svg')}
 
 
@@ -156,8 +157,20 @@ def test_explain_says_what_was_modelled_and_what_it_costs(tmp_path, capsys):
     text = ' '.join(capsys.readouterr().out.split())
     for words in ('Before the run: energy allows at most', 'Flight is possible.',
                   'Model "flight" for 1.5', 'The model changed', 'cost no error',
-                  'Models and steps together'):
+                  'Models and steps together', 'Pendulum: the robot has none',
+                  'Search for contacts: left out of each step', 'Energy ledger: kept'):
         assert words in text
+
+
+@pytest.mark.parametrize('options, words', [
+    ((), 'Search for contacts: done for every right-hand side'),
+    (('--method', 'adaptive'), 'Flight in closed form: there is none'),
+    (('--method', 'adaptive', '--models', 'full'), 'switched off by models: full')])
+def test_explain_says_why_something_was_not_left_out(tmp_path, capsys, options, words):
+    assert main(['simulate', 'fig7_top', '--explain', '--no-figures', *options, '--duration',
+                 '0.1', '--out', str(tmp_path)]) == 0
+    text = ' '.join(capsys.readouterr().out.split())
+    assert words in text and 'the robot has none' not in text
 
 
 def test_explain_in_json_has_the_numbers(tmp_path, capsys):
@@ -180,9 +193,10 @@ def test_animate_writes_a_gif_beside_the_other_files_or_where_it_is_told(tmp_pat
              str(tmp_path / 'out')]
     assert main([*words, '--animate']) == 0
     assert names(tmp_path / 'out') == NUMBERS | {'animation.gif'}
-    assert capsys.readouterr().out.endswith('trajectory.npz, animation.gif\n')
+    assert capsys.readouterr().out.endswith('trajectory.parquet, animation.gif\n')
     elsewhere = tmp_path / 'mine.gif'
-    assert main([*words, '--animate', str(elsewhere), '--playback', '2', '--json']) == 0
+    assert main([*words, '--animate', str(elsewhere), '--playback', '2', '--json',
+                 '--overwrite']) == 0
     assert json.loads(capsys.readouterr().out)['files'][-1] == str(elsewhere)
     assert elsewhere.read_bytes().startswith(b'GIF89a')
 

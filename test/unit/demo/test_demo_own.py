@@ -7,12 +7,13 @@ import pytest
 from ballbot_ros.config.files import config_folder
 from ballbot_ros.demo import hardware, own_act
 from ballbot_ros.demo.account import account
-from ballbot_ros.demo.demo import ACTS
+from ballbot_ros.demo.demo import ACTS, passages_of
 from ballbot_ros.demo.hardware import GetGoing
 from ballbot_ros.demo.own_act import own_acts
 from ballbot_ros.demo.timeline import Passage, Timeline
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.msg import BallState, Contact, MotorStatus
+from ballbot_ros.physics import load_scene
 from ballbot_ros.ros.conversions import to_time
 
 
@@ -53,6 +54,13 @@ def test_a_robot_without_a_pendulum_and_gains_that_diverge_are_refused(monkeypat
     monkeypatch.setattr(own_act, 'CONTROL_RATE', 100.0)
     with pytest.raises(UnstableLoopError, match='275'):
         own_acts('household')
+
+
+def test_carpets_and_cords_are_as_high_as_they_are_seen():
+    assert [passage.name for passage in passages_of(load_scene('household'))] == [
+        '6 mm step', '6 mm drop', '8 mm step', '8 mm drop', '10 mm step', '10 mm drop']
+    assert [passage.name for passage in passages_of(load_scene('doorstep'))] == [
+        '31 mm step', '80 mm step']
 
 
 def test_a_run_of_which_nothing_was_expected_is_told_face_by_face(gimball):

@@ -8,7 +8,8 @@ import pytest
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_scene
 from ballbot_ros.physics.simulation.trajectory import UNITS
-from ballbot_ros.results import files, read_columns, read_units, write_csv, write_npz
+from ballbot_ros.results import (
+    files, read_columns, read_units, write_csv, write_npz, write_parquet)
 
 
 @pytest.fixture(scope='module')
@@ -16,7 +17,7 @@ def trajectory():
     return load_scene('fig7_bottom').simulate()
 
 
-WRITERS = {'csv': write_csv, 'npz': write_npz}
+WRITERS = {'csv': write_csv, 'npz': write_npz, 'parquet': write_parquet}
 
 
 @pytest.fixture(params=sorted(WRITERS))
@@ -81,7 +82,8 @@ def test_a_folder_that_cannot_be_made_is_named(trajectory, tmp_path):
 
 @pytest.mark.parametrize('name, content', [
     ('run.csv', 'time,x\n0,1\n'), ('run.csv', ''), ('run.csv', 'x [m]\nword\n'),
-    ('run.csv', 'x [m],y [m]\n1\n'), ('run.npz', 'no archive'), ('run.txt', '')])
+    ('run.csv', 'x [m],y [m]\n1\n'), ('run.npz', 'no archive'), ('run.txt', ''),
+    ('run.parquet', 'none')])
 def test_a_file_of_another_kind_is_refused(tmp_path, name, content):
     (tmp_path / name).write_text(content)
     with pytest.raises(ConfigurationError, match=name):

@@ -125,6 +125,24 @@ def test_a_bag_that_says_what_it_was_made_with_has_robot_and_ground(tmp_path, pl
         source.terrain.vertices == load_scene('shellball_drop').model.terrain.vertices).all()
 
 
+def test_the_curve_is_the_one_that_the_decision_had(tmp_path, played):
+    for name, decision in (('no', None), ('held', {'curve': 'gimball_horizontal'}),
+                           ('gone', {'curve': '/nowhere/mine.yaml'})):
+        made = bag_metadata(SIMULATOR, {'scene': 'doorstep'}, decision=decision)
+        source = played(write_bag(tmp_path / name, rolling(), made))
+        assert source.curve.name == ('gimball_horizontal' if name == 'held' else 'gimball_down')
+        assert bool(source.health.notes) is (name == 'gone')
+    assert '/nowhere/mine.yaml' in source.health.notes[0]
+
+
+def test_of_a_bag_in_which_time_begins_again_the_last_run_is_shown_and_that_is_said(
+        tmp_path, played):
+    again = [(topic, message, time + 5.0) for topic, message, time in rolling()]
+    source = played(write_bag(tmp_path / 'bag', [*rolling(), *again]))
+    assert any('Time begins 2 times in this bag' in note for note in source.health.notes)
+    assert source.span == (0.0, pytest.approx(2.0, abs=0.01))
+
+
 def test_a_bag_that_does_not_say_its_robot_is_drawn_as_gimball_and_says_so(tmp_path, played):
     source = played(write_bag(tmp_path / 'bag', rolling()))
     assert source.robot.name == 'gimball' and '--robot NAME' in source.health.notes[0]

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Which files there are, and the sections of each: for templates and for the tables of docs/files.md.
+
+Keys, units, ranges, defaults and meanings are those of the classes that read the files.
+"""
+from dataclasses import dataclass, Field, fields, MISSING
+from typing import Any, Callable, Mapping, Sequence
+
+from ballbot_ros.bridge.hardware_file import HardwareNames, load_hardware, SECTIONS
+from ballbot_ros.cli.experiment_file import Experiment
+from ballbot_ros.config.files import shipped_files
+from ballbot_ros.control import ControlTuning
+from ballbot_ros.decision import DecisionTuning
+from ballbot_ros.drives import driver_class, DRIVES
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Solver
+from ballbot_ros.physics.model.robot import Motor, Robot
+from ballbot_ros.physics.simulation.scene import HUMAN, Initial, SceneFile
+
+# Numbers of `Actuation` for which scene files have others.
+NOT_FOR_PEOPLE = ('set_angle',)
+# Options of a drive that follow from other sections of a hardware file.
+FOLLOWING = ('torque_limit', 'drive_torque_limit', 'speed_limit', 'damping', 'watchdog')
+
+
+@dataclass(frozen=True)
+class Section:
+    """
+    A section of a file.
+
+    Attributes
+    ----------
+    key : str
+        Of the section; empty for the top of the file.
+    keys : mapping of str to mapping
+        Name -> description of what may stand in it, as `config.fields` declares it, with its
+        default (``'default'``) where it has one.
+    doc : str
+        One sentence.
+    given : mapping
+        Values that a template has; it leaves the others to their defaults, and says so.
+    text : str
+        YAML in place of all that, for a section that is no table of keys.
+
+    """
+
+    key: str
+    keys: Mapping[str, Mapping[str, Any]]
+    doc: str
+    given: Mapping[str, Any]
+    text: str = ''
+
+
+def described(cls: Any, but: Sequence[str] = ()) -> dict[str, Mapping[str, Any]]:
+    """Return the described fields of a class, each with its default if it has one."""
+    return {item.name: {**item.metadata, **_default(item)} for item in fields(cls)
+            if 'kind' in item.metadata and item.name not in but}
+
+
+def _default(item: 'Field[Any]') -> dict[str, Any]:
+    return {} if item.default is MISSING else {'default': item.default}
+
+
+def robot_file(name: str, robot: str = 'gimball') -> list[Section]:
+    """Return the sections of a robot file, with the numbers of a robot."""
+    known = load_robot(robot)
+    motor = {} if known.motor is None else _values(known.motor)
+    return [Section('', described(Robot), '', {**_values(known), 'name': name}),
+            Section('motor', described(Motor), 'the motor of the pendulum; may be left out',
+                    motor)]
+
+
+def _values(part: Any) -> dict[str, Any]:
+    """Return what was said of a part, without what is default."""
+    return {name: getattr(part, name) for name, metadata in described(type(part)).items()
+            if getattr(part, name) != metadata.get('default', MISSING)}
+
+
+TERRAIN = """\
+terrain:
+  - flat: {length: 1.0}
+  - step: {height: 0.02}            # negative goes down
+  - flat: {length: 2.0}
+  # - slope: {length: 1.0, angle_deg: 3.0}       # or rise, in m
+  # - threshold: {height: 0.02, width: 0.06, bevel: 0.015}
+  # - cord: {diameter: 0.008}
+  # - carpet: {thickness: 0.006, length: 1.0, friction: 0.4, edge_friction: 0.4}
+"""
+
+
+def scene_file(name: str, robot: str = 'gimball') -> list[Section]:
+    """Return the sections of a scene file."""
+    parts = ('robot_changes', 'terrain', 'initial', 'actuation', 'solver', 'contact')
+    top = {key: {**metadata, **({'default': 1e-3} if key == 'output_step' else {})}
+           for key, metadata in described(SceneFile, parts).items()}
+    top = {key: top[key] for key in ('robot', *(key for key in top if key != 'robot'))}
+    doc = {key: metadata['doc'] for key, metadata in described(SceneFile).items()}
+    people = {key: item.metadata for key, item in HUMAN.items()}
+    return [
+        Section('', top, '', {'robot': robot, 'duration': 4.0}),
+        Section('terrain', {}, doc['terrain'], {}, TERRAIN),
+        Section('initial', described(Initial), doc['initial'], {'x': 0.3, 'speed': 0.8}),
+        Section('actuation', {**described(Actuation, NOT_FOR_PEOPLE), **people}, doc['actuation'],
+                {'law': 'free'}),
+        Section('solver', described(Solver), doc['solver'], {}),
+        Section('contact', described(ContactOptions), doc['contact'], {}),
+        Section('robot_changes', {}, doc['robot_changes'], {},
+                '# robot_changes: {ball_mass: 4.0}\n')]
+
+
+def tuning_file(name: str) -> list[Section]:
+    """Return the one section of a file of gains."""
+    return [Section('', described(ControlTuning), '', _values_of_defaults(ControlTuning))]
+
+
+def decision_file(name: str) -> list[Section]:
+    """Return the one section of a decision tuning."""
+    return [Section('', described(DecisionTuning), '', _values_of_defaults(DecisionTuning))]
+
+
+def _values_of_defaults(cls: Any) -> dict[str, Any]:
+    return {name: metadata['default'] for name, metadata in described(cls).items()}
+
+
+def hardware_file(name: str, robot: str = 'gimball', protocol: str = 'odrive') -> list[Section]:
+    """Return the sections of a hardware file, with the numbers of the one that is shipped."""
+    if protocol not in DRIVES:
+        raise ConfigurationError(
+            f'--protocol must be one of {", ".join(sorted(DRIVES))}, got {protocol!r}')
+    shipped = [load_hardware(path.stem) for path in shipped_files('hardware')]
+    known = next(item for item in shipped if item.connection.protocol == protocol)
+    own = described(driver_class(protocol).Options, FOLLOWING)
+    parts = [Section('', described(HardwareNames), '', {'name': name, 'robot': robot})]
+    for key, cls in SECTIONS.items():
+        parts.append(Section(key, described(cls), _first_line(cls), _values(getattr(known, key))))
+    given = {key: value for key, value in known.drive.items()
+             if key in own and value != own[key].get('default', MISSING)}
+    return [*parts, Section('drive', own, f'what only {protocol} needs', given)]
+
+
+def _first_line(cls: Any) -> str:
+    """Return the first sentence of the docstring of a class, as a comment."""
+    text = ' '.join(cls.__doc__.split('\n\n')[0].split()).rstrip('.')
+    return f'{text[0].lower()}{text[1:]}'
+
+
+def experiment_file(name: str, scene: str = 'doorstep') -> list[Section]:
+    """Return the sections of the file of an experiment."""
+    text = {
+        'seeds': '[0, 1, 2]', 'simulator': '{terrain_rate: 50.0, terrain_height_sd: 0.002}',
+        'controller': '{tuning: published}', 'obstacle_decision': '{curve: gimball_down}'}
+    top = described(Experiment, tuple(text))
+    docs = described(Experiment)
+    lines = ''.join(f'# {docs[key]["doc"]}\n{key}: {value}\n' for key, value in text.items())
+    return [Section('', top, '', {'scene': scene, 'duration': 4.0}),
+            Section('nodes', {}, '', {}, lines)]
+
+
+def curve_file(name: str) -> list[Section]:
+    """Return the sections of the file of a height curve, which `ballbot fit-curve` writes."""
+    from ballbot_ros.decision.band import Band
+    from ballbot_ros.decision.curve import CurveProvenance, HeightCurve
+    return [Section('', described(HeightCurve, ('made', 'band')), '', {}),
+            Section('made', described(CurveProvenance), 'how it was made', {}),
+            Section('band', described(Band), 'of robots that may be the one at hand', {})]
+
+
+# Kind -> the function that returns its sections; `ballbot new` writes these.
+KINDS: Mapping[str, Callable[..., list[Section]]] = {
+    'robot': robot_file, 'scene': scene_file, 'hardware': hardware_file,
+    'experiment': experiment_file, 'tuning': tuning_file, 'decision': decision_file}

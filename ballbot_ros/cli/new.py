@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verb ``new``: a commented template of a file, which loads as it is written."""
+import argparse
+from pathlib import Path
+import textwrap
+from typing import Any, Iterator, Mapping
+
+from ballbot_ros.cli.command import DONE
+from ballbot_ros.errors import ConfigurationError
+
+# Kind -> what it is, the option that it takes, and what to do with the file.
+KINDS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
+    'robot': ('the numbers of a robot', ('robot',), 'ballbot robots {file}'),
+    'scene': ('a robot, a ground and how it starts', ('robot',), 'ballbot simulate {file}'),
+    'hardware': ('the motor of a real robot', ('robot', 'protocol'),
+                 'ballbot doctor --hardware {file}'),
+    'experiment': ('a scene, the nodes and seeds', ('scene',), 'ballbot run {file}'),
+    'tuning': ('gains of the controller', (),
+               'ballbot run controller --ros-args -p tuning:={file}'),
+    'decision': ('margins of the decision', (),
+                 'ballbot run obstacle_decision --ros-args -p tuning:={file}')}
+COLUMN, WIDTH = 32, 99  # where comments begin, and end
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the kind, the file and what it is to name."""
+    parser.add_argument('kind', choices=tuple(KINDS), metavar='KIND', help='; '.join(
+        f'{kind}: {what}' for kind, (what, _, _) in KINDS.items()))
+    parser.add_argument('file', type=Path, metavar='FILE.yaml',
+                        help='file to write; its name without the ending becomes the name')
+    parser.add_argument('--robot', metavar='NAME', help='name or file of the robot: whose numbers '
+                        'a robot begins with, or that a scene or a hardware file is for (default: '
+                        'gimball)')
+    parser.add_argument('--scene', metavar='NAME',
+                        help='name or file of the scene of an experiment (default: doorstep)')
+    parser.add_argument('--protocol', metavar='NAME', help='what the drive of a hardware file '
+                        'speaks (default: odrive)')
+    parser.add_argument('--overwrite', action='store_true',
+                        help='replace the file if there is one')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the template."""
+    from ballbot_ros.cli import file_kinds
+    from ballbot_ros.cli.listing import check_name
+    from ballbot_ros.results.files import check_writable, write_text
+    path, (_, takes, follow) = arguments.file, KINDS[arguments.kind]
+    if path.suffix not in ('.yaml', '.yml'):
+        raise ConfigurationError(f'FILE must end in .yaml, got {str(path)!r}')
+    given = {}
+    for option in ('robot', 'scene', 'protocol'):
+        value = getattr(arguments, option)
+        if value is not None and option not in takes:
+            raise ConfigurationError(f'--{option} does not go with {arguments.kind}')
+        if value is not None:
+            given[option] = value
+            if option != 'protocol':
+                check_name(f'{option}s', value)
+    check_writable(path)
+    if path.exists() and not arguments.overwrite:
+        raise ConfigurationError(f'{path} is there already; choose another file, or --overwrite')
+    sections = file_kinds.KINDS[arguments.kind](path.stem, **given)
+    write_text(template(arguments.kind, sections), path)
+    print(f'{path}: change what is not so, then: {follow.format(file=path)}')
+    return DONE
+
+
+def template(kind: str, sections: list[Any]) -> str:
+    """Return the text of a file: what is given, and as comments all that may be."""
+    what = KINDS[kind][0]
+    head = f'# {what[0].upper()}{what[1:]}. Units are SI. A line that begins with # shows the ' \
+        'default: take the # away to change it.'
+    parts = [textwrap.fill(head, WIDTH, subsequent_indent='# ') + '\n']
+    for section in sections:
+        parts.append(section.text or ''.join(f'{line}\n' for line in _lines(section)))
+    return ''.join(parts)
+
+
+def _lines(section: Any) -> Iterator[str]:
+    """Yield the lines of one section."""
+    off = '' if section.given else '# '
+    indent = '  ' if section.key else ''
+    if section.key:
+        yield from _commented(f'{off}{section.key}:', section.doc)
+    for name, metadata in section.keys.items():
+        value = section.given.get(name, metadata.get('default'))
+        entry = f'{name}:' + ('' if value is None else f' {yaml_of(value)}')
+        mark = '' if name in section.given else '# '
+        start = f'{off}{indent}{entry}' if off else f'{indent}{mark}{entry}'
+        yield from _commented(start, meaning(metadata))
+
+
+def yaml_of(value: Any) -> str:
+    """Return a value as YAML on one line."""
+    import yaml
+    text = yaml.safe_dump(value, default_flow_style=True, width=1000)
+    return str(text).removesuffix('\n').removesuffix('\n...')
+
+
+def span(metadata: Mapping[str, Any]) -> str:
+    """Return what a value may be, with its unit."""
+    from ballbot_ros.config.fields import allowed
+    if metadata['kind'] in (float, int):
+        return allowed(metadata)
+    if metadata['kind'] is bool:
+        return 'true or false'
+    return ', '.join(metadata.get('choices', ())) or 'text'
+
+
+def meaning(metadata: Mapping[str, Any]) -> str:
+    """Return what a value may be and what it means."""
+    return f'{span(metadata)}: {metadata["doc"]}'
+
+
+def _commented(start: str, comment: str) -> Iterator[str]:
+    """Yield a line with its comment beside it, in as many lines as that takes."""
+    words = textwrap.wrap(comment, WIDTH - COLUMN - 2)
+    if len(start) >= COLUMN:
+        yield start
+        start = ''
+    for word in words or ['']:
+        yield f'{start:<{COLUMN}}# {word}' if word else start
+        start = ''

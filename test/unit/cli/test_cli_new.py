@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Templates load as they are written, and say of every key what it may be."""
+from dataclasses import fields
+
+import pytest
+import yaml
+
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.cli import file_kinds
+from ballbot_ros.cli.command import main
+from ballbot_ros.control import ControlTuning, load_tuning
+from ballbot_ros.decision import DecisionTuning, load_decision_tuning
+from ballbot_ros.drives import DRIVES
+from ballbot_ros.physics import load_robot, load_scene
+
+LOADERS = {'robot': load_robot, 'scene': load_scene, 'hardware': load_hardware,
+           'tuning': load_tuning, 'decision': load_decision_tuning}
+
+
+@pytest.mark.parametrize('kind', LOADERS)
+def test_a_template_loads_as_it_is_written(kind, tmp_path, capsys):
+    path = tmp_path / 'mine.yaml'
+    assert main(['new', kind, str(path)]) == 0
+    loaded = LOADERS[kind](str(path))
+    assert getattr(loaded, 'name', 'mine') == 'mine'
+    assert str(path) in capsys.readouterr().out
+
+
+def test_the_template_of_an_experiment_is_one(tmp_path):
+    pytest.importorskip('rclpy')
+    from ballbot_ros.cli.experiment_file import load_experiment
+    path = tmp_path / 'mine.yaml'
+    assert main(['new', 'experiment', str(path), '--scene', 'flat']) == 0
+    plan = load_experiment(path)
+    assert plan.scene == 'flat' and plan.seeds == [0, 1, 2]
+
+
+@pytest.mark.parametrize('protocol', sorted(DRIVES))
+def test_the_template_of_hardware_is_that_of_its_drive(protocol, tmp_path):
+    path = tmp_path / 'mine.yaml'
+    assert main(['new', 'hardware', str(path), '--protocol', protocol]) == 0
+    mine = load_hardware(str(path))
+    assert mine.connection.protocol == protocol
+    assert mine.options().torque_limit > 0.0
+
+
+def test_a_template_has_the_numbers_of_the_robot_it_begins_with(tmp_path):
+    path = tmp_path / 'mine.yaml'
+    assert main(['new', 'robot', str(path), '--robot', 'shellball']) == 0
+    assert load_robot(str(path)).digest == load_robot('shellball').digest
+
+
+def test_every_line_that_is_commented_out_loads_when_it_is_not(tmp_path):
+    """So that nobody meets a name that the file does not take."""
+    for kind, cls in (('tuning', ControlTuning), ('decision', DecisionTuning)):
+        keys = {key for part in file_kinds.KINDS[kind]('x') for key in part.keys}
+        assert keys == {item.name for item in fields(cls)}
+    path = tmp_path / 'mine.yaml'
+    assert main(['new', 'scene', str(path)]) == 0
+    text = path.read_text().replace('# solver:', 'solver:').replace('#   method', '  method')
+    text = text.replace('  # friction_ramp', '  friction_ramp')
+    assert yaml.safe_load(text)['solver'] == {'method': 'rk4'}
+    path.write_text(text)
+    assert load_scene(str(path)).model.solver.method == 'rk4'
+
+
+@pytest.mark.parametrize('words, complaint', [
+    (['robot', 'mine.txt'], 'must end in .yaml'),
+    (['robot', 'mine.yaml', '--protocol', 'vesc'], '--protocol does not go with robot'),
+    (['scene', 'mine.yaml', '--robot', 'gimbal'], "did you mean 'gimball'"),
+    (['hardware', 'mine.yaml', '--protocol', 'vsec'], '--protocol must be one of'),
+    (['robots', 'mine.yaml'], 'invalid choice')])
+def test_what_cannot_be_meant_is_refused(words, complaint, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(['new', *words]) == 2
+    assert complaint in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_is_there_is_kept(tmp_path, capsys):
+    path = tmp_path / 'mine.yaml'
+    path.write_text('mine')
+    assert main(['new', 'robot', str(path)]) == 2 and '--overwrite' in capsys.readouterr().err
+    assert path.read_text() == 'mine'
+    assert main(['new', 'robot', str(path), '--overwrite']) == 0
+    assert load_robot(str(path)).name == 'mine'

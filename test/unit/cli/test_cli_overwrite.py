@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Results are never replaced unless somebody says so."""
+from pathlib import Path
+import sys
+import types
+
+import pytest
+
+from ballbot_ros.cli import main
+from ballbot_ros.cli.output import check_new_file, result_folder
+from ballbot_ros.errors import ConfigurationError
+
+FLAT = ['simulate', 'flat', '--duration', '0.02', '--no-figures', '--quiet']
+
+
+def test_each_run_gets_a_folder_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for _ in range(3):
+        assert main(FLAT) == 0
+    assert sorted(path.name for path in Path('ballbot_output').iterdir()) == [
+        'flat', 'flat_2', 'flat_3']
+    assert main([*FLAT, '--overwrite']) == 0
+    assert len(list(Path('ballbot_output').iterdir())) == 3
+
+
+def test_a_folder_with_results_is_refused_before_the_work_unless_they_may_go(
+        tmp_path, monkeypatch, error_of, capsys):
+    out = ['--out', str(tmp_path / 'mine')]
+    assert main([*FLAT, *out]) == 0
+    before = (tmp_path / 'mine' / 'trajectory.csv').read_text()
+    line = error_of('simulate', 'flat', '--duration', '0.04', '--no-figures', *out)
+    assert 'holds results (summary.txt, ' in line and 'add --overwrite' in line
+    assert (tmp_path / 'mine' / 'trajectory.csv').read_text() == before
+    (tmp_path / 'mine' / 'strip.png').write_text('of the run that is replaced')
+    (tmp_path / 'mine' / 'notes.txt').write_text('mine')
+    assert main([*FLAT, *out, '--duration', '0.04', '--overwrite']) == 0
+    assert (tmp_path / 'mine' / 'trajectory.csv').read_text() != before
+    # A picture of another run would mislead; what is no result stays.
+    assert not (tmp_path / 'mine' / 'strip.png').exists()
+    assert (tmp_path / 'mine' / 'notes.txt').exists()
+
+
+def test_a_folder_with_other_things_in_it_is_taken(tmp_path):
+    (tmp_path / 'notes.txt').write_text('mine')
+    assert main([*FLAT, '--out', str(tmp_path)]) == 0
+
+
+def test_three_demos_leave_three_folders(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folders = []
+
+    def run_demo(out, **_):
+        folders.append(out)
+        (out / 'doorstep' / 'bag').mkdir(parents=True)
+        return 0
+
+    act = types.SimpleNamespace(scene='doorstep')
+    monkeypatch.setitem(sys.modules, 'ballbot_ros.demo', types.SimpleNamespace(
+        run_demo=run_demo, run_hardware_demo=None, own_acts=lambda *_: [act], page_beside=None))
+    for _ in range(3):
+        assert main(['demo', '--quiet']) == 0
+    assert [folder.name for folder in folders] == ['demo', 'demo_2', 'demo_3']
+
+
+def test_nothing_is_made_for_work_that_is_given_up(tmp_path):
+    assert result_folder(None, tmp_path / 'a' / 'b', ('x',), False) == tmp_path / 'a' / 'b'
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_is_there_is_refused_unless_it_may_go(tmp_path):
+    check_new_file(tmp_path / 'new', False)
+    (tmp_path / 'old').touch()
+    with pytest.raises(ConfigurationError, match='old is there; add --overwrite .* another --log'):
+        check_new_file(tmp_path / 'old', False, '--log')
+    check_new_file(tmp_path / 'old', True)
+
+
+@pytest.mark.parametrize('verb', [
+    'simulate', 'demo', 'figures', 'test-bench', 'identify', 'fit-curve', 'sweep', 'replay',
+    'emulate-motor', 'outcomes'])
+def test_every_verb_that_writes_can_be_told_to_replace(verb, capsys):
+    assert main([verb, '--help']) == 0
+    assert '--overwrite' in capsys.readouterr().out

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All verbs take several numbers in one way; options and columns say what they are."""
+import re
+
+import pytest
+
+from ballbot_ros.cli import main
+from ballbot_ros.cli.command import VERBS
+from ballbot_ros.cli.max_step_height import COLUMNS
+from ballbot_ros.cli.ranges import read_numbers, read_values, read_varied
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.studies.sweep import SEARCHED
+
+
+def test_a_range_includes_both_ends_and_as_many_as_it_says():
+    assert read_numbers(['0.2:0.4:5'], '--speed') == [0.2, 0.25, 0.3, 0.35, 0.4]
+    assert read_numbers(['0.2:0.3:2', '7', '8,9'], '--speed') == [0.2, 0.3, 7.0, 8.0, 9.0]
+    assert read_values('0.2:0.7', '--vary') == (0.2, 0.7)
+    assert read_varied('speed=0.2,0.7', '--vary') == ('speed', [0.2, 0.7])
+    assert read_numbers(['-5:5:3'], '--slopes-deg') == [-5.0, 0.0, 5.0]
+
+
+@pytest.mark.parametrize('word, told', [
+    ('0.2:1.2:0.05', 'the third is a count'), ('0.2:1.2:0.05', 'a stride of 0.05 is 0.2:1.2:21'),
+    ('1:10:1', 'a stride of 1 is 1:10:10'), ('0:1:0.3', r'got 0\.3$'), ('1:2:-1', 'a count'),
+    ('1:2:3:4', 'FIRST:LAST:COUNT'), ('', 'FIRST:LAST:COUNT'), ('1,', 'a number'),
+    ('1:1:2', 'the last must be above the first'), ('inf', 'a number'), ('1:2:inf', 'a number'),
+    ('0:1:1e9', 'a count'), ('0:1:999999999', 'at most')])
+def test_a_stride_and_what_is_no_range_are_refused_with_what_to_write(word, told):
+    with pytest.raises(ConfigurationError, match=told):
+        read_values(word, '--speed')
+
+
+@pytest.mark.parametrize('word', ['speed', '=1', 'speed='])
+def test_a_number_without_name_or_value_is_refused(word):
+    with pytest.raises(ConfigurationError, match='--vary'):
+        read_varied(word, '--vary')
+
+
+def test_the_highest_step_has_one_name_in_all_results():
+    assert COLUMNS['height'] in SEARCHED and 'height' not in SEARCHED
+
+
+@pytest.mark.parametrize('verb', VERBS)
+def test_an_option_in_degrees_says_so_in_its_name(verb, capsys):
+    assert main([verb, '--help']) == 0
+    told = capsys.readouterr().out
+    options = re.findall(r'(--[\w-]+) DEGREES', told)
+    assert all(option.endswith('-deg') for option in options)
+    for word in ('--angle', '--slope', '--slopes'):
+        assert f'{word} ' not in told
+
+
+@pytest.mark.parametrize('words, told', [
+    (['simulate', 'flat', '--durration', '3'], '--durration: did you mean --duration?'),
+    (['max-step-height', '--sped', '0.5'], '--sped: did you mean --speed?'),
+    (['max-step-height', '--speed', '1', '--angle', '5'], "--angle: it is now '--angle-deg'"),
+    (['simulate', 'flat', '--acuracy=1e-5'], '--acuracy: did you mean --accuracy?; see ballbot '
+     'simulate --help')])
+def test_a_misspelt_option_gets_the_nearest_one(words, told, error_of):
+    assert told in error_of(*words)
+
+
+def test_help_of_a_verb_is_had_with_help_before_it_too(capsys, error_of):
+    assert main(['help', 'simulate']) == 0
+    told = capsys.readouterr().out
+    assert main(['simulate', '--help']) == 0
+    assert capsys.readouterr().out == told and 'usage: ballbot simulate' in told
+    assert main(['help']) == 0
+    assert 'usage: ballbot ' in capsys.readouterr().out
+    assert "did you mean 'simulate'" in error_of('help', 'simulte')

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What was hardly meant is questioned, and a run that writes gigabytes says so first."""
+import argparse
+from dataclasses import replace
+
+import pytest
+
+from ballbot_ros.cli import before_run
+from ballbot_ros.cli.options import read_law
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import load_scene
+from ballbot_ros.physics.simulation.scene import read_scene
+from ballbot_ros.results.questions import questions
+
+
+def asked(**sections):
+    """Return what is asked about a scene of GimBall."""
+    return list(questions(read_scene({'robot': 'gimball', 'duration': 1.0, **sections}, 'a', 'a')))
+
+
+@pytest.mark.parametrize('sections, told', [
+    ({'terrain': [{'flat': {'length': 1.0}}, {'step': {'height': 31}}]}, '31 mm are 0.031'),
+    ({'terrain': [{'flat': {'length': 1.0}}, {'step': {'height': 0.5}}]}, 'higher than the ball'),
+    ({'initial': {'speed': 78}}, '281 km/h'),
+    ({'initial': {'pendulum_angle_deg': 200}}, '-160 is the same place'),
+    ({'actuation': {'law': 'position', 'set_angle_deg': 120}}, '90 is level')])
+def test_what_is_impossible_for_people_is_questioned(sections, told):
+    question, = asked(**sections)
+    assert told in question
+
+
+@pytest.mark.parametrize('name', ['fig7_top', 'fig7_bottom', 'household', 'doorstep'])
+def test_what_comes_with_the_package_raises_no_question(name):
+    assert list(questions(load_scene(name))) == []
+
+
+def test_an_angle_beyond_the_top_is_refused_and_one_above_level_is_questioned(capsys):
+    def law(angle):
+        return read_law(argparse.Namespace(actuation='held', angle_deg=angle, voltage=None))
+    with pytest.raises(ConfigurationError, match='-180 and at most 180 degrees, got 270'):
+        law(270.0)
+    law(120.0)
+    assert 'Warning: the pendulum is held at 120 degrees' in capsys.readouterr().err
+    law(90.0)
+    assert capsys.readouterr().err == ''
+
+
+def test_a_run_of_gigabytes_says_so_first_and_offers_a_coarser_step(tmp_path, capsys, monkeypatch):
+    scene = load_scene('flat')
+    long = replace(scene, run=replace(scene.run, duration=86400.0, output_step=0.01))
+    before_run.before_the_run(long, tmp_path / 'new', False)
+    err = capsys.readouterr().err
+    assert 'this run writes about 8.6 GB' in err and '--output-step 1 makes it 0.086 GB' in err
+    before_run.before_the_run(long, tmp_path / 'new', True)
+    before_run.before_the_run(scene, tmp_path / 'new', False)
+    assert capsys.readouterr().err == '' and not list(tmp_path.iterdir())
+    monkeypatch.setattr(before_run.shutil, 'disk_usage',
+                        lambda _: argparse.Namespace(free=10**9))
+    with pytest.raises(ConfigurationError, match='there is no room for it'):
+        before_run.before_the_run(long, tmp_path / 'new', False)
