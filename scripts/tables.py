@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Keep the tables of docs/nodes.md, docs/hardware.md and docs/robot.md equal to the code.
+Keep the tables of docs/nodes.md, hardware.md, robot.md and files.md equal to the code.
 
     .venv/bin/python scripts/tables.py            # rewrite them
     .venv/bin/python scripts/tables.py --check    # fail if they differ
@@ -11,6 +11,8 @@ import sys
 
 from ballbot_ros.bridge.battery import Battery
 from ballbot_ros.bridge.derating import Thermal
+from ballbot_ros.cli import file_kinds
+from ballbot_ros.cli.new import span, yaml_of
 from ballbot_ros.config.fields import allowed, why_fixed
 from ballbot_ros.control import ControlTuning
 from ballbot_ros.decision import DecisionTuning
@@ -23,6 +25,7 @@ from ballbot_ros.drives.odrive.firmware import (
 from ballbot_ros.drives.odrive.settings import RUNAWAY
 from ballbot_ros.emulator.control import FAULTS, LINE_FAULTS
 from ballbot_ros.estimation import OdometryTuning
+from ballbot_ros.physics.model.terrain_file import PIECES
 from ballbot_ros.ros.imu import VALUES as IMU_VALUES
 from ballbot_ros.ros.motor_health import VALUES
 from ballbot_ros.ros.setting_fields import Settings
@@ -163,6 +166,65 @@ def imu_values():
     return keys(IMU_VALUES)
 
 
+def file_tables(sections, but=()):
+    """Return the Markdown tables of the keys of a file, one for each of its sections."""
+    return '\n\n'.join(
+        (f'Section `{part.key}`: {part.doc}.\n\n' if part.key else '') + key_table(part)
+        for part in sections if part.keys and part.key not in but)
+
+
+def key_table(part):
+    """Return the table of one section."""
+    lines = ['| key | value | default | meaning | example |', '|---|---|---|---|---|']
+    for name, metadata in part.keys.items():
+        default = metadata.get('default', MISSING)
+        shown = 'required' if default is MISSING else \
+            '' if default in (None, '', ()) else f'`{yaml_of(default)}`'
+        value = 'a mapping or a list' if metadata['kind'] is object else span(metadata)
+        example = f'`{name}: {yaml_of(part.given[name])}`' if name in part.given else ''
+        lines.append(f'| `{name}` | {value} | {shown} | {metadata["doc"]} | {example} |')
+    return '\n'.join(lines)
+
+
+def robot_keys():
+    """Return those of a robot file."""
+    return file_tables(file_kinds.robot_file('my_robot'))
+
+
+def scene_keys():
+    """Return those of a scene file."""
+    return file_tables(file_kinds.scene_file('my_scene'))
+
+
+def hardware_keys():
+    """Return those of a hardware file that no other document has."""
+    return file_tables(file_kinds.hardware_file('my_motor'),
+                       ('odometry', 'battery', 'thermal', 'drive'))
+
+
+def curve_keys():
+    """Return those of a height curve."""
+    return file_tables(file_kinds.curve_file('my_curve'))
+
+
+def experiment_keys():
+    """Return those of an experiment."""
+    return key_table(file_kinds.Section(
+        '', file_kinds.described(file_kinds.Experiment), '', {'scene': 'doorstep',
+                                                              'duration': 4.0}))
+
+
+def pieces():
+    """Return the table of the pieces of a terrain."""
+    lines = ['| piece | values |', '|---|---|']
+    for name, (_, values, optional) in PIECES.items():
+        words = [f'`{key}` ({item.metadata["doc"]}, {span(item.metadata)}'
+                 + ('; may be left out)' if key in optional else ')')
+                 for key, item in values.items()]
+        lines.append(f'| `{name}` | {"; ".join(words)} |')
+    return '\n'.join(lines)
+
+
 NODES = {'simulator': SimulatorSettings, 'controller': ControllerSettings,
          'obstacle_decision': DecisionSettings, 'decision tuning': margins, 'gains': gains,
          'bridge': BridgeSettings, 'bridge health': health_values,
@@ -170,7 +232,10 @@ NODES = {'simulator': SimulatorSettings, 'controller': ControllerSettings,
 HARDWARE = {'drivers': drivers, 'can drivers': can_drivers, 'faults': faults,
             'odrive settings': odrive_settings, 'options': options, 'quirks': quirks}
 ROBOT = {'odometry': OdometryTuning, 'battery': Battery, 'thermal': Thermal}
-DOCUMENTS = {DOCS / 'nodes.md': NODES, DOCS / 'hardware.md': HARDWARE, DOCS / 'robot.md': ROBOT}
+FILES = {'robot': robot_keys, 'scene': scene_keys, 'pieces': pieces, 'hardware': hardware_keys,
+         'curve': curve_keys, 'experiment': experiment_keys}
+DOCUMENTS = {DOCS / 'nodes.md': NODES, DOCS / 'hardware.md': HARDWARE, DOCS / 'robot.md': ROBOT,
+             DOCS / 'files.md': FILES}
 
 
 def rewritten(text, tables):

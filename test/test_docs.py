@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The documentation site is complete, and is built without a warning."""
+import importlib.util
+import os
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / 'docs'
+# `make docs` installs Sphinx there.
+PACKAGES = ROOT / '.venv' / 'docs'
+HAS_SPHINX = importlib.util.find_spec('sphinx') or (PACKAGES / 'sphinx').is_dir()
+
+
+@pytest.fixture(scope='module')
+def site(tmp_path_factory):
+    """Return the folder of the built site."""
+    if not HAS_SPHINX:
+        pytest.skip('Sphinx is not installed; "make docs" does it')
+    folder = tmp_path_factory.mktemp('docs') / 'site'
+    done = subprocess.run([sys.executable, str(ROOT / 'scripts' / 'make_docs.py'), str(folder)],
+                          capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+def test_every_document_is_in_the_contents_of_the_site():
+    listed = re.findall(r'^\* \[.+?\]\(([^)]+)\)', (DOCS / 'index.md').read_text(), re.M)
+    assert {path.name for path in DOCS.glob('*.md')} - {'index.md'} <= set(listed)
+    assert len(listed) == len(set(listed))
+
+
+@pytest.mark.slow
+def test_the_site_is_built_without_a_warning_and_asks_no_other_machine_for_anything(site):
+    pages = list(site.rglob('*.html'))
+    assert len(pages) > 30
+    for page in pages:
+        text = page.read_text(encoding='utf-8')
+        loaded = re.findall(r'<(?:script|img|source)[^>]* src="([^"]+)"', text)
+        loaded += re.findall(r'<link[^>]* rel="stylesheet"[^>]* href="([^"]+)"', text)
+        assert not [link for link in loaded if link.startswith(('http', '//'))], page.name
+
+
+@pytest.mark.slow
+def test_links_that_leave_the_folder_of_the_documents_stay_in_the_site(site):
+    page = (site / 'model.html').read_text(encoding='utf-8')
+    assert '_images/conventions.svg' in page
+    front = (site / 'generated' / 'readme.html').read_text(encoding='utf-8')
+    assert 'href="../model.html"' in front and '.md"' not in front
+
+
+@pytest.mark.slow
+def test_the_settings_are_found_from_another_folder_as_rosdoc2_runs_them(tmp_path):
+    """Rosdoc2 executes docs/conf.py from within a file of its own, in a folder of its own."""
+    if not HAS_SPHINX:
+        pytest.skip('Sphinx is not installed; "make docs" does it')
+    script = f'__file__ = {str(tmp_path / "conf.py")!r}; ' \
+        f'exec(open({str(DOCS / "conf.py")!r}).read()); print(ROOT, project, html_theme)'
+    path = os.pathsep.join([str(PACKAGES), str(ROOT), os.environ.get('PYTHONPATH', '')])
+    done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
+                          cwd=tmp_path, env={**os.environ, 'PYTHONPATH': path})
+    assert done.stdout.split() == [str(ROOT), 'ballbot_ros', 'sphinx_rtd_theme'], done.stderr
