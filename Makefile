@@ -9,6 +9,7 @@ help:
 	@echo '                    ARGS="--protocol vesc"'
 	@echo 'make test    all tests; ARGS are passed to pytest'
 	@echo 'make bench   measure speed and accuracy'
+	@echo 'make docs    the documentation as a site, in build/site'
 	@echo 'make extremes  20,000 cases at the extremes, each judged; some minutes'
 	@echo 'make fuzz    the serial protocols, guided by coverage; some minutes'
 	@echo 'make mutants  change the code and see whether its unit tests notice; some minutes'
@@ -32,12 +33,17 @@ test: setup
 	@.venv/bin/python -m pytest -n 2 --dist loadfile test $(ARGS)
 
 bench: setup
+	@$(PYTHON) scripts/extra.py peers
 	@.venv/bin/python bench/run.py $(ARGS)
+
+docs: setup
+	@.venv/bin/python scripts/make_docs.py $(ARGS)
 
 extremes: setup
 	@.venv/bin/python extremes/run.py $(ARGS)
 
 fuzz: setup
+	@$(PYTHON) scripts/extra.py fuzz
 	@.venv/bin/python fuzz/run.py $(ARGS)
 
 mutants: setup
@@ -49,4 +55,4 @@ lint: setup
 clean:
 	rm -rf .venv .venv-old build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
-.PHONY: help setup demo demo-hardware test bench extremes fuzz mutants lint clean
+.PHONY: help setup demo demo-hardware test bench docs extremes fuzz mutants lint clean

@@ -2,13 +2,13 @@
 """
 Fuzz the serial protocols, guided by coverage; see targets.py for what counts as a failure.
 
-    .venv/bin/python -m pip install -r requirements/fuzz.txt
     make fuzz                                 # ten million bytes for each, some minutes
     make fuzz ARGS='--bytes 1e5 --only "vesc host"'
 
 An input that fails is written to fuzz/found and named.
 """
 import argparse
+from importlib.util import find_spec
 import os
 from pathlib import Path
 import subprocess
@@ -16,7 +16,7 @@ import sys
 import time
 
 FOLDER = Path(__file__).resolve().parent
-HOW_TO_INSTALL = '.venv/bin/python -m pip install -r requirements/fuzz.txt'
+HOW_TO_INSTALL = 'make fuzz, or .venv/bin/python -m pip install -r requirements/fuzz.txt'
 
 
 def main():
@@ -29,6 +29,8 @@ def main():
     arguments = parser.parse_args()
     if arguments.worker:
         work(arguments.only, int(arguments.bytes), arguments.seed)
+    if find_spec('atheris') is None:  # said once, not by each worker
+        sys.exit(f'atheris is not installed: {HOW_TO_INSTALL}')
     from targets import TARGETS  # not above: a worker must import it instrumented
     if arguments.only not in (None, *TARGETS):
         parser.error(f'--only must be one of {", ".join(TARGETS)}, got {arguments.only!r}')
@@ -52,10 +54,7 @@ def main():
 
 def work(name, wanted, seed):
     """Fuzz one target in this process until it has seen enough bytes; does not return."""
-    try:
-        import atheris
-    except ImportError:
-        sys.exit(f'atheris is not installed: {HOW_TO_INSTALL}')
+    import atheris
     with atheris.instrument_imports(include=[
             'ballbot_ros.drives', 'ballbot_ros.emulator', 'ballbot_ros.sensors']):
         import targets

@@ -12,7 +12,7 @@ from ballbot_ros.ros.launching import together
 def start(given):
     """Return the decision, which drives."""
     return [given.node('obstacle_decision', {
-        'use_sim_time': True, 'robot': given['robot'],
+        'use_sim_time': True, 'robot': given.robot(real=False),
         'terrain_frame': given['frame_prefix'] + 'base_link'})]
 
 

@@ -18,8 +18,8 @@ def start(given):
         'control': given['control'], **given.frames()})]
     if given['control'] == 'direct':
         nodes.append(given.node('controller', {
-            'robot': given['robot'], 'tuning': given['tuning'], 'rate': given.number('rate'),
-            'delay': 1}))
+            'robot': given.robot(real=True), 'tuning': given['tuning'],
+            'rate': given.number('rate'), 'delay': 1}))
     if given['imu_port']:
         nodes.append(given.node('imu', {
             'port': given['imu_port'], 'axes': given['imu_axes'],

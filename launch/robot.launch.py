@@ -22,10 +22,10 @@ def start(given):
     nodes = simulation(given) if simulated else hardware(given)
     if given.flag('decision'):
         nodes.append(given.node('obstacle_decision', {
-            'use_sim_time': simulated, 'robot': given['robot'],
+            'use_sim_time': simulated, 'robot': given.robot(real=not simulated),
             'control_tuning': given['tuning'],
             'terrain_frame': given['frame_prefix'] + 'base_link'}))
-    robot = given['robot'] if simulated else load_hardware(given['hardware']).robot
+    robot = given.robot(False) if simulated else load_hardware(given['hardware']).robot
     return [*nodes, *given.viewers(robot, simulated)]
 
 

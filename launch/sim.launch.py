@@ -25,8 +25,8 @@ def start(given):
             'observation_rate': given.number('observation_rate'),
             'real_time_factor': given.number('real_time_factor'), **given.frames()}),
         SetParameter(name='use_sim_time', value=True),
-        given.node('controller', {'robot': given['robot']}),
-        *given.viewers(given['robot'], simulated=True)]
+        given.node('controller', {'robot': given.robot(real=False)}),
+        *given.viewers(given.robot(real=False), simulated=True)]
 
 
 def generate_launch_description():

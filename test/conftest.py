@@ -5,6 +5,9 @@ import os
 from pathlib import Path
 import sys
 
+# Before numpy is imported: two workers whose matrix products take all cores wait for each other.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
 import hypothesis
 import pytest
 

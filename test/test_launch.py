@@ -71,6 +71,19 @@ def test_two_robots_are_apart_and_one_of_them_makes_the_time():
     assert len(simulators) == 2 and len(nodes) == 6
 
 
+def test_the_robot_is_that_of_the_scene_or_of_the_hardware_file_unless_one_is_named():
+    pytest.importorskip('launch_ros')
+    from launch import LaunchContext
+    from ballbot_ros.ros.launching import Given
+    context = LaunchContext()
+    context.launch_configurations.update(
+        robot='', scene='shellball_drop', hardware='gimball_odrive')
+    assert Given(context).robot(real=False) == 'shellball'
+    assert Given(context).robot(real=True) == 'gimball'
+    context.launch_configurations['robot'] = 'mine.yaml'
+    assert Given(context).robot(real=False) == 'mine.yaml'
+
+
 def test_everything_that_there_is_can_be_recorded():
     recorder, = opened(ROOT / 'launch' / 'record.launch.py', namespace='left')
     words = [part[0].text for part in recorder.cmd]
@@ -98,4 +111,5 @@ def test_launch_arguments_are_described_and_their_defaults_exist(path):
                          ('tuning', 'tunings')):
         if name in arguments:
             default = perform_substitutions(LaunchContext(), arguments[name].default_value)
-            assert (ROOT / 'config' / folder / f'{default}.yaml').exists()
+            assert name == 'robot' and not default or (
+                ROOT / 'config' / folder / f'{default}.yaml').exists()
