@@ -43,7 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the template."""
     from ballbot_ros.cli import file_kinds
     from ballbot_ros.cli.listing import check_name
-    from ballbot_ros.results.files import check_writable, write_text
+    from ballbot_ros.cli.output import check_new_file
+    from ballbot_ros.results.files import write_text
     path, (_, takes, follow) = arguments.file, KINDS[arguments.kind]
     if path.suffix not in ('.yaml', '.yml'):
         raise ConfigurationError(f'FILE must end in .yaml, got {str(path)!r}')
@@ -56,9 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
             given[option] = value
             if option != 'protocol':
                 check_name(f'{option}s', value)
-    check_writable(path)
-    if path.exists() and not arguments.overwrite:
-        raise ConfigurationError(f'{path} is there already; choose another file, or --overwrite')
+    check_new_file(path, arguments.overwrite, 'FILE')
     sections = file_kinds.KINDS[arguments.kind](path.stem, **given)
     write_text(template(arguments.kind, sections), path)
     print(f'{path}: change what is not so, then: {follow.format(file=path)}')

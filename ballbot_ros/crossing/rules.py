@@ -160,8 +160,4 @@ def held_at(angle: float, actuation: Actuation = Actuation()) -> Actuation:
         Beyond a half turn: degrees were meant.
 
     """
-    if math.pi < abs(angle) < math.inf:
-        raise ConfigurationError(
-            f'held_at takes radians, at most pi either way, got {angle:g}; for degrees write '
-            f'held_at(math.radians({angle:g}))')
     return replace(actuation, law='position', set_angle=angle)

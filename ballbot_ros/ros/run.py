@@ -109,7 +109,7 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
     except RCLError as error:
         if not making:
             raise
-        get_logger('ballbot_ros').fatal(f'cannot start: {_one_line(error)}')
+        log.fatal(f'cannot start: {_one_line(error)}')
         return REFUSED
     except BallbotError as error:
         log.fatal(_one_line(error))

@@ -40,13 +40,18 @@ def steps_in(duration: float, step: float, what: str) -> int:
     return steps
 
 
+def output_steps(duration: float, output_step: float) -> int:
+    """Return how many output steps a run takes; its duration is rounded up to them."""
+    return int(np.ceil(duration / output_step - 1e-9))
+
+
 def simulate_once(model: Model, start: State, actuation: Actuation, duration: float,
                   output_step: float = 1e-3,
                   progress: Optional[Callable[[float], None]] = None) -> Trajectory:
     """Simulate a model as `steps.simulate` does, looking at its energy ledger and no further."""
     if not duration > 0.0 or not np.isfinite(duration):
         raise ConfigurationError(f'duration must be above 0 s and finite, got {duration!r}')
-    method, count = METHODS[model.solver.method], int(np.ceil(duration / output_step - 1e-9))
+    method, count = METHODS[model.solver.method], output_steps(duration, output_step)
     tick, every = output_step, 1
     if method.fixed:
         tick, every = model.solver.step, steps_in(output_step, model.solver.step, 'output_step')
@@ -101,4 +106,4 @@ def _spans(integrator: Integrator, method: Method, begin: float, end: float) -> 
     return (Span(begin, end, 'full', 'the run begins'),)
 
 
-__all__ = ['CHUNK', 'simulate_once', 'SimulationError', 'steps_in']
+__all__ = ['CHUNK', 'output_steps', 'simulate_once', 'SimulationError', 'steps_in']

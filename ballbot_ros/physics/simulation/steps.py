@@ -18,7 +18,7 @@ from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.accuracy import (
     centres, LARGEST, simulate_accurately, SMALLEST)
 from ballbot_ros.physics.simulation.model import Model
-from ballbot_ros.physics.simulation.simulate import simulate_once
+from ballbot_ros.physics.simulation.simulate import output_steps, simulate_once
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.physics.solvers.registry import METHODS
 
@@ -72,7 +72,7 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
 
     """
     run = simulate_once(model, start, actuation, duration, output_step, progress)
-    complete = len(run) > int(np.ceil(duration / output_step - 1e-9))
+    complete = len(run) > output_steps(duration, output_step)
     if METHODS[model.solver.method].fixed and complete:
         check_steps(run, actuation, duration, output_step)
     return run
@@ -104,14 +104,12 @@ def check_steps(run: Trajectory, actuation: Actuation, duration: float,
         gap, horizon = _apart(run, exact), exact.assurance.horizon if exact.assurance else 0.0
         # From the horizon on nobody knows.
         gap = gap[run.rows[:len(gap), 0] <= horizon]
-        remedy = (f'use a smaller step than {solver.step:g} s (solver), for instance '
-                  f'{_shorter(solver.step):g} s, or the adaptive method')
+        remedy = f'{_shorter(solver.step)}, or the adaptive method'
     except SimulationError:
         # Too stiff for it.  The error goes with the step, or faster: half of it is what halving
         # the step takes away.
         gap = 2.0 * _apart(run, _halved(run, start, actuation, duration, output_step))
-        remedy = (f'use a smaller step than {solver.step:g} s (solver), for instance '
-                  f'{_shorter(solver.step):g} s, a softer contact_stiffness or a larger '
+        remedy = (f'{_shorter(solver.step)}, a softer contact_stiffness or a larger '
                   'slip_threshold')
     beyond = np.flatnonzero(~(gap <= bound))
     if len(beyond) and beyond[0] < _undecided_from(
@@ -142,9 +140,10 @@ def _undecided_from(run: Trajectory, start: State, actuation: Actuation, duratio
     return int(elsewhere[0]) if len(elsewhere) else len(run)
 
 
-def _shorter(step: float) -> float:
-    """Return a step that is likely to be short enough: errors go with it, or faster [s]."""
-    return 0.05 * step
+def _shorter(step: float) -> str:
+    """Advise a step [s] that is likely to be short enough: errors go with it, or faster."""
+    return (f'use a smaller step than {step:g} s (solver), for instance '
+            f'{0.05 * step:g} s')
 
 
 def _apart(run: Trajectory, other: Trajectory) -> Array:
@@ -183,8 +182,7 @@ def _halved(run: Trajectory, start: State, actuation: Actuation, duration: float
     except (SimulationError, ConfigurationError) as error:
         raise TooLongSteps(
             start.time, f'nothing confirms steps of {solver.step:g} s: with half of it {error}',
-            f'use a smaller step than {solver.step:g} s (solver), for instance '
-            f'{_shorter(solver.step):g} s') from error
+            _shorter(solver.step)) from error
 
 
 __all__ = ['check_steps', 'simulate', 'STEP_BOUND', 'TooLongSteps']
