@@ -50,6 +50,15 @@ class DeferredActionServer(ActionServer):
         super().__init__(
             node, kind, name, lambda _: None, goal_callback=judged,
             handle_accepted_callback=accepted, cancel_callback=lambda _: CancelResponse.ACCEPT)
+        end_node = node.destroy_node
+
+        def destroy_node() -> None:
+            # rclpy leaves action servers to the garbage collector.  Until it comes by, they hold
+            # the node in the graph, and the next one of this name loses its endpoints with it.
+            if self in node.waitables:
+                self.destroy()
+            end_node()
+        node.destroy_node = destroy_node
 
     def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Any) -> None:
         """Do nothing: the owner works on the goal."""

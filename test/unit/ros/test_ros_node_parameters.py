@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What each node lets be changed while it runs, and that it takes its own dump back."""
+import gc
+
 import pytest
+from rclpy.node import Node
 from rclpy.parameter import get_parameter_value, Parameter
 import yaml
 
@@ -153,3 +156,18 @@ def test_an_emulated_robot_measures_worse_from_now_on(start):
     node = start(EmulatedRobot)
     assert changed(node, gyro_sd=0.5, imu_rate=100.0) == ''
     assert node._imu._gyro_sd == 0.5 and node._timer.timer_period_ns == 10_000_000
+
+
+@pytest.mark.parametrize('cls', [Simulator, Controller, ObstacleDecision])
+def test_a_node_that_is_destroyed_leaves_the_graph_at_once(start, make_node, cls):
+    onlooker = make_node(Node, 'onlooker')
+    gc.collect()  # what other tests have left
+    gc.disable()
+    try:
+        node = start(cls)
+        name = node.get_name()
+        assert name in onlooker.get_node_names()
+        node.destroy_node()
+        assert name not in onlooker.get_node_names()
+    finally:
+        gc.enable()
