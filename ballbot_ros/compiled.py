@@ -7,17 +7,20 @@ marked ``@compiled``.  Set ``BALLBOT_UNCOMPILED=1``, or ``NUMBA_DISABLE_JIT=1`` 
 to run them as plain Python, to debug or to compare: both give the same numbers to rounding.
 
 Machine code is kept in ``$XDG_CACHE_HOME/ballbot_ros`` (``~/.cache/ballbot_ros``), so that
-only the first run after a change pays for it.  numba by itself notices a change in the
-file of a kernel, but not in the files of the kernels that it calls; so the folder is named
+only the first run after a change pays for it.  Where that takes longer than a moment, it is said:
+a warning of the logger ``ballbot_ros``, which Python prints.  numba by itself notices a change in
+the file of a kernel, but not in the files of the kernels that it calls; so the folder is named
 after a digest of all folders that hold kernels.
 """
 from contextlib import suppress
 import fcntl
 import hashlib
+import logging
 import os
 from pathlib import Path
 import shutil
 import tempfile
+from time import monotonic
 from typing import Any, Callable, cast, List, TypeVar
 
 F = TypeVar('F', bound=Callable[..., Any])
@@ -36,6 +39,11 @@ KEPT_CACHES = 4
 # The folders that may hold any.
 KERNELS = ('physics', 'crossing', 'control', 'estimation', 'decision')
 
+# Compiling that takes longer is said [s].
+MOMENT = 2.0
+COMPILES = ('compiling for this machine, which takes a minute or so the first time and is kept '
+            'for the next')
+
 # Takes the name of a kernel, and whether its machine code was kept.
 Hear = Callable[[str, bool], None]
 _hearing: List[Hear] = []
@@ -48,6 +56,41 @@ def hear_of_first_calls(hear: Hear) -> None:
     Before it is compiled; where its machine code is kept, after that was read.
     """
     _hearing.append(hear)
+
+
+class _Patience:
+    """
+    Says once why nothing happens yet: kernels compile, and have for longer than a moment.
+
+    What listens by `hear_of_first_calls` says it in its own words, and nothing is said here.
+    """
+
+    def __init__(self) -> None:
+        """Begin with nothing compiled."""
+        self.spent = 0.0  # with compiling [s]
+        self._open, self._since, self._said = 0, 0.0, False
+
+    def begins(self) -> None:
+        """Note that a kernel begins to compile, perhaps within another one that does."""
+        self._count()
+        self._open += 1
+        if self.spent > MOMENT and not self._said and not _hearing:
+            self._said = True
+            logging.getLogger('ballbot_ros').warning(COMPILES)
+
+    def ends(self) -> None:
+        """Note that one is ready."""
+        self._count()
+        self._open = max(self._open - 1, 0)
+
+    def _count(self) -> None:
+        now = monotonic()
+        if self._open:
+            self.spent += now - self._since
+        self._since = now
+
+
+_patience = _Patience()
 
 
 def _cache_folder() -> str:
@@ -151,6 +194,8 @@ def _told(name: str, cache: Any) -> Callable[..., Any]:
             found = prepare_and_load(signature, target)
         for hear in _hearing:
             hear(name, found is not None)
+        if found is None:
+            _patience.begins()
         return found
     return load_and_tell
 
@@ -163,6 +208,7 @@ def _one_at_a_time(save: Callable[..., None]) -> Callable[..., None]:
     do so at once may name their files alike, and later run the code of the other.
     """
     def save_alone(*arguments: Any) -> None:
+        _patience.ends()
         # A full disk, or one without locks, costs a compilation per run, not the run.
         with suppress(OSError), open(os.path.join(_FOLDER, 'lock'), 'w') as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)

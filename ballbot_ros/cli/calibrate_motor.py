@@ -11,8 +11,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what is calibrated and where the result goes."""
     parser.add_argument('--hardware', default='gimball_odrive', metavar='NAME',
                         help='hardware file to start from (default: %(default)s)')
-    parser.add_argument('--port', default='',
-                        help='serial device, URL or CAN interface instead of that of the file')
+    parser.add_argument('--port', default='', metavar='PORT',
+                        help='serial device, URL or CAN interface to use instead of the one in '
+                        'the hardware file')
     parser.add_argument('--out', type=Path, default=Path('my_motor.yaml'), metavar='FILE',
                         help='hardware file to write (default: %(default)s)')
 

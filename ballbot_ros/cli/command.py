@@ -10,6 +10,7 @@ import argparse
 from contextlib import contextmanager
 from difflib import get_close_matches
 from importlib import import_module
+import logging
 import os
 import signal
 import sys
@@ -22,35 +23,36 @@ from ballbot_ros.renamed import OPTIONS, remark
 
 # Verb -> its module and what it does.
 VERBS = {
-    'demo': ('ballbot_ros.cli.demo', 'show the robot meet a step that it can cross and one '
-             'that it cannot, with all ROS nodes'),
+    'demo': ('ballbot_ros.cli.demo', 'show all ROS nodes at work: the robot meets a step that '
+             'it can cross and one that it cannot'),
     'run': ('ballbot_ros.cli.run', 'run a node as ros2 run does, or an experiment from a file'),
     'drive': ('ballbot_ros.cli.drive', 'drive the robot from the keyboard or with a gamepad'),
     'topics': ('ballbot_ros.cli.topics', 'list the topics of the running graph'),
     'echo': ('ballbot_ros.cli.echo', 'print the messages of a topic'),
-    'hz': ('ballbot_ros.cli.hz', 'print how often messages of a topic come'),
+    'hz': ('ballbot_ros.cli.hz', 'print how often messages of a topic arrive'),
     'record': ('ballbot_ros.cli.record', 'record topics into an MCAP bag'),
-    'release-e-stop': ('ballbot_ros.cli.release_e_stop', 'let the motor have power, if the '
-                       'bridge agrees'),
-    'engage-e-stop': ('ballbot_ros.cli.engage_e_stop', 'take the power off the motor'),
+    'release-e-stop': ('ballbot_ros.cli.release_e_stop', 'release the e-stop, so that the '
+                       'motor may have power again, if the bridge allows it'),
+    'engage-e-stop': ('ballbot_ros.cli.engage_e_stop', 'engage the e-stop, which takes '
+                      'the power off the motor'),
     'simulate': ('ballbot_ros.cli.simulate', 'run a scene and keep numbers and figures'),
     'view': ('ballbot_ros.cli.view', 'look at a scene in the browser, and drive it'),
     'max-step-height': ('ballbot_ros.cli.max_step_height',
                         'find the highest step that a robot gets over'),
     'fit-curve': ('ballbot_ros.cli.fit_curve', 'make the height curve of a robot, for '
                   'obstacle_decision'),
-    'evaluate-decision': ('ballbot_ros.cli.evaluate_decision', 'prove the obstacle decision in '
-                          'closed loop: thousands of drawn approaches'),
-    'sweep': ('ballbot_ros.cli.sweep', 'try crossings over any numbers, on all cores or a '
-              'cluster'),
+    'evaluate-decision': ('ballbot_ros.cli.evaluate_decision', 'try the obstacle decision in '
+                          'closed loop, in thousands of random approaches'),
+    'sweep': ('ballbot_ros.cli.sweep', 'try crossings while any numbers vary, on all cores '
+              'or a cluster'),
     'identify': ('ballbot_ros.cli.identify', 'estimate numbers of a robot from a recorded run'),
     'compare-models': ('ballbot_ros.cli.compare_models', 'compare simpler models of the '
                        'highest step with the simulation'),
     'calibrate-motor': ('ballbot_ros.cli.calibrate_motor', 'find direction, encoder scale and '
                         'torque of a real motor, gently, and write a hardware file'),
     'doctor': ('ballbot_ros.cli.doctor', 'find out why a motor controller does not answer'),
-    'emulate-motor': ('ballbot_ros.cli.emulate_motor', 'a motor controller in software, with '
-                      'the ball behind it, on a serial device'),
+    'emulate-motor': ('ballbot_ros.cli.emulate_motor', 'emulate a motor controller, with the '
+                      'ball behind it, on a serial device'),
     'replay': ('ballbot_ros.cli.replay', 'run a recorded bag again beside the model, or show what '
                'happened before a fault, from the file of a black box'),
     'on-timeout': ('ballbot_ros.cli.on_timeout', 'show what the ball does on a slope when its '
@@ -60,10 +62,10 @@ VERBS = {
     'scenes': ('ballbot_ros.cli.scenes', 'list the scenes that come with the package'),
     'test-bench': ('ballbot_ros.cli.test_bench', 'roll a virtual robot into steps as the '
                    "paper's tests did"),
-    'outcomes': ('ballbot_ros.cli.outcomes', 'attempts at steps that a robot has made: list, '
-                 'export or reset them, and what they teach'),
-    'new': ('ballbot_ros.cli.new', 'write a commented template: of a robot, a scene, hardware, an '
-            'experiment or gains'),
+    'outcomes': ('ballbot_ros.cli.outcomes', 'list, export or reset the attempts at steps that a '
+                 'robot has made, or show what they teach'),
+    'new': ('ballbot_ros.cli.new', 'write a commented template of a file: robot, scene, hardware, '
+            'experiment, gains or margins'),
     'robots': ('ballbot_ros.cli.robots', 'list the robots, or the numbers of one of them'),
 }
 
@@ -200,5 +202,19 @@ def _run(words: list[str]) -> int:
     if arguments.verb is None:
         parser.print_help()
         return MISUSED
-    code: int = import_module(VERBS[arguments.verb][0]).run(arguments)
+    with _warnings_off(getattr(arguments, 'quiet', False)):
+        code: int = import_module(VERBS[arguments.verb][0]).run(arguments)
     return code
+
+
+@contextmanager
+def _warnings_off(quiet: bool) -> Iterator[None]:
+    """Keep the log of the package, where kernels say that they compile, to errors if asked to."""
+    log = logging.getLogger('ballbot_ros')
+    level = log.level
+    if quiet:
+        log.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        log.setLevel(level)

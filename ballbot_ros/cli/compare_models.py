@@ -14,9 +14,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add robot and actuation."""
     add_robot(parser)
     parser.add_argument('--actuation', choices=('free', 'held'), default='free',
-                        help='of the pendulum (default: %(default)s)')
+                        help='what the pendulum does: swing freely, or be held at --angle-deg '
+                        '(default: %(default)s)')
     parser.add_argument('--angle-deg', type=float, metavar='DEGREES',
-                        help='of the held pendulum, 0 down, 90 level ahead (default: 0)')
+                        help='angle at which the pendulum is held: 0 down, 90 level ahead '
+                        '(default: 0)')
     parser.add_argument('--json', action='store_true', help='print all heights as JSON')
 
 

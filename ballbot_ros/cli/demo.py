@@ -10,10 +10,10 @@ from ballbot_ros.drives import DRIVES
 from ballbot_ros.errors import ConfigurationError
 
 # What may be one's own: a name, or a YAML file.
-OWN = {'scene': 'of ours or a YAML file, instead of the two that belong to the demo',
-       'robot': 'of ours or a YAML file, instead of that of the scene',
-       'curve': 'height curve that the decision counts on, of "ballbot fit-curve"',
-       'tuning': 'gains of the controller (default: published)'}
+OWN = {'scene': 'scene, a name or a YAML file, instead of the two of the demo',
+       'robot': 'robot, a name or a YAML file, instead of the one of the scene',
+       'curve': 'height curve that the decision counts on, made by "ballbot fit-curve"',
+       'tuning': 'gains of the controller, a name or a YAML file (default: published)'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,18 +23,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'ballbot_output/demo_hardware; where results are in it demo_2, ...)')
     add_overwrite(parser)
     parser.add_argument('--real-time', action='store_true',
-                        help='in real time instead of as fast as it goes')
+                        help='run in real time instead of as fast as possible')
     parser.add_argument('--view', action='store_true',
-                        help='with the live page in a browser beside it, in real time')
+                        help='open the live page in a browser beside it, and run in real time')
     parser.add_argument('--hardware', action='store_true',
-                        help='with an emulated motor controller behind a serial line and the '
-                        'bridge, in real time')
+                        help='run the bridge with an emulated motor controller on a serial line, '
+                        'in real time')
     parser.add_argument('--protocol', choices=tuple(DRIVES),
-                        help='of that motor controller (default: odrive)')
+                        help='protocol of that motor controller (default: odrive)')
     parser.add_argument('--firmware', default='', metavar='GENERATION',
-                        help='of an odrive: 0.5 (default) or 0.6')
+                        help='firmware of an odrive: 0.5 (default) or 0.6')
     parser.add_argument('--serial-imu', action='store_true',
-                        help='the IMU on a serial line of its own, too, read by the node imu')
+                        help='put the IMU on a serial line of its own, too, which the node imu '
+                        'reads')
     for option, what in OWN.items():
         parser.add_argument(f'--{option}', metavar='NAME', help=what)
     parser.add_argument('--duration', type=float, metavar='SECONDS',

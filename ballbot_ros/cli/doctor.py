@@ -10,9 +10,10 @@ from ballbot_ros.cli.command import DONE, FAILED
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what is looked at."""
     parser.add_argument('--hardware', default='gimball_odrive', metavar='NAME',
-                        help='hardware file whose drive is looked for (default: %(default)s)')
-    parser.add_argument('--port', default='',
-                        help='serial device, URL or CAN interface instead of that of the file')
+                        help='hardware file of the drive to look for (default: %(default)s)')
+    parser.add_argument('--port', default='', metavar='PORT',
+                        help='serial device, URL or CAN interface to use instead of the one in '
+                        'the hardware file')
 
 
 def run(arguments: argparse.Namespace) -> int:

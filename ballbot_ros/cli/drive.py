@@ -19,15 +19,16 @@ FASTEST = 3.0  # that may be asked for [m/s]
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add speeds, dead man's switch and gamepad."""
     parser.add_argument('--step', type=float, default=0.1, metavar='M_PER_S',
-                        help='by which a key changes the speed (default: %(default)g)')
+                        help='how much a key changes the speed (default: %(default)g)')
     parser.add_argument('--max-speed', type=float, default=0.6, metavar='M_PER_S',
-                        help='that is never exceeded (default: %(default)g)')
+                        help='highest speed that is ever asked for (default: %(default)g)')
     parser.add_argument('--hold', action='store_true',
-                        help='drive at --step only while a key is held; a dead man stops')
+                        help='drive at the speed --step, and only while a key is held down')
     parser.add_argument('--gamepad', action='store_true',
-                        help='left stick: speed; A: stop; B: e-stop (needs evdev or pygame)')
+                        help='drive with a gamepad (left stick: speed; A: stop; B: e-stop); needs '
+                        'evdev or pygame')
     parser.add_argument('--node', default='bridge', metavar='NAME',
-                        help='that has the services of the e-stop (default: %(default)s)')
+                        help='node whose e-stop is engaged and released (default: %(default)s)')
 
 
 def run(arguments: argparse.Namespace) -> int:

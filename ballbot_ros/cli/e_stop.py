@@ -10,9 +10,9 @@ from ballbot_ros.errors import ConfigurationError
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add whose e-stop, and how long is waited for it."""
     parser.add_argument('--node', default='bridge', metavar='NAME',
-                        help='that has the e-stop, with its namespace (default: %(default)s)')
+                        help='node that has the e-stop, with its namespace (default: %(default)s)')
     parser.add_argument('--timeout', type=float, default=5.0, metavar='SECONDS',
-                        help='for the node to be found and to answer (default: %(default)g)')
+                        help='how long to wait for the node and its answer (default: %(default)g)')
 
 
 def call(arguments: argparse.Namespace, verb: str) -> int:

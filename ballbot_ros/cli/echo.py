@@ -9,10 +9,10 @@ from ballbot_ros.errors import ConfigurationError
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add topic, form and end."""
-    parser.add_argument('topic')
+    parser.add_argument('topic', metavar='TOPIC', help='topic to print')
     parser.add_argument('--once', action='store_true', help='end after the first message')
     parser.add_argument('--csv', action='store_true',
-                        help='the values of a message in one line, without their names')
+                        help='print the values of a message on one line, without their names')
     add_timeout(parser)
 
 

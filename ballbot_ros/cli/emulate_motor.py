@@ -14,31 +14,36 @@ from ballbot_ros.drives import DRIVES
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add drive, ball and faults."""
-    parser.add_argument('--protocol', required=True, help=' or '.join(DRIVES))
-    parser.add_argument('--firmware', default='', help='generation of the drive, for odrive 0.5 '
-                        '(default) or 0.6')
+    parser.add_argument('--protocol', required=True, metavar='NAME',
+                        help=f'protocol that the drive speaks: {" or ".join(DRIVES)}')
+    parser.add_argument('--firmware', default='', metavar='GENERATION',
+                        help='firmware of an odrive: 0.5 (default) or 0.6')
     parser.add_argument('--quirk', action='append', default=[], metavar='NAME',
-                        help='what some boards do, from the table in docs/hardware.md; may be '
-                        'repeated')
-    parser.add_argument('--robot', help='name or file of a robot with a motor, instead of that '
-                        'of the scene')
-    parser.add_argument('--scene', default='flat',
-                        help='ground and start of the ball (default: %(default)s)')
-    parser.add_argument('--baud', type=int, default=115200,
+                        help='imitate what some boards do differently, by a name from the table '
+                        'in docs/hardware.md; may be repeated')
+    parser.add_argument('--robot', metavar='NAME',
+                        help='robot with a motor (a name or a YAML file) to use instead of the '
+                        'one of the scene')
+    parser.add_argument('--scene', default='flat', metavar='NAME',
+                        help='scene (a name or a YAML file) with the ground and the start of the '
+                        'ball (default: %(default)s)')
+    parser.add_argument('--baud', type=int, default=115200, metavar='RATE',
                         help='baud rate of the drive (default: %(default)s)')
     parser.add_argument('--watchdog', type=float, metavar='SECONDS',
-                        help='of the drive, 0 for none (default: 0.1)')
+                        help='time without a command after which the drive disarms, 0 for never '
+                        '(default: 0.1)')
     parser.add_argument('--link', type=Path, metavar='PATH',
-                        help='symbolic link to keep pointing to the device')
+                        help='symbolic link to make, which points to the serial device')
     parser.add_argument('--fault', action='append', default=[], metavar='LINE',
-                        help='a fault from the start, such as "corrupt 0.01"; may be repeated')
+                        help='begin with this fault, such as "corrupt 0.01"; may be repeated')
     parser.add_argument('--control', type=Path, metavar='SOCKET',
-                        help='Unix socket that takes faults, one line each, as standard input '
-                        'does')
+                        help='Unix socket to read faults from, one on each line, beside standard '
+                        'input')
     parser.add_argument('--log', type=Path, metavar='FILE',
-                        help='write every change of the torque here at the end, as CSV')
-    add_overwrite(parser)
-    parser.add_argument('--seed', type=int, default=0, help='of the faults')
+                        help='CSV file to write every change of the torque to at the end')
+    add_overwrite(parser, file=True)
+    parser.add_argument('--seed', type=int, default=0, metavar='N',
+                        help='seed of the random faults (default: %(default)s)')
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -22,31 +22,37 @@ NAME = 'decision_evaluation'  # of report and picture
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add which approaches, which planners, where to write."""
     parser.add_argument('--approaches', type=int, default=5000, metavar='N',
-                        help='of the first planner (default: %(default)s)')
+                        help='number of approaches with the first planner (default: %(default)s)')
     parser.add_argument('--compared', type=int, default=1000, metavar='N',
-                        help='of each other planner (default: %(default)s)')
+                        help='number of approaches with each other planner (default: %(default)s)')
     parser.add_argument('--planners', default=None, metavar='NAME,...',
-                        help='the first is the one to be proven (default: all)')
-    parser.add_argument('--seed', type=int, default=0)
+                        help='planners to compare; the first is the one to be proven (default: '
+                        'all)')
+    parser.add_argument('--seed', type=int, default=0, metavar='N',
+                        help='seed of the draw of all approaches (default: %(default)s)')
     parser.add_argument('--workers', type=int, default=None, metavar='N',
-                        help='processes (default: one per core)')
+                        help='number of processes (default: one per core)')
     parser.add_argument('--out', type=Path, default=Path('decision_evaluation'),
-                        metavar='DIR', help='for results and report (default: %(default)s)')
-    parser.add_argument('--kind', help='of ground, for all approaches')
-    parser.add_argument('--sensor', choices=('step', 'terrain'), help='for all approaches')
+                        metavar='DIR', help='folder for results and report (default: %(default)s)')
+    parser.add_argument('--kind', metavar='NAME',
+                        help='use this kind of ground for all approaches (default: all kinds)')
+    parser.add_argument('--sensor', choices=('step', 'terrain'),
+                        help='use this sensor for all approaches (default: both)')
     parser.add_argument('--required-probability', type=float, metavar='P',
-                        help='other than the decision tuning says')
+                        help='probability of getting over that a crossing requires, instead of '
+                        'the one in the decision tuning')
     parser.add_argument('--searched', type=int, default=1000, metavar='N',
-                        help='of the first planner, look for a way over what it did not cross, '
-                        'among so many approaches (default: %(default)s)')
+                        help='number of approaches in which a way is looked for over what the '
+                        'first planner did not cross (default: %(default)s)')
     parser.add_argument('--crossable', type=int, default=160, metavar='N',
-                        help='approaches to steps that most robots cross, of each planner '
-                        '(default: %(default)s)')
+                        help='number of approaches with each planner to steps that most robots '
+                        'cross (default: %(default)s)')
     parser.add_argument('--only', type=int, metavar='N',
                         help='run approach N alone, and say what was decided when and why; with '
-                        '--crossable 1 that of those steps, else --crossable is of no matter')
+                        '--crossable 1, approach N to the steps that most robots cross')
     parser.add_argument('--every', type=float, default=0.5, metavar='SECONDS',
-                        help='with --only: a line at least so often (default: %(default)s)')
+                        help='longest simulated time between two lines of --only (default: '
+                        '%(default)s)')
     options.add_quiet(parser)
 
 

@@ -98,7 +98,7 @@ def _missing(folder: Path, plan: Experiment, timeout: float, say: Any) -> int:
     if len(left) < len(plan.seeds):
         say(f'{len(plan.seeds) - len(left)} of {len(plan.seeds)} seeds were done before')
     if left:
-        _prepare(plan, say)
+        _prepare(plan)
         write_text(as_json(versions()), folder / VERSIONS)
     for seed in left:
         result = _run_seed(folder, plan, seed, timeout)
@@ -111,8 +111,8 @@ def _missing(folder: Path, plan: Experiment, timeout: float, say: Any) -> int:
     return DONE
 
 
-def _prepare(plan: Experiment, say: Any) -> None:
-    """Compile before anything is waited for, and say so."""
+def _prepare(plan: Experiment) -> None:
+    """Compile before anything is waited for."""
     try:
         from ballbot_ros.demo.prepare import prepare
     except ImportError as error:
@@ -120,7 +120,6 @@ def _prepare(plan: Experiment, say: Any) -> None:
             f'an experiment needs ROS 2, and {error.name or error} cannot be imported; source '
             '/opt/ros/jazzy/setup.bash, or use the .venv of a checkout (make setup)') from error
     if 'obstacle_decision' in plan.nodes:  # the others are ready soon
-        say('Compiling what is not compiled yet: up to some minutes, the first time only ...')
         prepare()
 
 
@@ -162,7 +161,7 @@ def _again(folder: Path, plan: Experiment, timeout: float, say: Any) -> int:
     """Run all seeds again beside the old ones, and say whether the numbers are the same."""
     from ballbot_ros.cli.bags import bag_opener
     from ballbot_ros.studies.experiment_results import first_difference, read_told
-    _prepare(plan, say)
+    _prepare(plan)
     for remark in _other_versions(folder):
         say(remark)
     beside, same = folder / 'again', True

@@ -15,7 +15,7 @@ DEFAULT_FOLDER = Path('ballbot_output/figures')
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add names and output."""
     parser.add_argument('names', nargs='*', metavar='NAME',
-                        help='which to draw; all by default')
+                        help='figures to draw (default: all)')
     parser.add_argument('--list', action='store_true', help='print the names, and draw nothing')
     parser.add_argument('--out', type=Path, metavar='DIR', help='folder for the files (default: '
                         f'{DEFAULT_FOLDER}, or where these figures are in it figures_2, ...)')

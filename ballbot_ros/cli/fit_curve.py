@@ -14,18 +14,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add robot, actuation, range and output."""
     options.add_robot(parser)
     parser.add_argument('--out', type=Path, required=True, metavar='FILE',
-                        help='YAML file to write; its name is that of the curve')
-    options.add_overwrite(parser)
+                        help='YAML file to write; its name without the ending becomes the name of '
+                        'the curve')
+    options.add_overwrite(parser, file=True)
     options.add_actuation(parser)
     options.add_rules(parser, over='clear')
     parser.add_argument('--speed', default='0.2:1.2:21', metavar='FIRST:LAST:COUNT',
-                        help='speeds that are fitted, and that the curve holds for [m/s] '
-                        '(default: %(default)s)')
+                        help='collision speeds to fit, which are also the range of the curve '
+                        '[m/s] (default: %(default)s)')
     options.add_accuracy(parser, 2e-6, 'a simulated height')
     parser.add_argument('--samples', type=int, default=256, metavar='N',
-                        help='robots drawn from the ranges of derived numbers; 0 for no band '
-                        '(default: %(default)s)')
-    parser.add_argument('--seed', type=int, default=0, help='of the draw (default: %(default)s)')
+                        help='number of robots to draw from the ranges of derived numbers, for '
+                        'the band; 0 for no band (default: %(default)s)')
+    parser.add_argument('--seed', type=int, default=0, metavar='N',
+                        help='seed of the draw of robots (default: %(default)s)')
     options.add_quiet(parser)
 
 

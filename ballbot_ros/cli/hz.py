@@ -9,7 +9,7 @@ from ballbot_ros.cli.running_graph import once, tool
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add topic and end."""
-    parser.add_argument('topic')
+    parser.add_argument('topic', metavar='TOPIC', help='topic to watch')
     add_timeout(parser)
 
 

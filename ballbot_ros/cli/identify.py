@@ -19,11 +19,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='what was measured: a CSV, NPZ or Parquet file with columns such as '
                         '"time [s]" and "joint_angle [deg]", or a ROS 2 bag')
     parser.add_argument('--estimate', nargs='+', required=True, metavar='NUMBER',
-                        help='fields of the robot, or motor. or initial. and a field of those')
+                        help='numbers to estimate: fields of the robot such as joint_friction, or '
+                        'motor.NAME or initial.NAME')
     parser.add_argument('--channels', nargs='+', metavar='NAME',
-                        help='compare only these (default: all that there are)')
+                        help='channels of the recording to compare (default: all that it has)')
     parser.add_argument('--recorded-torque', action='store_true',
-                        help='apply the torque in the recording, not the law of the scene')
+                        help='apply the torque of the recording instead of the law of the scene')
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder for the files (default: ballbot_output/identify_SCENE, or '
                         'where results are in it identify_SCENE_2, ...)')

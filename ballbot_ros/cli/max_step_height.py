@@ -15,16 +15,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add robot, speeds, actuation, ground and accuracy."""
     options.add_robot(parser)
     parser.add_argument('--speed', nargs='+', required=True, metavar=METAVAR,
-                        help=f'of the centre when it touches the step [m/s]: {WORDING}')
+                        help=f'speed of the centre when it touches the step [m/s]: {WORDING}')
     options.add_actuation(parser)
     options.add_site(parser)
     options.add_rules(parser)
     options.add_accuracy(parser, 5e-5, 'the height')
     parser.add_argument('--scan', type=int, default=24, metavar='N',
-                        help='look at N heights on each side whether every lower step is '
-                        'passed and no higher one; 0 not to (default: %(default)s)')
+                        help='number of heights to try below and above the answer, to see whether '
+                        'every lower step is passed and no higher one; 0 for none (default: '
+                        '%(default)s)')
     parser.add_argument('--json', action='store_true',
-                        help='print a list of objects with speed, max_height, error (SI)')
+                        help='print a JSON list of objects with speed, max_height, error (SI '
+                        'units)')
 
 
 def run(arguments: argparse.Namespace) -> int:

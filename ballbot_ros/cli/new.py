@@ -6,6 +6,7 @@ import textwrap
 from typing import Any, Iterator, Mapping
 
 from ballbot_ros.cli.command import DONE
+from ballbot_ros.cli.options import add_overwrite
 from ballbot_ros.errors import ConfigurationError
 
 # Kind -> what it is, the option that it takes, and what to do with the file.
@@ -35,8 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='name or file of the scene of an experiment (default: doorstep)')
     parser.add_argument('--protocol', metavar='NAME', help='what the drive of a hardware file '
                         'speaks (default: odrive)')
-    parser.add_argument('--overwrite', action='store_true',
-                        help='replace the file if there is one')
+    add_overwrite(parser, file=True)
 
 
 def run(arguments: argparse.Namespace) -> int:

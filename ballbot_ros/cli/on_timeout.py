@@ -17,18 +17,20 @@ MOST_SLOPE = 45.0  # [degrees]
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add hardware, motion and what to change of its limits."""
     parser.add_argument('--hardware', default='gimball_odrive', metavar='NAME',
-                        help='name of a hardware file or a YAML file (default: %(default)s)')
+                        help='name of a hardware file, or a YAML file (default: %(default)s)')
     parser.add_argument('--speed', type=float, default=0.6, metavar='M/S',
-                        help='of the ball that rolls when commands stop (default: %(default)s)')
+                        help='speed of the ball when commands stop (default: %(default)s)')
     parser.add_argument('--slopes-deg', nargs='+', default=['0,1,2,5'], metavar=METAVAR,
-                        help=f'tried downhill and uphill [degrees]: {WORDING} '
-                        '(default: %(default)s)')
+                        help=f'slopes to try, downhill and uphill [degrees]: {WORDING} '
+                        '(default: 0,1,2,5)')
     parser.add_argument('--policy', action='append', choices=('coast', 'brake', 'settle'),
-                        help='one of on_timeout, may be repeated (default: all)')
+                        help='policy to try, a value of on_timeout; may be repeated (default: '
+                        'all)')
     parser.add_argument('--damping', type=float, metavar='N_M_S',
-                        help="torque per rate of brake and settle, instead of the file's")
+                        help='torque per rate of the joint under brake and settle, instead of the '
+                        'one in the file')
     parser.add_argument('--damping-time', type=float, metavar='SECONDS',
-                        help="how long brake and settle last, instead of the file's")
+                        help='how long brake and settle last, instead of the time in the file')
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -22,17 +22,18 @@ def add_quiet(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--quiet', action='store_true', help='print errors only')
 
 
-def add_overwrite(parser: argparse.ArgumentParser) -> None:
-    """Add whether results that are there may be replaced."""
-    parser.add_argument('--overwrite', action='store_true',
-                        help='replace results that are there; without it a new folder is taken, '
-                        'and an --out with results in it is refused')
+def add_overwrite(parser: argparse.ArgumentParser, file: bool = False) -> None:
+    """Add whether results, a folder of them or one file, may be replaced."""
+    parser.add_argument('--overwrite', action='store_true', help=(
+        'replace the file if there is one' if file else
+        'replace results that are there; without it a new folder is taken, and an --out with '
+        'results in it is refused'))
 
 
 def add_format(parser: argparse.ArgumentParser) -> None:
     """Add the format of figures."""
     parser.add_argument('--format', choices=('svg', 'png', 'both'), default='both',
-                        help='of the figures (default: %(default)s)')
+                        help='format of the figures (default: %(default)s)')
 
 
 def add_accuracy(parser: argparse.ArgumentParser, default: float, what: str) -> None:
@@ -44,35 +45,40 @@ def add_accuracy(parser: argparse.ArgumentParser, default: float, what: str) -> 
 def add_actuation(parser: argparse.ArgumentParser) -> None:
     """Add what the motor does; `read_law` returns it."""
     parser.add_argument('--actuation', choices=LAWS, default='free',
-                        help='free; held at --angle-deg by law (11); velocity law (12); open-loop '
-                        'voltage (default: %(default)s)')
+                        help='what the motor does: free, no torque; held, law (11) holds the '
+                        'pendulum at --angle-deg; velocity, law (12) keeps the speed; voltage, '
+                        'constant at --voltage (default: %(default)s)')
     parser.add_argument('--angle-deg', type=float, metavar='DEGREES',
-                        help='of the held pendulum, 0 down, 90 level ahead (default: 0)')
+                        help='angle at which the pendulum is held: 0 down, 90 level ahead '
+                        '(default: 0)')
     parser.add_argument('--voltage', type=float, metavar='VOLTS',
-                        help='on the motor (default: what rolls the ball at each speed)')
+                        help='voltage on the motor (default: the one that rolls the ball at each '
+                        'speed)')
 
 
 def add_site(parser: argparse.ArgumentParser) -> None:
     """Add the ground around the step; `read_site` returns it."""
     for where in ('before', 'behind'):
         parser.add_argument(f'--slope-{where}-deg', type=float, default=0.0, metavar='DEGREES',
-                            help=f'of the ground {where} the step, positive uphill')
+                            help=f'slope of the ground {where} the step, positive uphill '
+                            '(default: %(default)g)')
     for where, what in (('before', 'of the ground before the step'), ('edge', 'of the edge'),
                         ('behind', 'of the ground behind the step')):
         parser.add_argument(f'--friction-{where}', type=float, metavar='MU',
-                            help=f"coefficient {what} (default: the robot's)")
+                            help=f"coefficient of friction {what} (default: the robot's)")
 
 
 def add_rules(parser: argparse.ArgumentParser, over: str = 'edge') -> None:
     """Add which attempts count, and where the ball is over; `read_rules` returns them."""
     parser.add_argument('--attempts', choices=('first', 'any'), default='first',
-                        help='which count: the first, or any within 5 s (default: %(default)s)')
+                        help='which attempt counts: the first, or any within 5 s (default: '
+                        '%(default)s)')
     parser.add_argument('--over', choices=('edge', 'clear'), default=over,
-                        help='where the ball is over: its centre past the edge, or clear of it '
+                        help='what counts as over: the centre past the edge, or clear of the edge '
                         'by --clearance (default: %(default)s)')
     parser.add_argument('--clearance', type=float, metavar='RADII',
-                        help='how far beyond the edge the centre gets with --over clear, over '
-                        'the radius of the ball (default: 0.25)')
+                        help='how far the centre must get beyond the edge with --over clear, in '
+                        'radii of the ball (default: 0.25)')
 
 
 def read_robot(arguments: argparse.Namespace) -> Any:

@@ -10,9 +10,11 @@ from ballbot_ros.cli.command import DONE
 from ballbot_ros.cli.output import check_new_file
 from ballbot_ros.errors import ConfigurationError
 
-ACTIONS = {'list': 'a line for each', 'learned': 'the numbers of the robot before and after',
-           'export': 'all numbers as CSV or JSON', 'reset': 'begin another log, keep this one as '
-           'a backup', 'show-learning': 'how virtual robots that are not as assumed are learned'}
+ACTIONS = {'list': 'print a line for each attempt',
+           'learned': 'print the numbers of the robot before and after',
+           'export': 'write all numbers as CSV or JSON',
+           'reset': 'begin another log and keep this one as a backup',
+           'show-learning': 'show how virtual robots that are not as assumed are learned'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,16 +22,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('action', choices=ACTIONS, help='; '.join(
         f'{name}: {what}' for name, what in ACTIONS.items()))
     parser.add_argument('file', nargs='?', type=Path, metavar='FILE',
-                        help='log of outcomes: the parameter outcome_log of obstacle_decision')
+                        help='log of outcomes that obstacle_decision has written (its parameter '
+                        'outcome_log)')
     options.add_robot(parser)
     parser.add_argument('--out', type=Path, metavar='FILE',
-                        help='of export: a .csv or .json file (default: CSV to the terminal)')
-    options.add_overwrite(parser)
+                        help='.csv or .json file that export writes (default: print CSV)')
+    options.add_overwrite(parser, file=True)
     parser.add_argument('--robots', type=int, default=24, metavar='N',
-                        help='of show-learning (default: %(default)s)')
+                        help='number of robots of show-learning (default: %(default)s)')
     parser.add_argument('--attempts', type=int, default=20, metavar='N',
-                        help='of each robot in show-learning (default: %(default)s)')
-    parser.add_argument('--seed', type=int, default=0, help='of show-learning')
+                        help='attempts of each robot of show-learning (default: %(default)s)')
+    parser.add_argument('--seed', type=int, default=0, metavar='N',
+                        help='seed of the draw of show-learning (default: %(default)s)')
     options.add_quiet(parser)
 
 

@@ -11,11 +11,11 @@ from ballbot_ros.errors import ConfigurationError
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add topics, folder and end."""
-    parser.add_argument('topics', nargs='*', metavar='TOPIC', help='what to record')
+    parser.add_argument('topics', nargs='*', metavar='TOPIC', help='topics to record')
     parser.add_argument('-a', '--all', action='store_true',
-                        help='all topics, those that appear later, too')
+                        help='record all topics, also those that appear later')
     parser.add_argument('-o', '--output', type=Path, metavar='DIR',
-                        help='folder of the bag, a new one (default: bag_ and the time)')
+                        help='new folder for the bag (default: bag_ and the date and time)')
     parser.add_argument('-d', '--duration', type=float, default=float('inf'), metavar='SECONDS',
                         help='end after this long (default: at Ctrl-C)')
 

@@ -18,13 +18,14 @@ BEFORE = 5.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what to replay and where numbers and figure go."""
     parser.add_argument('file', type=Path, metavar='FILE',
-                        help='a ROS 2 bag; or the file of a black box that the bridge wrote, in '
-                        '~/.ros/ballbot by default (of a folder the newest)')
+                        help='ROS 2 bag; or file of a black box, which the bridge writes to '
+                        '~/.ros/ballbot (or that folder, for the newest)')
     parser.add_argument('--out', type=Path, metavar='DIR',
-                        help='folder for numbers and figure; of a bag that is not identical '
-                        'ballbot_output/replay_BAG by default')
+                        help='folder for numbers and figure (default: ballbot_output/replay_BAG '
+                        'for a bag that is not identical, else nothing is written)')
     parser.add_argument('--before', type=float, metavar='SECONDS',
-                        help=f'of a black box, drawn before the fault (default: {BEFORE:g})')
+                        help='time before the fault to draw, of a black box (default: '
+                        f'{BEFORE:g})')
     add_bag_options(parser)
     add_format(parser)
     add_overwrite(parser)

@@ -13,17 +13,21 @@ BAG_OPTIONS = ('scene', 'robot', 'set', 'namespace', 'by', 'json')
 def add_bag_options(parser: argparse.ArgumentParser) -> None:
     """Add what a bag may not say itself."""
     parser.add_argument('--scene', metavar='NAME',
-                        help='of a bag, what was run: name of a scene or a YAML file (default: '
-                        'what the bag says; flat for a real robot)')
+                        help='scene that was run, a name or a YAML file (default: what the bag '
+                        'says; flat for a real robot)')
     parser.add_argument('--robot', metavar='NAME',
-                        help='of a bag, the robot (default: that of the bag or the scene)')
+                        help='robot that was run, a name or a YAML file (default: that of the bag '
+                        'or the scene)')
     parser.add_argument('--set', action='append', metavar='NAME=VALUE',
-                        help='of a bag, a parameter of its simulator that it does not say')
-    parser.add_argument('--namespace', metavar='NAME', help='of a bag with several robots, which')
+                        help='parameter of the simulator that the bag does not say; may be '
+                        'repeated')
+    parser.add_argument('--namespace', metavar='NAME',
+                        help='robot to replay from a bag with several')
     parser.add_argument('--by', choices=(COMMANDS, TORQUES, SET_POINTS),
-                        help='of a bag, what drives the model: joint_commands, what the motor '
-                        'gave by joint_states, or set_point and cmd_vel through the laws on board')
-    parser.add_argument('--json', action='store_true', help='of a bag, print the result as JSON')
+                        help='what drives the model: commands, those on joint_commands; torques, '
+                        'those of joint_states; set-points, set_point and cmd_vel through the '
+                        'laws on board')
+    parser.add_argument('--json', action='store_true', help='print the result for a bag as JSON')
 
 
 def run_bag(arguments: argparse.Namespace) -> int:

@@ -13,7 +13,8 @@ NOTE_WIDTH = 44
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the optional name."""
     parser.add_argument('robot', nargs='?', metavar='NAME',
-                        help='print the numbers of this robot, or of a YAML file')
+                        help='robot, a name or a YAML file, whose numbers are printed (default: '
+                        'list the robots)')
     parser.add_argument('--urdf', action='store_true',
                         help='print the robot description instead: links, joints and shapes')
 

@@ -15,11 +15,12 @@ NODES = tuple(sorted(module.name for module in iter_modules([str(FOLDER)])))
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what to run."""
     parser.add_argument('target', metavar='NODE|FILE',
-                        help=f'{", ".join(NODES)}; or the YAML file or folder of an experiment')
+                        help=f'node to run ({", ".join(NODES)}), or YAML file or folder of an '
+                        'experiment')
     # Whatever begins with a dash behind the target belongs to it.
     parser.add_argument('rest', nargs=argparse.REMAINDER, metavar='...',
-                        help='of a node: --ros-args and what ros2 run takes behind it; of an '
-                        'experiment: --out DIR, --quiet, --timeout SECONDS')
+                        help='options of the target: --ros-args and what follows it for a node; '
+                        '--out DIR, --quiet, --timeout SECONDS for an experiment')
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -38,10 +39,10 @@ def run(arguments: argparse.Namespace) -> int:
 def _experiment(target: str, words: list[str]) -> int:
     """Run an experiment with the options behind its name."""
     parser = Parser(prog='ballbot run FILE', allow_abbrev=False)
-    parser.add_argument('--out', type=Path, metavar='DIR', help='where to')
-    parser.add_argument('--quiet', action='store_true', help='errors only')
+    parser.add_argument('--out', type=Path, metavar='DIR', help='folder to write to')
+    parser.add_argument('--quiet', action='store_true', help='print errors only')
     parser.add_argument('--timeout', type=float, default=120.0, metavar='SECONDS',
-                        help='wall time per seed (default: %(default)g)')
+                        help='longest wall time of a seed (default: %(default)g)')
     try:
         options = parser.parse_args(words)
     except SystemExit:  # --help

@@ -29,22 +29,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'results are in it SCENE_2, ...)')
     add_overwrite(parser)
     parser.add_argument('--duration', type=float, metavar='SECONDS',
-                        help='simulated time, instead of that of the scene')
+                        help='time to simulate, instead of that of the scene')
     parser.add_argument('--output-step', type=float, metavar='SECONDS',
                         help='time between samples that are kept, instead of that of the scene')
     parser.add_argument('--step', type=float, metavar='SECONDS',
                         help='integration step, instead of that of the scene')
-    parser.add_argument('--method', help='integrator, instead of that of the scene: adaptive, '
-                        'explicit, implicit, trapezoidal, rk4 or semi_implicit; or paper, that '
-                        'with the steps of the paper')
+    parser.add_argument('--method', metavar='NAME',
+                        help='integrator, instead of that of the scene: adaptive, '
+                        'explicit, implicit, trapezoidal, rk4 or semi_implicit; or paper, for the '
+                        'one of the paper')
     parser.add_argument('--tolerance', type=float, metavar='METRES',
-                        help='local error of a method that chooses its steps, instead of that of '
-                        'the scene')
+                        help='local error per step of a method that chooses its steps, instead of '
+                        'that of the scene')
     parser.add_argument('--accuracy', type=float, metavar='METRES',
-                        help='largest error of position; chooses the solver by itself')
+                        help='largest error of position; the solver is then chosen for you')
     parser.add_argument('--models', choices=('auto', 'full'),
-                        help='what a method that chooses its steps may simulate, instead of '
-                        'what the scene says')
+                        help='auto lets a method that chooses its steps compute flights in closed '
+                        'form, full does not (default: what the scene says)')
     parser.add_argument('--explain', action='store_true',
                         help='say what was modelled when, what was left out, why, and what that '
                         'costs')

@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_robot(parser)
     parser.add_argument('--out', type=Path, required=True, metavar='FILE',
                         help='Parquet file to write')
-    options.add_overwrite(parser)
+    options.add_overwrite(parser, file=True)
     parser.add_argument('--vary', action='append', required=True, metavar=f'NAME={METAVAR}',
                         help=f'a number that varies, in SI but for angles: {WORDING}; LOW:HIGH '
                         'for sobol and random.  NAME is speed, height, a field of the robot, '
@@ -31,20 +31,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'set_angle_deg, voltage, ...; without height, the highest is searched '
                         'for')
     parser.add_argument('--fix', action='append', default=[], metavar='NAME=VALUE',
-                        help='speed or height, where it does not vary')
+                        help='speed or height to keep at one value; may be repeated')
     parser.add_argument('--design', choices=('grid', 'sobol', 'random'), default='grid',
-                        help='all combinations, or --cases spread evenly or at random')
-    parser.add_argument('--cases', type=int, default=0, metavar='N', help='of sobol and random')
-    parser.add_argument('--seed', type=int, default=0, help='of sobol and random')
+                        help='try all combinations, or --cases points that are spread evenly or '
+                        'at random (default: %(default)s)')
+    parser.add_argument('--cases', type=int, default=0, metavar='N',
+                        help='number of points of sobol and random')
+    parser.add_argument('--seed', type=int, default=0, metavar='N',
+                        help='seed of sobol and random (default: %(default)s)')
     options.add_accuracy(parser, 5e-5, 'a height that is searched for')
     options.add_actuation(parser)
     options.add_site(parser)
     options.add_rules(parser)
     parser.add_argument('--workers', type=int, metavar='N',
-                        help='processes on this machine (default: one per core)')
+                        help='number of processes on this machine (default: one per core)')
     parser.add_argument('--dask', metavar='ADDRESS',
-                        help='of the scheduler of a Dask cluster, such as tcp://host:8786, '
-                        'which then does the work')
+                        help='let a Dask cluster do the work: address of its scheduler, such as '
+                        'tcp://host:8786')
     options.add_quiet(parser)
 
 

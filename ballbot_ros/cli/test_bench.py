@@ -18,16 +18,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add robot, test bench and output."""
     add_robot(parser)
     parser.add_argument('--driven', action='store_true',
-                        help='from rest under a constant voltage, instead of down a ramp')
-    parser.add_argument('--slope-deg', type=float, metavar='DEGREES', help='of the ramp')
+                        help='drive the ball from rest with a constant voltage, instead of down a '
+                        'ramp')
+    parser.add_argument('--slope-deg', type=float, metavar='DEGREES',
+                        help='slope of the ramp (default: 8)')
     parser.add_argument('--run-up', type=float, metavar='METRES',
-                        help='of the driven test (default: 1.2)')
+                        help='length of the run-up of the driven test (default: 1.2)')
     parser.add_argument('--sensor-distance', type=float, metavar='METRES',
-                        help='second touch sensor to the step (default: 0.2)')
+                        help='distance from the second touch sensor to the step (default: 0.2)')
     parser.add_argument('--rolls', type=int, default=12, metavar='N',
-                        help='about the threshold of each step (default: %(default)s)')
+                        help='number of rolls about the threshold of each step (default: '
+                        '%(default)s)')
     parser.add_argument('--seed', type=int, default=0, metavar='N',
-                        help='of the scatter (default: %(default)s)')
+                        help='seed of the scatter (default: %(default)s)')
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder for the files (default: ballbot_output/bench_ROBOT, or '
                         'where results are in it bench_ROBOT_2, ...)')

@@ -8,9 +8,9 @@ from ballbot_ros.cli.running_graph import tell, tool
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what is shown."""
-    parser.add_argument('-t', '--show-types', action='store_true', help='with their types')
+    parser.add_argument('-t', '--show-types', action='store_true', help='print their types, too')
     parser.add_argument('-v', '--verbose', action='store_true',
-                        help='with types, and how many publish and subscribe')
+                        help='print their types, and how many publish and subscribe')
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -20,9 +20,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='name of a scene ("ballbot scenes" lists them), a YAML file, or a '
                         'bag: its folder or a file ending in .mcap (default: %(default)s)')
     parser.add_argument('--live', action='store_true',
-                        help='running nodes instead, a simulator or a bridge; needs ROS')
+                        help='look at running nodes instead, a simulator or a bridge; needs ROS')
     parser.add_argument('--namespace', default='', metavar='NAME',
-                        help='of the robot, among running nodes or in a bag')
+                        help='namespace of the robot, among running nodes or in a bag')
     parser.add_argument('--robot', default='', metavar='NAME',
                         help='robot to draw, where neither nodes nor bag say which it is')
     add_server(parser)
@@ -38,7 +38,7 @@ def add_server(parser: argparse.ArgumentParser) -> None:
                         help='port to listen on (default: the first free one from 8080 on)')
     parser.add_argument('--no-browser', action='store_true', help='open no browser')
     parser.add_argument('--duration', type=float, metavar='SECONDS',
-                        help='end after so long (default: with Ctrl-C)')
+                        help='end after this long (default: at Ctrl-C)')
 
 
 def run(arguments: argparse.Namespace) -> int:

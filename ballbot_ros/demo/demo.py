@@ -87,7 +87,7 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False,
     """
     lockstep_period = 0.0 if real_time else 1.0 / CAMERA['terrain_rate']
     how = 'in real time' if real_time else 'in lockstep, as fast as it goes'
-    get_ready(quiet)
+    prepare()  # before anything is waited for
     if not quiet:
         print(f'Three nodes on ROS domain {own_domain()}, {how}.', flush=True)
 
@@ -126,14 +126,6 @@ def check_bag(graph: RecordedGraph, real_time: bool, quiet: bool) -> List[str]:
     if not wrong and not quiet:
         print(f'\nbag: complete, {count:,} messages', flush=True)
     return wrong
-
-
-def get_ready(quiet: bool) -> None:
-    """Compile before anything is waited for, and say so."""
-    if not quiet:
-        print('Compiling what is not compiled yet: up to some minutes, the first time only ...',
-              flush=True)
-    prepare()
 
 
 def passages_of(scene: Scene, expected: Optional[Sequence[Expected]] = None) -> List[Passage]:

@@ -13,7 +13,8 @@ from std_srvs.srv import Trigger
 
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.config.files import shipped_files
-from ballbot_ros.demo.demo import ALSO, CURVE, get_ready, perform, TOPICS, TWO_STEPS
+from ballbot_ros.demo.demo import ALSO, CURVE, perform, TOPICS, TWO_STEPS
+from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.demo.recorded_graph import recorded_graph
 from ballbot_ros.demo.timeline import Timeline
@@ -78,7 +79,7 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
             graph.nodes.start('obstacle_decision', decision)
             return graph.run(GetGoing(graph.node).poll, timeout, math.inf)
 
-    get_ready(quiet)
+    prepare()  # before anything is waited for
     if not quiet:
         imu = ', its IMU on another serial line' if serial_imu else ''
         print(f'An emulated {f"{protocol} {firmware}".strip()} drive, '

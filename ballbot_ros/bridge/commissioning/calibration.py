@@ -100,7 +100,7 @@ class Calibrator:
             direction, scale = self._turn_by_hand()
             say(f'The motor will now lift the pendulum slowly to {math.degrees(HIGHEST):.0f} '
                 'degrees, forward and back.')
-            ask('Hands off. Press Enter to begin')
+            self._enter('Hands off. Press Enter to begin')
             self._driver.arm()
             torques, angles = self._lift(direction * scale)
         finally:
@@ -111,8 +111,8 @@ class Calibrator:
 
     def _turn_by_hand(self) -> Tuple[int, float]:
         """Return direction and encoder scale."""
-        say, ask = self._dialogue.say, self._dialogue.ask
-        ask('Let the pendulum hang straight down, still. Press Enter')
+        say = self._dialogue.say
+        self._enter('Let the pendulum hang straight down, still. Press Enter')
         before = self._position()
         turned = self._ask_angle(
             'Turn it by hand forward (to +x, the way it swings to roll ahead) to level, hold it '
@@ -130,9 +130,14 @@ class Calibrator:
             say(f'That is {scale:.5f} joint turns per turn of the drive; the file said '
                 f'{turned / expected:.5f}.  If you turned it by {math.degrees(turned):.0f} '
                 'degrees, the file was wrong.')
-        ask('Let it hang again, still. Press Enter')
+        self._enter('Let it hang again, still. Press Enter')
         self._zero = self._position()
         return (1 if moved > 0.0 else -1), scale
+
+    def _enter(self, question: str) -> None:
+        """Wait for Enter alone: whoever types a word first, "no" perhaps, is asked again."""
+        while answer := self._dialogue.ask(question).strip():
+            self._dialogue.say(f'Enter alone goes on, "q" ends it; got {answer!r}.')
 
     def _ask_angle(self, question: str) -> float:
         """Return an angle [rad], a right angle for Enter; whoever mistypes is asked again."""

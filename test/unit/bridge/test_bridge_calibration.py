@@ -121,7 +121,8 @@ def test_an_angle_that_was_not_a_right_one_may_be_told_and_a_wrong_file_is_notic
 
 @pytest.mark.parametrize('part, answer', [
     ('Turn it', '5'), ('Turn it', '-90'), ('Turn it', '430'), ('Turn it', 'level'),
-    ('Is that so', 'yse'), ('Is that so', '')])
+    ('Is that so', 'yse'), ('Is that so', ''), ('Let the', 'wait'), ('again, still', 'no'),
+    ('Hands off', 'no')])
 def test_a_wrong_key_asks_again(part, answer):
     robot = VirtualRobot(held=True)
     script = Script(robot)

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line helps, and says what is wrong in one line."""
+import argparse
+from importlib import import_module
+import logging
 import re
 import subprocess
 import sys
@@ -8,7 +11,7 @@ import time
 import pytest
 
 from ballbot_ros import __version__
-from ballbot_ros.cli import main
+from ballbot_ros.cli import main, simulate
 from ballbot_ros.cli.command import VERBS
 from ballbot_ros.cli.listing import describe
 from ballbot_ros.config.files import config_folder
@@ -33,6 +36,30 @@ def test_help_names_every_verb(capsys):
 def test_every_verb_has_help(capsys, verb):
     code, out, _ = called(capsys, verb, '--help')
     assert code == 0 and out.startswith(f'usage: ballbot {verb}')
+
+
+@pytest.mark.parametrize('verb', sorted(VERBS))
+def test_each_option_says_what_it_is_in_a_phrase_that_stands_alone(verb):
+    """A newcomer reads one line of the help, not those around it: "of the robot" says nothing."""
+    parser = argparse.ArgumentParser()
+    import_module(VERBS[verb][0]).add_arguments(parser)
+    for action in parser._actions:
+        words = (action.help or '').split()
+        assert len(words) > 1, action.dest
+        assert words[0] not in ('of', 'for', 'by', 'on', 'with', 'that', 'from', 'about', 'in',
+                                'at', 'as', 'before', 'after', 'so'), action.help
+        assert action.choices or action.nargs in (0, argparse.REMAINDER) or action.metavar, (
+            f'{verb}: what does {action.option_strings} take?')
+
+
+@pytest.mark.parametrize('options, said', [([], 1), (['--quiet'], 0)])
+def test_quiet_also_silences_what_a_run_says_by_the_log(monkeypatch, caplog, options, said):
+    monkeypatch.setattr(
+        simulate, 'run', lambda _: logging.getLogger('ballbot_ros.compiled').warning('wait') or 0)
+    assert main(['simulate', 'flat', *options]) == 0
+    assert len(caplog.records) == said
+    logging.getLogger('ballbot_ros.compiled').warning('after it')
+    assert len(caplog.records) == said + 1
 
 
 def test_help_imports_nothing_heavy():

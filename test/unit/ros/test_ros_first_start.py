@@ -26,6 +26,40 @@ def start(kernel):
     return FirstStart(told.append, warned.append), told, warned
 
 
+@pytest.fixture
+def patient(monkeypatch, kernel):
+    """Return the same function; whoever waits for a kernel loses patience at once."""
+    monkeypatch.setattr(compiled, '_patience', compiled._Patience())
+    monkeypatch.setattr(compiled, 'MOMENT', -1.0)
+    return kernel
+
+
+def test_who_waits_in_a_program_is_told_once_why(patient, caplog):
+    for argument in (1.0, 1, 1j):
+        patient()(argument)
+    assert [record.message for record in caplog.records] == [compiled.COMPILES]
+    assert caplog.records[0].levelname == 'WARNING'
+
+
+def test_who_waits_for_less_than_a_moment_is_told_nothing(patient, monkeypatch, caplog):
+    monkeypatch.setattr(compiled, 'MOMENT', 1e9)
+    patient()(1.0)
+    assert not caplog.records and compiled._patience.spent > 0.0
+
+
+def test_what_is_kept_is_not_said_to_compile(patient, caplog):
+    patient()(1.0)
+    caplog.clear()
+    compiled._patience._said = False
+    patient()(1.0)
+    assert not caplog.records
+
+
+def test_a_node_says_it_in_its_own_words_only(patient, start, caplog):
+    patient()(1.0)
+    assert start[1] == [COMPILES] and not caplog.records
+
+
 def test_the_first_compilation_is_told_and_no_other(kernel, start):
     _, told, warned = start
     for argument in (1.0, 1, 2.0):
