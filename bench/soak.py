@@ -9,7 +9,8 @@ Let the bridge run for long, on a machine that does nothing else or has too much
 Nothing happens to line and drive, so each e-stop is one too many.  The drive of a robot is no
 program that others keep waiting: the emulated one, and with `--realtime` the bridge, get real-time
 priority, for which the system must allow it (docs/realtime.md).  After an e-stop it is released
-and goes on.
+and goes on.  A program that does nothing but wait for 2 ms, again and again, runs beside it: gaps
+that it has, too, are the machine's own, and on a machine that is a guest of another one some are.
 """
 import argparse
 from collections import Counter
@@ -26,6 +27,17 @@ from loop import processor_time, quantile
 
 DRIVE_PRIORITY = 50
 GAPS = (0.005, 0.01, 0.02, 0.05, 0.1)  # between two torques in the drive [s]
+WAITING = """
+import signal, sys, time
+times = [time.monotonic()]
+def end(number, frame):
+    print(*times, sep='\\n')
+    sys.exit()
+signal.signal(signal.SIGTERM, end)
+while True:
+    time.sleep(0.002)
+    times.append(time.monotonic())
+"""
 
 
 @contextmanager
@@ -39,6 +51,37 @@ def busy_processes(number):
         for process in processes:
             process.kill()
             process.wait()
+
+
+@contextmanager
+def waiting(found):
+    """Let a program wait beside the others; fill `found` with the times it woke up at [s]."""
+    process = subprocess.Popen([sys.executable, '-c', WAITING], stdout=subprocess.PIPE, text=True)
+    try:
+        yield
+    finally:
+        process.terminate()
+        found += [float(line) for line in process.communicate()[0].split()]
+
+
+def stolen():
+    """Return the time that the host of this machine gave to others [s], of all its cores."""
+    words = Path('/proc/stat').read_text().splitlines()[0].split()
+    return int(words[8]) / os.sysconf('SC_CLK_TCK')
+
+
+def periods_of(times):
+    """Return the time from each to the next [s]."""
+    return [after - before for before, after in zip(times, times[1:])]
+
+
+def line_of(periods):
+    """Return what is to be known of periods, in two lines."""
+    counts = ', '.join(f'{sum(period > gap for period in periods)} above {1e3 * gap:g} ms'
+                       for gap in GAPS)
+    return (f'median {1e3 * quantile(periods, 0.5):.2f} ms, '
+            f'p99 {1e3 * quantile(periods, 0.99):.2f} ms, longest {1e3 * max(periods):.1f} ms\n'
+            f'      gaps: {counts}')
 
 
 @contextmanager
@@ -81,21 +124,22 @@ def main():
     parser.add_argument('--realtime', type=int, default=0, help='realtime_priority of the bridge')
     parser.add_argument('--control', choices=('onboard', 'direct'), default='onboard')
     arguments = parser.parse_args()
+    woken, steal = [], stolen()
     with TemporaryDirectory() as name:
         folder = Path(name)
-        begin, end, stops, used = run(folder, arguments)
+        with waiting(woken):
+            begin, end, stops, used = run(folder, arguments)
         times = [when for when, _ in applied(folder / 'log.csv', begin, end)]
-    periods = [after - before for before, after in zip(times, times[1:])]
     print(f'{end - begin:.0f} s, {arguments.control}, {arguments.busy} busy processes, real-time '
           f'priority {arguments.realtime}: {used:.1f} % of a core')
     print(f'e-stops: {sum(stops.values())}, of these runaways: '
           f'{sum(count for reason, count in stops.items() if reason.startswith("runaway"))}')
     for reason, count in stops.most_common():
         print(f'{count:6}  {reason}')
-    print(f'period of torques in the drive: median {1e3 * quantile(periods, 0.5):.2f} ms, '
-          f'p99 {1e3 * quantile(periods, 0.99):.2f} ms, longest {1e3 * max(periods):.1f} ms')
-    print('gaps: ' + ', '.join(
-        f'{sum(period > gap for period in periods)} above {1e3 * gap:g} ms' for gap in GAPS))
+    print(f'torques in the drive: {line_of(periods_of(times))}')
+    own = periods_of([when for when in woken if begin <= when <= end])
+    print(f'a program that waits: {line_of(own)}')
+    print(f'the host of this machine took {stolen() - steal:.1f} s of its cores')
 
 
 if __name__ == '__main__':
