@@ -56,7 +56,7 @@ def browser():
 
 def standing(name):
     """Return a scene that stands at its start, compiled."""
-    load_machine_code(load_scene(name), silent=True)
+    load_machine_code(load_scene(name))
     source = SceneSource(name, paused=True)
     source.apply('step', 0.02)
     source.apply('reset', True)

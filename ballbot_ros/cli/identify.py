@@ -63,8 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     figure = residual_figure(
         {name: (recording.channels[name][0], values) for name, values in found.residuals.items()},
         found.channels, f'{scene.name}: simulated less measured',
-        ' '.join(['ballbot identify', arguments.scene, arguments.data.name, '--estimate',
-                  *arguments.estimate]))
+        command_of(arguments))
     files = ['identify.json', *save_figure(figure, folder, 'residuals')]
     if arguments.json:
         print_json(content_of(found))
@@ -82,6 +81,15 @@ def run(arguments: argparse.Namespace) -> int:
         print_error(f'interrupted; the best numbers until then are in {folder}')
         return INTERRUPTED
     return DONE
+
+
+def command_of(arguments: argparse.Namespace) -> str:
+    """Return the command that draws the figure again, for its caption."""
+    words = ['ballbot identify', arguments.scene, str(arguments.data), '--estimate',
+             *arguments.estimate]
+    if arguments.channels:
+        words += ['--channels', *arguments.channels]
+    return ' '.join(words + ['--recorded-torque'] * arguments.recorded_torque)
 
 
 def content_of(found: Any) -> dict[str, Any]:

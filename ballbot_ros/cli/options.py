@@ -3,7 +3,7 @@
 import argparse
 import math
 import sys
-from typing import Any
+from typing import Any, Iterable
 
 from ballbot_ros.errors import ConfigurationError
 
@@ -89,6 +89,18 @@ def read_robot(arguments: argparse.Namespace) -> Any:
     return load_robot(arguments.robot)
 
 
+def ask(arguments: argparse.Namespace, questions: Iterable[str]) -> None:
+    """Print what was hardly meant on standard error, unless it is to be quiet."""
+    for question in () if getattr(arguments, 'quiet', False) else questions:
+        print(f'Warning: {question}', file=sys.stderr, flush=True)
+
+
+def ask_speeds(arguments: argparse.Namespace, option: str, speeds: Iterable[float]) -> None:
+    """Question the fastest of several speeds [m/s]."""
+    from ballbot_ros.results.questions import ask_speed
+    ask(arguments, ask_speed(max(speeds, key=abs), option))
+
+
 def read_law(arguments: argparse.Namespace) -> Any:
     """Return the actuation; `ConfigurationError` where angle or voltage is not of the law."""
     from ballbot_ros.crossing import held_at
@@ -104,8 +116,7 @@ def read_law(arguments: argparse.Namespace) -> Any:
             raise ConfigurationError(
                 f'--angle-deg must be at least -180 and at most 180 degrees, got {angle:g}')
         from ballbot_ros.results.questions import ask_angle
-        for question in () if getattr(arguments, 'quiet', False) else ask_angle(angle):
-            print(f'Warning: {question}', file=sys.stderr)
+        ask(arguments, ask_angle(angle))
         return held_at(math.radians(angle))
     if law == 'voltage':
         return Actuation(law, voltage=arguments.voltage or 0.0)

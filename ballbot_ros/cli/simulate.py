@@ -3,7 +3,6 @@
 import argparse
 from importlib.util import find_spec
 from pathlib import Path
-import sys
 from time import perf_counter
 from typing import Any, Iterable, Optional
 
@@ -81,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     failure: Optional[SimulationError] = None
     begin = perf_counter()
     try:
-        load_machine_code(scene, arguments.quiet or arguments.json)
+        load_machine_code(scene)
         begin = perf_counter()
         with watched(scene.run.duration, arguments.quiet or arguments.json) as progress:
             trajectory = scene.simulate(progress)
@@ -177,20 +176,10 @@ def named(path: Path, folder: Path) -> str:
     return path.name if path.parent == folder else str(path.absolute())
 
 
-def load_machine_code(scene: Any, silent: bool) -> None:
+def load_machine_code(scene: Any) -> None:
     """Run one sample, so that the time a run takes is not that of loading or compiling."""
     from dataclasses import replace
-    from threading import Timer
-    from ballbot_ros.compiled import COMPILED
-    notice = Timer(3.0, lambda: print(
-        'compiling; only the first run after a change of the package does', file=sys.stderr))
-    notice.daemon = True
-    if COMPILED and not silent:
-        notice.start()
-    try:
-        replace(scene, run=replace(scene.run, duration=scene.run.output_step)).simulate()
-    finally:
-        notice.cancel()
+    replace(scene, run=replace(scene.run, duration=scene.run.output_step)).simulate()
 
 
 def read_scene(arguments: argparse.Namespace) -> Any:

@@ -9,7 +9,7 @@ from pathlib import Path
 import signal
 from threading import Thread
 from time import perf_counter, sleep
-from typing import Iterator, Tuple
+from typing import Any, Iterator, Mapping, Tuple
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
@@ -69,6 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.accuracy, fixed,
         {name: values for name, values in varied.items() if isinstance(values, list)},
         {name: values for name, values in varied.items() if isinstance(values, tuple)})
+    question(arguments, robot, {**{name: [value] for name, value in fixed.items()}, **varied})
     refuse_foreign(load_arrow(), arguments.out)
     check_new_file(arguments.out, arguments.overwrite)
     begin = perf_counter()
@@ -97,6 +98,15 @@ def given(word: str, option: str) -> Tuple[str, Values]:
         raise ConfigurationError(
             f'{option} {name}: angles are given in degrees here; write {in_degrees}=...')
     return name, values
+
+
+def question(arguments: argparse.Namespace, robot: Any, values: Mapping[str, Values]) -> None:
+    """Question the fastest speed and the highest step."""
+    from ballbot_ros.results.questions import ask_height
+    if 'speed' in values:
+        options.ask_speeds(arguments, 'speed', values['speed'])
+    if 'height' in values:
+        options.ask(arguments, ask_height(robot, max(values['height']), 'to be tried'))
 
 
 @contextmanager

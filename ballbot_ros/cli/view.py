@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.cli.simulate import load_machine_code
     from ballbot_ros.physics.simulation.scene import load_scene
     from ballbot_ros.view.scene_source import SceneSource
-    load_machine_code(load_scene(arguments.scene), arguments.quiet)
+    load_machine_code(load_scene(arguments.scene))
     return serve(SceneSource(arguments.scene, paused=True), arguments, begin=True)
 
 

@@ -27,7 +27,7 @@ from ballbot_ros.crossing.attempt import attempt, Crossing, OVER
 from ballbot_ros.crossing.rules import check_gravity, HEIGHT, Rules, Site, SPEED, too_fast
 from ballbot_ros.crossing.search import search, TOO_FAST
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.model.actuation import Actuation
+from ballbot_ros.physics.model.actuation import Actuation, refuse_degrees
 from ballbot_ros.physics.model.contact_options import ContactOptions
 from ballbot_ros.physics.model.parameters import Parameters, System
 from ballbot_ros.physics.model.robot import load_robot, Robot, RobotLike
@@ -173,8 +173,13 @@ def _prepare(robot: Robot, speed: float, actuation: Actuation, pendulum_angle: O
     """Return a crossing as the kernels read it; checked."""
     speed = check_value('speed', speed, SPEED, 'max_step_height')
     check_gravity(robot)
+    if not isinstance(actuation, Actuation):
+        raise ConfigurationError(
+            "max_step_height: actuation must be an Actuation, such as Actuation('velocity', "
+            f'set_rate=3.0) or held_at(0.0), got {actuation!r}')
     if pendulum_angle is None:
         pendulum_angle = actuation.set_angle if actuation.law == 'position' else 0.0
+    refuse_degrees('max_step_height: pendulum_angle', pendulum_angle)
     if not math.isfinite(pendulum_angle):
         raise ConfigurationError(
             'max_step_height: pendulum_angle must be any finite number rad, '
@@ -209,7 +214,7 @@ def max_step_heights(robot: RobotLike, speeds: Sequence[float],
     robot = load_robot(robot)
 
     def find(speed: float) -> MaxStepHeight:
-        drive = actuation if isinstance(actuation, Actuation) else actuation(speed)
+        drive = actuation(speed) if callable(actuation) else actuation
         return max_step_height(robot, speed, drive, pendulum_angle, accuracy, site, rules,
                                options, scan)
     with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:

@@ -18,15 +18,18 @@ def questions(scene: Scene) -> Iterator[str]:
         yield from ask_height(robot, float(face[-1, 1] - face[0, 1]),
                               f'at x = {face[0, 0]:g} m')
     for name in ('speed', 'velocity_x', 'velocity_y'):
-        speed = getattr(start, name) or 0.0
-        if abs(speed) > FASTEST:
-            yield (f'initial {name} is {speed:g} m/s, {3.6 * abs(speed):.0f} km/h: were other '
-                   'units meant?')
+        yield from ask_speed(getattr(start, name) or 0.0, f'initial {name}')
     if abs(start.pendulum_angle_deg) > TOP:
         yield (f'initial pendulum_angle_deg is {start.pendulum_angle_deg:g}, over the top of the '
                f'ball: {math.remainder(start.pendulum_angle_deg, 360.0):g} is the same place')
     if scene.actuation.law == 'position':
         yield from ask_angle(math.degrees(scene.actuation.set_angle))
+
+
+def ask_speed(speed: float, name: str) -> Iterator[str]:
+    """Yield what is odd about a speed [m/s]."""
+    if abs(speed) > FASTEST:
+        yield (f'{name} is {speed:g} m/s, {3.6 * abs(speed):.0f} km/h: were other units meant?')
 
 
 def ask_height(robot: Robot, height: float, where: str) -> Iterator[str]:

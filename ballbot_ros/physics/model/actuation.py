@@ -15,6 +15,14 @@ SET_VALUES = {'set_angle': 'position', 'set_rate': 'velocity', 'voltage': 'volta
               'torque': 'torque'}
 
 
+def refuse_degrees(name: str, angle: float) -> None:
+    """Raise `ConfigurationError` for an angle [rad] beyond half a turn: one in degrees."""
+    if isinstance(angle, (int, float)) and math.pi < abs(angle) < math.inf:
+        raise ConfigurationError(
+            f'{name} is in radians, within +-pi, got {angle:g}; '
+            f'{angle:g} degrees are math.radians({angle:g})')
+
+
 @old_attributes(drive='actuator')
 @dataclass(frozen=True, repr=False)
 class Actuation(Checked):
@@ -45,10 +53,7 @@ class Actuation(Checked):
 
     def __post_init__(self) -> None:
         """Check each value; refuse one that is not of the law, and an angle in degrees."""
-        if isinstance(self.set_angle, (int, float)) and math.pi < abs(self.set_angle) < math.inf:
-            raise ConfigurationError(
-                f'Actuation: set_angle is in radians, within +-pi, got {self.set_angle:g}; '
-                f'{self.set_angle:g} degrees are math.radians({self.set_angle:g})')
+        refuse_degrees('Actuation: set_angle', self.set_angle)
         super().__post_init__()
         given = [name for name in SET_VALUES if getattr(self, name) != 0.0]
         # One value and no law: forgotten.  Several are settings, of which a law takes its own.

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from ballbot_ros.config.files import find_config
-from ballbot_ros.crossing import held_at, max_step_height
+from ballbot_ros.crossing import held_at, max_step_height, max_step_heights
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Actuation, load_robot, load_scene, Model, Solver, Terrain
 from ballbot_ros.physics.simulation.scene import read_scene
@@ -38,9 +38,17 @@ def test_the_highest_step_takes_the_name_of_a_robot():
     assert max_step_height('gimball', 0.5) == max_step_height(GIMBALL, 0.5)
 
 
+@pytest.mark.parametrize('find', [
+    lambda: max_step_height('gimball', 0.5, 'held'),
+    lambda: max_step_heights('gimball', [0.5], 'held')])
+def test_a_law_that_is_no_actuation_is_refused_with_one_that_is(find):
+    with pytest.raises(ConfigurationError, match=r"held_at\(0.0\), got 'held'"):
+        find()
+
+
 @pytest.mark.parametrize('make', [
     lambda: held_at(90), lambda: Actuation('position', set_angle=90),
-    lambda: held_at(-45.0)])
+    lambda: held_at(-45.0), lambda: max_step_height('gimball', 0.5, pendulum_angle=90)])
 def test_degrees_are_not_taken_for_radians(make):
     with pytest.raises(ConfigurationError, match=r'math\.radians\('):
         make()

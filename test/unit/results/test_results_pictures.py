@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What pictures say is what they show, and every one can be made again by a command."""
+import argparse
 from pathlib import Path
 import re
 
 import numpy as np
 import pytest
 
+from ballbot_ros.cli import identify
 from ballbot_ros.figures import canvas
 from ballbot_ros.figures.drawing import draw_ball, FORCE, legend, PATH, PENDULUM, TURNING
 from ballbot_ros.figures.film import Mark, strip
@@ -100,3 +102,11 @@ def test_every_picture_of_a_document_names_the_command_that_makes_it(page):
         if line.startswith('!['):
             near = ' '.join(lines[max(number - 4, 0):number] + lines[number + 1:number + 5])
             assert MADE_BY.search(near), f'{page.name}:{number + 1}: {line}'
+
+
+def test_the_caption_of_residuals_is_the_whole_command():
+    words = ['hall.yaml', 'runs/run.csv', '--estimate', 'joint_friction', 'initial.speed',
+             '--channels', 'x', '--recorded-torque']
+    parser = argparse.ArgumentParser()
+    identify.add_arguments(parser)
+    assert identify.command_of(parser.parse_args(words)) == ' '.join(['ballbot identify', *words])

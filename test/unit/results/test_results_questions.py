@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from ballbot_ros.cli import before_run
+from ballbot_ros.cli import before_run, main
 from ballbot_ros.cli.options import read_law
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_scene
@@ -32,6 +32,26 @@ def test_what_is_impossible_for_people_is_questioned(sections, told):
 @pytest.mark.parametrize('name', ['fig7_top', 'fig7_bottom', 'household', 'doorstep'])
 def test_what_comes_with_the_package_raises_no_question(name):
     assert list(questions(load_scene(name))) == []
+
+
+@pytest.mark.parametrize('words, told', [
+    (['max-step-height', '--speed', '0.5,78'], '--speed is 78 m/s, 281 km/h'),
+    (['fit-curve', '--speed', '0.2:78:6', '--out', 'a.yaml'], '--speed is 78 m/s, 281 km/h'),
+    (['sweep', '--vary', 'speed=0.5,78', '--out', 'a.parquet'], 'speed is 78 m/s, 281 km/h'),
+    (['sweep', '--fix', 'speed=0.5', '--vary', 'height=0.01,31', '--out', 'a.parquet'],
+     'the step of 31 m to be tried is higher than the ball')])
+def test_numbers_of_the_command_line_are_questioned_before_the_work(
+        words, told, tmp_path, monkeypatch, capsys):
+    def work(*_, **__):
+        raise ConfigurationError('the work begins')
+    for place in ('crossing.max_step_heights', 'studies.curve_fit.fit_curve',
+                  'studies.sweep.load_arrow'):
+        monkeypatch.setattr(f'ballbot_ros.{place}', work)
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    asked_first, refused = capsys.readouterr().err.splitlines()
+    assert told in asked_first and asked_first.startswith('Warning: ')
+    assert 'the work begins' in refused
 
 
 def test_an_angle_beyond_the_top_is_refused_and_one_above_level_is_questioned(capsys):
