@@ -94,7 +94,7 @@ def pretend(monkeypatch, wrong=()):
         bag.writer.close()
     lockstep = pytest.importorskip('ballbot_ros.demo.lockstep_run')
     monkeypatch.setattr(lockstep, 'run_lockstep', run)
-    monkeypatch.setattr(experiment, '_prepare', lambda plan, say: None)
+    monkeypatch.setattr(experiment, '_prepare', lambda plan: None)
     return made
 
 
