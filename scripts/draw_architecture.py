@@ -4,10 +4,9 @@ Draw the folders of the package and their imports.
 
     python scripts/draw_architecture.py [FOLDER]
 
-Boxes, lines of code and arrows come from the code; where a box stands is said in `PLACES`.
+Boxes and arrows come from the code; where a box stands is said in `PLACES`.
 """
 import ast
-from collections import Counter
 import math
 from pathlib import Path
 import re
@@ -20,7 +19,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / 'scripts')]
 
 from ballbot_ros.figures import canvas  # noqa: E402
-from house import edges, folder_of, folders, modules  # noqa: E402, I100, I201
+from house import edges, folders, modules  # noqa: E402, I100, I201
 
 # What every folder may import; no arrows are drawn to it.
 GROUND = ('errors', 'renamed', 'config', 'compiled')
@@ -87,8 +86,8 @@ def drawn_edges(graph):
                   if not any(name in reach(other) for other in names - {name}))
 
 
-def draw_box(axes, folder, lines):
-    """Draw a folder with its name and its lines."""
+def draw_box(axes, folder):
+    """Draw a folder with its name and, where there is room, its purpose."""
     left, right, floor, height, group = PLACES[folder]
     rooms = sorted({module.split('.')[2] for module in modules() if module.count('.') > 2
                     and module.split('.')[1] == folder}) if height > 1 else []
@@ -104,11 +103,12 @@ def draw_box(axes, folder, lines):
         (left, floor + 0.17), right - left, height - 0.34, lw=0.8, edgecolor=canvas.GREY,
         boxstyle='round,pad=0,rounding_size=0.09', facecolor=GROUPS[group][0], zorder=3))
     middle = floor + height - 0.5
-    axes.text((left + right) / 2, middle + 0.13, folder, ha='center', va='center', zorder=5,
-              fontsize=10, weight='bold')
-    purpose = f' · {purpose_of(folder)}' if right - left > WIDE else ''
-    axes.text((left + right) / 2, middle - 0.16, f'{lines:,} lines{purpose}', ha='center',
-              va='center', fontsize=7.5, color=canvas.GREY, zorder=5)
+    wide = right - left > WIDE
+    axes.text((left + right) / 2, middle + (0.13 if wide else 0.0), folder, ha='center',
+              va='center', zorder=5, fontsize=10, weight='bold')
+    if wide:
+        axes.text((left + right) / 2, middle - 0.16, purpose_of(folder), ha='center',
+                  va='center', fontsize=7.5, color=canvas.GREY, zorder=5)
 
 
 def purpose_of(folder):
@@ -161,38 +161,31 @@ def draw_arrow(axes, edge):
 
 def draw():
     """Return the figure and the arrows in it."""
-    graph = edges()
-    lines = Counter()
-    for module, path in modules().items():
-        if module != 'ballbot_ros':
-            lines[folder_of(module)] += path.read_text(encoding='utf-8').count('\n')
-    arrows = drawn_edges(folders(graph))
+    arrows = drawn_edges(folders(edges()))
     with canvas.drawing(9.6, 9.6) as figure:
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_xlim(0.0, 14.0)
         axes.set_ylim(-1.1, 14.4)
         axes.axis('off')
         for folder in PLACES:
-            draw_box(axes, folder, lines[folder])
+            draw_box(axes, folder)
         for edge in arrows:
             draw_arrow(axes, edge)
         axes.add_patch(FancyBboxPatch((0.25, 1.0), 9.5, 4.95, lw=0, facecolor='#EFF7F3', zorder=0,
                                       boxstyle='round,pad=0,rounding_size=0.12'))
-        draw_ground(axes, lines)
+        draw_ground(axes)
         draw_legend(axes)
     return figure, arrows
 
 
-def draw_ground(axes, lines):
+def draw_ground(axes):
     """Draw what all stand on."""
     axes.add_patch(FancyBboxPatch(
         (0.2, 0.17), 13.6, 0.66, lw=0.8, edgecolor=canvas.GREY, zorder=3,
         boxstyle='round,pad=0,rounding_size=0.09', facecolor=GROUPS['ground'][0]))
     for number, folder in enumerate(GROUND):
         x = 13.6 * (number + 0.5) / len(GROUND) + 0.2
-        axes.text(x, 0.63, folder, ha='center', va='center', fontsize=10, weight='bold', zorder=5)
-        axes.text(x, 0.34, f'{lines[folder]:,} lines', ha='center', va='center', fontsize=7.5,
-                  color=canvas.GREY, zorder=5)
+        axes.text(x, 0.5, folder, ha='center', va='center', fontsize=10, weight='bold', zorder=5)
 
 
 def draw_legend(axes):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the highest step of GimBall depends on: pictures of `studies.sensitivity`."""
+import math
 from typing import Any, Sequence
 
 from matplotlib.figure import Figure
@@ -26,9 +27,9 @@ LENGTHS: Array = np.linspace(0.005, 0.175, 18, dtype=np.float64)  # of the pendu
 MASSES: Array = np.linspace(0.3, 4.2, 14, dtype=np.float64)  # [kg]
 SLOPE_SPEEDS: Array = np.array([0.3, 0.5, 0.7, 0.9, 1.1])  # [m/s]
 SLOPE_COLOURS = (canvas.PURPLE, canvas.BLUE, canvas.GREEN, canvas.ORANGE, canvas.VERMILION)
-# How "over" is judged, as lines, and slopes behind the step [rad].
+# How "over" is judged, as lines, and slopes behind the step [deg].
 RULES = ((Rules(), '-', 'past the edge'), (Rules(over='clear'), '--', 'clear of it'))
-RISES = ((0.0, canvas.BLUE), (0.05, canvas.ORANGE), (0.1, canvas.VERMILION))
+RISES = ((0.0, canvas.BLUE), (2.5, canvas.ORANGE), (5.0, canvas.VERMILION))
 LEVELS = {0.05: '--', 0.5: '-', 0.95: ':'}  # of the probability, as lines
 
 
@@ -188,14 +189,14 @@ def over(progress: Progress = ignore) -> Figure:
     with canvas.drawing(10.0, 4.4) as figure:
         for number, (label, case) in enumerate((('pendulum free', Case(robot)),
                                                 ('held down', holding(robot, 0.0)))):
-            axes = figure.add_axes((0.065 + 0.49 * number, 0.12, 0.43, 0.755))
+            axes = figure.add_axes((0.065 + 0.48 * number, 0.12, 0.43, 0.755))
             axes.set_title(label, loc='left', fontsize=9.5, weight='bold')
             for rise, colour in RISES:
+                site = Site(slope_behind=math.radians(rise))
                 for rules, line, words in RULES:
-                    found = step_heights(
-                        case._replace(site=Site(slope_behind=rise), rules=rules), SPEEDS)
+                    found = step_heights(case._replace(site=site, rules=rules), SPEEDS)
                     axes.plot(SPEEDS, 1e3 * found, line, color=colour, lw=1.3,
-                              label=f'{words}, {rise:g} rad up behind it')
+                              label=f'{words}, {rise:g} degrees up behind it')
                     done += 1
                     progress(done / total)
             axes.set_xlim(0.2, 1.2)

@@ -104,8 +104,8 @@ def _left_out(analysis: Analysis, scene: Scene, assured: bool) -> Iterator[str]:
             yield ('Flight in closed form: there is none, because the law of the motor is not '
                    'linear.')
     elif method.fixed:
-        yield ('Search for contacts: done for every right-hand side, because steps of one length '
-               'do not end where a contact does.')
+        yield ('Search for contacts: done at every function evaluation, because steps of one '
+               'length do not end where a contact does.')
     yield 'Energy ledger: kept, because the summary shows what it misses.'
 
 

@@ -163,7 +163,7 @@ def test_explain_says_what_was_modelled_and_what_it_costs(tmp_path, capsys):
 
 
 @pytest.mark.parametrize('options, words', [
-    ((), 'Search for contacts: done for every right-hand side'),
+    ((), 'Search for contacts: done at every function evaluation'),
     (('--method', 'adaptive'), 'Flight in closed form: there is none'),
     (('--method', 'adaptive', '--models', 'full'), 'switched off by models: full')])
 def test_explain_says_why_something_was_not_left_out(tmp_path, capsys, options, words):
