@@ -34,6 +34,27 @@ def test_every_document_is_in_the_contents_of_the_site():
     assert len(listed) == len(set(listed))
 
 
+def test_every_name_in_the_glossary_of_symbols_is_one_of_the_code():
+    table = (DOCS / 'glossary.md').read_text(encoding='utf-8').split('## Words')[0]
+    cells = [line.split('|')[2] for line in table.splitlines() if line.startswith('| ')]
+    names = {name for cell in cells for name in re.findall(r'`([a-z_0-9]+)`', cell)}
+    code = '\n'.join(path.read_text(encoding='utf-8')
+                     for path in (ROOT / 'ballbot_ros').rglob('*.py'))
+    assert len(names) > 40
+    assert names <= set(re.findall(r'\w+', code)), names - set(re.findall(r'\w+', code))
+
+
+@pytest.mark.parametrize('page', ['files.md', 'nodes.md', 'robot.md', 'hardware.md'])
+def test_each_parameter_and_key_says_what_it_is_in_a_phrase_that_stands_alone(page):
+    """They stand in descriptions of parameters, too, where there is no line before."""
+    rows = re.findall(r'^\| `.*\|$', (DOCS / page).read_text(encoding='utf-8'), re.M)
+    cells = [cell for row in rows for cell in re.split(r' *(?<!\\)\| *', row)[2:]]
+    assert len(cells) > 50
+    fragments = re.compile(r'(of|that|and|likewise|over|beyond|the same|(in|at|by|below|above|'
+                           r'after|from) (which|what|a look))\b(?! least| most)')
+    assert not [cell for cell in cells if fragments.match(cell)]
+
+
 @pytest.mark.slow
 def test_the_site_is_built_without_a_warning_and_asks_no_other_machine_for_anything(site):
     pages = list(site.rglob('*.html'))

@@ -26,21 +26,22 @@ class Battery(Checked):
     """What a battery shows at rest; what is not given is not watched."""
 
     technology: str = text(
-        'of the cells, as in sensor_msgs/BatteryState', default='unknown', choices=TECHNOLOGIES)
+        'technology of the cells, as in sensor_msgs/BatteryState', default='unknown',
+        choices=TECHNOLOGIES)
     full_voltage: Optional[float] = quantity(
-        'V', 'at rest when full', above=0.0, maximum=1000.0, optional=True)
+        'V', 'voltage at rest when full', above=0.0, maximum=1000.0, optional=True)
     low_voltage: Optional[float] = quantity(
-        'V', 'below which it is to be charged: a warning', above=0.0, maximum=1000.0,
+        'V', 'voltage below which it should be charged: a warning', above=0.0, maximum=1000.0,
         optional=True)
     empty_voltage: Optional[float] = quantity(
-        'V', 'below which, for empty_time, the torque fades and the e-stop engages', above=0.0,
-        maximum=1000.0, optional=True)
+        'V', 'voltage below which, for empty_time, the torque fades and the e-stop engages',
+        above=0.0, maximum=1000.0, optional=True)
     high_voltage: Optional[float] = quantity(
-        'V', 'above which braking feeds more than battery and brake resistor take: a warning, '
-        'to be set below the limit at which the drive cuts', above=0.0, maximum=1000.0,
+        'V', 'voltage above which braking feeds back more than battery and brake resistor take: '
+        'a warning, to be set below the limit at which the drive cuts', above=0.0, maximum=1000.0,
         optional=True)
     resistance: float = quantity(
-        'ohm', 'of battery and leads: by this times the current it shows less than at rest',
+        'ohm', 'resistance of battery and leads, through which the current lowers the voltage',
         default=0.0, minimum=0.0, maximum=10.0)
     smoothing: float = quantity(
         's', 'time constant with which the voltage is smoothed', default=2.0, above=0.0,
@@ -48,7 +49,7 @@ class Battery(Checked):
     empty_time: float = quantity(
         's', 'how long it must be empty', default=5.0, minimum=0.0, maximum=600.0)
     fade_time: float = quantity(
-        's', 'in which the torque then fades, so that the pendulum comes down', default=2.0,
+        's', 'time in which the torque then fades, so that the pendulum comes down', default=2.0,
         minimum=0.0, maximum=60.0)
     capacity: Optional[float] = quantity(
         'A h', 'charge when full', above=0.0, maximum=1e4, optional=True)

@@ -25,20 +25,23 @@ class Thermal(Checked):
     """What power stage and motor can bear; what is not given is not watched."""
 
     drive_warn_at: Optional[float] = quantity(
-        'degC', 'temperature of the power stage above which the torque is taken back',
+        'degC', 'temperature of the power stage above which the torque is reduced',
         minimum=0.0, maximum=200.0, optional=True)
     drive_zero_at: Optional[float] = quantity(
-        'degC', 'and at which none is left; below that at which the drive cuts', minimum=0.0,
+        'degC', 'temperature of the power stage at which no torque is left; set it below the one '
+        'at which the drive cuts', minimum=0.0,
         maximum=200.0, optional=True)
     motor_warn_at: Optional[float] = quantity(
-        'degC', 'the same of the motor', minimum=0.0, maximum=300.0, optional=True)
+        'degC', 'temperature of the motor above which the torque is reduced', minimum=0.0,
+        maximum=300.0, optional=True)
     motor_zero_at: Optional[float] = quantity(
-        'degC', 'the same of the motor', minimum=0.0, maximum=300.0, optional=True)
+        'degC', 'temperature of the motor at which no torque is left', minimum=0.0, maximum=300.0,
+        optional=True)
     continuous_torque: Optional[float] = quantity(
-        'N m', 'torque at the pendulum that the motor bears for good', above=0.0,
+        'N m', 'torque at the pendulum that the motor bears continuously', above=0.0,
         maximum=1000.0, optional=True)
     time_constant: float = quantity(
-        's', 'in which the winding warms', default=30.0, above=0.0, maximum=1e4)
+        's', 'time constant with which the winding warms', default=30.0, above=0.0, maximum=1e4)
 
     def __post_init__(self) -> None:
         """Check each value, and that no range is half given or upside down."""

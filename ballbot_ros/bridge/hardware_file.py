@@ -104,8 +104,8 @@ class Limits(Checked):
         's', 'how long brake and settle last; zero torque after', minimum=0.0, maximum=60.0,
         default=2.0)
     rearm: bool = flag(
-        'after a lost line, a reboot, a drive that disarmed by itself or an IMU that was silent '
-        'go on; if not, the e-stop engages and a person must release it', default=False)
+        'whether to go on after a lost line, a reboot, a drive that disarmed by itself or a '
+        'silent IMU; if not, the e-stop engages and a person must release it', default=False)
 
 
 @dataclass(frozen=True)

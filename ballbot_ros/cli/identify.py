@@ -115,8 +115,8 @@ def warnings_of(found: Any) -> Iterator[str]:
                    f'channel itself varies by {item.motion:.3g} {unit}')
         elif item.verdict == 'correlated':
             yield (f'{name}: residuals are correlated (RMS {item.residual_rms:.3g} {unit}; '
-                   f'{item.correlation:.0f} samples tell as much as one): the model leaves '
-                   'something out; intervals are wider for it, and may still be too narrow')
+                   f'{item.correlation:.0f} samples count as one independent sample): the model '
+                   'leaves something out; intervals are wider for it, and may still be too narrow')
 
 
 def print_table(found: Any) -> None:

@@ -40,13 +40,13 @@ class ControlTuning(Checked):
         's', 'within which the pendulum follows the angle that the speed law wants', above=0.0,
         maximum=10.0, default=0.15)
     observer_rate: float = quantity(
-        '1/s', 'at which the speed law learns what resists', above=0.0, maximum=100.0,
-        default=6.0)
+        '1/s', 'rate at which the observer of the speed law learns the resistance', above=0.0,
+        maximum=100.0, default=6.0)
     largest_lean: float = quantity(
         'rad', 'largest pendulum angle that the speed law wants', above=0.0, maximum=1.5,
         default=1.2)
     blend_time: float = quantity(
-        's', 'over which another law takes over from the torque in force; 0 for at once',
+        's', 'time over which a new law takes over from the present torque; 0 for at once',
         minimum=0.0, maximum=10.0, default=0.0)
 
 

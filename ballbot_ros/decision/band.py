@@ -36,7 +36,7 @@ class Band(Checked):
     """
 
     samples: int = count('robots that were drawn', minimum=2)
-    seed: int = count('of the draw')
+    seed: int = count('seed of the draw')
     varied: Mapping[str, Any] = section('ranges of the numbers that were drawn')
     speeds: Tuple[float, ...] = section('m/s, rising')
     probabilities: Tuple[float, ...] = section('rising from 0 to 1')

@@ -74,9 +74,11 @@ class HeightCurve(Checked):
     residual: float = quantity('m', 'largest error of the fit', minimum=0.0)
     rms: float = quantity('m', 'root mean square of the errors of the fit', default=0.0,
                           minimum=0.0)
-    coefficients: Tuple[float, ...] = section('of the cubic', default=())
-    conservative: Tuple[float, ...] = section('of a cubic below the simulation', default=())
-    covariance: Tuple[Tuple[float, ...], ...] = section('of the coefficients', default=())
+    coefficients: Tuple[float, ...] = section('coefficients of the cubic', default=())
+    conservative: Tuple[float, ...] = section(
+        'coefficients of a cubic below the simulation', default=())
+    covariance: Tuple[Tuple[float, ...], ...] = section(
+        'covariance of the coefficients', default=())
     made: Optional[CurveProvenance] = section('provenance', cls=CurveProvenance, default=None)
     band: Optional[Band] = section('of uncertain robots', cls=Band, default=None)
 

@@ -61,7 +61,7 @@ class Prior(Checked):
     off_sd: float = quantity(
         'm', 'standard deviation of the constant error of their heights; assumed',
         minimum=0.0, maximum=0.05, default=0.004)
-    seed: int = count('of the draw', default=0)
+    seed: int = count('seed of the draw', default=0)
 
     def __post_init__(self) -> None:
         """Check each value, then the range."""

@@ -81,7 +81,7 @@ class DecisionTuning(Checked):
         'm', 'standard deviation of what a sensor of heights is off by all the time',
         minimum=0.0, default=0.0005))
     untold_bias_sd: float = fixed(SEEN, quantity(
-        'm', 'the same for a sensor that does not tell its standard deviation', minimum=0.0,
+        'm', 'height_bias_sd of a sensor that does not report its standard deviation', minimum=0.0,
         default=0.002))
 
     def __post_init__(self) -> None:

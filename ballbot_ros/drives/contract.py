@@ -148,7 +148,7 @@ class DriveOptions(Checked):
         's', 'time without a command after which the drive must disarm by itself', default=0.1,
         above=0.0, maximum=10.0)
     reply_timeout: float = quantity(
-        's', 'after which a reply counts as lost', default=0.05, above=0.0, maximum=10.0)
+        's', 'time after which a reply counts as lost', default=0.05, above=0.0, maximum=10.0)
 
     @property
     def own_limit(self) -> float:

@@ -40,10 +40,10 @@ class DriveSettings(Checked):
     watchdog: float = quantity('s', 'time without a command after which the motor is '
                                'disarmed; 0 for never', default=0.1, minimum=0.0, maximum=25.0)
     counts_per_turn: int = count('encoder counts per motor turn', default=4096, minimum=4)
-    pole_pairs: int = count('of the motor', default=7, minimum=1)
-    highest_temperature: float = quantity('degC', 'at which the power stage gives up',
+    pole_pairs: int = count('pole pairs of the motor', default=7, minimum=1)
+    highest_temperature: float = quantity('degC', 'temperature at which the power stage gives up',
                                           default=100.0)
-    boot_time: float = quantity('s', 'after which a reboot is over', default=0.3, minimum=0.0)
+    boot_time: float = quantity('s', 'time that a reboot takes', default=0.3, minimum=0.0)
     firmware: str = text('generation that the drive is of; empty for the only or oldest one',
                          default='')
     quirks: tuple[str, ...] = section('names from `Device.quirks` of what this one does',

@@ -82,9 +82,9 @@ FAULTS = {
                     lambda emulator, _, now: emulator.device.reboot(now), 0.0),
     'over_current': Fault('', 'the drive trips as on a short circuit',
                           lambda emulator, *_: emulator.device.over_current(), 0.0),
-    'temperature': Fault('degC', 'of the power stage; hot enough, the drive trips',
+    'temperature': Fault('degC', 'sets the temperature of the power stage; hot, the drive trips',
                          _sense('temperature')),
-    'voltage': Fault('V', 'of the supply', _sense('bus_voltage')),
+    'voltage': Fault('V', 'sets the voltage of the supply', _sense('bus_voltage')),
     'stop_switch': Fault('1 or 0', 'the emergency switch at the input of the drive itself is '
                          'pulled, where one is set up', _sense('stop_switch'), 1.0),
     'encoder_jump': Fault('motor turns', 'the encoder is off by so much more', _encoder_jump),

@@ -47,9 +47,10 @@ class OdometryTuning(Checked):
         '1', 'how much slower or faster than it rolls a ball moves on the floor, for 0.1 s, as a '
         'part of the speed', default=0.03, minimum=0.0, maximum=1.0)
     slip_at_rest: float = quantity(
-        'm/s', 'the same of a ball that rocks on the spot', default=0.002, above=0.0)
+        'm/s', 'slip speed of a ball that rocks on the spot, standard deviation for 0.1 s',
+        default=0.002, above=0.0)
     slip_unseen: float = quantity(
-        '1', 'in place of slip_part where no IMU watches', default=0.3, minimum=0.0, maximum=1.0)
+        '1', 'slip_part of a robot without an IMU', default=0.3, minimum=0.0, maximum=1.0)
     force_sd: float = quantity(
         'm/s2', 'how far the horizontal specific force is wrong, for 0.1 s: an IMU that leans by '
         '0.02 rad is wrong by 0.2', default=0.3, above=0.0)

@@ -28,13 +28,15 @@ class FilterTuning(Checked):
         'rad/s2/sqrt(Hz)', 'acceleration of the pendulum that no model knows, per root of '
         'bandwidth', default=0.5, above=0.0)
     ball_noise: float = quantity(
-        'rad/s2/sqrt(Hz)', 'the same of the ball', default=0.5, above=0.0)
+        'rad/s2/sqrt(Hz)', 'acceleration of the ball that no model knows, per root of bandwidth',
+        default=0.5, above=0.0)
     ball_noise_with_imu: float = quantity(
-        'rad/s2/sqrt(Hz)', 'the same where a gyro watches the ball, and slip is to be followed',
+        'rad/s2/sqrt(Hz)', 'ball_noise where a gyro measures the ball, so that slip can be '
+        'followed',
         default=30.0, above=0.0)
     pendulum_noise_with_imu: float = quantity(
-        'rad/s2/sqrt(Hz)', 'the same of a pendulum whose support is measured', default=20.0,
-        above=0.0)
+        'rad/s2/sqrt(Hz)', 'pendulum_noise where an IMU measures the motion of its support',
+        default=20.0, above=0.0)
     start_sd: float = quantity(
         'rad', 'how far from straight down a pendulum at rest may hang', default=0.03, above=0.0)
     bias_sd: float = quantity(

@@ -26,15 +26,16 @@ class SensorFaults(Checked):
     dropout: float = quantity(
         '1', 'probability that a look is lost', default=0.0, minimum=0.0, maximum=1.0)
     latency: float = quantity(
-        's', 'from a look to its message', default=0.0, minimum=0.0, maximum=10.0)
+        's', 'delay from a measurement to its message', default=0.0, minimum=0.0, maximum=10.0)
     holes: float = quantity(
         '1', 'probability that a point of the terrain is lost', default=0.0, minimum=0.0,
         maximum=1.0)
     offset: float = quantity(
-        'm', 'by which the whole terrain is seen too high', default=0.0, minimum=-1.0, maximum=1.0)
+        'm', 'height by which the whole terrain is seen too high', default=0.0, minimum=-1.0,
+        maximum=1.0)
     tilt: float = quantity(
-        'rad', 'by which the whole terrain is seen rising too much', default=0.0, minimum=-0.5,
-        maximum=0.5)
+        'rad', 'slope by which the whole terrain is seen rising too much', default=0.0,
+        minimum=-0.5, maximum=0.5)
 
 
 class Latency(Generic[T]):

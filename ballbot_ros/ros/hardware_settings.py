@@ -46,7 +46,7 @@ class BridgeSettings(Settings):
         '`~/.ros` is `ROS_HOME` where that is set; empty for none', default='~/.ros/ballbot'))
     status_rate: float = live(rate_of('motor_status', 10.0, minimum=0.1, maximum=100.0))
     realtime_priority: int = fixed('the loop begins with it', count(
-        'of SCHED_FIFO for the loop, and one less for the other threads; 0 for none', default=0,
+        'SCHED_FIFO priority of the loop (other threads have one less); 0 for none', default=0,
         maximum=99))
     cpu: int = fixed('the loop begins with it', count(
         'processor that the loop runs on; -1 for any', default=-1, minimum=-1, maximum=1023))
@@ -87,14 +87,14 @@ class ImuSettings(Settings):
         'readings a second that the sensor is told to send: 10, 20, 50, 100 or 200', default=200,
         minimum=10, maximum=200))
     bandwidth: int = fixed('the sensor is told it when it is found', count(
-        'of the filters in the sensor [Hz] that it is told to use: 5, 10, 20, 42, 98, 188 or 256',
+        'bandwidth of the filters in the sensor [Hz]: 5, 10, 20, 42, 98, 188 or 256',
         default=98, minimum=5, maximum=256))
     axes: str = live(text(
         'which axis of the sensor points forward, which left and which up when the shell stands '
         'at ball angle 0, such as `-y x z`', default='x y z'))
     latency: float = live(quantity(
-        's', 'from what is measured to the first byte that says so; the filters of 98 Hz take '
-        '0.003', default=0.003, minimum=0.0, maximum=0.1))
+        's', 'time from the motion to the first byte that reports it; the filters of 98 Hz '
+        'take 0.003', default=0.003, minimum=0.0, maximum=0.1))
     gyro_sd: float = live(quantity(
         'rad/s', 'noise of the gyro per reading, for the covariance', default=0.005, above=0.0,
         maximum=10.0))

@@ -17,15 +17,15 @@ from ballbot_ros.sensors.source import ImuSource, StampedReading
 # What is published: the table of docs/nodes.md.
 VALUES: Mapping[str, str] = {
     'port': 'serial device or URL',
-    'rate': 'readings a second of late',
-    'readings': 'that came in all',
-    'refused': 'packets with a wrong sum',
+    'rate': 'readings per second since the last status',
+    'readings': 'readings in total',
+    'refused': 'packets with a wrong checksum',
     'skipped': 'bytes that belong to no packet',
     'unpaired': 'forces without a turn rate, or the reverse',
     'saturated': 'readings at the end of the range of the sensor',
     'frozen': 'readings that were not used, because a sensor that measures does not repeat them',
     'lost': 'times that the line was lost',
-    'set_up': 'times that the sensor was told what to send'}
+    'set_up': 'times that the sensor was set up'}
 # How long the thread waits for bytes [s], and how long its end is waited for.
 PATIENCE, JOIN = 0.05, 2.0
 # Less than this part of the rate that was asked for is told.

@@ -12,48 +12,51 @@ from ballbot_ros.ros import diagnostics
 # What is published: the table of docs/nodes.md.  A word in capitals stands for many.
 VALUES: Mapping[str, str] = {
     'port': 'serial device, URL or CAN interface',
-    'protocol': 'that the drive speaks',
-    'firmware': 'of the drive; empty before it was found',
-    'serial_number': 'of the drive; empty where it reports none',
-    'e_stop': 'why it is engaged; empty when it is not',
-    'faults': 'that the drive names; empty for none, or while it is away',
-    'torque': 'in force at the pendulum [N m]',
-    'warnings': 'of the drive, the battery and the heat, told before anything is cut',
-    'derating': 'part of torque_limit that battery and heat leave',
-    'battery_voltage': 'at rest, smoothed [V]; nan before it was read',
-    'motor_warmth': 'of the winding by its torque; 1 is what it bears for good',
-    'imu': '`received`, `silent`, or `returning`: it was, and has not come for long enough yet',
-    'commander': 'whose joint_commands are followed, or on board whose set-points; empty before '
+    'protocol': 'protocol that the drive speaks',
+    'firmware': 'firmware of the drive; empty before it was found',
+    'serial_number': 'serial number of the drive; empty where it reports none',
+    'e_stop': 'why the e-stop is engaged; empty when it is not',
+    'faults': 'faults that the drive reports; empty for none, or while it is away',
+    'torque': 'torque that is applied at the pendulum [N m]',
+    'warnings': 'warnings of drive, battery and heat, which come before any torque is cut',
+    'derating': 'part of torque_limit that battery and heat allow',
+    'battery_voltage': 'voltage that the battery would show at rest, smoothed [V]; nan before it '
+                       'was read',
+    'motor_warmth': 'heating of the winding, computed from the torque; 1 is what it bears '
+                    'continuously',
+    'imu': '`received`, `silent`, or `returning`: readings have come again, but not for long '
+           'enough yet',
+    'commander': 'node whose joint_commands (on board: set-points) are followed; empty before '
                  'there was one',
-    'commands_accepted': 'joint_commands that came fresh and in order',
-    'commands_refused': 'and that were not',
-    'refused_REASON': 'of these, for one reason: `stale`, `not_finite`, `out_of_order`, '
+    'commands_accepted': 'joint_commands that were accepted: fresh and in order',
+    'commands_refused': 'joint_commands that were refused',
+    'refused_REASON': 'those refused for one reason: `stale`, `not_finite`, `out_of_order`, '
                       '`from_the_future`, `unknown_joint`, `wrong_length`, `unsupported`, '
                       '`onboard`, `other_sender`, `no_name`',
     'imu_silences': 'times that the IMU fell silent',
     'imu_refused': 'IMU readings that were not used',
     'control': '`onboard` or `direct`',
-    'law': 'in force on board; empty in direct control',
-    'set_value': 'of that law [rad], [rad/s] or [m/s]',
-    'set_points_refused': 'that came on set_point and cmd_vel and were not followed',
-    'set_points_REASON': 'of these, for one reason: `stale`, `from_the_future`, `not_finite`, '
+    'law': 'law that is active on board; empty in direct control',
+    'set_value': 'set value of that law [rad], [rad/s] or [m/s]',
+    'set_points_refused': 'messages on set_point and cmd_vel that were refused',
+    'set_points_REASON': 'those refused for one reason: `stale`, `from_the_future`, `not_finite`, '
                          '`e_stop`, `direct`, `contradictory`, `unknown_joint`, `wrong_length`, '
                          '`other_sender`, `no_name`, `other_axes`',
     'timeouts': 'times that commands came and then timed out',
     'e_stops': 'times that the e-stop engaged after the start',
     'limited_torque': 'times that torque_limit cut a torque',
-    'limited_rate': 'likewise torque_rate_limit',
-    'limited_angle': 'likewise angle_limit',
-    'limited_speed': 'likewise speed_limit',
-    'armed': 'times that the motor was put under power',
-    'disarmed_by_drive': 'times that the drive took it off by itself',
+    'limited_rate': 'times that torque_rate_limit cut a torque',
+    'limited_angle': 'times that angle_limit cut a torque',
+    'limited_speed': 'times that speed_limit cut a torque',
+    'armed': 'times that the motor was armed',
+    'disarmed_by_drive': 'times that the drive disarmed the motor by itself',
     'links_lost': 'times that the drive was lost',
-    'reconnects': 'times that it was found again',
-    'encoder_jumps': 'encoder readings that were not believed',
+    'reconnects': 'times that the drive was found again',
+    'encoder_jumps': 'encoder readings that were rejected as jumps',
     'encoder_rezeroed': 'times that the encoder went on from another zero',
-    'late_periods': 'of the loop, that were missed since configure',
-    'wire_COUNT': 'on the line since it was opened last, as far as the protocol can tell: `sent` '
-                  '(writes), `bytes` (received), `replies`, `lost` (not answered in time), '
+    'late_periods': 'periods of the loop that were missed since configure',
+    'wire_COUNT': 'counts of the line since it was last opened, as far as the protocol can tell: '
+                  '`sent` (writes), `bytes` (received), `replies`, `lost` (not answered in time), '
                   '`unexpected`, `refused` (checksum or form), `skipped` (bytes that belong to no '
                   'message), `unchecked` (lines without a checksum)'}
 SUPERVISED = ('timeouts', 'e_stops', 'limited_torque', 'limited_rate', 'limited_angle',

@@ -100,7 +100,7 @@ class SimulatorSettings(Settings):
     sensor_holes: float = live(_fault('holes'))
     sensor_offset: float = live(_fault('offset'))
     sensor_tilt: float = live(_fault('tilt'))
-    seed: int = live(count('of the noise and the losses of the sensors', default=0))
+    seed: int = live(count('seed of the noise and the losses of the sensors', default=0))
     publish_markers: bool = marked('ground, contacts and forces')
     publish_description: bool = described()
     frame_prefix: str = frame_prefix()
@@ -160,7 +160,7 @@ class DecisionSettings(Settings):
     robot: str = fixed('what was learned rests on it', file_in('robots', 'gimball'))
     curve: str = live(file_in('curves', 'gimball_down', 'height curve'))
     variant: str = live(text(
-        'of the curve: the best fit, or the one that is nowhere above the simulation',
+        'which cubic of the curve: the best fit, or one that is nowhere above the simulation',
         default='fit', choices=('fit', 'conservative')))
     tuning: str = live(file_in('tunings', 'decision_default', 'decision tuning'))
     control_tuning: str = live(file_in(

@@ -45,7 +45,7 @@ class Request(Checked):
     accuracy: float = quantity(
         'm', 'largest error of a simulated height', default=2e-6, minimum=1e-8, maximum=1e-3)
     samples: int = count('robots drawn for the band; 0 for no band', default=256, maximum=100_000)
-    seed: int = count('of the draw', default=0)
+    seed: int = count('seed of the draw', default=0)
 
     def __post_init__(self) -> None:
         """Check each value, then that there is a range."""

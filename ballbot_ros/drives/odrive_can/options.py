@@ -17,7 +17,7 @@ FIRST = (0, 5, 3)
 class ODriveCanOptions(DriveOptions):
     """See the fields; which firmware needs which is in docs/hardware.md."""
 
-    node_id: int = count('of the axis on the bus', default=0, maximum=HIGHEST_NODE)
+    node_id: int = count('node id of the axis on the bus', default=0, maximum=HIGHEST_NODE)
     status_period: float = quantity(
         's', 'time between requests for currents, voltage, temperatures and error registers, of '
         'which one is asked at a time', default=0.02, minimum=0.0, maximum=1.0)

@@ -31,14 +31,14 @@ NEW_FORM = 0.1
 class RoboClawOptions(DriveOptions):
     """The options of a RoboClaw driver."""
 
-    address: int = count('of the controller', default=0x80, minimum=0x80, maximum=0x87)
+    address: int = count('address of the controller', default=0x80, minimum=0x80, maximum=0x87)
     motor: int = count('motor output', default=1, minimum=1, maximum=2)
     counts_per_turn: int = count('encoder counts per motor turn', default=4096, minimum=4)
     torque_constant: float = quantity('N m/A', 'motor torque per ampere', default=0.025,
                                       above=0.0)
     speed_constant: float = quantity('V s/rad', 'back voltage per motor speed', default=0.025,
                                      minimum=0.0)
-    resistance: float = quantity('ohm', 'of the armature and its leads', default=3.125,
+    resistance: float = quantity('ohm', 'resistance of the armature and its leads', default=3.125,
                                  above=0.0)
     status_period: float = quantity(
         's', 'time between requests for status, voltage, current and temperature, of which one '

@@ -55,7 +55,7 @@ class VescDevice(Device):
     firmwares = tuple(FIRMWARES)
     quirks = {
         'factory': Quirk(
-            'as from the factory: 60 A for the motor, a timeout of 1 s',
+            'settings from the factory: 60 A for the motor, a timeout of 1 s',
             'motor/mcconf_default.h, applications/appconf_default.h of vedderb/bldc, 7.01'),
         'firmware_5_02': Quirk(
             'the firmware is 5.02: no status behind the values, other settings',

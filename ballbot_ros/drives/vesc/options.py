@@ -13,6 +13,6 @@ class VescOptions(DriveOptions):
     torque_constant: float = quantity(
         'N m/A', 'motor torque per ampere; of a brushless motor 1.5 pole pairs x flux linkage',
         default=0.025, above=0.0)
-    pole_pairs: int = count('of the motor', default=7, minimum=1)
+    pole_pairs: int = count('pole pairs of the motor', default=7, minimum=1)
     encoder: bool = flag('the motor has an encoder, whose angle is finer than the commutation',
                          default=True)
