@@ -291,7 +291,7 @@ class DriveControl:
         if is_fault:
             if not self._hardware.limits.rearm:
                 self.supervisor.trigger(why)
-            elif event is not Event.NOT_ARMED:
+            elif event not in (Event.NOT_ARMED, Event.LOST):  # nor did the drive do it
                 self._pacer = self._pacer.tripped(self._clock(), self.power.since)
             if why != self.refusal:  # tried again and again, it is logged once
                 LOG.warning('%s', why)

@@ -50,6 +50,7 @@ class Sensing:
     def begin(self, now: float) -> None:
         """Begin anew with a drive that has just answered the handshake."""
         self._answered, self.expecting = now, False
+        self.fusion.found_again()
 
     def ask(self, now: float) -> None:
         """Take note that the drive is asked for a measurement."""

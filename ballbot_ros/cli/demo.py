@@ -25,7 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--real-time', action='store_true',
                         help='run in real time instead of as fast as possible')
     parser.add_argument('--view', action='store_true',
-                        help='open the live page in a browser beside it, and run in real time')
+                        help='open the live page in a browser beside it, and run no faster than '
+                        'real time')
     parser.add_argument('--hardware', action='store_true',
                         help='run the bridge with an emulated motor controller on a serial line, '
                         'in real time')
@@ -82,8 +83,8 @@ def run(arguments: argparse.Namespace) -> int:
                 out=out, protocol=arguments.protocol or 'odrive', firmware=arguments.firmware,
                 serial_imu=arguments.serial_imu, quiet=arguments.quiet, timeout=arguments.timeout)
         else:
-            code = run_demo(out=out, real_time=arguments.real_time or arguments.view,
-                            quiet=arguments.quiet, timeout=arguments.timeout, acts=acts)
+            code = run_demo(out=out, real_time=arguments.real_time, quiet=arguments.quiet,
+                            timeout=arguments.timeout, acts=acts, watched=arguments.view)
     return code
 
 

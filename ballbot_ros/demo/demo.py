@@ -62,8 +62,8 @@ TWO_STEPS = Act('The ball stands before a door-step, and behind that is a higher
 ACTS = (TWO_STEPS, Act('The floor falls, and then drops.', 'drop_on_slope', (Expected.REFUSED,)))
 
 
-def run_demo(out: Path, real_time: bool = False, quiet: bool = False,
-             timeout: float = 60.0, acts: Sequence[Act] = ACTS) -> int:
+def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: float = 60.0,
+             acts: Sequence[Act] = ACTS, watched: bool = False) -> int:
     """
     Let the robot meet two door-steps, and a drop on a slope.
 
@@ -78,6 +78,8 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False,
     timeout : float
         Wall time after which an act is given up [s].
     acts : sequence of Act
+    watched : bool
+        Somebody looks on: in lockstep go no faster than real time.
 
     Returns
     -------
@@ -86,7 +88,8 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False,
 
     """
     lockstep_period = 0.0 if real_time else 1.0 / CAMERA['terrain_rate']
-    how = 'in real time' if real_time else 'in lockstep, as fast as it goes'
+    how = 'in real time' if real_time else (
+        f'in lockstep, {"at most in real time" if watched else "as fast as it goes"}')
     prepare()  # before anything is waited for
     if not quiet:
         print(f'Three nodes on ROS domain {own_domain()}, {how}.', flush=True)
@@ -95,7 +98,7 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False,
         simulator = {
             'scene': act.scene, 'robot': act.robot, 'control_rate': CONTROL_RATE,
             'lockstep': not real_time, **CAMERA,
-            'real_time_factor': 1.0 if real_time else 0.0, 'start_paused': True}
+            'real_time_factor': 1.0 if real_time or watched else 0.0, 'start_paused': True}
         decision = {'robot': act.robot, 'curve': act.curve, 'control_tuning': act.tuning}
         metadata = bag_metadata(
             SIMULATOR, simulator, load_scene(act.scene, act.robot), decision)

@@ -77,6 +77,10 @@ class Fusion:
         self._continuity = Continuity()
         self._jumped: Deque[float] = deque(maxlen=MOST_JUMPS)  # when [s]
 
+    def found_again(self) -> None:
+        """Count jumps anew: a drive whose line was lost may count from another zero."""
+        self._jumped.clear()
+
     def is_relied_on(self) -> bool:
         """Return whether the encoder is believed, or was until a moment ago."""
         estimate, doubt = self.estimate, self._continuity.doubt

@@ -278,6 +278,18 @@ def test_after_unplugging_it_is_back_within_a_second_and_armed_only_by_policy(re
 
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)
+def test_a_line_that_is_lost_again_and_again_is_no_drive_that_trips_and_rests(protocol):
+    robot = VirtualRobot(protocol, rearm=True).ready()
+    for _ in range(8):
+        robot.run(0.2, torque=0.05)
+        robot.plugged = False
+        robot.run(0.4, torque=0.05)
+        robot.plugged = True
+        robot.run(1.0, torque=0.05)
+        assert robot.motor != 0.0
+
+
+@pytest.mark.parametrize('protocol', PROTOCOLS)
 @pytest.mark.parametrize('rearm', [False, True])
 def test_after_a_reboot_of_the_drive_likewise(rearm, protocol):
     robot = VirtualRobot(protocol, rearm=rearm).ready()

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from ballbot_ros.config.files import config_folder
-from ballbot_ros.demo import hardware, own_act
+from ballbot_ros.demo import demo, hardware, own_act
 from ballbot_ros.demo.account import account
 from ballbot_ros.demo.demo import ACTS, passages_of
 from ballbot_ros.demo.hardware import GetGoing
@@ -141,3 +141,21 @@ def test_a_refusal_at_first_is_no_reason_to_give_up(person):
     assert person.poll(8.0) is None
     person.answers[RESUME] = ''
     assert person.poll(60.0) is None
+
+
+@pytest.mark.parametrize('given, lockstep, factor', [
+    ({}, True, 0.0), ({'real_time': True}, False, 1.0), ({'watched': True}, True, 1.0)])
+def test_somebody_who_looks_on_sees_it_in_real_time_at_most_and_slower_where_that_is_too_fast(
+        tmp_path, monkeypatch, given, lockstep, factor):
+    class Started(Exception):
+        """Takes the place of all that follows."""
+
+    def graph(folder, topics, timeline, metadata):
+        raise Started(metadata)
+    monkeypatch.setattr(demo, 'prepare', lambda: None)
+    monkeypatch.setattr(demo, 'recorded_graph', graph)
+    monkeypatch.setattr(demo, 'bag_metadata', lambda name, simulator, *_: simulator)
+    with pytest.raises(Started) as started:
+        demo.run_demo(tmp_path, quiet=True, **given)
+    simulator, = started.value.args
+    assert (simulator['lockstep'], simulator['real_time_factor']) == (lockstep, factor)
