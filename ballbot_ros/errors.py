@@ -16,6 +16,13 @@ Everything that this package raises on purpose.
     └── RenamedError          a Python name that has moved; names the new one
 
 Each message says what was wrong, the value, what is allowed and what to do.
+
+    >>> from ballbot_ros.physics import load_robot
+    >>> try:
+    ...     robot = load_robot('gimbal')
+    ... except BallbotError as error:
+    ...     print(str(error)[:32])
+    there is no robot named 'gimbal'
 """
 from typing import Any
 

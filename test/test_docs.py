@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The documentation site is complete, and is built without a warning."""
+import doctest
+import importlib
 import importlib.util
 import os
 from pathlib import Path
@@ -10,6 +12,10 @@ import sys
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / 'scripts'))
+
+import docs_reference  # noqa: E402, I100, I202
+
 DOCS = ROOT / 'docs'
 # `make docs` installs Sphinx there.
 PACKAGES = ROOT / '.venv' / 'docs'
@@ -32,6 +38,12 @@ def test_every_document_is_in_the_contents_of_the_site():
     listed = re.findall(r'^\* \[.+?\]\(([^)]+)\)', (DOCS / 'index.md').read_text(), re.M)
     assert {path.name for path in DOCS.glob('*.md')} - {'index.md'} <= set(listed)
     assert len(listed) == len(set(listed))
+
+
+@pytest.mark.parametrize('name', docs_reference.PUBLIC)
+def test_each_package_of_the_python_reference_has_examples_and_they_run(name):
+    found = doctest.testmod(importlib.import_module(f'ballbot_ros.{name}'))
+    assert found.attempted > 0 and found.failed == 0
 
 
 def test_every_name_in_the_glossary_of_symbols_is_one_of_the_code():

@@ -1,5 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Control of the pendulum: laws with limits, their stability, and freshness; no ROS."""
+"""
+Control of the pendulum: laws with limits, their stability, and freshness; no ROS.
+
+The torque that holds the pendulum level, from what an encoder and an estimate of the shell say:
+
+    >>> from ballbot_ros.physics import load_robot
+    >>> gimball, gains = load_robot('gimball'), load_tuning('published')
+    >>> controller = PendulumController(gimball, gains)
+    >>> controller.give(SetPoint(Mode.HOLD, 1.57, stamp=0.0))
+    >>> controller.torque(JointReadings(0.0, 0.0, 0.0, 0.0, 0.0)) == gains.torque_limit
+    True
+
+A loop that samples too rarely diverges, and is refused with the rate that works:
+
+    >>> 200.0 < lowest_stable_rate(gimball, gains, Mode.HOLD) < 300.0
+    True
+    >>> check_loop(gimball, gains, Mode.HOLD, rate=500.0, delay=0)
+"""
 from ballbot_ros.control.authority import Authority
 from ballbot_ros.control.checked import checked_controller, checked_rate
 from ballbot_ros.control.command_gate import CommandGate

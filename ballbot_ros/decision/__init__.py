@@ -1,5 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether and how fast to cross the step ahead; no ROS, no clock."""
+"""
+Whether and how fast to cross the step ahead; no ROS, no clock.
+
+A height curve says how high a step may be at a collision speed, and how fast a step must be met:
+
+    >>> curve = load_curve('gimball_down')
+    >>> 0.030 < curve.height(0.8) < 0.032
+    True
+    >>> round(curve.height(curve.required_speed(0.02)), 6)
+    0.02
+
+A `Decider` takes observations and odometry, and decides; ``examples/closed_loop.py`` closes the
+loop around it:
+
+    >>> from ballbot_ros.physics import load_robot
+    >>> margins = load_decision_tuning('decision_default')
+    >>> decider = Decider(Knowledge(load_robot('gimball'), curve, margins), planner='cubic')
+    >>> decider.move(Motion(0.0, position=0.0, speed=0.3))
+    >>> decider.decide().decision.kind.name
+    'STOP'
+"""
 from ballbot_ros.decision.cross_goal import cross_goal, CrossGoal, Phase
 from ballbot_ros.decision.curve import HeightCurve, load_curve
 from ballbot_ros.decision.decider import Answer, Decider

@@ -18,6 +18,18 @@ spoken on a serial line or on a CAN bus.  Its folder has three modules:
 ``emulated``
     A class made from `emulated_device.Device`: the firmware in software, for tests and demos.
     `memory_line.MemoryLine` puts it at the other end of a driver without a serial port.
+
+With a drive on a serial line, or as here one in software:
+
+    >>> from ballbot_ros.drives.emulated_device import DriveSettings
+    >>> from ballbot_ros.drives.memory_line import MemoryLine
+    >>> line = MemoryLine(device_class('vesc')(DriveSettings(torque_limit=0.05)))
+    >>> driver = open_driver('vesc', line, read_options('vesc', {'torque_limit': 0.05}, 'here'))
+    >>> driver.identify().protocol
+    'vesc'
+    >>> driver.arm()
+    >>> driver.send_torque(0.01)
+    >>> driver.stop()
 """
 from importlib import import_module
 import time

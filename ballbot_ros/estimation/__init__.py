@@ -1,5 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The angle of the pendulum, and the way, from an encoder, the torque and an IMU; no ROS."""
+"""
+The angle of the pendulum, and the distance, from an encoder, the torque and an IMU; no ROS.
+
+A robot that stands still, with its encoder at 0 and gravity in its accelerometer:
+
+    >>> from ballbot_ros.physics import load_robot
+    >>> fusion = Fusion(load_robot('gimball'))
+    >>> for number in range(1, 50):
+    ...     stamp = 0.002 * number
+    ...     fusion.imu(ImuReading(stamp, 0.0, 0.0, 9.81))
+    ...     estimate = fusion.encoder(stamp, 0.0, torque=0.0)
+    >>> bool(abs(estimate.mean[0]) < 0.01)
+    True
+
+What an encoder alone cannot tell apart, and what an IMU adds:
+
+    >>> len(unobservable(load_robot('gimball'), imu=False)) > 0
+    True
+"""
 from ballbot_ros.estimation.fusion import Fusion
 from ballbot_ros.estimation.imu import ImuMounting, ImuReading
 from ballbot_ros.estimation.kalman import Estimate, PendulumFilter

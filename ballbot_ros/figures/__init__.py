@@ -4,4 +4,10 @@ Pictures of runs and studies; matplotlib, without a display.
 
 A figure is a function ``name(progress=ignore) -> Figure``.  To add one, copy `command_loss.py`;
 the line that registers it stands in `gallery.FIGURES`.  ``ballbot figures NAME`` draws it then.
+
+    >>> from ballbot_ros.figures.run import strip
+    >>> from ballbot_ros.physics import load_scene
+    >>> figure = strip(load_scene('fig7_top').simulate(duration=0.2), 'a title')
+    >>> type(figure).__name__
+    'Figure'
 """

@@ -3,6 +3,20 @@
 The simulated robot as something that takes commands and keeps time; no ROS.
 
 The simulator node is this package with topics around it.
+
+    >>> from ballbot_ros.physics import load_scene
+    >>> plant = Plant(load_scene('flat'), control_rate=500.0)
+    >>> state = plant.advance(torque=0.5)
+    >>> round(plant.time, 6), state.pendulum_rate > 0.0 > state.ball_rate
+    (0.002, True)
+
+A `TerrainSensor` sees the ground ahead, with noise that depends on the seed and the look only:
+
+    >>> from ballbot_ros.physics import Terrain
+    >>> sensor = TerrainSensor(Terrain.step(0.02, at=0.5), reach=1.0, height_sd=0.001)
+    >>> sight = sensor.look(0.0, 0.226, 0)
+    >>> bool(0.01 < max(sight.z) - min(sight.z) < 0.03)
+    True
 """
 from ballbot_ros.plant.imu import Imu, ImuSample
 from ballbot_ros.plant.pacing import Pace, periods_per, Speedometer
