@@ -122,11 +122,23 @@ def read_terrain(section: Any, where: str) -> Terrain:
         if not isinstance(section, list) or not section:
             raise ConfigurationError(
                 f'expected a list of pieces or a mapping with vertices, got {section!r}')
-        return _join([_read_piece(piece, f'{where}: piece {index + 1}')
-                      for index, piece in enumerate(section)])
+        return _join(_read_pieces(section, where))
     except ConfigurationError as error:
         raise error if str(error).startswith(where) else ConfigurationError(
             f'{where}: {error}') from None
+
+
+def _read_pieces(section: list[Any], where: str) -> list[tuple[Strides, float, float]]:
+    """Return all pieces; what is wrong with any of them is named at once."""
+    pieces, wrong = [], []
+    for number, piece in enumerate(section, 1):
+        try:
+            pieces.append(_read_piece(piece, f'{where}: piece {number}'))
+        except ConfigurationError as error:
+            wrong.append(str(error))
+    if wrong:
+        raise ConfigurationError('; '.join(wrong))
+    return pieces
 
 
 def _read_piece(piece: Any, where: str) -> tuple[Strides, float, float]:
@@ -140,11 +152,10 @@ def _read_piece(piece: Any, where: str) -> tuple[Strides, float, float]:
     place = f'{where} ({name})'
     given = dict(expect_mapping(values, place))
     refuse_unknown(given, {**described, **_COMMON}, place)
-    for key in described:
-        if key not in given and key not in optional:
-            raise ConfigurationError(
-                f'{place}: {key} is missing ({described[key].metadata["doc"]} '
-                f'[{described[key].metadata["unit"]}])')
+    missing = [f'{key} is missing ({item.metadata["doc"]} [{item.metadata["unit"]}])'
+               for key, item in described.items() if key not in given and key not in optional]
+    if missing:
+        raise ConfigurationError(f'{place}: {"; ".join(missing)}')
     checked = {key: check_value(key, value, {**described, **_COMMON}[key].metadata, place)
                for key, value in given.items()}
     friction = checked.pop('friction', math.nan)

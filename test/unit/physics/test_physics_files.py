@@ -97,6 +97,13 @@ def test_all_that_a_scene_lacks_is_named_at_once(tmp_path):
     assert 'duration is missing' in message and 'robot is missing' in message
 
 
+def test_what_is_wrong_with_several_pieces_of_ground_is_named_at_once(tmp_path):
+    message = message_of(load_scene, write(
+        tmp_path, 'robot: gimball\nduration: 1\nterrain: [step: {}, flat: {length: 1}, cord: {}]'))
+    assert 'piece 1 (step): height is missing' in message
+    assert 'piece 3 (cord): diameter is missing' in message
+
+
 @pytest.mark.parametrize('text, words', [
     ('', ['mapping', 'None']),
     ('- a\n- b\n', ['mapping', "['a', 'b']"]),
@@ -157,6 +164,8 @@ def test_files_that_are_no_mapping_are_refused(tmp_path, load, text, words):
     ('flat: {length: 1.0}', 'flat: {length: -1.0}',
      ['terrain', 'piece 1 (flat)', 'length', 'more than 0', '-1']),
     ('flat: {length: 1.0}', 'flat: {}', ['terrain', 'piece 1 (flat)', 'length is missing']),
+    ('step: {height: 0.03}', 'threshold: {}',
+     ['piece 2 (threshold): height is missing', '; width is missing']),
     ('flat: {length: 1.0}', 'flat: {length: 1.0, widht: 2}', ['piece 1 (flat)', "'widht'"]),
     ('flat: {length: 1.0}', 'flt: {length: 1.0}', ['piece 1', "'flt'", "did you mean 'flat'"]),
     ('flat: {length: 1.0}', 'lake: {length: 1.0}', ['piece 1', "'lake'", *PIECES]),
