@@ -35,11 +35,15 @@ from ballbot_ros.physics.solvers.controller import MEMORY
 FIRST_TOLERANCE = 1e-2  # times the accuracy, for the first, coarser run
 REFINEMENT = 0.03
 # Two runs may be wrong in the same way: they have to agree better than was asked for.
-SAFETY = 0.3
+SAFETY = 0.1
 # A tolerance is to resolve the slip at which friction sets in, and how deep the ball sinks in, by
 # so much: two runs that cannot see these are wrong alike, whatever their methods.
 RESOLVED = 0.3
 EARTH = 9.81  # [m/s2]: a ball without weight sinks in where it strikes
+# A run with a tolerance finer by `REFINEMENT` takes twice the work.  Where it takes so much more,
+# the tolerance is not what limits the steps: rounding is, or what the coarser run has missed.
+# Then a still finer one has to agree, too.
+RUNAWAY = 5
 # Work of the run that confirms, over that of the one to be confirmed.
 CONFIRMING_WORK = 10
 # Below this, rounding is what is left [m].
@@ -98,7 +102,7 @@ def simulate_accurately(model: Model, start: State, actuation: Actuation, durati
     first, solver = (replace(item, work_budget=model.solver.work_budget,
                              models=model.solver.models)
                      for item in _resolving(model, *solvers_for(accuracy)))
-    coarse = runs.run(first)
+    coarse, needed = runs.run(first), 1
     while True:
         fine, finest = runs.run(solver), solver.tolerance <= FINEST_TOLERANCE
         if coarse is not None and fine is not None:
@@ -106,7 +110,12 @@ def simulate_accurately(model: Model, start: State, actuation: Actuation, durati
             same = coarse.effort.events == fine.effort.events
             if _agree(assured) and not (same or finest):
                 assured = runs.confirmed(fine, assured)
-            if _agree(assured) or finest:
+                # Two runs did agree by chance: here that happens, and may again.
+                needed = needed if _agree(assured) else 2
+            if fine.effort.evaluations > RUNAWAY * coarse.effort.evaluations:
+                needed = 2
+            needed -= _agree(assured)
+            if needed <= 0 or finest:
                 return replace(fine, effort=runs.effort, assurance=assured._replace(
                     runs=runs.count))
         elif fine is not None and finest:

@@ -13,7 +13,9 @@ from ballbot_ros.physics import (
     Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
 from ballbot_ros.physics.mechanics.equations import X
 from ballbot_ros.physics.simulation.accuracy import simulate_accurately
+from ballbot_ros.physics.simulation.failures import out_of_balance
 from ballbot_ros.physics.simulation.integrator import Integrator
+from ballbot_ros.physics.simulation.simulate import simulate_once
 from ballbot_ros.physics.solvers.values import FINISHED, Status
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'extremes'))
@@ -144,7 +146,8 @@ def test_what_is_over_before_time_can_tell_is_stepped_over():
 
 @pytest.mark.parametrize('which', [
     'stiffness:341', 'fixed:1002', 'combined:120', 'combined:470', 'combined:869',
-    'combined:1338', 'combined:1311'])
+    'combined:1338', 'combined:1311', 'combined:5018538', 'combined:5024405', 'combined:5023520',
+    'combined:5004285', 'stiffness:5006867', 'fixed:5008754', 'fixed:5010054', 'fixed:5011195'])
 def test_what_was_wrong_once_is_not_any_more(which):
     name, _, seed = which.partition(':')
     found = judge(name, int(seed))
@@ -159,10 +162,44 @@ def test_runs_that_met_other_kinks_are_confirmed_by_another_method(monkeypatch):
         asked.append(model.solver.method)
         return simulate(model, *rest)
     monkeypatch.setattr('ballbot_ros.physics.simulation.accuracy.simulate_once', watched)
-    monkeypatch.setattr('ballbot_ros.physics.simulation.accuracy.RESOLVED', 1e9)
+    for rule, off in (('RESOLVED', 1e9), ('SAFETY', 0.3)):
+        monkeypatch.setattr(f'ballbot_ros.physics.simulation.accuracy.{rule}', off)
     accuracy = 1e-4 * case.model.robot.ball_radius
     simulate_accurately(case.model, case.start, case.actuation, case.duration, accuracy, 0.01)
     assert 'implicit' in asked
+
+
+def methods_asked(monkeypatch, told):
+    """Return the methods of the runs that an accuracy takes, where `told` changes each of them."""
+    scene, methods = load_scene('fig7_top'), []
+
+    def watched(model, *rest):
+        methods.append(model.solver.method)
+        return told(simulate(model, *rest), methods)
+    monkeypatch.setattr('ballbot_ros.physics.simulation.accuracy.simulate_once', watched)
+    found = simulate_accurately(
+        scene.model, scene.start, scene.actuation, 0.5, 1e-4, 0.01)
+    assert found.assurance.complete and found.assurance.runs == len(methods)
+    return methods
+
+
+def test_work_that_runs_away_has_to_be_confirmed_by_a_still_finer_run(monkeypatch):
+    # A finer tolerance takes twice the work; where it takes ten times, it is not what limits it.
+    def told(run, methods):
+        work = 1000 if len(methods) == 1 else 10_000
+        return replace(run, effort=run.effort._replace(evaluations=work, events=0))
+    assert methods_asked(monkeypatch, told) == ['adaptive'] * 3
+    assert methods_asked(monkeypatch, lambda run, _: replace(
+        run, effort=run.effort._replace(evaluations=1000, events=0))) == ['adaptive'] * 2
+
+
+def test_where_another_method_disagreed_once_it_has_to_agree_twice(monkeypatch):
+    def told(run, methods):
+        off = 0.01 if methods[-1] == 'implicit' and methods.count('implicit') == 1 else 0.0
+        return replace(run, rows=run.rows + off, effort=run.effort._replace(
+            events=len(methods), evaluations=1000))
+    assert methods_asked(monkeypatch, told) == ['adaptive', 'adaptive', 'implicit'] + 2 * [
+        'adaptive', 'implicit']
 
 
 def test_steps_that_are_stable_in_balance_and_too_long_are_refused():
@@ -172,6 +209,28 @@ def test_steps_that_are_stable_in_balance_and_too_long_are_refused():
     with pytest.raises(SimulationError) as caught:
         simulate(case.model, case.start, case.actuation, case.duration, case.output_step)
     assert caught.value.trajectory['time'][-1] == caught.value.time
+
+
+def test_what_explicit_steps_shake_out_of_balance_is_simulated_with_implicit_ones(monkeypatch):
+    case, tried = make_case('combined', 5000292), []
+
+    def watched(model, *rest):
+        tried.append(model.solver.method)
+        run = simulate_once(model, *rest)
+        if tried[-1] != 'implicit':
+            error = out_of_balance(0.1, 0.2, model.solver)
+            error.trajectory = run
+            raise error
+        return run
+    monkeypatch.setattr('ballbot_ros.physics.simulation.steps.simulate_once', watched)
+    run = simulate(case.model, case.start, case.actuation, case.duration, 0.04)
+    assert tried == ['adaptive', 'implicit'] and run.model is case.model
+    alone = simulate_once(replace(case.model, solver=replace(
+        case.model.solver, method='implicit')), case.start, case.actuation, case.duration, 0.04)
+    assert (run.rows == alone.rows).all() and run.effort.steps > alone.effort.steps
+    explicit = replace(case.model, solver=replace(case.model.solver, method='explicit'))
+    with pytest.raises(SimulationError, match='energy ledger'):
+        simulate(explicit, case.start, case.actuation, case.duration, 0.04)
 
 
 def test_a_start_under_the_ground_is_refused_with_a_height_that_works():
