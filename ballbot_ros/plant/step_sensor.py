@@ -12,6 +12,8 @@ from ballbot_ros.plant.sensor_faults import SensorFaults
 
 # What a sensor takes for a step: at least so high [m], and steeper than 45 degrees.
 LEAST_HEIGHT, LEAST_SLOPE = 0.002, 1.0
+# A less steep piece that is shorter belongs to it, as on a rounded edge [m].
+SHORT = 0.005
 
 # A sensor that tells deviations tells no smaller ones than these, for 0 means unknown [m].
 DISTANCE_RESOLUTION, HEIGHT_RESOLUTION = 0.001, 0.0005
@@ -44,7 +46,7 @@ def faces(terrain: Terrain) -> Tuple[Tuple[float, float], ...]:
 
     At the x of its foot, or of its upper edge where it drops.
     """
-    found = terrain.faces(LEAST_SLOPE, LEAST_HEIGHT)
+    found = terrain.faces(LEAST_SLOPE, LEAST_HEIGHT, SHORT)
     return tuple((float(face[0, 0]), float(face[-1, 1] - face[0, 1])) for face in found)
 
 

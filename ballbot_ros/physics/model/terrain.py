@@ -151,7 +151,8 @@ class Terrain:
             for begin, end in zip(ends[::2], ends[1::2]):
                 face = self.vertices[begin:end + 1]
                 width, height = face[-1] - face[0]
-                if sign * height >= least_height and sign * height > least_slope * width:
+                # A quarter of a circle is as high as it is wide, but for rounding.
+                if sign * height >= max(least_height, least_slope * width * (1.0 - 1e-9)):
                     found[begin] = face
         return [found[begin] for begin in sorted(found)]
 

@@ -22,6 +22,8 @@ def ground(*pieces):
     ({'threshold': {'height': 0.02, 'width': 0.2, 'bevel': 0.08}}, []),
     ({'slope': {'length': 1.0, 'angle_deg': 30}}, []),
     ({'step': {'height': 0.001}}, []),
+    ({'carpet': {'thickness': 0.006, 'length': 1.0}}, [(1.0, 0.006), (1.994, -0.006)]),
+    ({'cord': {'diameter': 0.008}}, [(1.0, 0.008), (1.004, -0.008)]),
 ])
 def test_steep_rises_and_drops_are_faces_and_slopes_are_not(piece, expected):
     found = faces(ground(piece, {'flat': {'length': 1.0}}))
