@@ -33,7 +33,8 @@ copyright = author  # noqa: A001
 release = version = __version__
 
 extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
-exclude_patterns = ['_build']
+# rosdoc2 writes an index.rst where there is none; the first page is index.md.
+exclude_patterns = ['_build', 'index.rst']
 html_theme = 'sphinx_rtd_theme'
 html_theme_options = {'navigation_depth': 2, 'titles_only': True}
 html_static_path = [str(ROOT / 'docs' / '_static')]  # absolute, for rosdoc2

@@ -92,8 +92,10 @@ def test_the_settings_are_found_from_another_folder_as_rosdoc2_runs_them(tmp_pat
     if not HAS_SPHINX:
         pytest.skip('Sphinx is not installed; "make docs" does it')
     script = f'__file__ = {str(tmp_path / "conf.py")!r}; ' \
-        f'exec(open({str(DOCS / "conf.py")!r}).read()); print(ROOT, project, html_theme)'
+        f'exec(open({str(DOCS / "conf.py")!r}).read()); print(ROOT, project, html_theme)\n' \
+        'assert "index.rst" in exclude_patterns  # rosdoc2 writes one'
     path = os.pathsep.join([str(PACKAGES), str(ROOT), os.environ.get('PYTHONPATH', '')])
     done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
                           cwd=tmp_path, env={**os.environ, 'PYTHONPATH': path})
-    assert done.stdout.split() == [str(ROOT), 'ballbot_ros', 'sphinx_rtd_theme'], done.stderr
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == [str(ROOT), 'ballbot_ros', 'sphinx_rtd_theme']
