@@ -37,7 +37,7 @@ APART = 0.03  # a ball that was farther off than this touches anew [m]
 # Which periods, set angles, law and motor, system, options, state (13,), what is watched (n, 7),
 # output without rows, workspace.
 Call = Tuple[Span, Script, Drive, Tuple[Tuple[float, ...], Array],
-             Tuple[float, float, int, int, bool], Array, Array,
+             Tuple[float, float, int, int, bool, bool], Array, Array,
              Tuple[Array, float, float, int], PackedWorkspace]
 
 

@@ -218,7 +218,7 @@ def run_to_verdict(height: float, tolerance: float,
     goal = course.clearance * parameters.radius
     steep = ground[EDGE_VERTEX, TANGENT_Y] / ground[EDGE_VERTEX, TANGENT_X] if goal > 0.0 else 0.0
     doubt = 10.0 * tolerance * parameters.mass * parameters.gravity
-    options = Options(tolerance, 0.0, AUTOMATIC, crossing.budget, False)
+    options = Options(tolerance, 0.0, AUTOMATIC, crossing.budget, False, False)
     status = Status(FINISHED, 0.0, 0, StepController(0.0, False, False, 0.0, 0, 0),
                     EventRate(0, 0, 0), False, True, 0.0)
     nearest, farthest, passed, block = -math.inf, -math.inf, 0.0, BLOCK

@@ -60,6 +60,33 @@ def ground_height(ground: Array, x: float) -> float:
 
 
 @compiled
+def meeting(feature: int, x: float, y: float,
+            ground: Array) -> tuple[float, float, float, float]:
+    """
+    Return where a feature of the ground, no CORNER, lies from a point.
+
+    Returns
+    -------
+    normal_x, normal_y : float
+        Unit vector from the ground to the point.
+    distance : float
+        [m]
+    friction : float
+        Coefficient.
+
+    """
+    segment = feature >> 1
+    if feature & 1 == 0:
+        tangent_x, tangent_y = ground[segment, TANGENT_X], ground[segment, TANGENT_Y]
+        return (-tangent_y, tangent_x, (y - ground[segment, VERTEX_Y]) * tangent_x
+                - (x - ground[segment, VERTEX_X]) * tangent_y, ground[segment, SURFACE_FRICTION])
+    away_x, away_y = x - ground[segment + 1, VERTEX_X], y - ground[segment + 1, VERTEX_Y]
+    distance = math.sqrt(away_x * away_x + away_y * away_y)
+    return (away_x / distance, away_y / distance, distance,
+            ground[segment + 1, EDGE_FRICTION])
+
+
+@compiled
 def write_contact(contacts: Array, row: int, feature: int, x: float, y: float, radius: float,
                   ground: Array) -> None:
     """Fill one row of the table of contacts, whether the ball touches that feature or not."""

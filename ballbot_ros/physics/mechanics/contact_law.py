@@ -31,6 +31,28 @@ COLUMNS = 7
 
 
 @compiled
+def pressing_and_slipping(normal_x: float, normal_y: float, penetration: float,
+                          velocity_x: float, velocity_y: float, spin: float,
+                          parameters: Parameters) -> tuple[float, float, float, float]:
+    """
+    Return what eqs. (7) and (8) say of a contact with a normal [-] and a penetration [m].
+
+    Returns
+    -------
+    force, slip, normal_velocity : float
+        See `force_and_slip`.
+    along : float
+        Velocity of the centre along the tangent [m/s].
+
+    """
+    normal_velocity = velocity_x * normal_x + velocity_y * normal_y
+    along = velocity_x * normal_y - velocity_y * normal_x
+    force = parameters.stiffness * penetration - parameters.damping * normal_velocity
+    lever = parameters.radius - (0.0 if parameters.radius_lever > 0.0 else penetration)
+    return force, along + lever * spin, normal_velocity, along
+
+
+@compiled
 def force_and_slip(state: Array, parameters: Parameters, contacts: Array,
                    row: int) -> tuple[float, float, float]:
     """
@@ -54,13 +76,9 @@ def force_and_slip(state: Array, parameters: Parameters, contacts: Array,
         Positive away from the ground [m/s].
 
     """
-    normal_x, normal_y = contacts[row, NORMAL_X], contacts[row, NORMAL_Y]
-    velocity_x, velocity_y = state[VELOCITY_X], state[VELOCITY_Y]
-    penetration = contacts[row, PENETRATION]
-    normal_velocity = velocity_x * normal_x + velocity_y * normal_y
-    force = parameters.stiffness * penetration - parameters.damping * normal_velocity
-    lever = parameters.radius - (0.0 if parameters.radius_lever > 0.0 else penetration)
-    slip = velocity_x * normal_y - velocity_y * normal_x + lever * state[BALL_RATE]
+    force, slip, normal_velocity, _ = pressing_and_slipping(
+        contacts[row, NORMAL_X], contacts[row, NORMAL_Y], contacts[row, PENETRATION],
+        state[VELOCITY_X], state[VELOCITY_Y], state[BALL_RATE], parameters)
     return force, slip, normal_velocity
 
 

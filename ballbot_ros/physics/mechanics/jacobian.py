@@ -3,8 +3,9 @@ r"""
 The derivative of the equations of motion in a frozen mode, by hand.
 
 An implicit step needs to know how the rates change with the state.  Coordinates change the
-coordinates only through the velocities, so the interesting part is a table of nine rows (four
-accelerations, five flows of energy) and nine columns (four coordinates, four velocities, time).
+coordinates only through the velocities, and the flows of energy change nothing, so the
+interesting part is a table of four rows (the accelerations) and nine columns (four coordinates,
+four velocities, time).
 
 Each contact adds loads that depend on place, velocity and spin of the ball.  With normal n,
 tangent t, distance d from the centre, and curvature kappa (0 on a segment, 1/d on a vertex), a
@@ -21,25 +22,25 @@ import math
 import numpy as np
 
 from ballbot_ros.compiled import compiled
+from ballbot_ros.physics.mechanics.contact import meeting
 from ballbot_ros.physics.mechanics.contact_law import (
-    CORNER, force_and_slip, FRICTION, friction_scale, friction_slope, KIND, normal_and_friction,
-    NORMAL_X, NORMAL_Y, PENETRATION, SURFACE)
+    CORNER, FRICTION, friction_scale, friction_slope, KIND, normal_and_friction,
+    pressing_and_slipping)
 from ballbot_ros.physics.mechanics.equations import torque_slopes, unsaturated_torque
 from ballbot_ros.physics.mechanics.modes import (
-    contact_count, ContactMode, MOTOR, PRESSED, SLIDING, write_contacts)
+    contact_count, ContactMode, FEATURE, MOTOR, PRESSED, SLIDING, smooth_contacts)
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y, X, Y)
 from ballbot_ros.physics.model.terrain import Array
 
-# Rows: accelerations, then flows of energy; in the order of the state vector.
-BALL, PENDULUM, ALONG_X, ALONG_Y, TO_DAMPERS, TO_FRICTION, TO_ROLLING, TO_JOINT, FROM_MOTOR = (
-    range(9))
+# Rows: the accelerations, in the order of the state vector.
+BALL, PENDULUM, ALONG_X, ALONG_Y = range(4)
 TIME = 8  # the last column; the first eight are those of the state vector
-# How the loads of the ground change, kept below the rows above: five loads, five causes.
-LOADS = 9
-ROWS = 14
-CAUSES = np.array([X, Y, VELOCITY_X, VELOCITY_Y, BALL_RATE])  # their columns in the rows above
+# How the loads of the ground change, kept below the rows above: force_x, force_y and torque with
+# x, y, velocity_x, velocity_y, ball_rate.
+LOADS = 4
+ROWS = 7
 
 
 def jacobian_table() -> Array:
@@ -48,24 +49,15 @@ def jacobian_table() -> Array:
 
 
 @compiled
-def smooth_contacts(mode: ContactMode) -> bool:
-    """Return whether the derivative is complete for the contacts of a mode."""
-    for row in range(contact_count(mode)):
-        if mode.contacts[row, KIND] == CORNER:
-            return False
-    return True
-
-
-@compiled
-def add_outer(out: Array, row: int, factor: float,
-              slopes: tuple[float, float, float, float, float]) -> None:
+def add_load(out: Array, load: int, factor: float,
+             slopes: tuple[float, float, float, float, float]) -> None:
     """Add a multiple of a gradient to the row of a load."""
     # Written out: an index that varies makes a tuple slow.
-    out[LOADS + row, 0] += factor * slopes[0]
-    out[LOADS + row, 1] += factor * slopes[1]
-    out[LOADS + row, 2] += factor * slopes[2]
-    out[LOADS + row, 3] += factor * slopes[3]
-    out[LOADS + row, 4] += factor * slopes[4]
+    out[LOADS + load, 0] += factor * slopes[0]
+    out[LOADS + load, 1] += factor * slopes[1]
+    out[LOADS + load, 2] += factor * slopes[2]
+    out[LOADS + load, 3] += factor * slopes[3]
+    out[LOADS + load, 4] += factor * slopes[4]
 
 
 @compiled
@@ -76,27 +68,31 @@ def add_contact(state: Array, row: int, system: System, mode: ContactMode,
 
     Returns its share of force_x and force_y.
     """
-    parameters, contacts = system.parameters, mode.contacts
-    normal_x, normal_y = contacts[row, NORMAL_X], contacts[row, NORMAL_Y]
+    parameters, feature = system.parameters, mode.signs[row, FEATURE]
+    normal_x, normal_y, distance, coefficient = meeting(
+        feature, state[X], state[Y], system.ground)
+    corner = False
+    if not smooth_contacts(mode):
+        corner = mode.contacts[row, KIND] == CORNER
+        coefficient = mode.contacts[row, FRICTION]
     tangent_x, tangent_y = normal_y, -normal_x
     spin, stiffness = state[BALL_RATE], parameters.stiffness
-    distance = parameters.radius - contacts[row, PENETRATION]
-    bend = 0.0 if contacts[row, KIND] == SURFACE else 1.0 / distance
-    force, slip, closing = force_and_slip(state, parameters, contacts, row)
-    along = state[VELOCITY_X] * tangent_x + state[VELOCITY_Y] * tangent_y
+    bend = 0.0 if feature & 1 == 0 else 1.0 / distance
+    force, slip, closing, along = pressing_and_slipping(
+        normal_x, normal_y, parameters.radius - distance, state[VELOCITY_X], state[VELOCITY_Y],
+        spin, parameters)
     # Gradients; of the normal velocity: (closing_x, closing_y, normal_x, normal_y, 0).
     closing_x, closing_y = bend * along * tangent_x, bend * along * tangent_y
     drift_x, drift_y = -bend * closing * tangent_x, -bend * closing * tangent_y
     pressed, sliding = mode.signs[row, PRESSED], mode.signs[row, SLIDING]
-    normal, friction = normal_and_friction(
-        force, slip, pressed, sliding, parameters, contacts[row, FRICTION])
+    normal, friction = normal_and_friction(force, slip, pressed, sliding, parameters, coefficient)
     # The force of a CORNER, which has no friction, counts with the other sign.
-    sign = -1.0 if contacts[row, KIND] == CORNER else 1.0
+    sign = -1.0 if corner else 1.0
     slope_x = -stiffness * normal_x - parameters.damping * closing_x if pressed != 0 else 0.0
     slope_y = -stiffness * normal_y - parameters.damping * closing_y if pressed != 0 else 0.0
     damping = -parameters.damping if pressed != 0 else 0.0
     # Friction: -sign N mu scale(slip).
-    rough = -pressed * contacts[row, FRICTION]
+    rough = -pressed * coefficient
     share = rough * friction_scale(slip, sliding, parameters)
     steep = rough * normal * friction_slope(slip, sliding, parameters)
     lever, growing = parameters.radius, 0.0
@@ -109,24 +105,15 @@ def add_contact(state: Array, row: int, system: System, mode: ContactMode,
                share * damping * normal_y + steep * tangent_y, steep * lever)
     turning = tangent_x, tangent_y, 0.0, 0.0, 0.0
     # force = normal n + friction t, and both directions turn.
-    add_outer(out, 0, sign * normal_x, pressing)
-    add_outer(out, 0, tangent_x, rubbing)
-    add_outer(out, 0, bend * (sign * normal * tangent_x - friction * normal_x), turning)
-    add_outer(out, 1, sign * normal_y, pressing)
-    add_outer(out, 1, tangent_y, rubbing)
-    add_outer(out, 1, bend * (sign * normal * tangent_y - friction * normal_y), turning)
+    add_load(out, 0, sign * normal_x, pressing)
+    add_load(out, 0, tangent_x, rubbing)
+    add_load(out, 0, bend * (sign * normal * tangent_x - friction * normal_x), turning)
+    add_load(out, 1, sign * normal_y, pressing)
+    add_load(out, 1, tangent_y, rubbing)
+    add_load(out, 1, bend * (sign * normal * tangent_y - friction * normal_y), turning)
     # torque = friction distance
-    add_outer(out, 2, distance, rubbing)
-    add_outer(out, 2, friction, (normal_x, normal_y, 0.0, 0.0, 0.0))
-    # contact loss = (k penetration - normal) closing
-    held = sign * (stiffness * contacts[row, PENETRATION] - normal)
-    add_outer(out, 3, sign * closing, (-stiffness * normal_x - slope_x,
-              -stiffness * normal_y - slope_y, -damping * normal_x, -damping * normal_y, 0.0))
-    add_outer(out, 3, held, (closing_x, closing_y, normal_x, normal_y, 0.0))
-    # friction loss = -friction (along + distance spin)
-    add_outer(out, 4, -(along + distance * spin), rubbing)
-    add_outer(out, 4, -friction, (drift_x + spin * normal_x, drift_y + spin * normal_y,
-                                  tangent_x, tangent_y, distance))
+    add_load(out, 2, distance, rubbing)
+    add_load(out, 2, friction, (normal_x, normal_y, 0.0, 0.0, 0.0))
     return (sign * normal * normal_x + friction * tangent_x,
             sign * normal * normal_y + friction * tangent_y)
 
@@ -135,13 +122,13 @@ def add_contact(state: Array, row: int, system: System, mode: ContactMode,
 def write_jacobian(time: float, state: Array, system: System, mode: ContactMode,
                    out: Array) -> None:
     """
-    Write the derivative of `modes.mode_derivative` into the first nine rows of `out`.
+    Write the derivative of `motion.accelerations` into the first four rows of `out`.
 
     Parameters
     ----------
     time, state, system, mode
-        See `modes.mode_derivative`.
-    out : (14, 9) array
+        See `modes.mode_derivative`; only the motion of the state is looked at.
+    out : (7, 9) array
         See `jacobian_table`; SI.
 
     """
@@ -149,22 +136,22 @@ def write_jacobian(time: float, state: Array, system: System, mode: ContactMode,
     for row in range(ROWS):
         for column in range(9):
             out[row, column] = 0.0
-    write_contacts(state, system, mode)
     force_x = force_y = 0.0
     for row in range(contact_count(mode)):
         share_x, share_y = add_contact(state, row, system, mode, out)
         force_x += share_x
         force_y += share_y
-    for cause in range(5):
-        column = CAUSES[cause]
-        out[BALL, column] = out[LOADS + 2, cause] / parameters.ball_inertia
-        out[ALONG_X, column] = out[LOADS, cause] / parameters.mass
-        out[ALONG_Y, column] = out[LOADS + 1, cause] / parameters.mass
-        out[TO_DAMPERS, column] = out[LOADS + 3, cause]
-        out[TO_FRICTION, column] = out[LOADS + 4, cause]
-    spin = state[BALL_RATE]
-    out[BALL, BALL_RATE] -= parameters.rolling_friction / parameters.ball_inertia
-    out[TO_ROLLING, BALL_RATE] = 2.0 * parameters.rolling_friction * spin
+    per_mass, per_inertia = 1.0 / parameters.mass, 1.0 / parameters.ball_inertia
+    for shift in range(2):
+        for row in range(3):
+            # The places among the coordinates, then their velocities.
+            factor = per_mass if row < 2 else per_inertia
+            to = ALONG_X + row if row < 2 else BALL
+            out[to, X + shift] = factor * out[LOADS + row, shift]
+            out[to, VELOCITY_X + shift] = factor * out[LOADS + row, 2 + shift]
+    out[BALL, BALL_RATE] = per_inertia * (out[LOADS + 2, 4] - parameters.rolling_friction)
+    out[ALONG_X, BALL_RATE] = per_mass * out[LOADS, 4]
+    out[ALONG_Y, BALL_RATE] = per_mass * out[LOADS + 1, 4]
     if parameters.swing_inertia > 0.0:
         saturated = mode.signs[len(mode.signs) - 1, MOTOR]
         add_pendulum(time, state, saturated, system, (force_x, force_y), out)
@@ -177,27 +164,29 @@ def add_pendulum(time: float, state: Array, saturated: int, system: System,
     (force_x, force_y), actuator, parameters = force, system.actuator, system.parameters
     sine, cosine = math.sin(state[PENDULUM_ANGLE]), math.cos(state[PENDULUM_ANGLE])
     rate = state[PENDULUM_RATE]
-    joint_rate = rate - state[BALL_RATE]
     motor = saturated * actuator.limit
     # Slopes of the torque with ball and pendulum angle, ball and pendulum rate, and time.
     by_ball = by_angle = by_spin = by_rate = by_time = 0.0
     if saturated == 0:
         motor = unsaturated_torque(time, state, actuator)
         by_ball, by_angle, by_spin, by_rate, by_time = torque_slopes(state, actuator)
-    damping, inertia = parameters.joint_friction, parameters.swing_inertia
-    moment = parameters.pendulum_moment / parameters.mass
-    swing = (motor - damping * joint_rate - moment * (force_x * cosine + force_y * sine)
-             ) / inertia
-    for cause in range(5):
-        column = CAUSES[cause]
-        out[PENDULUM, column] = -moment * (
-            out[LOADS, cause] * cosine + out[LOADS + 1, cause] * sine) / inertia
-    out[PENDULUM, 0] = by_ball / inertia
-    out[PENDULUM, PENDULUM_ANGLE] = (
-        by_angle + moment * (force_x * sine - force_y * cosine)) / inertia
-    out[PENDULUM, BALL_RATE] += (by_spin + damping) / inertia
-    out[PENDULUM, PENDULUM_RATE] = (by_rate - damping) / inertia
-    out[PENDULUM, TIME] = by_time / inertia
+    damping, per_inertia = parameters.joint_friction, 1.0 / parameters.swing_inertia
+    per_ball, moment = 1.0 / parameters.ball_inertia, parameters.pendulum_moment / parameters.mass
+    swing = per_inertia * (motor - damping * (rate - state[BALL_RATE]) - moment * (
+        force_x * cosine + force_y * sine))
+    sway_x, sway_y = -per_inertia * moment * cosine, -per_inertia * moment * sine
+    for shift in range(2):
+        out[PENDULUM, X + shift] = (
+            sway_x * out[LOADS, shift] + sway_y * out[LOADS + 1, shift])
+        out[PENDULUM, VELOCITY_X + shift] = (
+            sway_x * out[LOADS, 2 + shift] + sway_y * out[LOADS + 1, 2 + shift])
+    out[PENDULUM, 0] = by_ball * per_inertia
+    out[PENDULUM, PENDULUM_ANGLE] = per_inertia * (
+        by_angle + moment * (force_x * sine - force_y * cosine))
+    out[PENDULUM, BALL_RATE] = (sway_x * out[LOADS, 4] + sway_y * out[LOADS + 1, 4]
+                                + per_inertia * (by_spin + damping))
+    out[PENDULUM, PENDULUM_RATE] = per_inertia * (by_rate - damping)
+    out[PENDULUM, TIME] = per_inertia * by_time
     for column in range(9):
         out[ALONG_X, column] -= moment * cosine * out[PENDULUM, column]
         out[ALONG_Y, column] -= moment * sine * out[PENDULUM, column]
@@ -205,15 +194,11 @@ def add_pendulum(time: float, state: Array, saturated: int, system: System,
     out[ALONG_Y, PENDULUM_ANGLE] -= moment * (cosine * swing - sine * rate * rate)
     out[ALONG_X, PENDULUM_RATE] += 2.0 * moment * sine * rate
     out[ALONG_Y, PENDULUM_RATE] -= 2.0 * moment * cosine * rate
-    out[BALL, 0] -= by_ball / parameters.ball_inertia
-    out[BALL, PENDULUM_ANGLE] -= by_angle / parameters.ball_inertia
-    out[BALL, BALL_RATE] -= (by_spin + damping) / parameters.ball_inertia
-    out[BALL, PENDULUM_RATE] += (damping - by_rate) / parameters.ball_inertia
-    out[BALL, TIME] -= by_time / parameters.ball_inertia
-    out[TO_JOINT, BALL_RATE] = -2.0 * damping * joint_rate
-    out[TO_JOINT, PENDULUM_RATE] = 2.0 * damping * joint_rate
-    out[FROM_MOTOR, 0] = by_ball * joint_rate
-    out[FROM_MOTOR, PENDULUM_ANGLE] = by_angle * joint_rate
-    out[FROM_MOTOR, BALL_RATE] = by_spin * joint_rate - motor
-    out[FROM_MOTOR, PENDULUM_RATE] = by_rate * joint_rate + motor
-    out[FROM_MOTOR, TIME] = by_time * joint_rate
+    out[BALL, 0] -= by_ball * per_ball
+    out[BALL, PENDULUM_ANGLE] -= by_angle * per_ball
+    out[BALL, BALL_RATE] -= (by_spin + damping) * per_ball
+    out[BALL, PENDULUM_RATE] += (damping - by_rate) * per_ball
+    out[BALL, TIME] -= by_time * per_ball
+
+
+__all__ = ['jacobian_table', 'smooth_contacts', 'write_jacobian']

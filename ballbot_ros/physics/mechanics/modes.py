@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from ballbot_ros.compiled import compiled, inlined
 from ballbot_ros.physics.mechanics.contact import (
-    contact_table, first_segment, share_friction, write_contact)
+    contact_table, first_segment, meeting, share_friction, write_contact)
 from ballbot_ros.physics.mechanics.contact_law import (
-    contact_load, CORNER, force_and_slip, FRICTION, KIND, pressed_sign, sign_beyond, sliding_sign)
+    contact_load, CORNER, force_and_slip, FRICTION, KIND, pressed_sign, pressing_and_slipping,
+    sign_beyond, sliding_sign)
 from ballbot_ros.physics.mechanics.equations import Loads, unsaturated_torque, write_rates
 from ballbot_ros.physics.model.parameters import System
-from ballbot_ros.physics.model.state import X, Y
+from ballbot_ros.physics.model.state import BALL_RATE, VELOCITY_X, VELOCITY_Y, X, Y
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y
 
 IntArray = NDArray[np.int64]
@@ -34,6 +35,7 @@ SLIDING = 2
 # ... and in the last row:
 MOTOR = 0     # sign of the torque where it is at its limit, 0 within
 COUNT = 1     # of contacts in force
+CORNERS = 2   # among them
 COLUMNS = 3
 
 
@@ -53,6 +55,12 @@ class ContactMode(NamedTuple):
 def contact_count(mode: ContactMode) -> int:
     """Return how many contacts are in force."""
     return mode.signs[len(mode.signs) - 1, COUNT]
+
+
+@compiled
+def smooth_contacts(mode: ContactMode) -> bool:
+    """Return whether no contact of a mode is a CORNER, which changes what its neighbours do."""
+    return mode.signs[len(mode.signs) - 1, CORNERS] == 0
 
 
 @compiled
@@ -154,9 +162,10 @@ def find_mode(time: float, state: Array, system: System, mode: ContactMode) -> i
             signs[count, FEATURE] = feature
             count += 1
     last = len(signs) - 1
-    signs[last, COUNT] = count
+    signs[last, COUNT], signs[last, CORNERS] = count, 0
     write_contacts(state, system, mode)
     for row in range(count):
+        signs[last, CORNERS] += int(mode.contacts[row, KIND] == CORNER)
         force, slip, _ = force_and_slip(state, parameters, mode.contacts, row)
         signs[row, PRESSED] = pressed_sign(force, parameters)
         signs[row, SLIDING] = sliding_sign(slip, parameters)
@@ -205,8 +214,11 @@ def guard_of(kind: int, item: int, time: float, state: Array, system: System,
         return -guard
     if kind == OF_MOTOR:
         return motor_guard(time, state, system, mode)
-    write_contacts(state, system, mode)
-    force, slip, _ = force_and_slip(state, system.parameters, mode.contacts, item)
+    normal_x, normal_y, distance, _ = meeting(
+        mode.signs[item, FEATURE], state[X], state[Y], system.ground)
+    force, slip, _, _ = pressing_and_slipping(
+        normal_x, normal_y, system.parameters.radius - distance, state[VELOCITY_X],
+        state[VELOCITY_Y], state[BALL_RATE], system.parameters)
     if kind == OF_FORCE:
         return force if mode.signs[item, PRESSED] > 0 else -force
     return side(slip, mode.signs[item, SLIDING], system.parameters.slip_threshold)

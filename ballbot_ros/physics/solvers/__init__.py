@@ -18,9 +18,12 @@ of a mode that is frozen.  To add one, copy ``rk4.py``, and add its line to `reg
 
 **A step of the adaptive method is a file with two functions** (`dormand_prince`, `rodas5p`)::
 
-    step(time, state, size, system, workspace)      # from state and stages[0], the rates there,
-                                                    # to y_new and error
-    prepare_dense(state, size, workspace)           # to dense, for `dense.interpolate`
+    step(time, state, size, system, workspace)  # from state and F0, the rates there, to END and
+                                                # ERROR
+    prepare_dense(size, workspace)              # to DENSE, for `dense.motion_at`
+
+These are `rows` of `Workspace.work`, and hold the motion alone; the energy ledger is an integral
+along it, for who asks for it (``Options.ledger``).
 
 Which of them the next step is, and how long, says the `controller`: a value that each rule
 returns anew.  Where within a step the contact law has a kink say the `events`.  `integrate` is

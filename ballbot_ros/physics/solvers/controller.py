@@ -25,6 +25,8 @@ CALM_GROWTH = 1.5       # ... nor later, when steps are longer: each may be by s
 LARGEST_DISTANCE = 0.25  # of the radius per step, more on an empty floor: no feature overlooked
 FAR = 1e6               # radii: on an endless floor
 
+CONTACT_STEP = 1.0      # of the time a contact lasts, over 2 pi: the first step after an event
+REPEATED = 0.9          # of the step that would do after all, where one was rejected
 SAFETY = 0.9            # of the step that would just be accurate enough
 FASTEST_GROWTH, FASTEST_SHRINKING = 5.0, 0.1  # of a step
 ORDER = 5               # of both methods
@@ -33,7 +35,7 @@ MEMORY = 0.01           # [s]: an error of velocity counts at least with this
 STABLE = 3.3            # step times rate of the fastest decay where explicit steps diverge
 AT_LIMIT = 0.6          # of the longest stable explicit step: it is stability that limits it
 SUSPICION = 8           # of a step at that limit; the half of it, of a step half as long
-IMPLICIT_COST = 1.8     # explicit steps that an implicit one costs
+IMPLICIT_COST = 1.4     # explicit steps that an implicit one costs
 FIRST_PATIENCE, LAST_PATIENCE = 16, 256  # suspicion after which an implicit step is tried
 
 
@@ -46,15 +48,14 @@ def error_length(errors: Array, parameters: Parameters) -> float:
     error of velocity becomes one of position, and not less after a hard contact.
     """
     duration = max(MEMORY, math.sqrt(parameters.mass / parameters.stiffness))
-    worst = 0.0
+    worst, total = 0.0, 0.0
     for i in range(VELOCITY_Y + 1):
         length = abs(errors[i]) * (duration if i >= BALL_RATE else 1.0)
         if i in (BALL_ANGLE, PENDULUM_ANGLE, BALL_RATE, PENDULUM_RATE):
             length *= parameters.radius
-        if not length < math.inf:
-            return math.inf  # max() would lose a NaN
+        total += length
         worst = max(worst, length)
-    return worst
+    return worst if total < math.inf else math.inf  # max() would lose a NaN
 
 
 @compiled
@@ -139,7 +140,8 @@ def rejected(now: StepController, used: float, error: float, tolerance: float) -
     # An error without bound: try much shorter.
     shrink = FASTEST_SHRINKING
     if math.isfinite(error):
-        shrink = max(FASTEST_SHRINKING, SAFETY * (tolerance / error)**(1.0 / ORDER))
+        shrink = max(FASTEST_SHRINKING,
+                     REPEATED * SAFETY * (tolerance / error)**(1.0 / ORDER))
     return with_step(now, used * shrink)
 
 
@@ -208,9 +210,19 @@ def accepted_implicit(now: StepController, used: float, grow: float, method: int
 
 
 @compiled
-def after_event(now: StepController, count: int, method: int) -> StepController:
-    """Return the controller at the begin of a mode with so many contacts."""
-    now = with_step(now, min(now.step, LONGEST_STEP))
+def after_event(now: StepController, used: float, count: int, method: int,
+                parameters: Parameters) -> StepController:
+    """
+    Return the controller at the begin of a mode with so many contacts.
+
+    The step that met the event [s] says something of the next one only where that is no longer:
+    a contact that begins changes everything within the time that it lasts.
+    """
+    step = min(now.step, LONGEST_STEP)
+    if count > 0:
+        step = min(step, max(used, CONTACT_STEP * math.sqrt(
+            parameters.mass / parameters.stiffness)))
+    now = with_step(now, step)
     if method != AUTOMATIC or count == 0:
         return now
     # Explicit steps would shake a hard contact before they find it hard.

@@ -1,51 +1,83 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sums of stages, the state within a step, and rows of a trajectory."""
+"""
+The state within a step, the energy ledger along it, and rows of a trajectory.
+
+What goes to dampers, frictions and motor changes nothing in the motion, so a step is one of the
+motion alone.  Who asks for the ledger gets it as the integral of these flows along the dense
+output, by the formula of Gauss and Legendre with four nodes.
+"""
+import numpy as np
+
 from ballbot_ros.compiled import compiled
 from ballbot_ros.physics.mechanics.equations import actuator_torque
-from ballbot_ros.physics.model.parameters import Actuator
+from ballbot_ros.physics.mechanics.modes import mode_derivative
+from ballbot_ros.physics.model.parameters import Actuator, System
 from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.solvers import rows
+from ballbot_ros.physics.solvers.rows import MOTION, sum_rows
 from ballbot_ros.physics.solvers.values import Output, Workspace
+
+COEFFICIENTS = 5  # of the dense output
+
+
+def factors_at(theta: float) -> list[float]:
+    """Return the factors of the coefficients of the dense output at `theta` (0 to 1)."""
+    rest = 1.0 - theta
+    return [1.0, theta, theta * rest, theta**2 * rest, theta**2 * rest**2]
+
+
+def integrals(nodes: Array) -> Array:
+    """
+    Return what a flow at each node of a step makes of the last four coefficients of its integral.
+
+    The flow is taken as the polynomial through the nodes.
+    """
+    powers = np.arange(1, 5)
+    # Columns: the powers of theta in what d1 to d4 are multiplied with, see `interpolate`.
+    functions = np.array([[1, 1, 0, 0], [0, -1, 1, 1], [0, 0, -1, -2], [0, 0, 0, 1.0]])
+    found: Array = np.linalg.solve(functions, np.linalg.inv(
+        nodes[:, None] ** (powers - 1)) / powers[:, None])
+    return found
+
+
+NODES = 0.5 + 0.5 * np.polynomial.legendre.leggauss(4)[0]
+INTEGRALS = integrals(NODES)
+NODE_FACTORS = np.array([factors_at(node) for node in NODES]).ravel()
 
 
 @compiled
-def add_rows(count: int, factors: Array, scale: float, rows: Array, out: Array) -> None:
-    """
-    Add ``scale * sum(factors[k] * rows[k])`` over the first `count` rows (1 to 7) to `out`.
+def motion_at(theta: float, work: Array) -> None:
+    """Write the motion at `theta` (0 to 1) of the last step into the row PROBE."""
+    rest, at = 1.0 - theta, rows.FACTORS
+    work[at], work[at + 1], work[at + 2] = 1.0, theta, theta * rest
+    work[at + 3] = theta * theta * rest
+    work[at + 4] = theta * theta * rest * rest
+    sum_rows(work, rows.PROBE, rows.ZERO, 1.0, work, at, rows.DENSE, COEFFICIENTS)
 
-    A branch for each number of rows: with a loop over them inside the loop over the numbers,
-    the sums of a step take as long as all of its mechanics.
-    """
-    f, w = factors, rows
-    if count == 1:
-        for i in range(SIZE):
-            out[i] += scale * f[0] * w[0, i]
-    elif count == 2:
-        for i in range(SIZE):
-            out[i] += scale * (f[0] * w[0, i] + f[1] * w[1, i])
-    elif count == 3:
-        for i in range(SIZE):
-            out[i] += scale * (f[0] * w[0, i] + f[1] * w[1, i] + f[2] * w[2, i])
-    elif count == 4:
-        for i in range(SIZE):
-            out[i] += scale * (f[0] * w[0, i] + f[1] * w[1, i] + f[2] * w[2, i] + f[3] * w[3, i])
-    elif count == 5:
-        for i in range(SIZE):
-            out[i] += scale * (f[0] * w[0, i] + f[1] * w[1, i] + f[2] * w[2, i] + f[3] * w[3, i]
-                + f[4] * w[4, i])
-    elif count == 6:
-        for i in range(SIZE):
-            out[i] += scale * (f[0] * w[0, i] + f[1] * w[1, i] + f[2] * w[2, i] + f[3] * w[3, i]
-                + f[4] * w[4, i] + f[5] * w[5, i])
-    elif count == 7:
-        for i in range(SIZE):
-            out[i] += scale * (f[0] * w[0, i] + f[1] * w[1, i] + f[2] * w[2, i] + f[3] * w[3, i]
-                + f[4] * w[4, i] + f[5] * w[5, i] + f[6] * w[6, i])
+
+@compiled
+def prepare_ledger(time: float, state: Array, step: float, system: System,
+                   workspace: Workspace) -> None:
+    """Compute the coefficients of the dense output of the ledger, behind those of the motion."""
+    work, dense = workspace.work, workspace.dense
+    for i in range(MOTION, SIZE):
+        dense[0, i] = state[i]
+        for k in range(1, COEFFICIENTS):
+            dense[k, i] = 0.0
+    for node in range(len(NODES)):
+        sum_rows(work, rows.PROBE, rows.ZERO, 1.0, NODE_FACTORS, COEFFICIENTS * node, rows.DENSE,
+                 COEFFICIENTS)
+        mode_derivative(time + NODES[node] * step, workspace.probe, system, workspace.mode,
+                        workspace.rates)
+        for k in range(1, COEFFICIENTS):
+            for i in range(MOTION, SIZE):
+                dense[k, i] += step * INTEGRALS[k - 1, node] * workspace.rates[i]
 
 
 @compiled
 def interpolate(theta: float, dense: Array, out: Array) -> None:
-    """Write the state at `theta` (0 to 1) of the last step into `out`."""
+    """Write the state at `theta` (0 to 1) of the last step, with its ledger, into `out`."""
     rest = 1.0 - theta
     for i in range(SIZE):
         out[i] = dense[0, i] + theta * (dense[1, i] + rest * (

@@ -12,12 +12,14 @@ import math
 import numpy as np
 
 from ballbot_ros.compiled import compiled
-from ballbot_ros.physics.mechanics.modes import mode_derivative
+from ballbot_ros.physics.mechanics.modes import mode_derivative, smooth_contacts
+from ballbot_ros.physics.mechanics.motion import write_motion
 from ballbot_ros.physics.model.parameters import System
-from ballbot_ros.physics.model.state import SIZE, VELOCITY_Y
+from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.solvers import rows
 from ballbot_ros.physics.solvers.controller import STABLE
-from ballbot_ros.physics.solvers.dense import add_rows
+from ballbot_ros.physics.solvers.rows import ALONE, MOTION, sum_rows, WIDTH
 from ballbot_ros.physics.solvers.values import EVALUATIONS, Workspace
 
 STAGES = 7
@@ -36,6 +38,19 @@ ERROR = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 /
 CONTINUE = np.array([
     -12715105075 / 11282082432, 0.0, 87487479700 / 32700410799, -10690763975 / 1880347072,
     701980252875 / 199316789632, -1453857185 / 822651844, 69997945 / 29380423])
+STARTS = A.ravel()  # as `rows.sum_rows` takes them
+
+
+@compiled
+def write_rates(time: float, motion: int, out: int, system: System, workspace: Workspace) -> None:
+    """Write the rates of a motion, a row of the workspace, into another one."""
+    work = workspace.work
+    if smooth_contacts(workspace.mode):
+        write_motion(time, work[motion:motion + MOTION], system, workspace.mode,
+                     work[out:out + MOTION])
+    else:
+        mode_derivative(time, work[motion:motion + SIZE], system, workspace.mode,
+                        work[out:out + SIZE])
 
 
 @compiled
@@ -46,38 +61,33 @@ def step(time: float, state: Array, size: float, system: System, workspace: Work
     Returns the step over the longest that is stable, about: the step times the rate of the
     fastest decay, seen from the last two stages, which are at the same time; over `STABLE`.
     """
-    stages, y_new, y_before = workspace.stages, workspace.y_new, workspace.probe
+    work, last = workspace.work, rows.F0 + WIDTH * (STAGES - 1)
+    for i in range(MOTION):
+        work[rows.START + i] = state[i]
     for stage in range(1, STAGES):
         if stage == STAGES - 1:
-            for i in range(VELOCITY_Y + 1):
-                y_before[i] = y_new[i]
-        for i in range(SIZE):
-            y_new[i] = state[i]
-        add_rows(stage, A[stage], size, stages, y_new)
-        mode_derivative(time + C[stage] * size, y_new, system, workspace.mode, stages[stage])
+            sum_rows(work, rows.PROBE, rows.END, 0.0, ALONE, 0, rows.ZERO, 1)
+        sum_rows(work, rows.END, rows.START, size, STARTS, (STAGES - 1) * stage, rows.F0, stage)
+        write_rates(time + C[stage] * size, rows.END, rows.F0 + WIDTH * stage, system, workspace)
     apart = faster = 0.0
-    for i in range(VELOCITY_Y + 1):
-        apart += (y_new[i] - y_before[i])**2
-        faster += (stages[STAGES - 1, i] - stages[STAGES - 2, i])**2
-    for i in range(SIZE):
-        workspace.error[i] = 0.0
-    add_rows(STAGES, ERROR, size, stages, workspace.error)
+    for i in range(MOTION):
+        apart += (work[rows.END + i] - work[rows.PROBE + i])**2
+        faster += (work[last + i] - work[last - WIDTH + i])**2
+    sum_rows(work, rows.ERROR, rows.ZERO, size, ERROR, 0, rows.F0, STAGES)
     workspace.statistics[EVALUATIONS] += STAGES - 1
     return size * math.sqrt(faster / apart) / STABLE if apart > 0.0 else 0.0
 
 
 @compiled
-def prepare_dense(state: Array, size: float, workspace: Workspace) -> None:
+def prepare_dense(size: float, workspace: Workspace) -> None:
     """Compute the coefficients of the dense output, of order 4."""
-    stages, dense = workspace.stages, workspace.dense
-    for i in range(SIZE):
-        change = workspace.y_new[i] - state[i]
-        bend = size * stages[0, i] - change
-        last = 0.0
-        for stage in range(STAGES):
-            last += CONTINUE[stage] * stages[stage, i]
-        dense[0, i] = state[i]
-        dense[1, i] = change
-        dense[2, i] = bend
-        dense[3, i] = change - size * stages[STAGES - 1, i] - bend
-        dense[4, i] = size * last
+    work, dense = workspace.work, rows.DENSE
+    sum_rows(work, dense, rows.START, 0.0, ALONE, 0, rows.ZERO, 1)
+    sum_rows(work, dense + WIDTH, rows.END, -1.0, ALONE, 0, rows.START, 1)
+    # How the motion bends at the begin, and at the end.
+    sum_rows(work, dense + 2 * WIDTH, rows.ZERO, size, ALONE, 0, rows.F0, 1)
+    sum_rows(work, dense + 2 * WIDTH, dense + 2 * WIDTH, -1.0, ALONE, 0, dense + WIDTH, 1)
+    sum_rows(work, dense + 3 * WIDTH, dense + WIDTH, -size, ALONE, 0,
+             rows.F0 + WIDTH * (STAGES - 1), 1)
+    sum_rows(work, dense + 3 * WIDTH, dense + 3 * WIDTH, -1.0, ALONE, 0, dense + 2 * WIDTH, 1)
+    sum_rows(work, dense + 4 * WIDTH, rows.ZERO, size, CONTINUE, 0, rows.F0, STAGES)

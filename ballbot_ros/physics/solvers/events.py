@@ -1,14 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where a frozen mode ends within a step: violated guards, located on the dense output."""
+import numpy as np
+
 from ballbot_ros.compiled import compiled
+from ballbot_ros.physics.mechanics.holding import mode_holds
 from ballbot_ros.physics.mechanics.modes import guard_of, violated_guards
 from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.solvers import rows
 from ballbot_ros.physics.solvers.controller import smallest_step
-from ballbot_ros.physics.solvers.dense import interpolate
+from ballbot_ros.physics.solvers.dense import COEFFICIENTS, factors_at, motion_at
+from ballbot_ros.physics.solvers.rows import sum_rows
 from ballbot_ros.physics.solvers.values import EventRate, Workspace
 
 MOST_EVENTS = 64      # located within one look; of more, an early one will do
 LOOKS = 4             # times within a step at which the mode is checked
+LOOK_FACTORS = np.array([factors_at((look + 1) / LOOKS) for look in range(LOOKS)]).ravel()
 NO_EVENT = 2.0        # for theta, which is 0 to 1 within the step
 
 CHATTER = 1e-9        # [s] between events that rounding makes
@@ -27,9 +33,16 @@ def time_width(time: float) -> float:
 def guard_at(theta: float, index: int, time: float, step: float, system: System,
              workspace: Workspace) -> float:
     """Return a violated guard at `theta` of the last step."""
-    interpolate(theta, workspace.dense, workspace.probe)
+    motion_at(theta, workspace.work)
     return guard_of(workspace.violated[index, 0], workspace.violated[index, 1],
                     time + theta * step, workspace.probe, system, workspace.mode)
+
+
+@compiled
+def lighter(guard: float, before: float) -> float:
+    """Return what the value at the end that was kept twice is multiplied with."""
+    share = 1.0 - guard / before
+    return share if share > 0.0 else 0.5
 
 
 @compiled
@@ -38,12 +51,12 @@ def locate(index: int, low: float, high: float, time: float, step: float, system
     """
     Return theta where a violated guard has just become negative, between two others.
 
-    Regula falsi, Illinois variant, on the dense output; ends on the far side of the zero, so
-    that the next mode differs.
+    Regula falsi, as Anderson and Bjoerck have it, on the dense output; ends on the far side of
+    the zero, so that the next mode differs.
     """
     at_low = guard_at(low, index, time, step, system, workspace)
     at_high = guard_at(high, index, time, step, system, workspace)
-    width = time_width(time) / step
+    width, kept = time_width(time) / step, 0
     for _ in range(60):
         if high - low <= width:
             break
@@ -55,39 +68,56 @@ def locate(index: int, low: float, high: float, time: float, step: float, system
             theta = 0.5 * (low + high)
         guard = guard_at(theta, index, time, step, system, workspace)
         if guard > 0.0:
-            low, at_low, at_high = theta, guard, 0.5 * at_high
+            if kept > 0:  # the same end twice: it counts for less
+                at_high *= lighter(guard, at_low)
+            low, at_low, kept = theta, guard, 1
         else:
-            high, at_high, at_low = theta, guard, 0.5 * at_low
+            if kept < 0:
+                at_low *= lighter(guard, at_high)
+            high, at_high, kept = theta, guard, -1
     return high
+
+
+@compiled
+def event_between(before: float, theta: float, time: float, step: float, features: tuple[int, int],
+                  system: System, workspace: Workspace) -> float:
+    """
+    Return the first theta up to a given one at which the mode ends, NO_EVENT if it does not.
+
+    A guard may have been violated for a while before the one that a look finds: a ball lands on
+    a segment and rolls over its end.  So what has been located is looked at again, from just
+    before.
+    """
+    (first, behind), event = features, NO_EVENT
+    for _ in range(MOST_EVENTS):
+        if theta <= before:
+            break
+        motion_at(theta, workspace.work)
+        found = violated_guards(time + theta * step, workspace.probe, system, workspace.mode,
+                                first, behind, workspace.violated)
+        if found == 0:
+            break
+        event = theta
+        for index in range(found):
+            event = min(event, locate(index, before, theta, time, step, system, workspace))
+        theta = event - 4.0 * time_width(time) / step
+    return event
 
 
 @compiled
 def first_event(time: float, step: float, first: int, behind: int, system: System,
                 workspace: Workspace) -> float:
-    """
-    Return theta at which the mode ends, NO_EVENT if it does not.
-
-    Among features from `first` to `behind`.  A guard may have been violated for a while before
-    the one that a look finds: a ball lands on a segment and rolls over its end.  So what has
-    been located is looked at again, from just before.
-    """
-    for look in range(1, LOOKS + 1):
-        before, theta = (look - 1) / LOOKS, look / LOOKS
-        event = NO_EVENT
-        for _ in range(MOST_EVENTS):
-            if theta <= before:
-                break
-            interpolate(theta, workspace.dense, workspace.probe)
-            found = violated_guards(time + theta * step, workspace.probe, system, workspace.mode,
-                                    first, behind, workspace.violated)
-            if found == 0:
-                break
-            event = theta
-            for index in range(found):
-                event = min(event, locate(index, before, theta, time, step, system, workspace))
-            theta = event - 4.0 * time_width(time) / step
-        if event < NO_EVENT:
-            return event
+    """Return theta at which the mode ends, NO_EVENT if not; with features from `first` on."""
+    for look in range(LOOKS):
+        sum_rows(workspace.work, rows.PROBE, rows.ZERO, 1.0, LOOK_FACTORS, COEFFICIENTS * look,
+                 rows.DENSE, COEFFICIENTS)
+        theta = (look + 1) / LOOKS
+        if not mode_holds(time + theta * step, workspace.probe, first, behind, system,
+                          workspace.mode):
+            event = event_between(
+                look / LOOKS, theta, time, step, (first, behind), system, workspace)
+            if event < NO_EVENT:
+                return event
     return NO_EVENT
 
 

@@ -16,20 +16,21 @@ import math
 from ballbot_ros.compiled import compiled, outlined
 from ballbot_ros.physics.mechanics.contact import ground_height
 from ballbot_ros.physics.mechanics.equations import is_finite
-from ballbot_ros.physics.mechanics.jacobian import smooth_contacts
 from ballbot_ros.physics.mechanics.modes import (
-    contact_count, ContactMode, features_within, find_mode, mode_derivative)
+    contact_count, ContactMode, features_within, find_mode, smooth_contacts)
 from ballbot_ros.physics.model.parameters import System
-from ballbot_ros.physics.model.state import SIZE, X, Y
+from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.solvers import dormand_prince, rodas5p
+from ballbot_ros.physics.solvers import dormand_prince, rodas5p, rows
 from ballbot_ros.physics.solvers.controller import (
-    accepted_explicit, accepted_implicit, after_event, clear_distance, error_length, growth,
-    rejected, shortest, smallest_step, started, step_limit, stiffness_seen, unavoidable,
-    with_step)
-from ballbot_ros.physics.solvers.dense import interpolate, write_rows
+    accepted_explicit, accepted_implicit, after_event, clear_distance, error_length,
+    FASTEST_GROWTH, growth, rejected, shortest, smallest_step, started, step_limit,
+    stiffness_seen, unavoidable, with_step)
+from ballbot_ros.physics.solvers.dense import (
+    interpolate, motion_at, prepare_ledger, write_rows)
 from ballbot_ros.physics.solvers.events import CROWD, first_event, LOOKS, rated, STUCK
 from ballbot_ros.physics.solvers.flight import has_closed_form
+from ballbot_ros.physics.solvers.rows import ALONE, MOTION, sum_rows, WIDTH
 from ballbot_ros.physics.solvers.spans import FLIGHT, FULL, note
 from ballbot_ros.physics.solvers.touch_down import fly_to_touch, SHORT_FLIGHT
 from ballbot_ros.physics.solvers.values import (
@@ -44,9 +45,17 @@ FREE_FEATURES = 32  # of the ground that a right-hand side pays for; more cost w
 def begin_mode(time: float, state: Array, system: System, workspace: Workspace) -> int:
     """Freeze the mode of a state, write f0, and return how many contacts there are."""
     count = find_mode(time, state, system, workspace.mode)
-    mode_derivative(time, state, system, workspace.mode, workspace.stages[0])
-    workspace.statistics[EVALUATIONS] += 1
+    write_first(time, state, system, workspace)
     return count
+
+
+@compiled
+def write_first(time: float, state: Array, system: System, workspace: Workspace) -> None:
+    """Write f0, the rates at the begin of a step."""
+    for i in range(MOTION):
+        workspace.y_new[i] = state[i]
+    dormand_prince.write_rates(time, rows.END, rows.F0, system, workspace)
+    workspace.statistics[EVALUATIONS] += 1
 
 
 @compiled
@@ -58,16 +67,17 @@ def too_small(error: float, method: int, mode: ContactMode) -> int:
 
 
 @compiled
-def accepted(now: StepController, state: Array, used: float, error: float, implicit: bool,
+def accepted(now: StepController, used: float, error: float, implicit: bool, again: bool,
              options: Options, workspace: Workspace) -> StepController:
     """Prepare the dense output of a step [s] that was accepted, and return the controller."""
     workspace.statistics[STEPS] += 1
-    grow = growth(error, options.tolerance)
+    # Where a longer step was just rejected the next one is no longer.
+    grow = min(growth(error, options.tolerance), 1.0 if again else FASTEST_GROWTH)
     if implicit:
-        rodas5p.prepare_dense(state, workspace)
+        rodas5p.prepare_dense(workspace)
         return accepted_implicit(now, used, grow, options.method,
                                  rodas5p.longest_stable(workspace.jacobian))
-    dormand_prince.prepare_dense(state, used, workspace)
+    dormand_prince.prepare_dense(used, workspace)
     return accepted_explicit(now, used, grow, options.method)
 
 
@@ -85,18 +95,24 @@ def find_event(time: float, state: Array, used: float, distance: float, system: 
 
 @compiled
 def end_step(theta: float, reached: float, state: Array, implicit: bool, system: System,
-             workspace: Workspace) -> None:
+             workspace: Workspace, ledger: bool) -> None:
     """Write the state at the end of a step, or at the event within it, into `state`."""
+    work = workspace.work
+    if ledger:
+        interpolate(min(theta, 1.0), workspace.dense, state)
     if theta <= 1.0:
-        interpolate(theta, workspace.dense, state)
+        motion_at(theta, work)
+        for i in range(MOTION):
+            state[i] = work[rows.PROBE + i]
         workspace.statistics[EVENTS] += 1
         return
-    for i in range(SIZE):
-        state[i] = workspace.y_new[i]
-        workspace.stages[0, i] = workspace.stages[dormand_prince.STAGES - 1, i]
+    for i in range(MOTION):
+        state[i] = work[rows.END + i]
     if implicit:
-        mode_derivative(reached, state, system, workspace.mode, workspace.stages[0])
-        workspace.statistics[EVALUATIONS] += 1
+        write_first(reached, state, system, workspace)
+    else:
+        sum_rows(work, rows.F0, rows.ZERO, 1.0, ALONE, 0,
+                 rows.F0 + WIDTH * (dormand_prince.STAGES - 1), 1)
 
 
 @compiled
@@ -115,9 +131,8 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
     """Do what `advance` does, inside the kernel that calls it: what it never uses is left out."""
     parameters, ground, statistics = system.parameters, system.ground, workspace.statistics
     time, filled, controller, rate = status.time, status.filled, status.controller, status.rate
-    begun, may_fly, known = status.begun, status.may_fly, False  # known: the Jacobian
-    flies = options.flight and has_closed_form(parameters, system.actuator)
-    outcome = FINISHED
+    begun, may_fly, known, again = status.begun, status.may_fly, False, False
+    flies, outcome = options.flight and has_closed_form(parameters, system.actuator), FINISHED
     while time < end:
         if filled >= output.pause:
             outcome = PAUSED
@@ -150,7 +165,7 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
         error = error_length(workspace.error, parameters)
         if not (error <= options.tolerance or unavoidable(used, smallest, implicit, error)):
             statistics[REJECTED] += 1
-            on_trial = controller.on_trial
+            again, on_trial = True, controller.on_trial
             controller = rejected(controller, used, error, options.tolerance)
             if controller.step < smallest and not on_trial:
                 outcome = too_small(error, options.method, workspace.mode)
@@ -158,16 +173,17 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
                     break
                 controller = shortest(controller, smallest)
             continue
-        controller = accepted(controller, state, used, error, implicit, options, workspace)
-        known = False
-        theta = find_event(time, state, used, distance, system, workspace)
-        rate, theta = rated(rate, theta, time, used)
+        controller = accepted(controller, used, error, implicit, again, options, workspace)
+        known = again = False
+        if options.ledger:
+            prepare_ledger(time, state, used, system, workspace)
+        rate, theta = rated(
+            rate, find_event(time, state, used, distance, system, workspace), time, used)
         reached = min(time + used, end) if theta > 1.0 else time + theta * used
         filled = write_rows(
             output, filled, time, used, reached + smallest, system.actuator, workspace)
-        end_step(theta, reached, state, implicit, system, workspace)
-        if rate.crowded > CROWD:
-            # A long step is not accurate enough to tell events apart.
+        end_step(theta, reached, state, implicit, system, workspace, options.ledger)
+        if rate.crowded > CROWD:  # a long step is not accurate enough to tell events apart
             controller = with_step(controller, 0.5 * used)
         outcome = outcome_of(rate, state, ground)
         if outcome == STEP_TOO_SMALL:
@@ -177,7 +193,7 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
             break
         if theta <= 1.0:
             count = begin_mode(time, state, system, workspace)
-            controller = after_event(controller, count, options.method)
+            controller = after_event(controller, used, count, options.method, parameters)
             may_fly = may_fly or count > 0
             begun = count > 0 or not (flies and may_fly)
     return Status(outcome, time, filled, controller, rate, begun, may_fly, 0.0)

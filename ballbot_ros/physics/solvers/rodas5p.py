@@ -15,18 +15,22 @@ import math
 import numpy as np
 
 from ballbot_ros.compiled import compiled
-from ballbot_ros.physics.mechanics.jacobian import TIME, write_jacobian
-from ballbot_ros.physics.mechanics.modes import mode_derivative
+from ballbot_ros.physics.mechanics.jacobian import BALL, TIME, write_jacobian
+from ballbot_ros.physics.mechanics.modes import ContactMode
+from ballbot_ros.physics.mechanics.motion import accelerations
 from ballbot_ros.physics.model.parameters import System
-from ballbot_ros.physics.model.state import COORDINATES, SIZE
+from ballbot_ros.physics.model.state import (
+    BALL_RATE, COORDINATES, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y)
 from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.solvers import rows
 from ballbot_ros.physics.solvers.controller import STABLE
-from ballbot_ros.physics.solvers.dense import add_rows
+from ballbot_ros.physics.solvers.elimination import invert
+from ballbot_ros.physics.solvers.rows import ALONE, MOTION, sum_rows, WIDTH
 from ballbot_ros.physics.solvers.values import EVALUATIONS, Workspace
 
 STAGES = 8
 VELOCITIES = 4
-DYNAMIC = COORDINATES + VELOCITIES
+
 
 GAMMA = 0.21193756319429014
 OWN_START = 5  # the last stage with a start of its own; each later one starts where one ends
@@ -55,74 +59,80 @@ NODES = np.array([0.0, 0.6358126895828704, 0.4095798393397535, 0.976930672506071
                   0.4288403609558664, 1.0, 1.0, 1.0])
 BY_TIME = np.array([0.21193756319429014, -0.42387512638858027, -0.3384627126235924,
                     1.8046452872882734, 2.325825639765069, 0.0, 0.0, 0.0])
-CONTINUE = np.array([
+CONTINUED = np.array([
     [25.948786856663858, -2.5579724845846235, 10.433815404888879, -2.3679251022685204,
      0.524948541321073, 1.1241088310450404, 0.4272876194431874, -0.17202221070155493],
     [-9.91568850695171, -0.9689944594115154, 3.0438037242978453, -24.495224566215796,
      20.176138334709044, 15.98066361424651, -6.789040303419874, -6.710236069923372],
     [11.419903575922262, 2.8879645146136994, 72.92137995996029, 80.12511834622643,
      -52.072871366152654, -59.78993625266729, -0.15582684282751913, 4.883087185713722]])
+# How the dense output is made of the stages: its last three coefficients.
+CONTINUE = np.array([CONTINUED[0], CONTINUED[1] + CONTINUED[2], -CONTINUED[2]]).ravel()
+# As `rows.sum_rows` takes them.
+STARTS, COUPLINGS = A.ravel(), COUPLING.ravel()
+COUPLED = STAGES - 1  # factors in a row of the latter
 
 
 @compiled
-def invert(jacobian: Array, scale: float, inverse: Array) -> None:
+def solve(right: int, out: int, work: Array) -> None:
+    """Solve ``(I / scale - J) out = right`` for a motion; both are rows, see `elimination`."""
+    sum_rows(work, out, rows.ZERO, 1.0, work, right, rows.COLUMNS, MOTION)
+
+
+@compiled
+def begin_stage(stage: int, per_size: float, work: Array) -> None:
     """
-    Invert ``I / scale - B - scale A``, where [A B] is the Jacobian of the accelerations.
+    Write where a stage starts into END, and what earlier ones add to its right-hand side.
 
     Parameters
     ----------
-    jacobian : array
-        See `jacobian.write_jacobian`.
-    scale : float
-        gamma h [s].
-    inverse : (4, 12) array
-        Filled with the inverse, and with what it makes of ``scale A``; the last four columns
-        hold the matrix itself.
+    stage : int
+        From 1.
+    per_size : float
+        One over the step [1/s].
+    work : array
+        See `rows`.
 
     """
-    size, behind = VELOCITIES, 2 * VELOCITIES
-    for i in range(size):
-        for j in range(size):
-            inverse[i, behind + j] = -jacobian[i, COORDINATES + j] - scale * jacobian[i, j]
-            inverse[i, j] = 0.0
-            inverse[i, size + j] = scale * jacobian[i, j]
-        inverse[i, behind + i] += 1.0 / scale
-        inverse[i, i] = 1.0
-    # Gauss and Jordan, with pivots; the first eight columns are the right-hand sides.
-    for column in range(size):
-        best = column
-        for i in range(column + 1, size):
-            if abs(inverse[i, behind + column]) > abs(inverse[best, behind + column]):
-                best = i
-        pivot = 1.0 / inverse[best, behind + column]
-        for j in range(behind + size):
-            kept = inverse[column, j]
-            inverse[column, j] = pivot * inverse[best, j]
-            if best != column:
-                inverse[best, j] = kept
-        for i in range(size):
-            factor = inverse[i, behind + column]
-            if i != column:
-                for j in range(behind + size):
-                    inverse[i, j] -= factor * inverse[column, j]
+    end, start, right, stages = rows.END, rows.START, rows.RIGHT, rows.STAGES
+    # A branch for each stage, so that a compiler knows factors and number of rows of each sum.
+    if stage == 1:
+        sum_rows(work, end, start, 1.0, STARTS, 1 * OWN_START, stages, 1)
+        sum_rows(work, right, rows.ZERO, per_size, COUPLINGS, 1 * COUPLED, stages, 1)
+    elif stage == 2:
+        sum_rows(work, end, start, 1.0, STARTS, 2 * OWN_START, stages, 2)
+        sum_rows(work, right, rows.ZERO, per_size, COUPLINGS, 2 * COUPLED, stages, 2)
+    elif stage == 3:
+        sum_rows(work, end, start, 1.0, STARTS, 3 * OWN_START, stages, 3)
+        sum_rows(work, right, rows.ZERO, per_size, COUPLINGS, 3 * COUPLED, stages, 3)
+    elif stage == 4:
+        sum_rows(work, end, start, 1.0, STARTS, 4 * OWN_START, stages, 4)
+        sum_rows(work, right, rows.ZERO, per_size, COUPLINGS, 4 * COUPLED, stages, 4)
+    elif stage == 5:
+        sum_rows(work, end, start, 1.0, STARTS, 5 * OWN_START, stages, 5)
+        sum_rows(work, right, rows.ZERO, per_size, COUPLINGS, 5 * COUPLED, stages, 5)
+    elif stage == 6:
+        sum_rows(work, end, end, 1.0, ALONE, 0, stages + 5 * WIDTH, 1)
+        sum_rows(work, right, rows.ZERO, per_size, COUPLINGS, 6 * COUPLED, stages, 6)
+    elif stage == 7:
+        sum_rows(work, end, end, 1.0, ALONE, 0, stages + 6 * WIDTH, 1)
+        sum_rows(work, right, rows.ZERO, per_size, COUPLINGS, 7 * COUPLED, stages, 7)
 
 
 @compiled
-def solve(jacobian: Array, scale: float, inverse: Array, right: Array, out: Array) -> None:
-    """Solve ``(I / scale - J) out = right`` for a whole state vector, see `invert`."""
-    r0, r1, r2, r3 = right[0], right[1], right[2], right[3]
-    r4, r5, r6, r7 = right[4], right[5], right[6], right[7]
-    for i in range(VELOCITIES):
-        u = inverse[i]
-        rate = (u[0] * r4 + u[1] * r5 + u[2] * r6 + u[3] * r7
-                + u[4] * r0 + u[5] * r1 + u[6] * r2 + u[7] * r3)
-        out[COORDINATES + i] = rate
-        out[i] = scale * (right[i] + rate)
-    for i in range(DYNAMIC, SIZE):
-        s = jacobian[i - COORDINATES]
-        out[i] = scale * (right[i] + s[0] * out[0] + s[1] * out[1] + s[2] * out[2]
-                          + s[3] * out[3] + s[4] * out[4] + s[5] * out[5] + s[6] * out[6]
-                          + s[7] * out[7])
+def add_motion(time: float, work: Array, system: System, mode: ContactMode) -> None:
+    """Add how the motion at the end of a stage goes on to the right-hand side of the next."""
+    motion, right = work[rows.END:rows.END + MOTION], rows.RIGHT
+    turn, swing, along_x, along_y = accelerations(time, motion, system, mode)
+    work[right] += motion[BALL_RATE]
+    if system.parameters.swing_inertia > 0.0:
+        work[right + 1] += motion[PENDULUM_RATE]
+    work[right + 2] += motion[VELOCITY_X]
+    work[right + 3] += motion[VELOCITY_Y]
+    work[right + 4] += turn
+    work[right + 5] += swing
+    work[right + 6] += along_x
+    work[right + 7] += along_y
 
 
 @compiled
@@ -137,35 +147,28 @@ def step(time: float, state: Array, size: float, system: System, workspace: Work
         Whether the Jacobian is that of this state already, after a step that was rejected.
 
     """
-    jacobian, inverse, rates, y_new = (
-        workspace.jacobian, workspace.inverse, workspace.rates, workspace.y_new)
-    stages = workspace.stages[1:]
+    jacobian, work = workspace.jacobian, workspace.work
     if not known:
         write_jacobian(time, state, system, workspace.mode, jacobian)
         workspace.statistics[EVALUATIONS] += 1
+    timed = jacobian[BALL, TIME] != 0.0
     scale = GAMMA * size
-    invert(jacobian, scale, inverse)
-    for i in range(SIZE):
-        rates[i] = workspace.stages[0, i]
-        y_new[i] = state[i]
+    invert(jacobian, scale, work)
+    for i in range(MOTION):
+        work[rows.START + i] = work[rows.END + i] = state[i]
+        work[rows.RIGHT + i] = work[rows.F0 + i]
     for stage in range(STAGES):
+        row = rows.STAGES + WIDTH * stage
         if stage > 0:
-            if stage <= OWN_START:
-                for i in range(SIZE):
-                    y_new[i] = state[i]
-                add_rows(stage, A[stage], 1.0, stages, y_new)
-            else:
-                for i in range(SIZE):
-                    y_new[i] += stages[stage - 1, i]
-            mode_derivative(time + NODES[stage] * size, y_new, system, workspace.mode, rates)
-            add_rows(stage, COUPLING[stage], 1.0 / size, stages, rates)
-        if BY_TIME[stage] != 0.0:
-            for i in range(COORDINATES, SIZE):
-                rates[i] += size * BY_TIME[stage] * jacobian[i - COORDINATES, TIME]
-        solve(jacobian, scale, inverse, rates, stages[stage])
-    for i in range(SIZE):
-        workspace.error[i] = stages[STAGES - 1, i]
-        y_new[i] += workspace.error[i]
+            begin_stage(stage, 1.0 / size, work)
+            add_motion(time + NODES[stage] * size, work, system, workspace.mode)
+        if timed and BY_TIME[stage] != 0.0:
+            for i in range(VELOCITIES):
+                work[rows.RIGHT + COORDINATES + i] += size * BY_TIME[stage] * jacobian[i, TIME]
+        solve(rows.RIGHT, row, work)
+    last = rows.STAGES + WIDTH * (STAGES - 1)
+    sum_rows(work, rows.ERROR, rows.ZERO, 1.0, ALONE, 0, last, 1)
+    sum_rows(work, rows.END, rows.END, 1.0, ALONE, 0, last, 1)
     workspace.statistics[EVALUATIONS] += STAGES - 1
 
 
@@ -180,18 +183,11 @@ def longest_stable(jacobian: Array) -> float:
 
 
 @compiled
-def prepare_dense(state: Array, workspace: Workspace) -> None:
+def prepare_dense(workspace: Workspace) -> None:
     """Compute the coefficients of the dense output, of order 4."""
-    stages, dense = workspace.stages[1:], workspace.dense
-    for i in range(SIZE):
-        first = second = third = 0.0
-        for stage in range(STAGES):
-            value = stages[stage, i]
-            first += CONTINUE[0, stage] * value
-            second += CONTINUE[1, stage] * value
-            third += CONTINUE[2, stage] * value
-        dense[0, i] = state[i]
-        dense[1, i] = workspace.y_new[i] - state[i]
-        dense[2, i] = first
-        dense[3, i] = second + third
-        dense[4, i] = -third
+    work = workspace.work
+    sum_rows(work, rows.DENSE, rows.START, 1.0, ALONE, 0, rows.ZERO, 1)
+    sum_rows(work, rows.DENSE + WIDTH, rows.END, -1.0, ALONE, 0, rows.START, 1)
+    for item in range(3):
+        sum_rows(work, rows.DENSE + WIDTH * (2 + item), rows.ZERO, 1.0, CONTINUE, STAGES * item,
+                 rows.STAGES, STAGES)

@@ -20,16 +20,19 @@ from ballbot_ros.physics.mechanics.modes import find_mode
 from ballbot_ros.physics.model.parameters import Parameters, System
 from ballbot_ros.physics.model.state import SIZE, X, Y
 from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.solvers import rows
 from ballbot_ros.physics.solvers.controller import (
     error_length, next_step, SAFETY, smallest_step, with_step)
 from ballbot_ros.physics.solvers.dense import write_rows
-from ballbot_ros.physics.solvers.rodas5p import invert, solve
+from ballbot_ros.physics.solvers.elimination import invert
+from ballbot_ros.physics.solvers.rodas5p import solve
+from ballbot_ros.physics.solvers.rows import MOTION
 from ballbot_ros.physics.solvers.values import (
     BUDGET_EXCEEDED, Call, EVALUATIONS, FINISHED, named, NOT_FINITE, packed, PackedStatus, PAUSED,
     PENETRATED, REJECTED, Status, STEP_TOO_SMALL, STEPS, Workspace)
 
-# Rows of the stages: f0, that of the step before, and what the iteration needs.
-F0, PREVIOUS, RIGHT, CHANGE = range(4)
+# Rows of the stages: f0, and that of the step before.
+F0, PREVIOUS = range(2)
 
 ITERATIONS = 8      # of Newton's method, before the step is shortened
 CONVERGED = 0.01    # of the tolerance: the last change of an iteration
@@ -46,23 +49,25 @@ def iterate(time: float, state: Array, step: float, tolerance: float, system: Sy
 
     Returns whether it converged; the rates are then f(Y).
     """
-    jacobian, inverse, half = workspace.jacobian, workspace.inverse, 0.5 * step
-    stages, y_new, rates = workspace.stages, workspace.y_new, workspace.rates
+    half, work, stages = 0.5 * step, workspace.work, workspace.stages
+    y_new, rates, error = workspace.y_new, workspace.rates, workspace.error
     contacts, statistics = workspace.mode.contacts, workspace.statistics
-    invert(jacobian, half, inverse)
+    invert(workspace.jacobian, half, work)
     for i in range(SIZE):
         y_new[i] = state[i] + step * stages[F0, i]
     for _ in range(ITERATIONS):
         derivative(time + step, y_new, system, contacts, rates)
         statistics[EVALUATIONS] += 1
-        for i in range(SIZE):
-            stages[RIGHT, i] = (state[i] - y_new[i]) / half + stages[F0, i] + rates[i]
-        solve(jacobian, half, inverse, stages[RIGHT], stages[CHANGE])
-        for i in range(SIZE):
-            y_new[i] += stages[CHANGE, i]
-        if error_length(stages[CHANGE], system.parameters) <= CONVERGED * tolerance:
+        for i in range(MOTION):
+            rates[i] += (state[i] - y_new[i]) / half + stages[F0, i]
+        solve(rows.RIGHT, rows.ERROR, work)
+        for i in range(MOTION):
+            y_new[i] += error[i]
+        if error_length(error, system.parameters) <= CONVERGED * tolerance:
             derivative(time + step, y_new, system, contacts, rates)
             statistics[EVALUATIONS] += 1
+            for i in range(MOTION, SIZE):  # the ledger, which changes nothing in the motion
+                y_new[i] = state[i] + half * (stages[F0, i] + rates[i])
             return True
     return False
 

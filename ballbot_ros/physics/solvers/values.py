@@ -10,6 +10,7 @@ from ballbot_ros.physics.mechanics.modes import ContactMode, IntArray
 from ballbot_ros.physics.model.parameters import Actuator, Parameters, System
 from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.solvers import rows
 
 # The outcome of a run.
 FINISHED, NOT_FINITE, PENETRATED, STEP_TOO_SMALL, BUDGET_EXCEEDED, PAUSED = range(6)
@@ -22,7 +23,7 @@ STEPS, REJECTED, EVENTS, EVALUATIONS, LOOKING = range(5)
 AUTOMATIC, EXPLICIT, IMPLICIT = range(3)
 
 SMALLEST_STEP = 1e-14  # [s], relative to times above 1 s
-STAGES = 9  # most that a method needs, with f0
+STAGES = 4  # most that a method with steps of one length needs
 LOG_LINES = 400
 
 
@@ -34,6 +35,7 @@ class Options(NamedTuple):
     method: int = AUTOMATIC
     budget: int = 2**62  # of right-hand sides, counted in the statistics
     flight: bool = False  # whether to fly in closed form
+    ledger: bool = True  # whether the adaptive method keeps the energy ledger
 
 
 class Output(NamedTuple):
@@ -100,7 +102,7 @@ PackedSystem = tuple[tuple[float, ...], Array,
 PackedWorkspace = tuple[tuple[IntArray, Array], Array, Array, Array, Array, Array, Array, Array,
                         Array, IntArray, IntArray, Array]
 # Status, end [s], state, system, options, output and workspace; see `solvers`.
-Call = tuple[PackedStatus, float, Array, PackedSystem, tuple[float, float, int, int, bool],
+Call = tuple[PackedStatus, float, Array, PackedSystem, tuple[float, float, int, int, bool, bool],
              tuple[Array, float, float, int], PackedWorkspace]
 
 
@@ -119,14 +121,14 @@ class Workspace(NamedTuple):
     """The arrays that solvers work in; one set for each thread."""
 
     mode: ContactMode
-    stages: Array  # (9, 13): the first is f0, the rates at the beginning of the step
-    rates: Array  # (13,)
-    y_new: Array  # (13,): the state at the end of the step
-    error: Array  # (13,): its estimated error
-    dense: Array  # (5, 13): coefficients of the dense output, see `dense.interpolate`
+    work: Array  # all rows of a step of the adaptive method, see `rows`; of these are views:
+    rates: Array  # (16,)
+    y_new: Array  # (16,): the state at the end of the step
+    error: Array  # (16,): its estimated error
+    dense: Array  # (5, 16): coefficients of the dense output, see `dense.interpolate`
+    probe: Array  # (16,): a state within the step
+    stages: Array  # (4, 13), of other methods
     jacobian: Array  # see `jacobian.write_jacobian`
-    inverse: Array  # (4, 12), see `rodas5p.invert`
-    probe: Array  # (13,): a state within the step
     violated: IntArray  # kind and item of each violated guard
     statistics: IntArray  # (5,): counts since they were made
     log: Array  # (n, 2): which model, see `spans.note`
@@ -134,10 +136,14 @@ class Workspace(NamedTuple):
     @classmethod
     def of(cls, vertices: int) -> 'Workspace':
         """Return the workspace for a ground with so many vertices."""
+        work = np.zeros(rows.ROWS)
+        rates, y_new, error, probe = (work[row:row + rows.WIDTH] for row in (
+            rows.RIGHT, rows.END, rows.ERROR, rows.PROBE))
+        dense = work[rows.DENSE:rows.COLUMNS].reshape(-1, rows.WIDTH)
         return cls(
-            ContactMode.of(vertices), np.zeros((STAGES, SIZE)), np.zeros(SIZE), np.zeros(SIZE),
-            np.zeros(SIZE), np.zeros((5, SIZE)), jacobian_table(), np.zeros((4, 12)),
-            np.zeros(SIZE), np.zeros((4 * vertices + 8, 2), dtype=np.int64),
+            ContactMode.of(vertices), work, rates, y_new, error, dense, probe,
+            np.zeros((STAGES, SIZE)), jacobian_table(),
+            np.zeros((4 * vertices + 8, 2), dtype=np.int64),
             np.zeros(5, dtype=np.int64), np.zeros((LOG_LINES, 2)))
 
     @property

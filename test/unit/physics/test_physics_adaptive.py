@@ -2,17 +2,19 @@
 """The adaptive method: exact where the contact law has kinks, and cheap in between."""
 from dataclasses import replace
 
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as some
 import numpy as np
 import pytest
 
+from ballbot_ros.compiled import compiled
 from ballbot_ros.crossing import held_at
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
-from ballbot_ros.physics.mechanics import contact, equations, modes
+from ballbot_ros.physics.mechanics import contact, equations, holding, modes, motion
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import SIZE
+from ballbot_ros.physics.solvers import rows
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.physics.solvers.values import Workspace
 
@@ -128,6 +130,11 @@ def test_the_formulas_of_a_mode_are_the_law_itself_inside_the_mode(state, choice
     assert count == contact.find_contacts(
         state.x, state.y, model.robot.ball_radius, model.profile, table)
     assert formulas == pytest.approx(law, rel=1e-9, abs=1e-9)
+    if modes.smooth_contacts(mode):
+        # What steps are made of is written once more, to be quick.
+        quick = np.zeros(8)
+        motion.write_motion(0.0, vector, system, mode, quick)
+        assert quick == pytest.approx(law[:8], rel=1e-9, abs=1e-9)
 
 
 @given(states)
@@ -139,3 +146,34 @@ def test_no_guard_of_the_mode_of_a_state_is_violated_by_that_state(state):
     modes.find_mode(0.0, vector, system, workspace.mode)
     assert modes.violated_guards(0.0, vector, system, workspace.mode, 0, 2 * size - 3,
                                  workspace.violated) == 0
+
+
+@given(states, states, some.floats(0.0, 1.0), some.booleans())
+def test_a_quick_look_says_of_a_mode_what_all_its_guards_say(state, other, share, held):
+    model = Model(load_robot('gimball'), ROUGH)
+    actuation = replace(held_at(0.3), torque_limit=5.0) if held else Actuation()
+    system = System(model.parameters, model.profile, actuation.actuator(model.robot))
+    size, workspace = len(model.profile), Workspace.of(len(model.profile))
+    vector = np.array(state[1:])
+    later = vector + share * (np.array(other[1:]) - vector)
+    modes.find_mode(0.0, vector, system, workspace.mode)
+    assume(modes.smooth_contacts(workspace.mode))
+    violated = modes.violated_guards(0.0, later, system, workspace.mode, 0, 2 * size - 3,
+                                     workspace.violated)
+    assert holding.mode_holds(0.0, later, 0, 2 * size - 3, system, workspace.mode) == (
+        violated == 0)
+
+
+@compiled
+def call_sum(work, factors, count):
+    rows.sum_rows(work, rows.END, rows.START, 0.5, factors, 1, rows.STAGES, count)
+
+
+def test_sums_of_rows_are_sums_of_rows():
+    draw = np.random.default_rng(7)
+    work, factors = draw.normal(size=rows.ROWS), draw.normal(size=8)
+    stages = work[rows.STAGES:rows.DENSE].reshape(8, rows.WIDTH)[:, :8]
+    start = work[rows.START:rows.START + 8].copy()
+    call_sum(work, factors, 3)
+    expected = start + 0.5 * (factors[1:4] @ stages[:3])
+    assert work[rows.END:rows.END + 8] == pytest.approx(expected, rel=1e-12, abs=1e-12)

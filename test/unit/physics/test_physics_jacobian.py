@@ -28,8 +28,8 @@ def rates_and_slopes(model, actuation, vector, time=0.5):
     def rates(moment, state):
         found = np.zeros(13)
         modes.mode_derivative(moment, state, system, mode, found)
-        return found[4:]
-    return rates, out[:9], complete, count
+        return found[4:8]
+    return rates, out[:4], complete, count
 
 
 def differences(rates, vector, time=0.5):
@@ -40,7 +40,7 @@ def differences(rates, vector, time=0.5):
 
 def central(rates, vector, time, delta):
     """Return the slopes by central differences."""
-    found = np.zeros((9, 9))
+    found = np.zeros((4, 9))
     for column in range(8):
         shift = np.zeros(13)
         shift[column] = delta
