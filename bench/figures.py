@@ -2,7 +2,7 @@
 """
 Draw docs/figures/work_precision from docs/bench.json, which precision.py writes.
 
-Also prints the table of ratios, and how many right-hand sides each solver takes for 1 um.
+Also prints the table of ratios, and how many function evaluations each solver takes for 1 um.
 
     .venv/bin/python bench/figures.py
 """
@@ -29,7 +29,7 @@ LABELS = {'adaptive': 'ours, adaptive', 'rk4': 'ours, rk4', 'semi_implicit': 'ou
 
 
 def spent(point, what):
-    """Return wall time [ms] or right-hand sides of a run."""
+    """Return wall time [ms] or function evaluations of a run."""
     return point['calls'] if what == 'calls' else 1e3 * median(point['times'])
 
 
@@ -98,7 +98,7 @@ def main():
     for axes in rows[1]:
         axes.set_xlabel('error of the end position [mm]')
     rows[0][0].set_ylabel('wall time of the run [ms]')
-    rows[1][0].set_ylabel('right-hand sides of the run')
+    rows[1][0].set_ylabel('function evaluations of the run')
     handles, labels = rows[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc='lower center', ncol=4, frameon=False, fontsize=8.5)
     figure.tight_layout(rect=(0, 0.07, 1, 1))

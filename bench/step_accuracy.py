@@ -51,7 +51,7 @@ def main():
         print(f'{1e3 * accuracy:7g} mm: {100 * within:6.2f} % within, median '
               f'{np.median(values):.3f}, 99 % {np.quantile(values, 0.99):.3f}, worst {most:.3f} '
               f'of it (seed {list(found)[int(np.argmax(values))]}); median {work[0]:.0f} '
-              f'attempts, {work[1]:.0f} right-hand sides')
+              f'attempts, {work[1]:.0f} function evaluations')
     for seed, why in list(refused.items())[:10]:
         print(f'refused, seed {seed}: {why}')
     return 0 if kept else 1

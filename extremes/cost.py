@@ -17,7 +17,7 @@ REPEATS = 15
 
 
 def to_accuracy(scene, level):
-    """Return the right-hand sides of a run to an accuracy, without the second looks and with."""
+    """Return the evaluations of a run to an accuracy, without the second looks and with."""
     def work():
         return accuracy.simulate_accurately(
             scene.model, scene.start, scene.actuation, scene.run.duration, level,
@@ -48,7 +48,7 @@ def report():
     scenes = {path.stem: load_scene(path.stem)
               for path in sorted((config_folder() / 'scenes').glob('*.yaml'))}
     for what, kinds, of, unit in (
-            ('accuracy', LEVELS, to_accuracy, 'right-hand sides'),
+            ('accuracy', LEVELS, to_accuracy, 'function evaluations'),
             ('steps of 0.1 ms', ('rk4', 'semi_implicit'), with_steps, 'processor time')):
         for kind in kinds:
             ratios = {}

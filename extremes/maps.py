@@ -23,7 +23,8 @@ LABELS = ('accurate: within a thousandth of the radius', 'stable: the ledger clo
           'refused: SimulationError')
 SIZE = 54
 METHODS = {'rk4': (2.83, 2.79), 'semi_implicit': (2.0, 2.0)}  # limits of h w and of h a
-TITLES = {'rk4': 'rk4, four right-hand sides a step', 'semi_implicit': 'semi_implicit, one a step'}
+TITLES = {'rk4': 'rk4, four evaluations a step',
+          'semi_implicit': 'semi_implicit, one a step'}
 DURATION = 0.5
 
 

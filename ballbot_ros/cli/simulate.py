@@ -83,7 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
         load_machine_code(scene)
         begin = perf_counter()
         with watched(scene.run.duration, arguments.quiet or arguments.json) as progress:
-            trajectory = scene.simulate(progress)
+            trajectory = scene.simulate(progress=progress)
     except SimulationError as error:
         trajectory, failure = getattr(error, 'trajectory', None), error
         if trajectory is None:

@@ -159,7 +159,7 @@ def check_work(solver: Solver, steps: int) -> None:
     needed = steps * METHODS[solver.method].evaluations
     if needed > solver.work_budget:
         raise ConfigurationError(
-            f'solver: {steps} steps of {solver.step:g} s take {needed} right-hand sides, more '
+            f'solver: {steps} steps of {solver.step:g} s take {needed} function evaluations, more '
             f'than the work_budget of {solver.work_budget}; raise it, use a longer step, or the '
             'adaptive method')
 
@@ -180,7 +180,7 @@ def failure(outcome: int, time: float, vector: Array, solver: Solver) -> Simulat
             'larger slip_threshold')
     if outcome == BUDGET_EXCEEDED:
         return SimulationError(
-            time, f'the work budget of {solver.work_budget} right-hand sides is used up',
+            time, f'the work budget of {solver.work_budget} function evaluations is used up',
             'raise work_budget (solver), take steps of one length (rk4), raise the tolerance '
             f'above {solver.tolerance:g} m, or use a larger slip_threshold, softer gains '
             'or a softer contact_stiffness')

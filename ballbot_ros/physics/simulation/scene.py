@@ -102,10 +102,10 @@ class Scene:
         """Return the state that the scene starts from."""
         return self.initial.state(self.model)
 
-    def simulate(self, progress: Optional[Callable[[float], None]] = None, *,
-                 duration: Optional[float] = None) -> Trajectory:
+    def simulate(self, duration: Optional[float] = None, *,
+                 progress: Optional[Callable[[float], None]] = None) -> Trajectory:
         """
-        Run the scene, for a `duration` [s] of its own or another one.
+        Run the scene, for its own or another `duration` [s].
 
         With an accuracy see `accuracy.simulate_accurately`, else `simulation.simulate`.
         """

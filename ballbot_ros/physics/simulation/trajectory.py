@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulated run as named columns with units."""
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
@@ -172,7 +173,12 @@ class Trajectory:
         return len(self.rows)
 
     def __getitem__(self, column: str) -> Array:
-        """Return a column by its name in `UNITS`."""
+        """Return a column by its name in `UNITS`; raise `KeyError` with those that there are."""
+        if column not in UNITS:
+            near = get_close_matches(str(column), UNITS, 1)
+            raise KeyError(f'{column!r} is no column'
+                           + (f'; did you mean {near[0]!r}?' if near else ';')
+                           + f' There are {", ".join(UNITS)}')
         return self.columns[column]
 
     def state(self, index: int) -> State:

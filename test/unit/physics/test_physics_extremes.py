@@ -36,7 +36,7 @@ def test_a_run_gives_up_when_its_work_budget_is_used_up():
     needed = simulate(replace(scene.model, solver=Solver('adaptive')), scene.start,
                       scene.actuation, 1.0).effort.evaluations
     model = replace(scene.model, solver=Solver('adaptive', work_budget=needed // 2))
-    with pytest.raises(SimulationError, match=r'work budget of \d+ right-hand sides') as caught:
+    with pytest.raises(SimulationError, match=r'budget of \d+ function evaluations') as caught:
         simulate(model, scene.start, scene.actuation, 1.0)
     assert 'slip_threshold' in caught.value.remedy
     assert 0.0 < caught.value.trajectory['time'][-1] <= caught.value.time < 1.0
@@ -134,7 +134,7 @@ def extreme_run(name, seed, tolerance, budget):
 
 
 def test_steps_that_stiffness_holds_below_the_limit_of_stability_become_implicit():
-    # Explicit steps stayed at 0.43 of that limit for good, and used up 2,000,000 right-hand sides.
+    # Explicit steps stayed at 0.43 of that limit for good, and took 2,000,000 evaluations.
     assert extreme_run('combined', 1338, 2.034e-10, 20_000).effort.evaluations < 10_000
 
 

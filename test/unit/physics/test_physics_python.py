@@ -102,3 +102,12 @@ def test_a_table_says_its_units_or_what_is_missing(trajectory, monkeypatch):
     monkeypatch.setitem(sys.modules, 'pandas', None)
     with pytest.raises(ConfigurationError, match='pip install pandas'):
         trajectory.to_pandas()
+
+
+def test_a_duration_may_be_given_alone_and_a_column_that_is_none_is_told_with_those_there_are():
+    run = load_scene('flat').simulate(0.01)
+    assert run['x'][-1] == run.columns['x'][-1] and run['time'][-1] == pytest.approx(0.01)
+    with pytest.raises(KeyError, match="'pendulum_angel' is no column; did you mean 'pendulum_a"):
+        run['pendulum_angel']
+    with pytest.raises(KeyError, match='There are time, x, y, '):
+        run['%']
