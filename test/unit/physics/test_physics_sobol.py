@@ -17,9 +17,7 @@ def test_they_are_those_of_scipy(dimensions, power, seed):
     np.testing.assert_array_equal(sobol(dimensions, power, seed), expected)
 
 
-def test_a_decision_and_the_check_of_a_loop_do_without_scipy():
-    # It takes more than a second to import, of each start of a node.
-    done = subprocess.run([sys.executable, '-c', """
+WITHOUT_SCIPY = """
 import sys
 from ballbot_ros import control, decision
 from ballbot_ros.decision.particles import Particles
@@ -28,5 +26,13 @@ robot = load_robot('gimball')
 control.check_loop(robot, control.load_tuning('published'), control.Mode.SPEED, 500.0, 0)
 Particles.of(robot, 0.001)
 print({'scipy.linalg', 'scipy.optimize', 'scipy.sparse', 'scipy.stats'} & set(sys.modules))
-"""], capture_output=True, text=True, check=True)
+"""
+
+
+def test_a_decision_and_the_check_of_a_loop_do_without_scipy():
+    # It takes more than a second to import, of each start of a node.  The compiler needs it, so
+    # the first time compiles what is missing, and the second is like every other.
+    for _ in range(2):
+        done = subprocess.run([sys.executable, '-c', WITHOUT_SCIPY], capture_output=True,
+                              text=True, check=True)
     assert done.stdout.strip() == 'set()'
