@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line helps, and says what is wrong in one line."""
 import argparse
+import contextlib
 from importlib import import_module
 import logging
 import re
@@ -144,10 +145,14 @@ def test_demo_passes_its_options_on(monkeypatch, tmp_path):
 
     monkeypatch.setitem(sys.modules, 'ballbot_ros.demo', types.SimpleNamespace(
         run_demo=run_demo, run_hardware_demo=run_hardware_demo,
-        own_acts=lambda *names: [act, names][:1], page_beside=None))
+        own_acts=lambda *names: [act, names][:1],
+        page_beside=lambda quiet: contextlib.nullcontext()))
     assert main(['demo', '--out', str(tmp_path), '--real-time', '--timeout', '9']) == 7
     assert given == {'out': tmp_path, 'real_time': True, 'quiet': False, 'timeout': 9.0,
-                     'acts': [act]}
+                     'acts': [act], 'watched': False}
+    given.clear()
+    assert main(['demo', '--out', str(tmp_path), '--view']) == 7
+    assert given['watched'] and not given['real_time']
     given.clear()
     (tmp_path / 'bag').mkdir()  # of a run before, which this one replaces
     assert main(['demo', '--hardware', '--protocol', 'vesc', '--out', str(tmp_path),

@@ -18,6 +18,11 @@ from ballbot_ros.ros.run import run
 class Speaking(Node):
     def __init__(self):
         super().__init__('speaking')
+        # Once it spins: one that is stopped while it is made says nothing.
+        self._timer = self.create_timer(0.01, self._say)
+
+    def _say(self):
+        self._timer.cancel()
         print('up', flush=True)
 
 sys.exit(run(Speaking, []))
