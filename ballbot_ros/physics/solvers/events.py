@@ -4,8 +4,11 @@ import numpy as np
 
 from ballbot_ros.compiled import compiled
 from ballbot_ros.physics.mechanics.holding import mode_holds
-from ballbot_ros.physics.mechanics.modes import guard_of, violated_guards
+from ballbot_ros.physics.mechanics.modes import (
+    contact_count, ContactMode, FEATURE, guard_of, OF_FEATURE, OF_FORCE, PRESSED, touches,
+    violated_guards)
 from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import rows
 from ballbot_ros.physics.solvers.controller import smallest_step
 from ballbot_ros.physics.solvers.dense import COEFFICIENTS, factors_at, motion_at
@@ -16,6 +19,8 @@ MOST_EVENTS = 64      # located within one look; of more, an early one will do
 LOOKS = 4             # times within a step at which the mode is checked
 LOOK_FACTORS = np.array([factors_at((look + 1) / LOOKS) for look in range(LOOKS)]).ravel()
 NO_EVENT = 2.0        # for theta, which is 0 to 1 within the step
+INSIDE = 1e-300       # for a guard that is zero by rounding
+FALSI_ALONE, MOST_TURNS = 10, 100  # of the search for an event: before it halves, and in all
 
 CHATTER = 1e-9        # [s] between events that rounding makes
 PATIENCE = 20         # such events in a row, then ever longer steps over them
@@ -30,12 +35,33 @@ def time_width(time: float) -> float:
 
 
 @compiled
+def ends_at_zero(kind: int, item: int, mode: ContactMode, ground: Array) -> bool:
+    """Return whether a mode has ended where a guard is zero, else only where it is below."""
+    if kind == OF_FORCE:
+        return mode.signs[item, PRESSED] > 0
+    if kind != OF_FEATURE:
+        return False
+    inside = False
+    for row in range(contact_count(mode)):
+        inside = inside or mode.signs[row, FEATURE] == item
+    return inside != touches(item, 0.0, ground)
+
+
+@compiled
 def guard_at(theta: float, index: int, time: float, step: float, system: System,
              workspace: Workspace) -> float:
-    """Return a violated guard at `theta` of the last step."""
+    """
+    Return a violated guard at `theta` of the last step.
+
+    By rounding it may be zero for a while: positive, where that is inside the mode still.  Else
+    the next step would begin in the same mode, and could pass a short contact between two looks.
+    """
     motion_at(theta, workspace.work)
-    return guard_of(workspace.violated[index, 0], workspace.violated[index, 1],
-                    time + theta * step, workspace.probe, system, workspace.mode)
+    kind, item = workspace.violated[index, 0], workspace.violated[index, 1]
+    guard = guard_of(kind, item, time + theta * step, workspace.probe, system, workspace.mode)
+    if guard == 0.0 and not ends_at_zero(kind, item, workspace.mode, system.ground):
+        return INSIDE
+    return guard
 
 
 @compiled
@@ -52,15 +78,16 @@ def locate(index: int, low: float, high: float, time: float, step: float, system
     Return theta where a violated guard has just become negative, between two others.
 
     Regula falsi, as Anderson and Bjoerck have it, on the dense output; ends on the far side of
-    the zero, so that the next mode differs.
+    the zero, so that the next mode differs.  A guard may be far from a line, as where a ball rolls
+    off an edge; so after the first few times every other one halves the bracket.
     """
     at_low = guard_at(low, index, time, step, system, workspace)
     at_high = guard_at(high, index, time, step, system, workspace)
     width, kept = time_width(time) / step, 0
-    for _ in range(60):
+    for turn in range(MOST_TURNS):
         if high - low <= width:
             break
-        if at_low > 0.0 and at_high < 0.0:
+        if at_low > 0.0 and at_high < 0.0 and (turn < FALSI_ALONE or turn % 2 == 0):
             theta = low + (high - low) * at_low / (at_low - at_high)
             # Aim a little beyond the zero, to close the bracket from both sides.
             theta = min(max(theta + 0.25 * width, low + 0.25 * width), high - 0.25 * width)
