@@ -4,6 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any, Mapping
 
+from ballbot_ros.cli.options import add_port
+
 PATIENCE = 0.5  # with each answer of the handshake [s]
 
 
@@ -11,9 +13,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what is calibrated and where the result goes."""
     parser.add_argument('--hardware', default='gimball_odrive', metavar='NAME',
                         help='hardware file to start from (default: %(default)s)')
-    parser.add_argument('--port', default='', metavar='PORT',
-                        help='serial device, URL or CAN interface to use instead of the one in '
-                        'the hardware file')
+    add_port(parser)
     parser.add_argument('--out', type=Path, default=Path('my_motor.yaml'), metavar='FILE',
                         help='hardware file to write (default: %(default)s)')
 

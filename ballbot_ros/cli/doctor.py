@@ -5,15 +5,14 @@ import os
 import sys
 
 from ballbot_ros.cli.command import DONE, FAILED
+from ballbot_ros.cli.options import add_port
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what is looked at."""
     parser.add_argument('--hardware', default='gimball_odrive', metavar='NAME',
                         help='hardware file of the drive to look for (default: %(default)s)')
-    parser.add_argument('--port', default='', metavar='PORT',
-                        help='serial device, URL or CAN interface to use instead of the one in '
-                        'the hardware file')
+    add_port(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

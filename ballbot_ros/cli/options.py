@@ -22,6 +22,13 @@ def add_quiet(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--quiet', action='store_true', help='print errors only')
 
 
+def add_port(parser: argparse.ArgumentParser) -> None:
+    """Add where the drive is."""
+    parser.add_argument('--port', default='', metavar='PORT',
+                        help='serial device, URL or CAN interface to use instead of the one in '
+                        'the hardware file')
+
+
 def add_overwrite(parser: argparse.ArgumentParser, file: bool = False) -> None:
     """Add whether results, a folder of them or one file, may be replaced."""
     parser.add_argument('--overwrite', action='store_true', help=(

@@ -5,6 +5,7 @@ from pathlib import Path
 from pkgutil import iter_modules
 
 from ballbot_ros.cli.command import DONE, Parser
+from ballbot_ros.cli.options import add_quiet
 from ballbot_ros.cli.running_graph import from_ros
 from ballbot_ros.errors import ConfigurationError
 
@@ -40,7 +41,7 @@ def _experiment(target: str, words: list[str]) -> int:
     """Run an experiment with the options behind its name."""
     parser = Parser(prog='ballbot run FILE', allow_abbrev=False)
     parser.add_argument('--out', type=Path, metavar='DIR', help='folder to write to')
-    parser.add_argument('--quiet', action='store_true', help='print errors only')
+    add_quiet(parser)
     parser.add_argument('--timeout', type=float, default=120.0, metavar='SECONDS',
                         help='longest wall time of a seed (default: %(default)g)')
     try:

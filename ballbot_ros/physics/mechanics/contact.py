@@ -25,9 +25,10 @@ import numpy as np
 from ballbot_ros.compiled import compiled, inlined
 from ballbot_ros.physics.mechanics.contact_law import (
     COLUMNS, contact_load, CORNER, EDGE, force_and_slip, FRICTION, KIND, NORMAL_X, NORMAL_Y,
-    PENETRATION, POINT_X, POINT_Y, pressed_sign, sliding_sign, stored_energy, SURFACE)
+    PENETRATION, POINT_X, POINT_Y, pressed_sign, pressing_and_slipping, sliding_sign,
+    stored_energy, SURFACE)
 from ballbot_ros.physics.model.parameters import Parameters
-from ballbot_ros.physics.model.state import X, Y
+from ballbot_ros.physics.model.state import BALL_RATE, VELOCITY_X, VELOCITY_Y, X, Y
 from ballbot_ros.physics.model.terrain import (
     Array, EDGE_FRICTION, SURFACE_FRICTION, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y)
 
@@ -63,7 +64,7 @@ def ground_height(ground: Array, x: float) -> float:
 def meeting(feature: int, x: float, y: float,
             ground: Array) -> tuple[float, float, float, float]:
     """
-    Return where a feature of the ground, no CORNER, lies from a point.
+    Return where a feature of the ground lies from a point.
 
     Returns
     -------
@@ -72,7 +73,7 @@ def meeting(feature: int, x: float, y: float,
     distance : float
         [m]
     friction : float
-        Coefficient.
+        Coefficient; that of an edge also where the vertex is a CORNER, which has none.
 
     """
     segment = feature >> 1
@@ -87,25 +88,25 @@ def meeting(feature: int, x: float, y: float,
 
 
 @compiled
+def pressed_and_slid(feature: int, motion: Array, ground: Array,
+                     parameters: Parameters) -> tuple[float, float, float, float, float, float]:
+    """Return what `meeting` does for the centre of the ball, then the force and slip there."""
+    normal_x, normal_y, distance, friction = meeting(feature, motion[X], motion[Y], ground)
+    force, slip, _, _ = pressing_and_slipping(
+        normal_x, normal_y, parameters.radius - distance, motion[VELOCITY_X],
+        motion[VELOCITY_Y], motion[BALL_RATE], parameters)
+    return normal_x, normal_y, distance, friction, force, slip
+
+
+@compiled
 def write_contact(contacts: Array, row: int, feature: int, x: float, y: float, radius: float,
                   ground: Array) -> None:
     """Fill one row of the table of contacts, whether the ball touches that feature or not."""
-    segment = feature // 2
-    if feature % 2 == 0:
-        tangent_x, tangent_y = ground[segment, TANGENT_X], ground[segment, TANGENT_Y]
-        distance = ((y - ground[segment, VERTEX_Y]) * tangent_x
-                    - (x - ground[segment, VERTEX_X]) * tangent_y)
-        normal_x, normal_y = -tangent_y, tangent_x
-        contacts[row, KIND], contacts[row, FRICTION] = SURFACE, ground[segment, SURFACE_FRICTION]
-    else:
-        away_x, away_y = x - ground[segment + 1, VERTEX_X], y - ground[segment + 1, VERTEX_Y]
-        distance = math.sqrt(away_x * away_x + away_y * away_y)
-        normal_x, normal_y = away_x / distance, away_y / distance
-        if ground[segment + 1, TURN] > 0.0:
-            contacts[row, KIND], contacts[row, FRICTION] = CORNER, 0.0
-        else:
-            contacts[row, KIND] = EDGE
-            contacts[row, FRICTION] = ground[segment + 1, EDGE_FRICTION]
+    normal_x, normal_y, distance, friction = meeting(feature, x, y, ground)
+    kind = SURFACE if feature & 1 == 0 else EDGE
+    if kind == EDGE and ground[(feature >> 1) + 1, TURN] > 0.0:
+        kind, friction = CORNER, 0.0
+    contacts[row, KIND], contacts[row, FRICTION] = kind, friction
     contacts[row, POINT_X] = x - distance * normal_x
     contacts[row, POINT_Y] = y - distance * normal_y
     contacts[row, NORMAL_X], contacts[row, NORMAL_Y] = normal_x, normal_y

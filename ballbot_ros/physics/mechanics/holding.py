@@ -3,13 +3,12 @@
 import math
 
 from ballbot_ros.compiled import compiled
-from ballbot_ros.physics.mechanics.contact import meeting
-from ballbot_ros.physics.mechanics.contact_law import pressing_and_slipping
+from ballbot_ros.physics.mechanics.contact import pressed_and_slid
 from ballbot_ros.physics.mechanics.modes import (
-    contact_count, ContactMode, FEATURE, feature_guard, motor_guard, PRESSED, side, SLIDING,
-    smooth_contacts, touches)
+    contact_count, ContactMode, FEATURE, feature_guard, in_contact, motor_guard, PRESSED, side,
+    SLIDING, smooth_contacts, touches)
 from ballbot_ros.physics.model.parameters import System
-from ballbot_ros.physics.model.state import BALL_RATE, VELOCITY_X, VELOCITY_Y, X, Y
+from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, VERTEX_X, VERTEX_Y
 
 
@@ -21,10 +20,7 @@ def contact_holds(motion: Array, row: int, system: System, mode: ContactMode) ->
     if not touches(feature, feature_guard(feature, x, y, parameters.radius, system.ground),
                    system.ground):
         return False
-    normal_x, normal_y, distance, friction = meeting(feature, x, y, system.ground)
-    force, slip, _, _ = pressing_and_slipping(
-        normal_x, normal_y, parameters.radius - distance, motion[VELOCITY_X],
-        motion[VELOCITY_Y], motion[BALL_RATE], parameters)
+    _, _, _, friction, force, slip = pressed_and_slid(feature, motion, system.ground, parameters)
     if (force > 0.0) != (pressed > 0):
         return False
     return not (friction > 0.0 and pressed != 0
@@ -34,11 +30,9 @@ def contact_holds(motion: Array, row: int, system: System, mode: ContactMode) ->
 @compiled
 def is_new(feature: int, x: float, y: float, system: System, mode: ContactMode) -> bool:
     """Return whether the ball touches a feature that its mode does not know."""
-    for row in range(contact_count(mode)):
-        if mode.signs[row, FEATURE] == feature:
-            return False
-    return touches(feature, feature_guard(feature, x, y, system.parameters.radius, system.ground),
-                   system.ground)
+    return not in_contact(feature, mode) and touches(
+        feature, feature_guard(feature, x, y, system.parameters.radius, system.ground),
+        system.ground)
 
 
 @compiled

@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 
 from ballbot_ros.compiled import compiled, inlined
 from ballbot_ros.physics.mechanics.contact import (
-    contact_table, first_segment, meeting, share_friction, write_contact)
+    contact_table, first_segment, pressed_and_slid, share_friction, write_contact)
 from ballbot_ros.physics.mechanics.contact_law import (
-    contact_load, CORNER, force_and_slip, FRICTION, KIND, pressed_sign, pressing_and_slipping,
-    sign_beyond, sliding_sign)
+    contact_load, CORNER, force_and_slip, FRICTION, KIND, pressed_sign, sign_beyond, sliding_sign)
 from ballbot_ros.physics.mechanics.equations import Loads, unsaturated_torque, write_rates
 from ballbot_ros.physics.model.parameters import System
-from ballbot_ros.physics.model.state import BALL_RATE, VELOCITY_X, VELOCITY_Y, X, Y
+from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y
 
 IntArray = NDArray[np.int64]
@@ -55,6 +54,15 @@ class ContactMode(NamedTuple):
 def contact_count(mode: ContactMode) -> int:
     """Return how many contacts are in force."""
     return mode.signs[len(mode.signs) - 1, COUNT]
+
+
+@compiled
+def in_contact(feature: int, mode: ContactMode) -> bool:
+    """Return whether a feature of the ground is among the contacts of a mode."""
+    for row in range(contact_count(mode)):
+        if mode.signs[row, FEATURE] == feature:
+            return True
+    return False
 
 
 @compiled
@@ -208,17 +216,11 @@ def guard_of(kind: int, item: int, time: float, state: Array, system: System,
     """
     if kind == OF_FEATURE:
         guard = feature_guard(item, state[X], state[Y], system.parameters.radius, system.ground)
-        for row in range(contact_count(mode)):
-            if mode.signs[row, FEATURE] == item:
-                return guard
-        return -guard
+        return guard if in_contact(item, mode) else -guard
     if kind == OF_MOTOR:
         return motor_guard(time, state, system, mode)
-    normal_x, normal_y, distance, _ = meeting(
-        mode.signs[item, FEATURE], state[X], state[Y], system.ground)
-    force, slip, _, _ = pressing_and_slipping(
-        normal_x, normal_y, system.parameters.radius - distance, state[VELOCITY_X],
-        state[VELOCITY_Y], state[BALL_RATE], system.parameters)
+    _, _, _, _, force, slip = pressed_and_slid(
+        mode.signs[item, FEATURE], state, system.ground, system.parameters)
     if kind == OF_FORCE:
         return force if mode.signs[item, PRESSED] > 0 else -force
     return side(slip, mode.signs[item, SLIDING], system.parameters.slip_threshold)

@@ -8,15 +8,14 @@ all numbers stay in registers.
 import math
 
 from ballbot_ros.compiled import compiled, inlined
-from ballbot_ros.physics.mechanics.contact import meeting
-from ballbot_ros.physics.mechanics.contact_law import (
-    normal_and_friction, pressing_and_slipping)
+from ballbot_ros.physics.mechanics.contact import pressed_and_slid
+from ballbot_ros.physics.mechanics.contact_law import normal_and_friction
 from ballbot_ros.physics.mechanics.equations import unsaturated_torque
 from ballbot_ros.physics.mechanics.modes import (
     contact_count, ContactMode, FEATURE, MOTOR, PRESSED, SLIDING)
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import (
-    BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y, X, Y)
+    BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y)
 from ballbot_ros.physics.model.terrain import Array
 
 
@@ -25,11 +24,8 @@ def pushed(motion: Array, row: int, system: System,
            mode: ContactMode) -> tuple[float, float, float]:
     """Return force [N] and torque [N m] of one contact on the ball; eqs. (7)-(10)."""
     parameters = system.parameters
-    normal_x, normal_y, distance, friction = meeting(
-        mode.signs[row, FEATURE], motion[X], motion[Y], system.ground)
-    force, slip, _, _ = pressing_and_slipping(
-        normal_x, normal_y, parameters.radius - distance, motion[VELOCITY_X],
-        motion[VELOCITY_Y], motion[BALL_RATE], parameters)
+    normal_x, normal_y, distance, friction, force, slip = pressed_and_slid(
+        mode.signs[row, FEATURE], motion, system.ground, parameters)
     pressing, rubbing = normal_and_friction(
         force, slip, mode.signs[row, PRESSED], mode.signs[row, SLIDING], parameters, friction)
     return (pressing * normal_x + rubbing * normal_y, pressing * normal_y - rubbing * normal_x,

@@ -5,8 +5,7 @@ import numpy as np
 from ballbot_ros.compiled import compiled
 from ballbot_ros.physics.mechanics.holding import mode_holds
 from ballbot_ros.physics.mechanics.modes import (
-    contact_count, ContactMode, FEATURE, guard_of, OF_FEATURE, OF_FORCE, PRESSED, touches,
-    violated_guards)
+    ContactMode, guard_of, in_contact, OF_FEATURE, OF_FORCE, PRESSED, touches, violated_guards)
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import rows
@@ -41,10 +40,7 @@ def ends_at_zero(kind: int, item: int, mode: ContactMode, ground: Array) -> bool
         return mode.signs[item, PRESSED] > 0
     if kind != OF_FEATURE:
         return False
-    inside = False
-    for row in range(contact_count(mode)):
-        inside = inside or mode.signs[row, FEATURE] == item
-    return inside != touches(item, 0.0, ground)
+    return in_contact(item, mode) != touches(item, 0.0, ground)
 
 
 @compiled
