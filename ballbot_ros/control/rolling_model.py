@@ -14,6 +14,10 @@ With x = -R theta1 two degrees of freedom are left, the pendulum angle phi and t
 with C = M2 e R cos(phi).  Controllers are judged, and the pendulum is estimated, on this model;
 the simulator has the full one with contact and slip.
 
+A ball that slips, or flies, takes no horizontal force that answers to its motion.  Then the joint
+drives the two inertias J1 and I = J2 + M2 e^2 M1 / M alone (see `solvers.flight`), so the same
+equations hold with these and C = 0.  No contact leaves it less to drive.
+
 The functions are pure and compiled, for the filter calls them in each period of a motor's loop;
 `RollingModel` calls the same ones.
 """
@@ -120,7 +124,7 @@ class RollingModel:
     ----------
     robot : Robot
     pendulum_moment, pendulum_inertia : float
-        M2 e [kg m] and J2 + M2 e^2 [kg m2].
+        M2 e [kg m] and J2 + M2 e^2 [kg m2], or I where the ball does not roll.
     numbers : tuple of 6 floats
         For the compiled functions, see `RollingNumbers`.
 
@@ -131,8 +135,8 @@ class RollingModel:
 
     """
 
-    def __init__(self, robot: Robot):
-        """Work the constants out once."""
+    def __init__(self, robot: Robot, rolls: bool = True):
+        """Work the constants out once; with `rolls` false, of a ball that slips or flies."""
         require_pendulum(robot)
         self.robot = robot
         self.pendulum_moment = robot.pendulum_mass * robot.pendulum_length
@@ -140,6 +144,9 @@ class RollingModel:
             robot.pendulum_inertia + self.pendulum_moment * robot.pendulum_length)
         self._ball_inertia = robot.ball_inertia + robot.total_mass * robot.ball_radius**2
         self._lever = self.pendulum_moment * robot.ball_radius
+        if not rolls:
+            self.pendulum_inertia -= self.pendulum_moment**2 / robot.total_mass
+            self._ball_inertia, self._lever = robot.ball_inertia, 0.0
         self._gravity_torque = robot.largest_gravity_torque
         self.numbers: Rolling = RollingNumbers(
             self.pendulum_inertia, self._ball_inertia, self._lever, self._gravity_torque,

@@ -8,6 +8,11 @@ change within a period (`held_input`), and closed with the linearised law; it is
 poles of the result are.  The published gains on GimBall need, to hold the pendulum down, 234 Hz
 without delay and 468 Hz with one sample of it; to hold it at any angle, 275 and 548 Hz.
 
+*While it rolls* is a condition.  A torque beyond what friction takes makes the ball slip, a bump
+lets it fly, and then the joint drives less inertia: law (12) needs 326 instead of 230 Hz.  Nor
+does law (12) choose where the pendulum is: raised, it needs more, too.  `growth_rate` says what
+grows then, with `rolls` false or with `set_angles`.
+
 What divergence looks like: the torque limit turns exponential growth into a limit cycle,
 a pendulum that rattles with full torque back and forth.  It does not turn it into control.
 """
@@ -77,7 +82,8 @@ def _feedback(robot: Robot, tuning: ControlTuning, law: Mode, angle: float) -> A
 
 
 def loop_poles(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate: float,
-               delay: float = 0, set_angle: float = 0.0) -> NDArray[np.complex128]:
+               delay: float = 0, set_angle: float = 0.0, rolls: bool = True
+               ) -> NDArray[np.complex128]:
     """
     Return the poles of the sampled loop, inside the unit circle where it is damped.
 
@@ -94,6 +100,8 @@ def loop_poles(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
     set_angle : float
         Pendulum angle about which to linearise [rad]; for the speed law the one that stands on
         a slope.
+    rolls : bool
+        Whether the ball rolls without slip; else it slips, or flies.
 
     Raises
     ------
@@ -101,11 +109,11 @@ def loop_poles(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
         For an impossible rate, delay or law, or a robot without a pendulum.
 
     """
-    law = _check(law, rate, delay)
+    law, model = _check(law, rate, delay), RollingModel(robot, rolls)
     if law is Mode.SPEED:
         return np.linalg.eigvals(
-            _speed_loop(robot, tuning, rate, delay, set_angle)).astype(np.complex128)
-    matrix, column = RollingModel(robot).about_held(set_angle)
+            _speed_loop(model, tuning, rate, delay, set_angle)).astype(np.complex128)
+    matrix, column = model.about_held(set_angle)
     # theta2 is a state only where the law looks at it: elsewhere it would be a pole at 1
     # that says no more than that positions do not matter.
     size = 4 if law is Mode.DRIVE and tuning.velocity_ki > 0.0 else 3
@@ -118,15 +126,16 @@ def loop_poles(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
     return np.linalg.eigvals(loop).astype(np.complex128)
 
 
-def _speed_loop(robot: Robot, tuning: ControlTuning, rate: float, delay: float, set_angle: float
-                ) -> Array:
+def _speed_loop(model: RollingModel, tuning: ControlTuning, rate: float, delay: float,
+                set_angle: float) -> Array:
     """
     Return the loop of the speed law over law (11), about a ball that stands on a slope.
 
     The states are those of the ball (phi, phi', theta1'), of the law (`SpeedState`) and the
     torques on their way.  The law is linearised by differences of the very function that runs.
     """
-    model, numbers = RollingModel(robot), SpeedLaw.tuned(robot, tuning)[:]
+    robot = model.robot
+    numbers = SpeedLaw.tuned(robot, tuning)[:]
     gravity = robot.largest_gravity_torque
     # phi'' and theta1'' by phi, phi', theta1' and torque.
     columns = [model.response(set_angle, *forces) for forces in (
@@ -164,26 +173,33 @@ def _speed_loop(robot: Robot, tuning: ControlTuning, rate: float, delay: float, 
 
 def growth_rate(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate: float,
                 delay: float = 0, set_angles: Optional[Sequence[float]] = None,
-                lag: float = 0.0) -> float:
+                lag: float = 0.0, rolls: bool = True) -> float:
     """
     Return how fast the worst deviation grows, negative if it decays [1/s].
 
     That is log(largest pole) * rate, the worst over `set_angles` [rad]; by default 0 to 180
     degrees for law (11), and for the speed law what it holds slopes with.  Parameters as in
-    `loop_poles`; `lag` [s] is a delay besides that does not depend on the rate.
+    `loop_poles`; `lag` [s] is a delay besides that does not depend on the rate.  With `rolls`
+    false expect some drift of the ball's speed, too.
     """
     samples = delay + lag * rate if lag else delay
     law = _check(law, rate, samples)
     angles = _angles(law, tuning) if set_angles is None else set_angles
-    radius = max(float(np.abs(loop_poles(robot, tuning, law, rate, samples, angle)).max())
-                 for angle in angles)
+    radius = max(
+        float(np.abs(loop_poles(robot, tuning, law, rate, samples, angle, rolls)).max())
+        for angle in angles)
     return math.log(radius) * rate
 
 
 def is_stable(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate: float,
               delay: float = 0, set_angles: Optional[Sequence[float]] = None,
               lag: float = 0.0) -> bool:
-    """Return whether nothing grows faster than drift; parameters as in `growth_rate`."""
+    """
+    Return whether nothing grows faster than drift; parameters as in `growth_rate`.
+
+    That is said of small deviations, with the pendulum at these angles and the ball rolling: what
+    becomes of others `growth_rate` says, with other angles or `rolls` false.
+    """
     return growth_rate(robot, tuning, law, rate, delay, set_angles, lag) < DRIFT_LIMIT
 
 

@@ -12,6 +12,8 @@ from ballbot_ros.control import (
     lowest_stable_rate, PendulumController, RollingModel, SetPoint)
 from ballbot_ros.control.held_input import HeldInput
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
+from ballbot_ros.physics import Model, Solver, State, Terrain
+from ballbot_ros.physics.model.parameters import Actuator, TORQUE
 from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL = load_robot('gimball')
@@ -369,3 +371,43 @@ def test_drive_law_diverges_where_it_is_refused():
     tuning = replace(PUBLISHED, torque_limit=1e9)
     assert np.abs(roll(tuning, SetPoint('drive', 1.0), 430.0, 1)).max() > 1.0
     assert np.abs(roll(tuning, SetPoint('drive', 1.0), 480.0, 1)).max() < 1.0
+
+
+def joint_pole(robot, rate):
+    """Return the pole of the joint's rate under (12), of a ball without friction in the air."""
+    arm = robot.pendulum_mass * robot.pendulum_length
+    swing = robot.pendulum_inertia + arm * robot.pendulum_length - arm**2 / robot.total_mass
+    return 1.0 - PUBLISHED.velocity_kp * (1.0 / swing + 1.0 / robot.ball_inertia) / rate
+
+
+@pytest.mark.parametrize('rate', [200.0, 300.0, 1000.0])
+def test_a_ball_that_does_not_roll_leaves_the_joint_its_two_inertias_alone(rate):
+    loose = replace(GIMBALL, joint_friction=0.0, rolling_friction=0.0, gravity=0.0)
+    for angle in (0.0, 1.0, 2.5):
+        poles = loop_poles(loose, PUBLISHED, 'drive', rate, 0, angle, rolls=False)
+        # Besides, angle and common rate are neutral: their poles are 1.
+        assert np.abs(poles - joint_pole(loose, rate)).min() < 1e-9
+        assert np.sort(np.abs(poles - 1.0))[1] < 1e-6
+    # No angle of a pendulum on a ball that rolls is as hard.
+    assert -joint_pole(loose, rate) > max(
+        -loop_poles(loose, PUBLISHED, 'drive', rate, 0, angle).real.min()
+        for angle in np.linspace(0.0, math.pi, 19))
+
+
+@pytest.mark.parametrize('rate, grows', [(300.0, True), (335.0, False)])
+def test_a_loop_that_is_stable_while_it_rolls_may_diverge_in_the_air(rate, grows):
+    assert growth_rate(GIMBALL, PUBLISHED, 'drive', rate) < 0.0
+    predicted = growth_rate(GIMBALL, PUBLISHED, 'drive', rate, rolls=False)
+    assert (predicted > 10.0) == grows
+    model = Model(GIMBALL, Terrain.flat(), solver=Solver('adaptive', 1.0 / rate))
+    state, errors = State(y=10.0, pendulum_rate=1e-3), []
+    for _ in range(20):
+        errors.append(abs(state.joint_rate))
+        torque = (GIMBALL.largest_gravity_torque * math.sin(state.pendulum_angle)
+                  - PUBLISHED.velocity_kp * state.joint_rate)
+        state = model.advance(state, Actuator(TORQUE, torque), 1)
+    measured = np.polyfit(np.arange(20) / rate, np.log(errors), 1)[0]
+    if grows:
+        assert measured == pytest.approx(predicted, rel=0.01)
+    else:
+        assert measured < 0.0

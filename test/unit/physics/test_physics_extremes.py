@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 
+from ballbot_ros.control import growth_rate, is_stable
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import (
     Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
@@ -21,8 +22,9 @@ from ballbot_ros.physics.solvers.values import FINISHED, Status
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'extremes'))
 BY_NAME, make_case = (
     getattr(importlib.import_module('cases'), name) for name in ('BY_NAME', 'make_case'))
-judge, REFUSED, WRONG = (
-    getattr(importlib.import_module('judge'), name) for name in ('judge', 'REFUSED', 'WRONG'))
+judging = importlib.import_module('judge')
+judge, CHAOTIC, REFUSED, WRONG = (
+    getattr(judging, name) for name in ('judge', 'CHAOTIC', 'REFUSED', 'WRONG'))
 
 refusal, remedy = (
     getattr(importlib.import_module('remedies'), name) for name in ('refusal', 'remedy'))
@@ -155,11 +157,37 @@ def test_what_is_over_before_time_can_tell_is_stepped_over():
     'combined:1338', 'combined:1311', 'combined:5018538', 'combined:5024405', 'combined:5023520',
     'combined:5004285', 'stiffness:5006867', 'fixed:5008754', 'fixed:5010054', 'fixed:5011195',
     'combined:2794', 'combined:5000292', 'combined:5002336', 'combined:5027441',
-    'stiffness:996', 'combined:2597', 'combined:3314'])
+    'stiffness:996', 'combined:2597', 'combined:3314', 'control_period:5000120',
+    'control_period:5002834', 'control_period:5006286', 'control_period:9001687'])
 def test_what_was_wrong_once_is_not_any_more(which):
     name, _, seed = which.partition(':')
     found = judge(name, int(seed))
     assert found.verdict != WRONG, found.why
+
+
+@pytest.mark.parametrize('seed', [5003954, 5002834])
+def test_a_loop_that_is_declared_stable_parts_no_more_than_its_growth_explains(monkeypatch, seed):
+    case, enough = make_case('control_period', seed), np.log(1.0 / judging.LOOP)
+    assert is_stable(case.model.robot, case.tuning, 'drive', case.rate)
+    assert judge('control_period', seed).verdict == CHAOTIC
+    for share, verdict in ((1.01, CHAOTIC), (0.99, WRONG)):
+        monkeypatch.setattr(judging, 'amplified', lambda *_, share=share: share * enough)
+        assert judge('control_period', seed).verdict == verdict
+
+
+def test_what_grows_is_added_up_where_a_loop_slips_flies_or_swings():
+    case = make_case('control_period', 5003954)
+    robot, radius = case.model.robot, case.model.robot.ball_radius
+    rolling = State(y=0.99 * radius, velocity_x=1.0, ball_rate=-1.0 / radius)
+    slipping = rolling._replace(velocity_x=1.0 + 1.1 * robot.slip_threshold)
+    for law, state, angle, rolls in (
+            ('drive', rolling, 0.0, True), ('drive', slipping, 0.0, False),
+            ('drive', rolling._replace(pendulum_angle=2.0), 2.0, True),
+            ('hold', rolling._replace(pendulum_angle=2.0), 0.0, True),
+            ('drive', rolling._replace(y=1.01 * radius), 0.0, False)):
+        growth = growth_rate(robot, case.tuning, law, case.rate, 0, (angle,), rolls=rolls)
+        assert judging.amplified(case, law, np.array([state, state])) == pytest.approx(
+            2.0 * max(growth, 0.0) / case.rate)
 
 
 def methods_asked(monkeypatch, told):
