@@ -17,8 +17,10 @@ from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.cmd_vel import speed_set_point, TYPES
 from ballbot_ros.ros.controller_health import health
-from ballbot_ros.ros.conversions import command_message, readings, set_point
+from ballbot_ros.ros.conversions import readings, set_point
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription, wait_until_received
+from ballbot_ros.ros.joint_state_bytes import (
+    AnyJointState, CommandBytes, subscribe_joint_states)
 from ballbot_ros.ros.parameter_changes import Commit
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.retuning import change_period, LoopNumbers, prepare_laws
@@ -41,9 +43,10 @@ class Controller(Node):
         self._newest = self._answered = Time()
         self._torque = 0.0
         self._refused: Counter = Counter()
-        self._name = own_name(self)
+        self._written = CommandBytes(own_name(self))
         self._commands = create_publisher(self, JointState, 'joint_commands', qos.COMMAND)
-        self._subscribe(JointState, 'joint_states', self._on_state)
+        subscribe_joint_states(self, 'joint_states', self._taker(
+            'joint_states', self._on_state), qos.NEWEST)
         self._subscribe(JointState, 'set_point', lambda one: self._give(set_point(one)))
         self._subscribe(TYPES[settings.cmd_vel_type], 'cmd_vel',
                         lambda one: self._give(speed_set_point(one)))
@@ -68,7 +71,11 @@ class Controller(Node):
         return commit
 
     def _subscribe(self, kind: Any, topic: str, take: Callable[[Any], None]) -> None:
-        """Subscribe to a topic; answer what is taken, count and log what is refused."""
+        """Subscribe to a topic."""
+        create_subscription(self, kind, topic, self._taker(topic, take), qos.NEWEST)
+
+    def _taker(self, topic: str, take: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Return what answers a message that is taken, and counts and logs one that is refused."""
         def callback(message: Any) -> None:
             try:
                 take(message)
@@ -77,9 +84,9 @@ class Controller(Node):
                 self.get_logger().warning(f'{topic} refused: {error}', throttle_duration_sec=1.0)
             else:
                 self._answer()
-        create_subscription(self, kind, topic, callback, qos.NEWEST)
+        return callback
 
-    def _on_state(self, message: JointState) -> None:
+    def _on_state(self, message: AnyJointState) -> None:
         """Take a joint state; the command that answers it will carry its stamp."""
         self._controller.take(readings(message))
         self._newest = message.header.stamp
@@ -110,7 +117,7 @@ class Controller(Node):
         # Never stamped with a state that is still to be answered: in lockstep a zero from the
         # watchdog would otherwise pass for its answer.
         self._torque = torque
-        self._commands.publish(command_message(self._answered, torque, self._name))
+        self._commands.publish(self._written.of(self._answered, torque))
 
     def _watch(self) -> None:
         """Set the torque to 0 when no joint state comes any more."""

@@ -6,7 +6,6 @@ from typing import Any, List, Optional, Tuple, Union
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
-from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import CommandGate
 from ballbot_ros.errors import MessageError, RefusedError
@@ -14,9 +13,10 @@ from ballbot_ros.physics.simulation.scene import load_scene
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.plant import Plant
 from ballbot_ros.ros import diagnostics, qos
-from ballbot_ros.ros.conversions import command_torque, to_seconds, to_time
-from ballbot_ros.ros.endpoints import create_service, create_subscription, create_trigger
+from ballbot_ros.ros.conversions import command_torque, exact, sec_nanosec, to_seconds, to_time
+from ballbot_ros.ros.endpoints import create_service, create_trigger
 from ballbot_ros.ros.followed_clock import FollowedClock
+from ballbot_ros.ros.joint_state_bytes import AnyJointState, subscribe_joint_states
 from ballbot_ros.ros.laws_inside import check_control, LawsInside
 from ballbot_ros.ros.outputs import Outputs
 from ballbot_ros.ros.own_time import keep_own_time
@@ -55,7 +55,7 @@ class Simulator(Node):
         self._scheduler = Scheduler(self._plant, self._laws or self._gate, self._outputs,
                                     settings, self.get_logger(), self._diagnostics.publish,
                                     follow)
-        create_subscription(self, JointState, 'joint_commands', self._on_command, qos.NEWEST)
+        subscribe_joint_states(self, 'joint_commands', self._on_command, qos.NEWEST)
         for name, do in (('pause', self._pause), ('resume', self._resume), ('reset', self._reset)):
             create_trigger(self, f'~/{name}', do)
         create_service(self, Step, '~/step', self._on_step)
@@ -80,7 +80,7 @@ class Simulator(Node):
             change_period(self._timer, self._scheduler.interval)
         return commit
 
-    def _on_command(self, message: JointState) -> None:
+    def _on_command(self, message: AnyJointState) -> None:
         """Take a command; in lockstep the right one lets time go on."""
         try:
             if self._laws is not None:
@@ -95,7 +95,7 @@ class Simulator(Node):
             self._gate.offer(torque, to_seconds(message.header.stamp), self._plant.time)
         except MessageError as error:
             return self._refused(error)
-        self._scheduler.command_accepted(message.header.stamp == to_time(self._plant.time))
+        self._scheduler.command_accepted(exact(message) == sec_nanosec(self._plant.time))
 
     def _refused(self, error: MessageError) -> None:
         self.get_logger().warning(f'command refused: {error}', throttle_duration_sec=1.0)

@@ -27,13 +27,20 @@ from ballbot_ros.ros.frames import FRAMES, Frames, PENDULUM, SHELL
 EXACT, UNKNOWN = 1e-12, 1e6
 Variances = NDArray[np.float64]
 
+ALL_EXACT = np.eye(6).ravel() * EXACT
+
 JOINTS = [SHELL, PENDULUM]
+
+
+def sec_nanosec(seconds: float) -> Tuple[int, int]:
+    """Return the two numbers of a stamp, rounded to the nanosecond."""
+    return divmod(round(seconds * 1e9), 10**9)
 
 
 def to_time(seconds: float) -> Time:
     """Return a stamp, rounded to the nanosecond."""
-    nanoseconds = round(seconds * 1e9)
-    return Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+    sec, nanosec = sec_nanosec(seconds)
+    return Time(sec=sec, nanosec=nanosec)
 
 
 def to_seconds(stamp: Time) -> float:
@@ -165,7 +172,7 @@ def set_point_message(stamp: Time, angle: float, sender: str = '') -> JointState
 
 def odometry_message(state: State, frames: Frames = FRAMES) -> Odometry:
     """Return the true pose and velocity of the level, non-rolling frame at the ball centre."""
-    message = _odometry(state.time, np.full(6, EXACT), np.full(6, EXACT), frames)
+    message = _odometry(state.time, ALL_EXACT, ALL_EXACT, frames)
     message.pose.pose.position.x = state.x
     message.pose.pose.position.z = state.y
     message.twist.twist.linear.x = state.velocity_x
@@ -189,7 +196,7 @@ def estimated_odometry_message(stamp: float, state: OdometryState, radius: float
     frames : Frames
 
     """
-    pose, twist = (np.array([variance + EXACT, UNKNOWN, UNKNOWN, EXACT, EXACT, UNKNOWN])
+    pose, twist = (np.diag([variance + EXACT, UNKNOWN, UNKNOWN, EXACT, EXACT, UNKNOWN]).ravel()
                    for variance in (state.position_variance, state.speed_variance))
     message = _odometry(stamp, pose, twist, frames)
     message.pose.pose.position.x = state.position
@@ -199,12 +206,11 @@ def estimated_odometry_message(stamp: float, state: OdometryState, radius: float
 
 
 def _odometry(stamp: float, pose: Variances, twist: Variances, frames: Frames) -> Odometry:
-    """Return odometry with variances of x, y, z and about these axes."""
+    """Return odometry with covariances of x, y, z and about these axes, row by row."""
     message = Odometry(child_frame_id=frames.base)
     message.header.frame_id = frames.odom
     message.header.stamp = to_time(stamp)
-    message.pose.covariance, message.twist.covariance = (
-        np.diag(variances).ravel() for variances in (pose, twist))
+    message.pose.covariance, message.twist.covariance = pose, twist
     return message
 
 

@@ -90,6 +90,11 @@ def create_trigger(node: Node, name: str, act: Callable[[], str]) -> Service:
     return node.create_service(Trigger, name, callback)
 
 
+def has_subscribers(publisher: Publisher) -> bool:
+    """Return whether a message would reach anybody; one that is not kept need not be made else."""
+    return bool(publisher.get_subscription_count())
+
+
 def wait_until_received(publisher: Publisher) -> None:
     """Wait until all have what was published last; destroyed at once, it might get lost."""
     publisher.wait_for_all_acked(Duration(seconds=RECEIVED_TIMEOUT))

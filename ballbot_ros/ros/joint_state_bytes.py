@@ -1,41 +1,240 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Joint states as the bytes that go out: making messages costs more than sending them."""
-import struct
+"""
+Joint states as the bytes that go over the wire.
 
-from builtin_interfaces.msg import Time
-from rclpy.serialization import serialize_message
+Making messages of Python objects costs rclpy more than simulating and controlling.  All joint
+states of one sender are alike but for their numbers, so these are read and written in place.  What
+is not understood is left to the middleware.
+"""
+import struct
+from typing import Any, Callable, Dict, NamedTuple, Optional, Sequence, Tuple, Union
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import JointReadings
-from ballbot_ros.ros.conversions import JOINTS
+from ballbot_ros.ros.conversions import JOINTS, PENDULUM, sec_nanosec
+from ballbot_ros.ros.endpoints import create_subscription
 
-# Numbers that stand nowhere else in the message, to see where each is.
-SECONDS, NANOSECONDS = 0x5EC05EC1, 0x3A05EC02
-POSITIONS, VELOCITIES, EFFORTS = (1.25e101, 1.25e102), (1.25e103, 1.25e104), (0.0, 1.25e105)
+# Of plain CDR, little-endian; within it, numbers are aligned from here on.
+LITTLE_ENDIAN, START = b'\0\1', 4
+STAMP = struct.Struct('<iI')
+# Of these many senders or kinds of messages the form is kept.
+FORMS = 16
+
+
+class Stamp(NamedTuple):
+    """As builtin_interfaces/Time."""
+
+    sec: int
+    nanosec: int
+
+
+class Header(NamedTuple):
+    """As std_msgs/Header."""
+
+    stamp: Stamp
+    frame_id: str
+
+
+class ReceivedJointState(NamedTuple):
+    """As sensor_msgs/JointState, and read only."""
+
+    header: Header
+    name: Tuple[str, ...]
+    position: Tuple[float, ...]
+    velocity: Tuple[float, ...]
+    effort: Tuple[float, ...]
+
+
+AnyJointState = Union[JointState, ReceivedJointState]
+
+
+class Form:
+    """
+    What joint states have in common that differ in nothing but their numbers.
+
+    Parameters
+    ----------
+    data : bytes
+        A serialised message.
+
+    Attributes
+    ----------
+    numbers : tuple of (int, int)
+        Where positions, velocities and efforts begin, and how many there are of each.
+
+    Raises
+    ------
+    ValueError, IndexError, struct.error
+        If these are not the bytes of a joint state, in little-endian CDR.
+
+    """
+
+    def __init__(self, data: bytes):
+        """Walk through the message."""
+        if data[:2] != LITTLE_ENDIAN:
+            raise ValueError('not little-endian CDR')
+        self._data, self._fixed, self._at = data, bytearray(len(data)), START + STAMP.size
+        self._fixed[:2] = b'\xff\xff'
+        self.frame = self._text()
+        self.names = tuple(self._text() for _ in range(self._count()))
+        self.numbers = tuple(self._block() for _ in range(3))
+        self._length = len(data)
+        if self._at > self._length:  # what comes after the end means nothing
+            raise ValueError('the message ends before its end')
+        self._mask = int.from_bytes(self._fixed, 'little')
+        self._pattern = int.from_bytes(data, 'little') & self._mask
+        form, at = f'<{START}xiI', START + STAMP.size
+        for begin, count in self.numbers:
+            if count:
+                form, at = form + f'{begin - at}x{count}d', begin + 8 * count
+        self._struct = struct.Struct(form)
+        ends, begin = [], 2
+        for _, count in self.numbers:
+            ends.append((begin, begin + count))
+            begin += count
+        self._slices = tuple(slice(*pair) for pair in ends)
+
+    def _take(self, size: int, alignment: int) -> bytes:
+        """Return what comes next, as something that is the same in all messages of this form."""
+        begin = self._at + (START - self._at) % alignment
+        self._at = begin + size
+        if self._at > len(self._data):
+            raise ValueError('the message ends before its end')
+        self._fixed[begin:self._at] = b'\xff' * size
+        return self._data[begin:self._at]
+
+    def _count(self) -> int:
+        return int.from_bytes(self._take(4, 4), 'little')
+
+    def _text(self) -> str:
+        return self._take(self._count(), 1)[:-1].decode()
+
+    def _block(self) -> Tuple[int, int]:
+        count = self._count()
+        begin = self._at + (START - self._at) % 8 if count else self._at
+        self._at = begin + 8 * count
+        return begin, count
+
+    def fits(self, data: bytes) -> bool:
+        """Say whether a message differs from that of this form in its numbers only."""
+        return len(data) == self._length \
+            and int.from_bytes(data, 'little') & self._mask == self._pattern
+
+    def read(self, data: bytes) -> ReceivedJointState:
+        """Return the message that these bytes are."""
+        values = self._struct.unpack_from(data)
+        position, velocity, effort = self._slices
+        return ReceivedJointState(
+            Header(Stamp(values[0], values[1]), self.frame), self.names,
+            values[position], values[velocity], values[effort])
+
+
+def same(one: AnyJointState, other: AnyJointState) -> bool:
+    """Say whether two messages are equal to the bit, NaN included."""
+    return (one.header.stamp.sec, one.header.stamp.nanosec, one.header.frame_id) == (
+        other.header.stamp.sec, other.header.stamp.nanosec, other.header.frame_id) \
+        and list(one.name) == list(other.name) and all(
+            struct.pack(f'<{len(first)}d', *first) == struct.pack(f'<{len(second)}d', *second)
+            for first, second in ((getattr(one, what), getattr(other, what))
+                                  for what in ('position', 'velocity', 'effort')))
+
+
+class JointStateReader:
+    """Reads joint states: by the middleware where their form is new, else in place."""
+
+    def __init__(self) -> None:
+        """Know no form yet."""
+        self._forms: Dict[int, Form] = {}  # by length
+
+    def read(self, data: bytes) -> AnyJointState:
+        """
+        Return a message.
+
+        Raises
+        ------
+        RuntimeError, ValueError
+            If the middleware finds these bytes to be none.
+
+        """
+        form = self._forms.get(len(data))
+        if form is not None and form.fits(data):
+            return form.read(data)
+        message: JointState = deserialize_message(data, JointState)
+        form = form_of(data, message)
+        if form is not None:
+            if len(self._forms) >= FORMS:
+                self._forms.clear()
+            self._forms[len(data)] = form
+        return message
+
+
+def form_of(data: bytes, message: JointState) -> Optional[Form]:
+    """Return the form of a message, None where it is not read as the middleware does."""
+    try:
+        form = Form(data)
+        return form if same(form.read(data), message) else None
+    except (ValueError, IndexError, struct.error):
+        return None
+
+
+def subscribe_joint_states(node: Node, topic: str, callback: Callable[[AnyJointState], None],
+                           profile: QoSProfile) -> Subscription:
+    """Return a subscription to joint states, which are read in place; what is none is logged."""
+    reader = JointStateReader()
+
+    def take(data: bytes) -> None:
+        try:
+            message = reader.read(data)
+        except (RuntimeError, ValueError) as error:
+            node.get_logger().warning(f'{topic} refused: {error}', throttle_duration_sec=1.0)
+        else:
+            callback(message)
+    return create_subscription(node, JointState, topic, take, profile, raw=True)
+
+
+class _Written:
+    """A serialised message; its numbers are written in place."""
+
+    def __init__(self, message: JointState):
+        """Let the middleware serialise the message."""
+        data = bytes(serialize_message(message))
+        form = form_of(data, message)
+        if form is None:
+            raise RuntimeError('this middleware serialises numbers otherwise: publish messages')
+        self._buffer, self._numbers = bytearray(data), form.numbers
+
+    def of(self, sec: int, nanosec: int, *numbers: Sequence[float]) -> bytes:
+        """Return the bytes of a message of these positions, velocities and efforts."""
+        buffer = self._buffer
+        STAMP.pack_into(buffer, START, sec, nanosec)
+        for (begin, count), values in zip(self._numbers, numbers):
+            struct.pack_into(f'<{count}d', buffer, begin, *values)
+        return bytes(buffer)
 
 
 class JointStateBytes:
-    """A serialised joint state of shell and pendulum; what changes is written in place."""
+    """
+    Joint states of shell and pendulum.
 
-    def __init__(self, frame: str = ''):
-        """Let the middleware serialise one message, and find its numbers in it."""
-        self._buffer = bytearray(serialize_message(self._marked(frame)))
-        self._stamp, self._positions, self._velocities, self._torque = (
-            self._place(mark) for mark in (
-                struct.pack('=iI', SECONDS, NANOSECONDS), struct.pack('=2d', *POSITIONS),
-                struct.pack('=2d', *VELOCITIES), struct.pack('=d', EFFORTS[1])))
+    Parameters
+    ----------
+    frame : str
+    has_pendulum : bool
 
-    @staticmethod
-    def _marked(frame: str) -> JointState:
-        message = JointState(name=JOINTS, position=POSITIONS, velocity=VELOCITIES, effort=EFFORTS)
-        message.header.stamp = Time(sec=SECONDS, nanosec=NANOSECONDS)
+    """
+
+    def __init__(self, frame: str = '', has_pendulum: bool = True):
+        """Make the form."""
+        names = JOINTS if has_pendulum else JOINTS[:1]
+        zeros = [0.0] * len(names)
+        message = JointState(name=names, position=zeros, velocity=zeros, effort=zeros)
         message.header.frame_id = frame
-        return message
-
-    def _place(self, mark: bytes) -> int:
-        if self._buffer.count(mark) != 1:
-            raise RuntimeError('this middleware serialises numbers otherwise: publish messages')
-        return self._buffer.index(mark)
+        self._written, self._count = _Written(message), len(names)
 
     def of(self, stamp: float, readings: JointReadings, torque: float) -> bytes:
         """
@@ -50,10 +249,30 @@ class JointStateBytes:
             Of the pendulum motor [N m].
 
         """
-        nanoseconds, buffer = round(stamp * 1e9), self._buffer
-        struct.pack_into('=iI', buffer, self._stamp, *divmod(nanoseconds, 10**9))
-        struct.pack_into('=2d', buffer, self._positions, readings.ball_angle,
-                         readings.joint_angle)
-        struct.pack_into('=2d', buffer, self._velocities, readings.ball_rate, readings.joint_rate)
-        struct.pack_into('=d', buffer, self._torque, torque)
-        return bytes(buffer)
+        count = self._count
+        return self._written.of(
+            *sec_nanosec(stamp),
+            (readings.ball_angle, readings.joint_angle)[:count],
+            (readings.ball_rate, readings.joint_rate)[:count], (0.0, torque)[:count])
+
+
+class CommandBytes:
+    """
+    Joint commands for the pendulum; see `conversions.command_message`.
+
+    Parameters
+    ----------
+    sender : str
+        See `senders`.
+
+    """
+
+    def __init__(self, sender: str = ''):
+        """Make the form."""
+        message = JointState(name=[PENDULUM], effort=[0.0])
+        message.header.frame_id = sender
+        self._written = _Written(message)
+
+    def of(self, stamp: Any, torque: float) -> bytes:
+        """Return the bytes of a command that answers the joint state of a stamp."""
+        return self._written.of(stamp.sec, stamp.nanosec, (), (), (torque,))

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from rclpy.node import Node
-from sensor_msgs.msg import Imu, JointState
+from sensor_msgs.msg import Imu
 
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import Authority, SetPoint
@@ -11,6 +11,7 @@ from ballbot_ros.errors import MessageError
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import command_torque, to_seconds
 from ballbot_ros.ros.endpoints import create_subscription, create_trigger
+from ballbot_ros.ros.joint_state_bytes import AnyJointState, subscribe_joint_states
 from ballbot_ros.ros.motor import Clocks, imu_reading
 from ballbot_ros.ros.senders import Senders
 from ballbot_ros.ros.set_points import SetPoints
@@ -41,7 +42,7 @@ class MotorInputs:
         self._session, self._clocks, self._logger = session, clocks, node.get_logger()
         self._senders = Senders(node, 'joint_commands')
         self.imu_refused = 0
-        create_subscription(node, JointState, 'joint_commands', self.command, qos.NEWEST)
+        subscribe_joint_states(node, 'joint_commands', self.command, qos.NEWEST)
         law = session.law
         set_points = SetPoints(node, self._give, session.set_points_refused, cmd_vel_type,
                                *(() if law is None else (law.controller.overhear,)))
@@ -52,7 +53,7 @@ class MotorInputs:
         create_trigger(node, '~/release_e_stop', self._release)
         create_trigger(node, '~/clear_faults', session.clear_faults)
 
-    def command(self, message: JointState) -> None:
+    def command(self, message: AnyJointState) -> None:
         """Take a joint command."""
         torque = 0.0
         try:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Odometry as a message; the robot description and, with tf2_msgs, transforms to all frames."""
 import math
-from typing import Any, Iterator, List, Optional, Tuple
+from typing import Any, Callable, Iterator, List, Optional, Tuple
 
 from geometry_msgs.msg import Transform, TransformStamped
 from nav_msgs.msg import Odometry
@@ -11,7 +11,7 @@ from std_msgs.msg import Header, String
 
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.ros import qos
-from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.endpoints import create_publisher, has_subscribers
 from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.urdf import robot_description
 
@@ -72,6 +72,23 @@ class OdometryTopics:
             self._static.publish(TFMessage(transforms=[
                 _transform(header, self.frames.footprint, self.frames.base, up=self._radius),
                 _transform(header, self.frames.ball, self.frames.imu)]))
+
+    def publish(self, make: Callable[[], Odometry], ball_angle: float, joint_angle: float) -> None:
+        """
+        Publish odometry, if anybody would get it.
+
+        Parameters
+        ----------
+        make : callable
+            Returns the odometry of the centre of the ball.
+        ball_angle, joint_angle : float
+            Of the joints ``shell`` and ``pendulum`` [rad].
+
+        """
+        if any(publisher is not None and has_subscribers(publisher)
+               for publisher in (self._odometry, self._transforms)):
+            for publisher, message in self.messages(make(), ball_angle, joint_angle):
+                publisher.publish(message)
 
     def messages(self, message: Odometry, ball_angle: float, joint_angle: float
                  ) -> Iterator[Tuple[Publisher, Any]]:

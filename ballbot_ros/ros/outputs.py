@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the simulator publishes, each topic at its own rate."""
 import struct
-from typing import Any, Dict, NamedTuple, Optional
+from typing import Any, Callable, Dict, NamedTuple, Optional, Tuple
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -9,11 +9,12 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.msg import BallState
+from ballbot_ros.physics.model.state import State
 from ballbot_ros.plant import periods_per, Plant
 from ballbot_ros.ros import qos
-from ballbot_ros.ros.conversions import (
-    ball_state_message, joint_state_message, odometry_message)
-from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.conversions import ball_state_message, odometry_message, sec_nanosec
+from ballbot_ros.ros.endpoints import create_publisher, has_subscribers
+from ballbot_ros.ros.joint_state_bytes import JointStateBytes
 from ballbot_ros.ros.markers import MarkerTopic, world_markers
 from ballbot_ros.ros.odometry import OdometryTopics
 from ballbot_ros.ros.parameter_changes import Commit
@@ -50,7 +51,8 @@ class Outputs:
 
     /clock is published first, and with everything else, so that nothing is stamped later than the
     receivers' clock, unless its rate says otherwise; joint_states is published last, because in
-    lockstep its answer ends the period.
+    lockstep its answer ends the period.  What nobody subscribes to is not even made: who comes
+    later would not get it either.
 
     Parameters
     ----------
@@ -68,7 +70,7 @@ class Outputs:
     def __init__(self, node: Node, plant: Plant, settings: SimulatorSettings):
         """Create the publishers."""
         self._plant = plant
-        self._last: Dict[Publisher, Any] = {}
+        self._last: Dict[str, Tuple[Callable[..., None], Tuple[Any, ...]]] = {}
         self._every = every(settings)
         self._clock: Optional[Publisher] = None
         if settings.publish_clock:
@@ -78,6 +80,8 @@ class Outputs:
         self._sensors = Sensors(node, plant, settings)
         self._markers = MarkerTopic(node, settings.publish_markers)
         self._joints = create_publisher(node, JointState, 'joint_states', qos.STATE)
+        self._joint_states = JointStateBytes(
+            self._odometry.frames.base, plant.model.robot.has_pendulum)
 
     def prepare(self, wanted: SimulatorSettings) -> Commit:
         """Check other rates and sensors; return what puts them in force."""
@@ -90,27 +94,26 @@ class Outputs:
 
     def publish(self, everything: bool = False) -> None:
         """Publish the present state, on each topic whose turn has come or on all of them."""
-        now, every = self._plant.periods, self._every
+        plant, now, every = self._plant, self._plant.periods, self._every
         odometry, ball_state, joint_states = (
             everything or now % period == 0 for period in every[1:])
         seen = self._sensors.look(everything)
-        marked = self._markers.is_due(self._plant.time)
+        marked = self._markers.is_due(plant.time)
         stamped = odometry or ball_state or joint_states or seen or marked
         if stamped if not every.clock else everything or now % every.clock == 0:
-            self._publish_clock()
+            self._tell('clock', self._publish_clock, plant.time)
         if odometry:
-            self._publish_odometry()
+            self._tell('odometry', self._publish_odometry, plant.state)
         if ball_state:
-            self._publish_ball_state()
+            self._tell('ball_state', self._publish_ball_state, plant.state, plant.torque)
         for publisher, message in seen:
-            self._send(publisher, message)
+            self._tell(publisher.topic_name, publisher.publish, message)
         if marked:
             self._markers.publish(world_markers(
-                self._plant.state, self._plant.model, self._odometry.frames.odom))
+                plant.state, plant.model, self._odometry.frames.odom))
         if joint_states:
-            self._send(self._joints, joint_state_message(
-                self._plant.state, self._plant.torque, self._plant.model.robot.has_pendulum,
-                self._odometry.frames))
+            self._tell('joint_states', self._joints.publish, self._joint_states.of(
+                plant.state.time, plant.state, plant.torque))
 
     def repeat(self) -> None:
         """
@@ -119,25 +122,23 @@ class Outputs:
         For subscribers that were not there in time: a controller that is started again in
         lockstep needs the set-point of its period, hence the decision the observation.
         """
-        for publisher, message in self._last.items():
-            publisher.publish(message)
+        for publish, values in self._last.values():
+            publish(*values)
 
-    def _send(self, publisher: Publisher, message: Any) -> None:
-        self._last[publisher] = message
-        publisher.publish(message)
+    def _tell(self, what: str, publish: Callable[..., None], *values: Any) -> None:
+        self._last[what] = publish, values
+        publish(*values)
 
-    def _publish_clock(self) -> None:
-        if self._clock is not None:
-            self._send(self._clock, CLOCK.pack(
-                LITTLE_ENDIAN, *divmod(round(1e9 * self._plant.time), 10**9)))
+    def _publish_clock(self, time: float) -> None:
+        if self._clock is not None and has_subscribers(self._clock):
+            self._clock.publish(CLOCK.pack(LITTLE_ENDIAN, *sec_nanosec(time)))
 
-    def _publish_odometry(self) -> None:
-        state = self._plant.state
-        for publisher, message in self._odometry.messages(
-                odometry_message(state, self._odometry.frames), state.ball_angle,
-                state.joint_angle):
-            self._send(publisher, message)
+    def _publish_odometry(self, state: State) -> None:
+        self._odometry.publish(
+            lambda: odometry_message(state, self._odometry.frames), state.ball_angle,
+            state.joint_angle)
 
-    def _publish_ball_state(self) -> None:
-        self._send(self._ball, ball_state_message(
-            self._plant.state, self._plant.torque, self._plant.model, self._odometry.frames))
+    def _publish_ball_state(self, state: State, torque: float) -> None:
+        if has_subscribers(self._ball):
+            self._ball.publish(ball_state_message(
+                state, torque, self._plant.model, self._odometry.frames))

@@ -69,15 +69,13 @@ class RobotOutputs:
 
     def publish(self, report: Report) -> None:
         """Publish what a period of the loop has found, each topic when its turn has come."""
-        state, topics = self._session.odometry, self._topics
+        state = self._session.odometry
         if state is not None and report.estimate is not None \
                 and self._odometry_turns.is_due(state.stamp):
-            odometry = estimated_odometry_message(
-                self._clocks.stamp(state.stamp), state, self._radius, topics.frames)
-            angles = report.estimate.readings
-            for publisher, message in topics.messages(
-                    odometry, angles.ball_angle, angles.joint_angle):
-                publisher.publish(message)
+            stamp, angles = self._clocks.stamp(state.stamp), report.estimate.readings
+            self._topics.publish(lambda: estimated_odometry_message(
+                stamp, state, self._radius, self._topics.frames),
+                angles.ball_angle, angles.joint_angle)
         if self._battery_turns.is_due(report.time):
             self._battery_topic.publish(battery_message(
                 self._clocks.stamp(report.time), self._battery, report.telemetry,

@@ -8,6 +8,7 @@ from typing import Any, Callable, List, Optional
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError
+from rclpy.clock import Clock, ClockType
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -15,11 +16,11 @@ from rclpy.utilities import remove_ros_args
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.ros import discovery
-from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.executor import new_executor, spin, Stop
 from ballbot_ros.ros.first_start import FirstStart
 from ballbot_ros.ros.logs import forward_logs
 
-# How long a stop signal may wait for the executor to wake up [s].
+# How long a stop signal, or the failure of a node, may wait to be seen [s].
 WAKE = 0.1
 
 REFUSED = 2  # exit code when the node does not accept its configuration
@@ -56,11 +57,10 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
         0 after a signal, 2 for a configuration or an argument that is refused.
 
     """
-    stopping: List[int] = []
-    making = False
+    stopping, making = Stop(), False
 
     def stop(number: int, frame: Any) -> None:
-        stopping.append(number)
+        stopping.give()
         if making:  # it may compile for minutes yet, and has nothing to make safe
             if _compiles(frame):
                 os._exit(0)
@@ -99,11 +99,18 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
         # garbage would cost milliseconds in the middle of a control period.
         gc.collect()
         gc.freeze()
-        while rclpy.ok() and not stopping:
-            executor.spin_once(timeout_sec=WAKE)
-            failure = getattr(node, 'failure', None)
-            if failure is not None:
-                raise failure
+        if hasattr(node, 'failure'):
+            watched = node
+
+            def look() -> None:
+                if watched.failure is not None:
+                    stopping.give()
+            node.create_timer(WAKE, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        while rclpy.ok() and not stopping.given:
+            spin(executor, stopping, WAKE)
+        failure = getattr(node, 'failure', None)
+        if failure is not None:
+            raise failure
     except _Stopped:
         pass
     except RCLError as error:

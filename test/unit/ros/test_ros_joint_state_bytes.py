@@ -1,14 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joint states as bytes are those of the message."""
+import math
+import struct
+from types import SimpleNamespace
+
+from builtin_interfaces.msg import Time
 from hypothesis import given, strategies
 import pytest
-from rclpy.serialization import deserialize_message
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import JointReadings
-from ballbot_ros.ros import joint_state_bytes
-from ballbot_ros.ros.conversions import JOINTS, to_time
-from ballbot_ros.ros.joint_state_bytes import JointStateBytes
+from ballbot_ros.ros import joint_state_bytes, qos
+from ballbot_ros.ros.conversions import command_message, JOINTS, to_time
+from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.joint_state_bytes import (
+    CommandBytes, JointStateBytes, JointStateReader, ReceivedJointState, same,
+    subscribe_joint_states)
 
 numbers = strategies.floats(-1e100, 1e100)
 BYTES = JointStateBytes()
@@ -41,3 +51,109 @@ def test_the_frame_is_in_the_bytes():
     sent = JointStateBytes('one/base_link').of(1.0, JointReadings(0.0, 1.0, 2.0, 3.0, 4.0), 5.0)
     message = deserialize_message(sent, JointState)
     assert message.header.frame_id == 'one/base_link' and message.effort[1] == 5.0
+
+
+def test_without_a_pendulum_there_is_one_joint():
+    readings = JointReadings(0.0, 1.0, 0.0, 3.0, 0.0)
+    message = deserialize_message(JointStateBytes('f', False).of(1.0, readings, 0.0), JointState)
+    assert message.name == ['shell']
+    assert [list(values) for values in (message.position, message.velocity, message.effort)] \
+        == [[1.0], [3.0], [0.0]]
+
+
+@given(numbers, strategies.integers(0, 2**31 - 1), strategies.integers(0, 10**9 - 1))
+def test_a_command_is_what_the_message_would_be(torque, sec, nanosec):
+    stamp = Time(sec=sec, nanosec=nanosec)
+    written = CommandBytes('/controller#abc').of(stamp, torque)
+    assert deserialize_message(written, JointState) == command_message(
+        stamp, torque, '/controller#abc')
+
+
+any_number = strategies.floats(width=64)
+lists = strategies.lists(any_number, max_size=4)
+
+
+@strategies.composite
+def messages(draw):
+    """Return joint states of all shapes, also such as do not fit together."""
+    message = JointState(name=draw(strategies.lists(strategies.text(
+        strategies.characters(codec='utf-8', exclude_characters='\0'), max_size=9), max_size=3)),
+        position=draw(lists), velocity=draw(lists), effort=draw(lists))
+    message.header.frame_id = draw(strategies.sampled_from(['', 'base_link', '/controller#12ab']))
+    message.header.stamp = Time(sec=draw(strategies.integers(-2**31, 2**31 - 1)),
+                                nanosec=draw(strategies.integers(0, 2**32 - 1)))
+    return message
+
+
+@given(strategies.lists(messages(), min_size=1, max_size=6))
+def test_what_is_read_in_place_is_what_the_middleware_reads(given_messages):
+    reader = JointStateReader()
+    for message in given_messages * 2:
+        assert same(reader.read(bytes(serialize_message(message))), message)
+
+
+def test_the_second_message_of_a_form_is_read_in_place_whatever_fills_its_gaps():
+    reader, data = JointStateReader(), CommandBytes('/me#1').of(Time(sec=1, nanosec=2), 3.0)
+    assert isinstance(reader.read(data), JointState)
+    # After '/me#1' and its zero at 20 come two bytes up to the next number, which mean nothing.
+    gap = bytearray(CommandBytes('/me#1').of(Time(sec=5, nanosec=6), math.nan))
+    gap[22:24] = b'xy'
+    again = reader.read(bytes(gap))
+    assert isinstance(again, ReceivedJointState)
+    assert again.header == ((5, 6), '/me#1') and again.name == ('pendulum',)
+    assert math.isnan(again.effort[0]) and again.position == again.velocity == ()
+
+
+@pytest.mark.parametrize('change', [
+    lambda one: setattr(one, 'name', ['pendulux']),
+    lambda one: setattr(one.header, 'frame_id', '/me#2'),
+    lambda one: (setattr(one, 'position', one.effort), setattr(one, 'effort', []))])
+def test_a_message_of_the_same_length_and_another_form_is_not_taken_for_the_one_before(change):
+    reader, message = JointStateReader(), command_message(Time(), 3.0, '/me#1')
+    for _ in range(2):
+        before = reader.read(bytes(serialize_message(message)))
+    other = command_message(Time(), 3.0, '/me#1')
+    change(other)
+    assert same(before, message) and not same(message, other)
+    assert same(reader.read(bytes(serialize_message(other))), other)
+
+
+@given(strategies.binary(max_size=120))
+def test_what_is_no_joint_state_is_refused_or_read_as_the_middleware_does(data):
+    reader = JointStateReader()
+    for start in (b'', b'\0\1\0\0'):
+        try:
+            expected = deserialize_message(start + data, JointState)
+        except (RuntimeError, ValueError) as error:
+            with pytest.raises(type(error)):
+                reader.read(start + data)
+        else:
+            for _ in range(2):
+                assert same(reader.read(start + data), expected)
+
+
+def test_big_endian_messages_are_left_to_the_middleware():
+    data = b'\0\0\0\0' + struct.pack('>iIIB3xIIII', 7, 8, 1, 0, 0, 0, 0, 0)
+    reader = JointStateReader()
+    for _ in range(2):
+        message = reader.read(data)
+        assert isinstance(message, JointState) and message.header.stamp.sec == 7
+
+
+def test_a_node_that_is_sent_nonsense_says_so_and_goes_on(make_node):
+    taken, said = [], []
+    node = make_node(Node, 'robot')
+    publisher = create_publisher(node, JointState, 'joint_commands', qos.STATE)
+    subscribe_joint_states(node, 'joint_commands', taken.append, qos.STATE)
+    node.get_logger = lambda: SimpleNamespace(warning=lambda text, **how: said.append(text))
+    executor = new_executor(node.context)
+    executor.add_node(node)
+    for data in (b'\0\1\0\0', CommandBytes().of(Time(), 2.0)):
+        publisher.publish(data)
+    for _ in range(200):
+        executor.spin_once(timeout_sec=0.05)
+        if taken:
+            break
+    executor.remove_node(node)
+    assert [message.effort[0] for message in taken] == [2.0]
+    assert len(said) == 1 and said[0].startswith('joint_commands refused: ')

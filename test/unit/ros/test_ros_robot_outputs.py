@@ -28,7 +28,8 @@ def published(monkeypatch):
     found = []
     for module in (odometry, robot_outputs):
         monkeypatch.setattr(module, 'create_publisher', lambda node, kind, topic, profile: (
-            SimpleNamespace(publish=lambda message: found.append((topic, message)))))
+            SimpleNamespace(get_subscription_count=lambda: 1,
+                            publish=lambda message: found.append((topic, message)))))
     return found
 
 

@@ -6,6 +6,8 @@ import sys
 
 import pytest
 
+from ballbot_ros.ros.executor import Stop
+
 NODE = """
 import sys
 from rclpy.executors import SingleThreadedExecutor
@@ -42,6 +44,67 @@ def test_a_node_that_fails_is_made_safe_and_says_so_in_one_line(
     assert done.stdout == 'made safe\n'
     assert done.stderr.count('what went wrong') == 1 and 'FATAL' in done.stderr
     assert 'Traceback' not in done.stderr
+
+
+BUSY = """
+import os, signal, sys
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from std_msgs.msg import Bool
+from ballbot_ros.errors import DriveError
+from ballbot_ros.ros import executor, run
+if sys.argv[1] == 'older':
+    executor.EventsExecutor = SingleThreadedExecutor
+
+class Busy(Node):
+    failure = None
+
+    def __init__(self):
+        super().__init__('busy')
+        self.count = 0
+        self.topic = self.create_publisher(Bool, 'busy', 1)
+        self.create_subscription(Bool, 'busy', self.go_on, 1)
+        self.topic.publish(Bool())
+
+    def go_on(self, message):
+        self.count += 1
+        if self.count == 1000 and sys.argv[2] == 'failure':
+            self.failure = DriveError('planted', 'what went wrong')
+        elif self.count == 1000:
+            os.kill(os.getpid(), signal.SIGTERM)
+        self.topic.publish(message)
+
+    def make_safe(self):
+        print('made safe', flush=True)
+
+sys.exit(run.run(Busy, []))
+"""
+
+
+@pytest.mark.parametrize('executor', ['newest', 'older'])
+@pytest.mark.parametrize('reason, code', [('failure', 2), ('signal', 0)])
+def test_a_node_that_never_has_nothing_to_do_ends_all_the_same(
+        executor, reason, code, monkeypatch):
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
+    done = subprocess.run([sys.executable, '-c', BUSY, executor, reason], capture_output=True,
+                          text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (code, 'made safe\n'), done.stderr
+    assert 'Traceback' not in done.stderr
+
+
+def test_a_stop_that_comes_before_the_executor_begins_is_not_lost():
+    stop, woken = Stop(), []
+    stop.give()
+    stop.add_done_callback(woken.append)
+    assert woken == [stop] and stop.done()
+
+
+def test_a_stop_wakes_nobody_who_has_gone():
+    stop, woken = Stop(), []
+    stop.add_done_callback(woken.append)
+    stop.remove_done_callback(woken.append)
+    stop.give()
+    assert not woken and stop.given
 
 
 SLOW = """

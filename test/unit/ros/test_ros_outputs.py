@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What nobody subscribes to is not made, and what was not made is repeated all the same."""
+from nav_msgs.msg import Odometry
+import pytest
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+
+from ballbot_ros.msg import BallState
+from ballbot_ros.physics import load_scene
+from ballbot_ros.plant import Plant
+from ballbot_ros.ros import outputs, qos
+from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.outputs import Outputs
+from ballbot_ros.ros.settings import SimulatorSettings
+
+MADE = {'ball_state_message': BallState, 'odometry_message': Odometry}
+
+
+@pytest.fixture
+def run(make_node, monkeypatch):
+    """Return outputs, their plant, what messages were made of, and a node that may subscribe."""
+    made = []
+    for name in MADE:
+        original = getattr(outputs, name)
+        monkeypatch.setattr(outputs, name, lambda state, *rest, make=original, name=name: (
+            made.append((name, state.time)), make(state, *rest))[1])
+    plant = Plant(load_scene('flat'), 500.0)
+    return (Outputs(make_node(Node, 'simulator'), plant, SimulatorSettings()), plant, made,
+            make_node(Node, 'listener'))
+
+
+def listen(node, kind, topic):
+    """Subscribe, wait until that is known, and return what comes and a function to receive it."""
+    found = []
+    create_subscription(node, kind, topic, found.append, qos.STATE)
+    executor = new_executor(node.context)
+    executor.add_node(node)
+
+    def receive(number):
+        for _ in range(400):
+            if len(found) >= number:
+                break
+            executor.spin_once(timeout_sec=0.01)
+        return found
+    for _ in range(400):
+        if node.count_publishers(topic):
+            break
+        executor.spin_once(timeout_sec=0.01)
+    return receive
+
+
+def test_alone_no_message_is_made(run):
+    published, plant, made, _ = run
+    for _ in range(50):
+        published.publish()
+        plant.advance(0.0)
+    published.publish(everything=True)
+    assert not made
+
+
+@pytest.mark.parametrize('kind, topic', [(BallState, 'ball_state'), (Odometry, 'odom')])
+def test_a_message_is_made_for_whom_it_would_reach(run, kind, topic):
+    published, plant, made, node = run
+    receive = listen(node, kind, topic)
+    published.publish(everything=True)
+    found = receive(1)
+    assert [(MADE[name], stamp) for name, stamp in made] == [(kind, 0.0)]
+    assert len(found) == 1
+
+
+def test_what_was_not_made_at_its_time_is_repeated_with_its_time(run):
+    published, plant, made, node = run
+    published.publish(everything=True)
+    for _ in range(3):  # odometry is due each fifth period
+        plant.advance(0.0)
+        published.publish()
+    receive = listen(node, Odometry, 'odom')
+    published.repeat()
+    assert [one.header.stamp.nanosec for one in receive(1)] == [0]
+    assert made[-1] == ('odometry_message', 0.0)
+
+
+def test_who_subscribes_to_the_clock_hears_it(run):
+    published, plant, _, node = run
+    receive = listen(node, Clock, '/clock')
+    plant.advance(0.0)
+    published.publish(everything=True)
+    assert [(one.clock.sec, one.clock.nanosec) for one in receive(1)] == [(0, 2000000)]
