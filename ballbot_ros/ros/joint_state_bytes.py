@@ -66,6 +66,8 @@ class Form:
     ----------
     numbers : tuple of (int, int)
         Where positions, velocities and efforts begin, and how many there are of each.
+    end : int
+        Where the message does.
 
     Raises
     ------
@@ -86,6 +88,7 @@ class Form:
         self._length = len(data)
         if self._at > self._length:  # what comes after the end means nothing
             raise ValueError('the message ends before its end')
+        self.end = self._at
         self._mask = int.from_bytes(self._fixed, 'little')
         self._pattern = int.from_bytes(data, 'little') & self._mask
         form, at = f'<{START}xiI', START + STAMP.size
@@ -119,6 +122,10 @@ class Form:
         begin = self._at + (START - self._at) % 8 if count else self._at
         self._at = begin + 8 * count
         return begin, count
+
+    def empty(self) -> bytearray:
+        """Return a message of this form whose numbers are zero, as is what fills its gaps."""
+        return bytearray(self._pattern.to_bytes(self._length, 'little')[:self.end])
 
     def fits(self, data: bytes) -> bool:
         """Say whether a message differs from that of this form in its numbers only."""
@@ -206,7 +213,7 @@ class _Written:
         form = form_of(data, message)
         if form is None:
             raise RuntimeError('this middleware serialises numbers otherwise: publish messages')
-        self._buffer, self._numbers = bytearray(data), form.numbers
+        self._buffer, self._numbers = form.empty(), form.numbers
 
     def of(self, sec: int, nanosec: int, *numbers: Sequence[float]) -> bytes:
         """Return the bytes of a message of these positions, velocities and efforts."""

@@ -69,6 +69,14 @@ def test_a_command_is_what_the_message_would_be(torque, sec, nanosec):
         stamp, torque, '/controller#abc')
 
 
+def test_nothing_comes_after_the_end_and_gaps_are_empty():
+    # The middleware would leave in both what was in its memory: readers of bags mind the first.
+    one = CommandBytes('/me#1').of(Time(sec=1, nanosec=2), 3.0)
+    assert one[22:24] == b'\0\0' and one[-8:] == struct.pack('<d', 3.0)
+    other = JointStateBytes('base_link').of(1.0, JointReadings(0.0, 1.0, 2.0, 3.0, 4.0), 5.0)
+    assert other[-8:] == struct.pack('<d', 5.0)
+
+
 any_number = strategies.floats(width=64)
 lists = strategies.lists(any_number, max_size=4)
 
