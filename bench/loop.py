@@ -1,16 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Time the nodes: the closed loop over real topics, in real time and in lockstep."""
+from contextlib import contextmanager
 import os
 from pathlib import Path
+import subprocess
+import sys
 import tempfile
 import time
 
 import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+import round_trip
 from sensor_msgs.msg import JointState
 
-from ballbot_ros.demo.processes import NodeProcesses, own_domain
+from ballbot_ros.demo.processes import (
+    environment, NodeProcesses, own_domain, parameter_arguments)
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.bag import stamp_of
 from ballbot_ros.ros.endpoints import create_subscription
@@ -27,7 +32,28 @@ def processor_time(process_id):
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
-def watch(lockstep):
+@contextmanager
+def running(folder, domain, parameters, together):
+    """Give the process id of a simulator that runs with a controller, in one process or in two."""
+    if not together:
+        with NodeProcesses(folder, domain) as nodes:
+            nodes.start('simulator', parameters)
+            nodes.start('controller')
+            yield nodes.process_id('simulator')
+        return
+    words = parameter_arguments({f'simulator:{key}': one for key, one in parameters.items()})
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'ballbot_ros.cli', 'run', 'simulator', 'controller', *words],
+        env=environment(domain, folder), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL)
+    try:
+        yield process.pid
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def watch(lockstep, together=False):
     """
     Run simulator and controller and listen to the commands.
 
@@ -44,10 +70,9 @@ def watch(lockstep):
     executor.add_node(node)
     try:
         with tempfile.TemporaryDirectory() as folder, \
-                NodeProcesses(Path(folder), domain) as nodes:
-            nodes.start('simulator', {
-                'lockstep': lockstep, 'real_time_factor': 0.0 if lockstep else 1.0})
-            nodes.start('controller')
+                running(Path(folder), domain, {
+                    'lockstep': lockstep, 'real_time_factor': 0.0 if lockstep else 1.0},
+                    together) as process:
             create_subscription(node, JointState, 'joint_commands', note, qos.STATE, raw=True)
             deadline = time.perf_counter() + 60.0
             while not arrivals and time.perf_counter() < deadline:
@@ -55,11 +80,11 @@ def watch(lockstep):
             _spin(executor, SETTLE)
             arrivals.clear()
             stamps.clear()
-            before = processor_time(nodes.process_id('simulator'))
+            before = processor_time(process)
             begin = time.perf_counter()
             _spin(executor, WINDOW)
             spent = time.perf_counter() - begin
-            used = (processor_time(nodes.process_id('simulator')) - before) / spent
+            used = (processor_time(process) - before) / spent
     finally:
         executor.remove_node(node)
         node.destroy_node()
@@ -81,16 +106,19 @@ def quantile(values, part):
 
 def measure():
     """Yield name, unit, values and target of each measurement."""
-    middle, late, used, factors = [], [], [], []
+    middle, late, used, factors, together = [], [], [], [], []
     for _ in range(REPEATS):
         arrivals, stamps, share = watch(lockstep=False)
         periods = [1e3 * (after - before) for before, after in zip(arrivals, arrivals[1:])]
         middle.append(quantile(periods, 0.5))
         late.append(quantile(periods, 0.99))
         used.append(100.0 * share)
-        arrivals, stamps, _ = watch(lockstep=True)
-        factors.append((stamps[-1] - stamps[0]) / (arrivals[-1] - arrivals[0]))
+        for found, one in ((factors, False), (together, True)):
+            arrivals, stamps, _ = watch(lockstep=True, together=one)
+            found.append((stamps[-1] - stamps[0]) / (arrivals[-1] - arrivals[0]))
     yield 'closed loop at 500 Hz in real time, median period', 'ms', middle, None
     yield 'closed loop at 500 Hz in real time, p99 period', 'ms', late, 4.0
-    yield 'simulator node in real time, part of a core', '%', used, 40.0
-    yield 'lockstep at 500 Hz control, times real time', 'x', factors, -4.0
+    yield 'simulator node in real time, part of a core', '%', used, 15.0
+    yield 'lockstep at 500 Hz control, times real time', 'x', factors, -8.0
+    yield 'the same, both nodes in one process', 'x', together, -8.0
+    yield from round_trip.measure()

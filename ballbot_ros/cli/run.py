@@ -11,12 +11,15 @@ from ballbot_ros.errors import ConfigurationError
 
 FOLDER = Path(__file__).resolve().parent.parent / 'nodes'
 NODES = tuple(sorted(module.name for module in iter_modules([str(FOLDER)])))
+# Can share a process: nothing happens to a motor when one of them holds up the others.
+TOGETHER = ('controller', 'obstacle_decision', 'simulator')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what to run."""
     parser.add_argument('target', metavar='NODE|FILE',
-                        help=f'node to run ({", ".join(NODES)}), or YAML file or folder of an '
+                        help=f'node to run ({", ".join(NODES)}), several of '
+                        f'{", ".join(TOGETHER)} in one process, or YAML file or folder of an '
                         'experiment')
     # Whatever begins with a dash behind the target belongs to it.
     parser.add_argument('rest', nargs=argparse.REMAINDER, metavar='...',
@@ -34,7 +37,26 @@ def run(arguments: argparse.Namespace) -> int:
         near = suggestion(target, NODES)
         raise ConfigurationError(f'there is no node {target!r}{near}; an experiment is the path '
                                  'of a YAML file')
-    return int(from_ros(f'ballbot_ros.nodes.{target}').main(arguments.rest))
+    begin = next((place for place, word in enumerate(arguments.rest) if word not in NODES),
+                 len(arguments.rest))
+    names, rest = [target, *arguments.rest[:begin]], arguments.rest[begin:]
+    if len(names) == 1:
+        return int(from_ros(f'ballbot_ros.nodes.{target}').main(rest))
+    return _together(names, rest)
+
+
+def _together(names: list[str], rest: list[str]) -> int:
+    """Run several nodes in this process."""
+    alone = [name for name in names if name not in TOGETHER]
+    if alone or len(set(names)) < len(names):
+        what = f'{alone[0]} runs in a process of its own' if alone else 'each can be there once'
+        raise ConfigurationError(
+            f'cannot run {" and ".join(names)} in one process: {what}; several of '
+            f'{", ".join(TOGETHER)} can share one')
+    modules = [from_ros(f'ballbot_ros.nodes.{name}') for name in names]
+    classes = [getattr(module, name.title().replace('_', ''))
+               for module, name in zip(modules, names)]
+    return int(from_ros('ballbot_ros.ros.run').run_together(classes, rest))
 
 
 def _experiment(target: str, words: list[str]) -> int:

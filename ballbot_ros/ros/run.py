@@ -4,7 +4,7 @@ import gc
 import os
 import signal
 import sys
-from typing import Any, Callable, List, Optional
+from typing import Any, Callable, List, Optional, Sequence
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError
@@ -36,18 +36,25 @@ class _Stopped(BaseException):
 
 
 def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
-    """
-    Run a node until SIGINT or SIGTERM and return the exit code of the process.
+    """Run one node; see `run_together`."""
+    return run_together([make_node], args)
 
-    A node that has a method ``make_safe`` has it called before it is destroyed, on every way
-    out and while it can still publish: rclpy's own signal handlers would shut the context
-    down first, hence ours.  An exception that it shows as its ``failure`` ends it: raised in a
-    callback, it would be logged by the executor, too.
+
+def run_together(make_nodes: Sequence[Callable[[], Node]],
+                 args: Optional[List[str]] = None) -> int:
+    """
+    Run nodes on one executor until SIGINT or SIGTERM and return the exit code of the process.
+
+    A message from one of them to another then wakes no other process.  A node that has a method
+    ``make_safe`` has it called before it is destroyed, on every way out and while it can still
+    publish: rclpy's own signal handlers would shut the context down first, hence ours.  An
+    exception that it shows as its ``failure`` ends them all: raised in a callback, it would be
+    logged by the executor, too.
 
     Parameters
     ----------
-    make_node : callable
-        Usually the class of the node.
+    make_nodes : sequence of callable
+        Usually the classes of the nodes.
     args : list of str, optional
         Command line, ``sys.argv`` if not given.
 
@@ -83,34 +90,32 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
               '--ros-args -p robot:=gimball', file=sys.stderr)
         rclpy.try_shutdown()
         return REFUSED
-    node: Optional[Node] = None
+    nodes: List[Node] = []
     executor = new_executor()
     log = get_logger('ballbot_ros')
     start = FirstStart(log.info, log.warning)
     try:
         making = True
-        node = make_node()
+        for make_node in make_nodes:
+            nodes.append(make_node())
         making = False
-        forward_logs(node)
-        node.get_logger().info(reach)
-        executor.add_node(node)
+        forward_logs(nodes[0])
+        nodes[0].get_logger().info(reach)
+        for node in nodes:
+            executor.add_node(node)
         start.ready()
         # All that is there now lives as long as the node: looking through it again and again for
         # garbage would cost milliseconds in the middle of a control period.
         gc.collect()
         gc.freeze()
-        if hasattr(node, 'failure'):
-            watched = node
-
-            def look() -> None:
-                if watched.failure is not None:
-                    stopping.give()
-            node.create_timer(WAKE, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        for node in nodes:
+            _watch(node, stopping)
         while rclpy.ok() and not stopping.given:
             spin(executor, stopping, WAKE)
-        failure = getattr(node, 'failure', None)
-        if failure is not None:
-            raise failure
+        for node in nodes:
+            failure = getattr(node, 'failure', None)
+            if failure is not None:
+                raise failure
     except _Stopped:
         pass
     except RCLError as error:
@@ -123,7 +128,7 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
         return REFUSED
     finally:
         making = False
-        if node is not None:
+        for node in nodes:
             make_safe = getattr(node, 'make_safe', None)
             if make_safe is not None:
                 make_safe()
@@ -132,6 +137,15 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
         executor.shutdown()
         rclpy.try_shutdown()
     return 0
+
+
+def _watch(node: Node, stopping: Stop) -> None:
+    """Look now and then whether a node that can fail has failed."""
+    if hasattr(node, 'failure'):
+        def look() -> None:
+            if node.failure is not None:
+                stopping.give()
+        node.create_timer(WAKE, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
 def _compiles(frame: Any) -> bool:

@@ -147,6 +147,48 @@ def test_a_node_refuses_stray_arguments_and_says_how_parameters_are_given(monkey
         assert 'is no argument of a node' in err and '--ros-args -p robot:=gimball' in err
 
 
+TWO = """
+import sys
+from rclpy.node import Node
+from ballbot_ros.errors import DriveError
+from ballbot_ros.ros import run
+
+class One(Node):
+    def __init__(self):
+        super().__init__('one')
+
+    def make_safe(self):
+        print('one made safe', flush=True)
+
+class Other(One):
+    failure = None
+
+    def __init__(self):
+        Node.__init__(self, 'other')
+        if sys.argv[1] == 'refused':
+            raise DriveError('planted', 'what went wrong')
+        self.create_timer(0.01, self.look)
+
+    def look(self):
+        self.failure = DriveError('planted', 'what went wrong')
+
+    def make_safe(self):
+        print('other made safe', flush=True)
+
+sys.exit(run.run_together([One, Other], []))
+"""
+
+
+@pytest.mark.parametrize('how, ended', [
+    ('fails', 'one made safe\nother made safe\n'), ('refused', 'one made safe\n')])
+def test_where_one_of_two_nodes_fails_both_are_made_safe(how, ended, monkeypatch):
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
+    done = subprocess.run([sys.executable, '-c', TWO, how], capture_output=True, text=True,
+                          timeout=60)
+    assert (done.returncode, done.stdout) == (2, ended)
+    assert done.stderr.count('what went wrong') == 1 and 'Traceback' not in done.stderr
+
+
 SECURE = """
 import sys
 from rclpy.node import Node

@@ -253,6 +253,38 @@ def test_a_node_runs_as_with_ros2_run_and_ends_well_with_ctrl_c():
     assert process.returncode == 0 and '[my_imu]' in logged and 'Traceback' not in logged
 
 
+def test_nodes_that_share_a_process_each_take_their_parameters_and_all_are_made_safe():
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'ballbot_ros.cli', 'run', 'simulator', 'controller', '--ros-args',
+         '-p', 'simulator:lockstep:=true', '-p', 'simulator:real_time_factor:=0.0',
+         '-p', 'controller:tuning:=gentle'],
+        stderr=subprocess.PIPE, text=True,
+        env={**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'},
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+    try:
+        logged = ''
+        # The controller hears the simulator within the process.
+        while 'joint states have arrived' not in logged:
+            logged += (line := process.stderr.readline())
+            assert line, logged
+        process.send_signal(signal.SIGINT)
+        logged += process.communicate(timeout=30.0)[1]
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 0 and 'Traceback' not in logged
+    assert "tuning 'gentle'" in logged and 'lockstep True' in logged
+    assert '[simulator]' in logged and '[controller]' in logged
+
+
+@pytest.mark.parametrize('words, said', [
+    (['simulator', 'bridge'], 'bridge runs in a process of its own'),
+    (['simulator', 'controller', 'simulator'], 'each can be there once')])
+def test_nodes_that_cannot_share_a_process_are_refused(words, said, capsys):
+    assert main(['run', *words]) == 2
+    assert said in capsys.readouterr().err
+
+
 def test_an_unknown_node_and_a_missing_verb_of_recording_are_refused(capsys):
     for words, said in ((['run', 'simulatr'], "did you mean 'simulator'"),
                         (['record'], 'name the topics to record'),

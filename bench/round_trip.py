@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Time the round trip of a joint state and a joint command through rclpy, with nothing else done.
+
+No lockstep can be faster.  As messages of Python objects, as rclpy hands them out, and as bytes
+that nobody looks into; from process to process, and within one.
+"""
+import subprocess
+import sys
+import time
+
+from builtin_interfaces.msg import Time
+import rclpy
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+
+from ballbot_ros.demo.processes import own_domain
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.conversions import command_message, JOINTS
+from ballbot_ros.ros.endpoints import create_publisher, create_subscription
+from ballbot_ros.ros.executor import new_executor
+
+WINDOW = 2.0  # [s]
+REPEATS = 3
+
+
+def state_message():
+    """Return a joint state as the simulator publishes it."""
+    message = JointState(name=JOINTS, position=[0.1, 0.2], velocity=[0.3, 0.4], effort=[0.0, 0.5])
+    message.header.stamp, message.header.frame_id = Time(sec=1, nanosec=2000000), 'base_link'
+    return message
+
+
+def answering(name, heard, told, make, raw):
+    """Return a node that answers each message with another, and counts them."""
+    node, ready = Node(name), bytes(serialize_message(make()))
+    topic = create_publisher(node, JointState, told, qos.STATE)
+    node.count = 0
+    node.tell = lambda: topic.publish(ready if raw else make())
+
+    def answer(_):
+        node.count += 1
+        node.tell()
+    create_subscription(node, JointState, heard, answer, qos.NEWEST, raw=raw)
+    return node
+
+
+def commander(raw):
+    """Return what stands for the controller."""
+    return answering('commander', 'joint_states', 'joint_commands',
+                     lambda: command_message(Time(sec=1), 0.5, '/controller#123abc'), raw)
+
+
+def times_real_time(apart, raw):
+    """Return how often the round trip is made in 2 ms, between two processes or within one."""
+    domain = own_domain()
+    rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+    node = answering('robot', 'joint_commands', 'joint_states', state_message, raw)
+    nodes, other = [node], None
+    if apart:
+        other = subprocess.Popen([sys.executable, __file__, str(domain), str(int(raw))])
+    else:
+        nodes.append(commander(raw))
+    executor = new_executor()
+    for one in nodes:
+        executor.add_node(one)
+    try:
+        while not node.count:
+            node.tell()
+            executor.spin_once(timeout_sec=0.2)
+        _spin(executor, 0.5)
+        before, begin = node.count, time.perf_counter()
+        _spin(executor, WINDOW)
+        return (node.count - before) / (time.perf_counter() - begin) / 500.0
+    finally:
+        if other is not None:
+            other.kill()
+            other.wait()
+        for one in nodes:
+            executor.remove_node(one)
+            one.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _spin(executor, duration):
+    end = time.perf_counter() + duration
+    while time.perf_counter() < end:
+        executor.spin_once(timeout_sec=0.05)
+
+
+def measure():
+    """Yield name, unit, values and target of each measurement."""
+    for apart in (True, False):
+        for raw in (False, True):
+            yield (f'bare rclpy, {"bytes" if raw else "messages"}, '
+                   f'{"two processes" if apart else "one process"}', 'x',
+                   [times_real_time(apart, raw) for _ in range(REPEATS)], None)
+
+
+def main():
+    """Be the other process, until killed."""
+    rclpy.init(domain_id=int(sys.argv[1]), signal_handler_options=SignalHandlerOptions.NO)
+    executor = new_executor()
+    executor.add_node(commander(sys.argv[2] == '1'))
+    while True:
+        executor.spin_once(timeout_sec=1.0)
+
+
+if __name__ == '__main__':
+    main()
