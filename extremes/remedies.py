@@ -4,7 +4,8 @@ Does a refusal help? What it names is changed, as it says, and the case is judge
 
 A message may name several settings; each is tried, as it is written first, then further in the
 same direction, until one of them makes the case work: a verdict of good or chaotic, by the same
-judge.
+judge.  A start that is named may be one of much work: it is tried with ten times the budget, too,
+which in these cases is far below that of the product.
 """
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -138,6 +139,11 @@ def higher(value):
     return make
 
 
+def budgeted(make):
+    """Return how cases are made with ten times the work budget, too."""
+    return lambda name, seed: with_budget(make(name, seed), 10.0, None)
+
+
 def works(name, seed, make):
     """Return whether a case that is made in this way is judged good, or chaotic."""
     return judge(name, seed, make).verdict in (GOOD, CHAOTIC)
@@ -155,6 +161,7 @@ def remedy(refused):
     makes = [('contact_stiffness as named', stiffer(float(value[1])))] if value else []
     if height:
         makes.append(('y of the start as named', higher(float(height[1]))))
+    makes += [(f'{setting}, work_budget x 10', budgeted(make)) for setting, make in makes]
     if not makes:
         makes = [(f'{setting} x {10**decade}' if change is not with_height else setting,
                   changed(change, 10.0**decade, found))

@@ -183,7 +183,8 @@ def failure(outcome: int, time: float, vector: Array, solver: Solver) -> Simulat
             time, f'the work budget of {solver.work_budget} function evaluations is used up',
             'raise work_budget (solver), take steps of one length (rk4), raise the tolerance '
             f'above {solver.tolerance:g} m, or use a larger slip_threshold, softer gains '
-            'or a softer contact_stiffness')
+            'or a softer contact_stiffness; where the ball sinks in deep, raise '
+            'contact_stiffness instead')
     names = [name for name, value in zip(NAMES, vector) if not math.isfinite(value)]
     return SimulationError(
         time, f'{" and ".join(names) or "the state"} stopped being finite',

@@ -20,6 +20,10 @@ from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.physics.solvers.values import FINISHED, Status
 from ballbot_ros.renamed import old_attributes
 
+# Of the radius that a ball at rest sinks in with the stiffness that a refusal names.  At a tenth,
+# one that moves sinks in to its centre, or on top of a corner, where steps are explicit and many.
+SINKS = 0.03
+
 
 @old_attributes(numbers='parameters')
 @dataclass(frozen=True, repr=False)
@@ -97,9 +101,9 @@ class Model:
         high = float(np.max(self.terrain.height(reach))) + 1.01 * radius
         low = float(self.terrain.height(x)) + 1e-9 * radius
         if support(low) < 0.0:
-            # What carries grows with the stiffness: for a tenth of the penetration, ten times.
+            # What carries grows with the stiffness: the deeper, the less of it is enough.
             lift = support(low) + self.robot.weight
-            enough = 10.0 * robot.stiffness * self.robot.weight / lift if lift > 0.0 else 0.0
+            enough = robot.stiffness * self.robot.weight / lift / SINKS if lift > 0.0 else 0.0
             raise ConfigurationError(
                 f'the ground at x = {x:g} m is too soft or too steep to carry the ball at rest: '
                 f'a contact stiffness of {robot.stiffness:g} N/m gives way under '

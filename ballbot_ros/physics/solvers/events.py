@@ -5,10 +5,12 @@ import numpy as np
 from ballbot_ros.compiled import compiled
 from ballbot_ros.physics.mechanics.holding import mode_holds
 from ballbot_ros.physics.mechanics.modes import (
-    ContactMode, guard_of, in_contact, OF_FEATURE, OF_FORCE, PRESSED, touches, violated_guards)
+    contact_count, ContactMode, guard_of, in_contact, OF_FEATURE, OF_FORCE, PRESSED, touches,
+    violated_guards)
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import rows
+from ballbot_ros.physics.solvers.clearance import touch_within
 from ballbot_ros.physics.solvers.controller import smallest_step
 from ballbot_ros.physics.solvers.dense import COEFFICIENTS, factors_at, motion_at
 from ballbot_ros.physics.solvers.rows import sum_rows
@@ -131,14 +133,18 @@ def event_between(before: float, theta: float, time: float, step: float, feature
 def first_event(time: float, step: float, first: int, behind: int, system: System,
                 workspace: Workspace) -> float:
     """Return theta at which the mode ends, NO_EVENT if not; with features from `first` on."""
+    touch = NO_EVENT
+    if contact_count(workspace.mode) == 0:  # it may touch, and roll off again, between two looks
+        touch = touch_within(time, step, first, behind, system, workspace)
     for look in range(LOOKS):
         sum_rows(workspace.work, rows.PROBE, rows.ZERO, 1.0, LOOK_FACTORS, COEFFICIENTS * look,
                  rows.DENSE, COEFFICIENTS)
-        theta = (look + 1) / LOOKS
-        if not mode_holds(time + theta * step, workspace.probe, first, behind, system,
-                          workspace.mode):
-            event = event_between(
-                look / LOOKS, theta, time, step, (first, behind), system, workspace)
+        before, theta = look / LOOKS, (look + 1) / LOOKS
+        if before < touch < theta:
+            theta = touch
+        if theta == touch or not mode_holds(time + theta * step, workspace.probe, first, behind,
+                                            system, workspace.mode):
+            event = event_between(before, theta, time, step, (first, behind), system, workspace)
             if event < NO_EVENT:
                 return event
     return NO_EVENT

@@ -1,20 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-When a flight in closed form ends: the first touch, which cannot be passed.
-
-The distance of a point to a segment is convex along a straight line, and the
-centre leaves the straight line by at most A t^2 / 2, where A bounds its acceleration.  So for
-each segment ``gap + gap' h - A h^2 / 2 <= 0`` gives a time h before which there is no touch, and
-the least h of all segments may be stepped over.  Repeated, this converges on the first touch
-quadratically, and cannot pass it.
-"""
+"""When a flight in closed form ends: the first touch, which `clearance` cannot pass."""
 import math
 
-from ballbot_ros.compiled import compiled, outlined
-from ballbot_ros.physics.mechanics.contact import first_segment
+from ballbot_ros.compiled import outlined
 from ballbot_ros.physics.model.parameters import Parameters, System
 from ballbot_ros.physics.model.state import PENDULUM_RATE, SIZE
-from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, VERTEX_X, VERTEX_Y
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.solvers.clearance import clear_time
 from ballbot_ros.physics.solvers.controller import smallest_step
 from ballbot_ros.physics.solvers.dense import write_row
 from ballbot_ros.physics.solvers.events import time_width
@@ -26,48 +18,6 @@ WINDOW = 0.05
 MOST_LOOKS = 200
 NO_TOUCH = -1.0
 SHORT_FLIGHT = 1e-6  # [s]: not worth another one
-
-
-@compiled
-def clear_time(x: float, y: float, velocity_x: float, velocity_y: float, bend: float,
-               reach: float, radius: float, ground: Array) -> float:
-    """
-    Return a time before which the ball touches nothing [s].
-
-    Parameters
-    ----------
-    bend : float
-        Bound of the acceleration of the centre [m/s2], above 0.
-    reach : float
-        Segments that lie further from x than this are not looked at [m].
-
-    """
-    least = math.inf
-    last = len(ground) - 2
-    for segment in range(first_segment(ground, x - reach), last + 1):
-        away_x, away_y = x - ground[segment, VERTEX_X], y - ground[segment, VERTEX_Y]
-        if -away_x > reach and segment > 0:
-            break
-        along_x, along_y = ground[segment, TANGENT_X], ground[segment, TANGENT_Y]
-        along = away_x * along_x + away_y * along_y
-        # The nearest point: the foot of the perpendicular, or an end that is not infinite.
-        if along < 0.0 and segment > 0:
-            along = 0.0
-        if segment < last:
-            end = ((ground[segment + 1, VERTEX_X] - ground[segment, VERTEX_X]) * along_x
-                   + (ground[segment + 1, VERTEX_Y] - ground[segment, VERTEX_Y]) * along_y)
-            along = min(along, end)
-        away_x -= along * along_x
-        away_y -= along * along_y
-        distance = math.sqrt(away_x * away_x + away_y * away_y)
-        gap = max(distance - radius, 0.0)
-        speed = (velocity_x * away_x + velocity_y * away_y) / distance
-        root = math.sqrt(speed * speed + 2.0 * bend * gap)
-        # The positive root of gap + speed h - bend h^2 / 2, without cancellation.
-        wait = (speed + root) / bend if speed > 0.0 else (
-            2.0 * gap / (root - speed) if gap > 0.0 else 0.0)
-        least = min(least, wait)
-    return least
 
 
 @outlined

@@ -81,6 +81,48 @@ def test_a_tiny_ball_does_not_fall_through_its_floor_between_two_looks():
     assert np.max(np.abs(run.energy_residual)) < 1e-4 * run.energy_in_play
 
 
+@pytest.mark.parametrize('method', ['adaptive', 'implicit', 'explicit'])
+@pytest.mark.parametrize('begin', [-0.5, -0.47, -0.44, -0.41])
+def test_a_touch_that_is_far_shorter_than_a_step_is_met_and_gives_the_impulse_it_has(
+        method, begin):
+    # A motor that holds an angle has no closed form of flight; this one does not move the centre.
+    robot = replace(load_robot('gimball'), pendulum_length=0.0, gravity=0.0, contact_damping=0.0,
+                    edge_friction=0.0)
+    radius, depth, speed = robot.ball_radius, 1e-6, 20.0
+    spike = Terrain([[-5.0, -1.0], [0.0, 0.0], [5.0, -1.0]])
+    run = simulate(
+        Model(robot, spike, solver=Solver(method, tolerance=1e-12)),
+        State(x=begin, y=radius - depth, velocity_x=speed),
+        Actuation(law='position', set_angle=1.0), 0.05)
+    # The depth is a parabola over a chord of the ball: 67 us, where steps take 2.8 ms.
+    lasting = 2.0 * np.sqrt(2.0 * radius * depth) / speed
+    impulse = 2.0 / 3.0 * robot.contact_stiffness * depth * lasting
+    assert run['velocity_y'][-1] == pytest.approx(impulse / robot.total_mass, rel=1e-3)
+
+
+@pytest.mark.parametrize('seed, tolerances', [
+    (5003019, (2.26e-7, 6.78e-9, 2.034e-10)), (5010932, (4.51e-7, 1.35e-8, 4.06e-10))])
+def test_a_short_touch_is_met_at_every_tolerance(seed, tolerances):
+    exact = extreme_run('combined', seed, 1e-12, 400_000)
+    for tolerance in tolerances:
+        run = extreme_run('combined', seed, tolerance, 400_000)
+        assert run.effort.events == exact.effort.events
+        # The ball was 200 and 58 um off where the touch was overlooked.
+        assert abs(run['x'][-1] - exact['x'][-1]) + abs(run['y'][-1] - exact['y'][-1]) < 2e-5
+
+
+@pytest.mark.parametrize('tolerance', [2.26e-7, 6.78e-9])
+def test_an_event_within_what_dies_out_at_once_is_where_explicit_steps_have_it(tolerance):
+    # Implicit steps of 0.1 ms passed a slip that begins and ends its transient within 2 ns.
+    case = make_case('combined', 9008773)
+
+    def rate(method, tolerance):
+        model = replace(case.model, solver=Solver(method, tolerance=tolerance))
+        return simulate(model, case.start, case.actuation, 5e-4)['ball_rate'][-1]
+    exact = rate('explicit', 1e-12)
+    assert rate('adaptive', tolerance) == pytest.approx(exact, rel=1e-4)
+
+
 def test_fixed_steps_beyond_the_work_budget_are_refused_before_they_start():
     model = Model(SHELLBALL, Terrain.flat(), solver=Solver('rk4', 1e-6, work_budget=10_000))
     start = model.at_rest(0.0, 1.0)
@@ -158,7 +200,8 @@ def test_what_is_over_before_time_can_tell_is_stepped_over():
     'combined:5004285', 'stiffness:5006867', 'fixed:5008754', 'fixed:5010054', 'fixed:5011195',
     'combined:2794', 'combined:5000292', 'combined:5002336', 'combined:5027441',
     'stiffness:996', 'combined:2597', 'combined:3314', 'control_period:5000120',
-    'control_period:5002834', 'control_period:5006286', 'control_period:9001687'])
+    'control_period:5002834', 'control_period:5006286', 'control_period:9001687',
+    'combined:5003019', 'combined:5010932', 'combined:9008773'])
 def test_what_was_wrong_once_is_not_any_more(which):
     name, _, seed = which.partition(':')
     found = judge(name, int(seed))
@@ -277,12 +320,13 @@ def test_ground_that_gives_way_is_refused_with_a_stiffness_that_carries():
         Model(soft, Terrain.flat()).at_rest(0.0)
     named = float(str(caught.value).split('raise contact_stiffness to ')[1].split()[0])
     state = Model(replace(soft, contact_stiffness=named), Terrain.flat()).at_rest(0.0)
-    assert state.y == pytest.approx(0.9 * soft.ball_radius, rel=0.01)
+    assert state.y == pytest.approx(0.97 * soft.ball_radius, rel=1e-3)
 
 
 @pytest.mark.parametrize('which', [
     'combined:28', 'stiffness:11', 'penetration:6', 'fixed:5', 'fixed:4', 'fixed:22', 'fixed:1002',
-    'combined:530', 'vertices:62'])
+    'combined:530', 'vertices:62', 'combined:1141', 'combined:1424', 'vertices:139',
+    'combined:456'])
 def test_a_refusal_names_a_setting_with_which_the_case_works(which):
     name, _, seed = which.partition(':')
     refused = refusal((name, int(seed)))
