@@ -122,7 +122,8 @@ def compiled(function: F) -> F:
     """
     Mark a kernel for compilation.
 
-    Strict IEEE arithmetic is kept: no reordering, no assumption that numbers are finite.
+    No reordering, and no assumption that numbers are finite.  What is left to the processor is
+    whether it rounds once or twice where a product is added (*contract*).
     """
     return _compile(function, inline='never')
 
@@ -166,7 +167,7 @@ def _compile(function: F, inline: str,
         # whoever calls holds them, and the counting took twice as long as the mechanics.
         kernel: Any = numba.njit(
             cache=True, error_model='numpy', forceinline=forceinline, _nrt=False, inline=inline,
-            nogil=nogil)(function)
+            nogil=nogil, fastmath={'contract'})(function)
     finally:
         numba_config.CACHE_DIR = before
     cache = kernel._cache

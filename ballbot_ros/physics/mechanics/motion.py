@@ -44,24 +44,32 @@ def accelerations(time: float, motion: Array, system: System,
         force_x += push_x
         force_y += push_y
         torque += turn
-    spin, swing = motion[BALL_RATE], 0.0
+    spin = motion[BALL_RATE]
     torque -= parameters.rolling_friction * spin
-    if parameters.swing_inertia > 0.0:
-        saturated = mode.signs[len(mode.signs) - 1, MOTOR]
-        motor = saturated * system.actuator.limit
-        if saturated == 0:
-            motor = unsaturated_torque(time, motion, system.actuator)
-        angle, rate = motion[PENDULUM_ANGLE], motion[PENDULUM_RATE]
-        sine, cosine = math.sin(angle), math.cos(angle)
-        motor -= parameters.joint_friction * (rate - spin)
-        moment = parameters.pendulum_moment
-        swing = (1.0 / parameters.swing_inertia) * (
-            motor - moment * per_mass * (force_x * cosine + force_y * sine))
-        torque -= motor
-        force_x -= moment * (cosine * swing - sine * rate * rate)
-        force_y -= moment * (sine * swing + cosine * rate * rate)
-    return ((1.0 / parameters.ball_inertia) * torque, swing, per_mass * force_x,
-            per_mass * force_y - parameters.gravity)
+    per_inertia = 1.0 / parameters.ball_inertia
+    if parameters.swing_inertia <= 0.0:
+        return (per_inertia * torque, 0.0, per_mass * force_x,
+                per_mass * force_y - parameters.gravity)
+    saturated = mode.signs[len(mode.signs) - 1, MOTOR]
+    motor = saturated * system.actuator.limit
+    if saturated == 0:
+        motor = unsaturated_torque(time, motion, system.actuator)
+    rate = motion[PENDULUM_RATE]
+    motor -= parameters.joint_friction * (rate - spin)
+    sine, cosine = math.sin(motion[PENDULUM_ANGLE]), math.cos(motion[PENDULUM_ANGLE])
+    # What the motor and the swing do without the ground, and how each force counts: little is
+    # left to compute once the forces are known.
+    per_swing = 1.0 / parameters.swing_inertia
+    arm = parameters.pendulum_moment * per_mass
+    share, away, own = arm * per_swing, arm * rate * rate, per_swing * motor
+    sway_x, sway_y = share * cosine, share * sine
+    arm_x, arm_y = arm * cosine, arm * sine
+    swing = own - (sway_x * force_x + sway_y * force_y)
+    cross = arm_x * sway_y
+    return (per_inertia * (torque - motor), swing,
+            (away * sine - arm_x * own) + ((per_mass + arm_x * sway_x) * force_x + cross * force_y),
+            (-parameters.gravity - away * cosine - arm_y * own) + (
+                cross * force_x + (per_mass + arm_y * sway_y) * force_y))
 
 
 @compiled

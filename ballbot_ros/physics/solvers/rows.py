@@ -36,7 +36,9 @@ WIDTH = 16  # of a row
 def sum_rows(work: Array, out: int, start: int, scale: float, factors: Array, first: int,
              rows: int, count: int) -> None:
     """
-    Write ``start + scale * sum(factors[first + k] * row k)`` over `count` rows into `out`.
+    Write ``start + sum(scale * factors[first + k] * row k)`` over `count` rows into `out`.
+
+    What the last row adds is added last: it is the one that has to be waited for.
 
     Parameters
     ----------
@@ -52,10 +54,10 @@ def sum_rows(work: Array, out: int, start: int, scale: float, factors: Array, fi
 
     """
     for i in range(MOTION):
-        total = 0.0
+        total = work[start + i]
         for k in range(count):
-            total += factors[first + k] * work[rows + WIDTH * k + i]
-        work[out + i] = work[start + i] + scale * total
+            total += scale * factors[first + k] * work[rows + WIDTH * k + i]
+        work[out + i] = total
 
 
 if COMPILED:
@@ -66,6 +68,7 @@ if COMPILED:
 
     HALF = 4  # numbers that a processor adds at once
     VECTOR = ir.VectorType(ir.DoubleType(), HALF)
+    ONCE = ('contract',)  # a product that is added may be rounded once
 
     def _spread(builder: Any, number: Any) -> Any:
         """Return a vector of equal numbers."""
@@ -88,20 +91,17 @@ if COMPILED:
         def place(offset: Any, half: int) -> Any:
             at = builder.add(offset, ir.Constant(offset.type, HALF * half))
             return builder.bitcast(builder.gep(data, [at]), VECTOR.as_pointer())
-        totals = [cgutils.alloca_once_value(builder, ir.Constant(VECTOR, [0.0] * HALF))
-                  for _ in range(2)]
+        totals = [cgutils.alloca_once_value(builder, builder.load(place(start, half), align=8))
+                  for half in range(2)]
         with cgutils.for_range(builder, count) as loop:
-            weight = _spread(builder, builder.load(
-                builder.gep(weights, [builder.add(first, loop.index)])))
+            weight = _spread(builder, builder.fmul(scale, builder.load(
+                builder.gep(weights, [builder.add(first, loop.index)]))))
             row = builder.add(rows, builder.mul(loop.index, ir.Constant(rows.type, WIDTH)))
             for half, total in enumerate(totals):
-                term = builder.fmul(weight, builder.load(place(row, half), align=8))
-                builder.store(builder.fadd(builder.load(total), term), total)
-        scales = _spread(builder, scale)
+                term = builder.fmul(weight, builder.load(place(row, half), align=8), flags=ONCE)
+                builder.store(builder.fadd(builder.load(total), term, flags=ONCE), total)
         for half, total in enumerate(totals):
-            result = builder.fadd(builder.load(place(start, half), align=8),
-                                  builder.fmul(scales, builder.load(total)))
-            builder.store(result, place(out, half), align=8)
+            builder.store(builder.load(total), place(out, half), align=8)
         return context.get_dummy_value()
 
     def _types(_: Any, work: Any, out: Any, start: Any, scale: Any, factors: Any, first: Any,
