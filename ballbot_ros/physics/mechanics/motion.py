@@ -64,12 +64,11 @@ def accelerations(time: float, motion: Array, system: System,
     share, away, own = arm * per_swing, arm * rate * rate, per_swing * motor
     sway_x, sway_y = share * cosine, share * sine
     arm_x, arm_y = arm * cosine, arm * sine
-    swing = own - (sway_x * force_x + sway_y * force_y)
-    cross = arm_x * sway_y
-    return (per_inertia * (torque - motor), swing,
-            (away * sine - arm_x * own) + ((per_mass + arm_x * sway_x) * force_x + cross * force_y),
-            (-parameters.gravity - away * cosine - arm_y * own) + (
-                cross * force_x + (per_mass + arm_y * sway_y) * force_y))
+    cross, alone_x = arm_x * sway_y, away * sine - arm_x * own
+    alone_y = -parameters.gravity - away * cosine - arm_y * own
+    return (per_inertia * (torque - motor), own - (sway_x * force_x + sway_y * force_y),
+            alone_x + ((per_mass + arm_x * sway_x) * force_x + cross * force_y),
+            alone_y + (cross * force_x + (per_mass + arm_y * sway_y) * force_y))
 
 
 @compiled

@@ -15,6 +15,7 @@ from ballbot_ros.physics.solvers.controller import smallest_step
 from ballbot_ros.physics.solvers.dense import COEFFICIENTS, factors_at, motion_at
 from ballbot_ros.physics.solvers.rows import sum_rows
 from ballbot_ros.physics.solvers.values import EventRate, Workspace
+from ballbot_ros.physics.solvers.whole_step import holds_throughout
 
 MOST_EVENTS = 64      # located within one look; of more, an early one will do
 LOOKS = 4             # times within a step at which the mode is checked
@@ -133,6 +134,8 @@ def event_between(before: float, theta: float, time: float, step: float, feature
 def first_event(time: float, step: float, first: int, behind: int, system: System,
                 workspace: Workspace) -> float:
     """Return theta at which the mode ends, NO_EVENT if not; with features from `first` on."""
+    if holds_throughout(workspace.work, first, behind, system, workspace.mode):
+        return NO_EVENT
     touch = NO_EVENT
     if contact_count(workspace.mode) == 0:  # it may touch, and roll off again, between two looks
         touch = touch_within(time, step, first, behind, system, workspace)

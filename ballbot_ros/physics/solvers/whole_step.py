@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whether a frozen mode holds throughout a step: a bound of each guard, which most steps pass.
+
+Along the dense output (see `dense`) what is linear in the motion is a polynomial, too, and the
+functions that its coefficients are multiplied with lie between 0 and 1, 1/4, 4/27 and 1/16.  So
+its least value is at least the sum of the least values of its terms.  Where such a bound says
+nothing, `events` looks at the guards at some times within the step.
+
+On a vertex the normal turns with the centre.  With n, t the normal and tangent at the begin, the
+centre at ``u n + w t`` from the vertex, and |w| at most W::
+
+    u <= distance <= u + W^2 / 2u        |n' - n| <= W / u, and along n itself W^2 / 2u^2
+"""
+import math
+
+from ballbot_ros.compiled import compiled
+from ballbot_ros.physics.mechanics.contact import meeting
+from ballbot_ros.physics.mechanics.modes import (
+    contact_count, ContactMode, FEATURE, in_contact, PRESSED, SLIDING, smooth_contacts)
+from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.model.state import BALL_RATE, VELOCITY_X, X
+from ballbot_ros.physics.model.terrain import (
+    Array, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y)
+from ballbot_ros.physics.solvers import rows
+from ballbot_ros.physics.solvers.rows import WIDTH
+
+# The coefficients of a quantity along a step, see `dense.interpolate`.
+Course = tuple[float, float, float, float, float]
+
+
+@compiled
+def course_of(work: Array, item: int, along_x: float, along_y: float) -> Course:
+    """Return ``along_x`` times an item of the motion plus ``along_y`` times the next."""
+    at = rows.DENSE + item
+    return (along_x * work[at] + along_y * work[at + 1],
+            along_x * work[at + WIDTH] + along_y * work[at + WIDTH + 1],
+            along_x * work[at + 2 * WIDTH] + along_y * work[at + 2 * WIDTH + 1],
+            along_x * work[at + 3 * WIDTH] + along_y * work[at + 3 * WIDTH + 1],
+            along_x * work[at + 4 * WIDTH] + along_y * work[at + 4 * WIDTH + 1])
+
+
+@compiled
+def combined(one: float, first: Course, other: float, second: Course) -> Course:
+    """Return a sum of two multiples."""
+    return (one * first[0] + other * second[0], one * first[1] + other * second[1],
+            one * first[2] + other * second[2], one * first[3] + other * second[3],
+            one * first[4] + other * second[4])
+
+
+@compiled
+def least(course: Course) -> float:
+    """Return a lower bound."""
+    return course[0] + (min(course[1], 0.0) + 0.25 * min(course[2], 0.0)) + (
+        (4.0 / 27.0) * min(course[3], 0.0) + 0.0625 * min(course[4], 0.0))
+
+
+@compiled
+def most(course: Course) -> float:
+    """Return an upper bound."""
+    return course[0] + (max(course[1], 0.0) + 0.25 * max(course[2], 0.0)) + (
+        (4.0 / 27.0) * max(course[3], 0.0) + 0.0625 * max(course[4], 0.0))
+
+
+@compiled
+def pressed_throughout(work: Array, row: int, normal: tuple[float, float, float], friction: float,
+                       apart: tuple[float, Course], system: System, mode: ContactMode) -> bool:
+    """
+    Return whether a contact stays one that is pressed, and sliding or not as it was.
+
+    Parameters
+    ----------
+    normal : tuple
+        At the begin of the step, and the distance then [m].
+    friction : float
+        Coefficient.
+    apart : tuple
+        How far the centre goes along the tangent at most, where that turns the normal, else 0; and
+        its course along the normal, from the feature [m].
+
+    """
+    (normal_x, normal_y, distance), (aside, away), parameters = normal, apart, system.parameters
+    closing = course_of(work, VELOCITY_X, normal_x, normal_y)
+    passing = course_of(work, VELOCITY_X, normal_y, -normal_x)
+    spin = course_of(work, BALL_RATE, 1.0, 0.0)
+    nearest, farthest = least(away), most(away)
+    if nearest <= 0.5 * parameters.radius:
+        return False
+    turned = aside / nearest
+    beyond, shorter = 0.5 * turned * aside, 0.5 * turned * turned
+    fastest = max(most(closing), -least(closing))
+    quickest = max(most(passing), -least(passing))
+    force = combined(-parameters.stiffness, away, -parameters.damping, closing)
+    force_left = parameters.stiffness * (parameters.radius - beyond) + least(force) - (
+        parameters.damping * (shorter * fastest + turned * quickest))
+    if not (farthest + beyond < parameters.radius and force_left > 0.0):
+        return False
+    if friction <= 0.0:
+        return True
+    lever, change = parameters.radius, 0.0
+    if parameters.radius_lever == 0.0:
+        lever, change = distance, max(farthest - distance, distance - nearest) + beyond
+    slip = combined(1.0, passing, lever, spin)
+    unsure = shorter * quickest + turned * fastest + change * max(most(spin), -least(spin))
+    sliding, threshold = mode.signs[row, SLIDING], parameters.slip_threshold
+    if sliding == 0:
+        return max(most(slip), -least(slip)) + unsure < threshold
+    return (least(slip) if sliding > 0 else -most(slip)) - unsure > threshold
+
+
+@compiled
+def stays_on(work: Array, row: int, system: System, mode: ContactMode) -> bool:
+    """Return whether a contact of a mode holds throughout the last step, with its neighbours."""
+    feature, ground, radius = mode.signs[row, FEATURE], system.ground, system.parameters.radius
+    if mode.signs[row, PRESSED] <= 0:
+        return False
+    segment, last = feature >> 1, len(ground) - 2
+    normal_x, normal_y, distance, friction = meeting(
+        feature, work[rows.DENSE + X], work[rows.DENSE + X + 1], ground)
+    vertex = segment + (feature & 1)
+    across = normal_x * ground[vertex, VERTEX_X] + normal_y * ground[vertex, VERTEX_Y]
+    away, aside = course_of(work, X, normal_x, normal_y), 0.0
+    away = (away[0] - across, away[1], away[2], away[3], away[4])
+    if feature & 1 == 0:
+        foot = course_of(work, X, ground[segment, TANGENT_X], ground[segment, TANGENT_Y])
+        # A concave vertex touches before the foot is there.
+        if segment > 0 and least(foot) <= place(segment, segment, ground) + reach_of(
+                segment, radius, ground):
+            return False
+        if segment < last and most(foot) >= place(segment + 1, segment, ground) - reach_of(
+                segment + 1, radius, ground):
+            return False
+    else:
+        before = course_of(work, X, ground[segment, TANGENT_X], ground[segment, TANGENT_Y])
+        behind = course_of(work, X, ground[vertex, TANGENT_X], ground[vertex, TANGENT_Y])
+        if least(before) < place(vertex, segment, ground) or (
+                most(behind) > place(vertex, vertex, ground)):
+            return False
+        sideways = course_of(work, X, normal_y, -normal_x)
+        sideways = (0.0, sideways[1], sideways[2], sideways[3], sideways[4])
+        aside = max(most(sideways), -least(sideways))
+    return pressed_throughout(work, row, (normal_x, normal_y, distance), friction, (aside, away),
+                              system, mode)
+
+
+@compiled
+def place(vertex: int, segment: int, ground: Array) -> float:
+    """Return where a vertex is along a segment, as the dot product with its tangent [m]."""
+    along: float = (ground[vertex, VERTEX_X] * ground[segment, TANGENT_X]
+                    + ground[vertex, VERTEX_Y] * ground[segment, TANGENT_Y])
+    return along
+
+
+@compiled
+def reach_of(vertex: int, radius: float, ground: Array) -> float:
+    """Return how far before it a vertex may touch a ball that rolls towards it [m]."""
+    return radius if ground[vertex, TURN] > 0.0 else 0.0
+
+
+@compiled
+def falls_off(vertex: int, ground: Array) -> bool:
+    """Return whether the ground turns down at a vertex, by a right angle at most."""
+    return ground[vertex, TURN] <= 0.0 and (
+        ground[vertex - 1, TANGENT_X] * ground[vertex, TANGENT_X]
+        + ground[vertex - 1, TANGENT_Y] * ground[vertex, TANGENT_Y]) >= 0.0
+
+
+@compiled
+def out_of_reach(work: Array, segment: int, system: System, mode: ContactMode) -> bool:
+    """
+    Return whether a segment, and the vertex at its end, surely do not touch but as they did.
+
+    So much `stays_on` says of what is in contact itself, and of its neighbours: the centre stays
+    before the start of one, or behind the end of the other.
+    """
+    ground, radius, own, last = system.ground, system.parameters.radius, 2 * segment, len(
+        system.ground) - 2
+    if in_contact(own, mode) or in_contact(own + 1, mode):
+        return True
+    if segment < last and in_contact(own + 2, mode) and falls_off(segment + 1, ground):
+        return True
+    if segment > 0 and (in_contact(own - 1, mode) or (
+            in_contact(own - 2, mode) and falls_off(segment, ground))) and (
+                segment == last or place(segment + 1, segment, ground)
+                - place(segment, segment, ground) > radius):
+        return True
+    tangent_x, tangent_y = ground[segment, TANGENT_X], ground[segment, TANGENT_Y]
+    across = ground[segment, VERTEX_Y] * tangent_x - ground[segment, VERTEX_X] * tangent_y
+    return least(course_of(work, X, -tangent_y, tangent_x)) - across > radius
+
+
+@compiled
+def holds_throughout(work: Array, first: int, behind: int, system: System,
+                     mode: ContactMode) -> bool:
+    """
+    Return whether no guard is violated within the last step, among features as `modes` has them.
+
+    False says nothing.
+    """
+    if not smooth_contacts(mode) or system.actuator.limit < math.inf:
+        return False
+    for row in range(contact_count(mode)):
+        if not stays_on(work, row, system, mode):
+            return False
+    for segment in range(first >> 1, (behind + 1) >> 1):
+        if not out_of_reach(work, segment, system, mode):
+            return False
+    return True

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bound that spares most steps a look: it never says that a mode holds where it does not."""
+import math
+
+import numpy as np
+import pytest
+
+from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model, Terrain
+from ballbot_ros.physics.mechanics import modes
+from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.model.state import BALL_RATE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y
+from ballbot_ros.physics.solvers.dense import motion_at
+from ballbot_ros.physics.solvers.values import Workspace
+from ballbot_ros.physics.solvers.whole_step import holds_throughout, least, most
+
+# A gentle bend, a ramp, a step, a narrow ridge, a notch, and a face that hangs nearly over.
+GROUND = Terrain([[-1.0, 0.0], [0.0, 0.0], [0.5, 0.03], [0.9, 0.03], [0.901, 0.06], [1.3, 0.06],
+                  [1.31, 0.09], [1.32, 0.06], [1.6, 0.06], [1.7, 0.02], [1.8, 0.06], [2.5, 0.06]])
+THETAS = np.linspace(0.0, 1.0, 97)
+
+
+def random_step(draw, model, workspace):
+    """Write a dense output that begins on the ground, and freeze the mode of its begin."""
+    vector = np.zeros(SIZE)
+    # One in four in the notch, between two edges.
+    where = 1.7 if draw.random() < 0.25 else draw.uniform(-0.5, 2.3)
+    vector[:8] = model.at_rest(where)[1:9]
+    vector[X] += draw.normal() * 0.003
+    vector[Y] += draw.normal() * 0.002
+    speed = draw.uniform(-1.0, 1.0)
+    vector[VELOCITY_X] = speed
+    vector[VELOCITY_Y] = draw.normal() * 0.1
+    slip = draw.choice([0.3, 1.0, 10.0]) * draw.normal() * model.robot.slip_threshold
+    vector[BALL_RATE] = (slip - speed) / model.robot.ball_radius
+    system = System(model.parameters, model.profile, Actuation().actuator(model.robot))
+    modes.find_mode(0.0, vector, system, workspace.mode)
+    dense, scale = workspace.dense, 10.0**draw.uniform(-4.0, -1.5)
+    dense[:, :8] = scale * draw.normal(size=(5, 8)) * draw.choice([0.1, 1.0], size=(5, 8))
+    dense[0, :8] = vector[:8]
+    return system
+
+
+def says_so(system, workspace):
+    """Return whether the mode is said to hold, with the features that a step looks at."""
+    dense, radius = workspace.dense, system.parameters.radius
+    way = float(np.sum(np.abs(dense[1:, X])))
+    first, behind = modes.features_within(dense[0, X], radius + way, system.ground)
+    return holds_throughout(workspace.work, first, behind, system, workspace.mode)
+
+
+def violated_within(system, workspace):
+    """Return whether any guard is violated at any of many times within the step."""
+    for theta in THETAS:
+        motion_at(theta, workspace.work)
+        if modes.violated_guards(theta, workspace.probe, system, workspace.mode, 0,
+                                 2 * len(system.ground) - 3, workspace.violated):
+            return True
+    return False
+
+
+@pytest.mark.parametrize('lever', ['contact', 'radius'])
+def test_where_it_says_that_a_mode_holds_no_guard_is_violated_at_any_time(lever):
+    draw = np.random.default_rng(11)
+    model = Model(load_robot('gimball'), GROUND, ContactOptions(slip_lever=lever))
+    workspace, said = Workspace.of(len(model.profile)), {0: 0, 1: 0, 2: 0}
+    edges = 0
+    for _ in range(4000):
+        system = random_step(draw, model, workspace)
+        if says_so(system, workspace):
+            assert not violated_within(system, workspace)
+            said[modes.contact_count(workspace.mode)] += 1
+            edges += workspace.mode.signs[0, modes.FEATURE] % 2
+    # It has something to say in the air, on a segment, and on an edge.
+    assert said[0] > 100 and said[1] > 400 and edges > 50
+
+
+def test_it_has_much_to_say_of_small_steps():
+    draw = np.random.default_rng(12)
+    model = Model(load_robot('gimball'), Terrain.step(0.03, at=0.5))
+    workspace, steps, said = Workspace.of(len(model.profile)), 0, 0
+    for _ in range(1000):
+        system = random_step(draw, model, workspace)
+        workspace.dense[1:, :8] *= 1e-3
+        signs, count = workspace.mode.signs, modes.contact_count(workspace.mode)
+        if count and np.all(signs[:count, modes.PRESSED] == 1):
+            steps += 1
+            said += says_so(system, workspace)
+    assert said > 0.8 * steps > 200
+
+
+def test_bounds_of_a_course_enclose_it_and_are_those_of_its_ends_where_it_is_a_line():
+    draw = np.random.default_rng(13)
+    for _ in range(200):
+        course = tuple(draw.normal(size=5))
+        rest = 1.0 - THETAS
+        values = course[0] + THETAS * (course[1] + rest * (
+            course[2] + THETAS * (course[3] + rest * course[4])))
+        assert least(course) <= values.min() + 1e-15 and values.max() - 1e-15 <= most(course)
+    assert (least((1.0, -2.0, 0.0, 0.0, 0.0)), most((1.0, -2.0, 0.0, 0.0, 0.0))) == (-1.0, 1.0)
+
+
+def test_of_a_motor_with_a_limit_and_of_a_corner_it_says_nothing():
+    draw = np.random.default_rng(14)
+    model = Model(load_robot('gimball'), Terrain.flat())
+    workspace = Workspace.of(len(model.profile))
+    system = random_step(draw, model, workspace)
+    workspace.dense[1:] = 0.0
+    limited = system._replace(actuator=system.actuator._replace(limit=1.0))
+    assert system.actuator.limit == math.inf
+    assert says_so(system, workspace) and not says_so(limited, workspace)
+    workspace.mode.signs[-1, modes.CORNERS] = 1
+    assert not says_so(system, workspace)
