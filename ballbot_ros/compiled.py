@@ -156,6 +156,20 @@ def inlined(function: F) -> F:
     return _compile(function, inline='always')
 
 
+def direct(kernel: F) -> F:
+    """
+    Return the machine code of a kernel, for calls with the types that it was compiled for.
+
+    numba finds the types of all arguments out anew in each call, which takes longer than to hand
+    them over.  Returns the kernel itself before its first call, where it was called with several
+    sets of types, and where nothing is compiled.
+    """
+    compiled_for = getattr(kernel, 'overloads', {})
+    if len(compiled_for) != 1:
+        return kernel
+    return cast(F, next(iter(compiled_for.values())).entry_point)
+
+
 def _compile(function: F, inline: str,
              nogil: bool = False, forceinline: bool = True) -> F:
     if not COMPILED:

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from ballbot_ros.compiled import direct
 from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.physics.solvers.values import (
@@ -31,7 +32,7 @@ class Ours:
         """Make what runs of all tolerances share."""
         model, method = case.model, METHODS['adaptive']
         actuator = case.actuation.actuator(model.robot, 0.0, case.start.joint_angle)
-        self.advance, self.duration = method.advance, case.duration
+        self.kernel, self.duration = method.advance, case.duration
         self.options = Options(1e-9, model.solver.step, method.steps, 2**62, flight)
         if 'ledger' in Options._fields:
             self.options = self.options._replace(ledger=ledger)
@@ -53,6 +54,7 @@ class Ours:
             return math.nan, math.nan
         if tolerance != self.tolerance:
             self.options, self.tolerance = self.options._replace(tolerance=tolerance), tolerance
+            self.advance = direct(self.kernel)
         self.state[:] = self.start
         self.advance((self.begin, self.duration, self.state, self.system, self.options[:],
                       NO_OUTPUT[:], self.arrays))

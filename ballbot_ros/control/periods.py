@@ -10,14 +10,13 @@ from typing import Tuple
 
 from ballbot_ros.compiled import compiled, unlocked
 from ballbot_ros.physics.mechanics.laws import available_torque, limited, position_torque
-from ballbot_ros.physics.mechanics.modes import ContactMode
 from ballbot_ros.physics.model.parameters import Actuator, Parameters, System, TORQUE
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, X, Y)
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.integrate import integrate
 from ballbot_ros.physics.solvers.values import (
-    EventRate, FINISHED, Options, Output, PackedWorkspace, Status, StepController, Workspace)
+    EventRate, FINISHED, Options, Output, PackedWorkspace, Status, StepController, unpacked)
 
 # Number of the first period, how many, length of each [s].
 Span = Tuple[int, int, float]
@@ -99,7 +98,7 @@ def advance_periods(call: Call) -> Tuple[int, int, float]:
     kp, kd, gravity_torque, most, stall, back, supply, maximum = drive
     parameters, ground = Parameters(*packed[0]), packed[1]
     options, output = Options(*solving), Output(*rows)
-    workspace = Workspace(ContactMode(*arrays[0]), *arrays[1:])
+    workspace = unpacked(arrays)
     torque = 0.0
     for number in range(first, first + count):
         wanted = limited(position_torque(state[PENDULUM_ANGLE], state[PENDULUM_RATE],

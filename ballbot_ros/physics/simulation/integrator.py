@@ -2,6 +2,7 @@
 """A method with the arrays that it works in, for one robot on one ground."""
 from typing import Optional
 
+from ballbot_ros.compiled import direct
 from ballbot_ros.physics.model.parameters import Actuator, Parameters
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.solver import Solver
@@ -69,6 +70,6 @@ class Integrator:
             budget = self.work + solver.work_budget
         options = Options(
             solver.tolerance, solver.step, self._method.steps, budget, self._flight)
-        return Status.of(self._method.advance((
+        return Status.of(direct(self._method.advance)((
             status.plain, end, state, (self._parameters, self._ground, actuator[:]), options[:],
             output[:], self._workspace)))

@@ -99,8 +99,7 @@ PackedStatus = tuple[int, float, int, tuple[float, bool, bool, float, int, int],
 # A slice of a named tuple, ``options[:]``, is plain.
 PackedSystem = tuple[tuple[float, ...], Array,
                      tuple[int, float, float, float, float, float, float, float]]
-PackedWorkspace = tuple[tuple[IntArray, Array], Array, Array, Array, Array, Array, Array, Array,
-                        Array, IntArray, IntArray, Array]
+PackedWorkspace = tuple[tuple[IntArray, Array], Array, Array, Array, IntArray, IntArray, Array]
 # Status, end [s], state, system, options, output and workspace; see `solvers`.
 Call = tuple[PackedStatus, float, Array, PackedSystem, tuple[float, float, int, int, bool, bool],
              tuple[Array, float, float, int], PackedWorkspace]
@@ -115,6 +114,15 @@ def packed(status: Status) -> PackedStatus:
              now.patience),
             (rate.chattering, rate.crowded, rate.stuck), status.begun, status.may_fly,
             status.before)
+
+
+@compiled
+def views(work: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """Return the views of `Workspace.work` that have names there."""
+    return (work[rows.RIGHT:rows.RIGHT + rows.WIDTH], work[rows.END:rows.END + rows.WIDTH],
+            work[rows.ERROR:rows.ERROR + rows.WIDTH],
+            work[rows.DENSE:rows.COLUMNS].reshape(-1, rows.WIDTH),
+            work[rows.PROBE:rows.PROBE + rows.WIDTH])
 
 
 class Workspace(NamedTuple):
@@ -137,19 +145,27 @@ class Workspace(NamedTuple):
     def of(cls, vertices: int) -> 'Workspace':
         """Return the workspace for a ground with so many vertices."""
         work = np.zeros(rows.ROWS)
-        rates, y_new, error, probe = (work[row:row + rows.WIDTH] for row in (
-            rows.RIGHT, rows.END, rows.ERROR, rows.PROBE))
-        dense = work[rows.DENSE:rows.COLUMNS].reshape(-1, rows.WIDTH)
+        # In Python: a kernel must not return arrays, see `compiled`.
+        of_work = getattr(views, 'py_func', views)(work)
         return cls(
-            ContactMode.of(vertices), work, rates, y_new, error, dense, probe,
-            np.zeros((STAGES, SIZE)), jacobian_table(),
+            ContactMode.of(vertices), work, *of_work, np.zeros((STAGES, SIZE)),
+            jacobian_table(),
             np.zeros((4 * vertices + 8, 2), dtype=np.int64),
             np.zeros(5, dtype=np.int64), np.zeros((LOG_LINES, 2)))
 
     @property
     def plain(self) -> 'PackedWorkspace':
-        """Return it as a solver takes it."""
-        return (self.mode[:], *self[1:])
+        """Return it as a solver takes it: without the views, since each array costs time."""
+        return (self.mode[:], self.work, *self[7:])
+
+
+@compiled
+def unpacked(workspace: PackedWorkspace) -> Workspace:
+    """Return the workspace that Python hands to a solver."""
+    mode, work, stages, jacobian, violated, statistics, log = workspace
+    rates, y_new, error, dense, probe = views(work)
+    return Workspace(ContactMode(*mode), work, rates, y_new, error, dense, probe, stages, jacobian,
+                     violated, statistics, log)
 
 
 @compiled
@@ -162,7 +178,7 @@ def named(call: Call) -> tuple[Status, float, Array, System, Options, Output, Wo
                    may_fly, before),
             end, state, System(Parameters(*parameters), ground, Actuator(*actuator)),
             Options(*options), Output(*output),
-            Workspace(ContactMode(*workspace[0]), *workspace[1:]))
+            unpacked(workspace))
 
 
 NO_OUTPUT = Output(np.zeros((0, 2 + SIZE)), 0.0, 1.0)
