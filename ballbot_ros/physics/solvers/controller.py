@@ -35,9 +35,9 @@ MEMORY = 0.01           # [s]: an error of velocity counts at least with this
 STABLE = 3.3            # step times rate of the fastest decay where explicit steps diverge
 AT_LIMIT = 0.6          # of the longest stable explicit step: it is stability that limits it
 SUSPICION = 8           # of a step at that limit; the half of it, of a step half as long
-# An implicit step takes 1.4 times as long as an explicit one of the same length.  It is worth it
-# from half the longest stable explicit step on: there an explicit one is as wrong as estimated, and
-# an implicit one a quarter of that.
+# An implicit step takes nearly twice as long as an explicit one.  It is worth it from half the
+# longest stable explicit step on: there an explicit step is as wrong as estimated, an implicit one
+# a quarter of that.
 IMPLICIT_WORTH = 0.5    # of the longest stable explicit step
 FIRST_TRIAL = 1.5       # times that: the first implicit step, over the explicit ones before
 FIRST_PATIENCE, LAST_PATIENCE = 16, 256  # suspicion after which an implicit step is tried
