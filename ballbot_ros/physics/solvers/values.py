@@ -146,10 +146,10 @@ class Workspace(NamedTuple):
         """Return the workspace for a ground with so many vertices."""
         work = np.zeros(rows.ROWS)
         # In Python: a kernel must not return arrays, see `compiled`.
-        of_work = getattr(views, 'py_func', views)(work)
+        rates, y_new, error, dense, probe = getattr(views, 'py_func', views)(work)
         return cls(
-            ContactMode.of(vertices), work, *of_work, np.zeros((STAGES, SIZE)),
-            jacobian_table(),
+            ContactMode.of(vertices), work, rates, y_new, error, dense, probe,
+            np.zeros((STAGES, SIZE)), jacobian_table(),
             np.zeros((4 * vertices + 8, 2), dtype=np.int64),
             np.zeros(5, dtype=np.int64), np.zeros((LOG_LINES, 2)))
 
