@@ -39,7 +39,7 @@ SAFETY = 0.1
 # A tolerance is to resolve the slip at which friction sets in, and how deep the ball sinks in, by
 # so much: two runs that cannot see these are wrong alike, whatever their methods.  In a hard
 # contact the ball vibrates by less than it sinks in, which long implicit steps damp.
-RESOLVED_SLIP, RESOLVED_PENETRATION = 0.3, 0.1
+RESOLVED_SLIP, RESOLVED_PENETRATION = 0.3, 0.2
 EARTH = 9.81  # [m/s2]: a ball without weight sinks in where it strikes
 # A run with a tolerance finer by `REFINEMENT` takes twice the work.  Where it takes so much more,
 # the tolerance is not what limits the steps: rounding is, or what the coarser run has missed.
