@@ -23,8 +23,8 @@ def evaluation(report: Dict[str, Any]) -> Figure:
 
     """
     planners = report['planners']
-    with canvas.drawing(10.4, 3.6) as figure:
-        left, middle, right = (figure.add_axes((0.06 + 0.33 * place, 0.17, 0.255, 0.68))
+    with canvas.drawing(10.4, 3.8) as figure:
+        left, middle, right = (figure.add_axes((0.06 + 0.33 * place, 0.16, 0.255, 0.66))
                                for place in range(3))
         draw_reliability(left, planners)
         draw_failures(middle, planners)
@@ -34,21 +34,23 @@ def evaluation(report: Dict[str, Any]) -> Figure:
             axes.set_title(title, loc='left', fontsize=9.5, weight='bold')
             axes.grid(color=canvas.SOIL, lw=0.5)
             axes.set_axisbelow(True)
+        # Each planner has its colour in the outer two; beside the points no room is left for sure.
+        figure.legend(*right.get_legend_handles_labels(), ncols=len(planners), fontsize=8,
+                      frameon=False, loc='upper center')
     return figure
 
 
 def draw_reliability(axes: Axes, planners: Dict[str, Any]) -> None:
     """Draw how often a promised probability of getting over was kept."""
     axes.plot([0.4, 1.0], [0.4, 1.0], color=canvas.GREY, lw=0.8, ls='--')
-    for (name, one), colour in zip(planners.items(), COLOURS):
+    for one, colour in zip(planners.values(), COLOURS):
         parts = [part for part in one['reliability'] if part['attempts']]
         if not parts:
             continue
         promised, share = ([part[key] for part in parts] for key in ('promised', 'kept'))
         errors = [[max(0.0, part['kept'] - part['interval'][0]) for part in parts],
                   [max(0.0, part['interval'][1] - part['kept']) for part in parts]]
-        axes.errorbar(promised, share, errors, fmt='o', ms=4, lw=1.0, color=colour, label=name)
-        axes.legend(fontsize=7.5, frameon=False, loc='upper left')
+        axes.errorbar(promised, share, errors, fmt='o', ms=4, lw=1.0, color=colour)
     axes.set_xlim(0.4, 1.01)
     axes.set_ylim(0.4, 1.01)
     axes.set_xlabel('promised probability of getting over')
@@ -65,7 +67,7 @@ def draw_failures(axes: Axes, planners: Dict[str, Any]) -> None:
         before = [low + share for low, share in zip(before, shares)]
     axes.invert_yaxis()
     axes.tick_params(axis='y', labelsize=7.5)
-    axes.set_xlim(0.0, 1.5 * max(1.0, *before))  # room for the legend
+    axes.set_xlim(0.0, 1.7 * max(1.0, *before))  # room for the legend
     axes.legend(fontsize=7.5, frameon=False, loc='center right')
     axes.set_xlabel('approaches of 1,000, hidden faces included')
 
@@ -80,4 +82,3 @@ def draw_rooms(axes: Axes, planners: Dict[str, Any]) -> None:
     axes.set_ylim(-0.03, 1.03)
     axes.set_xlabel('room before the step [m]')
     axes.set_ylabel('part that was crossed')
-    axes.legend(fontsize=7.5, frameon=False)
