@@ -36,6 +36,9 @@ except ImportError:
     COMPILED = False
 
 KEPT_CACHES = 4
+# Where the processor may round a product that is added once, not twice: a run has hundreds of
+# thousands.  A filter is held against its matrices to the last digits instead.
+FUSED = ('ballbot_ros.physics.', 'ballbot_ros.crossing.')
 # The folders that may hold any.
 KERNELS = ('physics', 'crossing', 'control', 'estimation', 'decision')
 
@@ -122,8 +125,8 @@ def compiled(function: F) -> F:
     """
     Mark a kernel for compilation.
 
-    No reordering, and no assumption that numbers are finite.  What is left to the processor is
-    whether it rounds once or twice where a product is added (*contract*).
+    No reordering, and no assumption that numbers are finite; see `FUSED` for what is left to the
+    processor.
     """
     return _compile(function, inline='never')
 
@@ -174,6 +177,7 @@ def _compile(function: F, inline: str,
              nogil: bool = False, forceinline: bool = True) -> F:
     if not COMPILED:
         return function
+    fused = {'contract'} if function.__module__.startswith(FUSED) else False
     before = numba_config.CACHE_DIR
     numba_config.CACHE_DIR = _FOLDER  # read while decorating only; others keep theirs
     try:
@@ -181,7 +185,7 @@ def _compile(function: F, inline: str,
         # whoever calls holds them, and the counting took twice as long as the mechanics.
         kernel: Any = numba.njit(
             cache=True, error_model='numpy', forceinline=forceinline, _nrt=False, inline=inline,
-            nogil=nogil, fastmath={'contract'})(function)
+            nogil=nogil, fastmath=fused)(function)
     finally:
         numba_config.CACHE_DIR = before
     cache = kernel._cache

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Start a node, spin it, and end it so that nothing is left running."""
+import faulthandler
 import gc
 import os
 import signal
@@ -22,6 +23,8 @@ from ballbot_ros.ros.logs import forward_logs
 
 # How long a stop signal, or the failure of a node, may wait to be seen [s].
 WAKE = 0.1
+# How long the middleware may take to end, once all is safe [s]; then the process ends without it.
+LAST = 20.0
 
 REFUSED = 2  # exit code when the node does not accept its configuration
 
@@ -64,6 +67,14 @@ def run_together(make_nodes: Sequence[Callable[[], Node]],
         0 after a signal, 2 for a configuration or an argument that is refused.
 
     """
+    try:
+        return _run_together(make_nodes, args)
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+
+
+def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[str]]) -> int:
+    """Run nodes, and destroy them and what they have raised."""
     stopping, making = Stop(), False
 
     def stop(number: int, frame: Any) -> None:
@@ -122,9 +133,11 @@ def run_together(make_nodes: Sequence[Callable[[], Node]],
         if not making:
             raise
         log.fatal(f'cannot start: {_one_line(error)}')
+        _end_in_time(nodes)
         return REFUSED
     except BallbotError as error:
         log.fatal(_one_line(error))
+        _end_in_time(nodes)
         return REFUSED
     finally:
         making = False
@@ -137,6 +150,17 @@ def run_together(make_nodes: Sequence[Callable[[], Node]],
         executor.shutdown()
         rclpy.try_shutdown()
     return 0
+
+
+def _end_in_time(nodes: Sequence[Node]) -> None:
+    """
+    Have a process end that has refused to start, even if its middleware does not let go of it.
+
+    A node that is destroyed while it is still being discovered may wait in Fast DDS for ever, at
+    full load, and with Python's lock held: only a thread outside of Python ends it, with code 1.
+    """
+    if not nodes:  # none that may have something to make safe yet
+        faulthandler.dump_traceback_later(LAST, exit=True, file=open(os.devnull, 'w'))
 
 
 def _watch(node: Node, stopping: Stop) -> None:

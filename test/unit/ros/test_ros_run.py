@@ -46,6 +46,31 @@ def test_a_node_that_fails_is_made_safe_and_says_so_in_one_line(
     assert 'Traceback' not in done.stderr
 
 
+STUCK = """
+import ctypes, sys
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.ros import run
+run.LAST = 1.0
+
+class Held:
+    def __del__(self):
+        ctypes.PyDLL(None).sleep(300)  # with the lock of Python, as a destructor of the middleware
+
+def make():
+    held = Held()
+    raise ConfigurationError('refused')
+
+sys.exit(run.run(make, []))
+"""
+
+
+def test_a_node_that_was_refused_ends_also_where_the_middleware_does_not_let_go(monkeypatch):
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
+    done = subprocess.run([sys.executable, '-c', STUCK], capture_output=True, text=True,
+                          timeout=60)
+    assert done.returncode == 1 and 'refused' in done.stderr
+
+
 BUSY = """
 import os, signal, sys
 from rclpy.executors import SingleThreadedExecutor
