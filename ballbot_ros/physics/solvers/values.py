@@ -156,7 +156,8 @@ class Workspace(NamedTuple):
     @property
     def plain(self) -> 'PackedWorkspace':
         """Return it as a solver takes it: without the views, since each array costs time."""
-        return (self.mode[:], self.work, *self[7:])
+        return (self.mode[:], self.work, self.stages, self.jacobian, self.violated,
+                self.statistics, self.log)
 
 
 @compiled

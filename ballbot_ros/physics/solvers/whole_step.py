@@ -58,8 +58,13 @@ def least(course: Course) -> float:
 @compiled
 def most(course: Course) -> float:
     """Return an upper bound."""
-    return course[0] + (max(course[1], 0.0) + 0.25 * max(course[2], 0.0)) + (
-        (4.0 / 27.0) * max(course[3], 0.0) + 0.0625 * max(course[4], 0.0))
+    return -least((-course[0], -course[1], -course[2], -course[3], -course[4]))
+
+
+@compiled
+def largest(course: Course) -> float:
+    """Return an upper bound of the absolute value."""
+    return max(most(course), -least(course))
 
 
 @compiled
@@ -88,8 +93,8 @@ def pressed_throughout(work: Array, row: int, normal: tuple[float, float, float]
         return False
     turned = aside / nearest
     beyond, shorter = 0.5 * turned * aside, 0.5 * turned * turned
-    fastest = max(most(closing), -least(closing))
-    quickest = max(most(passing), -least(passing))
+    fastest = largest(closing)
+    quickest = largest(passing)
     force = combined(-parameters.stiffness, away, -parameters.damping, closing)
     force_left = parameters.stiffness * (parameters.radius - beyond) + least(force) - (
         parameters.damping * (shorter * fastest + turned * quickest))
@@ -101,10 +106,10 @@ def pressed_throughout(work: Array, row: int, normal: tuple[float, float, float]
     if parameters.radius_lever == 0.0:
         lever, change = distance, max(farthest - distance, distance - nearest) + beyond
     slip = combined(1.0, passing, lever, spin)
-    unsure = shorter * quickest + turned * fastest + change * max(most(spin), -least(spin))
+    unsure = shorter * quickest + turned * fastest + change * largest(spin)
     sliding, threshold = mode.signs[row, SLIDING], parameters.slip_threshold
     if sliding == 0:
-        return max(most(slip), -least(slip)) + unsure < threshold
+        return largest(slip) + unsure < threshold
     return (least(slip) if sliding > 0 else -most(slip)) - unsure > threshold
 
 
@@ -138,7 +143,7 @@ def stays_on(work: Array, row: int, system: System, mode: ContactMode) -> bool:
             return False
         sideways = course_of(work, X, normal_y, -normal_x)
         sideways = (0.0, sideways[1], sideways[2], sideways[3], sideways[4])
-        aside = max(most(sideways), -least(sideways))
+        aside = largest(sideways)
     return pressed_throughout(work, row, (normal_x, normal_y, distance), friction, (aside, away),
                               system, mode)
 

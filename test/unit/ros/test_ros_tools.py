@@ -234,37 +234,16 @@ def test_the_e_stop_of_who_drives_is_that_of_the_bridge_or_else_the_topic(look, 
     assert look.wait(lambda: driver.said == 'engaged by service', 30.0)
 
 
-def test_a_node_runs_as_with_ros2_run_and_ends_well_with_ctrl_c():
+def logged_until(text, *words):
+    """Return exit code and log of `ballbot run` that gets Ctrl-C once it has logged a text."""
     process = subprocess.Popen(
-        [sys.executable, '-m', 'ballbot_ros.cli', 'run', 'imu', '--ros-args', '-p',
-         'port:=/dev/no_such_line', '-r', '__node:=my_imu'], stderr=subprocess.PIPE, text=True,
-        env={**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'},
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
-    try:
-        logged = ''
-        while 'no_such_line' not in logged:
-            logged += (line := process.stderr.readline())
-            assert line, logged
-        process.send_signal(signal.SIGINT)
-        logged += process.communicate(timeout=30.0)[1]
-    finally:
-        process.kill()
-        process.wait()
-    assert process.returncode == 0 and '[my_imu]' in logged and 'Traceback' not in logged
-
-
-def test_nodes_that_share_a_process_each_take_their_parameters_and_all_are_made_safe():
-    process = subprocess.Popen(
-        [sys.executable, '-m', 'ballbot_ros.cli', 'run', 'simulator', 'controller', '--ros-args',
-         '-p', 'simulator:lockstep:=true', '-p', 'simulator:real_time_factor:=0.0',
-         '-p', 'controller:tuning:=gentle'],
+        [sys.executable, '-m', 'ballbot_ros.cli', 'run', *words],
         stderr=subprocess.PIPE, text=True,
         env={**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'},
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
     try:
         logged = ''
-        # The controller hears the simulator within the process.
-        while 'joint states have arrived' not in logged:
+        while text not in logged:
             logged += (line := process.stderr.readline())
             assert line, logged
         process.send_signal(signal.SIGINT)
@@ -272,7 +251,22 @@ def test_nodes_that_share_a_process_each_take_their_parameters_and_all_are_made_
     finally:
         process.kill()
         process.wait()
-    assert process.returncode == 0 and 'Traceback' not in logged
+    return process.returncode, logged
+
+
+def test_a_node_runs_as_with_ros2_run_and_ends_well_with_ctrl_c():
+    code, logged = logged_until('no_such_line', 'imu', '--ros-args', '-p',
+                                'port:=/dev/no_such_line', '-r', '__node:=my_imu')
+    assert code == 0 and '[my_imu]' in logged and 'Traceback' not in logged
+
+
+def test_nodes_that_share_a_process_each_take_their_parameters_and_all_are_made_safe():
+    # The controller hears the simulator within the process.
+    code, logged = logged_until(
+        'joint states have arrived', 'simulator', 'controller', '--ros-args',
+        '-p', 'simulator:lockstep:=true', '-p', 'simulator:real_time_factor:=0.0',
+        '-p', 'controller:tuning:=gentle')
+    assert code == 0 and 'Traceback' not in logged
     assert "tuning 'gentle'" in logged and 'lockstep True' in logged
     assert '[simulator]' in logged and '[controller]' in logged
 
