@@ -36,8 +36,8 @@ except ImportError:
     COMPILED = False
 
 KEPT_CACHES = 4
-# Where the processor may round a product that is added once, not twice: a run has hundreds of
-# thousands.  A filter is held against its matrices to the last digits instead.
+# Where the processor may round a product that is added once, not twice, and may lose the sign of a
+# zero: a run has hundreds of thousands.  A filter is held against its matrices to the last digits.
 FUSED = ('ballbot_ros.physics.', 'ballbot_ros.crossing.')
 # The folders that may hold any.
 KERNELS = ('physics', 'crossing', 'control', 'estimation', 'decision')
@@ -170,14 +170,15 @@ def direct(kernel: F) -> F:
     compiled_for = getattr(kernel, 'overloads', {})
     if len(compiled_for) != 1:
         return kernel
-    return cast(F, next(iter(compiled_for.values())).entry_point)
+    # The view of an OrderedDict looks each key up; the hash of these types takes 12 us.
+    return cast(F, next(iter(dict.values(compiled_for))).entry_point)
 
 
 def _compile(function: F, inline: str,
              nogil: bool = False, forceinline: bool = True) -> F:
     if not COMPILED:
         return function
-    fused = {'contract'} if function.__module__.startswith(FUSED) else False
+    fused = {'contract', 'nsz'} if function.__module__.startswith(FUSED) else False
     before = numba_config.CACHE_DIR
     numba_config.CACHE_DIR = _FOLDER  # read while decorating only; others keep theirs
     try:

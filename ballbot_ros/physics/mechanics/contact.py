@@ -26,7 +26,7 @@ from ballbot_ros.compiled import compiled, inlined
 from ballbot_ros.physics.mechanics.contact_law import (
     COLUMNS, contact_load, CORNER, EDGE, force_and_slip, FRICTION, KIND, NORMAL_X, NORMAL_Y,
     PENETRATION, POINT_X, POINT_Y, pressed_sign, pressing_and_slipping, sliding_sign,
-    stored_energy, SURFACE)
+    slip_lever, stored_energy, SURFACE)
 from ballbot_ros.physics.model.parameters import Parameters
 from ballbot_ros.physics.model.state import BALL_RATE, VELOCITY_X, VELOCITY_Y, X, Y
 from ballbot_ros.physics.model.terrain import (
@@ -83,7 +83,8 @@ def meeting(feature: int, x: float, y: float,
                 - (x - ground[segment, VERTEX_X]) * tangent_y, ground[segment, SURFACE_FRICTION])
     away_x, away_y = x - ground[segment + 1, VERTEX_X], y - ground[segment + 1, VERTEX_Y]
     distance = math.sqrt(away_x * away_x + away_y * away_y)
-    return (away_x / distance, away_y / distance, distance,
+    per_distance = 1.0 / distance
+    return (away_x * per_distance, away_y * per_distance, distance,
             ground[segment + 1, EDGE_FRICTION])
 
 
@@ -93,8 +94,8 @@ def pressed_and_slid(feature: int, motion: Array, ground: Array,
     """Return what `meeting` does for the centre of the ball, then the force and slip there."""
     normal_x, normal_y, distance, friction = meeting(feature, motion[X], motion[Y], ground)
     force, slip, _, _ = pressing_and_slipping(
-        normal_x, normal_y, parameters.radius - distance, motion[VELOCITY_X],
-        motion[VELOCITY_Y], motion[BALL_RATE], parameters)
+        normal_x, normal_y, parameters.radius - distance, slip_lever(distance, parameters),
+        motion[VELOCITY_X], motion[VELOCITY_Y], motion[BALL_RATE], parameters)
     return normal_x, normal_y, distance, friction, force, slip
 
 

@@ -31,11 +31,17 @@ COLUMNS = 7
 
 
 @compiled
-def pressing_and_slipping(normal_x: float, normal_y: float, penetration: float,
+def slip_lever(distance: float, parameters: Parameters) -> float:
+    """Return the lever of the spin in eq. (8), for a centre at a distance from the contact [m]."""
+    return parameters.radius if parameters.radius_lever > 0.0 else distance
+
+
+@compiled
+def pressing_and_slipping(normal_x: float, normal_y: float, penetration: float, lever: float,
                           velocity_x: float, velocity_y: float, spin: float,
                           parameters: Parameters) -> tuple[float, float, float, float]:
     """
-    Return what eqs. (7) and (8) say of a contact with a normal [-] and a penetration [m].
+    Return what eqs. (7) and (8) say of a contact: normal [-], penetration and `slip_lever` [m].
 
     Returns
     -------
@@ -48,7 +54,6 @@ def pressing_and_slipping(normal_x: float, normal_y: float, penetration: float,
     normal_velocity = velocity_x * normal_x + velocity_y * normal_y
     along = velocity_x * normal_y - velocity_y * normal_x
     force = parameters.stiffness * penetration - parameters.damping * normal_velocity
-    lever = parameters.radius - (0.0 if parameters.radius_lever > 0.0 else penetration)
     return force, along + lever * spin, normal_velocity, along
 
 
@@ -76,9 +81,11 @@ def force_and_slip(state: Array, parameters: Parameters, contacts: Array,
         Positive away from the ground [m/s].
 
     """
+    penetration = contacts[row, PENETRATION]
     force, slip, normal_velocity, _ = pressing_and_slipping(
-        contacts[row, NORMAL_X], contacts[row, NORMAL_Y], contacts[row, PENETRATION],
-        state[VELOCITY_X], state[VELOCITY_Y], state[BALL_RATE], parameters)
+        contacts[row, NORMAL_X], contacts[row, NORMAL_Y], penetration,
+        slip_lever(parameters.radius - penetration, parameters), state[VELOCITY_X],
+        state[VELOCITY_Y], state[BALL_RATE], parameters)
     return force, slip, normal_velocity
 
 

@@ -25,7 +25,7 @@ from ballbot_ros.compiled import compiled
 from ballbot_ros.physics.mechanics.contact import meeting
 from ballbot_ros.physics.mechanics.contact_law import (
     CORNER, FRICTION, friction_scale, friction_slope, KIND, normal_and_friction,
-    pressing_and_slipping)
+    pressing_and_slipping, slip_lever)
 from ballbot_ros.physics.mechanics.equations import torque_slopes, unsaturated_torque
 from ballbot_ros.physics.mechanics.modes import (
     contact_count, ContactMode, FEATURE, MOTOR, PRESSED, SLIDING, smooth_contacts)
@@ -62,11 +62,11 @@ def add_load(out: Array, load: int, factor: float,
 
 @compiled
 def add_contact(state: Array, row: int, system: System, mode: ContactMode,
-                out: Array) -> tuple[float, float]:
+                out: Array) -> tuple[float, float, float]:
     """
     Add how the loads of one contact change with x, y, velocity_x, velocity_y, ball_rate.
 
-    Returns its share of force_x and force_y.
+    Returns its share of force_x and force_y [N], and of the torque [N m].
     """
     parameters, feature = system.parameters, mode.signs[row, FEATURE]
     normal_x, normal_y, distance, coefficient = meeting(
@@ -78,9 +78,10 @@ def add_contact(state: Array, row: int, system: System, mode: ContactMode,
     tangent_x, tangent_y = normal_y, -normal_x
     spin, stiffness = state[BALL_RATE], parameters.stiffness
     bend = 0.0 if feature & 1 == 0 else 1.0 / distance
+    lever = slip_lever(distance, parameters)
     force, slip, closing, along = pressing_and_slipping(
-        normal_x, normal_y, parameters.radius - distance, state[VELOCITY_X], state[VELOCITY_Y],
-        spin, parameters)
+        normal_x, normal_y, parameters.radius - distance, lever, state[VELOCITY_X],
+        state[VELOCITY_Y], spin, parameters)
     # Gradients; of the normal velocity: (closing_x, closing_y, normal_x, normal_y, 0).
     closing_x, closing_y = bend * along * tangent_x, bend * along * tangent_y
     drift_x, drift_y = -bend * closing * tangent_x, -bend * closing * tangent_y
@@ -95,9 +96,7 @@ def add_contact(state: Array, row: int, system: System, mode: ContactMode,
     rough = -pressed * coefficient
     share = rough * friction_scale(slip, sliding, parameters)
     steep = rough * normal * friction_slope(slip, sliding, parameters)
-    lever, growing = parameters.radius, 0.0
-    if parameters.radius_lever == 0.0:
-        lever, growing = distance, spin
+    growing = 0.0 if parameters.radius_lever > 0.0 else spin
     pressing = slope_x, slope_y, damping * normal_x, damping * normal_y, 0.0
     rubbing = (share * slope_x + steep * (drift_x + growing * normal_x),
                share * slope_y + steep * (drift_y + growing * normal_y),
@@ -115,12 +114,12 @@ def add_contact(state: Array, row: int, system: System, mode: ContactMode,
     add_load(out, 2, distance, rubbing)
     add_load(out, 2, friction, (normal_x, normal_y, 0.0, 0.0, 0.0))
     return (sign * normal * normal_x + friction * tangent_x,
-            sign * normal * normal_y + friction * tangent_y)
+            sign * normal * normal_y + friction * tangent_y, friction * distance)
 
 
 @compiled
 def write_jacobian(time: float, state: Array, system: System, mode: ContactMode,
-                   out: Array) -> None:
+                   out: Array) -> tuple[float, float, float]:
     """
     Write the derivative of `motion.accelerations` into the first four rows of `out`.
 
@@ -131,16 +130,22 @@ def write_jacobian(time: float, state: Array, system: System, mode: ContactMode,
     out : (7, 9) array
         See `jacobian_table`; SI.
 
+    Returns
+    -------
+    force_x, force_y, torque : float
+        What the ground does to the ball in that state [N], [N m].
+
     """
     parameters = system.parameters
     for row in range(ROWS):
         for column in range(9):
             out[row, column] = 0.0
-    force_x = force_y = 0.0
+    force_x = force_y = torque = 0.0
     for row in range(contact_count(mode)):
-        share_x, share_y = add_contact(state, row, system, mode, out)
+        share_x, share_y, turn = add_contact(state, row, system, mode, out)
         force_x += share_x
         force_y += share_y
+        torque += turn
     per_mass, per_inertia = 1.0 / parameters.mass, 1.0 / parameters.ball_inertia
     for shift in range(2):
         for row in range(3):
@@ -155,6 +160,7 @@ def write_jacobian(time: float, state: Array, system: System, mode: ContactMode,
     if parameters.swing_inertia > 0.0:
         saturated = mode.signs[len(mode.signs) - 1, MOTOR]
         add_pendulum(time, state, saturated, system, (force_x, force_y), out)
+    return force_x, force_y, torque
 
 
 @compiled

@@ -3,76 +3,110 @@
 How a motion goes on in a frozen mode: what a step of the adaptive method calls again and again.
 
 The same as `modes.mode_derivative` without the flows of energy, and without a table of contacts:
-all numbers stay in registers.
+all numbers stay in registers.  Nothing else can begin before the forces of the ground are known,
+so what the motion does without them, and what each newton of them adds, is computed beforehand.
 """
-import math
-
 from ballbot_ros.compiled import compiled, inlined
 from ballbot_ros.physics.mechanics.contact import pressed_and_slid
 from ballbot_ros.physics.mechanics.contact_law import normal_and_friction
 from ballbot_ros.physics.mechanics.equations import unsaturated_torque
 from ballbot_ros.physics.mechanics.modes import (
     contact_count, ContactMode, FEATURE, MOTOR, PRESSED, SLIDING)
+from ballbot_ros.physics.mechanics.turned import Direction, direction_near, Turned
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y)
 from ballbot_ros.physics.model.terrain import Array
 
+Accelerations = tuple[float, float, float, float]  # of ball, pendulum, x and y
+# What a newton along x and y adds: to the pendulum (two), to x along x, to x along y and to y
+# along x, to y along y.
+Compliance = tuple[float, float, float, float, float]
+
 
 @compiled
-def pushed(motion: Array, row: int, system: System,
-           mode: ContactMode) -> tuple[float, float, float]:
-    """Return force [N] and torque [N m] of one contact on the ball; eqs. (7)-(10)."""
-    parameters = system.parameters
-    normal_x, normal_y, distance, friction, force, slip = pressed_and_slid(
-        mode.signs[row, FEATURE], motion, system.ground, parameters)
-    pressing, rubbing = normal_and_friction(
-        force, slip, mode.signs[row, PRESSED], mode.signs[row, SLIDING], parameters, friction)
-    return (pressing * normal_x + rubbing * normal_y, pressing * normal_y - rubbing * normal_x,
-            rubbing * distance)
-
-
-@inlined
-def accelerations(time: float, motion: Array, system: System,
-                  mode: ContactMode) -> tuple[float, float, float, float]:
-    """Return the four accelerations in a frozen mode without a CORNER; see `equations`."""
-    parameters = system.parameters
+def without_ground(time: float, motion: Array, hanging: Direction, system: System,
+                   mode: ContactMode) -> tuple[Accelerations, Compliance]:
+    """Return the accelerations in a frozen mode without the ground, and what forces add."""
+    (sine, cosine), parameters = hanging, system.parameters
     per_mass = 1.0 / parameters.mass  # a division in each call would take as long as all else
-    force_x = force_y = torque = 0.0
-    for row in range(contact_count(mode)):
-        push_x, push_y, turn = pushed(motion, row, system, mode)
-        force_x += push_x
-        force_y += push_y
-        torque += turn
-    spin = motion[BALL_RATE]
-    torque -= parameters.rolling_friction * spin
     per_inertia = 1.0 / parameters.ball_inertia
+    spin = motion[BALL_RATE]
+    rolling = parameters.rolling_friction * spin
     if parameters.swing_inertia <= 0.0:
-        return (per_inertia * torque, 0.0, per_mass * force_x,
-                per_mass * force_y - parameters.gravity)
+        return ((-per_inertia * rolling, 0.0, 0.0, -parameters.gravity),
+                (0.0, 0.0, per_mass, 0.0, per_mass))
     saturated = mode.signs[len(mode.signs) - 1, MOTOR]
     motor = saturated * system.actuator.limit
     if saturated == 0:
         motor = unsaturated_torque(time, motion, system.actuator)
     rate = motion[PENDULUM_RATE]
     motor -= parameters.joint_friction * (rate - spin)
-    sine, cosine = math.sin(motion[PENDULUM_ANGLE]), math.cos(motion[PENDULUM_ANGLE])
-    # What the motor and the swing do without the ground, and how each force counts: little is
-    # left to compute once the forces are known.
     per_swing = 1.0 / parameters.swing_inertia
     arm = parameters.pendulum_moment * per_mass
     share, away, own = arm * per_swing, arm * rate * rate, per_swing * motor
     sway_x, sway_y = share * cosine, share * sine
     arm_x, arm_y = arm * cosine, arm * sine
-    cross, alone_x = arm_x * sway_y, away * sine - arm_x * own
-    alone_y = -parameters.gravity - away * cosine - arm_y * own
-    return (per_inertia * (torque - motor), own - (sway_x * force_x + sway_y * force_y),
-            alone_x + ((per_mass + arm_x * sway_x) * force_x + cross * force_y),
-            alone_y + (cross * force_x + (per_mass + arm_y * sway_y) * force_y))
+    return ((-per_inertia * (rolling + motor), own, away * sine - arm_x * own,
+             -parameters.gravity - away * cosine - arm_y * own),
+            (-sway_x, -sway_y, per_mass + arm_x * sway_x, arm_x * sway_y,
+             per_mass + arm_y * sway_y))
+
+
+@inlined
+def accelerations(time: float, motion: Array, start: Turned, system: System,
+                  mode: ContactMode) -> Accelerations:
+    """Return the four accelerations in a frozen mode without a CORNER; see `write_motion`."""
+    hanging = direction_near(motion[PENDULUM_ANGLE], start)
+    parameters = system.parameters
+    (turn, swing, along_x, along_y), (sway_x, sway_y, own_x, cross, own_y) = without_ground(
+        time, motion, hanging, system, mode)
+    per_inertia = 1.0 / parameters.ball_inertia
+    for row in range(contact_count(mode)):
+        normal_x, normal_y, distance, friction, force, slip = pressed_and_slid(
+            mode.signs[row, FEATURE], motion, system.ground, parameters)
+        pressing, rubbing = normal_and_friction(
+            force, slip, mode.signs[row, PRESSED], mode.signs[row, SLIDING], parameters, friction)
+        # Friction, along the tangent (normal_y, -normal_x), is known last.
+        swing += pressing * (sway_x * normal_x + sway_y * normal_y)
+        along_x += pressing * (own_x * normal_x + cross * normal_y)
+        along_y += pressing * (cross * normal_x + own_y * normal_y)
+        turn += rubbing * (per_inertia * distance)
+        swing += rubbing * (sway_x * normal_y - sway_y * normal_x)
+        along_x += rubbing * (own_x * normal_y - cross * normal_x)
+        along_y += rubbing * (cross * normal_y - own_y * normal_x)
+    return turn, swing, along_x, along_y
 
 
 @compiled
-def write_motion(time: float, motion: Array, system: System, mode: ContactMode,
+def write_rates(motion: Array, found: Accelerations, system: System, out: Array) -> None:
+    """Write velocities and accelerations of a motion."""
+    out[0] = motion[BALL_RATE]
+    out[1] = motion[PENDULUM_RATE] if system.parameters.swing_inertia > 0.0 else 0.0
+    out[2], out[3] = motion[VELOCITY_X], motion[VELOCITY_Y]
+    out[4], out[5], out[6], out[7] = found
+
+
+@compiled
+def write_motion_under(time: float, motion: Array, hanging: Direction,
+                       push: tuple[float, float, float], system: System, mode: ContactMode,
+                       out: Array) -> None:
+    """
+    Write what `write_motion` does, where more is known.
+
+    The direction of the pendulum, and force [N] and torque [N m] of the ground on the ball.
+    """
+    (turn, swing, along_x, along_y), (sway_x, sway_y, own_x, cross, own_y) = without_ground(
+        time, motion, hanging, system, mode)
+    force_x, force_y, torque = push
+    write_rates(motion, (turn + torque / system.parameters.ball_inertia,
+                         swing + (sway_x * force_x + sway_y * force_y),
+                         along_x + (own_x * force_x + cross * force_y),
+                         along_y + (cross * force_x + own_y * force_y)), system, out)
+
+
+@compiled
+def write_motion(time: float, motion: Array, start: Turned, system: System, mode: ContactMode,
                  out: Array) -> None:
     """
     Write how a motion goes on in a frozen mode.
@@ -83,12 +117,10 @@ def write_motion(time: float, motion: Array, system: System, mode: ContactMode,
         [s]
     motion, out : (8,) arrays, or longer
         Coordinates and velocities; velocities and accelerations.
+    start : tuple
+        A pendulum angle nearby and its direction, see `turned`.
     system, mode
         See `modes.mode_derivative`.
 
     """
-    out[0] = motion[BALL_RATE]
-    out[1] = motion[PENDULUM_RATE] if system.parameters.swing_inertia > 0.0 else 0.0
-    out[2], out[3] = motion[VELOCITY_X], motion[VELOCITY_Y]
-    out[4], out[5], out[6], out[7] = accelerations(time, motion, system, mode)
-
+    write_rates(motion, accelerations(time, motion, start, system, mode), system, out)

@@ -2,6 +2,9 @@
 """What the pendulum motor does during a simulation: section 4.2 of the paper."""
 from dataclasses import dataclass
 import math
+from typing import Any
+
+import numpy as np
 
 from ballbot_ros.config.fields import Checked, flag, quantity, text
 from ballbot_ros.errors import ConfigurationError
@@ -82,12 +85,13 @@ class Actuation(Checked):
             If the robot has no pendulum, or no motor for the voltage law.
 
         """
+        self.check_fits(robot)
+        return self.actuators(robot, start_time, start_joint_angle)
+
+    def actuators(self, robot: Robot, start_time: float, start_joint_angle: float) -> Actuator:
+        """Return what `actuator` does, unchecked; columns where there are any."""
         if self.law == 'free':
             return Actuator()
-        if not robot.has_pendulum:
-            raise ConfigurationError(
-                f'actuation: law {self.law!r} needs a pendulum and robot {robot.name!r} has '
-                "none; use 'free'")
         gravity = robot.largest_gravity_torque if self.gravity_compensation else 0.0
         if self.law == 'position':
             return Actuator(POSITION, self.set_angle, self.position_kp, self.position_kd,
@@ -97,21 +101,39 @@ class Actuation(Checked):
                             gravity, self.torque_limit, start_time, start_joint_angle)
         if self.law == 'torque':
             return Actuator(TORQUE, self.torque, limit=self.torque_limit)
-        return self._voltage_actuator(robot)
+        assert robot.motor is not None  # checked
+        return Actuator(
+            VOLTAGE, self.voltage, robot.motor.stall_torque_per_volt, robot.motor.back_voltage,
+            limit=np.minimum(self.torque_limit, robot.motor.maximum_torque))
 
-    def _voltage_actuator(self, robot: Robot) -> Actuator:
-        motor = robot.motor
-        if motor is None:
+    @property
+    def start_angle(self) -> float:
+        """Return the pendulum angle of an attempt that gives none: the one that is held [rad]."""
+        return self.set_angle if self.law == 'position' else 0.0
+
+    def fits(self, robot: Robot) -> Any:
+        """Return whether a robot has what the law takes; a column where there are any."""
+        if self.law == 'free':
+            return True
+        if self.law != 'voltage' or robot.motor is None:
+            return robot.has_pendulum & (self.law != 'voltage')
+        return robot.has_pendulum & (abs(self.voltage) <= robot.motor.maximum_voltage)
+
+    def check_fits(self, robot: Robot) -> None:
+        """Raise `ConfigurationError` if a robot has not what the law takes."""
+        if self.fits(robot):
+            return
+        if not robot.has_pendulum:
+            raise ConfigurationError(
+                f'actuation: law {self.law!r} needs a pendulum and robot {robot.name!r} has '
+                "none; use 'free'")
+        if robot.motor is None:
             raise ConfigurationError(
                 f"actuation: law 'voltage' needs a motor and robot {robot.name!r} describes "
                 'none; add a motor section to its file')
-        if abs(self.voltage) > motor.maximum_voltage:
-            raise ConfigurationError(
-                f'actuation: voltage must be within +-{motor.maximum_voltage:g} V of the '
-                f'motor of {robot.name!r}, got {self.voltage:g}')
-        return Actuator(
-            VOLTAGE, self.voltage, motor.stall_torque_per_volt, motor.back_voltage,
-            limit=min(self.torque_limit, motor.maximum_torque))
+        raise ConfigurationError(
+            f'actuation: voltage must be within +-{robot.motor.maximum_voltage:g} V of the '
+            f'motor of {robot.name!r}, got {self.voltage:g}')
 
 
 def set_rate_for_speed(robot: Robot, speed: float) -> float:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of a robot by name: ``ball_mass`` its own, ``motor.resistance`` its motor's."""
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import Any, Dict, Mapping
 
+from ballbot_ros.config.columns import changed
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import Motor, Robot
 
@@ -16,9 +17,9 @@ def described(cls: Any, prefix: str = '') -> Dict[str, Mapping[str, Any]]:
 ROBOT, MOTOR = described(Robot), described(Motor, 'motor.')
 
 
-def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
+def with_parameters(robot: Robot, values: Mapping[str, Any]) -> Robot:
     """
-    Return a robot with other parameters, named as in `ROBOT` and `MOTOR`, SI.
+    Return a robot with other parameters, named as in `ROBOT` and `MOTOR`, SI; or with columns.
 
     Raises
     ------
@@ -32,5 +33,5 @@ def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
         if robot.motor is None:
             raise ConfigurationError(
                 f'robot {robot.name!r} has no motor to change {min(motor)} of')
-        own['motor'] = replace(robot.motor, **motor)
-    return replace(robot, **own) if own else robot
+        own['motor'] = changed(robot.motor, motor)
+    return changed(robot, own)

@@ -32,8 +32,9 @@ class Parameters(NamedTuple):
 
     @classmethod
     def of(cls, robot: Robot, options: ContactOptions) -> 'Parameters':
-        """Return the parameters of a robot."""
-        own = robot.pendulum_mass * robot.pendulum_length**2
+        """Return the parameters of a robot; columns of columns."""
+        # No power: of a number and of a column, its last digit may differ.
+        own = robot.pendulum_mass * (robot.pendulum_length * robot.pendulum_length)
         return cls(
             robot.total_mass, robot.pendulum_mass * robot.pendulum_length, robot.ball_inertia,
             robot.pendulum_inertia + own * robot.ball_mass / robot.total_mass,

@@ -93,20 +93,21 @@ class Robot(Checked):
     def __post_init__(self) -> None:
         """Check each value, then that they fit together."""
         super().__post_init__()
+        if self.consistent:
+            return
         if self.pendulum_mass == 0.0:
             for name in ('pendulum_inertia', 'pendulum_length', 'joint_friction'):
                 if getattr(self, name) != 0.0:
                     raise ConfigurationError(
                         f'Robot: {name} must be 0 for a robot without a pendulum '
                         f'(pendulum_mass is 0), got {getattr(self, name)!r}')
-        elif self.pendulum_inertia == 0.0 and self.pendulum_length == 0.0:
-            raise ConfigurationError(
-                'Robot: a pendulum needs a pendulum_inertia or a pendulum_length above 0: '
-                'with both 0 nothing resists the motor')
         if self.pendulum_length > self.ball_radius:
             raise ConfigurationError(
                 f'Robot: pendulum_length must be at most ball_radius ({self.ball_radius:g} m), '
                 f'got {self.pendulum_length!r}')
+        raise ConfigurationError(
+            'Robot: a pendulum needs a pendulum_inertia or a pendulum_length above 0: '
+            'with both 0 nothing resists the motor')
 
     @classmethod
     def from_mapping(cls, mapping: Any, where: str) -> 'Robot':
@@ -129,6 +130,15 @@ class Robot(Checked):
         """Return what people know it by; ``dataclasses.asdict`` has all numbers."""
         return (f'Robot({self.name!r}, {self.total_mass:g} kg, ball_radius='
                 f'{self.ball_radius:g} m)')
+
+    @property
+    def consistent(self) -> bool:
+        """Return whether all that is known of the pendulum fits together, and into the ball."""
+        resists = (self.pendulum_inertia > 0.0) | (self.pendulum_length > 0.0)
+        nothing = ((self.pendulum_inertia == 0.0) & (self.pendulum_length == 0.0)
+                   & (self.joint_friction == 0.0))
+        return (self.pendulum_length <= self.ball_radius) & (
+            self.has_pendulum & resists | (self.pendulum_mass == 0.0) & nothing)
 
     @property
     def has_pendulum(self) -> bool:

@@ -127,6 +127,8 @@ class Terrain:
         """
         Return the vertices of each face that rises or drops, from left to right.
 
+        A face is steep from its foot to its edge, or for most of its height, as a rounded edge is.
+
         Parameters
         ----------
         least_slope : float
@@ -143,16 +145,17 @@ class Terrain:
         found = {}
         for sign in (1.0, -1.0):
             climb = sign * rise
-            belongs = (climb > 0.0) & (
-                (climb > least_slope * run) | (np.hypot(run, rise) < short))
+            steep = climb > least_slope * run
+            belongs = (climb > 0.0) & (steep | (np.hypot(run, rise) < short))
             if not endless:
                 belongs[[0, -1]] = False
             ends = np.flatnonzero(np.diff(np.concatenate([[0], belongs.astype(int), [0]])))
             for begin, end in zip(ends[::2], ends[1::2]):
                 face = self.vertices[begin:end + 1]
-                width, height = face[-1] - face[0]
-                # A quarter of a circle is as high as it is wide, but for rounding.
-                if sign * height >= max(least_height, least_slope * width * (1.0 - 1e-9)):
+                width, height = (face[-1] - face[0]) * (1.0, sign)
+                # A quarter of a circle is as high as it is wide, and less so on a slope.
+                mostly = np.sum(climb[begin:end][steep[begin:end]]) > 0.5 * height
+                if height >= least_height and (mostly or height >= least_slope * width):
                     found[begin] = face
         return [found[begin] for begin in sorted(found)]
 

@@ -17,6 +17,7 @@ from ballbot_ros.physics.model.parameters import Parameters
 from ballbot_ros.physics.model.state import (
     BALL_ANGLE, BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y, X)
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, VERTEX_X
+from ballbot_ros.physics.solvers.fifth_root import fifth_root
 from ballbot_ros.physics.solvers.values import AUTOMATIC, IMPLICIT, SMALLEST_STEP, StepController
 
 FIRST_STEP = 1e-4       # [s]
@@ -29,11 +30,11 @@ CONTACT_STEP = 1.0      # of the time a contact lasts, over 2 pi: the first step
 REPEATED = 0.9          # of the step that would do after all, where one was rejected
 SAFETY = 0.9            # of the step that would just be accurate enough
 FASTEST_GROWTH, FASTEST_SHRINKING = 5.0, 0.1  # of a step
-ORDER = 5               # of both methods
 MEMORY = 0.01           # [s]: an error of velocity counts at least with this
 
 STABLE = 3.3            # step times rate of the fastest decay where explicit steps diverge
 AT_LIMIT = 0.6          # of the longest stable explicit step: it is stability that limits it
+STEADY = 1.0            # of that: it grows no further, for then it would be rejected
 SUSPICION = 8           # of a step at that limit; the half of it, of a step half as long
 IMPLICIT_COST = 1.4     # explicit steps that an implicit one costs; with 0.5 runs took 3 % less
                         # time, and three more of 200,011 extreme ones were wrong
@@ -103,12 +104,23 @@ def step_limit(state: Array, distance: float, count: int, parameters: Parameters
 
 
 @compiled
-def started(controller: StepController, count: int, method: int) -> StepController:
-    """Return the controller where a run begins with so many contacts, or goes on."""
+def started(controller: StepController, count: int, method: int,
+            parameters: Parameters) -> StepController:
+    """Return the controller where a run begins with so many contacts, goes on, or lands."""
     if controller.step > 0.0:
-        return controller
+        longest = contact_step(parameters) if count > 0 else math.inf
+        return with_step(controller, min(controller.step, longest))
     implicit = method == IMPLICIT or (method == AUTOMATIC and count > 0)
-    return StepController(FIRST_STEP, implicit, False, FIRST_STEP, 0, FIRST_PATIENCE)
+    step = FIRST_STEP
+    if implicit and count > 0:
+        step = max(step, min(MEMORY, contact_step(parameters)))
+    return StepController(step, implicit, False, step, 0, FIRST_PATIENCE)
+
+
+@compiled
+def contact_step(parameters: Parameters) -> float:
+    """Return the first step of a contact [s]."""
+    return CONTACT_STEP * math.sqrt(parameters.mass / parameters.stiffness)
 
 
 @compiled
@@ -133,6 +145,18 @@ def stiffness_seen(now: StepController, stiffness: float) -> StepController:
 
 
 @compiled
+def steadiest(stiffness: float, again: bool) -> float:
+    """
+    Return by what an explicit step that was so much of the longest stable one may grow.
+
+    Where a longer one was just rejected, the next is no longer.
+    """
+    if again:
+        return 1.0
+    return max(1.0, STEADY / stiffness) if stiffness > STEADY / FASTEST_GROWTH else FASTEST_GROWTH
+
+
+@compiled
 def rejected(now: StepController, used: float, error: float, tolerance: float) -> StepController:
     """Return the controller after a step [s] that was not accurate enough."""
     if now.on_trial:
@@ -142,7 +166,7 @@ def rejected(now: StepController, used: float, error: float, tolerance: float) -
     shrink = FASTEST_SHRINKING
     if math.isfinite(error):
         shrink = max(FASTEST_SHRINKING,
-                     REPEATED * SAFETY * (tolerance / error)**(1.0 / ORDER))
+                     REPEATED * SAFETY * fifth_root(tolerance / error))
     return with_step(now, used * shrink)
 
 
@@ -168,7 +192,7 @@ def growth(error: float, tolerance: float) -> float:
     """Return by what the step may grow after an error."""
     if error == 0.0:
         return FASTEST_GROWTH
-    return min(FASTEST_GROWTH, SAFETY * (tolerance / error)**(1.0 / ORDER))
+    return min(FASTEST_GROWTH, SAFETY * fifth_root(tolerance / error))
 
 
 @compiled
@@ -221,8 +245,7 @@ def after_event(now: StepController, used: float, count: int, method: int,
     """
     step = min(now.step, LONGEST_STEP)
     if count > 0:
-        step = min(step, max(used, CONTACT_STEP * math.sqrt(
-            parameters.mass / parameters.stiffness)))
+        step = min(step, max(used, contact_step(parameters)))
     now = with_step(now, step)
     if method != AUTOMATIC or count == 0:
         return now

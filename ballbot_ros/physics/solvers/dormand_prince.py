@@ -14,8 +14,9 @@ import numpy as np
 from ballbot_ros.compiled import compiled
 from ballbot_ros.physics.mechanics.modes import mode_derivative, smooth_contacts
 from ballbot_ros.physics.mechanics.motion import write_motion
+from ballbot_ros.physics.mechanics.turned import Turned, turned_by
 from ballbot_ros.physics.model.parameters import System
-from ballbot_ros.physics.model.state import SIZE
+from ballbot_ros.physics.model.state import PENDULUM_ANGLE, SIZE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import rows
 from ballbot_ros.physics.solvers.controller import STABLE
@@ -42,15 +43,25 @@ STARTS = A.ravel()  # as `rows.sum_rows` takes them
 
 
 @compiled
-def write_rates(time: float, motion: int, out: int, system: System, workspace: Workspace) -> None:
-    """Write the rates of a motion, a row of the workspace, into another one."""
+def write_rates(time: float, motion: int, out: int, start: Turned, system: System,
+                workspace: Workspace) -> None:
+    """Write the rates of a motion, a row of the workspace, into another one; see `motion`."""
     work = workspace.work
     if smooth_contacts(workspace.mode):
-        write_motion(time, work[motion:motion + MOTION], system, workspace.mode,
+        write_motion(time, work[motion:motion + MOTION], start, system, workspace.mode,
                      work[out:out + MOTION])
     else:
         mode_derivative(time, work[motion:motion + SIZE], system, workspace.mode,
                         work[out:out + SIZE])
+
+
+@compiled
+def write_first(time: float, state: Array, system: System, workspace: Workspace) -> None:
+    """Write f0, the rates at the begin of a step."""
+    for i in range(MOTION):
+        workspace.y_new[i] = state[i]
+    write_rates(time, rows.END, rows.F0, turned_by(state[PENDULUM_ANGLE]), system, workspace)
+    workspace.statistics[EVALUATIONS] += 1
 
 
 @compiled
@@ -62,13 +73,15 @@ def step(time: float, state: Array, size: float, system: System, workspace: Work
     fastest decay, seen from the last two stages, which are at the same time; over `STABLE`.
     """
     work, last = workspace.work, rows.F0 + WIDTH * (STAGES - 1)
+    start = turned_by(state[PENDULUM_ANGLE])
     for i in range(MOTION):
         work[rows.START + i] = state[i]
     for stage in range(1, STAGES):
         if stage == STAGES - 1:
             sum_rows(work, rows.PROBE, rows.END, 0.0, ALONE, 0, rows.ZERO, 1)
         sum_rows(work, rows.END, rows.START, size, STARTS, (STAGES - 1) * stage, rows.F0, stage)
-        write_rates(time + C[stage] * size, rows.END, rows.F0 + WIDTH * stage, system, workspace)
+        write_rates(time + C[stage] * size, rows.END, rows.F0 + WIDTH * stage, start, system,
+                    workspace)
     apart = faster = 0.0
     for i in range(MOTION):
         apart += (work[rows.END + i] - work[rows.PROBE + i])**2

@@ -28,13 +28,18 @@ def product(one: Block, other: Block) -> Block:
 
 
 @compiled
-def inverse(block: Block) -> tuple[Block, bool]:
-    """Return the inverse of a block, and whether it is one."""
+def adjugate(block: Block) -> tuple[Block, float, bool]:
+    """Return determinant times inverse of a block, the determinant, and whether they are exact."""
     a, b, c, d = block
     determinant = a * d - b * c
-    factor = 1.0 / determinant
-    return ((factor * d, -factor * b, -factor * c, factor * a),
+    return ((d, -b, -c, a), determinant,
             abs(determinant) > CANCELLED * (abs(a * d) + abs(b * c)))
+
+
+@compiled
+def multiple(factor: float, block: Block) -> Block:
+    """Return a multiple of a block."""
+    return factor * block[0], factor * block[1], factor * block[2], factor * block[3]
 
 
 @compiled
@@ -105,20 +110,25 @@ def invert(jacobian: Array, scale: float, work: Array) -> None:
         See `rows`.
 
     """
-    # Blocks: [turn, across; back, move].
-    across, back = block_of(jacobian, scale, 0, 2), block_of(jacobian, scale, 2, 0)
-    moved, fine = inverse(block_of(jacobian, scale, 2, 2))
+    # Blocks: [turn, across; back, move].  With the inverse of move, m / d, the complement of turn
+    # is (d turn - across m back) / d: so both divisions, which take long, go side by side.
+    turn, across = block_of(jacobian, scale, 0, 0), block_of(jacobian, scale, 0, 2)
+    back = block_of(jacobian, scale, 2, 0)
+    moved, size, fine = adjugate(block_of(jacobian, scale, 2, 2))
     first, second = product(across, moved), product(moved, back)
-    turn, lost = block_of(jacobian, scale, 0, 0), product(across, second)
-    turned, too = inverse((turn[0] - lost[0], turn[1] - lost[1], turn[2] - lost[2],
-                           turn[3] - lost[3]))
+    lost = product(across, second)
+    turned, area, too = adjugate((size * turn[0] - lost[0], size * turn[1] - lost[1],
+                                  size * turn[2] - lost[2], size * turn[3] - lost[3]))
     if fine and too:
+        per_size, per_area = 1.0 / size, 1.0 / area
         down, right = product(second, turned), product(turned, first)
-        more = product(down, first)
-        write_columns(turned, (-down[0], -down[1], -down[2], -down[3]), scale, INVERSE, work)
-        write_columns((-right[0], -right[1], -right[2], -right[3]),
-                      (moved[0] + more[0], moved[1] + more[1], moved[2] + more[2],
-                       moved[3] + more[3]), scale, INVERSE + 2 * WIDTH, work)
+        more = multiple(per_size * per_area, product(down, first))
+        write_columns(multiple(size * per_area, turned), multiple(-per_area, down), scale,
+                      INVERSE, work)
+        write_columns(multiple(-per_area, right),
+                      (per_size * moved[0] + more[0], per_size * moved[1] + more[1],
+                       per_size * moved[2] + more[2], per_size * moved[3] + more[3]), scale,
+                      INVERSE + 2 * WIDTH, work)
     else:
         invert_with_pivots(jacobian, scale, work)
     for j in range(COORDINATES):

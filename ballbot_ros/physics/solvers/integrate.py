@@ -24,8 +24,8 @@ from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import dormand_prince, rodas5p, rows
 from ballbot_ros.physics.solvers.controller import (
     accepted_explicit, accepted_implicit, after_event, clear_distance, error_length,
-    FASTEST_GROWTH, FASTEST_SHRINKING, growth, rejected, shortest, smallest_step, started,
-    step_limit, stiffness_seen, unavoidable, with_step)
+    FASTEST_SHRINKING, growth, rejected, shortest, smallest_step, started,
+    steadiest, step_limit, stiffness_seen, unavoidable, with_step)
 from ballbot_ros.physics.solvers.dense import (
     interpolate, motion_at, prepare_ledger, write_rows)
 from ballbot_ros.physics.solvers.events import CROWD, first_event, LOOKS, rated, STUCK
@@ -41,22 +41,21 @@ from ballbot_ros.physics.solvers.values import (
 PASSED = 100.0      # tolerances that a step may begin otherwise than its rates say; most do by few
 FREE_FEATURES = 32  # of the ground that a right-hand side pays for; more cost work, too
 
-
-@compiled
-def begin_mode(time: float, state: Array, system: System, workspace: Workspace) -> int:
-    """Freeze the mode of a state, write f0, and return how many contacts there are."""
-    count = find_mode(time, state, system, workspace.mode)
-    write_first(time, state, system, workspace)
-    return count
+# What is known at the begin of a step: nothing, f0, or that and the Jacobian ...
+NOTHING, RATES, JACOBIAN = range(3)
+KEPT = rows.HANGING + 3  # ... and where it is kept between two calls
 
 
 @compiled
-def write_first(time: float, state: Array, system: System, workspace: Workspace) -> None:
-    """Write f0, the rates at the begin of a step."""
-    for i in range(MOTION):
-        workspace.y_new[i] = state[i]
-    dormand_prince.write_rates(time, rows.END, rows.F0, system, workspace)
-    workspace.statistics[EVALUATIONS] += 1
+def take_step(time: float, state: Array, used: float, implicit: bool, ready: int, system: System,
+              workspace: Workspace) -> float:
+    """Take a step [s] with what is ready for it, and return how stiff an explicit one found it."""
+    if implicit:
+        rodas5p.step(time, state, used, system, workspace, ready == JACOBIAN)
+        return 0.0
+    if ready == NOTHING:
+        dormand_prince.write_first(time, state, system, workspace)
+    return dormand_prince.step(time, state, used, system, workspace)
 
 
 @compiled
@@ -68,12 +67,15 @@ def too_small(error: float, method: int, mode: ContactMode) -> int:
 
 
 @compiled
-def accepted(now: StepController, used: float, error: float, implicit: bool, again: bool,
+def accepted(now: StepController, used: float, error: float, implicit: bool, longest: float,
              options: Options, workspace: Workspace) -> StepController:
-    """Prepare the dense output of a step [s] that was accepted, and return the controller."""
+    """
+    Prepare the dense output of a step [s] that was accepted, and return the controller.
+
+    The next one is at most so many times as long.
+    """
     workspace.statistics[STEPS] += 1
-    # Where a longer step was just rejected the next one is no longer.
-    grow = min(growth(error, options.tolerance), 1.0 if again else FASTEST_GROWTH)
+    grow = min(growth(error, options.tolerance), longest)
     if implicit:
         rodas5p.prepare_dense(workspace)
         return accepted_implicit(now, used, grow, options.method,
@@ -115,9 +117,9 @@ def find_event(time: float, state: Array, used: float, distance: float, system: 
 
 
 @compiled
-def end_step(theta: float, reached: float, state: Array, implicit: bool, system: System,
-             workspace: Workspace, ledger: bool) -> None:
-    """Write the state at the end of a step, or at the event within it, into `state`."""
+def end_step(theta: float, state: Array, implicit: bool, workspace: Workspace,
+             ledger: bool) -> int:
+    """Write the state at the end of a step, or at the event in it; return what is ready then."""
     work = workspace.work
     if ledger:
         interpolate(min(theta, 1.0), workspace.dense, state)
@@ -126,14 +128,14 @@ def end_step(theta: float, reached: float, state: Array, implicit: bool, system:
         for i in range(MOTION):
             state[i] = work[rows.PROBE + i]
         workspace.statistics[EVENTS] += 1
-        return
+        return NOTHING
     for i in range(MOTION):
         state[i] = work[rows.END + i]
     if implicit:
-        write_first(reached, state, system, workspace)
-    else:
-        sum_rows(work, rows.F0, rows.ZERO, 1.0, ALONE, 0,
-                 rows.F0 + WIDTH * (dormand_prince.STAGES - 1), 1)
+        return NOTHING
+    sum_rows(work, rows.F0, rows.ZERO, 1.0, ALONE, 0,
+             rows.F0 + WIDTH * (dormand_prince.STAGES - 1), 1)
+    return RATES
 
 
 @compiled
@@ -152,7 +154,8 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
     """Do what `advance` does, inside the kernel that calls it: what it never uses is left out."""
     parameters, ground, statistics = system.parameters, system.ground, workspace.statistics
     time, filled, controller, rate = status.time, status.filled, status.controller, status.rate
-    begun, may_fly, known, again = status.begun, status.may_fly, False, False
+    begun, may_fly, again = status.begun, status.may_fly, False
+    ready = int(workspace.work[KEPT]) if begun else NOTHING
     flies, outcome = options.flight and has_closed_form(parameters, system.actuator), FINISHED
     while time < end and outcome == FINISHED:
         if filled >= output.pause:
@@ -167,9 +170,9 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
                 time = landed
                 continue
             note(workspace.log, time, FULL)
-            count = begin_mode(time, state, system, workspace)
-            controller = started(controller, count, options.method)
-            rate, begun, known = EventRate(0, 0, 0), True, False
+            controller = started(
+                controller, contact_count(workspace.mode), options.method, parameters)
+            rate, begun = EventRate(0, 0, 0), True
         if statistics[EVALUATIONS] + statistics[LOOKING] >= options.budget:
             outcome = BUDGET_EXCEEDED
             break
@@ -177,12 +180,9 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
         limit = step_limit(state, distance, contact_count(workspace.mode), parameters, ground)
         used = min(max(controller.step, smallest), limit, end - time)
         implicit = smooth_contacts(workspace.mode) and (controller.implicit or controller.on_trial)
-        if implicit:
-            rodas5p.step(time, state, used, system, workspace, known)
-            known = True
-        else:
-            controller = stiffness_seen(
-                controller, dormand_prince.step(time, state, used, system, workspace))
+        stiffness = take_step(time, state, used, implicit, ready, system, workspace)
+        ready = JACOBIAN if implicit else max(ready, RATES)
+        controller = stiffness_seen(controller, stiffness)
         error = error_length(workspace.error, parameters)
         if not (error <= options.tolerance or unavoidable(used, smallest, implicit, error)):
             statistics[REJECTED] += 1
@@ -194,29 +194,31 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
                     break
                 controller = shortest(controller, smallest)
             continue
-        controller = accepted(controller, used, error, implicit, again, options, workspace)
+        controller = accepted(controller, used, error, implicit, steadiest(stiffness, again),
+                              options, workspace)
         if options.ledger:
             prepare_ledger(time, state, used, system, workspace)
         theta = find_event(time, state, used, distance, system, workspace)
-        known = again = implicit and theta <= 1.0 and passes_something(
+        again = implicit and theta <= 1.0 and passes_something(
             used, smallest, options.tolerance, parameters, workspace)
-        if known:
+        if again:
             controller = shortest(controller, FASTEST_SHRINKING * used)
             continue
         rate, theta = rated(rate, theta, time, used)
         reached = min(time + used, end) if theta > 1.0 else time + theta * used
         filled = write_rows(
             output, filled, time, used, reached + smallest, system.actuator, workspace)
-        end_step(theta, reached, state, implicit, system, workspace, options.ledger)
+        ready = end_step(theta, state, implicit, workspace, options.ledger)
         if rate.crowded > CROWD:  # a long step is not accurate enough to tell events apart
             controller = with_step(controller, 0.5 * used)
         outcome = outcome_of(rate, state, ground)
         time = end if end - reached < smallest else reached
         if outcome == FINISHED and theta <= 1.0:
-            count = begin_mode(time, state, system, workspace)
+            count = find_mode(time, state, system, workspace.mode)
             controller = after_event(controller, used, count, options.method, parameters)
             may_fly = may_fly or count > 0
             begun = count > 0 or not (flies and may_fly)
+    workspace.work[KEPT] = ready
     return Status(outcome, time, filled, controller, rate, begun, may_fly, 0.0)
 
 

@@ -17,10 +17,11 @@ import numpy as np
 from ballbot_ros.compiled import compiled
 from ballbot_ros.physics.mechanics.jacobian import BALL, TIME, write_jacobian
 from ballbot_ros.physics.mechanics.modes import ContactMode
-from ballbot_ros.physics.mechanics.motion import accelerations
+from ballbot_ros.physics.mechanics.motion import accelerations, write_motion_under
+from ballbot_ros.physics.mechanics.turned import turned_by
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import (
-    BALL_RATE, COORDINATES, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y)
+    BALL_RATE, COORDINATES, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y)
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import rows
 from ballbot_ros.physics.solvers.controller import STABLE
@@ -123,7 +124,8 @@ def begin_stage(stage: int, per_size: float, work: Array) -> None:
 def add_motion(time: float, work: Array, system: System, mode: ContactMode) -> None:
     """Add how the motion at the end of a stage goes on to the right-hand side of the next."""
     motion, right = work[rows.END:rows.END + MOTION], rows.RIGHT
-    turn, swing, along_x, along_y = accelerations(time, motion, system, mode)
+    start = work[rows.HANGING], work[rows.HANGING + 1], work[rows.HANGING + 2]
+    turn, swing, along_x, along_y = accelerations(time, motion, start, system, mode)
     work[right] += motion[BALL_RATE]
     if system.parameters.swing_inertia > 0.0:
         work[right + 1] += motion[PENDULUM_RATE]
@@ -144,13 +146,17 @@ def step(time: float, state: Array, size: float, system: System, workspace: Work
     Parameters
     ----------
     known : bool
-        Whether the Jacobian is that of this state already, after a step that was rejected.
+        Whether Jacobian and f0 are those of this state already, after a step that was rejected.
 
     """
     jacobian, work = workspace.jacobian, workspace.work
     if not known:
-        write_jacobian(time, state, system, workspace.mode, jacobian)
-        workspace.statistics[EVALUATIONS] += 1
+        push = write_jacobian(time, state, system, workspace.mode, jacobian)
+        start = turned_by(state[PENDULUM_ANGLE])
+        work[rows.HANGING], work[rows.HANGING + 1], work[rows.HANGING + 2] = start
+        write_motion_under(time, state, start[1:], push, system, workspace.mode,
+                           work[rows.F0:rows.F0 + MOTION])
+        workspace.statistics[EVALUATIONS] += 2  # these rates, and the Jacobian
     timed = jacobian[BALL, TIME] != 0.0
     scale = GAMMA * size
     invert(jacobian, scale, work)

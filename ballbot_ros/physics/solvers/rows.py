@@ -30,7 +30,8 @@ WIDTH = 16  # of a row
  COLUMNS,  # eight of them, of the matrix that solves a stage, see `elimination`
  _, _, _, _, _, _, _,
  FACTORS,  # of a sum
- ROWS) = (WIDTH * row for row in range(30))
+ HANGING,  # the pendulum angle at the begin and its direction, see `turned`; `integrate.KEPT`
+ ROWS) = (WIDTH * row for row in range(31))
 
 
 def sum_rows(work: Array, out: int, start: int, scale: float, factors: Array, first: int,

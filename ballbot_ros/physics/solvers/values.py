@@ -74,7 +74,7 @@ class Status(NamedTuple):
     filled: int = 0  # rows of the output
     controller: StepController = StepController()
     rate: EventRate = EventRate()
-    begun: bool = False  # whether mode and stages[0] in the workspace are those of the state
+    begun: bool = False  # whether the workspace holds the mode of the state; see `integrate.KEPT`
     may_fly: bool = True  # not just after a flight that was not worth it
     before: float = 0.0  # the step before, for a method that looks back [s]
 

@@ -91,10 +91,11 @@ def pressed_throughout(work: Array, row: int, normal: tuple[float, float, float]
     nearest, farthest = least(away), most(away)
     if nearest <= 0.5 * parameters.radius:
         return False
-    turned = aside / nearest
-    beyond, shorter = 0.5 * turned * aside, 0.5 * turned * turned
-    fastest = largest(closing)
-    quickest = largest(passing)
+    beyond = shorter = turned = fastest = quickest = 0.0
+    if aside > 0.0:
+        turned = aside / nearest
+        beyond, shorter = 0.5 * turned * aside, 0.5 * turned * turned
+        fastest, quickest = largest(closing), largest(passing)
     force = combined(-parameters.stiffness, away, -parameters.damping, closing)
     force_left = parameters.stiffness * (parameters.radius - beyond) + least(force) - (
         parameters.damping * (shorter * fastest + turned * quickest))

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled and plain kernels give the same numbers, and machine code is kept with care."""
+from collections import OrderedDict
 import errno
 import fcntl
 import json
@@ -111,3 +112,26 @@ def test_a_full_disk_costs_a_compilation_not_the_run(writing, tmp_path):
     writing(fail)
     assert compiled.compiled(double)(2.0) == 4.0
     assert not list(tmp_path.rglob('*.nbc'))
+
+
+def test_machine_code_is_found_without_a_look_at_the_types_of_a_kernel():
+    # Their hash, of tuples of tuples, takes longer than many a call.
+    class Types:
+        looks = 0
+
+        def __hash__(self):
+            self.looks += 1
+            return 0
+
+    class Kernel:
+        overloads = OrderedDict()
+
+    class Machine:
+        entry_point = 'code'
+    types, kernel = Types(), Kernel()
+    assert compiled.direct(kernel) is kernel
+    kernel.overloads[types] = Machine
+    before = types.looks
+    assert compiled.direct(kernel) == 'code' and types.looks == before
+    kernel.overloads[Types()] = Machine
+    assert compiled.direct(kernel) is kernel

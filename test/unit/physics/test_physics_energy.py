@@ -3,13 +3,14 @@
 from dataclasses import replace
 import math
 
-from hypothesis import given, settings, strategies
+from hypothesis import example, given, settings, strategies
 import numpy as np
 import pytest
 
 from ballbot_ros.config.files import config_folder
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Model, simulate, Solver, Terrain)
+from ballbot_ros.physics.simulation.steps import TooLongSteps
 
 ROBOTS = {name: load_robot(name) for name in ('gimball', 'shellball')}
 LOSSES = ('contact_loss', 'friction_loss', 'rolling_loss', 'joint_loss')
@@ -65,9 +66,14 @@ def test_ledger_of_any_crossing_closes_and_no_loss_ever_turns_back(**case):
 
 @settings(max_examples=40)
 @given(**RUNS)
+@example(robot='shellball', speed=0.5121940969649788, height=0.05, angle=0.0, law='free')
 def test_ledger_at_the_default_step_closes_to_a_ten_thousandth(**case):
     # A hard impact of the empty ball lasts 130 default steps, and begins within one of them.
-    assert relative_residual(step_run(**case, step=Solver().step)) < 1e-4
+    try:
+        trajectory = step_run(**case, step=Solver().step)
+    except TooLongSteps as refused:  # it parts from shorter ones, but loses nothing on its way
+        trajectory = refused.trajectory
+    assert relative_residual(trajectory) < 1e-4
 
 
 def test_ledger_improves_with_the_square_of_the_step():

@@ -10,12 +10,12 @@ from ballbot_ros.crossing import held_at
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import (
     Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
+from ballbot_ros.physics.mechanics.modes import find_mode
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.physics.simulation.solver import PRESETS
 from ballbot_ros.physics.solvers import rodas5p
 from ballbot_ros.physics.solvers.dense import interpolate
-from ballbot_ros.physics.solvers.integrate import begin_mode
 from ballbot_ros.physics.solvers.values import Workspace
 
 GIMBALL = load_robot('gimball')
@@ -42,7 +42,7 @@ def implicit_step(model, state, step, actuation=Actuation()):
                     actuation.actuator(model.robot, 0.0, state.joint_angle))
     workspace = Workspace.of(len(model.profile))
     vector, middle = np.array(state[1:]), np.zeros((3, 13))
-    begin_mode(0.0, vector, system, workspace)
+    find_mode(0.0, vector, system, workspace.mode)
     rodas5p.step(0.0, vector, step, system, workspace, False)
     rodas5p.prepare_dense(workspace)
     for row, theta in enumerate((0.25, 0.5, 0.75)):

@@ -17,6 +17,16 @@ RISE = Site(slope_behind=0.05)
 CLEAR = Rules(over='clear')
 
 
+@pytest.mark.parametrize('site', [
+    Site(), RISE, Site(-0.3, 0.7, 0.1, 0.2, 0.3), Site(0.5, -0.4, friction_edge=0.9),
+    Site(friction_before=0.0), Site(friction_behind=2.0)])
+@pytest.mark.parametrize('height', [1e-3, 0.03, 1.0])
+def test_the_ground_of_a_site_is_that_of_its_terrain(site, height):
+    robot = GIMBALL
+    expected = site.terrain(height).profile(robot.surface_friction, robot.edge_friction)
+    assert site.profile(robot, height) == pytest.approx(expected, rel=1e-12, abs=1e-12)
+
+
 def test_on_a_rising_ground_a_ball_past_the_edge_is_not_yet_clear_of_it():
     # What a ball gets beyond the edge it has climbed; half a radius are 11 cm.
     heights = [1e3 * max_step_height(GIMBALL, 0.85, site=RISE, rules=rules).height for rules in (

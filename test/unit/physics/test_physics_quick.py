@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Functions written anew because a step calls them often: as exact as they say."""
+import math
+
+from hypothesis import given, strategies as st
+import pytest
+
+from ballbot_ros.physics.mechanics.turned import direction_near, NEARBY, turned_by
+from ballbot_ros.physics.solvers.fifth_root import fifth_root
+
+angles = st.floats(-math.pi, math.pi)
+
+
+@given(angles, st.floats(-4.0 * NEARBY, 4.0 * NEARBY))
+def test_a_direction_near_a_known_one_is_exact_to_rounding(known, ahead):
+    angle = known + ahead
+    assert direction_near(angle, turned_by(known)) == pytest.approx(
+        (math.sin(angle), math.cos(angle)), rel=0.0, abs=4e-16)
+
+
+def test_a_direction_is_exact_where_the_series_ends():
+    for ahead in (-NEARBY, NEARBY):
+        assert direction_near(ahead, (0.0, 0.0, 1.0)) == pytest.approx(
+            (math.sin(ahead), math.cos(ahead)), rel=0.0, abs=1.2e-16)
+
+
+def test_the_direction_of_no_angle_is_none():
+    assert all(map(math.isnan, direction_near(math.nan, (0.0, 0.0, 1.0))))
+
+
+@given(st.floats(1e-300, 1e300))
+def test_the_quick_fifth_root_is_at_most_a_little_too_much(number):
+    assert -1e-12 <= fifth_root(number) / number**0.2 - 1.0 <= 0.007
