@@ -155,10 +155,15 @@ def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) 
     if kind is int and not (isinstance(value, int) or float(value).is_integer()):
         raise ConfigurationError(f'{place} must be a whole number, got {value!r}')
     number = kind(value)
-    inside = metadata['above'] < number and metadata['minimum'] <= number <= metadata['maximum']
-    if not math.isfinite(number) or not inside:
+    if not within(number, metadata):
         raise ConfigurationError(f'{place} must be {allowed(metadata)}, got {value!r}')
     return number
+
+
+def within(number: Any, metadata: Mapping[str, Any]) -> Any:
+    """Return whether a number is finite and in its field's range; of a column, a column."""
+    return ((abs(number) < math.inf) & (metadata['above'] < number)
+            & (metadata['minimum'] <= number) & (number <= metadata['maximum']))
 
 
 def suggestion(name: str, known: Iterable[str], listing: bool = True) -> str:

@@ -15,32 +15,24 @@ Like the paper's, the search believes that every step below one that is passed i
 Ask for a `scan` to have that looked at.
 """
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 import math
 import os
 from typing import Callable, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
+from ballbot_ros.config.columns import changed
 from ballbot_ros.config.fields import check_value, count, quantity
-from ballbot_ros.crossing.attempt import attempt, Crossing, OVER
 from ballbot_ros.crossing.rules import check_gravity, HEIGHT, Rules, Site, SPEED, too_fast
-from ballbot_ros.crossing.search import search, TOO_FAST
+from ballbot_ros.crossing.search import FINEST, TOO_FAST
+from ballbot_ros.crossing.table import BUDGET, Crossings, DESK, TOLERANCE
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.actuation import Actuation, refuse_degrees
 from ballbot_ros.physics.model.contact_options import ContactOptions
-from ballbot_ros.physics.model.parameters import Parameters, System
 from ballbot_ros.physics.model.robot import load_robot, Robot, RobotLike
 from ballbot_ros.physics.simulation.failures import failure
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.physics.solvers.values import FINISHED
-
-# The error is twice the width of the bracket; local errors of a step over that width.
-WIDTH = 0.5
-COARSE, FINE = 1e-1, 4e-3
-REFINEMENT = 0.03  # of the tolerances, where both do not agree
-FINEST = 1e-13  # tolerance that still means something [m]
-BUDGET = 50_000_000  # right-hand sides of one attempt; they take seconds
 
 ACCURACY = quantity('m', 'largest error of the height', minimum=1e-8, maximum=1e-2).metadata
 SCAN = count('heights on each side that are tried', maximum=10_000).metadata
@@ -103,37 +95,28 @@ def max_step_height(robot: RobotLike, speed: float, actuation: Actuation = Actua
     scan = check_value('scan', scan, SCAN, 'max_step_height')
     robot = load_robot(robot)
     crossing = _prepare(robot, speed, actuation, pendulum_angle, site, rules, options)
-    width = WIDTH * accuracy
-    coarse, fine = COARSE * width, FINE * width
-    # All energy gone into height; what is higher than the centre is a wall.
-    guess = min(speed * speed / (2.0 * robot.gravity), 0.5 * robot.ball_radius)
-    while True:
-        low, high, lowest, highest, outcome = search(width, coarse, fine, guess, crossing)
-        if outcome == TOO_FAST:
-            raise too_fast(robot, speed, high)
-        _check(outcome, crossing, fine)
-        error = (high - low) + (highest - lowest)
-        if error <= accuracy or fine <= FINEST:
-            break
-        coarse, fine = fine, max(REFINEMENT * fine, FINEST)
+    low, high, error, fine, outcome = crossing.found(accuracy)[0].tolist()
+    if outcome == TOO_FAST:
+        raise too_fast(robot, speed, high)
+    _check(outcome, fine)
     monotone = None
     if scan > 0:
         parts = (np.arange(scan) + 0.5) / scan
         heights = np.concatenate([low * parts if low > 0.0 else [], high * (1.0 + parts)])
         overs = [_try(item, fine, crossing)[0] for item in heights.tolist()]
         monotone = overs == (heights < high).tolist()
-    return MaxStepHeight(speed, float(low), float(error), monotone, *crossing.spent.tolist())
+    return MaxStepHeight(speed, low, error, monotone, *DESK.spent.tolist())
 
 
-def _check(outcome: int, crossing: Crossing, tolerance: float) -> None:
-    """Raise the error that explains how an attempt ended, if it did not end well."""
+def _check(outcome: float, tolerance: float) -> None:
+    """Raise the error that explains how the last attempt ended, if it did not end well."""
     if outcome != FINISHED:
-        raise failure(outcome, float(crossing.last[1]), crossing.state, Solver(
+        raise failure(int(outcome), float(DESK.last[1]), DESK.state, Solver(
             'adaptive', tolerance=max(tolerance, FINEST), work_budget=BUDGET))
 
 
 def try_step(robot: RobotLike, speed: float, height: float, actuation: Actuation = Actuation(),
-             pendulum_angle: Optional[float] = None, tolerance: float = 1e-7,
+             pendulum_angle: Optional[float] = None, tolerance: float = TOLERANCE,
              site: Site = Site(), rules: Rules = Rules(),
              options: ContactOptions = ContactOptions()) -> Tuple[bool, float]:
     """
@@ -161,33 +144,31 @@ def try_step(robot: RobotLike, speed: float, height: float, actuation: Actuation
     return _try(height, tolerance, crossing)
 
 
-def _try(height: float, tolerance: float, crossing: Crossing) -> Tuple[bool, float]:
+def _try(height: float, tolerance: float, crossing: Crossings) -> Tuple[bool, float]:
     """Return whether the ball gets over, and the score."""
-    verdict, score, outcome = attempt(height, tolerance, crossing)
-    _check(outcome, crossing, tolerance)
-    return bool(verdict == OVER), float(score)
+    passes, score, outcome = crossing.tried(np.array([height]), tolerance)[0].tolist()
+    _check(outcome, tolerance)
+    return passes > 0.0, score
 
 
 def _prepare(robot: Robot, speed: float, actuation: Actuation, pendulum_angle: Optional[float],
-             site: Site, rules: Rules, options: ContactOptions) -> Crossing:
-    """Return a crossing as the kernels read it; checked."""
+             site: Site, rules: Rules, options: ContactOptions) -> Crossings:
+    """Return one crossing as the kernels read it; checked."""
     speed = check_value('speed', speed, SPEED, 'max_step_height')
     check_gravity(robot)
     if not isinstance(actuation, Actuation):
         raise ConfigurationError(
             "max_step_height: actuation must be an Actuation, such as Actuation('velocity', "
             f'set_rate=3.0) or held_at(0.0), got {actuation!r}')
+    actuation.check_fits(robot)
     if pendulum_angle is None:
-        pendulum_angle = actuation.set_angle if actuation.law == 'position' else 0.0
+        pendulum_angle = actuation.start_angle
     refuse_degrees('max_step_height: pendulum_angle', pendulum_angle)
     if not math.isfinite(pendulum_angle):
         raise ConfigurationError(
             'max_step_height: pendulum_angle must be any finite number rad, '
             f'got {pendulum_angle!r}')
-    return Crossing.of(
-        rules.course(speed, pendulum_angle),
-        System(Parameters.of(robot, options), site.profile(robot),
-               actuation.actuator(robot, 0.0, pendulum_angle)), BUDGET)
+    return Crossings.of(1, robot, speed, pendulum_angle, actuation, site, rules, options)
 
 
 def max_step_heights(robot: RobotLike, speeds: Sequence[float],
@@ -223,8 +204,8 @@ def max_step_heights(robot: RobotLike, speeds: Sequence[float],
 
 def rolling(robot: Robot, actuation: Actuation = Actuation()) -> Callable[[float], Actuation]:
     """Return law (12) with the joint rate that rolls the ball at each speed."""
-    return lambda speed: replace(
-        actuation, law='velocity', set_rate=speed / robot.ball_radius)
+    return lambda speed: changed(
+        actuation, {'law': 'velocity', 'set_rate': speed / robot.ball_radius})
 
 
 def cruising(robot: Robot, actuation: Actuation = Actuation()) -> Callable[[float], Actuation]:
@@ -247,14 +228,14 @@ def cruising(robot: Robot, actuation: Actuation = Actuation()) -> Callable[[floa
     per_volt = motor.gear_ratio * motor.gear_efficiency * motor.torque_constant / motor.resistance
     per_rate = ((robot.rolling_friction + robot.joint_friction) / per_volt
                 + motor.gear_ratio * motor.speed_constant)
-    return lambda speed: replace(
-        actuation, law='voltage', voltage=per_rate * speed / robot.ball_radius)
+    return lambda speed: changed(
+        actuation, {'law': 'voltage', 'voltage': per_rate * speed / robot.ball_radius})
 
 
 def actuation_for(robot: Robot, actuation: Actuation) -> Callable[[float], Actuation]:
     """Return the actuation at each speed: a law (12), and a voltage of 0, follow it."""
     if actuation.law == 'velocity':
         return rolling(robot, actuation)
-    if actuation.law == 'voltage' and actuation.voltage == 0.0:
+    if actuation.law == 'voltage' and np.all(actuation.voltage == 0.0):
         return cruising(robot, actuation)
     return lambda _: actuation

@@ -16,12 +16,14 @@ over nor back when the time is up, such as one whose motor presses it against th
 ever, has failed.
 """
 from dataclasses import dataclass, replace
-from functools import lru_cache
 import math
-from typing import Any, Optional
+from typing import Any, Callable, Optional
 
+import numpy as np
+
+from ballbot_ros.config.columns import table
 from ballbot_ros.config.fields import Checked, quantity, text
-from ballbot_ros.crossing.attempt import Course
+from ballbot_ros.crossing.attempt import Course, VERTICES
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.robot import Robot
@@ -67,15 +69,35 @@ class Site(Checked):
             [floor, math.nan, upper], [math.nan, math.nan, edge, math.nan])
 
     def profile(self, robot: Robot, height: float = 1.0) -> Array:
-        """Return the ground as the kernels read it; read-only, for it is kept for others."""
-        return _profile(self, height, robot.surface_friction, robot.edge_friction)
+        """Return the ground as the kernels read it, (4, 7)."""
+        return self.grounds(robot, 1, height)[0]
+
+    def grounds(self, robot: Robot, number: int, height: float = 1.0) -> Array:
+        """
+        Return so many grounds as the kernels read them, (number, 4, 7), with steps of a height.
+
+        As `Terrain.profile` does for one; numbers of site and robot may be columns.
+        """
+        ahead_x, ahead_y = _each(math.cos, self.slope_before), _each(math.sin, self.slope_before)
+        behind_x, behind_y = _each(math.cos, self.slope_behind), _each(math.sin, self.slope_behind)
+        surface, edge = robot.surface_friction, robot.edge_friction
+        floor, corner, upper = (own if given is None else given for own, given in (
+            (surface, self.friction_before), (edge, self.friction_edge),
+            (surface, self.friction_behind)))
+        # A metre of ground, the foot, the edge, and a metre of ground; columns as in `terrain`.
+        numbers = (
+            -ahead_x, -ahead_y, ahead_x, ahead_y, 0.0, floor, edge,
+            0.0, 0.0, 0.0, 1.0, ahead_x, surface, edge,
+            0.0, height, behind_x, behind_y, -behind_x, upper, corner,
+            behind_x, height + behind_y, 0.0, 0.0, 0.0, 0.0, edge)
+        return table(numbers, number).reshape(number, VERTICES, 7)
 
 
-@lru_cache(maxsize=64)
-def _profile(site: Site, height: float, surface_friction: float, edge_friction: float) -> Array:
-    profile = site.terrain(height).profile(surface_friction, edge_friction)
-    profile.setflags(write=False)
-    return profile
+def _each(function: Callable[[float], float], values: Any) -> Any:
+    """Return a function of a number, or of each in a column: numpy's own may round otherwise."""
+    if isinstance(values, np.ndarray):
+        return np.array([function(value) for value in values.tolist()])
+    return function(values)
 
 
 @dataclass(frozen=True)

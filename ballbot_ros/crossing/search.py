@@ -11,6 +11,14 @@ from ballbot_ros.physics.solvers.values import FINISHED
 # Ends of a bracket, their scores, and the outcome.
 Bracket = tuple[float, float, float, float, int]
 
+# The error is twice the width of the bracket; local errors of a step over that width.
+WIDTH = 0.5
+COARSE, FINE = 1e-1, 1e-2
+REFINEMENT = 0.03  # of the tolerances, where both do not agree
+FINEST = 1e-13  # tolerance that still means something [m]
+
+# Where the scores point, and a little more: too high a step is wanted, and as near as can be.
+BEYOND = 1.02
 HIGHEST = 4.0  # step that is tried, over the radius
 TOO_FAST = -1  # outcome of a search that finds no step too high, beside those of a run
 
@@ -80,15 +88,15 @@ def climb(low: float, above: float, stride: float, tolerance: float,
         As of `narrow`; `outcome` may be TOO_FAST.
 
     """
-    least = 0.02 * stride
+    least, highest = 0.02 * stride, HIGHEST * crossing.system.parameters.radius
     while True:
-        high = low + stride
+        high = min(low + stride, highest)
         verdict, score, outcome = attempt(high, tolerance, crossing)
         if outcome != FINISHED or verdict != OVER:
             return low, high, above, score, outcome
-        if high > HIGHEST * crossing.system.parameters.radius:
+        if high >= highest:
             return low, high, above, score, TOO_FAST
-        aimed = 1.1 * stride * score / max(above - score, LEAST)
+        aimed = BEYOND * stride * score / max(above - score, LEAST)
         low, above = high, score
         stride = max(min(aimed, 4.0 * stride), least)
         least *= 4.0
@@ -142,3 +150,33 @@ def search(width: float, coarse: float, fine: float, guess: float,
     if outcome == FINISHED:
         low, high, outcome = narrow(low, high, above, below, width, fine, crossing)
     return low, high, min(low, lowest), max(high, highest), outcome
+
+
+@unlocked
+def find(accuracy: float, crossing: Crossing) -> Bracket:
+    """
+    Bracket the highest step to an accuracy [m], with tolerances as fine as that takes.
+
+    Returns
+    -------
+    low, high : float
+        See `search`.
+    error : float
+        Above the accuracy where even the finest tolerances do not agree [m].
+    tolerance : float
+        The finest that it took [m].
+    outcome : int
+        See `search`.
+
+    """
+    width = WIDTH * accuracy
+    coarse, fine = COARSE * width, FINE * width
+    robot, speed = crossing.system.parameters, crossing.course.speed
+    # All energy gone into height; what is higher than the centre is a wall.
+    guess = min(speed * speed / (2.0 * robot.gravity), 0.5 * robot.radius)
+    while True:
+        low, high, lowest, highest, outcome = search(width, coarse, fine, guess, crossing)
+        error = (high - low) + (highest - lowest)
+        if outcome != FINISHED or error <= accuracy or fine <= FINEST:
+            return low, high, error, fine, outcome
+        coarse, fine = fine, max(REFINEMENT * fine, FINEST)

@@ -11,10 +11,15 @@ from itertools import islice
 import json
 from pathlib import Path
 import shutil
-from typing import Any, Callable, Dict, List, Optional, Set, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Set, Tuple
+
+import numpy as np
 
 from ballbot_ros.crossing import max_step_height, try_step
+from ballbot_ros.crossing.table import Crossings, TOLERANCE
 from ballbot_ros.errors import BallbotError, ConfigurationError
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.solvers.values import FINISHED
 from ballbot_ros.results.files import replacing, write_text
 from ballbot_ros.studies.progress import ignore
 from ballbot_ros.studies.sweep_plan import NUMBERS, SweepPlan
@@ -24,6 +29,7 @@ AHEAD = 3     # blocks handed out for each worker
 TRIED = {'passes': '1', 'score': 'm2/s2'}
 NOTE = b'ballbot_sweep'  # in the metadata of a result: what it was made from
 SEARCHED = {'max_height': 'm', 'error': 'm'}
+Result = Tuple[Any, Any, Optional[str]]  # two of these, or why there are none
 
 
 def columns(plan: SweepPlan) -> Dict[str, str]:
@@ -40,24 +46,49 @@ def run_block(plan: SweepPlan, first: int, behind: int) -> Dict[str, List[Any]]:
     ``failure``; its results are empty.
     """
     rows = plan.block(first, behind)
-    results: List[Tuple[Any, Any, Optional[str]]] = []
-    for values in rows.tolist():
-        try:
-            robot, speed, height, actuation, site, rules = plan.case(dict(zip(plan.names, values)))
-            if height is None:
-                found = max_step_height(robot, speed, actuation, None, plan.accuracy, site, rules)
-                results.append((found.height, found.error, None))
-            else:
-                results.append((*try_step(
-                    robot, speed, height, actuation, site=site, rules=rules), None))
-        except BallbotError as error:
-            results.append((None, None, str(error)))
+    crossings, heights, prepared = plan.crossings(rows)
+    results: List[Any] = [None] * len(rows)
+    if crossings is not None:
+        ran = zip(np.flatnonzero(prepared).tolist(), _tried(crossings, heights)
+                  if heights is not None else _found(crossings, plan.accuracy))
+        for place, result in ran:
+            results[place] = result
+    for place, values in enumerate(rows.tolist()):
+        # By itself is what cannot be prepared or go on: there it is said why.
+        if results[place] is None:
+            results[place] = _run_alone(plan, dict(zip(plan.names, values)))
     units = columns(plan)
     names = list(units)
     table: Dict[str, List[Any]] = {'case': list(range(first, first + len(rows)))}
     table.update({name: rows[:, place].tolist() for place, name in enumerate(plan.names)})
     table.update({name: list(column) for name, column in zip(names[-3:], zip(*results))})
     return table
+
+
+def _tried(crossings: Crossings, heights: Array) -> List[Optional[Result]]:
+    """Return whether each ball gets over its step, and by how much; None where it cannot go on."""
+    results = crossings.tried(heights, TOLERANCE)
+    return [(passes > 0.0, score, None) if outcome == FINISHED else None
+            for passes, score, outcome in results.tolist()]
+
+
+def _found(crossings: Crossings, accuracy: float) -> List[Optional[Result]]:
+    """Return highest steps and their errors [m]; None where a ball cannot go on."""
+    results = crossings.found(accuracy)
+    return [(low, error, None) if outcome == FINISHED else None
+            for low, _, error, _, outcome in results.tolist()]
+
+
+def _run_alone(plan: SweepPlan, values: Mapping[str, float]) -> Result:
+    """Return the result of one case, or why it has none."""
+    try:
+        robot, speed, height, actuation, site, rules = plan.case(values)
+        if height is None:
+            found = max_step_height(robot, speed, actuation, None, plan.accuracy, site, rules)
+            return found.height, found.error, None
+        return (*try_step(robot, speed, height, actuation, site=site, rules=rules), None)
+    except BallbotError as error:
+        return None, None, str(error)
 
 
 def run_sweep(plan: SweepPlan, out: Path, pool: Executor, workers: int,

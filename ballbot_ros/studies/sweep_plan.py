@@ -9,24 +9,30 @@ from dataclasses import asdict, dataclass, replace
 import hashlib
 import json
 import math
-from typing import Any, Dict, Mapping, Tuple
+from typing import Any, Dict, Mapping, Optional, Tuple
 import warnings
 
 import numpy as np
 from scipy.stats import qmc
 
 from ballbot_ros import __version__
-from ballbot_ros.config.fields import check_value, Checked, count, quantity, suggestion, text
+from ballbot_ros.config.columns import changed
+from ballbot_ros.config.fields import (
+    check_value, Checked, count, quantity, suggestion, text, within)
 from ballbot_ros.crossing import actuation_for, Rules, Site
 from ballbot_ros.crossing.rules import HEIGHT, SPEED
+from ballbot_ros.crossing.table import Crossings
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Actuation, Robot
+from ballbot_ros.physics.model.actuation import SET_VALUES
 from ballbot_ros.physics.model.named_parameters import described, MOTOR, ROBOT, with_parameters
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.renamed import refuse_old_names
 
 DESIGNS = ('grid', 'sobol', 'random')
 MOST_CASES = 10**9
+
+RADIAN = math.pi / 180.0
 
 SITE, ACTUATION, RULES = described(Site), described(Actuation), described(Rules)
 CASE = {'speed': SPEED, 'height': HEIGHT}
@@ -160,21 +166,80 @@ class SweepPlan(Checked):
             points = np.random.Generator(bits).random((behind - first, len(low)))
         return np.array(low + points * (high - low), dtype=float)
 
-    def case(self, values: Mapping[str, float]) -> tuple[Any, ...]:
-        """Return robot, speed, height (None to search), actuation, site and rules of a case."""
-        values = {
-            IN_DEGREES.get(name, name): math.radians(value) if name in IN_DEGREES else value
-            for name, value in {**self.fixed, **values}.items()}
+    def case(self, values: Mapping[str, Any]) -> tuple[Any, ...]:
+        """
+        Return robot, speed, height (None to search), actuation, site and rules of a case.
+
+        Of columns in place of numbers: of many cases, see `columns`.
+        """
+        values = self.in_si(values)
 
         def change(part: Any, known: Mapping[str, Any]) -> Any:
-            new = {name: value for name, value in values.items() if name in known}
-            return replace(part, **new) if new else part
+            return changed(part, {
+                name: value for name, value in values.items() if name in known})
         robot = with_parameters(self.robot, values)
         actuation = change(self.actuation, ACTUATION)
         if 'set_rate' not in values:
             actuation = actuation_for(robot, actuation)(values['speed'])
         return (robot, values['speed'], values.get('height'), actuation,
                 change(self.site, SITE), change(self.rules, RULES))
+
+    def in_si(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what is fixed and what varies by its name in SI."""
+        return {IN_DEGREES.get(name, name): RADIAN * value if name in IN_DEGREES else value
+                for name, value in {**self.fixed, **values}.items()}
+
+    def crossings(self, rows: Array) -> tuple[Optional[Crossings], Any, Array]:
+        """
+        Return cases as the kernels read them.
+
+        Parameters
+        ----------
+        rows : (n, names) array
+            Of a block.
+
+        Returns
+        -------
+        crossings : Crossings or None
+            Of the cases that can be; None if none can.
+        heights : array or None
+            Of their steps [m].
+        which : (n,) array of bool
+            These cases.  What is wrong with another one, if anything, is said by `case`.
+
+        """
+        columns = {**{name: np.full(len(rows), value, dtype=float)
+                      for name, value in self.fixed.items()}, **dict(zip(self.names, rows.T))}
+        none = None, None, np.zeros(len(rows), dtype=bool)
+        if len(rows) == 1:  # no columns
+            return none
+        try:
+            with np.errstate(all='ignore'):
+                case = self.case(columns)
+                which = self._in_order(columns, case)
+                if not which.any():
+                    return none
+                robot, speed, height, actuation, site, rules = case
+                crossings = Crossings.of(
+                    len(rows), robot, speed, actuation.start_angle, actuation, site, rules)
+        except ConfigurationError:  # of all
+            return none
+        return (Crossings(crossings.rows[which], crossings.grounds[which]),
+                None if height is None else height[which], which)
+
+    def _in_order(self, columns: Mapping[str, Array], case: tuple[Any, ...]) -> Any:
+        """Return which cases have nothing wrong with them that can be known before."""
+        robot, _, _, actuation, _, _ = case
+        values = self.in_si(columns)
+        ranges = [within(value, SI_NUMBERS[name]) for name, value in values.items()]
+        ranges += [within(getattr(actuation, name), ACTUATION[name]) for name in SET_VALUES]
+        # One without its law is refused, and a voltage of 0 is one to be found.
+        loose = [value == 0.0 if actuation.law == 'free' else value != 0.0
+                 for name, value in values.items()
+                 if name in SET_VALUES and actuation.law in ('free', 'voltage')]
+        return np.logical_and.reduce([
+            *np.broadcast_arrays(*ranges, *loose, robot.consistent, robot.gravity > 0.0,
+                                 actuation.fits(robot))])
 
     def describe(self) -> Dict[str, Any]:
         """Return all that makes the results what they are, as JSON knows it."""

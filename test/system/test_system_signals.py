@@ -58,5 +58,6 @@ def test_while_all_are_busy(graph, number, busy):
     graph.start('controller')
     graph.start('obstacle_decision')
     graph.wait_for_time(states, 0.1)
+    graph.wait_for_log('obstacle_decision', 'running with')  # it may be importing yet
     graph.add_load(busy)
     assert end_all(graph, number) < 10.0  # 2 s on a machine with nothing else to do

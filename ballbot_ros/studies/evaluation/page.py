@@ -25,7 +25,7 @@ processor time in the mean: 5,000 of them are more than some minutes of two core
 Each approach is a robot drawn from the ranges of its file, with friction of 0.35 to 1.3 of what
 the file says, on a drawn ground (steps, thresholds, stairs, drops, walls, bevels, ramps, grooves,
 carpets, cords, slopes of -4 to 4 degrees, a drop or a wall behind a step) behind a drawn sensor
-(step or terrain sensor; noise told and untold, bias, losses, latency up to 0.5 s, short sight,
+(step or terrain sensor; noise reported and not, bias, losses, latency up to 0.5 s, short sight,
 heights that grow on approach). The plant is the full model at 500 Hz with the motor's line, under
 law (11) with the published gains; observations come at 50 Hz. The decision believes the nominal
 robot file. What each outcome is exactly: `ballbot_ros/studies/evaluation/judge.py`.

@@ -30,6 +30,18 @@ def test_steep_rises_and_drops_are_faces_and_slopes_are_not(piece, expected):
     assert np.array(found).reshape(-1, 2) == pytest.approx(np.array(expected).reshape(-1, 2))
 
 
+@pytest.mark.parametrize('slope_deg', [-10.0, -3.0, -0.2, 0.0, 0.2, 3.0, 10.0])
+@pytest.mark.parametrize('piece', [
+    {'carpet': {'thickness': 0.006, 'length': 1.0}}, {'cord': {'diameter': 0.008}},
+    {'threshold': {'height': 0.02, 'width': 0.1, 'bevel': 0.005}}])
+def test_a_rounded_edge_is_seen_on_any_slope(piece, slope_deg):
+    level, slope = ground(piece, {'flat': {'length': 1.0}}), np.tan(np.radians(slope_deg))
+    sheared = level.vertices + slope * level.vertices[:, :1] * [0.0, 1.0]
+    for seen, flat in zip(faces(Terrain(sheared)), faces(level), strict=True):
+        assert seen[0] == pytest.approx(flat[0], abs=0.002)  # a round crest wanders
+        assert seen[1] == pytest.approx(flat[1], abs=abs(slope) * 0.007)
+
+
 def test_the_next_face_ahead_of_the_centre_is_seen_within_reach():
     sensor = Sensor(ground({'step': {'height': 0.03}}, {'flat': {'length': 2.0}},
                            {'step': {'height': 0.08}}), reach=1.5)
