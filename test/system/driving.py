@@ -24,12 +24,26 @@ class Driving:
         return command_message(self.states[-1].header.stamp, torque)
 
     def release(self):
-        """Release the e-stop."""
+        """Release the e-stop until the motor has power."""
         self.graph.wait(lambda: self.states, 'joint states flow')
-        while not (answer := self.graph.call('bridge/release_e_stop', Trigger)).success:
-            assert 'stays engaged' in answer.message
-        self.graph.wait(lambda: self.status and self.status[-1].state in ('waiting', 'following'),
-                        'the motor has power')
+        for _ in range(5):
+            while not (answer := self.graph.call('bridge/release_e_stop', Trigger)).success:
+                assert 'stays engaged' in answer.message
+            self.status.clear()
+            if self.graph.wait(lambda: self.has_power() or self.not_armed(),
+                               'the motor has power') is True:
+                return
+        pytest.fail(f'the drive is not armed: {self.not_armed()}')
+
+    def has_power(self):
+        """Return whether the newest status says that the motor has power."""
+        return bool(self.status) and self.status[-1].state in ('waiting', 'following')
+
+    def not_armed(self):
+        """Return why arming failed, if a machine that is held up while it waits explains that."""
+        reason = self.status[-1].e_stop if self.status else ''
+        held_up = any(word in reason for word in ('not report', 'not answer', 'WATCHDOG'))
+        return reason if 'cannot arm' in reason and held_up else ''
 
     def pull(self):
         """Command a torque until the motor makes it, and forget what was told before."""

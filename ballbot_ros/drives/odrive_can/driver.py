@@ -21,10 +21,8 @@ from ballbot_ros.drives.odrive_can.settings import (
 from ballbot_ros.drives.wire import WireBudget
 from ballbot_ros.errors import DriveError
 
-# Between two requests while something is waited for [s].
-AGAIN = 0.01
-# A frame takes no longer on the wire than this, which is 160 bits at 125 kbit/s [s].
-WIRE_TIME = 0.0013
+AGAIN = 0.01        # between two requests while something is waited for [s]
+WIRE_TIME = 0.0013  # of a frame at most: 160 bits at 125 kbit/s [s]
 
 
 class ODriveCan(Driver):
@@ -46,7 +44,8 @@ class ODriveCan(Driver):
         self._condition = AxisCondition()
         self._version: tuple[int, ...] = ()
         self._replies: dict[int, bytes] = {}  # command -> what it told last
-        self._obeyed_until = -math.inf  # what was sent until then has been obeyed
+        # What was sent until then has been obeyed: by now, and at the newest heartbeat.
+        self._obeyed_until = self._told_until = -math.inf
         self._torque, self._torque_at = 0.0, -math.inf
         self._status_at, self._turn = -math.inf, 0
         self._heard: set[int] = set()  # nodes whose heartbeat came
@@ -143,10 +142,10 @@ class ODriveCan(Driver):
                    + codec.set_mode(node, TORQUE_CONTROL, PASSTHROUGH)
                    + codec.set_state(node, CLOSED_LOOP_CONTROL) + self._ask_position())
         while True:
-            condition.beats.clear()  # what came before says nothing of what has been obeyed since
-            self._until(lambda: bool(condition.beats) and self._obeyed_until >= begin,
-                        min(deadline, self.clock() + AGAIN))
-            names, obeyed = condition.faults(ours=True), self._obeyed_until >= begin
+            condition.beats.clear()  # a state from before this look is no news
+            obeyed = self._until(lambda: bool(condition.beats) and self._told_until >= begin,
+                                 min(deadline, self.clock() + AGAIN))
+            names = condition.faults(ours=True)
             if obeyed and condition.armed and not names:
                 return
             if obeyed and names or self.clock() >= deadline:
@@ -280,8 +279,9 @@ class ODriveCan(Driver):
         if content is None:
             return
         self._condition.take_beat(content, now)
+        self._told_until = self._obeyed_until
         if self._condition.idle:
-            self._off_asked_at = self._obeyed_until
+            self._off_asked_at = self._told_until
         self.telemetry = self.telemetry._replace(
             status_time=now, armed=self._condition.armed,
             faults=self._condition.faults(self._armed))

@@ -77,11 +77,12 @@ class Vesc(Driver):
                                self.telemetry.bus_voltage or math.nan)
 
     def _arm(self, deadline: float) -> None:
-        begin = self.clock()
+        begin, told = self.clock(), False
         while True:
             self._send(self._torque_message(0.0) + self._requests())
             self._until(lambda: self._status_asked_at >= begin, self._soon(deadline))
             answered = self._status_asked_at >= begin
+            told = told or answered
             if answered and self.telemetry.faults:
                 raise DriveError('not_armed', (
                     f'{self.line.port}: the VESC names {", ".join(self.telemetry.faults)}; the '
@@ -90,7 +91,7 @@ class Vesc(Driver):
                 return
             if self.clock() >= deadline:
                 raise DriveError('not_armed', f'{self.line.port}: the VESC ' + (
-                    'says that its timeout has expired, however often it is fed' if answered
+                    'says that its timeout has expired, however often it is fed' if told
                     else 'does not report its state'))
             begin = self.clock()
 

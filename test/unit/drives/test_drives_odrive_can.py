@@ -343,3 +343,12 @@ def test_the_torque_is_the_first_frame_of_a_stop_and_power_off_the_second():
     bench.driver.send_stop()
     assert commands(sent[0])[:2] == [codec.SET_INPUT_TORQUE, codec.SET_AXIS_STATE]
     assert frames(sent[0])[0].data == bytes(4)
+
+
+@both
+def test_arming_is_not_refused_for_an_error_told_before_it_was_cleared(kind):
+    for share in range(100):  # of the time between two heartbeats
+        bench = Bench(kind)
+        bench.driver.identify()
+        bench.pass_time(bench.device.settings.watchdog + 1.0 + 0.001 * share)
+        bench.driver.arm()
