@@ -18,8 +18,9 @@ import peers
 
 from ballbot_ros.physics.mechanics import equations, jacobian, modes
 from ballbot_ros.physics.mechanics.contact import contact_table
+from ballbot_ros.physics.mechanics.turned import turned_by
 from ballbot_ros.physics.model.parameters import System
-from ballbot_ros.physics.model.state import COORDINATES, PENDULUM_RATE, SIZE
+from ballbot_ros.physics.model.state import COORDINATES, PENDULUM_ANGLE, PENDULUM_RATE, SIZE
 
 MOTION = 8
 OPTIONS = {'error_model': 'numpy', '_nrt': False}
@@ -89,7 +90,8 @@ def compiled_case(case, with_slopes=True):
             table(space, SIZE, rows, columns))
         found = table(space, room + signs * sign_columns, slope_rows, slope_columns)
         modes.find_mode(time, state, system, mode)
-        jacobian.write_jacobian(time, state, system, mode, found)
+        jacobian.write_jacobian(
+            time, state, turned_by(state[PENDULUM_ANGLE])[1:], system, mode, found)
         target = table(out, 0, MOTION, MOTION)
         for column in range(MOTION):
             for row in range(COORDINATES):

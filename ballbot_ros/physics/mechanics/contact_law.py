@@ -118,7 +118,7 @@ def friction_scale(slip: float, sliding: int, parameters: Parameters) -> float:
     """
     if sliding != 0:
         return float(sliding)
-    ratio = slip / parameters.slip_threshold
+    ratio = slip * (1.0 / parameters.slip_threshold)
     if parameters.smooth_friction > 0.0:
         ratio = min(max(ratio, -1.0), 1.0)
         return 0.5 * ratio * (3.0 - ratio * ratio)

@@ -30,7 +30,7 @@ import math
 from ballbot_ros.compiled import compiled, inlined
 from ballbot_ros.physics.mechanics.contact import contact_loads
 from ballbot_ros.physics.mechanics.laws import (
-    limited, motor_torque, position_torque, velocity_torque)
+    limited, motor_torque, position_feedback, velocity_feedback)
 from ballbot_ros.physics.model.parameters import (
     Actuator, Parameters, POSITION, System, TORQUE, VELOCITY, VOLTAGE)
 from ballbot_ros.physics.model.state import (
@@ -45,15 +45,23 @@ Loads = tuple[float, float, float, float, float]
 @compiled
 def unsaturated_torque(time: float, state: Array, actuator: Actuator) -> float:
     """Return the torque tau2 that the law asks for, without the limit [N m]."""
+    sine = math.sin(state[PENDULUM_ANGLE]) if actuator.gravity_torque != 0.0 else 0.0
+    return torque_asked(time, state, sine, actuator)
+
+
+@compiled
+def torque_asked(time: float, state: Array, sine: float, actuator: Actuator) -> float:
+    """Return what `unsaturated_torque` does where the sine of the pendulum angle is known."""
     joint_rate = state[PENDULUM_RATE] - state[BALL_RATE]
     if actuator.law == POSITION:
-        return position_torque(state[PENDULUM_ANGLE], state[PENDULUM_RATE], actuator.set_value,
-                               actuator.kp, actuator.kd_or_ki, actuator.gravity_torque)
+        return actuator.gravity_torque * sine + position_feedback(
+            state[PENDULUM_ANGLE], state[PENDULUM_RATE], actuator.set_value, actuator.kp,
+            actuator.kd_or_ki)
     if actuator.law == VELOCITY:
         travel = state[PENDULUM_ANGLE] - state[BALL_ANGLE] - actuator.start_joint_angle
         lag = actuator.set_value * (time - actuator.start_time) - travel
-        return velocity_torque(state[PENDULUM_ANGLE], joint_rate, lag, actuator.set_value,
-                               actuator.kp, actuator.kd_or_ki, actuator.gravity_torque)
+        return actuator.gravity_torque * sine + velocity_feedback(
+            joint_rate, lag, actuator.set_value, actuator.kp, actuator.kd_or_ki)
     if actuator.law == VOLTAGE:
         return motor_torque(actuator.set_value, joint_rate, actuator.kp, actuator.kd_or_ki)
     if actuator.law == TORQUE:
@@ -62,19 +70,17 @@ def unsaturated_torque(time: float, state: Array, actuator: Actuator) -> float:
 
 
 @compiled
-def torque_slopes(state: Array,
-                  actuator: Actuator) -> tuple[float, float, float, float, float]:
+def torque_slopes(actuator: Actuator) -> tuple[float, float, float, float, float]:
     """
-    Return the derivatives of `unsaturated_torque`.
+    Return the derivatives of `unsaturated_torque` without gravity compensation: constants.
 
     By ball angle, pendulum angle, ball rate, pendulum rate and time.
     """
-    level = actuator.gravity_torque * math.cos(state[PENDULUM_ANGLE])
     if actuator.law == POSITION:
-        return 0.0, level - actuator.kp, 0.0, -actuator.kd_or_ki, 0.0
+        return 0.0, -actuator.kp, 0.0, -actuator.kd_or_ki, 0.0
     if actuator.law == VELOCITY:
         # The lag grows with the ball angle and shrinks with the pendulum angle.
-        return (actuator.kd_or_ki, level - actuator.kd_or_ki, actuator.kp, -actuator.kp,
+        return (actuator.kd_or_ki, -actuator.kd_or_ki, actuator.kp, -actuator.kp,
                 actuator.kd_or_ki * actuator.set_value)
     if actuator.law == VOLTAGE:
         back = actuator.kp * actuator.kd_or_ki

@@ -17,8 +17,6 @@ displacement dr turns the normal by ``kappa (t dr)``, and all else follows::
 Where there is a CORNER, the share of friction that it takes from its neighbours depends on the
 place, too; that is left out, and `smooth_contacts` says whether the derivative is complete.
 """
-import math
-
 import numpy as np
 
 from ballbot_ros.compiled import compiled
@@ -26,9 +24,10 @@ from ballbot_ros.physics.mechanics.contact import meeting
 from ballbot_ros.physics.mechanics.contact_law import (
     CORNER, FRICTION, friction_scale, friction_slope, KIND, normal_and_friction,
     pressing_and_slipping, slip_lever)
-from ballbot_ros.physics.mechanics.equations import torque_slopes, unsaturated_torque
+from ballbot_ros.physics.mechanics.equations import torque_asked, torque_slopes
 from ballbot_ros.physics.mechanics.modes import (
     contact_count, ContactMode, FEATURE, MOTOR, PRESSED, SLIDING, smooth_contacts)
+from ballbot_ros.physics.mechanics.turned import Direction
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y, X, Y)
@@ -118,8 +117,8 @@ def add_contact(state: Array, row: int, system: System, mode: ContactMode,
 
 
 @compiled
-def write_jacobian(time: float, state: Array, system: System, mode: ContactMode,
-                   out: Array) -> tuple[float, float, float]:
+def write_jacobian(time: float, state: Array, hanging: Direction, system: System,
+                   mode: ContactMode, out: Array) -> tuple[float, float, float]:
     """
     Write the derivative of `motion.accelerations` into the first four rows of `out`.
 
@@ -127,6 +126,8 @@ def write_jacobian(time: float, state: Array, system: System, mode: ContactMode,
     ----------
     time, state, system, mode
         See `modes.mode_derivative`; only the motion of the state is looked at.
+    hanging : tuple
+        Sine and cosine of the pendulum angle.
     out : (7, 9) array
         See `jacobian_table`; SI.
 
@@ -159,23 +160,23 @@ def write_jacobian(time: float, state: Array, system: System, mode: ContactMode,
     out[ALONG_Y, BALL_RATE] = per_mass * out[LOADS + 1, 4]
     if parameters.swing_inertia > 0.0:
         saturated = mode.signs[len(mode.signs) - 1, MOTOR]
-        add_pendulum(time, state, saturated, system, (force_x, force_y), out)
+        add_pendulum(time, state, hanging, saturated, system, (force_x, force_y), out)
     return force_x, force_y, torque
 
 
 @compiled
-def add_pendulum(time: float, state: Array, saturated: int, system: System,
+def add_pendulum(time: float, state: Array, hanging: Direction, saturated: int, system: System,
                  force: tuple[float, float], out: Array) -> None:
     """Add to the derivative what the pendulum and its motor do, and how they feel the loads."""
     (force_x, force_y), actuator, parameters = force, system.actuator, system.parameters
-    sine, cosine = math.sin(state[PENDULUM_ANGLE]), math.cos(state[PENDULUM_ANGLE])
-    rate = state[PENDULUM_RATE]
+    (sine, cosine), rate = hanging, state[PENDULUM_RATE]
     motor = saturated * actuator.limit
     # Slopes of the torque with ball and pendulum angle, ball and pendulum rate, and time.
     by_ball = by_angle = by_spin = by_rate = by_time = 0.0
     if saturated == 0:
-        motor = unsaturated_torque(time, state, actuator)
-        by_ball, by_angle, by_spin, by_rate, by_time = torque_slopes(state, actuator)
+        motor = torque_asked(time, state, sine, actuator)
+        by_ball, by_angle, by_spin, by_rate, by_time = torque_slopes(actuator)
+        by_angle += actuator.gravity_torque * cosine
     damping, per_inertia = parameters.joint_friction, 1.0 / parameters.swing_inertia
     per_ball, moment = 1.0 / parameters.ball_inertia, parameters.pendulum_moment / parameters.mass
     swing = per_inertia * (motor - damping * (rate - state[BALL_RATE]) - moment * (

@@ -29,8 +29,15 @@ def position_torque(pendulum_angle: float, pendulum_rate: float, set_angle: floa
         M2 g e [N m], or 0 to leave gravity compensation out.
 
     """
-    return (kp * (set_angle - pendulum_angle) - kd * pendulum_rate
+    return (position_feedback(pendulum_angle, pendulum_rate, set_angle, kp, kd)
             + gravity_torque * math.sin(pendulum_angle))
+
+
+@compiled
+def position_feedback(pendulum_angle: float, pendulum_rate: float, set_angle: float, kp: float,
+                      kd: float) -> float:
+    """Return what `position_torque` does without gravity compensation [N m]."""
+    return kp * (set_angle - pendulum_angle) - kd * pendulum_rate
 
 
 @compiled
@@ -56,8 +63,15 @@ def velocity_torque(pendulum_angle: float, joint_rate: float, joint_lag: float,
         M2 g e [N m], or 0 to leave gravity compensation out.
 
     """
-    return (kp * (set_rate - joint_rate) + ki * joint_lag
+    return (velocity_feedback(joint_rate, joint_lag, set_rate, kp, ki)
             + gravity_torque * math.sin(pendulum_angle))
+
+
+@compiled
+def velocity_feedback(joint_rate: float, joint_lag: float, set_rate: float, kp: float,
+                      ki: float) -> float:
+    """Return what `velocity_torque` does without gravity compensation [N m]."""
+    return kp * (set_rate - joint_rate) + ki * joint_lag
 
 
 @compiled

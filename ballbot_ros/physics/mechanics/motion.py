@@ -9,7 +9,7 @@ so what the motion does without them, and what each newton of them adds, is comp
 from ballbot_ros.compiled import compiled, inlined
 from ballbot_ros.physics.mechanics.contact import pressed_and_slid
 from ballbot_ros.physics.mechanics.contact_law import normal_and_friction
-from ballbot_ros.physics.mechanics.equations import unsaturated_torque
+from ballbot_ros.physics.mechanics.equations import torque_asked
 from ballbot_ros.physics.mechanics.modes import (
     contact_count, ContactMode, FEATURE, MOTOR, PRESSED, SLIDING)
 from ballbot_ros.physics.mechanics.turned import Direction, direction_near, Turned
@@ -39,7 +39,7 @@ def without_ground(time: float, motion: Array, hanging: Direction, system: Syste
     saturated = mode.signs[len(mode.signs) - 1, MOTOR]
     motor = saturated * system.actuator.limit
     if saturated == 0:
-        motor = unsaturated_torque(time, motion, system.actuator)
+        motor = torque_asked(time, motion, sine, system.actuator)
     rate = motion[PENDULUM_RATE]
     motor -= parameters.joint_friction * (rate - spin)
     per_swing = 1.0 / parameters.swing_inertia
@@ -53,12 +53,32 @@ def without_ground(time: float, motion: Array, hanging: Direction, system: Syste
              per_mass + arm_y * sway_y))
 
 
+@compiled
+def of_ball_alone(motion: Array, system: System, mode: ContactMode) -> Accelerations:
+    """Return what `accelerations` does for a ball without a pendulum."""
+    parameters = system.parameters
+    per_mass, per_inertia = 1.0 / parameters.mass, 1.0 / parameters.ball_inertia
+    turn = -per_inertia * (parameters.rolling_friction * motion[BALL_RATE])
+    along_x, along_y = 0.0, -parameters.gravity
+    for row in range(contact_count(mode)):
+        normal_x, normal_y, distance, friction, force, slip = pressed_and_slid(
+            mode.signs[row, FEATURE], motion, system.ground, parameters)
+        pressing, rubbing = normal_and_friction(
+            force, slip, mode.signs[row, PRESSED], mode.signs[row, SLIDING], parameters, friction)
+        along_x += per_mass * pressing * normal_x + per_mass * rubbing * normal_y
+        along_y += per_mass * pressing * normal_y - per_mass * rubbing * normal_x
+        turn += rubbing * (per_inertia * distance)
+    return turn, 0.0, along_x, along_y
+
+
 @inlined
 def accelerations(time: float, motion: Array, start: Turned, system: System,
                   mode: ContactMode) -> Accelerations:
     """Return the four accelerations in a frozen mode without a CORNER; see `write_motion`."""
-    hanging = direction_near(motion[PENDULUM_ANGLE], start)
     parameters = system.parameters
+    if parameters.swing_inertia <= 0.0:
+        return of_ball_alone(motion, system, mode)
+    hanging = direction_near(motion[PENDULUM_ANGLE], start)
     (turn, swing, along_x, along_y), (sway_x, sway_y, own_x, cross, own_y) = without_ground(
         time, motion, hanging, system, mode)
     per_inertia = 1.0 / parameters.ball_inertia

@@ -151,8 +151,8 @@ def step(time: float, state: Array, size: float, system: System, workspace: Work
     """
     jacobian, work = workspace.jacobian, workspace.work
     if not known:
-        push = write_jacobian(time, state, system, workspace.mode, jacobian)
         start = turned_by(state[PENDULUM_ANGLE])
+        push = write_jacobian(time, state, start[1:], system, workspace.mode, jacobian)
         work[rows.HANGING], work[rows.HANGING + 1], work[rows.HANGING + 2] = start
         write_motion_under(time, state, start[1:], push, system, workspace.mode,
                            work[rows.F0:rows.F0 + MOTION])

@@ -17,8 +17,9 @@ from ballbot_ros.physics.mechanics.contact import ground_height
 from ballbot_ros.physics.mechanics.equations import derivative, is_finite
 from ballbot_ros.physics.mechanics.jacobian import write_jacobian
 from ballbot_ros.physics.mechanics.modes import find_mode
+from ballbot_ros.physics.mechanics.turned import turned_by
 from ballbot_ros.physics.model.parameters import Parameters, System
-from ballbot_ros.physics.model.state import SIZE, X, Y
+from ballbot_ros.physics.model.state import PENDULUM_ANGLE, SIZE, X, Y
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import rows
 from ballbot_ros.physics.solvers.controller import (
@@ -138,7 +139,8 @@ def advance(call: Call) -> PackedStatus:
         used = min(controller.step, options.step, end - time)
         if not known:
             find_mode(time, state, system, workspace.mode)
-            write_jacobian(time, state, system, workspace.mode, workspace.jacobian)
+            write_jacobian(time, state, turned_by(state[PENDULUM_ANGLE])[1:], system,
+                           workspace.mode, workspace.jacobian)
             known = True
         error = math.inf
         if iterate(time, state, used, tolerance, system, workspace):

@@ -9,7 +9,9 @@ import pytest
 
 from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model, Terrain
 from ballbot_ros.physics.mechanics import jacobian, modes
+from ballbot_ros.physics.mechanics.turned import turned_by
 from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.model.state import PENDULUM_ANGLE
 
 ROBOTS = {name: load_robot(name) for name in ('gimball', 'shellball')}
 # Two segments at an angle that leave no concave corner, and an edge between them.
@@ -22,7 +24,8 @@ def rates_and_slopes(model, actuation, vector, time=0.5):
     system = System(model.parameters, model.profile, actuation.actuator(model.robot, 0.0, 0.1))
     mode, out = modes.ContactMode.of(len(model.profile)), jacobian.jacobian_table()
     count = modes.find_mode(time, vector, system, mode)
-    jacobian.write_jacobian(time, vector, system, mode, out)
+    hanging = turned_by(vector[PENDULUM_ANGLE])[1:]
+    jacobian.write_jacobian(time, vector, hanging, system, mode, out)
     complete = jacobian.smooth_contacts(mode)
 
     def rates(moment, state):
