@@ -61,6 +61,21 @@ def ground_height(ground: Array, x: float) -> float:
 
 
 @compiled
+def away_from(segment: int, x: float, y: float, ground: Array) -> tuple[float, float]:
+    """Return the vector to a point from the point of a segment that is nearest to it [m]."""
+    away_x, away_y = x - ground[segment, VERTEX_X], y - ground[segment, VERTEX_Y]
+    along_x, along_y = ground[segment, TANGENT_X], ground[segment, TANGENT_Y]
+    along = away_x * along_x + away_y * along_y
+    # The foot of the perpendicular, or an end that is not infinite.
+    if along < 0.0 and segment > 0:
+        along = 0.0
+    if segment < len(ground) - 2:
+        along = min(along, (ground[segment + 1, VERTEX_X] - ground[segment, VERTEX_X]) * along_x
+                    + (ground[segment + 1, VERTEX_Y] - ground[segment, VERTEX_Y]) * along_y)
+    return away_x - along * along_x, away_y - along * along_y
+
+
+@compiled
 def meeting(feature: int, x: float, y: float,
             ground: Array) -> tuple[float, float, float, float]:
     """
@@ -82,8 +97,9 @@ def meeting(feature: int, x: float, y: float,
         return (-tangent_y, tangent_x, (y - ground[segment, VERTEX_Y]) * tangent_x
                 - (x - ground[segment, VERTEX_X]) * tangent_y, ground[segment, SURFACE_FRICTION])
     away_x, away_y = x - ground[segment + 1, VERTEX_X], y - ground[segment + 1, VERTEX_Y]
-    distance = math.sqrt(away_x * away_x + away_y * away_y)
-    per_distance = 1.0 / distance
+    square = away_x * away_x + away_y * away_y
+    distance = math.sqrt(square)
+    per_distance = distance * (1.0 / square)  # root and division do not wait for each other
     return (away_x * per_distance, away_y * per_distance, distance,
             ground[segment + 1, EDGE_FRICTION])
 

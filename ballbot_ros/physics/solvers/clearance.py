@@ -7,15 +7,20 @@ centre leaves the straight line by at most A t^2 / 2, where A bounds its acceler
 each segment ``gap + gap' h - A h^2 / 2 <= 0`` gives a time h before which there is no touch, and
 the least h of all segments may be stepped over.  Repeated, this converges on the first touch
 quadratically, and cannot pass it.
+
+A ball that is let go still overlaps the ground: gap < 0.  Its speed away stays above gap' - A h,
+so with ``gap'^2 > -2 A gap`` it has left before it comes back, and all the while the force of
+spring and damper, k (-gap) - d gap', stays below a parabola that opens upwards and is not above
+zero at either end.  Then the later root is the time h.
 """
 import math
 
 from ballbot_ros.compiled import compiled, outlined
-from ballbot_ros.physics.mechanics.contact import first_segment
+from ballbot_ros.physics.mechanics.contact import away_from, first_segment
 from ballbot_ros.physics.mechanics.holding import mode_holds
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import VELOCITY_X, VELOCITY_Y, X, Y
-from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, VERTEX_X, VERTEX_Y
+from ballbot_ros.physics.model.terrain import Array, VERTEX_X
 from ballbot_ros.physics.solvers import rows
 from ballbot_ros.physics.solvers.dense import motion_at
 from ballbot_ros.physics.solvers.rows import WIDTH
@@ -30,7 +35,7 @@ NO_TOUCH = 2.0      # for theta, which is 0 to 1 within the step
 def clear_time(x: float, y: float, velocity_x: float, velocity_y: float, bend: float,
                reach: float, radius: float, ground: Array) -> float:
     """
-    Return a time before which the ball touches nothing [s].
+    Return a time before which nothing pushes a ball that is let go [s].
 
     Parameters
     ----------
@@ -43,27 +48,19 @@ def clear_time(x: float, y: float, velocity_x: float, velocity_y: float, bend: f
     least = math.inf
     last = len(ground) - 2
     for segment in range(first_segment(ground, x - reach), last + 1):
-        away_x, away_y = x - ground[segment, VERTEX_X], y - ground[segment, VERTEX_Y]
-        if -away_x > reach and segment > 0:
+        if ground[segment, VERTEX_X] - x > reach and segment > 0:
             break
-        along_x, along_y = ground[segment, TANGENT_X], ground[segment, TANGENT_Y]
-        along = away_x * along_x + away_y * along_y
-        # The nearest point: the foot of the perpendicular, or an end that is not infinite.
-        if along < 0.0 and segment > 0:
-            along = 0.0
-        if segment < last:
-            end = ((ground[segment + 1, VERTEX_X] - ground[segment, VERTEX_X]) * along_x
-                   + (ground[segment + 1, VERTEX_Y] - ground[segment, VERTEX_Y]) * along_y)
-            along = min(along, end)
-        away_x -= along * along_x
-        away_y -= along * along_y
+        away_x, away_y = away_from(segment, x, y, ground)
         distance = math.sqrt(away_x * away_x + away_y * away_y)
-        gap = max(distance - radius, 0.0)
+        gap = distance - radius
         speed = (velocity_x * away_x + velocity_y * away_y) / distance
-        root = math.sqrt(speed * speed + 2.0 * bend * gap)
-        # The positive root of gap + speed h - bend h^2 / 2, without cancellation.
-        wait = (speed + root) / bend if speed > 0.0 else (
-            2.0 * gap / (root - speed) if gap > 0.0 else 0.0)
+        square = speed * speed + 2.0 * bend * gap
+        # The later root of gap + speed h - bend h^2 / 2, without cancellation.
+        wait = 0.0
+        if speed > 0.0 and square > 0.0:
+            wait = (speed + math.sqrt(square)) / bend
+        elif gap > 0.0:
+            wait = 2.0 * gap / (math.sqrt(square) - speed)
         least = min(least, wait)
     return least
 

@@ -81,15 +81,14 @@ def clear_distance(x: float, parameters: Parameters, ground: Array) -> float:
 @compiled
 def time_for(distance: float, speed: float, gravity: float) -> float:
     """Return the time that a distance takes at least, for a ball that may fall meanwhile [s]."""
-    speed = abs(speed) + 1e-3
     return 2.0 * distance / (speed + math.sqrt(speed * speed + 2.0 * gravity * distance))
 
 
 @compiled
-def step_limit(state: Array, distance: float, count: int, parameters: Parameters,
-               ground: Array) -> float:
+def shortened(step: float, state: Array, distance: float, count: int, parameters: Parameters,
+              ground: Array) -> float:
     """
-    Return the longest step that overlooks nothing [s].
+    Return a step [s], or the longest that overlooks nothing.
 
     Along its ground the ball may go as far as `distance`; towards it a part of its radius only,
     and what does not touch the ground (`count` contacts) falls: a ball of a millimetre more than
@@ -97,10 +96,14 @@ def step_limit(state: Array, distance: float, count: int, parameters: Parameters
     """
     segment = first_segment(ground, state[X])
     tangent_x, tangent_y = ground[segment, TANGENT_X], ground[segment, TANGENT_Y]
-    along = state[VELOCITY_X] * tangent_x + state[VELOCITY_Y] * tangent_y
-    across = state[VELOCITY_Y] * tangent_x - state[VELOCITY_X] * tangent_y
+    along = abs(state[VELOCITY_X] * tangent_x + state[VELOCITY_Y] * tangent_y) + 1e-3
+    across = abs(state[VELOCITY_Y] * tangent_x - state[VELOCITY_X] * tangent_y) + 1e-3
     near, falling = LARGEST_DISTANCE * parameters.radius, parameters.gravity if count == 0 else 0.0
-    return min(time_for(distance, along, parameters.gravity), time_for(near, across, falling))
+    if step * (along + 0.5 * parameters.gravity * step) > distance:
+        step = min(step, time_for(distance, along, parameters.gravity))
+    if step * (across + 0.5 * falling * step) > near:
+        step = min(step, time_for(near, across, falling))
+    return step
 
 
 @compiled

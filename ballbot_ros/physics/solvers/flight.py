@@ -36,6 +36,9 @@ NODES = 0.5 + 0.5 * np.polynomial.legendre.leggauss(4)[0]
 WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(4)[1]
 MOST_PANELS = 100
 
+NEARBY = 0.5  # for an argument of the exponential function: so far the series is exact to rounding
+TWICE = np.array([1.0 / math.factorial(power) for power in range(15, 1, -1)])
+
 
 @compiled
 def spin_law(parameters: Parameters, actuator: Actuator) -> tuple[float, float]:
@@ -98,25 +101,27 @@ def once(decay: float, time: float) -> float:
 
 
 @compiled
-def twice(decay: float, time: float) -> float:
-    """Return the integral of `once`."""
+def once_and_twice(decay: float, time: float) -> tuple[float, float]:
+    """Return the integral of exp(decay t) from 0 to `time`, and the integral of that."""
     argument = decay * time
-    if abs(argument) > 0.1:
-        return (once(decay, time) - time) / decay
-    total, term = 0.0, 0.5 * time * time
-    for power in range(3, 13):
-        total += term
-        term *= argument / power
-    return total
+    if abs(argument) > NEARBY:
+        grown = math.expm1(argument) / decay
+        return grown, (grown - time) / decay
+    total = 0.0
+    for factor in TWICE:
+        total = total * argument + factor
+    total *= time * time
+    return time + decay * total, total
 
 
 @compiled
 def swing_of(state: Array, time: float, spin: Spin) -> tuple[float, float]:
     """Return angle and rate of the pendulum after a time of flight."""
     l1, l2, _, h1, _, h2 = spin
-    return (state[PENDULUM_ANGLE] + time * state[PENDULUM_RATE]
-            + twice(l1, time) * h1 + twice(l2, time) * h2,
-            state[PENDULUM_RATE] + once(l1, time) * h1 + once(l2, time) * h2)
+    once1, twice1 = once_and_twice(l1, time)
+    once2, twice2 = once_and_twice(l2, time)
+    return (state[PENDULUM_ANGLE] + time * state[PENDULUM_RATE] + twice1 * h1 + twice2 * h2,
+            state[PENDULUM_RATE] + once1 * h1 + once2 * h2)
 
 
 @outlined
@@ -158,10 +163,9 @@ def rolling_loss(state: Array, time: float, spin: Spin, parameters: Parameters) 
 
 
 @outlined
-def fly(state: Array, time: float, spin: Spin, parameters: Parameters, actuator: Actuator,
-        out: Array) -> None:
+def fly(state: Array, time: float, spin: Spin, parameters: Parameters, out: Array) -> None:
     """
-    Write the state after a time of flight into `out`.
+    Write the motion after a time of flight into `out`, and the ledger as it was.
 
     Parameters
     ----------
@@ -170,10 +174,9 @@ def fly(state: Array, time: float, spin: Spin, parameters: Parameters, actuator:
     time : float
         Since then [s].
     spin : tuple
-        `spin_start` of that state.
+        `spin_start` of that state, with a law that `has_closed_form`, and that is never at its
+        limit during the flight.
     parameters : Parameters
-    actuator : Actuator
-        With a law that `has_closed_form`, and never at its limit during the flight.
     out : (13,) array
         Another array than `state`.
 
@@ -181,17 +184,26 @@ def fly(state: Array, time: float, spin: Spin, parameters: Parameters, actuator:
     l1, l2, g1, _, g2, _ = spin
     rate, swing = state[BALL_RATE], state[PENDULUM_RATE]
     out[X], out[Y], out[VELOCITY_X], out[VELOCITY_Y] = centre_after(state, time, spin, parameters)
-    out[BALL_ANGLE] = (state[BALL_ANGLE] + time * rate + twice(l1, time) * g1
-                       + twice(l2, time) * g2)
-    out[BALL_RATE] = rate + once(l1, time) * g1 + once(l2, time) * g2
+    once1, twice1 = once_and_twice(l1, time)
+    once2, twice2 = once_and_twice(l2, time)
+    out[BALL_ANGLE] = state[BALL_ANGLE] + time * rate + twice1 * g1 + twice2 * g2
+    out[BALL_RATE] = rate + once1 * g1 + once2 * g2
     out[PENDULUM_ANGLE], out[PENDULUM_RATE] = state[PENDULUM_ANGLE], swing
+    if parameters.swing_inertia > 0.0:
+        out[PENDULUM_ANGLE], out[PENDULUM_RATE] = swing_of(state, time, spin)
+    for item in (CONTACT_LOSS, FRICTION_LOSS, ROLLING_LOSS, JOINT_LOSS, MOTOR_WORK):
+        out[item] = state[item]
+
+
+@outlined
+def add_to_ledger(state: Array, time: float, spin: Spin, parameters: Parameters,
+                  actuator: Actuator, out: Array) -> None:
+    """Add to the ledger of a state after a time of flight what that takes and gives; see `fly`."""
     rolled = rolling_loss(state, time, spin, parameters)
-    out[CONTACT_LOSS], out[FRICTION_LOSS] = state[CONTACT_LOSS], state[FRICTION_LOSS]
-    out[ROLLING_LOSS] = state[ROLLING_LOSS] + rolled
-    out[JOINT_LOSS], out[MOTOR_WORK] = state[JOINT_LOSS], state[MOTOR_WORK]
+    out[ROLLING_LOSS] += rolled
     if parameters.swing_inertia <= 0.0:
         return
-    out[PENDULUM_ANGLE], out[PENDULUM_RATE] = swing_of(state, time, spin)
+    rate, swing = state[BALL_RATE], state[PENDULUM_RATE]
     drag, torque = spin_law(parameters, actuator)
     turned = (out[PENDULUM_ANGLE] - out[BALL_ANGLE]
               - state[PENDULUM_ANGLE] + state[BALL_ANGLE])

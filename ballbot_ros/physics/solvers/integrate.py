@@ -8,8 +8,8 @@ starts there in the new mode.  So the order holds through impacts, lift-offs and
 slip, where a fixed step loses it.
 
 Three ideas, a file each: a *step* (`dormand_prince`, `rodas5p`), the *controller* of step size
-and method, and *events*.  Where nothing touches and the law of the motor has a closed form, the
-ball flies to its next touch in one step without error (`touch_down`).
+and method, and *events*.  Where the ground exerts no force and the law of the motor has a closed
+form, the ball flies to its next touch in one step without error (`touch_down`).
 """
 import math
 
@@ -24,15 +24,15 @@ from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import dormand_prince, rodas5p, rows
 from ballbot_ros.physics.solvers.controller import (
     accepted_explicit, accepted_implicit, after_event, clear_distance, error_length,
-    FASTEST_SHRINKING, growth, rejected, shortest, smallest_step, started,
-    steadiest, step_limit, stiffness_seen, unavoidable, with_step)
+    FASTEST_SHRINKING, growth, rejected, shortened, shortest, smallest_step, started,
+    steadiest, stiffness_seen, unavoidable, with_step)
 from ballbot_ros.physics.solvers.dense import (
     interpolate, motion_at, prepare_ledger, write_rows)
 from ballbot_ros.physics.solvers.events import CROWD, first_event, LOOKS, rated, STUCK
 from ballbot_ros.physics.solvers.flight import has_closed_form
 from ballbot_ros.physics.solvers.rows import ALONE, MOTION, sum_rows, WIDTH
-from ballbot_ros.physics.solvers.spans import FLIGHT, FULL, note
-from ballbot_ros.physics.solvers.touch_down import fly_to_touch, SHORT_FLIGHT
+from ballbot_ros.physics.solvers.spans import FULL, note
+from ballbot_ros.physics.solvers.touch_down import fly_to_touch, is_let_go, SHORT_FLIGHT
 from ballbot_ros.physics.solvers.values import (
     BUDGET_EXCEEDED, Call, EVALUATIONS, EventRate, EVENTS, EXPLICIT, FINISHED, LOOKING, named,
     NOT_FINITE, Options, Output, packed, PackedStatus, PAUSED, PENETRATED, REJECTED, Status,
@@ -162,23 +162,22 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
             outcome = PAUSED
             break
         if not begun:
-            if find_mode(time, state, system, workspace.mode) == 0 and flies and may_fly:
-                landed, filled = fly_to_touch(time, state, end, system, output, filled, workspace)
-                may_fly = landed - time >= SHORT_FLIGHT
-                if landed > time:
-                    note(workspace.log, time, FLIGHT)
-                time = landed
-                continue
+            count = find_mode(time, state, system, workspace.mode)
+            if flies and may_fly and is_let_go(workspace.mode):
+                landed, filled = fly_to_touch(
+                    time, state, end, system, output, filled, options.ledger, workspace)
+                if landed > time or count == 0:
+                    may_fly, time = landed - time >= SHORT_FLIGHT, landed
+                    continue
             note(workspace.log, time, FULL)
-            controller = started(
-                controller, contact_count(workspace.mode), options.method, parameters)
+            controller = started(controller, count, options.method, parameters)
             rate, begun = EventRate(0, 0, 0), True
         if statistics[EVALUATIONS] + statistics[LOOKING] >= options.budget:
             outcome = BUDGET_EXCEEDED
             break
         smallest, distance = smallest_step(time), clear_distance(state[X], parameters, ground)
-        limit = step_limit(state, distance, contact_count(workspace.mode), parameters, ground)
-        used = min(max(controller.step, smallest), limit, end - time)
+        used = shortened(min(max(controller.step, smallest), end - time), state, distance,
+                         contact_count(workspace.mode), parameters, ground)
         implicit = smooth_contacts(workspace.mode) and (controller.implicit or controller.on_trial)
         stiffness = take_step(time, state, used, implicit, ready, system, workspace)
         ready = JACOBIAN if implicit else max(ready, RATES)
@@ -217,7 +216,7 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
             count = find_mode(time, state, system, workspace.mode)
             controller = after_event(controller, used, count, options.method, parameters)
             may_fly = may_fly or count > 0
-            begun = count > 0 or not (flies and may_fly)
+            begun = not (flies and may_fly and is_let_go(workspace.mode))
     workspace.work[KEPT] = ready
     return Status(outcome, time, filled, controller, rate, begun, may_fly, 0.0)
 

@@ -50,7 +50,7 @@ def read_log(log: Array, end: float) -> tuple[Span, ...]:
     """
     kept = log[1:min(int(log[0, 0]) + 1, len(log))]
     times = [*kept[:, 0].tolist(), end]
-    reasons = {FULL: 'the run begins', FLIGHT: 'the ball left the ground'}
+    reasons = {FULL: 'the run begins', FLIGHT: 'the ground let go of the ball'}
     spans = []
     for begin, until, model in zip(times, times[1:], kept[:, 1].tolist()):
         spans.append(Span(begin, max(begin, until), NAMES[int(model)], reasons[int(model)]))

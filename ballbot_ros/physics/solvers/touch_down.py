@@ -2,15 +2,19 @@
 """When a flight in closed form ends: the first touch, which `clearance` cannot pass."""
 import math
 
-from ballbot_ros.compiled import outlined
+from ballbot_ros.compiled import compiled, outlined
+from ballbot_ros.physics.mechanics.contact import spring_energy
+from ballbot_ros.physics.mechanics.modes import contact_count, ContactMode, PRESSED
 from ballbot_ros.physics.model.parameters import Parameters, System
-from ballbot_ros.physics.model.state import PENDULUM_RATE, SIZE
+from ballbot_ros.physics.model.state import CONTACT_LOSS, PENDULUM_RATE, SIZE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.clearance import clear_time
 from ballbot_ros.physics.solvers.controller import smallest_step
 from ballbot_ros.physics.solvers.dense import write_row
 from ballbot_ros.physics.solvers.events import time_width
-from ballbot_ros.physics.solvers.flight import centre_after, fly, Spin, spin_start, within_limit
+from ballbot_ros.physics.solvers.flight import (
+    add_to_ledger, centre_after, fly, Spin, spin_start, within_limit)
+from ballbot_ros.physics.solvers.spans import FLIGHT, note
 from ballbot_ros.physics.solvers.values import Output, Workspace
 
 # A search looks so far at a time [s]: the bound of the acceleration is one of that time.
@@ -62,16 +66,24 @@ def time_of_touch(state: Array, most: float, width: float, spin: Spin, parameter
     return NO_TOUCH
 
 
+@compiled
+def is_let_go(mode: ContactMode) -> bool:
+    """Return whether the ground exerts no force in a mode: no contact, or one that would pull."""
+    count = contact_count(mode)
+    return count == 0 or (count == 1 and mode.signs[0, PRESSED] == 0)
+
+
 @outlined
 def fly_to_touch(time: float, state: Array, end: float, system: System, output: Output,
-                 filled: int, workspace: Workspace) -> tuple[float, int]:
+                 filled: int, ledger: bool, workspace: Workspace) -> tuple[float, int]:
     """
-    Advance a state without contact in place until it touches.
+    Advance a state that `is_let_go` in place until the ground pushes again.
 
     Returns
     -------
     time : float
-        Reached [s]; as it was where the motor might come to its limit.
+        Reached [s]; as it was where the motor might come to its limit, or where the ball might
+        be pushed at once.
     filled : int
         Rows that are filled now.
 
@@ -81,16 +93,38 @@ def fly_to_touch(time: float, state: Array, end: float, system: System, output: 
     most = end - time
     wait = time_of_touch(state, most, 2.0 * time_width(time), spin, parameters, system.ground)
     lasting = most if wait == NO_TOUCH else min(wait, most)
-    if not within_limit(state, lasting, spin, parameters, actuator):
+    pressed = contact_count(workspace.mode) > 0
+    if not within_limit(state, lasting, spin, parameters, actuator) or (
+            pressed and lasting < SHORT_FLIGHT):
         return time, filled
-    reached = end if wait == NO_TOUCH else time + lasting
+    reached, stored = end if wait == NO_TOUCH else time + lasting, 0.0
+    if reached > time:
+        note(workspace.log, time, FLIGHT)
+    if ledger and pressed:
+        stored = spring_energy(state, parameters, system.ground, workspace.mode.contacts)
     while (filled < len(output.rows) and output.begin + (filled + 1) * output.interval
            <= reached + smallest_step(time)):
         moment = output.begin + (filled + 1) * output.interval
-        fly(state, min(moment - time, lasting), spin, parameters, actuator, later)
+        fly_for(min(moment - time, lasting), state, spin, stored, system, ledger, workspace)
         write_row(output, filled, moment, later, actuator)
         filled += 1
-    fly(state, lasting, spin, parameters, actuator, later)
+    fly_for(lasting, state, spin, stored, system, ledger, workspace)
     for i in range(SIZE):
         state[i] = later[i]
     return reached, filled
+
+
+@compiled
+def fly_for(lasting: float, state: Array, spin: Spin, stored: float, system: System,
+            ledger: bool, workspace: Workspace) -> None:
+    """
+    Write the state after a time of flight [s] into the probe.
+
+    What was stored in the spring of a contact [J] that would pull is lost as the ball leaves.
+    """
+    fly(state, lasting, spin, system.parameters, workspace.probe)
+    if ledger:
+        add_to_ledger(state, lasting, spin, system.parameters, system.actuator, workspace.probe)
+    if stored > 0.0:
+        workspace.probe[CONTACT_LOSS] += stored - spring_energy(
+            workspace.probe, system.parameters, system.ground, workspace.mode.contacts)

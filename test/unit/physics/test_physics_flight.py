@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from ballbot_ros.physics import Actuation, load_robot, Model, simulate, Solver, State, Terrain
-from ballbot_ros.physics.mechanics import contact, equations
-from ballbot_ros.physics.model.state import BALL_RATE, JOINT_LOSS, ROLLING_LOSS, SIZE, X, Y
+from ballbot_ros.physics.mechanics import contact, equations, modes
+from ballbot_ros.physics.model.parameters import System
+from ballbot_ros.physics.model.state import (
+    BALL_RATE, JOINT_LOSS, PENDULUM_RATE, ROLLING_LOSS, SIZE, VELOCITY_X, VELOCITY_Y, X, Y)
 from ballbot_ros.physics.solvers import flight, touch_down
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
@@ -26,7 +28,8 @@ def fly(model, start, actuation, time):
     actuator, vector = actuation.actuator(model.robot), np.array(start[1:])
     out = np.zeros(SIZE)
     spin = flight.spin_start(vector, model.parameters, actuator)
-    flight.fly(vector, time, spin, model.parameters, actuator, out)
+    flight.fly(vector, time, spin, model.parameters, out)
+    flight.add_to_ledger(vector, time, spin, model.parameters, actuator, out)
     return out
 
 
@@ -98,6 +101,50 @@ def test_the_first_touch_is_not_passed_and_is_a_touch(x, y, velocity_x, velocity
     assert found != touch_down.NO_TOUCH
     assert not any(contacts(time) for time in np.linspace(0.0, found - 1e-11, 300))
     assert contacts(found + 1e-9)
+
+
+def test_a_ball_that_is_let_go_is_not_pushed_before_it_touches_again():
+    draw, flown, refused = np.random.default_rng(5), 0, 0
+    for _ in range(2000):
+        robot = SHELLBALL if draw.random() < 0.5 else GIMBALL
+        model = Model(robot, ROUGH)
+        system = System(model.parameters, model.profile, Actuation().actuator(robot))
+        vector = np.array(model.at_rest(draw.uniform(-0.5, 1.2))[1:])
+        slow = draw.choice([0.003, 0.03, 0.3, 1.0])
+        vector[Y] += robot.static_penetration
+        vector[X:Y + 1] += draw.normal(size=2) * 0.001 * slow
+        vector[VELOCITY_X:VELOCITY_Y + 1] = slow * np.array([draw.normal(), abs(draw.normal())])
+        if robot is GIMBALL:
+            vector[PENDULUM_RATE] = draw.normal() * 9.0
+        mode = modes.ContactMode.of(len(model.profile))
+        if modes.find_mode(0.0, vector, system, mode) == 0 or not touch_down.is_let_go(mode):
+            continue
+        spin = flight.spin_start(vector, model.parameters, system.actuator)
+        found = touch_down.time_of_touch(
+            vector, 3.0, 1e-12, spin, model.parameters, model.profile)
+        if found < touch_down.SHORT_FLIGHT:
+            refused += 1
+            continue
+        later = np.zeros(SIZE)
+        for time in np.linspace(0.0, found - 1e-11, 100):
+            flight.fly(vector, time, spin, model.parameters, later)
+            assert contact.contact_loads(
+                later, model.parameters, model.profile, mode.contacts)[:2] == (0.0, 0.0)
+        flown += 1
+    assert flown > 100 and refused > 10  # a slow one may fall back onto the ground
+
+
+@pytest.mark.parametrize('robot', [SHELLBALL, GIMBALL], ids=lambda robot: robot.name)
+def test_a_ball_that_bounces_loses_what_is_in_the_spring_that_lets_go_of_it(robot):
+    start = State(y=robot.ball_radius + 0.05, velocity_x=0.5, ball_rate=3.0)
+    auto, full = (simulate(
+        Model(robot, Terrain.flat(), solver=Solver('adaptive', tolerance=1e-12, models=models)),
+        start, Actuation(), 0.3, 1e-4) for models in ('auto', 'full'))
+    assert auto.rows == pytest.approx(full.rows, abs=2e-8)
+    flights = [span for span in auto.spans if span.model == 'flight']
+    overlapping = [row for row in auto.rows if row[1 + Y] < robot.ball_radius and any(
+        span.begin < row[0] < span.end for span in flights)]
+    assert len(overlapping) > 3
 
 
 def test_a_motor_that_might_meet_its_limit_is_not_flown():
