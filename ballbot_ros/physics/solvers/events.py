@@ -134,7 +134,7 @@ def event_between(before: float, theta: float, time: float, step: float, feature
 def first_event(time: float, step: float, first: int, behind: int, system: System,
                 workspace: Workspace) -> float:
     """Return theta at which the mode ends, NO_EVENT if not; with features from `first` on."""
-    if holds_throughout(workspace.work, first, behind, system, workspace.mode):
+    if holds_throughout(time, step, workspace.work, first, behind, system, workspace.mode):
         return NO_EVENT
     touch = NO_EVENT
     if contact_count(workspace.mode) == 0:  # it may touch, and roll off again, between two looks

@@ -15,15 +15,17 @@ centre at ``u n + w t`` from the vertex, and |w| at most W::
 import math
 
 from ballbot_ros.compiled import compiled
-from ballbot_ros.physics.mechanics.contact import meeting
+from ballbot_ros.physics.mechanics.contact import away_from, meeting
+from ballbot_ros.physics.mechanics.equations import torque_slopes, unsaturated_torque
 from ballbot_ros.physics.mechanics.modes import (
-    contact_count, ContactMode, FEATURE, in_contact, PRESSED, SLIDING, smooth_contacts)
+    contact_count, ContactMode, FEATURE, in_contact, MOTOR, PRESSED, SLIDING, smooth_contacts)
 from ballbot_ros.physics.model.parameters import System
-from ballbot_ros.physics.model.state import BALL_RATE, VELOCITY_X, X
+from ballbot_ros.physics.model.state import (
+    BALL_ANGLE, BALL_RATE, PENDULUM_ANGLE, VELOCITY_X, X)
 from ballbot_ros.physics.model.terrain import (
     Array, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y)
 from ballbot_ros.physics.solvers import rows
-from ballbot_ros.physics.solvers.rows import WIDTH
+from ballbot_ros.physics.solvers.rows import MOTION, WIDTH
 
 # The coefficients of a quantity along a step, see `dense.interpolate`.
 Course = tuple[float, float, float, float, float]
@@ -117,7 +119,7 @@ def pressed_throughout(work: Array, row: int, normal: tuple[float, float, float]
 @compiled
 def stays_on(work: Array, row: int, system: System, mode: ContactMode) -> bool:
     """Return whether a contact of a mode holds throughout the last step, with its neighbours."""
-    feature, ground, radius = mode.signs[row, FEATURE], system.ground, system.parameters.radius
+    feature, ground = mode.signs[row, FEATURE], system.ground
     if mode.signs[row, PRESSED] <= 0:
         return False
     segment, last = feature >> 1, len(ground) - 2
@@ -129,12 +131,11 @@ def stays_on(work: Array, row: int, system: System, mode: ContactMode) -> bool:
     away = (away[0] - across, away[1], away[2], away[3], away[4])
     if feature & 1 == 0:
         foot = course_of(work, X, ground[segment, TANGENT_X], ground[segment, TANGENT_Y])
-        # A concave vertex touches before the foot is there.
         if segment > 0 and least(foot) <= place(segment, segment, ground) + reach_of(
-                segment, radius, ground):
+                segment, segment - 1, system, mode):
             return False
         if segment < last and most(foot) >= place(segment + 1, segment, ground) - reach_of(
-                segment + 1, radius, ground):
+                segment + 1, segment + 1, system, mode):
             return False
     else:
         before = course_of(work, X, ground[segment, TANGENT_X], ground[segment, TANGENT_Y])
@@ -158,9 +159,15 @@ def place(vertex: int, segment: int, ground: Array) -> float:
 
 
 @compiled
-def reach_of(vertex: int, radius: float, ground: Array) -> float:
-    """Return how far before it a vertex may touch a ball that rolls towards it [m]."""
-    return radius if ground[vertex, TURN] > 0.0 else 0.0
+def reach_of(vertex: int, behind: int, system: System, mode: ContactMode) -> float:
+    """
+    Return how far before it a vertex may touch a ball that rolls towards it [m].
+
+    A concave one may as soon as the segment behind it does, where nobody else looks at that.
+    """
+    if system.ground[vertex, TURN] > 0.0 and vouched_for(behind, system, mode):
+        return system.parameters.radius
+    return 0.0
 
 
 @compiled
@@ -172,43 +179,84 @@ def falls_off(vertex: int, ground: Array) -> bool:
 
 
 @compiled
-def out_of_reach(work: Array, segment: int, system: System, mode: ContactMode) -> bool:
+def vouched_for(segment: int, system: System, mode: ContactMode) -> bool:
     """
-    Return whether a segment, and the vertex at its end, surely do not touch but as they did.
+    Return whether `stays_on` of what is in contact says enough of a segment and its end.
 
-    So much `stays_on` says of what is in contact itself, and of its neighbours: the centre stays
-    before the start of one, or behind the end of the other.
+    That is so of what is in contact itself, and of its neighbours: the centre stays before the
+    start of one, or behind the end of the other.
     """
-    ground, radius, own, last = system.ground, system.parameters.radius, 2 * segment, len(
-        system.ground) - 2
+    ground, own, last = system.ground, 2 * segment, len(system.ground) - 2
     if in_contact(own, mode) or in_contact(own + 1, mode):
         return True
     if segment < last and in_contact(own + 2, mode) and falls_off(segment + 1, ground):
         return True
-    if segment > 0 and (in_contact(own - 1, mode) or (
-            in_contact(own - 2, mode) and falls_off(segment, ground))) and (
-                segment == last or place(segment + 1, segment, ground)
-                - place(segment, segment, ground) > radius):
-        return True
-    tangent_x, tangent_y = ground[segment, TANGENT_X], ground[segment, TANGENT_Y]
-    across = ground[segment, VERTEX_Y] * tangent_x - ground[segment, VERTEX_X] * tangent_y
-    return least(course_of(work, X, -tangent_y, tangent_x)) - across > radius
+    return segment > 0 and (in_contact(own - 1, mode) or (
+        in_contact(own - 2, mode) and falls_off(segment, ground))) and (
+            segment == last or place(segment + 1, segment, ground)
+            - place(segment, segment, ground) > system.parameters.radius)
 
 
 @compiled
-def holds_throughout(work: Array, first: int, behind: int, system: System,
-                     mode: ContactMode) -> bool:
+def out_of_reach(work: Array, segment: int, system: System) -> bool:
+    """
+    Return whether a segment surely does not touch within the last step.
+
+    All of it lies behind the line through the point that is nearest at the begin, across the way
+    to the centre: it is as far away as that line at least.
+    """
+    ground = system.ground
+    tangent_x, tangent_y = ground[segment, TANGENT_X], ground[segment, TANGENT_Y]
+    across = ground[segment, VERTEX_Y] * tangent_x - ground[segment, VERTEX_X] * tangent_y
+    if least(course_of(work, X, -tangent_y, tangent_x)) - across > system.parameters.radius:
+        return True
+    x, y = work[rows.DENSE + X], work[rows.DENSE + X + 1]
+    away_x, away_y = away_from(segment, x, y, system.ground)
+    distance = math.sqrt(away_x * away_x + away_y * away_y)
+    if not distance > system.parameters.radius:
+        return False
+    course = course_of(work, X, away_x / distance, away_y / distance)
+    return least((distance, course[1], course[2], course[3],
+                  course[4])) > system.parameters.radius
+
+
+@compiled
+def motor_stays(time: float, step: float, work: Array, system: System, mode: ContactMode) -> bool:
+    """
+    Return whether the torque stays within the limit of the motor, or beyond it.
+
+    All laws are linear but for gravity compensation, whose sine changes by no more than the angle.
+    """
+    actuator = system.actuator
+    by_ball, by_angle, by_spin, by_rate, by_time = torque_slopes(actuator)
+    begin = unsaturated_torque(time, work[rows.DENSE:rows.DENSE + MOTION], actuator)
+    change = combined(1.0, course_of(work, BALL_ANGLE, by_ball, by_angle),
+                      1.0, course_of(work, BALL_RATE, by_spin, by_rate))
+    change = (0.0, change[1], change[2], change[3], change[4])
+    angle = course_of(work, PENDULUM_ANGLE, 1.0, 0.0)
+    swung = largest((0.0, angle[1], angle[2], angle[3], angle[4]))
+    unsure = abs(actuator.gravity_torque) * swung + abs(by_time) * step
+    weakest, strongest = begin + least(change) - unsure, begin + most(change) + unsure
+    saturated, limit = mode.signs[len(mode.signs) - 1, MOTOR], actuator.limit
+    if saturated == 0:
+        return -limit < weakest and strongest < limit
+    return weakest > limit if saturated > 0 else strongest < -limit
+
+
+@compiled
+def holds_throughout(time: float, step: float, work: Array, first: int, behind: int,
+                     system: System, mode: ContactMode) -> bool:
     """
     Return whether no guard is violated within the last step, among features as `modes` has them.
 
     False says nothing.
     """
-    if not smooth_contacts(mode) or system.actuator.limit < math.inf:
+    if not smooth_contacts(mode):
         return False
     for row in range(contact_count(mode)):
         if not stays_on(work, row, system, mode):
             return False
     for segment in range(first >> 1, (behind + 1) >> 1):
-        if not out_of_reach(work, segment, system, mode):
+        if not (vouched_for(segment, system, mode) or out_of_reach(work, segment, system)):
             return False
-    return True
+    return system.actuator.limit == math.inf or motor_stays(time, step, work, system, mode)

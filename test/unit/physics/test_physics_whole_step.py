@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bound that spares most steps a look: it never says that a mode holds where it does not."""
-import math
-
 import numpy as np
 import pytest
 
 from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model, Terrain
-from ballbot_ros.physics.mechanics import modes
+from ballbot_ros.physics.mechanics import equations, modes
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import BALL_RATE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y
 from ballbot_ros.physics.solvers.dense import motion_at
@@ -40,19 +38,19 @@ def random_step(draw, model, workspace):
     return system
 
 
-def says_so(system, workspace):
+def says_so(system, workspace, step=1.0):
     """Return whether the mode is said to hold, with the features that a step looks at."""
     dense, radius = workspace.dense, system.parameters.radius
     way = float(np.sum(np.abs(dense[1:, X])))
     first, behind = modes.features_within(dense[0, X], radius + way, system.ground)
-    return holds_throughout(workspace.work, first, behind, system, workspace.mode)
+    return holds_throughout(0.0, step, workspace.work, first, behind, system, workspace.mode)
 
 
-def violated_within(system, workspace):
+def violated_within(system, workspace, step=1.0):
     """Return whether any guard is violated at any of many times within the step."""
     for theta in THETAS:
         motion_at(theta, workspace.work)
-        if modes.violated_guards(theta, workspace.probe, system, workspace.mode, 0,
+        if modes.violated_guards(theta * step, workspace.probe, system, workspace.mode, 0,
                                  2 * len(system.ground) - 3, workspace.violated):
             return True
     return False
@@ -99,14 +97,33 @@ def test_bounds_of_a_course_enclose_it_and_are_those_of_its_ends_where_it_is_a_l
     assert (least((1.0, -2.0, 0.0, 0.0, 0.0)), most((1.0, -2.0, 0.0, 0.0, 0.0))) == (-1.0, 1.0)
 
 
-def test_of_a_motor_with_a_limit_and_of_a_corner_it_says_nothing():
+@pytest.mark.parametrize('actuation', [
+    Actuation('position', set_angle=0.5), Actuation('velocity', set_rate=3.0, velocity_ki=20.0),
+    Actuation('voltage', voltage=5.0), Actuation('torque', torque=0.5)], ids=lambda law: law.law)
+def test_of_a_motor_near_its_limit_it_says_nothing_that_is_not(actuation):
+    draw = np.random.default_rng(14)
+    model = Model(load_robot('gimball'), Terrain.flat())
+    workspace, said = Workspace.of(len(model.profile)), {-1: 0, 0: 0, 1: 0}
+    plain = actuation.actuator(model.robot, 0.0, 0.1)
+    for _ in range(3000):
+        system = random_step(draw, model, workspace)
+        workspace.dense[1:, :8] *= 0.1
+        torque = equations.unsaturated_torque(0.0, workspace.dense[0], plain)
+        limit = abs(torque) * draw.choice([0.9, 0.99, 1.01, 1.1, 1.5])
+        system = system._replace(actuator=plain._replace(limit=limit))
+        modes.find_mode(0.0, workspace.dense[0], system, workspace.mode)
+        if says_so(system, workspace, 1e-3):
+            assert not violated_within(system, workspace, 1e-3)
+            said[workspace.mode.signs[-1, modes.MOTOR]] += 1
+    assert said[0] > 100 and said[1] + said[-1] > 100
+
+
+def test_of_a_corner_it_says_nothing():
     draw = np.random.default_rng(14)
     model = Model(load_robot('gimball'), Terrain.flat())
     workspace = Workspace.of(len(model.profile))
     system = random_step(draw, model, workspace)
     workspace.dense[1:] = 0.0
-    limited = system._replace(actuator=system.actuator._replace(limit=1.0))
-    assert system.actuator.limit == math.inf
-    assert says_so(system, workspace) and not says_so(limited, workspace)
+    assert says_so(system, workspace)
     workspace.mode.signs[-1, modes.CORNERS] = 1
     assert not says_so(system, workspace)
