@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Style and types: the rules of ROS 2, checked with and without the linters of ROS 2."""
+import configparser
 import importlib.util
 from pathlib import Path
 import re
@@ -38,6 +39,22 @@ def run_module(*arguments):
     return '' if done.returncode == 0 else done.stdout + done.stderr
 
 
+def misplaced_imports(*paths):
+    """Return what flake8-import-order says; flake8 itself would run all other checks first."""
+    from flake8_import_order.checker import ImportOrderChecker
+    from flake8_import_order.styles import lookup_entry_point
+    config = configparser.ConfigParser()
+    config.read(ROOT / 'setup.cfg', encoding='utf-8')
+    settings = config['flake8']
+    ImportOrderChecker.options = {
+        'application_import_names': settings['application-import-names'].split(','),
+        'import_order_style': lookup_entry_point(settings['import-order-style'])}
+    ignored = settings['extend-ignore'].split(',')
+    return [f'{path}:{error.lineno}: {error.code} {error.message}' for path in paths
+            for error in ImportOrderChecker(str(path), None).check_order()
+            if error.code not in ignored]
+
+
 def has(module):
     """Say whether a module can be imported."""
     return importlib.util.find_spec(module) is not None
@@ -57,7 +74,21 @@ def test_ruff_finds_nothing():
 
 @pytest.mark.skipif(not has('flake8_import_order'), reason='flake8-import-order is not installed')
 def test_imports_are_in_the_order_of_ros():
-    assert not (report := run_module('flake8', '--select', 'I', *project_files('.py'))), report
+    assert not (found := misplaced_imports(*project_files('.py'))), '\n'.join(found)
+
+
+@pytest.mark.skipif(not has('flake8_import_order'), reason='flake8-import-order is not installed')
+def test_imports_out_of_order_are_found_as_flake8_finds_them(tmp_path):
+    path = tmp_path / 'planted.py'
+    path.write_text('import os\nimport math\nimport numpy\n\nimport re\n'
+                    'from ballbot_ros import errors, config\nimport zlib  # noqa: I100\n')
+    done = subprocess.run([sys.executable, '-m', 'flake8', '--select', 'I', path], cwd=ROOT,
+                          capture_output=True, text=True)
+    by_flake8 = [re.match(r'.*?:(\d+):\d+: (.*)', line).groups()
+                 for line in done.stdout.splitlines()]
+    assert {said[:4] for _, said in by_flake8} == {'I100', 'I101', 'I201'}
+    assert [re.match(r'.*?:(\d+): (.*)', line).groups()
+            for line in misplaced_imports(path)] == by_flake8
 
 
 @pytest.mark.skipif(not has('mypy'), reason='mypy is not installed')
