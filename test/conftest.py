@@ -27,6 +27,17 @@ hypothesis.settings.register_profile('ci', deadline=None, derandomize=True)
 hypothesis.settings.load_profile('ci' if os.environ.get('CI') else 'local')
 
 
+# What needs no kernel, and takes as long as one worker needs to compile those of the nodes: the
+# other one would compile the same ones at the same time.
+WITHOUT_KERNELS = ('test_lint.py', 'test_packaging.py')
+
+
+def pytest_collection_modifyitems(items):
+    """Put what needs no kernel right behind the tests of the system, which come first."""
+    items.sort(key=lambda item: 'test/system/' not in item.nodeid and
+               1 + (item.path.name not in WITHOUT_KERNELS))
+
+
 @pytest.hookimpl(optionalhook=True)  # of pytest-xdist, with which `make test` runs two workers
 def pytest_xdist_make_scheduler(config, log):
     """Give the tests out by the file, in their order; those of the system one at a time."""
