@@ -93,12 +93,16 @@ class NodeProcesses:
             What it is called here, if not by its name: where there are two of them.
 
         """
-        with open(self.log(label or name), 'a', encoding='utf-8') as log:
-            self._running[label or name] = subprocess.Popen(
-                [sys.executable, '-m', f'ballbot_ros.nodes.{name}',
-                 *parameter_arguments(parameters or {}), *arguments],
-                stdout=log, stderr=subprocess.STDOUT, env=self._environment,
-                stdin=subprocess.DEVNULL, start_new_session=True)
+        self.run(f'ballbot_ros.nodes.{name}',
+                 [*parameter_arguments(parameters or {}), *arguments], label or name)
+
+    def run(self, module: str, arguments: Sequence[str], label: str) -> None:
+        """Start a module as ``python -m`` does; it is called by a label here."""
+        with open(self.log(label), 'a', encoding='utf-8') as log:
+            self._running[label] = subprocess.Popen(
+                [sys.executable, '-m', module, *arguments], stdout=log,
+                stderr=subprocess.STDOUT, env=self._environment, stdin=subprocess.DEVNULL,
+                start_new_session=True)
 
     def ended(self) -> Optional[Tuple[str, int]]:
         """Return name and exit code of a node that has ended by itself, if one has."""

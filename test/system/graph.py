@@ -14,7 +14,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from ballbot_ros.demo.processes import NodeProcesses
+from ballbot_ros.demo.processes import NodeProcesses, parameter_arguments
 from ballbot_ros.ros.conversions import to_seconds, to_time
 from ballbot_ros.srv import Step
 
@@ -72,6 +72,13 @@ class Graph:
     def start(self, name, *arguments, **parameters):
         """Start a node of the package."""
         self.processes.start(name, parameters, arguments)
+
+    def start_together(self, **nodes):
+        """Start nodes in one process, each with its parameters; its log is called `together`."""
+        parameters = {f'{name}:{parameter}': value for name, values in nodes.items()
+                      for parameter, value in values.items()}
+        self.processes.run('ballbot_ros.cli', ['run', *nodes, *parameter_arguments(parameters)],
+                           'together')
 
     def log(self, name):
         """Return what a node has logged so far."""

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The decision among real topics: simulator, controller and decision, a process each.
+The decision among real topics: simulator, controller and decision.
+
+They share a process where they run in lockstep; test_system_lockstep.py has them run apart.
 
 Every case was a way in which a decision that only looks at the next step and its curve hurts the
 robot.
@@ -77,10 +79,16 @@ def ride(graph, tmp_path):
         lockstep = not {'sensor_latency', 'sensor_dropout'} & sensor.keys()
         states = graph.subscribe('ball_state', BallState)
         decisions = graph.subscribe('step_decision', StepDecision)
-        graph.start('controller', lockstep_set_point_period=0.02 if lockstep else 0.0)
-        graph.start('obstacle_decision', **decision)
-        graph.start('simulator', scene=scene, lockstep=lockstep,
-                    real_time_factor=0.0 if lockstep else 1.0, start_paused=True, **sensor)
+        nodes = {
+            'controller': {'lockstep_set_point_period': 0.02 if lockstep else 0.0},
+            'obstacle_decision': decision,
+            'simulator': {'scene': scene, 'lockstep': lockstep, 'start_paused': True,
+                          'real_time_factor': 0.0 if lockstep else 1.0, **sensor}}
+        if lockstep:  # the same run to the bit, and half the work
+            graph.start_together(**nodes)
+        else:
+            for name, parameters in nodes.items():
+                graph.start(name, **parameters)
         # What comes late does not come at all while time stands still.
         graph.wait_until_connected(states, *([decisions] if lockstep else []))
         first = to_seconds(states[-1].header.stamp)
