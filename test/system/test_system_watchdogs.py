@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What happens when a node dies, comes too rarely or comes back: nothing dangerous."""
+import re
+
 import pytest
 from sensor_msgs.msg import JointState
 
@@ -56,7 +58,11 @@ def test_states_that_come_too_rarely_get_no_torque(graph):
     commands = graph.subscribe('joint_commands', JointState)
     graph.start('controller')
     graph.start('simulator', scene='flat', control_rate=200.0)
-    graph.wait_for_log('controller', 'joint states come at 200 Hz and these gains need 275 Hz')
+    # The first two to arrive need not be neighbours on a busy machine: 100 Hz, 67 Hz and so on.
+    (rate,) = graph.wait(lambda: re.findall(
+        r'joint states come at (\d+) Hz and these gains need 275 Hz', graph.log('controller'))[:1],
+        'the controller says how rarely states come')
+    assert int(rate) in {round(200.0 / number) for number in range(1, 21)}
     commands.clear()
     graph.publish_until(lambda: len(commands) > 50, 'commands come', 'set_point',
                         graph.joint(position=[0.5]))
@@ -74,7 +80,9 @@ def test_decision_that_dies_on_the_way_is_replaced_and_nothing_is_guessed(graph,
     decisions = graph.subscribe('step_decision', StepDecision, qos.LATCHED)
     graph.start('controller')
     graph.start('obstacle_decision')
-    graph.start('simulator', scene=scene, start_paused=True)
+    # In lockstep no state is lost: a busy machine may lose every other one, and the controller then
+    # gives no torque, as it should.  Time does not wait for the decision, which may so be missed.
+    graph.start('simulator', scene=scene, start_paused=True, lockstep=True)
     graph.wait_until_connected(states, decisions)
     graph.trigger('resume')
     graph.wait(lambda: states[-1].velocity_x > 0.2, 'the ball is on its way')
