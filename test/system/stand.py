@@ -32,7 +32,7 @@ class StoodBall:
         self._robot, self._period, self._extra = robot, period, extra
         self._count = math.tau / 4096
         self._imu = Imu(robot.gravity)
-        self._before = self.state._replace(time=-period)
+        self._read = self.state._replace(time=time.time())  # as the IMU read it last
 
     @property
     def done(self):
@@ -61,7 +61,7 @@ class StoodBall:
                 self.torque - FRICTION * before.joint_rate
                 - robot.largest_gravity_torque * math.sin(before.pendulum_angle))
             angle = before.pendulum_angle + period * rate
-        self._before, self.state = before, before._replace(
+        self.state = before._replace(
             time=before.time + period, ball_angle=shell, ball_rate=shell_rate,
             pendulum_angle=angle, pendulum_rate=rate)
         return self.state
@@ -74,8 +74,16 @@ class StoodBall:
                                velocity=ratio * self.state.joint_rate)
 
     def imu(self):
-        """Return what an IMU in the shell reads."""
-        return self._imu.sample(self._before, self.state, 0)
+        """
+        Return what an IMU in the shell reads, at the time of the system clock.
+
+        As those do, the mean since it was read last: where a busy machine reads it rarely, the
+        rate of the moment would say nothing of what the shell turned between.
+        """
+        before, now, state = self._read, time.time(), self.state
+        mean = (state.ball_angle - before.ball_angle) / (now - before.time)
+        self._read = after = state._replace(time=now, ball_rate=mean)
+        return self._imu.sample(before._replace(ball_rate=mean), after, 0)
 
 
 def _towards(value, wanted, step):

@@ -165,7 +165,7 @@ class Walk:
         while not self._ending.wait(0.01):
             sample = self.ball.imu()
             self._imu.publish(imu_message(
-                time.time(), sample.turn_rate, sample.forward, sample.upward))
+                sample.time, sample.turn_rate, sample.forward, sample.upward))
 
     # The items, in the order of the page
 
@@ -199,14 +199,34 @@ class Walk:
         """Start the bridge, and turn the pendulum forward by hand."""
         self.run_bridge(item)
         self.graph.wait(lambda: self.states, 'joint states flow')
+        assert any(self.raise_pendulum() for _ in range(5)), 'the drive is lost each time'
+
+    def raise_pendulum(self):
+        """
+        Turn the pendulum forward by hand; return whether the bridge could see all of it.
+
+        A busy machine may lose the drive for a moment.  One that is back, and tells a small angle
+        where the pendulum cannot be by itself, looks like one that was off and counts anew.
+        """
+        self.graph.wait(lambda: abs(self.ball.state.pendulum_angle) < 0.005, 'it hangs')
+        self.status.clear()
+        self.graph.wait(lambda: self.status and not self.lost(-1), 'the drive is there')
+        self.states.clear()
+        self.graph.wait(lambda: self.states, 'joint states flow')
         begin = self.states[-1].position
         for angle in BIT_BY_BIT:
             self.turn(pendulum=angle)
-            self.graph.wait(lambda: abs(self.states[-1].position[1] - begin[1] - angle) < 0.02,
-                            'the joint pendulum goes up')
+            self.graph.wait(lambda: self.lost() or abs(
+                self.states[-1].position[1] - begin[1] - angle) < 0.02,
+                'the joint pendulum goes up')
         self.ball.pendulum = None
-        self.graph.wait(lambda: abs(self.states[-1].position[1] - begin[1]) < 0.05,
+        self.graph.wait(lambda: self.lost() or abs(self.states[-1].position[1] - begin[1]) < 0.05,
                         'it hangs again')
+        return not self.lost()
+
+    def lost(self, since=0):
+        """Return whether the bridge has told that there is no drive."""
+        return MotorStatus.STATE_LOST in [status.state for status in self.status[since:]]
 
     def turn_shell(self, item):
         """Turn the shell forward by hand, and back."""

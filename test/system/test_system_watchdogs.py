@@ -80,8 +80,8 @@ def test_decision_that_dies_on_the_way_is_replaced_and_nothing_is_guessed(graph,
     decisions = graph.subscribe('step_decision', StepDecision, qos.LATCHED)
     graph.start('controller')
     graph.start('obstacle_decision')
-    # In lockstep no state is lost: a busy machine may lose every other one, and the controller then
-    # gives no torque, as it should.  Time does not wait for the decision, which may so be missed.
+    # A busy machine may lose every other state, and the controller then gives no torque, as it
+    # should: in lockstep none is lost.  Time does not wait for the decision, which may be missed.
     graph.start('simulator', scene=scene, start_paused=True, lockstep=True)
     graph.wait_until_connected(states, decisions)
     graph.trigger('resume')
