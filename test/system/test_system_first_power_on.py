@@ -199,43 +199,11 @@ class Walk:
         """Start the bridge, and turn the pendulum forward by hand."""
         self.run_bridge(item)
         self.graph.wait(lambda: self.states, 'joint states flow')
-        assert any(self.raise_pendulum() for _ in range(5)), 'the drive is lost each time'
-
-    def raise_pendulum(self):
-        """
-        Turn the pendulum forward by hand; return whether the bridge could see all of it.
-
-        A busy machine may lose the drive for a moment.  One that is back, and tells a small angle
-        where the pendulum cannot be by itself, looks like one that was off and counts anew.
-        """
-        self.graph.wait(lambda: abs(self.ball.state.pendulum_angle) < 0.005, 'it hangs')
-        self.status.clear()
-        self.graph.wait(lambda: self.status and not self.lost(-1), 'the drive is there')
-        self.states.clear()
-        self.graph.wait(lambda: self.states, 'joint states flow')
-        begin = self.states[-1].position
-        for angle in BIT_BY_BIT:
-            self.turn(pendulum=angle)
-            self.graph.wait(lambda: self.lost() or abs(
-                self.states[-1].position[1] - begin[1] - angle) < 0.02,
-                'the joint pendulum goes up')
-        self.ball.pendulum = None
-        self.graph.wait(lambda: self.lost() or abs(self.states[-1].position[1] - begin[1]) < 0.05,
-                        'it hangs again')
-        return not self.lost()
-
-    def lost(self, since=0):
-        """Return whether the bridge has told that there is no drive."""
-        return MotorStatus.STATE_LOST in [status.state for status in self.status[since:]]
+        self.turn_and_see('pendulum', 1.0, 0.02)
 
     def turn_shell(self, item):
         """Turn the shell forward by hand, and back."""
-        begin = self.states[-1].position[0]
-        for angle in BIT_BY_BIT:
-            self.turn(shell=-angle)  # clockwise is forward
-            self.graph.wait(lambda: abs(self.states[-1].position[0] - begin + angle) < 0.1,
-                            'the joint shell goes down')
-        self.turn(shell=0.0)
+        self.turn_and_see('shell', -1.0, 0.1)  # clockwise is forward
 
     def pull_the_plug(self, item):
         """Unplug and plug in again."""
@@ -297,6 +265,40 @@ class Walk:
             self.ball.shell = shell
         while not self.ball.done:
             time.sleep(0.05)
+
+    def turn_and_see(self, name, sign, tolerance):
+        """
+        Turn something bit by bit, and back, until the bridge has told all of it.
+
+        What turns while a busy machine holds up the bridge it cannot tell: readings of its IMU are
+        lost then, which gravity makes up for in minutes only, and a drive that it has lost for a
+        moment, and that tells a small angle now, looks like one that was off and counts anew.
+        """
+        joint = ('shell', 'pendulum').index(name)
+        for _ in range(5):
+            self.graph.wait(lambda: abs(self.ball.state.pendulum_angle) < 0.005, 'it hangs')
+            self.states.clear()
+            self.graph.wait(lambda: self.states, 'joint states flow')
+            begin, told = self.states[-1].position[joint], True
+            for angle in (sign * bit for bit in BIT_BY_BIT):
+                self.turn(**{name: angle})
+                told = told and self.tells(joint, begin + angle, tolerance)
+            if name == 'shell':
+                self.turn(shell=0.0)
+            else:
+                self.ball.pendulum = None
+            if told and self.tells(joint, begin, max(tolerance, 0.05)):
+                return
+        raise AssertionError(f'the bridge never tells how far the {name} turned')
+
+    def tells(self, joint, angle, tolerance):
+        """Return whether the bridge tells the angle of a joint before long."""
+        end = time.monotonic() + 5.0
+        while abs(self.states[-1].position[joint] - angle) >= tolerance:
+            if time.monotonic() > end:
+                return False
+            self.graph.spin(0.05)
+        return True
 
     def wait_for_state(self, state):
         """Wait until the bridge says a state."""
