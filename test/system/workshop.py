@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A drive as it comes from its maker, and a person who sets it up with the tools of its vendor."""
+from dataclasses import replace
+import re
+import shlex
+import time
+
+from stand import StoodBall
+import yaml
+
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.cli import main
+from ballbot_ros.config.files import config_folder
+from ballbot_ros.drives import open_line
+from ballbot_ros.emulator.ball import settings_for
+from ballbot_ros.emulator.emulator import Emulator, PERIOD
+from ballbot_ros.physics import load_scene
+
+EXTRA = 1.15  # the gear loses less than the file says
+WATCHDOG = 0.5  # a busy machine may hold the bridge up for as long [s]
+# What a maker sends: no limits that suit a pendulum, no watchdog or a long one.
+FRESH = {'odrive': {'quirks': ('factory',)},
+         'odrive 0.6': {'quirks': ('factory',), 'firmware': '0.6'},
+         'vesc': {'torque_limit': 10.0, 'current_limit': 60.0, 'watchdog': 1.0},
+         'roboclaw': {'torque_limit': 10.0, 'current_limit': 60.0, 'watchdog': 0.0}}
+
+
+class Workshop:
+    """A drive as it comes from its maker, a hardware file for it, and a person with tools."""
+
+    def __init__(self, kind, folder, capsys):
+        self.folder, self.capsys, self.complaint = folder, capsys, ''
+        self.protocol, _, firmware = kind.partition(' ')
+        self.scene = load_scene('flat')
+        robot = self.scene.model.robot
+        baud = load_hardware(f'gimball_{self.protocol}').connection.baud
+        self.motor = Emulator(self.protocol, self.scene, baud,
+                              settings_for(robot, **FRESH[kind]), link=folder / 'motor')
+        self.ball = self.motor.ball = StoodBall(self.motor.ball, robot, PERIOD, EXTRA)
+
+    def copy_file(self, **limits):
+        """Copy the hardware file of the package to my.yaml, as the page says."""
+        content = yaml.safe_load(
+            (config_folder() / f'hardware/gimball_{self.protocol}.yaml').read_text())
+        content['connection'].update(
+            port=str(self.folder / 'motor'), watchdog=WATCHDOG, loop_rate=200.0)
+        content['limits'].update(limits)
+        if self.protocol == 'odrive':  # its firmware is chosen in the file where it is 0.6
+            content['drive'].update({'firmware': self.motor.device.settings.firmware}
+                                    if 'firmware' in content['drive'] else {})
+        (self.folder / 'my.yaml').write_text(yaml.safe_dump(content))
+
+    def run(self, command):
+        """Run a command of the page that begins with ballbot; return exit code and output."""
+        program, *words = shlex.split(command)
+        assert program == 'ballbot'
+        code = main(words)
+        out, self.complaint = self.capsys.readouterr()
+        return code, out
+
+    def obey_doctor(self, command):
+        """Do what the doctor says until nothing is wrong; return how often it was asked."""
+        for turn in range(6):
+            code, out = self.run(command)
+            wrong = re.findall(r'^WRONG  (.*)\n +-> (.*)$', out, re.M)
+            assert (code != 0) == ('WRONG' in out) and out.count('WRONG') == len(wrong), out
+            if code == 0:
+                return turn
+            for what, remedy in wrong:
+                self.mend(what, remedy)
+        raise AssertionError(f'the doctor is never content:\n{out}')
+
+    def mend(self, what, remedy):
+        """Do what a remedy says, with the tool that it names."""
+        done, device = remedy.split(' (')[0], self.motor.device
+        if self.protocol == 'odrive':
+            line = open_line('odrive', self.motor.path, self.motor.baud)
+            line.write(''.join(f'{word}\n' for word in done.split(', ')).encode())
+            time.sleep(2.5 if 'calibrates' in remedy else 0.05)
+            line.close()
+            return
+        number = float(re.search(r'(\d[0-9.e-]*)(?: \w+)?$', done).group(1))
+        if 'Timeout' in remedy:
+            device.application = device.application._replace(timeout=1e-3 * number)
+        elif 'Motor Current Max' in remedy:
+            device.limits.update(l_current_max=number, l_current_min=-number)
+        elif 'serial timeout' in remedy:
+            device._timeout = round(number / 0.1)
+        elif 'max current' in remedy:
+            device.settings = replace(device.settings, current_limit=number)
+        else:
+            raise AssertionError(f'{what}: nobody knows how to do {remedy!r}')
