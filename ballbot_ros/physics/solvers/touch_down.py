@@ -93,14 +93,14 @@ def fly_to_touch(time: float, state: Array, end: float, system: System, output: 
     most = end - time
     wait = time_of_touch(state, most, 2.0 * time_width(time), spin, parameters, system.ground)
     lasting = most if wait == NO_TOUCH else min(wait, most)
-    pressed = contact_count(workspace.mode) > 0
+    overlapping = contact_count(workspace.mode) > 0
     if not within_limit(state, lasting, spin, parameters, actuator) or (
-            pressed and lasting < SHORT_FLIGHT):
+            overlapping and lasting < SHORT_FLIGHT):
         return time, filled
     reached, stored = end if wait == NO_TOUCH else time + lasting, 0.0
     if reached > time:
         note(workspace.log, time, FLIGHT)
-    if ledger and pressed:
+    if ledger and overlapping:
         stored = spring_energy(state, parameters, system.ground, workspace.mode.contacts)
     while (filled < len(output.rows) and output.begin + (filled + 1) * output.interval
            <= reached + smallest_step(time)):
