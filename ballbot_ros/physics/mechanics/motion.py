@@ -54,12 +54,12 @@ def without_ground(time: float, motion: Array, hanging: Direction, system: Syste
 
 
 @compiled
-def of_ball_alone(motion: Array, system: System, mode: ContactMode) -> Accelerations:
+def of_ball_alone(time: float, motion: Array, system: System, mode: ContactMode) -> Accelerations:
     """Return what `accelerations` does for a ball without a pendulum."""
     parameters = system.parameters
-    per_mass, per_inertia = 1.0 / parameters.mass, 1.0 / parameters.ball_inertia
-    turn = -per_inertia * (parameters.rolling_friction * motion[BALL_RATE])
-    along_x, along_y = 0.0, -parameters.gravity
+    (turn, _, along_x, along_y), (_, _, per_mass, _, _) = without_ground(
+        time, motion, (0.0, 1.0), system, mode)
+    per_inertia = 1.0 / parameters.ball_inertia
     for row in range(contact_count(mode)):
         normal_x, normal_y, distance, friction, force, slip = pressed_and_slid(
             mode.signs[row, FEATURE], motion, system.ground, parameters)
@@ -77,7 +77,7 @@ def accelerations(time: float, motion: Array, start: Turned, system: System,
     """Return the four accelerations in a frozen mode without a CORNER; see `write_motion`."""
     parameters = system.parameters
     if parameters.swing_inertia <= 0.0:
-        return of_ball_alone(motion, system, mode)
+        return of_ball_alone(time, motion, system, mode)
     hanging = direction_near(motion[PENDULUM_ANGLE], start)
     (turn, swing, along_x, along_y), (sway_x, sway_y, own_x, cross, own_y) = without_ground(
         time, motion, hanging, system, mode)

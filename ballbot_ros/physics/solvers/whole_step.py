@@ -51,6 +51,12 @@ def combined(one: float, first: Course, other: float, second: Course) -> Course:
 
 
 @compiled
+def begun_at(value: float, course: Course) -> Course:
+    """Return the course of a quantity that goes on as another one does, from its own begin."""
+    return value, course[1], course[2], course[3], course[4]
+
+
+@compiled
 def least(course: Course) -> float:
     """Return a lower bound."""
     return course[0] + (min(course[1], 0.0) + 0.25 * min(course[2], 0.0)) + (
@@ -128,7 +134,7 @@ def stays_on(work: Array, row: int, system: System, mode: ContactMode) -> bool:
     vertex = segment + (feature & 1)
     across = normal_x * ground[vertex, VERTEX_X] + normal_y * ground[vertex, VERTEX_Y]
     away, aside = course_of(work, X, normal_x, normal_y), 0.0
-    away = (away[0] - across, away[1], away[2], away[3], away[4])
+    away = begun_at(away[0] - across, away)
     if feature & 1 == 0:
         foot = course_of(work, X, ground[segment, TANGENT_X], ground[segment, TANGENT_Y])
         if segment > 0 and least(foot) <= place(segment, segment, ground) + reach_of(
@@ -143,9 +149,7 @@ def stays_on(work: Array, row: int, system: System, mode: ContactMode) -> bool:
         if least(before) < place(vertex, segment, ground) or (
                 most(behind) > place(vertex, vertex, ground)):
             return False
-        sideways = course_of(work, X, normal_y, -normal_x)
-        sideways = (0.0, sideways[1], sideways[2], sideways[3], sideways[4])
-        aside = largest(sideways)
+        aside = largest(begun_at(0.0, course_of(work, X, normal_y, -normal_x)))
     return pressed_throughout(work, row, (normal_x, normal_y, distance), friction, (aside, away),
                               system, mode)
 
@@ -211,13 +215,12 @@ def out_of_reach(work: Array, segment: int, system: System) -> bool:
     if least(course_of(work, X, -tangent_y, tangent_x)) - across > system.parameters.radius:
         return True
     x, y = work[rows.DENSE + X], work[rows.DENSE + X + 1]
-    away_x, away_y = away_from(segment, x, y, system.ground)
+    away_x, away_y = away_from(segment, x, y, ground)
     distance = math.sqrt(away_x * away_x + away_y * away_y)
     if not distance > system.parameters.radius:
         return False
     course = course_of(work, X, away_x / distance, away_y / distance)
-    return least((distance, course[1], course[2], course[3],
-                  course[4])) > system.parameters.radius
+    return least(begun_at(distance, course)) > system.parameters.radius
 
 
 @compiled
@@ -230,11 +233,9 @@ def motor_stays(time: float, step: float, work: Array, system: System, mode: Con
     actuator = system.actuator
     by_ball, by_angle, by_spin, by_rate, by_time = torque_slopes(actuator)
     begin = unsaturated_torque(time, work[rows.DENSE:rows.DENSE + MOTION], actuator)
-    change = combined(1.0, course_of(work, BALL_ANGLE, by_ball, by_angle),
-                      1.0, course_of(work, BALL_RATE, by_spin, by_rate))
-    change = (0.0, change[1], change[2], change[3], change[4])
-    angle = course_of(work, PENDULUM_ANGLE, 1.0, 0.0)
-    swung = largest((0.0, angle[1], angle[2], angle[3], angle[4]))
+    change = begun_at(0.0, combined(1.0, course_of(work, BALL_ANGLE, by_ball, by_angle),
+                                    1.0, course_of(work, BALL_RATE, by_spin, by_rate)))
+    swung = largest(begun_at(0.0, course_of(work, PENDULUM_ANGLE, 1.0, 0.0)))
     unsure = abs(actuator.gravity_torque) * swung + abs(by_time) * step
     weakest, strongest = begin + least(change) - unsure, begin + most(change) + unsure
     saturated, limit = mode.signs[len(mode.signs) - 1, MOTOR], actuator.limit
