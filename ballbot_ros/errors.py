@@ -12,8 +12,7 @@ Everything that this package raises on purpose.
     ├── LinkError             the serial line cannot be opened, or is gone
     ├── DriveError            the motor controller does not answer, or not as it must
     ├── EstimateLostError     the readings of the sensors contradict each other
-    ├── RefusedError          a request that would not be safe now
-    └── RenamedError          a Python name that has moved; names the new one
+    └── RefusedError          a request that would not be safe now
 
 Each message says what was wrong, the value, what is allowed and what to do.
 
@@ -28,25 +27,48 @@ from typing import Any
 
 
 class BallbotError(Exception):
-    """Base of all errors of this package; catch this to catch them all."""
+    """
+    Base of all errors of this package; catch this to catch them all.
+
+    Attributes
+    ----------
+    reason : str
+        Code of the cause, for counters, decisions and tests: ``'out_of_range'``, ``'stale'``, ...
+    field : str
+        Name of the field, parameter, option or joint that was refused; empty if there is none.
+
+    """
+
+    reason = 'error'
+    field = ''
 
 
 class _ErrorWithReason(BallbotError):
-    """An error whose reason, one word, stands beside its sentence."""
+    """An error that is always raised with a reason code."""
 
-    def __init__(self, reason: str, explanation: str):
-        """Keep the one-word reason beside the sentence."""
+    def __init__(self, reason: str, explanation: str, field: str = ''):
         super().__init__(explanation)
         self.reason = reason
+        self.field = field
 
 
 class ConfigurationError(BallbotError, ValueError):
     """
     A value in a file, on a command line or in a parameter is not acceptable.
 
-    Raised for unknown names, wrong types, wrong units, values that are not finite or
-    out of range, and files that cannot be read.
+    Attributes
+    ----------
+    reason : str
+        ``'unknown_name'``, ``'missing'``, ``'wrong_type'``, ``'not_a_choice'``,
+        ``'out_of_range'``, ``'not_finite'``, ``'inconsistent'`` (with another value),
+        ``'unreadable'`` (a file or its syntax), ``'not_installed'``, or ``'invalid'``.
+
     """
+
+    def __init__(self, explanation: str, reason: str = 'invalid', field: str = ''):
+        super().__init__(explanation)
+        self.reason = reason
+        self.field = field
 
 
 class SimulationError(BallbotError, ArithmeticError):
@@ -125,7 +147,3 @@ class EstimateLostError(BallbotError, ArithmeticError):
 
 class RefusedError(BallbotError):
     """A request, to release the e-stop for instance, would not be safe now; says why."""
-
-
-class RenamedError(BallbotError, ImportError):
-    """A name of this package has moved; says where to (`ballbot_ros.renamed`)."""

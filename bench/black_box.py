@@ -4,9 +4,9 @@ from pathlib import Path
 import tempfile
 import time
 
-from ballbot_ros.bridge.black_box import BlackBox, MOST_BLOCKS
-from ballbot_ros.bridge.black_box_file import header, write_file
-from ballbot_ros.results.black_box import read_black_box
+from ballbot_ros.black_box.file import header, write_file
+from ballbot_ros.black_box.reader import read_black_box
+from ballbot_ros.black_box.ring import BlackBox, MOST_BLOCKS
 from ballbot_ros.studies.pulled_plug import WitnessedLine
 
 REPEATS, PERIODS, RATE = 5, 20_000, 500.0

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ballbot_ros.compiled import direct
+from ballbot_ros.jit import direct
 from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.physics.solvers.values import (

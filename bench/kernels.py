@@ -4,8 +4,8 @@ import time
 
 import numpy as np
 
-from ballbot_ros.compiled import COMPILED, compiled
 from ballbot_ros.crossing import held_at
+from ballbot_ros.jit import COMPILED, compiled
 from ballbot_ros.physics import Actuation, load_robot, Model, Solver, Terrain
 from ballbot_ros.physics.mechanics import contact, equations
 from ballbot_ros.physics.model.parameters import System

@@ -14,10 +14,9 @@ from rclpy.signals import SignalHandlerOptions
 import round_trip
 from sensor_msgs.msg import JointState
 
-from ballbot_ros.demo.processes import (
-    environment, NodeProcesses, own_domain, parameter_arguments)
+from ballbot_ros.bags.writer import stamp_of
+from ballbot_ros.demo.processes import environment, NodeProcesses, own_domain, parameter_arguments
 from ballbot_ros.ros import qos
-from ballbot_ros.ros.bag import stamp_of
 from ballbot_ros.ros.endpoints import create_subscription
 from ballbot_ros.ros.executor import new_executor
 

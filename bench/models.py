@@ -17,8 +17,8 @@ from kernel_call import Ours
 import numpy as np
 from precision_scenes import shipped
 
-from ballbot_ros.compiled import compiled as compile_kernel
 from ballbot_ros.config.files import shipped_files
+from ballbot_ros.jit import compiled as compile_kernel
 from ballbot_ros.physics.mechanics import contact
 from ballbot_ros.physics.simulation.reachability import analyse
 from ballbot_ros.physics.simulation.steps import simulate

@@ -19,6 +19,8 @@ import peers
 from precision_scenes import cases, MUJOCO_HEIGHT, MUJOCO_SCENE, MUJOCO_SPEED, with_solver
 
 from ballbot_ros.errors import SimulationError
+from ballbot_ros.paper import mujoco_check
+from ballbot_ros.paper.cases import Case
 from ballbot_ros.physics import Actuation
 from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.simulation.accuracy import simulate_accurately
@@ -26,8 +28,6 @@ from ballbot_ros.physics.simulation.integrator import Integrator
 from ballbot_ros.physics.simulation.steps import simulate
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.physics.solvers.values import EVALUATIONS, FINISHED, Status
-from ballbot_ros.studies import mujoco_check
-from ballbot_ros.studies.cases import Case
 
 REPEATS = 3
 LEVELS = (1e-4, 1e-6)  # errors at which times are compared [m]

@@ -11,8 +11,8 @@ import time
 import peers
 
 from ballbot_ros.crossing import max_step_height
-from ballbot_ros.studies import mujoco_check
-from ballbot_ros.studies.cases import Case
+from ballbot_ros.paper import mujoco_check
+from ballbot_ros.paper.cases import Case
 
 SPEED = 0.8
 LOW, HIGH = 0.025, 0.04  # bracket of the height at the start [m]

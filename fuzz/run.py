@@ -56,7 +56,7 @@ def work(name, wanted, seed):
     """Fuzz one target in this process until it has seen enough bytes; does not return."""
     import atheris
     with atheris.instrument_imports(include=[
-            'ballbot_ros.drives', 'ballbot_ros.emulator', 'ballbot_ros.sensors']):
+            'ballbot_ros.drives', 'ballbot_ros.emulator', 'ballbot_ros.imus']):
         import targets
     fuzz, protocol = targets.TARGETS[name]
     seen = {'bytes': 0, 'inputs': 0, 'messages': 0}

@@ -12,8 +12,8 @@ import math
 from ballbot_ros.drives import codec_of, device_class, driver_class, DRIVES
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.drives.memory_line import MemoryLine
-from ballbot_ros.sensors import witmotion
-from ballbot_ros.sensors.emulated import EmulatedWitMotion
+from ballbot_ros.imus import witmotion
+from ballbot_ros.imus.emulated import EmulatedWitMotion
 
 # All are imported here, where run.py has them instrumented, and not with the first input.
 CODECS = {protocol: codec_of(protocol) for protocol in sorted(DRIVES)}

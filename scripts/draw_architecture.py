@@ -18,11 +18,12 @@ from matplotlib.path import Path as Line
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / 'scripts')]
 
-from ballbot_ros.figures import canvas  # noqa: E402
 from house import edges, folders, modules  # noqa: E402, I100, I201
 
+from ballbot_ros.figures import canvas  # noqa: E402
+
 # What every folder may import; no arrows are drawn to it.
-GROUND = ('errors', 'renamed', 'config', 'compiled')
+GROUND = ('errors', 'config', 'jit')
 GROUPS = {
     'ground': ('#D9D4CC', 'everything imports these'), 'model': ('#CFE8DD', 'the model'),
     'robot': ('#FBE6C2', 'the robot, simulated or real'),

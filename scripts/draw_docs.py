@@ -11,8 +11,8 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from ballbot_ros.figures import canvas  # noqa: E402
-from ballbot_ros.figures.gallery import FIGURES  # noqa: E402
 from ballbot_ros.figures.run import animate, save, strip  # noqa: E402
+from ballbot_ros.paper.gallery import FIGURES  # noqa: E402
 from ballbot_ros.physics import load_scene  # noqa: E402
 
 # Proportions of the drawing, in ball radii; the penetration is exaggerated to be seen.

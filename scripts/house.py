@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parent.parent
 NAME = 'ballbot_ros'
 KERNEL_MARKS = {'compiled', 'inlined', 'outlined', 'unlocked'}
 WORDS = ('contact_stiffness', 'accuracy', 'torque_limit')
-LONG = 300
+
 SIMILAR = ('--disable=all', '--enable=duplicate-code', '--min-similarity-lines=3',
            '--ignore-imports=y', '--ignore-docstrings=y', '--ignore-comments=y',
            '--ignore-signatures=y')

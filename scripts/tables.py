@@ -16,8 +16,7 @@ from ballbot_ros.cli.new import span, yaml_of
 from ballbot_ros.config.fields import allowed, why_fixed
 from ballbot_ros.control import ControlTuning
 from ballbot_ros.decision import DecisionTuning
-from ballbot_ros.drives import (
-    CAN, device_class, driver_class, DRIVES, line_of, SERIAL)
+from ballbot_ros.drives import CAN, device_class, driver_class, DRIVES, line_of, SERIAL
 from ballbot_ros.drives.can_frames import RECORD_SIZE
 from ballbot_ros.drives.odrive.firmware import (
     BACK_ALLOWED, GENERATIONS, LIMITS_TORQUE_MODE, MAX_BACK, OVERSPEED, VELOCITY_GAIN,
@@ -25,9 +24,9 @@ from ballbot_ros.drives.odrive.firmware import (
 from ballbot_ros.drives.odrive.settings import RUNAWAY
 from ballbot_ros.emulator.control import FAULTS, LINE_FAULTS
 from ballbot_ros.estimation import OdometryTuning
+from ballbot_ros.nodes.bridge.health import VALUES
+from ballbot_ros.nodes.imu.publisher import VALUES as IMU_VALUES
 from ballbot_ros.physics.model.terrain_file import PIECES
-from ballbot_ros.ros.imu import VALUES as IMU_VALUES
-from ballbot_ros.ros.motor_health import VALUES
 from ballbot_ros.ros.setting_fields import Settings
 from ballbot_ros.ros.settings import (
     BridgeSettings, ControllerSettings, DecisionSettings, EmulatedRobotSettings, ImuSettings,

@@ -11,7 +11,7 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 import hypothesis
 import pytest
 
-from ballbot_ros import compiled
+from ballbot_ros import jit as compiled
 from ballbot_ros.physics import load_robot
 
 # Which test comes first to a kernel is chance; what is said then is tested by itself.

@@ -13,9 +13,9 @@ ROOT = Path(__file__).resolve().parent.parent
 SPDX = '# SPDX-License-Identifier: Apache-2.0'
 
 # The layers that work without ROS carry type hints, in this order: lowest first.
-TYPED = ('errors.py', 'renamed.py', 'compiled.py', 'config', 'physics', 'crossing', 'control',
-         'estimation', 'plant', 'drives', 'decision', 'emulator', 'bridge', 'studies', 'results',
-         'figures', 'view')
+TYPED = ('errors.py', 'jit.py', 'config', 'physics', 'crossing', 'control', 'estimation', 'plant',
+         'drives', 'imus', 'black_box', 'decision', 'emulator', 'bridge', 'studies', 'results',
+         'figures', 'paper', 'view')
 
 
 def project_files(*suffixes):

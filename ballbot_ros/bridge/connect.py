@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Callable, Tuple
 
-from ballbot_ros.bridge.black_box import Witness
+from ballbot_ros.black_box.ring import Witness
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.drives import open_driver, open_line
 from ballbot_ros.drives.capture import Recorder, ShownToAll

@@ -4,7 +4,7 @@ from collections import Counter
 import logging
 from typing import Callable, Optional, Tuple
 
-from ballbot_ros.bridge.black_box import EVENT, FAULT, Witness
+from ballbot_ros.black_box.ring import EVENT, FAULT, Witness
 from ballbot_ros.bridge.cascade import Cascade
 from ballbot_ros.bridge.condition import ConditionMonitor
 from ballbot_ros.bridge.drive_line import DriveLine, HANDSHAKE

@@ -4,7 +4,7 @@ import threading
 from time import sleep
 from typing import Callable, Optional
 
-from ballbot_ros.bridge.black_box import FAULT
+from ballbot_ros.black_box.ring import FAULT
 from ballbot_ros.bridge.pacer import Periods
 from ballbot_ros.bridge.realtime import Scheduling
 from ballbot_ros.bridge.session import Report, Session

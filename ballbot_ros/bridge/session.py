@@ -11,7 +11,7 @@ import threading
 import time
 from typing import Callable, NamedTuple, Optional, Tuple
 
-from ballbot_ros.bridge.black_box import Witness
+from ballbot_ros.black_box.ring import Witness
 from ballbot_ros.bridge.condition import Condition
 from ballbot_ros.bridge.drive_control import DriveControl
 from ballbot_ros.bridge.hardware_file import Hardware

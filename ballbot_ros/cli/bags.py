@@ -20,10 +20,10 @@ def is_bag(path: Path) -> bool:
 def bag_opener() -> Any:
     """Return what opens bags; `ConfigurationError` where nothing does."""
     if find_spec('rosbags') is not None:
-        from ballbot_ros.studies.bag_reader import open_bag
+        from ballbot_ros.bags.reader import open_bag
         return open_bag
     if find_spec('rosbag2_py') is not None:
-        from ballbot_ros.ros.bag_source import open_bag as open_with_ros
+        from ballbot_ros.bags.source import open_bag as open_with_ros
         return open_with_ros
-    from ballbot_ros.ros.bag_storage import MISSING
+    from ballbot_ros.bags.storage import MISSING
     raise ConfigurationError(MISSING)

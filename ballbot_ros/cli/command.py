@@ -15,11 +15,10 @@ import os
 import signal
 import sys
 from threading import current_thread, Event, main_thread
-from typing import Iterable, Iterator, NoReturn, Optional, Sequence
+from typing import Iterator, NoReturn, Optional, Sequence
 
 from ballbot_ros import __version__
 from ballbot_ros.errors import BallbotError, ConfigurationError
-from ballbot_ros.renamed import OPTIONS, remark
 
 # Verb -> its module and what it does.
 VERBS = {
@@ -81,23 +80,17 @@ class Parser(argparse.ArgumentParser):
     asked: Optional['Parser'] = None  # that of the verb
 
     def error(self, message: str) -> NoReturn:
-        """Raise `ConfigurationError`, and say what an old or misspelt option should be."""
+        """Raise `ConfigurationError`, with the nearest option of a misspelt one."""
         known = (self.asked or self)._option_string_actions
         words = [word.split('=')[0].strip("':,") for word in message.split()]
         words += [word.split('=')[0] for word in self.words if word[:2] == '--']
         # What follows --ros-args is not ours.
         words = words[:words.index('--ros-args')] if '--ros-args' in words else words
-        hints = [f'{word}: {hint}' for word in dict.fromkeys(words)
-                 if word not in known and (hint := _hint(word, known))]
+        hints = [f'{word}: did you mean {near[0]}?' for word in dict.fromkeys(words)
+                 if word.startswith('--') and word not in known
+                 and (near := get_close_matches(word, known, n=1))]
         raise ConfigurationError('; '.join(
             [message, *hints, f'see {(self.asked or self).prog} --help']))
-
-
-def _hint(word: str, known: Iterable[str]) -> str:
-    """Return what became of an old option or choice, or the option that is nearest."""
-    changed = remark(word, OPTIONS.values())
-    near = [] if changed or not word.startswith('--') else get_close_matches(word, known, n=1)
-    return changed or ''.join(f'did you mean {option}?' for option in near)
 
 
 def main(argv: Optional[Sequence[str]] = None) -> int:

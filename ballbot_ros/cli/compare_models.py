@@ -32,8 +32,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(f'--angle-deg must be finite, got {angle!r}')
     robot = read_robot(arguments)
     from ballbot_ros.cli.progress import watched
-    from ballbot_ros.studies.cases import Case, holding, SPEEDS
-    from ballbot_ros.studies.comparison import compare, count_heights
+    from ballbot_ros.paper.cases import Case, holding, SPEEDS
+    from ballbot_ros.paper.comparison import compare, count_heights
     case = holding(robot, math.radians(angle)) if arguments.actuation == 'held' \
         else Case(robot)
     case.actuation.actuator(robot)  # refuses what this robot cannot do
@@ -53,8 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def table(found: Any, title: str) -> Iterator[str]:
     """Yield the lines of the table; it is Markdown, too."""
-    from ballbot_ros.studies.cases import ACCURACY
-    from ballbot_ros.studies.comparison import LEVELS, spans
+    from ballbot_ros.paper.cases import ACCURACY
+    from ballbot_ros.paper.comparison import LEVELS, spans
     yield (f'{title}: {len(found.speeds)} speeds from {found.speeds[0]:g} to '
            f'{found.speeds[-1]:g} m/s, full model to {1e3 * ACCURACY:g} mm')
     yield ''

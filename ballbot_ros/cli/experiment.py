@@ -9,9 +9,8 @@ import shutil
 from typing import Any, Optional
 
 from ballbot_ros.cli.command import DONE, FAILED
-from ballbot_ros.cli.experiment_file import (
-    Experiment, FILE, freeze, load_experiment, node_parameters)
 from ballbot_ros.errors import ConfigurationError, RefusedError
+from ballbot_ros.experiments.file import Experiment, FILE, freeze, load_experiment, node_parameters
 
 RESULT, TABLE, VERSIONS = 'numbers.json', 'results.csv', 'versions.json'
 
@@ -92,8 +91,8 @@ def _begin(plan: Experiment, folder: Path) -> Experiment:
 
 def _missing(folder: Path, plan: Experiment, timeout: float, say: Any) -> int:
     """Run the seeds that are not done, and write the table of all."""
+    from ballbot_ros.experiments.results import as_json
     from ballbot_ros.results.files import write_text
-    from ballbot_ros.studies.experiment_results import as_json
     left = [seed for seed in plan.seeds if not _done(folder, seed)]
     if len(left) < len(plan.seeds):
         say(f'{len(plan.seeds) - len(left)} of {len(plan.seeds)} seeds were done before')
@@ -125,13 +124,13 @@ def _prepare(plan: Experiment) -> None:
 
 def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict[str, Any]:
     """Run one seed into its folder, which appears when all is in it; return the result."""
+    from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
     from ballbot_ros.cli.bags import bag_opener
-    from ballbot_ros.demo.lockstep_run import run_lockstep
+    from ballbot_ros.experiments.lockstep_run import run_lockstep
+    from ballbot_ros.experiments.results import as_json, numbers_of, read_told
     from ballbot_ros.physics import load_scene
-    from ballbot_ros.results.bag_metadata import bag_metadata, SIMULATOR
     from ballbot_ros.results.files import write_text
     from ballbot_ros.results.summary import plain
-    from ballbot_ros.studies.experiment_results import as_json, numbers_of, read_told
     draft, failed = folder / f'.seed_{seed}.part', folder / f'seed_{seed}_failed'
     for old in (draft, failed):
         shutil.rmtree(old, ignore_errors=True)
@@ -160,7 +159,7 @@ def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict
 def _again(folder: Path, plan: Experiment, timeout: float, say: Any) -> int:
     """Run all seeds again beside the old ones, and say whether the numbers are the same."""
     from ballbot_ros.cli.bags import bag_opener
-    from ballbot_ros.studies.experiment_results import first_difference, read_told
+    from ballbot_ros.experiments.results import first_difference, read_told
     _prepare(plan)
     for remark in _other_versions(folder):
         say(remark)
@@ -192,6 +191,7 @@ def _again(folder: Path, plan: Experiment, timeout: float, say: Any) -> int:
 def versions() -> dict[str, str]:
     """Return what the numbers may depend on besides the inputs."""
     from importlib.metadata import PackageNotFoundError, version
+
     from ballbot_ros import __version__
     found = {'ballbot_ros': __version__, 'python': platform.python_version(),
              'machine': platform.machine()}

@@ -8,12 +8,12 @@ from dataclasses import dataclass, Field, fields, MISSING
 from typing import Any, Callable, Mapping, Sequence
 
 from ballbot_ros.bridge.hardware_file import HardwareNames, load_hardware, SECTIONS
-from ballbot_ros.cli.experiment_file import Experiment
 from ballbot_ros.config.files import shipped_files
 from ballbot_ros.control import ControlTuning
 from ballbot_ros.decision import DecisionTuning
 from ballbot_ros.drives import driver_class, DRIVES
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.experiments.file import Experiment
 from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Solver
 from ballbot_ros.physics.model.robot import Motor, Robot
 from ballbot_ros.physics.simulation.scene import HUMAN, Initial, SceneFile

@@ -36,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Estimate, write the files and print the table."""
     import json
+
     from ballbot_ros.cli.listing import check_name
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.figures.residuals import residual_figure
@@ -48,8 +49,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.data.suffix in ('.csv', '.npz', '.parquet'):
         recording = Recording.of_columns(read_columns(arguments.data))
     else:
+        from ballbot_ros.bags.reader import read_bag
         from ballbot_ros.cli.bags import bag_opener
-        from ballbot_ros.studies.bag_reader import read_bag
         recording = read_bag(arguments.data, bag_opener())
     if arguments.channels:
         recording = recording.only(arguments.channels)
@@ -94,8 +95,8 @@ def command_of(arguments: argparse.Namespace) -> str:
 
 def content_of(found: Any) -> dict[str, Any]:
     """Return what was found, as JSON knows it."""
-    from ballbot_ros.studies.recording import CHANNELS
     from ballbot_ros.results.summary import plain
+    from ballbot_ros.studies.recording import CHANNELS
     return {
         'estimates': [plain(item._asdict()) for item in found.estimates],
         'vague': found.vague, 'rivals': found.rivals,

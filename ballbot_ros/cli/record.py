@@ -5,7 +5,7 @@ from pathlib import Path
 import time
 
 from ballbot_ros.cli.command import DONE, FAILED
-from ballbot_ros.cli.running_graph import tell, tool
+from ballbot_ros.cli.running_graph import from_ros, tell, tool
 from ballbot_ros.errors import ConfigurationError
 
 
@@ -27,12 +27,12 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.duration > 0.0:
         raise ConfigurationError(f'--duration must be above 0 s, got {arguments.duration:g}')
     folder = arguments.output or Path(time.strftime('bag_%Y_%m_%d-%H_%M_%S'))
-    record = tool('record').record
-    tool('record').check_new(folder)
+    recorder = from_ros('ballbot_ros.bags.record')
+    recorder.check_new(folder)
     from ballbot_ros.results.files import check_writable
     check_writable(folder.parent / f'{folder.name}.mcap')
     with tool('observer').Observer('record') as observer:
-        counts = record(observer, folder, arguments.topics, arguments.duration, tell)
+        counts = recorder.record(observer, folder, arguments.topics, arguments.duration, tell)
     for topic, count in sorted(counts.items()):
         print(f'{count:8d}  {topic}')
     print(f'{sum(counts.values())} messages of {len(counts)} topics in {folder}')

@@ -53,8 +53,8 @@ def run_black_box(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(
             f'--before must be above 0 and at most {LONGEST:g} s, got {before:g}')
     path = newest(arguments.file)
-    from ballbot_ros.results.black_box import read_black_box
-    from ballbot_ros.results.black_box_wording import in_words, write_tables
+    from ballbot_ros.black_box.reader import read_black_box
+    from ballbot_ros.black_box.wording import in_words, write_tables
     if arguments.out is not None:
         result_folder(arguments.out, arguments.out, ('period.csv', 'black_box.png',
                                                      'black_box.svg'), arguments.overwrite)
@@ -80,7 +80,7 @@ def newest(path: Path) -> Path:
     """Return a file, or the newest one in a folder; `ConfigurationError` if it has none."""
     if not path.is_dir():
         return path
-    from ballbot_ros.bridge.black_box_file import ENDING
+    from ballbot_ros.black_box.file import ENDING
     files = sorted(path.glob(f'*{ENDING}'))
     if not files:
         raise ConfigurationError(

@@ -32,11 +32,11 @@ def add_bag_options(parser: argparse.ArgumentParser) -> None:
 
 def run_bag(arguments: argparse.Namespace) -> int:
     """Replay, print, and write what is worth it; 1 for a simulated run that departs."""
+    from ballbot_ros.bags.metadata import BagMetadata, BRIDGE
+    from ballbot_ros.bags.recorded_run import read_run
     from ballbot_ros.cli.bags import bag_opener
     from ballbot_ros.cli.replay_robot import replay_robot
     from ballbot_ros.cli.replay_simulator import replay_simulator
-    from ballbot_ros.results.bag_metadata import BagMetadata, BRIDGE
-    from ballbot_ros.studies.recorded_run import read_run
     path = arguments.file
     bag = path.resolve()
     # A bag is often called "bag": the folder it is in says more.
@@ -67,10 +67,12 @@ def run_bag(arguments: argparse.Namespace) -> int:
 def write(found: Replayed, folder: Path, title: str, kind: str) -> list[str]:
     """Write numbers, figure and what `identify` takes, and return the names of the files."""
     import json
+
     import yaml
+
+    from ballbot_ros.bags.departures import UNITS
     from ballbot_ros.figures.departures import departure_figure
     from ballbot_ros.results.files import write_columns, write_text
-    from ballbot_ros.studies.departures import UNITS
     write_text(json.dumps(found.content, indent=2, allow_nan=False) + '\n',
                folder / 'replay.json')
     files = ['replay.json']

@@ -9,10 +9,10 @@ from ballbot_ros.errors import ConfigurationError
 
 def replay_robot(arguments: argparse.Namespace, run: Any, metadata: Any) -> Replayed:
     """Drive the model by the recorded torque, from the first state, and compare."""
+    from ballbot_ros.bags.departures import (
+        commanded_torque, differences, driven_series, measured_columns, scene_content)
     from ballbot_ros.physics.simulation.scene import read_scene
     from ballbot_ros.results.summary import plain
-    from ballbot_ros.studies.departures import (
-        commanded_torque, differences, driven_series, measured_columns, scene_content)
     refuse(arguments)
     robot = arguments.robot or robot_of(metadata, arguments)
     columns = measured_columns(run)

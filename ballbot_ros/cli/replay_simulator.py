@@ -4,17 +4,16 @@ import argparse
 import statistics
 from typing import Any
 
-from ballbot_ros.cli.replayed import (
-    COMMANDS, parameters_of, Replayed, SET_POINTS, table, TORQUES)
+from ballbot_ros.cli.replayed import COMMANDS, parameters_of, Replayed, SET_POINTS, table, TORQUES
 
 
 def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> Replayed:
     """Run again, by commands first, and say whether all states are the same."""
+    from ballbot_ros.bags.rerun import rerun
     from ballbot_ros.physics import load_scene
     from ballbot_ros.physics.simulation.solver import Solver
     from ballbot_ros.plant import Plant
     from ballbot_ros.results.summary import plain
-    from ballbot_ros.studies.rerun import rerun
     known = dict(metadata.parameters)
     if 'control_rate' not in known and len(run.stamps) > 2 and known.get('control') != 'onboard':
         steps = [after - before for before, after in zip(run.stamps, run.stamps[1:])]
@@ -61,8 +60,8 @@ def ways_of(settings: Any, run: Any) -> list[str]:
 
 def source(by: str, run: Any, settings: Any, scene: Any) -> Any:
     """Return where the torque comes from."""
+    from ballbot_ros.bags.rerun import Commands, Laws, MotorTorques
     from ballbot_ros.control import checked_controller, load_tuning, Supervision
-    from ballbot_ros.studies.rerun import Commands, Laws, MotorTorques
     if by == SET_POINTS:
         return Laws(run, checked_controller(
             scene.model.robot, load_tuning(settings.tuning), settings.control_rate, 0,
@@ -107,7 +106,8 @@ def wording(found: Any) -> list[str]:
 def compared(found: Any) -> tuple[Any, list[Any]]:
     """Return times, recorded and model of all channels, and their differences."""
     import numpy as np
-    from ballbot_ros.studies.departures import differences
+
+    from ballbot_ros.bags.departures import differences
     series = {name: (np.array(list(values)), np.array(list(values.values())),
                      np.array([found.again[name][time] for time in values]))
               for name, values in found.recorded.items() if len(values) > 1}

@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
                  len(arguments.rest))
     names, rest = [target, *arguments.rest[:begin]], arguments.rest[begin:]
     if len(names) == 1:
-        return int(from_ros(f'ballbot_ros.nodes.{target}').main(rest))
+        return int(from_ros(f'ballbot_ros.nodes.{target}.node').main(rest))
     return _together(names, rest)
 
 
@@ -53,7 +53,7 @@ def _together(names: list[str], rest: list[str]) -> int:
         raise ConfigurationError(
             f'cannot run {" and ".join(names)} in one process: {what}; several of '
             f'{", ".join(TOGETHER)} can share one')
-    modules = [from_ros(f'ballbot_ros.nodes.{name}') for name in names]
+    modules = [from_ros(f'ballbot_ros.nodes.{name}.node') for name in names]
     classes = [getattr(module, name.title().replace('_', ''))
                for module, name in zip(modules, names)]
     return int(from_ros('ballbot_ros.ros.run').run_together(classes, rest))

@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Roll, write the files and print what was found."""
     robot, bench = read_robot(arguments), make_bench(arguments)
     from ballbot_ros.cli.progress import watched
-    from ballbot_ros.studies.procedure import HEIGHTS, run_tests
+    from ballbot_ros.paper.procedure import HEIGHTS, run_tests
     if arguments.seed < 0:
         raise ConfigurationError(f'--seed must be at least 0, got {arguments.seed}')
     name = f'bench_{robot.name}{"_driven" if arguments.driven else ""}'
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def make_bench(arguments: argparse.Namespace) -> Any:
     """Return the test bench that the command line describes."""
-    from ballbot_ros.studies.test_bench import Ramp, RunUp
+    from ballbot_ros.paper.test_bench import Ramp, RunUp
     for option, value, wanted in (('--slope-deg', arguments.slope_deg, not arguments.driven),
                                   ('--run-up', arguments.run_up, arguments.driven)):
         if value is not None and not wanted:
@@ -89,7 +89,7 @@ def make_bench(arguments: argparse.Namespace) -> Any:
 
 def write_all(robot: Any, bench: Any, rolls: list, folder: Path) -> list[str]:
     """Write table, truth and plot, and return the names of the files."""
-    from ballbot_ros.figures.heights import bench_curves, bench_figure
+    from ballbot_ros.paper.heights import bench_curves, bench_figure
     from ballbot_ros.results import write_text
     write_text('\n'.join(as_seen(bench, rolls)) + '\n', folder / 'tests.csv')
     write_text('\n'.join(as_was(rolls)) + '\n', folder / 'truth.csv')
@@ -118,7 +118,7 @@ def as_was(rolls: list) -> Iterator[str]:
 
 def report(robot: Any, bench: Any, rolls: list) -> Iterator[str]:
     """Yield what was found, step by step, beside what was true."""
-    from ballbot_ros.studies.procedure import find_thresholds, true_thresholds
+    from ballbot_ros.paper.procedure import find_thresholds, true_thresholds
     yield f'{robot.name}, {bench.setting_name} varied: {len(rolls)} rolls'
     yield ''
     yield 'step mm  rolls  highest no-pass m/s  lowest pass m/s  highest no-pass at touch m/s'

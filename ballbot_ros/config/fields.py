@@ -20,7 +20,6 @@ import math
 from typing import Any, Iterable, Mapping, Type, TypeVar
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.renamed import remark
 
 T = TypeVar('T', bound='Checked')
 
@@ -139,24 +138,29 @@ def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) 
     if kind is str:
         if not isinstance(value, str):
             raise ConfigurationError(
-                f'{place} must be text, got {value!r}; put a number that is meant so in quotes')
+                f'{place} must be text, got {value!r}; put a number that is meant so in quotes',
+                'wrong_type', name)
         if metadata['choices'] and value not in metadata['choices']:
             raise ConfigurationError(
                 f'{place} must be one of {", ".join(metadata["choices"])}, got {value!r}'
-                + suggestion(value, metadata['choices'], listing=False))
+                + suggestion(value, metadata['choices'], listing=False), 'not_a_choice', name)
         return value
     if kind is bool:
         if not isinstance(value, bool):
-            raise ConfigurationError(f'{place} must be true or false, got {value!r}')
+            raise ConfigurationError(
+                f'{place} must be true or false, got {value!r}', 'wrong_type', name)
         return value
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ConfigurationError(
-            f'{place} must be a number ({allowed(metadata)}), got {value!r}')
+            f'{place} must be a number ({allowed(metadata)}), got {value!r}', 'wrong_type', name)
     if kind is int and not (isinstance(value, int) or float(value).is_integer()):
-        raise ConfigurationError(f'{place} must be a whole number, got {value!r}')
+        raise ConfigurationError(
+            f'{place} must be a whole number, got {value!r}', 'wrong_type', name)
     number = kind(value)
     if not within(number, metadata):
-        raise ConfigurationError(f'{place} must be {allowed(metadata)}, got {value!r}')
+        raise ConfigurationError(
+            f'{place} must be {allowed(metadata)}, got {value!r}',
+            'out_of_range' if math.isfinite(number) else 'not_finite', name)
     return number
 
 
@@ -170,13 +174,9 @@ def suggestion(name: str, known: Iterable[str], listing: bool = True) -> str:
     """
     Return what follows the refusal of an unknown name.
 
-    What became of an old name, ``'; did you mean ...?'`` for a near miss, otherwise the list
-    of names if wanted.
+    ``'; did you mean ...?'`` for a near miss, otherwise the list of names if wanted.
     """
     names = sorted(known)
-    changed = remark(str(name), names)
-    if changed:
-        return f'; {changed}'
     near = get_close_matches(str(name), names, n=1, cutoff=0.6)
     if near:
         return f'; did you mean {near[0]!r}?'
@@ -189,7 +189,8 @@ def refuse_unknown(mapping: Mapping[str, Any], known: Iterable[str], where: str)
     for key in mapping:
         if key not in names:
             raise ConfigurationError(
-                f'{where}: {key!r} is not known here{suggestion(key, names)}')
+                f'{where}: {key!r} is not known here{suggestion(key, names)}',
+                'unknown_name', str(key))
 
 
 @dataclass(frozen=True)
@@ -286,12 +287,12 @@ def refuse_missing(parts: Iterable[tuple[Type[Checked], Mapping[str, Any], str]]
                  if name not in entries and item.default is MISSING]
         lacking += [f'{where}: {"; ".join(words)}'] if words else []
     if lacking:
-        raise ConfigurationError('; '.join(lacking))
+        raise ConfigurationError('; '.join(lacking), 'missing')
 
 
 def expect_mapping(value: Any, where: str) -> Mapping[str, Any]:
     """Return `value` if it is a mapping with text keys; raise `ConfigurationError` if not."""
     if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
         raise ConfigurationError(
-            f'{where}: expected a mapping of names to values, got {value!r}')
+            f'{where}: expected a mapping of names to values, got {value!r}', 'wrong_type')
     return value

@@ -28,12 +28,9 @@ from ballbot_ros.control.sampled import (
 from ballbot_ros.control.signals import JointReadings, Mode, SetPoint
 from ballbot_ros.control.supervised import SupervisedController, Supervision
 from ballbot_ros.control.tuning import ControlTuning, load_tuning
-from ballbot_ros.renamed import refuse_old_names
 
 __all__ = [
     'Authority', 'check_loop', 'checked_controller', 'checked_rate', 'CommandGate',
     'ControlTuning', 'growth_rate', 'is_stable', 'JointReadings', 'load_tuning', 'loop_poles',
     'lowest_stable_rate', 'Mode', 'PendulumController', 'RateMonitor', 'RollingModel',
     'SetPoint', 'SupervisedController', 'Supervision', 'Watchdog']
-
-refuse_old_names(globals())

@@ -8,7 +8,7 @@ compiled code: a study of the closed loop runs the ten periods between two obser
 import math
 from typing import Tuple
 
-from ballbot_ros.compiled import compiled, unlocked
+from ballbot_ros.jit import compiled, unlocked
 from ballbot_ros.physics.mechanics.laws import available_torque, limited, position_torque
 from ballbot_ros.physics.model.parameters import Actuator, Parameters, System, TORQUE
 from ballbot_ros.physics.model.state import (

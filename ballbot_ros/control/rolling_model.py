@@ -27,8 +27,8 @@ from typing import NamedTuple, Tuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.compiled import compiled
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.model.robot import Robot
 
 Array = NDArray[np.float64]

@@ -19,10 +19,10 @@ asked for: kernels take plain tuples.
 import math
 from typing import NamedTuple
 
-from ballbot_ros.compiled import compiled
 from ballbot_ros.control.rolling_model import require_pendulum
 from ballbot_ros.control.tuning import ControlTuning
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.model.robot import Robot
 
 # Speed [m/s] and resistance [N m] as estimated, pendulum angle at the last step, angle that law

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ballbot_ros.compiled import compiled, unlocked
+from ballbot_ros.jit import compiled, unlocked
 from ballbot_ros.physics.mechanics.contact import spring_energy
 from ballbot_ros.physics.mechanics.equations import kinetic_energy, potential_energy
 from ballbot_ros.physics.mechanics.modes import IntArray

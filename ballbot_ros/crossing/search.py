@@ -4,8 +4,8 @@ The search for the highest step in compiled code; see `max_step_height` for its 
 
 It believes that every step below one that is passed is passed, too.
 """
-from ballbot_ros.compiled import compiled, unlocked
 from ballbot_ros.crossing.attempt import attempt, Crossing, LEAST, OVER
+from ballbot_ros.jit import compiled, unlocked
 from ballbot_ros.physics.solvers.values import FINISHED
 
 # Ends of a bracket, their scores, and the outcome.

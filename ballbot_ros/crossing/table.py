@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ballbot_ros.compiled import compiled, direct, unlocked
 from ballbot_ros.config.columns import table
 from ballbot_ros.crossing.attempt import attempt, Course, Crossing, OVER, VERTICES
 from ballbot_ros.crossing.rules import Rules, Site
 from ballbot_ros.crossing.search import find
+from ballbot_ros.jit import compiled, direct, unlocked
 from ballbot_ros.physics.mechanics.modes import IntArray
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.contact_options import ContactOptions

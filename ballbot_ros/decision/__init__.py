@@ -35,7 +35,6 @@ from ballbot_ros.decision.profile import Face, Profile
 from ballbot_ros.decision.situation import Failure, Knowledge, Planner, Situation
 from ballbot_ros.decision.tuning import check_decision, DecisionTuning, load_decision_tuning
 from ballbot_ros.decision.values import Decision, Kind, Motion, Outlook, Reason
-from ballbot_ros.renamed import refuse_old_names
 
 __all__ = [
     'After', 'Answer', 'check_decision', 'cross_goal', 'CrossGoal', 'Decider', 'Decision',
@@ -44,5 +43,3 @@ __all__ = [
     'Observation', 'Outlook', 'Phase', 'Pilot', 'Plan', 'Planner',
     'PLANNERS', 'Profile', 'ProfileTracker', 'Reason', 'Situation',
     'StepObservation', 'StepTracker', 'Strategy', 'TerrainObservation', 'TerrainTracker']
-
-refuse_old_names(globals())

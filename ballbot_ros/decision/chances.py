@@ -17,12 +17,12 @@ from typing import NamedTuple, Optional, Tuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.compiled import unlocked
 from ballbot_ros.config.fields import Checked, quantity
 from ballbot_ros.crossing.attempt import attempt, Course, Crossing, LEAST
 from ballbot_ros.crossing.rules import held_at, Site
 from ballbot_ros.decision.outcomes import Outcome
 from ballbot_ros.decision.particles import EDGE_FRICTION, HEIGHT_BIAS, Particles, SURFACE_FRICTION
+from ballbot_ros.jit import unlocked
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.contact_options import ContactOptions
 from ballbot_ros.physics.model.parameters import Actuator, Parameters, System

@@ -8,7 +8,6 @@ from ballbot_ros.config.fields import check_value, Checked, count, quantity, sec
 from ballbot_ros.config.files import load_config
 from ballbot_ros.decision.band import Band
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.renamed import refuse_old_names
 
 _VARIANT = text('of a curve', choices=('fit', 'conservative')).metadata
 
@@ -205,6 +204,3 @@ def load_curve(name_or_path: str, variant: str = 'fit') -> HeightCurve:
             f'curve {curve.name} has no conservative coefficients; make it again with '
             'ballbot fit-curve')
     return replace(curve, coefficients=curve.conservative, residual=0.0)
-
-
-refuse_old_names(globals())

@@ -8,10 +8,10 @@ driven.  All functions are pure and compiled; see `control.speed_law` for the la
 import math
 from typing import NamedTuple
 
-from ballbot_ros.compiled import compiled
 from ballbot_ros.control.speed_law import (
     estimated_slope, holding_angle, Numbers, place_law_step, speed_law_step, SpeedState,
     stopping_speed)
+from ballbot_ros.jit import compiled
 
 # The numbers of an `Order`.
 PlainOrder = tuple[float, float, float, float, float, float, float, float, float, float]

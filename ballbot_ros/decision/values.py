@@ -6,7 +6,6 @@ import math
 from typing import Optional, Tuple
 
 from ballbot_ros.decision.plan import Plan
-from ballbot_ros.renamed import refuse_old_names
 
 
 class Kind(str, Enum):
@@ -169,6 +168,3 @@ class Decision:
     swing_distance: float = math.nan
     plan: Optional[Plan] = None
     outlook: Optional[Outlook] = None
-
-
-refuse_old_names(globals())

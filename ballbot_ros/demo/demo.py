@@ -12,8 +12,9 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import JointState
 
+from ballbot_ros.bags.check import also_recorded, verdict
+from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
 from ballbot_ros.demo.account import account
-from ballbot_ros.demo.bag_check import also_recorded, verdict
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.demo.recorded_graph import recorded_graph, RecordedGraph
@@ -23,7 +24,6 @@ from ballbot_ros.figures.film import Mark, strip
 from ballbot_ros.figures.run import save
 from ballbot_ros.msg import BallState, StepDecision, TerrainObservation
 from ballbot_ros.physics import load_scene, Scene, Trajectory
-from ballbot_ros.results.bag_metadata import bag_metadata, SIMULATOR
 from ballbot_ros.results.faces import LEAST_HEIGHT, LEAST_SLOPE, SHORT
 from ballbot_ros.ros import qos
 

@@ -11,6 +11,7 @@ from rclpy.task import Future
 from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
 
+from ballbot_ros.bags.metadata import bag_metadata, BRIDGE
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.config.files import shipped_files
 from ballbot_ros.demo.demo import ALSO, CURVE, perform, TOPICS, TWO_STEPS
@@ -19,7 +20,6 @@ from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.demo.recorded_graph import recorded_graph
 from ballbot_ros.demo.timeline import Timeline
 from ballbot_ros.msg import MotorStatus
-from ballbot_ros.results.bag_metadata import bag_metadata, BRIDGE
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.endpoints import create_subscription
 

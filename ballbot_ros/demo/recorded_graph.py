@@ -15,13 +15,12 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 
+from ballbot_ros.bags.writer import BagRecorder
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.demo.timeline import Timeline
 from ballbot_ros.msg import BallState, StepDecision
 from ballbot_ros.ros import discovery
-from ballbot_ros.ros.bag import BagRecorder
 from ballbot_ros.ros.executor import new_executor
-
 
 # So often what was recorded is looked at, and the nodes are [s].
 TAKE_AGAIN = 0.01

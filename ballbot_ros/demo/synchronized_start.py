@@ -6,7 +6,7 @@ from typing import Iterable
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from ballbot_ros.ros.bag import BagRecorder
+from ballbot_ros.bags.writer import BagRecorder
 
 # Wall time after which a paused simulator is reset again, to publish its state [s].
 AGAIN = 0.2

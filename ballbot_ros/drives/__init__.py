@@ -42,7 +42,6 @@ from ballbot_ros.drives.contract import DriveOptions, SerialLine
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.drives.emulated_device import Device
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.renamed import refuse_old_names
 
 
 class LineKind(NamedTuple):
@@ -166,6 +165,3 @@ def open_driver(protocol: str, line: SerialLine, options: DriveOptions,
         raise ConfigurationError(
             f'{protocol} wants {found.Options.__name__}, got {type(options).__name__}')
     return found(line, options, clock)
-
-
-refuse_old_names(globals())

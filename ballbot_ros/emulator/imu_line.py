@@ -6,7 +6,7 @@ import time
 from typing import Optional
 
 from ballbot_ros.emulator.terminal import PseudoTerminal
-from ballbot_ros.sensors.emulated import EmulatedWitMotion
+from ballbot_ros.imus.emulated import EmulatedWitMotion
 
 # How long a command may wait to be taken [s].
 LISTEN = 0.002

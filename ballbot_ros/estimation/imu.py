@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import math
 from typing import Tuple
 
-from ballbot_ros.compiled import compiled
 from ballbot_ros.config.fields import Checked, quantity
 from ballbot_ros.control.signals import refuse_not_finite
+from ballbot_ros.jit import compiled
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ written into arrays that the caller hands in.  From Python, hand in ``numbers[:]
 import math
 from typing import NamedTuple, Tuple
 
-from ballbot_ros.compiled import compiled
 from ballbot_ros.control.rolling_model import Array, Rolling, rolling_linearised
 from ballbot_ros.estimation.imu import turned
+from ballbot_ros.jit import compiled
 
 # Order of the state.
 PENDULUM, JOINT, PENDULUM_RATE, BALL_RATE, BIAS = range(5)

@@ -7,11 +7,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 import numpy as np
 
-from ballbot_ros.bridge.black_box import FAULT, NOTE, TORQUE
+from ballbot_ros.black_box.reader import BlackBoxRecording, Happening
+from ballbot_ros.black_box.ring import FAULT, NOTE, TORQUE
+from ballbot_ros.black_box.wording import gaps, told_once, window
 from ballbot_ros.figures import canvas
 from ballbot_ros.figures.panels import Panel, Series
-from ballbot_ros.results.black_box import BlackBoxRecording, Happening
-from ballbot_ros.results.black_box_wording import gaps, told_once, window
 from ballbot_ros.studies.progress import ignore, Progress
 from ballbot_ros.studies.pulled_plug import pulled_plug
 

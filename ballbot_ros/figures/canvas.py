@@ -15,6 +15,7 @@ from ballbot_ros.results.files import PathLike, replacing
 BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE = (
     '#0072B2', '#D55E00', '#009E73', '#E69F00', '#56B4E9', '#A0457A')
 INK, GREY, SOIL, PALE = '#222222', '#767676', '#D9D4CC', '#EEF3F7'
+RESIMULATED = 're-simulated; not digitised from the paper'
 # What people call them, in legends that are words.
 NAMES: Mapping[str, str] = {BLUE: 'blue', VERMILION: 'orange', GREEN: 'green', ORANGE: 'yellow',
                             SKY: 'light blue', PURPLE: 'purple', GREY: 'grey', INK: 'black'}
@@ -62,3 +63,11 @@ def save(figure: Figure, path: PathLike) -> None:
     metadata = {'Date': None} if kind == 'svg' else {'Software': None}
     with matplotlib.rc_context(dict(STYLE)), replacing(path) as stream:
         figure.savefig(stream, format=kind, dpi=RESOLUTION, metadata=metadata)
+
+
+def draw_heading(figure: Figure, title: str, origin: str = RESIMULATED) -> None:
+    """Write title and origin above everything."""
+    width, height = figure.get_size_inches()
+    figure.text(0.012, 1.0 - 0.24 / height, title, fontsize=11, weight='bold')
+    figure.text(1.0 - 0.1 / width, 1.0 - 0.24 / height, origin, fontsize=7.5,
+                color=GREY, ha='right')

@@ -8,7 +8,7 @@ import numpy as np
 
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.figures import canvas
-from ballbot_ros.figures.heights import draw_heading
+from ballbot_ros.figures.canvas import draw_heading
 from ballbot_ros.studies.command_loss import lose_commands, Scenario
 from ballbot_ros.studies.progress import counted, ignore, Progress
 

@@ -47,10 +47,7 @@ from ballbot_ros.physics.simulation.scene import load_scene, Scene
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.physics.simulation.steps import simulate
 from ballbot_ros.physics.simulation.trajectory import Trajectory
-from ballbot_ros.renamed import refuse_old_names
 
 __all__ = [
     'Actuation', 'ContactOptions', 'Energies', 'load_robot', 'load_scene', 'Model', 'Robot',
     'Scene', 'simulate', 'Solver', 'State', 'Terrain', 'Touch', 'Trajectory']
-
-refuse_old_names(globals())

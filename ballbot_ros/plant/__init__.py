@@ -24,10 +24,7 @@ from ballbot_ros.plant.plant import Plant
 from ballbot_ros.plant.sensor_faults import Latency, SensorFaults
 from ballbot_ros.plant.step_sensor import Sensor, Sight
 from ballbot_ros.plant.terrain_sensor import TerrainSensor, TerrainSight
-from ballbot_ros.renamed import refuse_old_names
 
 __all__ = [
     'Imu', 'ImuSample', 'Latency', 'Pace', 'periods_per', 'Plant', 'Sensor', 'SensorFaults',
     'Sight', 'Speedometer', 'TerrainSensor', 'TerrainSight']
-
-refuse_old_names(globals())

@@ -3,7 +3,7 @@
 import time
 from typing import Callable
 
-from ballbot_ros.compiled import hear_of_first_calls
+from ballbot_ros.jit import hear_of_first_calls
 
 COMPILES = ('compiling for this machine, which takes a minute or two and is kept: the next start '
             'begins at once')

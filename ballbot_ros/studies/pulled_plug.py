@@ -9,8 +9,9 @@ import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from ballbot_ros.bridge.black_box import BlackBox
-from ballbot_ros.bridge.black_box_file import header, write_file
+from ballbot_ros.black_box.file import header, write_file
+from ballbot_ros.black_box.reader import BlackBoxRecording, read_black_box
+from ballbot_ros.black_box.ring import BlackBox
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.drives import device_class, open_driver
@@ -20,7 +21,6 @@ from ballbot_ros.emulator.ball import Ball, settings_for
 from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import ImuReading
 from ballbot_ros.physics.simulation.scene import load_scene
-from ballbot_ros.results.black_box import BlackBoxRecording, read_black_box
 from ballbot_ros.studies.progress import ignore, Progress
 
 PERIOD = 0.002  # of the loop [s]

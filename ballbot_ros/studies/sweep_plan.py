@@ -27,7 +27,6 @@ from ballbot_ros.physics import Actuation, Robot
 from ballbot_ros.physics.model.actuation import SET_VALUES
 from ballbot_ros.physics.model.named_parameters import described, MOTOR, ROBOT, with_parameters
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.renamed import refuse_old_names
 
 DESIGNS = ('grid', 'sobol', 'random')
 MOST_CASES = 10**9
@@ -255,6 +254,3 @@ class SweepPlan(Checked):
         """Return a fingerprint: the same for the same results."""
         return hashlib.sha256(
             json.dumps(self.describe(), sort_keys=True).encode()).hexdigest()[:16]
-
-
-refuse_old_names(globals())

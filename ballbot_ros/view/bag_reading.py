@@ -7,8 +7,8 @@ from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import get_typestore, Stores
 import yaml
 
+from ballbot_ros.bags.metadata import BagMetadata
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.results.bag_metadata import BagMetadata
 from ballbot_ros.view.assembly import TOPICS
 
 # What states the robot; more of these than frames are wanted are not even decoded.

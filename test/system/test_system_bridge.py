@@ -17,11 +17,11 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from ballbot_ros.black_box.reader import read_black_box
 from ballbot_ros.cli.replay import newest
 from ballbot_ros.emulator.control import obey
 from ballbot_ros.msg import MotorStatus
-from ballbot_ros.nodes.bridge import Bridge
-from ballbot_ros.results.black_box import read_black_box
+from ballbot_ros.nodes.bridge.node import Bridge
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import command_message, to_time
 from ballbot_ros.ros.executor import new_executor

@@ -19,8 +19,8 @@ from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.emulator.control import obey
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.msg import MotorStatus
+from ballbot_ros.nodes.bridge.motor import imu_message
 from ballbot_ros.ros.conversions import to_time
-from ballbot_ros.ros.motor import imu_message
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs/first_power_on.md'
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ballbot_ros.compiled import compiled
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.model.terrain import Array
 
 

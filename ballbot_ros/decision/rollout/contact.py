@@ -8,9 +8,9 @@ height of a step is never known better.
 """
 import math
 
-from ballbot_ros.compiled import compiled
 from ballbot_ros.decision.rollout.layout import Drive
 from ballbot_ros.decision.rollout.rolling import motor_torque_of
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import find_contacts
 from ballbot_ros.physics.mechanics.contact_law import (
     contact_load, force_and_slip, POINT_X, pressed_sign, sliding_sign)

@@ -8,9 +8,9 @@ and the share of the shift of that face that it follows.
 """
 import math
 
-from ballbot_ros.compiled import compiled
 from ballbot_ros.decision.rollout import layout
 from ballbot_ros.decision.rollout.layout import FACES, HEIGHT, PLACE, SLOPE
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.model.terrain import (
     Array, EDGE_FRICTION, SURFACE_FRICTION, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y)
 

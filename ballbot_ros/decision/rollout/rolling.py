@@ -14,8 +14,8 @@ second, so the rate of the pendulum is stepped implicitly, and steps may be ten 
 import math
 from typing import NamedTuple
 
-from ballbot_ros.compiled import compiled, inlined
 from ballbot_ros.decision.rollout.layout import Drive
+from ballbot_ros.jit import compiled, inlined
 from ballbot_ros.physics.mechanics.laws import available_torque
 from ballbot_ros.physics.model.parameters import Parameters
 

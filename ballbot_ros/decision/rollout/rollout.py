@@ -9,7 +9,6 @@ again, to see whether that can be done before whatever comes next.
 """
 import math
 
-from ballbot_ros.compiled import compiled, outlined, unlocked
 from ballbot_ros.control.speed_law import Numbers, speed_law_start, SpeedState
 from ballbot_ros.crossing.rules import CLEARANCE
 from ballbot_ros.decision.pilot_law import pilot_step, PlainOrder
@@ -19,12 +18,12 @@ from ballbot_ros.decision.rollout.layout import (
     DELAY, Drive, EDGE, EDGE_AT, FALLS, NEXT_AT, OVER, REST, Scratch, SPEED, START, STUCK,
     SWING_ANGLE, SWING_AT, TIGHT, TIME, TOUCH_ANGLE, TOUCH_SPEED, VERDICT)
 from ballbot_ros.decision.rollout.rolling import roll, Rolling
+from ballbot_ros.jit import compiled, outlined, unlocked
 from ballbot_ros.physics.mechanics.contact import first_segment
 from ballbot_ros.physics.model.parameters import Parameters
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y)
-from ballbot_ros.physics.model.terrain import (
-    Array, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y)
+from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y
 
 DECIDED = 10  # control periods between two set angles: 50 Hz
 ROLLED = 0.01  # step of the rolling model [s]

@@ -22,11 +22,11 @@ import math
 
 import numpy as np
 
-from ballbot_ros.compiled import compiled, inlined
+from ballbot_ros.jit import compiled, inlined
 from ballbot_ros.physics.mechanics.contact_law import (
     COLUMNS, contact_load, CORNER, EDGE, force_and_slip, FRICTION, KIND, NORMAL_X, NORMAL_Y,
-    PENETRATION, POINT_X, POINT_Y, pressed_sign, pressing_and_slipping, sliding_sign,
-    slip_lever, stored_energy, SURFACE)
+    PENETRATION, POINT_X, POINT_Y, pressed_sign, pressing_and_slipping, sliding_sign, slip_lever,
+    stored_energy, SURFACE)
 from ballbot_ros.physics.model.parameters import Parameters
 from ballbot_ros.physics.model.state import BALL_RATE, VELOCITY_X, VELOCITY_Y, X, Y
 from ballbot_ros.physics.model.terrain import (

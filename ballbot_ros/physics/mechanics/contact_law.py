@@ -15,7 +15,7 @@ is the law, with those of a frozen mode (see `modes`) what an integrator needs.
 Another contact law is another file with these functions; `contact`, `modes` and `jacobian`
 import the one that holds.
 """
-from ballbot_ros.compiled import compiled
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.model.parameters import Parameters
 from ballbot_ros.physics.model.state import BALL_RATE, VELOCITY_X, VELOCITY_Y
 from ballbot_ros.physics.model.terrain import Array

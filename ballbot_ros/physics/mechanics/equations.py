@@ -27,7 +27,7 @@ line is left out.
 """
 import math
 
-from ballbot_ros.compiled import compiled, inlined
+from ballbot_ros.jit import compiled, inlined
 from ballbot_ros.physics.mechanics.contact import contact_loads
 from ballbot_ros.physics.mechanics.laws import (
     limited, motor_torque, position_feedback, velocity_feedback)

@@ -2,7 +2,7 @@
 """Whether a frozen mode still holds: a quick look, which most steps pass."""
 import math
 
-from ballbot_ros.compiled import compiled
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import pressed_and_slid
 from ballbot_ros.physics.mechanics.modes import (
     contact_count, ContactMode, FEATURE, feature_guard, in_contact, motor_guard, PRESSED, side,

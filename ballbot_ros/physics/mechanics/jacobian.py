@@ -19,7 +19,7 @@ place, too; that is left out, and `smooth_contacts` says whether the derivative 
 """
 import numpy as np
 
-from ballbot_ros.compiled import compiled
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import meeting
 from ballbot_ros.physics.mechanics.contact_law import (
     CORNER, FRICTION, friction_scale, friction_slope, KIND, normal_and_friction,

@@ -8,7 +8,7 @@ hanging down, positive towards +x), ``joint_rate`` is theta2', relative to the b
 """
 import math
 
-from ballbot_ros.compiled import compiled
+from ballbot_ros.jit import compiled
 
 
 @compiled

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.compiled import compiled, inlined
+from ballbot_ros.jit import compiled, inlined
 from ballbot_ros.physics.mechanics.contact import (
     contact_table, first_segment, pressed_and_slid, share_friction, write_contact)
 from ballbot_ros.physics.mechanics.contact_law import (

@@ -6,7 +6,7 @@ The same as `modes.mode_derivative` without the flows of energy, and without a t
 all numbers stay in registers.  Nothing else can begin before the forces of the ground are known,
 so what the motion does without them, and what each newton of them adds, is computed beforehand.
 """
-from ballbot_ros.compiled import compiled, inlined
+from ballbot_ros.jit import compiled, inlined
 from ballbot_ros.physics.mechanics.contact import pressed_and_slid
 from ballbot_ros.physics.mechanics.contact_law import normal_and_friction
 from ballbot_ros.physics.mechanics.equations import torque_asked

@@ -2,7 +2,7 @@
 """Sine and cosine of an angle from those of one nearby: within a step they are needed often."""
 import math
 
-from ballbot_ros.compiled import compiled
+from ballbot_ros.jit import compiled
 
 # So far the series below are exact to rounding: the short ones, which most steps need, and the
 # long ones [rad].

@@ -10,7 +10,6 @@ from ballbot_ros.config.fields import Checked, flag, quantity, text
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.parameters import Actuator, POSITION, TORQUE, VELOCITY, VOLTAGE
 from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.renamed import old_attributes
 
 LAWS = ('free', 'position', 'velocity', 'voltage', 'torque')
 # The law that each set value belongs to; with another law, it would silently do nothing.
@@ -26,7 +25,6 @@ def refuse_degrees(name: str, angle: float) -> None:
             f'{angle:g} degrees are math.radians({angle:g})')
 
 
-@old_attributes(drive='actuator')
 @dataclass(frozen=True, repr=False)
 class Actuation(Checked):
     """

@@ -2,8 +2,8 @@
 """How a run can fail, in words; and the energy ledger that finds out nonsense that is finite."""
 import math
 
-from ballbot_ros.compiled import compiled
 from ballbot_ros.errors import ConfigurationError, SimulationError
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import (
     contact_table, first_segment, ground_height, spring_energy)
 from ballbot_ros.physics.mechanics.equations import kinetic_energy, potential_energy

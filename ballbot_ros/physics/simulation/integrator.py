@@ -2,7 +2,7 @@
 """A method with the arrays that it works in, for one robot on one ground."""
 from typing import Optional
 
-from ballbot_ros.compiled import direct
+from ballbot_ros.jit import direct
 from ballbot_ros.physics.model.parameters import Actuator, Parameters
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.solver import Solver

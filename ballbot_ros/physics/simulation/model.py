@@ -18,14 +18,12 @@ from ballbot_ros.physics.simulation.integrator import Integrator
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.physics.solvers.values import FINISHED, Status
-from ballbot_ros.renamed import old_attributes
 
 # Of the radius that a ball at rest sinks in with the stiffness that a refusal names.  At a tenth,
 # one that moves sinks in to its centre, or on top of a corner, where steps are explicit and many.
 SINKS = 0.03
 
 
-@old_attributes(numbers='parameters')
 @dataclass(frozen=True, repr=False)
 class Model:
     """

@@ -9,19 +9,17 @@ from typing import Any, Mapping, NamedTuple, Optional, Union
 
 import numpy as np
 
-from ballbot_ros.compiled import compiled
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import contact_table, find_contacts, spring_energy
 from ballbot_ros.physics.mechanics.contact_law import (
     contact_force, CORNER, EDGE, KIND, NORMAL_X, NORMAL_Y, PENETRATION)
 from ballbot_ros.physics.mechanics.equations import kinetic_energy, potential_energy
 from ballbot_ros.physics.model.parameters import Parameters
-from ballbot_ros.physics.model.state import SIZE, X, Y
-from ballbot_ros.physics.model.state import State
+from ballbot_ros.physics.model.state import SIZE, State, X, Y
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.solvers.spans import Span
-from ballbot_ros.renamed import old_attributes
 
 # Every column of a trajectory and its unit, in the order of the files.
 UNITS: Mapping[str, str] = {
@@ -70,7 +68,6 @@ def evaluate_rows(states: Array, parameters: Parameters, ground: Array, contacts
                 row[10] = slip
 
 
-@old_attributes(refused='rejected')
 class Effort(NamedTuple):
     """What a run has cost."""
 

@@ -15,7 +15,7 @@ zero at either end.  Then the later root is the time h.
 """
 import math
 
-from ballbot_ros.compiled import compiled, outlined
+from ballbot_ros.jit import compiled, outlined
 from ballbot_ros.physics.mechanics.contact import away_from, first_segment
 from ballbot_ros.physics.mechanics.holding import mode_holds
 from ballbot_ros.physics.model.parameters import System

@@ -11,7 +11,7 @@ of the other is tried now and then.
 """
 import math
 
-from ballbot_ros.compiled import compiled
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import first_segment
 from ballbot_ros.physics.model.parameters import Parameters
 from ballbot_ros.physics.model.state import (

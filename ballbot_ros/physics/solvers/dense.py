@@ -8,7 +8,7 @@ output, by the formula of Gauss and Legendre with four nodes.
 """
 import numpy as np
 
-from ballbot_ros.compiled import compiled
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.equations import actuator_torque
 from ballbot_ros.physics.mechanics.modes import mode_derivative
 from ballbot_ros.physics.model.parameters import Actuator, System

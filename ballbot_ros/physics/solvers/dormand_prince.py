@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from ballbot_ros.compiled import compiled
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.modes import mode_derivative, smooth_contacts
 from ballbot_ros.physics.mechanics.motion import write_motion
 from ballbot_ros.physics.mechanics.turned import Turned, turned_by

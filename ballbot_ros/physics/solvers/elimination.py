@@ -6,7 +6,7 @@ The coordinates follow the velocities, so that with the Jacobian [A B] of the ac
 ``W = I / scale - B - scale A``, of four rows and columns, is inverted.  It has blocks of two:
 ball and pendulum turn, the centre moves along x and y.
 """
-from ballbot_ros.compiled import compiled, outlined
+from ballbot_ros.jit import compiled, outlined
 from ballbot_ros.physics.model.state import COORDINATES
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import rows

@@ -2,7 +2,7 @@
 """Where a frozen mode ends within a step: violated guards, located on the dense output."""
 import numpy as np
 
-from ballbot_ros.compiled import compiled
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.holding import mode_holds
 from ballbot_ros.physics.mechanics.modes import (
     contact_count, ContactMode, guard_of, in_contact, OF_FEATURE, OF_FORCE, PRESSED, touches,

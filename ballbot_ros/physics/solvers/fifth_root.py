@@ -2,7 +2,7 @@
 """A fifth root for the choice of steps: that of an exact one takes as long as two stages."""
 import numpy as np
 
-from ballbot_ros.compiled import compiled
+from ballbot_ros.jit import compiled
 
 BITS_OF_ONE = 0x3FF0000000000000  # as a whole number, the floating-point number 1
 

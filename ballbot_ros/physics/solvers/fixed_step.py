@@ -2,7 +2,7 @@
 """What solvers with steps of one length share: how many, and what ends a run."""
 import math
 
-from ballbot_ros.compiled import compiled
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import ground_height
 from ballbot_ros.physics.mechanics.equations import is_finite
 from ballbot_ros.physics.model.parameters import System

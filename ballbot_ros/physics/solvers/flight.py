@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 
-from ballbot_ros.compiled import compiled, outlined
+from ballbot_ros.jit import compiled, outlined
 from ballbot_ros.physics.mechanics.laws import limited
 from ballbot_ros.physics.model.parameters import Actuator, FREE, Parameters, TORQUE, VOLTAGE
 from ballbot_ros.physics.model.state import (

@@ -13,7 +13,7 @@ form, the ball flies to its next touch in one step without error (`touch_down`).
 """
 import math
 
-from ballbot_ros.compiled import compiled, outlined
+from ballbot_ros.jit import compiled, outlined
 from ballbot_ros.physics.mechanics.contact import ground_height
 from ballbot_ros.physics.mechanics.equations import is_finite
 from ballbot_ros.physics.mechanics.modes import (
@@ -24,10 +24,9 @@ from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import dormand_prince, rodas5p, rows
 from ballbot_ros.physics.solvers.controller import (
     accepted_explicit, accepted_implicit, after_event, clear_distance, error_length,
-    FASTEST_SHRINKING, growth, rejected, shortened, shortest, smallest_step, started,
-    steadiest, stiffness_seen, unavoidable, with_step)
-from ballbot_ros.physics.solvers.dense import (
-    interpolate, motion_at, prepare_ledger, write_rows)
+    FASTEST_SHRINKING, growth, rejected, shortened, shortest, smallest_step, started, steadiest,
+    stiffness_seen, unavoidable, with_step)
+from ballbot_ros.physics.solvers.dense import interpolate, motion_at, prepare_ledger, write_rows
 from ballbot_ros.physics.solvers.events import CROWD, first_event, LOOKS, rated, STUCK
 from ballbot_ros.physics.solvers.flight import has_closed_form
 from ballbot_ros.physics.solvers.rows import ALONE, MOTION, sum_rows, WIDTH

@@ -4,7 +4,7 @@ The classical Runge-Kutta scheme with steps of one length.
 
 Of order 4 between the kinks of the contact law, of order 1 through them.
 """
-from ballbot_ros.compiled import compiled, outlined
+from ballbot_ros.jit import compiled, outlined
 from ballbot_ros.physics.mechanics.equations import derivative
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import SIZE

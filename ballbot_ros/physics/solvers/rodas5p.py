@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from ballbot_ros.compiled import compiled
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.jacobian import BALL, TIME, write_jacobian
 from ballbot_ros.physics.mechanics.modes import ContactMode
 from ballbot_ros.physics.mechanics.motion import accelerations, write_motion_under

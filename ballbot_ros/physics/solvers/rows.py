@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ballbot_ros.compiled import COMPILED
+from ballbot_ros.jit import COMPILED
 from ballbot_ros.physics.model.terrain import Array
 
 MOTION = 8  # numbers of a motion

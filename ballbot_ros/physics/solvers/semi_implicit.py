@@ -4,7 +4,7 @@ Semi-implicit Euler with steps of one length, the choice of game engines.
 
 Of order 1, with one evaluation per step; keeps the energy of an undamped spring within a bound.
 """
-from ballbot_ros.compiled import compiled, outlined
+from ballbot_ros.jit import compiled, outlined
 from ballbot_ros.physics.mechanics.equations import derivative
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import COORDINATES, SIZE

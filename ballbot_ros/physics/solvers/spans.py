@@ -2,7 +2,7 @@
 """Which model simulated which part of a run, and why it was entered."""
 from typing import NamedTuple
 
-from ballbot_ros.compiled import compiled
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.model.terrain import Array
 
 # The models that a run can be in.

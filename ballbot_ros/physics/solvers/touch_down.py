@@ -2,7 +2,7 @@
 """When a flight in closed form ends: the first touch, which `clearance` cannot pass."""
 import math
 
-from ballbot_ros.compiled import compiled, outlined
+from ballbot_ros.jit import compiled, outlined
 from ballbot_ros.physics.mechanics.contact import spring_energy
 from ballbot_ros.physics.mechanics.modes import contact_count, ContactMode, PRESSED
 from ballbot_ros.physics.model.parameters import Parameters, System

@@ -12,7 +12,7 @@ Simulink, SIAM Review 41 (1999) 538-552, section 3.
 """
 import math
 
-from ballbot_ros.compiled import compiled, outlined
+from ballbot_ros.jit import compiled, outlined
 from ballbot_ros.physics.mechanics.contact import ground_height
 from ballbot_ros.physics.mechanics.equations import derivative, is_finite
 from ballbot_ros.physics.mechanics.jacobian import write_jacobian

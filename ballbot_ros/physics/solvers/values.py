@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ballbot_ros.compiled import compiled
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.jacobian import jacobian_table
 from ballbot_ros.physics.mechanics.modes import ContactMode, IntArray
 from ballbot_ros.physics.model.parameters import Actuator, Parameters, System

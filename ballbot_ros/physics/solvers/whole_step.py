@@ -14,16 +14,14 @@ centre at ``u n + w t`` from the vertex, and |w| at most W::
 """
 import math
 
-from ballbot_ros.compiled import compiled
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import away_from, meeting
 from ballbot_ros.physics.mechanics.equations import torque_slopes, unsaturated_torque
 from ballbot_ros.physics.mechanics.modes import (
     contact_count, ContactMode, FEATURE, in_contact, MOTOR, PRESSED, SLIDING, smooth_contacts)
 from ballbot_ros.physics.model.parameters import System
-from ballbot_ros.physics.model.state import (
-    BALL_ANGLE, BALL_RATE, PENDULUM_ANGLE, VELOCITY_X, X)
-from ballbot_ros.physics.model.terrain import (
-    Array, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y)
+from ballbot_ros.physics.model.state import BALL_ANGLE, BALL_RATE, PENDULUM_ANGLE, VELOCITY_X, X
+from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y
 from ballbot_ros.physics.solvers import rows
 from ballbot_ros.physics.solvers.rows import MOTION, WIDTH
 

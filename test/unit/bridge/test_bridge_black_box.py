@@ -8,9 +8,10 @@ import time
 import pytest
 from virtual_robot import VirtualRobot
 
-from ballbot_ros.bridge import black_box
-from ballbot_ros.bridge.black_box import BlackBox, EVENT, FAULT, NOTE
-from ballbot_ros.bridge.black_box_file import BlackBoxFiles, header, MOST_FILES, write_file
+from ballbot_ros.black_box import ring as black_box
+from ballbot_ros.black_box.file import BlackBoxFiles, header, MOST_FILES, write_file
+from ballbot_ros.black_box.reader import read_black_box
+from ballbot_ros.black_box.ring import BlackBox, EVENT, FAULT, NOTE
 from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.bridge.session import Session
@@ -20,7 +21,6 @@ from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.errors import ConfigurationError, MessageError, RefusedError
 from ballbot_ros.estimation import ImuReading
 from ballbot_ros.physics import load_robot
-from ballbot_ros.results.black_box import read_black_box
 
 
 class WitnessedRobot(VirtualRobot):

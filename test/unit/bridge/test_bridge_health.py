@@ -12,8 +12,8 @@ from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.errors import LinkError, MessageError
 
 pytest.importorskip('rclpy')
+from ballbot_ros.nodes.bridge.health import health, VALUES
 from ballbot_ros.ros import diagnostics
-from ballbot_ros.ros.motor_health import health, VALUES
 
 LOOP = SimpleNamespace(late=7)
 DOCUMENT = Path(__file__).resolve().parents[3] / 'docs' / 'nodes.md'

@@ -9,7 +9,7 @@ from ballbot_ros.estimation import ImuReading
 from ballbot_ros.estimation.fusion import IMU_TIMEOUT
 
 pytest.importorskip('rclpy')
-from ballbot_ros.ros.motor import state_of
+from ballbot_ros.nodes.bridge.motor import state_of
 
 HOUR = 3600.0
 

@@ -5,8 +5,8 @@ import time
 
 import pytest
 
+from ballbot_ros.black_box.ring import Witness
 from ballbot_ros.bridge import loop as loop_module
-from ballbot_ros.bridge.black_box import Witness
 from ballbot_ros.bridge.loop import Loop
 
 RATE = 100.0

@@ -7,13 +7,13 @@ import sys
 import pytest
 
 from ballbot_ros.bridge import warm_up as module
-from ballbot_ros.compiled import COMPILED
+from ballbot_ros.jit import COMPILED
 from ballbot_ros.physics import load_robot
 
 # A new process: in this one other tests have compiled what there is.
 PROGRAM = """
 from virtual_robot import VirtualRobot
-from ballbot_ros.compiled import hear_of_first_calls
+from ballbot_ros.jit import hear_of_first_calls
 from ballbot_ros.control import ControlTuning, Mode, PendulumController, SetPoint
 from ballbot_ros.physics import load_robot
 

@@ -56,10 +56,10 @@ def test_each_option_says_what_it_is_in_a_phrase_that_stands_alone(verb):
 @pytest.mark.parametrize('options, said', [([], 1), (['--quiet'], 0)])
 def test_quiet_also_silences_what_a_run_says_by_the_log(monkeypatch, caplog, options, said):
     monkeypatch.setattr(
-        simulate, 'run', lambda _: logging.getLogger('ballbot_ros.compiled').warning('wait') or 0)
+        simulate, 'run', lambda _: logging.getLogger('ballbot_ros.jit').warning('wait') or 0)
     assert main(['simulate', 'flat', *options]) == 0
     assert len(caplog.records) == said
-    logging.getLogger('ballbot_ros.compiled').warning('after it')
+    logging.getLogger('ballbot_ros.jit').warning('after it')
     assert len(caplog.records) == said + 1
 
 

@@ -28,7 +28,7 @@ def test_a_template_loads_as_it_is_written(kind, tmp_path, capsys):
 
 def test_the_template_of_an_experiment_is_one(tmp_path):
     pytest.importorskip('rclpy')
-    from ballbot_ros.cli.experiment_file import load_experiment
+    from ballbot_ros.experiments.file import load_experiment
     path = tmp_path / 'mine.yaml'
     assert main(['new', 'experiment', str(path), '--scene', 'flat']) == 0
     plan = load_experiment(path)

@@ -8,7 +8,7 @@ import types
 import pytest
 
 from ballbot_ros.cli import command, main
-from ballbot_ros.figures.gallery import FIGURES
+from ballbot_ros.paper.gallery import FIGURES
 
 
 @pytest.mark.parametrize('words', [
@@ -26,7 +26,7 @@ def test_a_folder_that_is_a_file_is_refused_before_the_work(
     monkeypatch.setitem(sys.modules, 'ballbot_ros.demo', types.SimpleNamespace(
         run_demo=work, run_hardware_demo=work, own_acts=work, page_beside=work))
     monkeypatch.setattr('ballbot_ros.physics.simulation.scene.Scene.simulate', work)
-    monkeypatch.setattr('ballbot_ros.studies.procedure.run_tests', work)
+    monkeypatch.setattr('ballbot_ros.paper.procedure.run_tests', work)
     monkeypatch.setattr('ballbot_ros.studies.curve_fit.fit_curve', work)
     monkeypatch.setitem(FIGURES, 'fig7', work)
     monkeypatch.setattr('ballbot_ros.studies.sweep.run_sweep', work)

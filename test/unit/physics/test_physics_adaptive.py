@@ -2,13 +2,12 @@
 """The adaptive method: exact where the contact law has kinks, and cheap in between."""
 from dataclasses import replace
 
-from hypothesis import assume, given
-from hypothesis import strategies as some
+from hypothesis import assume, given, strategies as some
 import numpy as np
 import pytest
 
-from ballbot_ros.compiled import compiled
 from ballbot_ros.crossing import held_at
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
 from ballbot_ros.physics.mechanics import contact, equations, holding, modes, motion

@@ -11,12 +11,12 @@ import sys
 import numpy as np
 import pytest
 
-from ballbot_ros import compiled
+from ballbot_ros import jit as compiled
 
 # Runs each robot and law against a step, and prints where they end.
 PROGRAM = """
 import json
-from ballbot_ros import compiled
+from ballbot_ros import jit as compiled
 from ballbot_ros.physics import Actuation, load_robot, Model, simulate, Terrain
 
 ends = {}

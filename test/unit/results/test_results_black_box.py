@@ -5,16 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ballbot_ros.bridge.black_box import BlackBox, EVENT, FAULT, NOTE
-from ballbot_ros.bridge.black_box_file import header, write_file
+from ballbot_ros.black_box.file import header, write_file
+from ballbot_ros.black_box.reader import Happening
+from ballbot_ros.black_box.ring import BlackBox, EVENT, FAULT, NOTE
+from ballbot_ros.black_box.wording import _printable, in_words, told_once, write_tables
 from ballbot_ros.cli import main
 from ballbot_ros.drives import open_driver
 from ballbot_ros.drives.capture import read_capture, Replay
 from ballbot_ros.drives.odrive.driver import ODrive
 from ballbot_ros.figures.black_box import around_fault, chosen, MOST_LINES
-from ballbot_ros.results.black_box import Happening
-from ballbot_ros.results.black_box_wording import (
-    _printable, in_words, told_once, write_tables)
 from ballbot_ros.studies import pulled_plug
 
 

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from ballbot_ros.cli import main
-from ballbot_ros.figures import command_loss, design, gallery, heights, paper
-from ballbot_ros.studies.procedure import run_tests
-from ballbot_ros.studies.test_bench import Roll
+from ballbot_ros.figures import command_loss
+from ballbot_ros.paper import design, figures as paper, gallery, heights
+from ballbot_ros.paper.procedure import run_tests
+from ballbot_ros.paper.test_bench import Roll
 
 FEW = np.array([0.4, 0.6, 0.8, 1.0, 1.1])
 

@@ -13,10 +13,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
+from ballbot_ros.bags.message_stamps import no_stamp, stamp_of, stamp_of_first, stamp_reader
+from ballbot_ros.bags.writer import BagRecorder
 from ballbot_ros.ros import qos
-from ballbot_ros.ros.bag import BagRecorder
 from ballbot_ros.ros.conversions import to_time
-from ballbot_ros.ros.message_stamps import no_stamp, stamp_of, stamp_of_first, stamp_reader
 
 
 def stamped(kind, seconds):

@@ -7,11 +7,11 @@ import pytest
 from rosbags.rosbag2 import Reader
 import yaml
 
+from ballbot_ros.bags import storage as bag_storage
+from ballbot_ros.bags.metadata import bag_metadata, BagMetadata, SIMULATOR
+from ballbot_ros.bags.storage import bag_writer
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_scene
-from ballbot_ros.results.bag_metadata import bag_metadata, BagMetadata, SIMULATOR
-from ballbot_ros.ros import bag_storage
-from ballbot_ros.ros.bag_storage import bag_writer
 
 
 class FakeRosbag2:

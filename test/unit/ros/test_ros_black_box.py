@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from ballbot_ros.bridge.black_box import BlackBox, NOTE
+from ballbot_ros.black_box.ring import BlackBox, NOTE
 from ballbot_ros.bridge.hardware_file import load_hardware
-from ballbot_ros.ros.black_box import black_box, LOGGER, place
+from ballbot_ros.nodes.bridge.black_box_topic import black_box, LOGGER, place
 from ballbot_ros.ros.logs import DeferredLogs
 
 

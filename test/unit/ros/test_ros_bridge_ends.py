@@ -6,7 +6,7 @@ import pytest
 from rclpy.node import Node
 from std_msgs.msg import Bool
 
-from ballbot_ros.nodes.bridge import Bridge
+from ballbot_ros.nodes.bridge.node import Bridge
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.executor import new_executor
 

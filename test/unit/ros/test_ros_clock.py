@@ -11,15 +11,15 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.msg import BallState, StepObservation
-from ballbot_ros.nodes.simulator import Simulator
+from ballbot_ros.nodes.simulator.followed_clock import FollowedClock, LONGEST_LAG
+from ballbot_ros.nodes.simulator.node import Simulator
+from ballbot_ros.nodes.simulator.outputs import CLOCK, LITTLE_ENDIAN
 from ballbot_ros.physics import load_scene
 from ballbot_ros.plant import Plant
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import to_seconds, to_time
 from ballbot_ros.ros.endpoints import mismatches
 from ballbot_ros.ros.executor import new_executor
-from ballbot_ros.ros.followed_clock import FollowedClock, LONGEST_LAG
-from ballbot_ros.ros.outputs import CLOCK, LITTLE_ENDIAN
 
 TOPICS = (('joint_states', JointState), ('odom', Odometry), ('ball_state', BallState),
           ('step_observation', StepObservation))

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from ballbot_ros.ros import motor
-from ballbot_ros.ros.motor import Clocks
+from ballbot_ros.nodes.bridge import motor
+from ballbot_ros.nodes.bridge.motor import Clocks
 
 START = 1.8e9
 
@@ -39,7 +39,7 @@ def machine(monkeypatch):
 @pytest.fixture
 def told(monkeypatch):
     """Return what is logged, by a logger whose records wait for the executor."""
-    assert motor.LOG.name.startswith('ballbot_ros.bridge.')  # see nodes/bridge.py
+    assert motor.LOG.name.startswith('ballbot_ros.bridge.')  # see nodes/bridge/node.py
     found = []
     monkeypatch.setattr(motor, 'LOG', SimpleNamespace(warning=found.append))
     return found

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from ballbot_ros.nodes.simulator import Simulator
+from ballbot_ros.nodes.simulator.node import Simulator
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import to_time
 

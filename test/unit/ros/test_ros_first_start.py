@@ -2,7 +2,7 @@
 """What compiles says so, once, and what compiles too late is a warning."""
 import pytest
 
-from ballbot_ros import compiled
+from ballbot_ros import jit as compiled
 from ballbot_ros.ros.first_start import COMPILES, FirstStart, LATE
 
 pytestmark = pytest.mark.skipif(not compiled.COMPILED, reason='nothing is compiled')

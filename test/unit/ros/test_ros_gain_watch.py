@@ -6,8 +6,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
+from ballbot_ros.nodes.obstacle_decision.gain_watch import GainWatch
 from ballbot_ros.ros.executor import new_executor
-from ballbot_ros.ros.gain_watch import GainWatch
 
 
 @pytest.fixture

@@ -12,9 +12,9 @@ from std_srvs.srv import Trigger
 
 from ballbot_ros.action import CrossStep, DriveTo
 from ballbot_ros.msg import StepDecision
-from ballbot_ros.nodes.controller import Controller
-from ballbot_ros.nodes.obstacle_decision import ObstacleDecision
-from ballbot_ros.nodes.simulator import Simulator
+from ballbot_ros.nodes.controller.node import Controller
+from ballbot_ros.nodes.obstacle_decision.node import ObstacleDecision
+from ballbot_ros.nodes.simulator.node import Simulator
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.executor import new_executor
 

@@ -8,12 +8,13 @@ import pytest
 
 from ballbot_ros.emulator.terminal import PseudoTerminal
 from ballbot_ros.errors import ConfigurationError, LinkError
-from ballbot_ros.nodes.imu import ImuNode
-from ballbot_ros.ros import diagnostics, imu
+from ballbot_ros.imus.emulated import EmulatedWitMotion
+from ballbot_ros.imus.source import StampedReading
+from ballbot_ros.nodes.bridge.motor import Clocks, imu_reading
+from ballbot_ros.nodes.imu import publisher as imu
+from ballbot_ros.nodes.imu.node import ImuNode
+from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import to_seconds
-from ballbot_ros.ros.motor import Clocks, imu_reading
-from ballbot_ros.sensors.emulated import EmulatedWitMotion
-from ballbot_ros.sensors.source import StampedReading
 
 
 class Sensor:

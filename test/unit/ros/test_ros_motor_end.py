@@ -6,9 +6,9 @@ import pytest
 from rclpy.node import Node
 
 from ballbot_ros.msg import MotorStatus
+from ballbot_ros.nodes.bridge.motor import Clocks, MotorOutputs
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.executor import new_executor
-from ballbot_ros.ros.motor import Clocks, MotorOutputs
 
 
 @pytest.mark.parametrize('unconfirmed', ['', 'the stop was not confirmed: the cable is out'])

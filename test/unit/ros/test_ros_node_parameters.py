@@ -7,12 +7,12 @@ from rclpy.node import Node
 from rclpy.parameter import get_parameter_value, Parameter
 import yaml
 
-from ballbot_ros.nodes.bridge import Bridge
-from ballbot_ros.nodes.controller import Controller
-from ballbot_ros.nodes.emulated_robot import EmulatedRobot
-from ballbot_ros.nodes.imu import ImuNode
-from ballbot_ros.nodes.obstacle_decision import ObstacleDecision
-from ballbot_ros.nodes.simulator import Simulator
+from ballbot_ros.nodes.bridge.node import Bridge
+from ballbot_ros.nodes.controller.node import Controller
+from ballbot_ros.nodes.emulated_robot.node import EmulatedRobot
+from ballbot_ros.nodes.imu.node import ImuNode
+from ballbot_ros.nodes.obstacle_decision.node import ObstacleDecision
+from ballbot_ros.nodes.simulator.node import Simulator
 from ballbot_ros.ros.overrides import BUILT_IN
 
 NODES = {

@@ -4,8 +4,8 @@ from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.decision.outcome_log import OutcomeLog
 from ballbot_ros.decision.outcomes import Outcome
 from ballbot_ros.decision.particles import Particles
+from ballbot_ros.nodes.obstacle_decision.outcomes import Experience
 from ballbot_ros.physics.model.robot import load_robot
-from ballbot_ros.ros.outcomes import Experience
 
 GIMBALL = load_robot('gimball')
 KNOWLEDGE = Knowledge(

@@ -12,9 +12,10 @@ from ballbot_ros.bridge.condition import Condition
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.estimation import OdometryFilter, PendulumFilter
+from ballbot_ros.nodes.bridge import robot_outputs
+from ballbot_ros.nodes.bridge.robot_outputs import battery_message, RobotOutputs
 from ballbot_ros.physics import load_robot
-from ballbot_ros.ros import odometry, robot_outputs
-from ballbot_ros.ros.robot_outputs import battery_message, RobotOutputs
+from ballbot_ros.ros import odometry
 from ballbot_ros.ros.settings import BridgeSettings
 
 GIMBALL = load_robot('gimball')

@@ -3,7 +3,7 @@
 import pytest
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.ros.sensors import check_lockstep
+from ballbot_ros.nodes.simulator.sensors import check_lockstep
 from ballbot_ros.ros.settings import SimulatorSettings
 
 

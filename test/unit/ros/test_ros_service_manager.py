@@ -12,8 +12,9 @@ import pytest
 import yaml
 
 from ballbot_ros.config.fields import checked_values
-from ballbot_ros.ros import service_manager, settings
-from ballbot_ros.ros.service_manager import ServiceManager, SIGNS
+from ballbot_ros.nodes.bridge import service_manager
+from ballbot_ros.nodes.bridge.service_manager import ServiceManager, SIGNS
+from ballbot_ros.ros import settings
 
 ROOT = Path(__file__).resolve().parents[3]
 UNITS = sorted((ROOT / 'config' / 'systemd').glob('*.service'))

@@ -5,7 +5,7 @@ import math
 import pytest
 from rclpy.action import ActionClient
 
-from ballbot_ros.nodes.simulator import Simulator
+from ballbot_ros.nodes.simulator.node import Simulator
 from ballbot_ros.ros.executor import new_executor
 
 srv = pytest.importorskip('simulation_interfaces.srv')

@@ -18,13 +18,14 @@ from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 import yaml
 
+from ballbot_ros.bags import record
 from ballbot_ros.cli import main
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.msg import BallState, Contact, StepDecision
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import to_time
 from ballbot_ros.ros.senders import MARK
-from ballbot_ros.ros.tools import e_stop, observer, record, topics
+from ballbot_ros.ros.tools import e_stop, observer, topics
 from ballbot_ros.ros.tools.driver import RobotDriver
 from ballbot_ros.ros.tools.observer import Observer
 from ballbot_ros.ros.tools.topics import as_csv, as_yaml, rate_in_words

@@ -2,9 +2,9 @@
 """A bag as the simulator's topics fill it, written without ROS."""
 import numpy as np
 
-from ballbot_ros.ros.bag_storage import RosbagsWriter
-from ballbot_ros.studies.recorded_run import BALL_STATE
-from ballbot_ros.studies.rerun import plant_values
+from ballbot_ros.bags.recorded_run import BALL_STATE
+from ballbot_ros.bags.rerun import plant_values
+from ballbot_ros.bags.storage import RosbagsWriter
 
 
 class BagOf:

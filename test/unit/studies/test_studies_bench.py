@@ -11,11 +11,11 @@ from reference_search import crosses
 from ballbot_ros.cli import main
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.paper import procedure
+from ballbot_ros.paper.procedure import find_thresholds, run_tests
+from ballbot_ros.paper.test_bench import first_passage, Ramp, Roll, RunUp
 from ballbot_ros.physics import load_robot
 from ballbot_ros.physics.simulation.model import Model
-from ballbot_ros.studies import procedure
-from ballbot_ros.studies.procedure import find_thresholds, run_tests
-from ballbot_ros.studies.test_bench import first_passage, Ramp, Roll, RunUp
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 STILL = {'pendulum_sd': 0.0, 'release_sd': 0.0, 'push_sd': 0.0}

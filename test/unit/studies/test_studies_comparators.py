@@ -11,10 +11,10 @@ from reference_search import crosses
 
 from ballbot_ros.crossing import held_at
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.paper.rigid_impact import (
+    crosses_rigidly, EDGE, FLOOR, FLYING, impact_with_restitution, RigidBall)
 from ballbot_ros.physics import load_robot, State
 from ballbot_ros.studies import comparators
-from ballbot_ros.studies.rigid_impact import (
-    crosses_rigidly, EDGE, FLOOR, FLYING, impact_with_restitution, RigidBall)
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 LEVEL = math.pi / 2

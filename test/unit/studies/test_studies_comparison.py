@@ -8,9 +8,9 @@ import pytest
 
 from ballbot_ros.cli import main
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.paper.cases import Case, holding
+from ballbot_ros.paper.comparison import compare, spans
 from ballbot_ros.physics import Actuation, load_robot
-from ballbot_ros.studies.cases import Case, holding
-from ballbot_ros.studies.comparison import compare, spans
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 
@@ -56,7 +56,7 @@ def test_ranges_of_speeds_are_found():
 @pytest.fixture
 def few(monkeypatch):
     """Compare at two speeds only."""
-    monkeypatch.setattr('ballbot_ros.studies.cases.SPEEDS', np.array([0.3, 0.9]))
+    monkeypatch.setattr('ballbot_ros.paper.cases.SPEEDS', np.array([0.3, 0.9]))
 
 
 def test_the_command_prints_a_row_for_each_model(capsys, few):

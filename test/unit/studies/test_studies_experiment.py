@@ -10,12 +10,12 @@ import yaml
 
 from ballbot_ros.cli import experiment
 from ballbot_ros.cli.experiment import run_experiment
-from ballbot_ros.cli.experiment_file import freeze, load_experiment, node_parameters
 from ballbot_ros.config.files import shipped_files
 from ballbot_ros.errors import ConfigurationError, RefusedError
+from ballbot_ros.experiments.file import freeze, load_experiment, node_parameters
+from ballbot_ros.experiments.results import first_difference, Told
 from ballbot_ros.physics import load_scene, Solver
 from ballbot_ros.plant import Plant
-from ballbot_ros.studies.experiment_results import first_difference, Told
 
 PLAN = {'scene': 'flat', 'duration': 0.2, 'seeds': [3, 5], 'controller': {'tuning': 'gentle'}}
 
@@ -92,7 +92,7 @@ def pretend(monkeypatch, wrong=()):
         if simulator['seed'] in wrong:
             raise wrong[simulator['seed']]
         bag.writer.close()
-    lockstep = pytest.importorskip('ballbot_ros.demo.lockstep_run')
+    lockstep = pytest.importorskip('ballbot_ros.experiments.lockstep_run')
     monkeypatch.setattr(lockstep, 'run_lockstep', run)
     monkeypatch.setattr(experiment, '_prepare', lambda plan: None)
     return made

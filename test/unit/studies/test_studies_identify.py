@@ -9,11 +9,11 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
+from ballbot_ros.bags.reader import read_bag
 from ballbot_ros.cli import main
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.results import read_columns, read_units, write_csv
-from ballbot_ros.studies.bag_reader import read_bag
 from ballbot_ros.studies.identification import identify
 from ballbot_ros.studies.recording import MOST_SAMPLES, Recording, replay
 from ballbot_ros.studies.scene_numbers import present, with_values

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.paper import mujoco_check
+from ballbot_ros.paper.cases import Case, holding, LEVEL, step_height
+from ballbot_ros.paper.rigid_impact import impact_with_restitution
 from ballbot_ros.physics import Actuation, load_robot
-from ballbot_ros.studies import mujoco_check
-from ballbot_ros.studies.cases import Case, holding, LEVEL, step_height
 from ballbot_ros.studies.comparators import free_pendulum_impulse
-from ballbot_ros.studies.rigid_impact import impact_with_restitution
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 STEP = 2e-4

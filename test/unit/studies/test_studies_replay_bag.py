@@ -10,13 +10,13 @@ from bag_of_a_run import BagOf
 import numpy as np
 import pytest
 
+from ballbot_ros.bags.metadata import bag_metadata, BRIDGE, SIMULATOR
+from ballbot_ros.bags.recorded_run import read_run
+from ballbot_ros.bags.source import Rosbag2Bag
 from ballbot_ros.cli.command import main
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_scene, Solver
 from ballbot_ros.plant import Plant
-from ballbot_ros.results.bag_metadata import bag_metadata, BRIDGE, SIMULATOR
-from ballbot_ros.ros.bag_source import Rosbag2Bag
-from ballbot_ros.studies.recorded_run import read_run
 
 RATE, PERIODS = 500.0, 400
 SETTINGS = {'scene': 'flat', 'lockstep': True}

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.paper.cases import Case, holding, LEVEL, step_height, step_heights
+from ballbot_ros.paper.sensitivity import (
+    design_map, heights_on_slopes, sampled_heights, sensitivity)
 from ballbot_ros.physics import Actuation, load_robot
 from ballbot_ros.physics.model.uncertainty import changed, draw, independent, ranges
-from ballbot_ros.studies.cases import Case, holding, LEVEL, step_height, step_heights
-from ballbot_ros.studies.sensitivity import (
-    design_map, heights_on_slopes, sampled_heights, sensitivity)
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 

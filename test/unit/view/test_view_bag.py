@@ -8,10 +8,10 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
+from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
 from ballbot_ros.decision import Kind, Reason
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_robot, load_scene
-from ballbot_ros.results.bag_metadata import bag_metadata, SIMULATOR
 from ballbot_ros.view.assembly import FrameAssembly, KINDS, REASONS
 from ballbot_ros.view.bag_source import BagSource
 from ballbot_ros.view.playback import Playback

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Record topics of a running graph, those that come later too."""
+from collections import Counter
+from functools import partial
+from pathlib import Path
+import time
+from typing import Callable, Dict, List, Set
+
+from rclpy.qos import QoSProfile
+
+from ballbot_ros.bags.writer import BagRecorder
+from ballbot_ros.errors import BallbotError, ConfigurationError
+from ballbot_ros.ros.tools.observer import message_class, Observer
+
+# So deep that nothing is lost while the recorder is held up.
+DEPTH = 5000
+LOOK = 0.2  # how often new topics are looked for [s]
+# What a graph says of itself: `ros2 bag record -a` leaves topics out whose name is hidden, only.
+OWN = ('/rosout', '/parameter_events')
+
+
+class GraphRecording:
+    """
+    Subscribes to topics as they appear, and counts what it writes.
+
+    Parameters
+    ----------
+    observer : Observer
+    bag : BagRecorder
+    topics : list of str
+        Their names; empty for all.
+    say : callable
+        Told in a sentence what is recorded and what cannot be.
+
+    Attributes
+    ----------
+    counts : Counter
+        Messages by topic.
+
+    """
+
+    def __init__(self, observer: Observer, bag: BagRecorder, topics: List[str],
+                 say: Callable[[str], None]):
+        """Subscribe to what is there."""
+        self._observer, self._bag, self._say = observer, bag, say
+        self._wanted = {observer.resolve(topic) for topic in topics}
+        self._known: Set[str] = set()
+        self._look_at = 0.0
+        self.counts: Counter = Counter()
+
+    @property
+    def missing(self) -> List[str]:
+        """Return the topics that were asked for and are not there."""
+        return sorted(self._wanted - self._known)
+
+    def poll(self) -> None:
+        """Record what has come, and look for new topics; to be called often."""
+        self._bag.take_all()
+        if time.monotonic() >= self._look_at:
+            self._look_at = time.monotonic() + LOOK
+            self._look()
+
+    def _look(self) -> None:
+        published: Dict[str, List[str]] = {
+            name: kinds for name, kinds in self._observer.node.get_topic_names_and_types()
+            if self._observer.node.count_publishers(name)}
+        for name, kinds in sorted(published.items()):
+            hidden = any(part.startswith('_') for part in name.split('/'))
+            if name in self._known or (name not in self._wanted if self._wanted else
+                                       hidden or name in OWN):
+                continue
+            self._known.add(name)
+            try:
+                self._subscribe(name, kinds)
+            except BallbotError as error:
+                self._say(f'not recorded: {name}: {error}')
+
+    def _subscribe(self, name: str, kinds: List[str]) -> None:
+        if len(kinds) > 1:
+            raise ConfigurationError(f'it has several types, {" and ".join(kinds)}')
+        profile: QoSProfile = self._observer.profile(name, DEPTH)
+        self._bag.subscribe(self._observer.node, [(name, message_class(kinds[0]), profile)],
+                            {name: partial(self._count, name)})
+        self._say(f'recording {name} [{kinds[0]}]')
+
+    def _count(self, name: str, _: bytes) -> None:
+        self.counts[name] += 1
+
+
+def record(observer: Observer, folder: Path, topics: List[str], duration: float,
+           say: Callable[[str], None]) -> Counter:
+    """
+    Record until Ctrl-C, or for a duration [s]; return how many messages came, by topic.
+
+    Raises
+    ------
+    ConfigurationError
+        If the folder is there already.
+
+    """
+    check_new(folder)
+    end = time.monotonic() + duration
+    with BagRecorder(folder) as bag:
+        recording = GraphRecording(observer, bag, topics, say)
+        observer.wait(lambda: recording.poll() or not recording.missing, 1.0)
+        if recording.missing:
+            say(f'not there yet: {", ".join(recording.missing)}; recorded as soon as somebody '
+                'publishes')
+        try:
+            while time.monotonic() < end:
+                observer.spin()
+                recording.poll()
+        except KeyboardInterrupt:
+            pass
+        bag.take_all()
+    return recording.counts
+
+
+def check_new(folder: Path) -> None:
+    """Refuse a folder that exists: a bag would take its place."""
+    if folder.exists():
+        raise ConfigurationError(
+            f'{folder} exists already; name another folder with -o, or remove it')

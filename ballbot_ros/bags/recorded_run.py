@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a bag holds of the run of one robot: states, commands and set-points by their stamps."""
+from dataclasses import dataclass, field
+import math
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+
+from ballbot_ros.bags.reader import Bag, BagOpener, joint_values, odometry_values, open_bag
+from ballbot_ros.config.fields import suggestion
+from ballbot_ros.control import Mode, SetPoint
+from ballbot_ros.errors import ConfigurationError
+
+Values = Dict[str, float]
+# Of a ball_state, those that decide how it goes on, and what the motor has done.
+BALL_STATE = ('x', 'y', 'ball_angle', 'pendulum_angle', 'velocity_x', 'velocity_y', 'ball_rate',
+              'pendulum_rate', 'pendulum_torque', 'motor_work')
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedRun:
+    """
+    A run, by stamp [ns].
+
+    Attributes
+    ----------
+    joints : mapping of int to list of mappings
+        Angles, rates and torque as on ``joint_states``.  One each stamp; more where the simulation
+        was put back to its start at that time.
+    balls : mapping of int to list of mappings
+        As on ``ball_state``; none of a real robot.
+    odometry : mapping of int to mapping
+    commands : mapping of int to float
+        Torque [N m] that answers the joint state of that stamp.
+    set_points : list of SetPoint
+        As sent, `Mode.SPEED` for those of ``cmd_vel``.
+    metadata : mapping of str to str
+        Of the bag.
+
+    """
+
+    joints: Dict[int, List[Values]] = field(default_factory=dict)
+    balls: Dict[int, List[Values]] = field(default_factory=dict)
+    odometry: Dict[int, Values] = field(default_factory=dict)
+    commands: Dict[int, float] = field(default_factory=dict)
+    set_points: List[SetPoint] = field(default_factory=list)
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def stamps(self) -> List[int]:
+        """Return the stamps of the joint states [ns]."""
+        return sorted(self.joints)
+
+
+def read_run(path: Path, namespace: Optional[str] = None, opener: BagOpener = open_bag
+             ) -> RecordedRun:
+    """
+    Return the run of a robot in a bag.
+
+    Parameters
+    ----------
+    path : Path
+    namespace : str, optional
+        Of the robot; needed where the bag has several.
+    opener : callable
+        What opens bags.
+
+    Raises
+    ------
+    ConfigurationError
+        If the bag cannot be read, or has no joint states, or those of several robots.
+
+    """
+    with opener(path) as bag:
+        where = _namespace(path, bag, namespace)
+        run = RecordedRun(metadata=bag.metadata)
+        takers = {f'{where}/{name}': (kind, take) for name, (kind, take) in _takers(run).items()}
+        wanted = [topic for topic, kind in bag.topics.items()
+                  if topic in takers and kind.endswith(takers[topic][0])]
+        for topic, message in bag.messages(wanted):
+            takers[topic][1](message)
+    if not run.joints:
+        raise ConfigurationError(f'{path}: {where}/joint_states is empty: nothing to replay')
+    return run
+
+
+def _namespace(path: Path, bag: Bag, namespace: Optional[str]) -> str:
+    """Return the namespace of the robot to read, without a slash at its end."""
+    found = sorted(topic.removesuffix('/joint_states') for topic, kind in bag.topics.items()
+                   if topic.endswith('/joint_states') and kind.endswith('/JointState'))
+    if not found:
+        raise ConfigurationError(
+            f'{path}: has no joint_states, so it is no recording of a ball robot; it has '
+            + (', '.join(sorted(bag.topics)) or 'nothing'))
+    names = [name or '/' for name in found]
+    if namespace is None:
+        if len(found) > 1:
+            raise ConfigurationError(
+                f'{path}: has {len(found)} robots; name one: --namespace {" or ".join(names)}')
+        return found[0]
+    wanted = f'/{namespace.strip("/")}' if namespace.strip('/') else ''
+    if wanted not in found:
+        raise ConfigurationError(
+            f'{path}: has no robot {namespace!r}{suggestion(namespace, names)}')
+    return wanted
+
+
+def _stamp(message: Any) -> int:
+    return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
+
+
+def _takers(run: RecordedRun) -> Dict[str, Tuple[str, Callable[[Any], object]]]:
+    """Return type and function that takes a message, by the last part of the topic."""
+    def state(kept: Dict[int, List[Values]], stamp: int, values: Values) -> None:
+        known = kept.setdefault(stamp, [])
+        if not known or not same(known[-1], values):  # a repeated one counts once
+            known.append(values)
+
+    def command(message: Any) -> None:
+        torque = joint_values(message).get('pendulum_torque', math.nan)
+        if math.isfinite(torque):
+            # The first one counts; a controller that is ended sends a last one, of no torque.
+            run.commands.setdefault(_stamp(message), torque)
+
+    return {
+        'joint_states': ('JointState', lambda message: state(
+            run.joints, _stamp(message), joint_values(message))),
+        'ball_state': ('BallState', lambda message: state(run.balls, _stamp(message), {
+            name: float(getattr(message, name)) for name in BALL_STATE})),
+        'odom': ('Odometry', lambda message: run.odometry.setdefault(
+            _stamp(message), odometry_values(message))),
+        'joint_commands': ('JointState', command),
+        'set_point': ('JointState', lambda message: run.set_points.append(
+            _set_point(message))),
+        'cmd_vel': ('TwistStamped', lambda message: run.set_points.append(SetPoint(
+            Mode.SPEED, float(message.twist.linear.x), 1e-9 * _stamp(message))))}
+
+
+def same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
+    """Return whether the numbers of two states are the same, bit for bit."""
+    return {name: value.hex() for name, value in one.items()} \
+        == {name: value.hex() for name, value in other.items()}
+
+
+def _set_point(message: Any) -> SetPoint:
+    """Return what a set-point asks for: an angle, a rate, or no torque."""
+    stamp, values = 1e-9 * _stamp(message), joint_values(message)
+    for mode, name in ((Mode.HOLD, 'joint_angle'), (Mode.DRIVE, 'joint_rate')):
+        if math.isfinite(values.get(name, math.nan)):
+            return SetPoint(mode, values[name], stamp)
+    return SetPoint(Mode.IDLE, 0.0, stamp)

@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Run again what a bag has recorded of the simulator, and compare state by state."""
+from dataclasses import dataclass, replace
+from typing import Dict, List, Optional, Protocol
+
+from ballbot_ros.bags.recorded_run import RecordedRun, Values
+from ballbot_ros.control import JointReadings, SupervisedController
+from ballbot_ros.errors import ConfigurationError, MessageError, SimulationError
+from ballbot_ros.plant import Plant
+
+
+class Torques(Protocol):
+    """Where the torque of a period comes from; ``what`` says it in words."""
+
+    what: str
+
+    def torque(self, stamp: int, after: int, plant: Plant) -> Optional[float]:
+        """Return the torque from one stamp to the next one [ns], None if it is not known."""
+
+
+class Commands:
+    """Each recorded command, in the period whose state it answers."""
+
+    what = 'recorded commands, each in the period whose state it answers'
+
+    def __init__(self, run: RecordedRun):
+        """Keep the commands."""
+        self._commands = run.commands
+
+    def torque(self, stamp: int, after: int, plant: Plant) -> Optional[float]:
+        """Return the command that answers the state."""
+        return self._commands.get(stamp)
+
+
+class MotorTorques:
+    """What the motor gave according to the joint state at the end of a period."""
+
+    what = 'torques that the motor gave by joint_states'
+
+    def __init__(self, run: RecordedRun):
+        """Keep the joint states."""
+        self._joints = run.joints
+
+    def torque(self, stamp: int, after: int, plant: Plant) -> Optional[float]:
+        """Return the torque of the first state of that stamp."""
+        return self._joints[after][0].get('pendulum_torque', 0.0) \
+            if after in self._joints else None
+
+
+class Laws:
+    """Laws on board, which recorded set-points are given to when their stamps have come."""
+
+    what = 'recorded set-points, given to the laws on board when their stamps had come'
+
+    def __init__(self, run: RecordedRun, controller: SupervisedController):
+        """Keep the set-points."""
+        self._set_points = sorted(run.set_points, key=lambda given: given.stamp, reverse=True)
+        self._controller = controller
+
+    def torque(self, stamp: int, after: int, plant: Plant) -> Optional[float]:
+        """Return the answer of the law."""
+        state = plant.state
+        self._controller.take(JointReadings(
+            plant.time, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate))
+        while self._set_points and self._set_points[-1].stamp <= plant.time + 1e-9:
+            given = self._set_points.pop()
+            try:
+                self._controller.give(given if given.stamp else replace(given, stamp=plant.time))
+            except MessageError:
+                pass  # refused in the run, too
+        return self._controller.answer() or 0.0
+
+
+@dataclass(frozen=True)
+class Departure:
+    """The first number that is not as it was recorded."""
+
+    time: float  # [s]
+    states: int  # that came before it, all of them identical
+    channel: str
+    recorded: float
+    again: float
+
+
+@dataclass(frozen=True, eq=False)
+class Rerun:
+    """
+    A run that was run again.
+
+    Attributes
+    ----------
+    what : str
+        Where the torque came from.
+    states : int
+        That were compared.
+    identical : int
+        Of these, bit for bit.
+    departure : Departure or None
+    applied : int
+        Periods for which the source knew the torque.
+    filled : int
+        Periods in which it did not, and the torque that the motor gave was taken.
+    resets : int
+        How often the simulation was put back to its start.
+    ended : str
+        Why it ended before the recording; empty if it did not.
+    recorded, again : mapping of str to mapping of float to float
+        Values by channel and time [s].
+
+    """
+
+    what: str
+    states: int
+    identical: int
+    departure: Optional[Departure]
+    applied: int
+    filled: int
+    resets: int
+    ended: str
+    recorded: Dict[str, Dict[float, float]]
+    again: Dict[str, Dict[float, float]]
+
+
+def plant_values(plant: Plant) -> Values:
+    """Return what could be recorded of a plant."""
+    state = plant.state
+    values = {name: float(getattr(state, name)) for name in (
+        'x', 'y', 'ball_angle', 'pendulum_angle', 'velocity_x', 'velocity_y', 'ball_rate',
+        'pendulum_rate', 'joint_angle', 'joint_rate', 'motor_work')}
+    return {**values, 'pendulum_torque': float(plant.torque)}
+
+
+class _Comparer:
+    """Counts states, and keeps the first departure."""
+
+    def __init__(self) -> None:
+        self.states = self.identical = 0
+        self.departure: Optional[Departure] = None
+        self.recorded: Dict[str, Dict[float, float]] = {}
+        self.again: Dict[str, Dict[float, float]] = {}
+
+    def look(self, time: float, all_recorded: List[Values], plant: Plant) -> None:
+        """Compare a state with what was recorded of it, by one topic or two."""
+        again, good = plant_values(plant), True
+        for recorded in all_recorded:
+            for name, value in recorded.items():
+                if value != value:
+                    continue  # NaN: of a pendulum that the robot has not
+                self.recorded.setdefault(name, {})[time] = value
+                self.again.setdefault(name, {})[time] = again[name]
+                if value.hex() == again[name].hex():
+                    continue
+                good = False
+                if self.departure is None:
+                    self.departure = Departure(time, self.states, name, value, again[name])
+        self.states += 1
+        self.identical += good
+
+
+def rerun(plant: Plant, run: RecordedRun, torques: Torques) -> Rerun:
+    """
+    Run a plant from its start as a recording says, and compare each recorded state.
+
+    Parameters
+    ----------
+    plant : Plant
+        As the simulator had it, at its start.
+    run : RecordedRun
+    torques : Torques
+        Where a torque is not known, the one that the motor gave by the next joint state is taken.
+
+    Raises
+    ------
+    ConfigurationError
+        If stamps are not those of the control rate.
+
+    """
+    moments = sorted({*run.joints, *run.balls})
+    first = round(moments[0] * 1e-9 / plant.period)
+    last = round(moments[-1] * 1e-9 / plant.period)
+    grid = [round(number * plant.period * 1e9) for number in range(first, last + 1)]
+    if not set(moments) <= set(grid):
+        raise ConfigurationError(
+            f'the stamps of the recording do not fit a control rate of {1.0 / plant.period:g} Hz: '
+            'give the rate of that simulator, --set control_rate=...')
+    plant.periods = first
+    plant.reset()
+    filler, compare = MotorTorques(run), _Comparer()
+    applied = filled = resets = 0
+    ended = ''
+    for place, stamp in enumerate(grid):
+        joints, balls = run.joints.get(stamp, []), run.balls.get(stamp, [])
+        for turn in range(max(len(joints), len(balls))):
+            if turn:
+                resets += 1
+                plant.reset()
+            compare.look(plant.time, [*joints[turn:turn + 1], *balls[turn:turn + 1]], plant)
+        if stamp == grid[-1]:
+            break
+        torque = torques.torque(stamp, grid[place + 1], plant)
+        if torque is None:
+            torque, filled = filler.torque(stamp, grid[place + 1], plant), filled + 1
+            if torque is None:
+                ended = (f'the bag has neither the command that answers t = {plant.time:.3f} s '
+                         'nor the joint state after it')
+                break
+        else:
+            applied += 1
+        try:
+            plant.advance(torque)
+        except SimulationError as error:
+            ended = str(error)
+            break
+    return Rerun(torques.what, compare.states, compare.identical, compare.departure, applied,
+                 filled, resets, ended, compare.recorded, compare.again)

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Record topics into an MCAP bag that `ros2 bag`, Foxglove and PlotJuggler open."""
+from pathlib import Path
+import shutil
+import threading
+import time
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+
+from ballbot_ros.bags.message_stamps import stamp_of, stamp_reader, StampOf
+from ballbot_ros.bags.storage import bag_writer
+from ballbot_ros.ros.endpoints import create_subscription
+
+# So often a recorder with a thread of its own looks whether something has come [s].
+LOOK_AGAIN = 0.002
+
+
+class BagRecorder:
+    """
+    Writes serialized messages as they come, stamped with their own time.
+
+    Those that have none, or tell that of the wall, are stamped like the last one before that has;
+    see `message_stamps`.  Messages are neither decoded nor encoded, so that recording costs
+    little.  Use as a context manager: the bag is complete when it is closed, also after an error.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the bag; an older bag there is replaced.
+    metadata : mapping of str to str, optional
+        Kept in the bag, for whoever reads it.
+
+    Attributes
+    ----------
+    folder : Path
+    recorded : mapping of str to list of int
+        Stamps of what was recorded, by topic as it was given [ns].
+    failure : Exception or None
+        What ended the thread of `record_in_thread`.
+
+    """
+
+    def __init__(self, folder: Path, metadata: Optional[Mapping[str, str]] = None):
+        """Open the bag."""
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        self.folder = folder
+        self._writer = bag_writer(folder, metadata or {})
+        self._subscriptions: List[Tuple[Subscription, Callable[[bytes], None]]] = []
+        self.recorded: Dict[str, List[int]] = {}
+        self.failure: Optional[Exception] = None
+        self._newest: Optional[int] = None  # stamp [ns]
+        self._early: List[Callable[[], None]] = []  # without a stamp, and before any other
+        self._taking, self._ending = threading.Lock(), threading.Event()
+        self._thread: Optional[threading.Thread] = None
+
+    def __enter__(self) -> 'BagRecorder':
+        """Start writing."""
+        self._writer.open()
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        """Record what has come, and complete the bag."""
+        self._ending.set()
+        if self._thread is not None:
+            self._thread.join()
+        if self._newest is None:
+            self._newest = time.time_ns()
+        self._write_early()
+        self._writer.close()
+
+    def subscribe(self, node: Node, topics: Sequence[Tuple[str, Any, QoSProfile]],
+                  callbacks: Optional[Dict[str, Callable[[bytes], None]]] = None) -> None:
+        """
+        Record topics to which a node subscribes.
+
+        Parameters
+        ----------
+        node : Node
+        topics : sequence of (name, message class, QoSProfile)
+        callbacks : mapping of topic to callable, optional
+            Called with the serialized message, too, in the thread that takes it.
+
+        """
+        for topic, kind, profile in topics:
+            name = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+            connection = self._writer.add_topic(node.resolve_topic_name(topic), name)
+            write = self._writing(topic, connection, stamp_reader(kind),
+                                  (callbacks or {}).get(topic))
+            subscription = create_subscription(node, kind, topic, write, profile, raw=True)
+            self._subscriptions.append((subscription, write))
+
+    def take_all(self) -> None:
+        """
+        Record all that has come.
+
+        An executor takes one message per topic each time that it wakes up, and looks at all
+        topics again before the next one; on a busy machine that is too slow.
+        """
+        with self._taking:
+            for subscription, write in self._subscriptions:
+                handle, kind = subscription.handle, subscription.msg_type
+                with handle:
+                    while (taken := handle.take_message(kind, True)) is not None:
+                        write(taken[0])
+
+    def record_in_thread(self) -> None:
+        """
+        Take all that comes in a thread of its own, until the bag is closed.
+
+        The node that subscribes needs no executor then.
+        """
+        self._thread = threading.Thread(target=self._take_on, name='bag recorder', daemon=True)
+        self._thread.start()
+
+    def _take_on(self) -> None:
+        try:
+            while not self._ending.wait(LOOK_AGAIN):
+                self.take_all()
+        except Exception as error:  # noqa: BLE001 the owner must know it, whatever it is
+            self.failure = error
+
+    def _writing(self, topic: str, connection: Any, stamp_in: StampOf,
+                 callback: Optional[Callable[[bytes], None]]) -> Callable[[bytes], None]:
+        timed = stamp_in is stamp_of  # be it 0, where simulated time begins
+
+        def write(data: bytes) -> None:
+            if timed:
+                self._newest = stamp_in(data)
+                self._write_early()
+            elif self._newest is None:
+                return self._early.append(lambda: write(data))
+            self._writer.write(connection, stamp := (
+                self._newest if timed else stamp_in(data) or self._newest), data)
+            self.recorded.setdefault(topic, []).append(stamp)
+            if callback is not None:
+                callback(data)
+        return write
+
+    def _write_early(self) -> None:
+        early, self._early = self._early, []
+        for write in early:
+            write()

@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the file of a black box says, in words and as files for other programs."""
+import math
+from pathlib import Path
+from typing import Iterator, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from ballbot_ros.black_box.reader import BlackBoxRecording, Happening
+from ballbot_ros.black_box.ring import COMMANDED, COMMANDS, E_STOP, FAULT, NOTE, TIMED_OUT
+from ballbot_ros.drives.capture import HEADER
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.results.files import PathLike, replacing, write_text
+
+# What is told of the time before a fault, and how many of its events [s].
+BEFORE = 1.0
+MOST_EVENTS = 25
+# An event that comes again so soon is told once [s].
+AGAIN = 1.0
+# Torque below this is none [N m].
+NOTHING = 1e-6
+
+
+def in_words(recording: BlackBoxRecording) -> str:
+    """Return a summary: what it holds, and what happened around the fault."""
+    rows = [*_what_it_is(recording), ('', ''), *_before(recording)]
+    width = max(len(label) for label, _ in rows)
+    lines = [f'{label:<{width}}  {text}'.rstrip() for label, text in rows]
+    lines += ['', f'Events from {BEFORE:g} s before the fault on', *_events(recording)]
+    return '\n'.join([*lines, *(f'Damaged: {text}' for text in recording.damage)])
+
+
+def _what_it_is(recording: BlackBoxRecording) -> Iterator[Tuple[str, str]]:
+    """Yield where it is from and how much there is."""
+    about, (begin, end) = recording.head['about'], recording.span
+    yield 'hardware', ', '.join(f'{name} {value}' for name, value in about.items())
+    yield 'fault', str(recording.head['reason'])
+    yield 'at', f'{recording.wall_clock(recording.fault_time):%Y-%m-%d %H:%M:%S.%f} UTC'
+    yield 'kept', (f'{recording.fault_time - begin:.1f} s before it and '
+                   f'{end - recording.fault_time:.1f} s after: '
+                   + ', '.join(f'{len(table["time"])} of {name}'
+                               for name, table in recording.tables.items())
+                   + f', {len(recording.traffic)} pieces of traffic')
+
+
+def _before(recording: BlackBoxRecording) -> Iterator[Tuple[str, str]]:
+    """Yield what the last second before the fault was like."""
+    fault = recording.fault_time
+    periods = _cut(recording, 'period', fault - BEFORE, fault)
+    yield f'In the last {BEFORE:g} s', ''
+    measured = np.isfinite(periods['pendulum_angle'])
+    if not measured.any():
+        yield 'motion', 'not measured'
+    else:
+        degrees = np.degrees(periods['pendulum_angle'][measured])
+        sd = math.degrees(periods['angle_sd'][measured][-1])
+        yield 'pendulum angle', (
+            f'{_range(degrees, "degrees")}, known to {sd:.1f} degrees (standard deviation)')
+        yield 'joint rate', _range(periods['joint_rate'][measured], 'rad/s')
+        yield 'ball rate', _range(periods['ball_rate'][measured], 'rad/s')
+        yield 'last measured', _ago(fault - periods['time'][measured][-1])
+    yield 'torque asked', _range(periods['asked'], 'N m')
+    yield 'torque applied', _range(periods['torque'], 'N m')
+    yield from _slow(recording, periods)
+    yield 'gaps of the loop', _gap(periods['time'], fault)
+    commands = _cut(recording, 'command', fault - BEFORE, fault)
+    yield 'commands', _last_command(commands, fault)
+    imu = _cut(recording, 'imu', fault - BEFORE, fault)['time']
+    yield 'IMU readings', f'{len(imu)}, the last {_ago(fault - imu[-1])}' if len(imu) else 'none'
+    for side, words in (('>', 'to the drive'), ('<', 'from the drive')):
+        pieces = [item for item in recording.traffic
+                  if item.direction == side and item.time <= fault]
+        yield words, 'nothing' if not pieces else (
+            f'last {_ago(fault - pieces[-1].time)}: {_printable(pieces[-1].data)}')
+    after = _cut(recording, 'period', fault, math.inf)
+    yield 'torque at zero', _zero_after(after, fault)
+
+
+def _slow(recording: BlackBoxRecording, periods: dict[str, Array]) -> Iterator[Tuple[str, str]]:
+    """Yield what drive and supply reported."""
+    fault = recording.fault_time
+    drive = _cut(recording, 'drive', fault - BEFORE, fault)
+    for label, values, unit in (
+            ('motor current', periods['current'], 'A'), ('supply', drive['bus_voltage'], 'V'),
+            ('supply current', drive['bus_current'], 'A'),
+            ('power stage', drive['temperature'], 'degC'),
+            ('motor', drive['motor_temperature'], 'degC')):
+        known = values[np.isfinite(values)]
+        if len(known):
+            yield label, _range(known, unit)
+
+
+def _events(recording: BlackBoxRecording) -> Iterator[str]:
+    """Yield a line for each event around the fault."""
+    fault = recording.fault_time
+    events = [event for event in told_once(recording.events) if event.time >= fault - BEFORE]
+    for event in events[:MOST_EVENTS]:
+        mark = {NOTE: 'log  ', FAULT: 'FAULT'}.get(event.weight, '     ')
+        yield f'{event.time - fault:+9.3f} s  {mark}  {event.text}'
+    if len(events) > MOST_EVENTS:
+        yield f'{"":13}and {len(events) - MOST_EVENTS} more'
+
+
+def told_once(events: Sequence[Happening]) -> List[Happening]:
+    """
+    Return events without repetition.
+
+    A line of the log that only says what the event before has said is left out; what comes again
+    within a second is told once, with how often it came.
+    """
+    kept: List[Happening] = []
+    times: List[List[float]] = []  # of each that is kept
+    places: dict[str, int] = {}
+    for event in events:
+        place = places.get(event.text)
+        if place is not None and event.time - times[place][-1] < AGAIN:
+            times[place].append(event.time)
+        elif not any(event.text in other.text for other in kept[-3:]
+                     if event.time - other.time < 0.05):
+            places[event.text] = len(kept)
+            kept.append(event)
+            times.append([event.time])
+    return [event if len(when) == 1 else event._replace(
+        text=f'{event.text} ({len(when)} times in {when[-1] - when[0]:.1f} s)')
+        for event, when in zip(kept, times)]
+
+
+def _cut(recording: BlackBoxRecording, table: str, begin: float, end: float) -> dict[str, Array]:
+    """Return the rows of a table between two times."""
+    columns = recording.tables[table]
+    inside = (columns['time'] >= begin) & (columns['time'] <= end)
+    return {name: column[inside] for name, column in columns.items()}
+
+
+def gaps(times: Array) -> Tuple[Array, Array]:
+    """Return where gaps between periods end, and how long they are [s]."""
+    return times[1:], np.diff(times)
+
+
+def _gap(times: Array, fault: float) -> str:
+    """Return the longest time between two periods, in words."""
+    if len(times) < 2:
+        return f'{len(times)} periods'
+    ends, lengths = gaps(times)
+    longest = int(np.argmax(lengths))
+    return (f'{len(times)} periods, median {1e3 * float(np.median(lengths)):.2f} ms, longest '
+            f'{1e3 * lengths[longest]:.1f} ms, ended {_ago(fault - ends[longest])}')
+
+
+def _last_command(commands: dict[str, Array], fault: float) -> str:
+    """Return how many commands there were, and the last one."""
+    if not len(commands['time']):
+        return 'none'
+    what, unit = COMMANDS[int(commands['what'][-1])]
+    return (f'{len(commands["time"])}, the last {_ago(fault - commands["time"][-1])}: {what} '
+            f'{commands["value"][-1]:.3f} {unit}'.rstrip())
+
+
+def _zero_after(after: dict[str, Array], fault: float) -> str:
+    """Return when the torque was at zero for good."""
+    if not len(after['time']):
+        return 'nothing was recorded after the fault'
+    pushing = np.abs(after['torque']) > NOTHING
+    if not pushing.any():
+        return 'when the fault was noticed'
+    last = int(np.flatnonzero(pushing)[-1])
+    if last + 1 == len(pushing):
+        return 'not in the time that was recorded'
+    return f'{1e3 * (after["time"][last + 1] - fault):.1f} ms after it'
+
+
+def _range(values: Array, unit: str) -> str:
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return 'not known'
+    return f'{known.min():.3g} to {known.max():.3g} {unit}, {known[-1]:.3g} at the end'
+
+
+def _ago(seconds: float) -> str:
+    return f'{1e3 * seconds:.1f} ms before' if seconds < 1.0 else f'{seconds:.1f} s before'
+
+
+def _printable(data: bytes) -> str:
+    """Return bytes as text if they are, else in hexadecimal; the first of them."""
+    text = data[-60:].decode('ascii', 'replace')
+    if ''.join(text.split()).isprintable() and '\ufffd' not in text:
+        return repr(text)
+    return data[:40].hex(' ') + (' ...' if len(data) > 40 else '')
+
+
+def write_tables(recording: BlackBoxRecording, folder: PathLike) -> List[Path]:
+    """
+    Write each table as CSV, the events likewise, and the traffic as a capture.
+
+    Times are from the fault on, negative before it [s]; `drives.capture.Replay` plays the capture
+    back, whose times count from its first piece.
+
+    Raises
+    ------
+    ConfigurationError
+        If a file cannot be written.
+
+    """
+    target, fault = Path(folder), recording.fault_time
+    files = []
+    for name, table in recording.tables.items():
+        files.append(target / f'{name}.csv')
+        units = recording.units[name]
+        flags = _flag_columns(table['flags'], recording) if 'flags' in table else {}
+        with replacing(files[-1]) as stream:
+            titles = [f'{title} [{units.get(title, "")}]' for title in (*table, *flags)]
+            stream.write((','.join(titles) + '\n').encode())
+            columns = [table['time'] - fault, *list(table.values())[1:], *flags.values()]
+            for row in zip(*(column.tolist() for column in columns)):
+                stream.write((','.join(map(str, row)) + '\n').encode())
+    files.append(target / 'events.csv')
+    write_text('time [s],weight [],text\n' + ''.join(
+        f'{event.time - fault:.6f},{event.weight},"{_quoted(event.text)}"\n'
+        for event in recording.events), files[-1])
+    files.append(target / 'traffic.txt')
+    begin = recording.traffic[0].time if recording.traffic else 0.0
+    write_text(f'{HEADER}\n' + ''.join(
+        f'{item.time - begin:.6f} {item.direction} {item.data.hex()}\n'
+        for item in recording.traffic), files[-1])
+    return files
+
+
+def _flag_columns(flags: Array, recording: BlackBoxRecording) -> dict[str, Array]:
+    """Return the flags of each period as columns of their own."""
+    bits = flags.astype(int)
+    states = np.array(list(recording.head['states']) or [''])
+    return {'state': states[np.minimum(bits & 3, len(states) - 1)],
+            **{name: (bits & bit > 0).astype(int) for name, bit in (
+                ('e_stop', E_STOP), ('timed_out', TIMED_OUT), ('commanded', COMMANDED))}}
+
+
+def _quoted(text: str) -> str:
+    return text.replace('"', '""').replace('\n', ' ')
+
+
+def window(recording: BlackBoxRecording, before: float, after: Optional[float]
+           ) -> Tuple[float, float]:
+    """Return the times between which there is something to look at [s]."""
+    begin, end = recording.span
+    fault = recording.fault_time
+    return (max(begin, fault - before), end if after is None else min(end, fault + after))

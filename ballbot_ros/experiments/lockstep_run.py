@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One run of an experiment: nodes in lockstep for so many periods, recorded to the last state."""
+import os
+from pathlib import Path
+import time
+from typing import Any, Dict, List, Mapping, Tuple
+
+from nav_msgs.msg import Odometry
+import rclpy
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from ballbot_ros.bags.writer import BagRecorder, stamp_of
+from ballbot_ros.demo.demo import ending_by_signal
+from ballbot_ros.demo.processes import NodeProcesses, own_domain
+from ballbot_ros.errors import RefusedError
+from ballbot_ros.msg import BallState, StepDecision, StepObservation, TerrainObservation
+from ballbot_ros.ros import discovery, qos
+from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.srv import Step
+
+# Wall time after which a paused simulator is reset again, to publish its state [s].
+AGAIN = 0.2
+# Wall time after which answers of services are looked for again [s].
+TAKE_AGAIN = 0.02
+
+
+def topics_of(nodes: Mapping[str, Mapping[str, Any]]) -> List[Tuple[str, Any, Any]]:
+    """Return what is recorded: name, class and quality of service."""
+    topics: List[Tuple[str, Any, Any]] = [
+        ('joint_states', JointState, qos.RECORD), ('joint_commands', JointState, qos.RECORD),
+        ('odom', Odometry, qos.RECORD), ('ball_state', BallState, qos.RECORD)]
+    if nodes['simulator']['terrain_rate']:
+        topics.append(('terrain_observation', TerrainObservation, qos.RECORD))
+    if nodes['simulator']['observation_rate']:
+        topics.append(('step_observation', StepObservation, qos.RECORD))
+    if 'obstacle_decision' in nodes:
+        topics += [('set_point', JointState, qos.RECORD),
+                   ('step_decision', StepDecision, qos.RECORD_LATCHED)]
+    return topics
+
+
+def last_stamps(simulator: Mapping[str, Any], periods: int) -> Dict[str, int]:
+    """Return the stamp of the last message of each topic that has a rate of its own [ns]."""
+    rate = float(simulator['control_rate'])
+    every = {name: round(rate / float(simulator.get(f'{name}_rate', 100.0)))
+             for name in ('odom', 'ball_state')}
+    return {name: round(periods // step * step / rate * 1e9)
+            for name, step in {'joint_states': 1, **every}.items()}
+
+
+def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: int,
+                 metadata: Mapping[str, str], timeout: float) -> None:
+    """
+    Run nodes for so many control periods, and record them.
+
+    Parameters
+    ----------
+    folder : Path
+        For the folders ``bag`` and ``logs``.
+    nodes : mapping of str to mapping
+        Parameters by node; the simulator is among them, in lockstep and paused.
+    periods : int
+    metadata : mapping of str to str
+        For the bag.
+    timeout : float
+        Wall time after which it is given up [s].
+
+    Raises
+    ------
+    RefusedError
+        If a node ends, time does not go on, or the timeout is over; the logs say more.
+
+    """
+    domain, logs = own_domain(), folder / 'logs'
+    logs.mkdir(parents=True, exist_ok=True)
+    discovery.apply(os.environ)
+    rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+    node, recorder = Node('ballbot_experiment'), Node('ballbot_recorder')
+    executor = new_executor()
+    executor.add_node(node)
+    try:
+        with ending_by_signal(), BagRecorder(folder / 'bag', metadata) as bag, \
+                NodeProcesses(logs, domain) as processes:
+            driver = _Driver(node, bag, topics_of(nodes), periods,
+                             last_stamps(nodes['simulator'], periods))
+            bag.subscribe(recorder, topics_of(nodes), driver.taking)
+            bag.record_in_thread()
+            for name, parameters in nodes.items():
+                processes.start(name, parameters)
+            deadline = time.monotonic() + timeout
+            while not driver.done:
+                executor.spin_once(timeout_sec=TAKE_AGAIN)
+                driver.poll()
+                if bag.failure is not None:
+                    raise RefusedError(f'the bag cannot be written: {bag.failure}')
+                ended = processes.ended()
+                if ended is not None:
+                    raise RefusedError(f'node {ended[0]} ended with code {ended[1]}; see '
+                                       f'{processes.log(ended[0])}')
+                if time.monotonic() > deadline:
+                    raise RefusedError(
+                        f'given up after {timeout:g} s; where the machine was just too slow, '
+                        f'allow more (--timeout); else see {logs}')
+    finally:
+        executor.remove_node(node)
+        node.destroy_node()
+        recorder.destroy_node()
+        rclpy.try_shutdown()
+
+
+class _Driver:
+    """Resets the simulator until all is heard, lets it run, and waits for the last messages."""
+
+    def __init__(self, node: Node, bag: BagRecorder, topics: List[Tuple[str, Any, Any]],
+                 periods: int, last: Mapping[str, int]):
+        self.done = False
+        self._bag, self._periods, self._last = bag, periods, last
+        self._reset = node.create_client(Trigger, 'simulator/reset')
+        self._step = node.create_client(Step, 'simulator/step')
+        self._newest: Dict[str, int] = {}
+        self._answer: Any = None
+        self._next = 0.0
+        self._topics = {name for name, *_ in topics}
+        self.taking = {name: self._noting(name) for name in self._topics}
+
+    def poll(self) -> None:
+        """Do what can be done now; to be called often."""
+        now = time.monotonic()
+        if self._answer is not None:
+            if self._answer.done() and not self._answer.result().success:
+                raise RefusedError(
+                    f'the simulation did not go on: {self._answer.result().message}')
+            self.done = self._answer.done() and all(
+                self._newest.get(name, -1) >= self._last.get(name, self._last['joint_states'])
+                for name in self._topics)
+        elif now >= self._next and self._reset.service_is_ready() \
+                and self._step.service_is_ready():
+            self._next = now + AGAIN
+            if self._topics <= self._bag.recorded.keys():
+                self._answer = self._step.call_async(Step.Request(periods=self._periods))
+            else:
+                self._reset.call_async(Trigger.Request())
+
+    def _noting(self, name: str) -> Any:
+        def note(data: bytes) -> None:
+            self._newest[name] = max(stamp_of(data), self._newest.get(name, -1))
+        return note

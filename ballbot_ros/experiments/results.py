@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a run of an experiment gave: numbers for people, digests for whether they are the same."""
+from dataclasses import fields, is_dataclass
+import hashlib
+import json
+from pathlib import Path
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+
+import numpy as np
+
+from ballbot_ros.bags.reader import BagOpener, open_bag
+from ballbot_ros.bags.recorded_run import read_run, RecordedRun
+from ballbot_ros.physics import Scene, Trajectory
+from ballbot_ros.results.digests import digest, LENGTH
+from ballbot_ros.results.faces import meet_faces
+
+# In these the frame is the sender, with a random number.
+SENDERS = ('joint_commands', 'set_point')
+
+
+class Told(NamedTuple):
+    """What was said on the topics: digests by topic and stamp [ns]."""
+
+    topics: Dict[str, Dict[int, str]]
+
+    @property
+    def digests(self) -> Dict[str, str]:
+        """Return a digest of each topic."""
+        return {name: hashlib.sha256(''.join(
+            f'{stamp}{text}' for stamp, text in sorted(messages.items())).encode()
+            ).hexdigest()[:LENGTH] for name, messages in sorted(self.topics.items())}
+
+
+def read_told(path: Path, until: int, opener: BagOpener = open_bag) -> Told:
+    """
+    Return what was said up to a stamp [ns], in digests; what was repeated counts once.
+
+    Raises
+    ------
+    ConfigurationError
+        If the bag cannot be read.
+
+    """
+    topics: Dict[str, Dict[int, str]] = {}
+    with opener(path) as bag:
+        for topic, message in bag.messages(list(bag.topics)):
+            header = getattr(message, 'header', None)
+            if header is None:
+                continue
+            stamp = int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
+            content = _plain(message)
+            if topic.rsplit('/', 1)[-1] in SENDERS:
+                content['header']['frame_id'] = ''
+            if stamp <= until:
+                topics.setdefault(topic, {}).setdefault(stamp, digest(content))
+    return Told(topics)
+
+
+def _plain(value: Any) -> Any:
+    """Return a message as mappings, lists and numbers."""
+    if is_dataclass(value):
+        return {item.name: _plain(getattr(value, item.name)) for item in fields(value)
+                if not item.name.startswith('__')}
+    if hasattr(value, 'get_fields_and_field_types'):  # of rclpy
+        return {name: _plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+    if isinstance(value, (str, bytes, int, float, bool)):
+        return value if not isinstance(value, bytes) else value.hex()
+    return [_plain(item) for item in (value.tolist() if hasattr(value, 'tolist') else value)]
+
+
+def first_difference(one: Told, other: Told) -> Optional[Tuple[int, str]]:
+    """Return the stamp [ns] and the topic of the first message that is not the same."""
+    found: List[Tuple[int, str]] = []
+    for name in {*one.topics, *other.topics}:
+        here, there = one.topics.get(name, {}), other.topics.get(name, {})
+        different = [stamp for stamp in {*here, *there} if here.get(stamp) != there.get(stamp)]
+        found += [(min(different), name)] if different else []
+    return min(found, default=None)
+
+
+def numbers_of(path: Path, scene: Scene, opener: BagOpener = open_bag) -> Dict[str, Any]:
+    """Return a run in a few numbers, SI, and how it fared at each rising face."""
+    trajectory = _trajectory(read_run(path, opener=opener), scene)
+    speed = np.hypot(trajectory['velocity_x'], trajectory['velocity_y'])
+    meetings = meet_faces(trajectory)
+    return {
+        'x': float(trajectory['x'][-1]), 'speed': float(speed[-1]),
+        'highest_speed': float(speed.max()),
+        'pendulum_angle': float(np.abs(trajectory['pendulum_angle']).max()),
+        'pendulum_torque': float(np.abs(trajectory['pendulum_torque']).max()),
+        'motor_work': float(trajectory['motor_work'][-1]),
+        'faces_passed': sum(face.passed for face in meetings),
+        'touch_times': [face.touch_time for face in meetings],
+        'touch_speeds': [face.touch_speed for face in meetings]}
+
+
+def _trajectory(run: RecordedRun, scene: Scene) -> Trajectory:
+    """Return the recorded ball states as a trajectory."""
+    names = ('ball_angle', 'pendulum_angle', 'x', 'y', 'ball_rate', 'pendulum_rate',
+             'velocity_x', 'velocity_y')
+    rows = np.zeros((len(run.balls), 15))
+    for row, (stamp, states) in zip(rows, sorted(run.balls.items())):
+        values = states[-1]
+        row[0], row[1:9] = 1e-9 * stamp, [values[name] for name in names]
+        row[13:] = values['motor_work'], values['pendulum_torque']
+    return Trajectory(scene.model, rows)
+
+
+def as_json(content: Any) -> str:
+    """Return text for a file."""
+    return json.dumps(content, indent=2, allow_nan=False) + '\n'

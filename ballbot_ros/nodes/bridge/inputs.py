@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the motor bridge subscribes to and serves: commands, set-points, the IMU, the e-stop."""
+from dataclasses import replace
+
+from rclpy.node import Node
+from sensor_msgs.msg import Imu
+
+from ballbot_ros.bridge.session import Session
+from ballbot_ros.control import Authority, SetPoint
+from ballbot_ros.errors import MessageError
+from ballbot_ros.nodes.bridge.motor import Clocks, imu_reading
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.conversions import command_torque, to_seconds
+from ballbot_ros.ros.endpoints import create_subscription, create_trigger
+from ballbot_ros.ros.joint_state_bytes import AnyJointState, subscribe_joint_states
+from ballbot_ros.ros.senders import Senders
+from ballbot_ros.ros.set_points import SetPoints
+
+
+class MotorInputs:
+    """
+    Hands messages on to a session, and counts and logs those that are refused.
+
+    Parameters
+    ----------
+    node : Node
+    session : Session
+    clocks : Clocks
+    cmd_vel_type : str
+        One of `cmd_vel.TYPES`.
+
+    Attributes
+    ----------
+    imu_refused : int
+    authority : Authority
+        Over joint_commands, or over the set-points of the laws on board.
+
+    """
+
+    def __init__(self, node: Node, session: Session, clocks: Clocks, cmd_vel_type: str):
+        """Create subscriptions and services."""
+        self._session, self._clocks, self._logger = session, clocks, node.get_logger()
+        self._senders = Senders(node, 'joint_commands')
+        self.imu_refused = 0
+        subscribe_joint_states(node, 'joint_commands', self.command, qos.NEWEST)
+        law = session.law
+        set_points = SetPoints(node, self._give, session.set_points_refused, cmd_vel_type,
+                               *(() if law is None else (law.controller.overhear,)))
+        self.authority = Authority(session.hardware.limits.command_timeout) \
+            if law is None else set_points.authority
+        create_subscription(node, Imu, 'imu', self._on_imu, qos.SENSOR)
+        create_trigger(node, '~/engage_e_stop', self._engage)
+        create_trigger(node, '~/release_e_stop', self._release)
+        create_trigger(node, '~/clear_faults', session.clear_faults)
+
+    def command(self, message: AnyJointState) -> None:
+        """Take a joint command."""
+        torque = 0.0
+        try:
+            torque = command_torque(message)
+            if self._session.law is None:
+                self.authority.check(self._senders.name(message.header.frame_id),
+                                     self._session.clock())
+        except MessageError as error:
+            self._session.supervisor.overhear(torque, self._session.clock())
+            self._session.supervisor.gate.refuse(error.reason)
+            return self._refused('command', error)
+        try:
+            self._session.command(torque, self._clocks.steady(to_seconds(message.header.stamp)))
+        except MessageError as error:
+            self._refused('command', error)
+
+    def _give(self, given: SetPoint) -> None:
+        try:
+            self._session.give(given if not given.stamp else replace(
+                given, stamp=self._clocks.steady(given.stamp)))
+        except MessageError as error:
+            self._session.witness.refused('set-point', error)
+            raise
+
+    def _on_imu(self, message: Imu) -> None:
+        try:
+            self._session.imu(imu_reading(message, self._clocks))
+        except MessageError as error:
+            self.imu_refused += 1
+            self._refused('IMU reading', error)
+
+    def _refused(self, what: str, error: MessageError) -> None:
+        self._session.witness.refused(what, error)
+        self._logger.warning(f'{what} refused: {error}', throttle_duration_sec=1.0)
+
+    def _engage(self) -> str:
+        self._session.engage('asked for by service')
+        return 'the e-stop is engaged'
+
+    def _release(self) -> str:
+        self._session.release()
+        return 'the e-stop is released'

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node ``bridge``: a real motor on a serial line, and the laws that move it."""
+import sys
+from typing import Any, List, Optional
+
+from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+
+from ballbot_ros.bridge.loop import Loop
+from ballbot_ros.errors import BallbotError, DriveError
+from ballbot_ros.msg import MotorStatus
+from ballbot_ros.nodes.bridge.health import health
+from ballbot_ros.nodes.bridge.inputs import MotorInputs
+from ballbot_ros.nodes.bridge.motor import Clocks, MotorOutputs
+from ballbot_ros.nodes.bridge.robot_outputs import RobotOutputs
+from ballbot_ros.nodes.bridge.service_manager import ServiceManager
+from ballbot_ros.nodes.bridge.session_setup import new_session, prepare_session
+from ballbot_ros.ros import diagnostics
+from ballbot_ros.ros.frames import Frames
+from ballbot_ros.ros.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
+from ballbot_ros.ros.logs import DeferredLogs
+from ballbot_ros.ros.parameter_changes import Commit
+from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.run import run
+from ballbot_ros.ros.settings import BridgeSettings
+
+SWITCH = 5e-4  # longest time that a thread keeps others from running [s]
+LOOK_AFTER = 0.1  # how often the loop is looked after [s]
+
+
+class Bridge(ManagedNode):
+    """
+    Drives a motor; see `BridgeSettings` for what can be set.
+
+    The states are those of ros2_control: *configure* opens the line, finds the drive and checks
+    its settings, and joint states flow; *activate* lets the motor have power, once the e-stop
+    is released; *deactivate* takes the power; *cleanup* closes the line.
+    """
+
+    def __init__(self, **kwargs: Any):
+        """Refuse a loop that cannot work, then wait for a transition or make it."""
+        super().__init__('bridge', **kwargs)
+        self._settings = settings = declare(self, BridgeSettings, self._prepare)
+        self._logs = DeferredLogs('ballbot_ros.bridge')
+        self._session = new_session(self, settings)
+        self._scheduling = settings.scheduling.prepared()
+        self._hardware = self._session.hardware
+        clocks = Clocks(self)
+        self._outputs = MotorOutputs(
+            self, clocks, settings.status_rate, settings.joint_state_period,
+            Frames.of(settings).base)
+        self._robot_outputs = RobotOutputs(self, self._session, clocks, settings)
+        self._loop: Optional[Loop] = None
+        self._service = ServiceManager()
+        self._complaint = ''
+        self.failure: Optional[DriveError] = None
+        self._inputs = MotorInputs(self, self._session, clocks, settings.cmd_vel_type)
+        self._diagnostics = diagnostics.Diagnostics(self, 'motor', lambda: health(
+            self._session, self._loop, self._hardware, self._inputs.imu_refused,
+            self._inputs.authority), self._session.robot.name)
+        self.create_timer(LOOK_AFTER, self._look_after,
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        if settings.autostart:
+            Autostart(self)
+
+    def _prepare(self, wanted: BridgeSettings) -> Commit:
+        """Check other parameters; return what puts them in force."""
+        hand_over = prepare_session(self._session, self._settings, wanted)
+
+        def commit() -> None:
+            hand_over()
+            self._outputs.publish_at(wanted.status_rate, wanted.joint_state_period)
+            self._robot_outputs.publish_odometry_at(wanted)
+            self._settings = wanted
+        return commit
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Open the line, find the drive, check it, and start the loop."""
+        try:
+            identity, settings = self._session.configure()
+        except BallbotError as error:
+            if str(error) != self._complaint:  # said once, not every second
+                self._complaint = str(error)
+                self.get_logger().error(f'cannot configure: {error}')
+            return FAILURE
+        self.get_logger().info(
+            f'{identity.in_words}, on {self._hardware.connection.port}; '
+            + ', '.join(f'{item.name} {item.value}' for item in settings))
+        self._loop = Loop(
+            self._session, self._hardware.connection.loop_rate, self._outputs.publish,
+            self._robot_outputs.publish, self._service.beat, scheduling=self._scheduling)
+        return SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let the motor have power, once the e-stop is released."""
+        try:
+            self._session.activate()
+        except BallbotError as error:
+            self.get_logger().error(str(error))
+            return FAILURE
+        self._service.ready()
+        self.get_logger().info(
+            'active; the e-stop is engaged, release it with: ros2 service call '
+            f'{self.get_fully_qualified_name()}/release_e_stop std_srvs/srv/Trigger')
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Take the power off the motor."""
+        self._session.deactivate()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop the motor and close the line."""
+        self._close()
+        self._outputs.publish_end(MotorStatus.STATE_OFF, self._session)
+        return SUCCESS
+
+    on_shutdown = on_error = on_cleanup
+
+    def make_safe(self) -> None:
+        """Stop the motor, close the line, and say that this is the end."""
+        self._service.stopping()
+        self._close()
+        self._outputs.publish_end(MotorStatus.STATE_ENDED, self._session)
+
+    def _close(self) -> None:
+        loop, self._loop = self._loop, None
+        if loop is not None:
+            loop.end()
+        self._session.close()
+        self._logs.forward()
+
+    def _look_after(self) -> None:
+        """Log what the loop has logged, and end when it has ended."""
+        self._logs.forward()
+        self._outputs.publish_e_stop(bool(self._session.supervisor.e_stop))
+        if self._loop is not None and self._loop.failure is not None:
+            self.failure = DriveError('loop_failed', f'the loop ended: {self._loop.failure!r}')
+        self._service.look(self._session, self._loop, self.failure)
+
+
+def main(args: Optional[List[str]] = None) -> int:
+    """Run the node."""
+    # The loop must not wait long for a thread that computes: 5 ms is what Python would let it.
+    sys.setswitchinterval(SWITCH)
+    return run(Bridge, args)

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the bridge publishes besides its motor: where the robot is, and its battery."""
+import math
+
+from rclpy.node import Node
+from sensor_msgs.msg import BatteryState
+
+from ballbot_ros.bridge.battery import Battery
+from ballbot_ros.bridge.condition import Condition
+from ballbot_ros.bridge.session import Report, Session
+from ballbot_ros.drives.contract import Telemetry
+from ballbot_ros.nodes.bridge.motor import Clocks
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.conversions import estimated_odometry_message, to_time
+from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.frames import FRAMES, Frames
+from ballbot_ros.ros.odometry import OdometryTopics
+from ballbot_ros.ros.settings import BridgeSettings
+
+BATTERY_PERIOD = 1.0  # [s]
+# How often the links are told where others publish odometry [Hz].
+LINK_RATE = 100.0
+
+
+class Turns:
+    """When something is due that is done at a rate, where the times to look do not fit it."""
+
+    def __init__(self, period: float):
+        """Be due at once, then once a period [s]."""
+        self._period, self._next = period, -math.inf
+
+    def is_due(self, now: float) -> bool:
+        """Return whether it is due, and take note that it is then done."""
+        late = now - self._next
+        if late < 0.0:
+            return False
+        # Counted on from when it was due, or the rate would be too low by half a look; after a
+        # pause from now on, or it would be made up for.
+        self._next = now + self._period - (late if late < self._period else 0.0)
+        return True
+
+
+class RobotOutputs:
+    """
+    Publishes what a session knows of the robot besides its motor: odometry and battery.
+
+    Parameters
+    ----------
+    node : Node
+    session : Session
+    clocks : Clocks
+    settings : BridgeSettings
+
+    """
+
+    def __init__(self, node: Node, session: Session, clocks: Clocks, settings: BridgeSettings):
+        """Create the publishers."""
+        self._session, self._clocks = session, clocks
+        self._radius, self._battery = session.robot.ball_radius, session.hardware.battery
+        self._topics = OdometryTopics(node, session.robot, settings)
+        self.publish_odometry_at(settings)
+        self._battery_topic = create_publisher(node, BatteryState, 'battery_state', qos.STATE)
+        self._battery_turns, self._frame = Turns(BATTERY_PERIOD), Frames.of(settings).base
+
+    def publish_odometry_at(self, settings: BridgeSettings) -> None:
+        """Publish odometry so often from now on, the links always; the loop may be running."""
+        self._odometry_turns = Turns(1.0 / (settings.odom_rate or LINK_RATE))
+        self._topics.tell_odometry(settings.odom_rate > 0.0)
+
+    def publish(self, report: Report) -> None:
+        """Publish what a period of the loop has found, each topic when its turn has come."""
+        state = self._session.odometry
+        if state is not None and report.estimate is not None \
+                and self._odometry_turns.is_due(state.stamp):
+            stamp, angles = self._clocks.stamp(state.stamp), report.estimate.readings
+            self._topics.publish(lambda: estimated_odometry_message(
+                stamp, state, self._radius, self._topics.frames),
+                angles.ball_angle, angles.joint_angle)
+        if self._battery_turns.is_due(report.time):
+            self._battery_topic.publish(battery_message(
+                self._clocks.stamp(report.time), self._battery, report.telemetry,
+                report.condition, self._frame))
+
+
+def battery_message(stamp: float, battery: Battery, telemetry: Telemetry,
+                    condition: Condition, frame: str = FRAMES.base) -> BatteryState:
+    """
+    Return what is known of the battery; NaN where nobody knows, as the message asks for.
+
+    Parameters
+    ----------
+    stamp : float
+        ROS time [s].
+    battery : Battery
+    telemetry : Telemetry
+    condition : Condition
+    frame : str
+
+    """
+    voltage, drawn = telemetry.bus_voltage, telemetry.bus_current
+    status, health = (BatteryState.POWER_SUPPLY_STATUS_UNKNOWN,
+                      BatteryState.POWER_SUPPLY_HEALTH_UNKNOWN)
+    if voltage is not None:
+        status = BatteryState.POWER_SUPPLY_STATUS_CHARGING if drawn is not None and drawn < 0.0 \
+            else BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
+        health = BatteryState.POWER_SUPPLY_HEALTH_GOOD
+    if 'over_voltage' in condition.warnings:
+        health = BatteryState.POWER_SUPPLY_HEALTH_OVERVOLTAGE
+    if 'battery_empty' in condition.warnings:
+        health = BatteryState.POWER_SUPPLY_HEALTH_DEAD
+    message = BatteryState(
+        voltage=math.nan if voltage is None else voltage,
+        current=math.nan if drawn is None else -drawn,  # negative while it is drawn
+        temperature=math.nan, charge=math.nan, capacity=math.nan,
+        design_capacity=math.nan if battery.capacity is None else battery.capacity,
+        percentage=condition.percentage, power_supply_status=status,
+        power_supply_health=health, present=voltage is not None,
+        power_supply_technology=getattr(
+            BatteryState, f'POWER_SUPPLY_TECHNOLOGY_{battery.technology.upper()}'))
+    message.header.stamp, message.header.frame_id = to_time(stamp), frame
+    return message

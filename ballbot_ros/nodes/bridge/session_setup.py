@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The session of the motor bridge, as its parameters ask for."""
+from dataclasses import replace
+from functools import partial
+
+from rclpy.node import Node
+
+from ballbot_ros.bridge.connect import connector
+from ballbot_ros.bridge.feasibility import check_feasible, check_joint_state_rate, onboard_lag
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.bridge.onboard import OnBoard
+from ballbot_ros.bridge.session import Session
+from ballbot_ros.control import Supervision
+from ballbot_ros.control.aside import aside
+from ballbot_ros.nodes.bridge.black_box_topic import black_box
+from ballbot_ros.physics.model.robot import load_robot
+from ballbot_ros.ros.endpoints import publisher_names
+from ballbot_ros.ros.parameter_changes import Commit
+from ballbot_ros.ros.settings import BridgeSettings
+
+
+def new_session(node: Node, settings: BridgeSettings) -> Session:
+    """
+    Return a session that is not configured yet, with or without laws on board.
+
+    Raises
+    ------
+    ConfigurationError, UnstableLoopError
+        If the loop cannot work.
+
+    """
+    hardware = load_hardware(settings.hardware).at(settings.port, settings.baud)
+    robot, tuning = load_robot(hardware.robot), settings.gains
+    law = None
+    if settings.control == 'onboard':
+        check_joint_state_rate(hardware, settings.joint_state_rate)
+        lag = onboard_lag(hardware)
+        lowest = check_feasible(hardware, robot, tuning, 0, lag)
+        node.get_logger().info(
+            f'laws on board, {1e3 * lag:.2g} ms from a measurement to its torque at most: these '
+            f'gains need {lowest:.0f} Hz')
+        law = OnBoard(robot, tuning, Supervision(
+            lowest, settings.set_point_timeout, let_down_time=hardware.limits.damping_time),
+            partial(publisher_names, node))
+    else:
+        check_feasible(hardware, robot, tuning, settings.delay)
+    witness = black_box(settings.black_box, hardware)
+    return Session(hardware, robot, connector(hardware, settings.capture, witness),
+                   witness=witness, law=law)
+
+
+def prepare_session(session: Session, now: BridgeSettings, wanted: BridgeSettings) -> Commit:
+    """
+    Check other gains and timeouts; return what hands them to the loop.
+
+    Raises
+    ------
+    ConfigurationError, UnstableLoopError
+        As `new_session`.
+
+    """
+    hardware, law = session.hardware, session.law
+    if law is None:
+        if (wanted.gains, wanted.delay) != (now.gains, now.delay):
+            aside(check_feasible, hardware, session.robot, wanted.gains, wanted.delay)
+        return lambda: None
+    check_joint_state_rate(hardware, wanted.joint_state_rate)
+    lowest = law.controller.expected.lowest_rate
+    if wanted.gains != now.gains:
+        lowest = aside(check_feasible, hardware, session.robot, wanted.gains, 0,
+                       onboard_lag(hardware))
+    expected = replace(law.controller.expected, lowest_rate=lowest,
+                       set_point_timeout=wanted.set_point_timeout)
+
+    def commit() -> None:
+        with session.lock:
+            law.retune(wanted.gains, expected)
+        if wanted.gains != now.gains:
+            session.witness.tell('other gains are in force')
+    return commit

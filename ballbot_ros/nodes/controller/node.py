@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node ``controller``: joint states and set-points in, pendulum torque out."""
+from collections import Counter
+from dataclasses import replace
+import time
+from typing import Any, Callable, List, Optional, Tuple
+
+from builtin_interfaces.msg import Time
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+
+from ballbot_ros.control import checked_controller, SetPoint, Watchdog
+from ballbot_ros.nodes.controller.health import health
+from ballbot_ros.physics.model.robot import load_robot
+from ballbot_ros.ros import diagnostics, qos
+from ballbot_ros.ros.cmd_vel import speed_set_point, TYPES
+from ballbot_ros.ros.conversions import readings, set_point
+from ballbot_ros.ros.endpoints import create_publisher, create_subscription, wait_until_received
+from ballbot_ros.ros.joint_state_bytes import AnyJointState, CommandBytes, subscribe_joint_states
+from ballbot_ros.ros.parameter_changes import Commit
+from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.retuning import change_period, LoopNumbers, prepare_laws
+from ballbot_ros.ros.run import run
+from ballbot_ros.ros.senders import own_name
+from ballbot_ros.ros.settings import ControllerSettings
+
+
+class Controller(Node):
+    """Runs laws (11) and (12) and the speed law; see `ControllerSettings` for what can be set."""
+
+    def __init__(self, **kwargs: Any):
+        """Refuse a loop that would diverge, then wait for joint states."""
+        super().__init__('controller', **kwargs)
+        self._settings = settings = declare(self, ControllerSettings, self._prepare)
+        self._robot = load_robot(settings.robot)
+        self._controller = checked_controller(
+            self._robot, *settings.loop, settings.supervision)
+        self._watchdog = Watchdog(settings.state_timeout)
+        self._newest = self._answered = Time()
+        self._torque = 0.0
+        self._refused: Counter = Counter()
+        self._written = CommandBytes(own_name(self))
+        self._commands = create_publisher(self, JointState, 'joint_commands', qos.COMMAND)
+        subscribe_joint_states(self, 'joint_states', self._taker(
+            'joint_states', self._on_state), qos.NEWEST)
+        self._subscribe(JointState, 'set_point', lambda one: self._give(set_point(one)))
+        self._subscribe(TYPES[settings.cmd_vel_type], 'cmd_vel',
+                        lambda one: self._give(speed_set_point(one)))
+        create_subscription(self, Bool, 'e_stop', self._on_e_stop, qos.LATCHED)
+        self._diagnostics = diagnostics.Diagnostics(
+            self, 'pendulum', self._health, self._robot.name)
+        self._timer = self.create_timer(settings.state_timeout / 4, self._watch,
+                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
+        lowest = self._controller.expected.lowest_rate
+        self.get_logger().info(f'these gains need joint states at {lowest:.0f} Hz or more')
+
+    def _prepare(self, wanted: ControllerSettings) -> Commit:
+        """Check other parameters; return what puts them in force."""
+        hand_over = prepare_laws(
+            self._controller, self._robot, LoopNumbers(*self._settings.loop),
+            LoopNumbers(*wanted.loop), wanted.supervision)
+
+        def commit() -> None:
+            hand_over()
+            self._settings, self._watchdog.timeout = wanted, wanted.state_timeout
+            change_period(self._timer, wanted.state_timeout / 4)
+        return commit
+
+    def _subscribe(self, kind: Any, topic: str, take: Callable[[Any], None]) -> None:
+        """Subscribe to a topic."""
+        create_subscription(self, kind, topic, self._taker(topic, take), qos.NEWEST)
+
+    def _taker(self, topic: str, take: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Return what answers a message that is taken, and counts and logs one that is refused."""
+        def callback(message: Any) -> None:
+            try:
+                take(message)
+            except ValueError as error:
+                self._refused[getattr(error, 'reason', 'not_finite')] += 1
+                self.get_logger().warning(f'{topic} refused: {error}', throttle_duration_sec=1.0)
+            else:
+                self._answer()
+        return callback
+
+    def _on_state(self, message: AnyJointState) -> None:
+        """Take a joint state; the command that answers it will carry its stamp."""
+        self._controller.take(readings(message))
+        self._newest = message.header.stamp
+        if not self._watchdog.fed:
+            self.get_logger().info('joint states have arrived')
+        self._watchdog.feed(time.monotonic())
+
+    def _give(self, given: SetPoint) -> None:
+        """Take a set-point; one without a stamp counts from the newest joint state."""
+        self._controller.give(
+            given if given.stamp else replace(given, stamp=self._controller.time))
+
+    def _on_e_stop(self, message: Bool) -> None:
+        """Set the torque to 0 and forget the set-point while the e-stop is engaged."""
+        self._controller.hear_e_stop(message.data)
+        if message.data and self._watchdog.fed:
+            self._command(0.0)
+        self._diagnostics.publish()
+
+    def _answer(self) -> None:
+        """Publish the torque for the newest joint state, if it is to be answered now."""
+        torque = self._controller.answer()
+        if torque is not None:
+            self._answered = self._newest
+            self._command(torque)
+
+    def _command(self, torque: float) -> None:
+        # Never stamped with a state that is still to be answered: in lockstep a zero from the
+        # watchdog would otherwise pass for its answer.
+        self._torque = torque
+        self._commands.publish(self._written.of(self._answered, torque))
+
+    def _watch(self) -> None:
+        """Set the torque to 0 when no joint state comes any more."""
+        if self._settings.lockstep_set_point_period:
+            return  # time stands still between states, for as long as somebody needs
+        if self._watchdog.fed and self._watchdog.expired(time.monotonic()) and self._torque:
+            self._command(0.0)
+            self.get_logger().warning(
+                f'no joint state for {self._watchdog.timeout:g} s: torque is 0; has the '
+                'simulator or the bridge stopped?')
+            self._diagnostics.publish()
+
+    def make_safe(self) -> None:
+        """Leave a command of torque 0 behind."""
+        if self._watchdog.fed:
+            self._command(0.0)
+            wait_until_received(self._commands)
+
+    def _health(self) -> Tuple[bytes, str, dict]:
+        """Return level, message and numbers for /diagnostics."""
+        return health(self._controller, self._watchdog, self._torque, self._refused)
+
+
+def main(args: Optional[List[str]] = None) -> int:
+    """Run the node."""
+    return run(Controller, args)

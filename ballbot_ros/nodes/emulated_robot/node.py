@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node ``emulated_robot``: a drive on a serial device, a ball behind it, its other sensors."""
+from pathlib import Path
+import sys
+from typing import Any, List, Optional
+
+from nav_msgs.msg import Odometry
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import Imu as ImuMessage
+
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.emulator.ball import settings_for
+from ballbot_ros.emulator.emulator import Emulator
+from ballbot_ros.emulator.imu_line import ImuLine
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.msg import BallState, StepObservation, TerrainObservation
+from ballbot_ros.nodes.bridge.motor import imu_message
+from ballbot_ros.physics import load_scene
+from ballbot_ros.plant import Imu, Sensor, TerrainSensor
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.conversions import (
+    ball_state_message, observation_message, odometry_message, terrain_message, to_time)
+from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.frames import Frames
+from ballbot_ros.ros.parameter_changes import Commit
+from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.retuning import change_period
+from ballbot_ros.ros.run import run
+from ballbot_ros.ros.settings import EmulatedRobotSettings
+
+# IMU readings per message of the others.
+ODOM_EVERY, OBSERVATION_EVERY, TRUTH_EVERY = 3, 5, 3
+REACH = 3.0  # how far the sensors of the ground ahead see [m]
+SWITCH = 5e-4  # longest time that a thread keeps the other from running [s]
+
+
+class EmulatedRobot(Node):
+    """
+    Stands for a whole robot, but for its bridge; see `EmulatedRobotSettings`.
+
+    It publishes imu, step_observation, terrain_observation and the true ball_state, stamped with
+    the time of the wall as those of a real robot are.  Joint states and odometry are not among
+    them: these the bridge publishes.  Its IMU can sit on a serial device instead, for a node imu.
+    """
+
+    def __init__(self, **kwargs: Any):
+        """Plug the drive in."""
+        super().__init__('emulated_robot', **kwargs)
+        settings = declare(self, EmulatedRobotSettings, self._prepare)
+        self._frames = Frames.of(settings)
+        connection = load_hardware(settings.hardware).connection
+        scene = load_scene(settings.scene)
+        self._model = scene.model
+        self._imu = self._new_imu(settings)
+        self._sensor = Sensor(scene.model.terrain, REACH)
+        self._camera = TerrainSensor(scene.model.terrain, REACH)
+        self._readings = create_publisher(self, ImuMessage, 'imu', qos.STATE)
+        self._imu_line = ImuLine(Path(settings.imu_link)) if settings.imu_link else None
+        self._odometry = create_publisher(
+            self, Odometry, 'odom', qos.STATE) if settings.publish_odom else None
+        self._observation = create_publisher(self, StepObservation, 'step_observation', qos.STATE)
+        self._terrain = create_publisher(
+            self, TerrainObservation, 'terrain_observation', qos.STATE)
+        self._truth = create_publisher(self, BallState, 'ball_state', qos.STATE)
+        self._emulator = Emulator(
+            connection.protocol, scene, connection.baud,
+            settings_for(scene.model.robot, firmware=settings.firmware), Path(settings.link))
+        self._before = self._emulator.state
+        self._number = 0
+        self._emulator.start()
+        self._timer = self.create_timer(1.0 / settings.imu_rate, self._publish,
+                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.get_logger().info(
+            f'{connection.protocol} at {connection.baud} baud on {self._emulator.path}')
+
+    def _new_imu(self, settings: EmulatedRobotSettings) -> Imu:
+        return Imu(self._model.robot.gravity, gyro_sd=settings.gyro_sd,
+                   force_sd=settings.force_sd, bias=settings.gyro_bias)
+
+    def _prepare(self, wanted: EmulatedRobotSettings) -> Commit:
+        """Return what puts other parameters in force."""
+        def commit() -> None:
+            self._imu = self._new_imu(wanted)
+            change_period(self._timer, 1.0 / wanted.imu_rate)
+        return commit
+
+    @property
+    def failure(self) -> Optional[BallbotError]:
+        """Return what ended the emulator, and ends the node; see `run`."""
+        return self._emulator.failure
+
+    def _publish(self) -> None:
+        """Publish what the sensors measure."""
+        before, state = self._before, self._emulator.state
+        if state.time <= before.time:
+            return
+        now = 1e-9 * self.get_clock().now().nanoseconds
+        self._before, self._number = state, self._number + 1
+        sample = self._imu.sample(before, state, self._number)
+        if self._imu_line is None:
+            self._readings.publish(imu_message(now, *sample[1:], self._frames))
+        else:
+            self._imu_line.measure(*sample[1:])
+        here = state._replace(time=now)
+        if self._number % TRUTH_EVERY == 0:
+            self._truth.publish(ball_state_message(
+                here, self._emulator.pendulum_torque, self._model, self._frames))
+        if self._odometry is not None and self._number % ODOM_EVERY == 0:
+            self._odometry.publish(odometry_message(here, self._frames))
+        if self._number % OBSERVATION_EVERY == 0:
+            sight = self._sensor.look(state.x, self._number // OBSERVATION_EVERY)
+            if sight is not None:
+                self._observation.publish(observation_message(
+                    to_time(now), sight, self._sensor, self._frames))
+            ground = self._camera.look(state.x, state.y, self._number // OBSERVATION_EVERY)
+            if ground is not None:
+                self._terrain.publish(terrain_message(to_time(now), ground, self._frames))
+
+    def make_safe(self) -> None:
+        """Unplug."""
+        self._emulator.stop()
+        if self._imu_line is not None:
+            self._imu_line.stop()
+        if self._emulator.dropped:
+            self.get_logger().warning(
+                f'{self._emulator.dropped} ms were given up because the machine was too slow')
+
+
+def main(args: Optional[List[str]] = None) -> int:
+    """Run the node."""
+    sys.setswitchinterval(SWITCH)
+    return run(EmulatedRobot, args)

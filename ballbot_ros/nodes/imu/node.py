@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node ``imu``: an inertial sensor on a serial line."""
+import sys
+from typing import Any, List, Optional
+
+from rclpy.node import Node
+
+from ballbot_ros.drives.transport import Link
+from ballbot_ros.errors import BallbotError, LinkError
+from ballbot_ros.imus.axes import Axes
+from ballbot_ros.imus.source import ImuSource
+from ballbot_ros.nodes.imu.publisher import ImuOutput
+from ballbot_ros.ros.frames import Frames
+from ballbot_ros.ros.parameter_changes import Commit
+from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.run import run
+from ballbot_ros.ros.settings import ImuSettings
+
+# Longest time that a thread keeps the other from running [s].
+SWITCH = 5e-4
+
+
+class ImuNode(Node):
+    """
+    Publishes what a WitMotion sensor measures; see `ImuSettings`.
+
+    A sensor that is away is looked for until it is back; the bridge gives no torque meanwhile.
+    """
+
+    def __init__(self, **kwargs: Any):
+        """Check the parameters, then read."""
+        super().__init__('imu', **kwargs)
+        settings = declare(self, ImuSettings, self._prepare)
+        self._source = ImuSource(
+            lambda baud: Link(settings.port, baud), settings.baud, settings.rate,
+            settings.bandwidth, Axes(settings.axes), settings.latency)
+        self._output = ImuOutput(
+            self, self._source, settings.port, settings.rate, settings.gyro_sd,
+            settings.force_sd, Frames.of(settings).imu)
+
+    def _prepare(self, wanted: ImuSettings) -> Commit:
+        """Check other parameters; return what puts them in force."""
+        axes = Axes(wanted.axes)
+
+        def commit() -> None:
+            self._source.read_as(axes, wanted.latency)
+            self._output.tell(wanted.gyro_sd, wanted.force_sd)
+        return commit
+
+    @property
+    def failure(self) -> Optional[BallbotError]:
+        """Return what ended the reading, and ends the node; see `run`."""
+        error = self._output.failure
+        return None if error is None else LinkError('ended', f'the reading ended: {error!r}')
+
+    def make_safe(self) -> None:
+        """Close the line."""
+        self._output.end()
+
+
+def main(args: Optional[List[str]] = None) -> int:
+    """Run the node."""
+    sys.setswitchinterval(SWITCH)
+    return run(ImuNode, args)

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An inertial sensor as a topic: read in a thread of its own, published as it comes."""
+import threading
+import time
+from typing import Mapping, Optional
+
+from rclpy.node import Node
+from sensor_msgs.msg import Imu
+
+from ballbot_ros.imus.source import ImuSource, StampedReading
+from ballbot_ros.nodes.bridge.motor import Clocks, NOT_REPORTED
+from ballbot_ros.ros import diagnostics, qos
+from ballbot_ros.ros.conversions import to_time
+from ballbot_ros.ros.endpoints import create_publisher
+from ballbot_ros.ros.frames import FRAMES
+
+# What is published: the table of docs/nodes.md.
+VALUES: Mapping[str, str] = {
+    'port': 'serial device or URL',
+    'rate': 'readings per second since the last status',
+    'readings': 'readings in total',
+    'refused': 'packets with a wrong checksum',
+    'skipped': 'bytes that belong to no packet',
+    'unpaired': 'forces without a turn rate, or the reverse',
+    'saturated': 'readings at the end of the range of the sensor',
+    'frozen': 'readings that were not used, because a sensor that measures does not repeat them',
+    'lost': 'times that the line was lost',
+    'set_up': 'times that the sensor was set up'}
+# How long the thread waits for bytes [s], and how long its end is waited for.
+PATIENCE, JOIN = 0.05, 2.0
+# Less than this part of the rate that was asked for is told.
+SLOW = 0.9
+
+
+class ImuOutput:
+    """
+    Publishes `imu` from a source, until it is told to end.
+
+    Parameters
+    ----------
+    node : Node
+    source : ImuSource
+    port : str
+    rate : float
+        That the sensor was asked for [Hz].
+    gyro_sd, force_sd : float
+        Standard deviations, for the covariances [rad/s], [m/s2].
+    frame : str
+        That the readings are told in.
+
+    Attributes
+    ----------
+    failure : Exception or None
+        What ended the thread, if nobody asked for its end.
+
+    """
+
+    def __init__(self, node: Node, source: ImuSource, port: str, rate: float, gyro_sd: float,
+                 force_sd: float, frame: str = FRAMES.imu):
+        """Start at once."""
+        self._frame = frame
+        self._source, self._port, self._asked = source, port, rate
+        self._clocks = Clocks(node)
+        self.tell(gyro_sd, force_sd)
+        self._publisher = create_publisher(node, Imu, 'imu', qos.STATE)
+        self._counted, self._counted_at, self._rate = 0, time.monotonic(), 0.0
+        self._diagnostics = diagnostics.Diagnostics(node, 'imu', self._health, f'imu on {port}')
+        self.failure: Optional[Exception] = None
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='imu', daemon=True)
+        self._thread.start()
+
+    def tell(self, gyro_sd: float, force_sd: float) -> None:
+        """Tell other standard deviations from the next reading on [rad/s], [m/s2]."""
+        self._covariances = [[sd**2, 0.0, 0.0, 0.0, sd**2, 0.0, 0.0, 0.0, sd**2]
+                             for sd in (gyro_sd, force_sd)]
+
+    def end(self) -> None:
+        """End the thread and close the line."""
+        self._ending.set()
+        self._thread.join(JOIN)
+        self._source.close()
+
+    def _run(self) -> None:
+        try:
+            while not self._ending.is_set():
+                for reading in self._source.read(PATIENCE):
+                    self._publisher.publish(self._message(reading))
+        except Exception as error:  # noqa: BLE001 whatever it is, the owner must know it
+            self.failure = error
+
+    def _message(self, reading: StampedReading) -> Imu:
+        message = Imu()
+        message.header.stamp = to_time(self._clocks.stamp(reading.stamp))
+        message.header.frame_id = self._frame
+        message.orientation_covariance[0] = NOT_REPORTED
+        message.angular_velocity_covariance, message.linear_acceleration_covariance = \
+            self._covariances
+        rate, force = message.angular_velocity, message.linear_acceleration
+        rate.x, rate.y, rate.z = reading.turn_rate
+        force.x, force.y, force.z = reading.force
+        return message
+
+    def _health(self) -> diagnostics.Health:
+        counts, now = dict(self._source.counts), time.monotonic()
+        if now > self._counted_at:
+            self._rate = (counts['readings'] - self._counted) / (now - self._counted_at)
+        self._counted, self._counted_at = counts['readings'], now
+        values = {'port': self._port, 'rate': f'{self._rate:.1f}', **counts}
+        if self._source.trouble:
+            return diagnostics.ERROR, self._source.trouble, values
+        if self._rate < SLOW * self._asked:
+            return diagnostics.WARN, (
+                f'{self._rate:.0f} readings a second, {self._asked:g} were asked for'), values
+        return diagnostics.OK, 'running', values

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The actions ``~/drive_to`` and ``~/cross_step`` of the decision; `decision.goals` does them."""
+import math
+import time
+from typing import Any, Callable, Optional, Tuple
+
+from rclpy.action.server import ServerGoalHandle
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from ballbot_ros.action import CrossStep, DriveTo
+from ballbot_ros.decision import (
+    cross_goal, CrossGoal, Decider, drive_goal, DriveGoal, Ending, GoalEnd, Knowledge)
+from ballbot_ros.errors import RefusedError
+from ballbot_ros.nodes.obstacle_decision.standstill import Standstill
+from ballbot_ros.ros.action_server import DeferredActionServer
+from ballbot_ros.ros.conversions import decision_message, to_time
+
+# Between two feedback messages [s], and how long odometry may be silent on the way [s].
+FEEDBACK, SILENCE = 0.1, 10.0
+
+
+class GoalServers:
+    """
+    Serves both actions, one goal at a time.
+
+    Parameters
+    ----------
+    node : Node
+    decider : callable
+        Returns the decider.
+    knowledge : Knowledge
+    standstill : Standstill
+        While it stands no goal is taken; its service goes on without goals.
+    waiting : bool
+        Whether the ball stands until there is a goal.
+
+    """
+
+    def __init__(self, node: Node, decider: Callable[[], Decider], knowledge: Knowledge,
+                 standstill: Standstill, waiting: bool):
+        """Serve at once."""
+        self._node, self._decider, self._standstill = node, decider, standstill
+        decider().goals.waiting, standstill.go_on = waiting, self.go_on
+        self._knowledge = knowledge
+        self._running: Optional[Tuple[DeferredActionServer, ServerGoalHandle]] = None
+        self._goal: Any = None
+        self._told = self._heard = -math.inf
+        self._drive = DeferredActionServer(
+            node, DriveTo, '~/drive_to', self._check_drive,
+            lambda handle: self._begin(self._drive, handle))
+        self._cross = DeferredActionServer(
+            node, CrossStep, '~/cross_step', self._check_cross,
+            lambda handle: self._begin(self._cross, handle))
+        node.create_timer(1.0, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _check(self) -> Decider:
+        """Return the decider that a goal can be given to."""
+        decider = self._decider()
+        if self._standstill.standing:
+            raise RefusedError(self._standstill.reason)
+        if decider.goals.goal is not None:
+            raise RefusedError('another goal is under way: cancel it first')
+        if decider.motion is None or decider.planned is None:
+            raise RefusedError('no odometry has come yet: does a simulator or a bridge run?')
+        return decider
+
+    def _check_drive(self, request: DriveTo.Goal) -> None:
+        decider = self._check()
+        start = decider.motion
+        target = request.target + (start.position if request.relative else 0.0)
+        self._goal = drive_goal(
+            start, target, request.speed_limit, request.tolerance, request.timeout,
+            self._knowledge.tuning, self._knowledge.robot.ball_radius, decider.free_from)
+
+    def _check_cross(self, request: CrossStep.Goal) -> None:
+        self._goal = cross_goal(self._check().motion, request.timeout)
+
+    def _begin(self, server: DeferredActionServer, handle: ServerGoalHandle) -> None:
+        self._decider().goals.begin(self._goal)
+        self._running, self._told, self._heard = (server, handle), -math.inf, time.monotonic()
+
+    def go_on(self) -> bool:
+        """Do without goals what the decision says; return whether that changes anything."""
+        goals = self._decider().goals
+        waiting = goals.waiting
+        goals.go_on()
+        return waiting
+
+    def step(self) -> None:
+        """Look after the goal; called after each decision."""
+        if self._running is None:
+            return
+        decider, handle = self._decider(), self._running[1]
+        self._heard = time.monotonic()
+        if decider.end is not None:
+            return self._finish(decider.end)
+        if handle.is_cancel_requested and not self._goal.canceled:
+            self._goal.cancel()
+        now = decider.motion.stamp
+        if now - self._told >= FEEDBACK:
+            self._told = now
+            handle.publish_feedback(self._feedback(decider))
+
+    def abort(self, why: str) -> None:
+        """End the goal at once, if there is one: the e-stop is engaged, or odometry is lost."""
+        if self._running is not None:
+            self._decider().goals.end()
+            self._finish(GoalEnd(Ending.E_STOP if self._standstill.engaged else Ending.LOST, why))
+
+    def close(self) -> None:
+        """End the goal because the node ends, and let that be sent."""
+        if self._running is not None:
+            self.abort('obstacle_decision was ended')
+            self._node.executor.spin_once(timeout_sec=0.1)
+
+    def _watch(self) -> None:
+        if self._running is not None and time.monotonic() - self._heard > SILENCE:
+            self.abort(f'no odometry has come for {SILENCE:g} s')
+
+    def _finish(self, end: GoalEnd) -> None:
+        server, handle = self._running
+        self._running = None
+        self._node.get_logger().info(f'{end.ending.value}: {end.message}')
+        if end.ending in (Ending.REACHED, Ending.CROSSED):
+            handle.succeed()
+        elif end.ending is Ending.CANCELED:
+            handle.canceled()
+        else:
+            handle.abort()
+        server.finish(handle, self._result(end))
+
+    def _result(self, end: GoalEnd) -> Any:
+        decider, goal = self._decider(), self._goal
+        kind = DriveTo.Result if isinstance(goal, DriveGoal) else CrossStep.Result
+        result = kind(outcome=getattr(kind, f'OUTCOME_{end.ending.name}'), message=end.message,
+                      position=decider.motion.position if decider.motion else math.nan)
+        result.decision, result.reason, _ = _in_force(decider)
+        if isinstance(goal, DriveGoal):
+            result.remaining = goal.target - result.position
+        else:
+            result.height = goal.height
+        return result
+
+    def _feedback(self, decider: Decider) -> Any:
+        goal, motion, planned = self._goal, decider.motion, decider.planned
+        kind = DriveTo.Feedback if isinstance(goal, DriveGoal) else CrossStep.Feedback
+        feedback = kind(position=motion.position, speed=motion.speed)
+        feedback.decision, _, feedback.message = _in_force(decider)
+        if isinstance(goal, CrossGoal):
+            feedback.phase = getattr(kind, f'PHASE_{goal.phase.name}')
+            feedback.distance, feedback.height = planned.distance, planned.height
+            feedback.probability = planned.outlook.probability if planned.outlook else math.nan
+        else:
+            feedback.remaining = goal.target - motion.position
+        return feedback
+
+
+def _in_force(decider: Decider) -> Tuple[int, int, str]:
+    """Return kind, reason and words of the last decision about the ground."""
+    planned, decision = decider.planned, decider.decision
+    if planned is None or decision is None:
+        return 0, 0, ''
+    message = decision_message(to_time(0.0), planned)
+    return message.decision, message.reason, decision.explanation

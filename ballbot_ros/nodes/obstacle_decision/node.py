@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node ``obstacle_decision``: what to do about the step ahead, and a set-point for it."""
+from collections import Counter
+from functools import partial
+from typing import Any, Callable, Dict, List, Optional, Tuple
+
+from builtin_interfaces.msg import Time
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+
+from ballbot_ros.decision import Decider, Kind, Observation
+from ballbot_ros.msg import StepObservation, TerrainObservation
+from ballbot_ros.nodes.obstacle_decision.goals import GoalServers
+from ballbot_ros.nodes.obstacle_decision.knowledge import known
+from ballbot_ros.nodes.obstacle_decision.outcomes import Experience
+from ballbot_ros.nodes.obstacle_decision.outputs import DecisionOutputs
+from ballbot_ros.nodes.obstacle_decision.standstill import Standstill
+from ballbot_ros.ros import diagnostics, qos
+from ballbot_ros.ros.conversions import exact, motion, observation, terrain_observation, to_seconds
+from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.ros.parameter_changes import Commit
+from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.run import run
+from ballbot_ros.ros.settings import DecisionSettings
+
+# Where observations come more slowly, set-points are published with the odometry in between [s].
+LONGEST_SILENCE = 0.025
+
+
+class ObstacleDecision(Node):
+    """
+    Decides and publishes set-points; see `DecisionSettings` for what can be set.
+
+    An observation waits for odometry that is not older than it, so that the answer depends on
+    stamps alone and not on which message happened to arrive first.
+    """
+
+    def __init__(self, **kwargs: Any):
+        """Check that robot, curve and tuning belong together, then wait."""
+        super().__init__('obstacle_decision', **kwargs)
+        settings = declare(self, DecisionSettings, self._prepare)
+        knowledge = known(settings)
+        self._experience = Experience(settings.outcome_log, knowledge, settings.planner,
+                                      self.get_logger())
+        self._decider = Decider(self._experience.knowledge, settings.planner,
+                                settings.terrain_frame)
+        self._odometry: Optional[Odometry] = None
+        self._observed: Any = None  # the newest observation that waits for odometry
+        self._seen: Dict[type, Tuple[int, int]] = {}
+        self._counts: Counter = Counter()
+        self._outputs = DecisionOutputs(self, settings, knowledge.robot.ball_radius)
+        for topic, kind, read in (
+                ('step_observation', StepObservation, observation),
+                ('terrain_observation', TerrainObservation, terrain_observation)):
+            create_subscription(self, kind, topic, partial(self._on_observation, read), qos.SHORT)
+        create_subscription(self, Odometry, 'odom', self._on_odometry, qos.SHORT)
+        self._standstill = Standstill(self, self._stand)
+        self._goals = GoalServers(self, lambda: self._decider, knowledge, self._standstill,
+                                  settings.wait_for_goal)
+        self._diagnostics = diagnostics.Diagnostics(
+            self, 'decision', self._health, knowledge.robot.name)
+
+    def _prepare(self, wanted: DecisionSettings) -> Commit:
+        """Check other parameters; return what puts them in force."""
+        return self._decider.prepare(known(wanted))
+
+    def _on_observation(self, convert: Callable[[Any], Observation], message: Any) -> None:
+        if self._seen.get(type(message)) == exact(message):
+            # The observation is repeated: to decide again might give another answer.
+            if self._observed is None:
+                self._outputs.repeat()
+            return
+        self._seen[type(message)] = exact(message)
+        self._decider.observe(convert(message))
+        self._observed = message
+        self._decide_pending()
+
+    def _on_odometry(self, message: Odometry) -> None:
+        if self._odometry is not None and exact(message) < exact(self._odometry):
+            self.get_logger().warning('time went back: all observations so far are dropped')
+            self._forget('time went back')
+        self._odometry = message
+        self._decider.move(motion(message))
+        self._decide_pending()
+        # Between observations, and when they have ended, the ball is driven all the same.
+        if to_seconds(message.header.stamp) - self._outputs.time > LONGEST_SILENCE:
+            self._decide(message.header.stamp)
+
+    def _forget(self, why: str) -> None:
+        self._goals.abort(why)
+        self._decider.reset()
+        self._outputs.forget()
+        self._observed = self._odometry = None
+        self._seen.clear()
+
+    def _stand(self) -> None:
+        """Forget what was decided, so that no plan outlives an e-stop, and ask for rest."""
+        self._forget('the e-stop is engaged')
+        self._outputs.rest(Time())
+
+    def _decide_pending(self) -> None:
+        """Decide on the newest observation when there is odometry that is not older."""
+        if self._observed is not None and self._odometry is not None \
+                and exact(self._odometry) >= exact(self._observed):
+            stamp, self._observed = self._observed.header.stamp, None
+            self._decide(stamp)
+
+    def _decide(self, stamp: Time) -> None:
+        """Publish a decision stamped like its observation, and the set-point for now."""
+        if self._standstill.standing:
+            return self._outputs.rest(self._odometry.header.stamp)
+        before = self._decider.decision
+        decision = (answer := self._decider.decide()).decision
+        self._experience.keep(self._decider.outcome)
+        self._counts[decision.kind.value] += 1
+        self._outputs.decide(stamp, answer, self._odometry)
+        self._goals.step()
+        if before is None or (before.kind, before.reason) != (decision.kind, decision.reason):
+            self.get_logger().info(f'{decision.kind.name}: {decision.explanation}')
+
+    def make_safe(self) -> None:
+        """Let the pendulum down."""
+        self._goals.close()
+        if self._odometry is not None:
+            self._outputs.end(self._odometry.header.stamp)
+        self._experience.close()
+
+    def _health(self) -> Tuple[bytes, str, dict]:
+        """Return level, message and numbers for /diagnostics."""
+        values: Dict[str, object] = {**self._experience.problem, **{
+            f'decided_{kind}': number for kind, number in self._counts.items()}}
+        if self._standstill.standing:
+            return diagnostics.WARN, self._standstill.reason, values
+        decision, profile = self._decider.decision, self._decider.profile
+        if decision is None:
+            return diagnostics.WARN, 'waiting for step_observation and odom', values
+        values['set_speed'] = f'{decision.set_speed:.3f}'
+        rejected = profile is not None and profile.rejection is not None
+        level = diagnostics.WARN if rejected or decision.kind is Kind.STOP else diagnostics.OK
+        return level, decision.explanation, values
+
+
+def main(args: Optional[List[str]] = None) -> int:
+    """Run the node."""
+    return run(ObstacleDecision, args)

@@ -1,0 +1,7 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Run the node: ``python -m ballbot_ros.nodes.simulator``."""
+import sys
+
+from ballbot_ros.nodes.simulator.node import main
+
+sys.exit(main())

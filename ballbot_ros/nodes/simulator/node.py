@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node ``simulator``: the ball robot, its sensors, and the time they live in."""
+from typing import Any, List, Optional, Tuple, Union
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.task import Future
+
+from ballbot_ros.control import CommandGate
+from ballbot_ros.errors import MessageError, RefusedError
+from ballbot_ros.nodes.simulator.followed_clock import FollowedClock
+from ballbot_ros.nodes.simulator.health import health
+from ballbot_ros.nodes.simulator.laws_inside import check_control, LawsInside
+from ballbot_ros.nodes.simulator.outputs import Outputs
+from ballbot_ros.nodes.simulator.own_time import keep_own_time
+from ballbot_ros.nodes.simulator.scheduler import Scheduler
+from ballbot_ros.nodes.simulator.simulation_interfaces import serve
+from ballbot_ros.physics.simulation.scene import load_scene
+from ballbot_ros.physics.simulation.solver import Solver
+from ballbot_ros.plant import Plant
+from ballbot_ros.ros import diagnostics, qos
+from ballbot_ros.ros.conversions import command_torque, exact, sec_nanosec, to_seconds, to_time
+from ballbot_ros.ros.endpoints import create_service, create_trigger
+from ballbot_ros.ros.joint_state_bytes import AnyJointState, subscribe_joint_states
+from ballbot_ros.ros.parameter_changes import Commit
+from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.retuning import change_period
+from ballbot_ros.ros.run import run
+from ballbot_ros.ros.settings import SimulatorSettings
+from ballbot_ros.srv import Step
+
+
+class Simulator(Node):
+    """Owns simulated time; see `SimulatorSettings` for what can be set."""
+
+    def __init__(self, **kwargs: Any):
+        """Load the scene and start (or wait, if paused)."""
+        super().__init__('simulator', **kwargs)
+        keep_own_time(self)
+        self._settings = settings = declare(self, SimulatorSettings, self._prepare)
+        check_control(settings)
+        scene = load_scene(settings.scene, settings.robot or None,
+                           Solver(settings.method, settings.physics_step))
+        self._plant = Plant(scene, settings.control_rate, settings.torque_limit or None,
+                            settings.accuracy or None)
+        self._gate = CommandGate(settings.command_timeout)
+        self._outputs = Outputs(self, self._plant, settings)
+        self._diagnostics = diagnostics.Diagnostics(
+            self, 'simulation', self._health, scene.model.robot.name,
+            stamp=lambda: to_time(self._plant.time))
+        self._laws = LawsInside(self, self._plant, settings) \
+            if settings.control == 'onboard' else None
+        follow = None if settings.publish_clock else FollowedClock(self, self._plant)
+        self._scheduler = Scheduler(self._plant, self._laws or self._gate, self._outputs,
+                                    settings, self.get_logger(), self._diagnostics.publish,
+                                    follow)
+        subscribe_joint_states(self, 'joint_commands', self._on_command, qos.NEWEST)
+        for name, do in (('pause', self._pause), ('resume', self._resume), ('reset', self._reset)):
+            create_trigger(self, f'~/{name}', do)
+        create_service(self, Step, '~/step', self._on_step)
+        self._interfaces = serve(self, self._plant, self._scheduler, settings)
+        # Only the clock authority ticks on wall time; a timer on its own time would wait for ever.
+        self._timer = self.create_timer(self._scheduler.interval, self._scheduler.tick,
+                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _prepare(self, wanted: SimulatorSettings) -> Commit:
+        """Check other parameters; return what puts them in force, between two periods."""
+        check_control(wanted)
+        steps = [self._outputs.prepare(wanted)]
+        if self._laws is not None:
+            steps.append(self._laws.prepare(self._settings, wanted))
+
+        def commit() -> None:
+            self._settings, self._gate.timeout = wanted, wanted.command_timeout
+            self._plant.limit_torque(wanted.torque_limit or None)
+            for step in steps:
+                step()
+            self._scheduler.follow(wanted)
+            change_period(self._timer, self._scheduler.interval)
+        return commit
+
+    def _on_command(self, message: AnyJointState) -> None:
+        """Take a command; in lockstep the right one lets time go on."""
+        try:
+            if self._laws is not None:
+                raise MessageError(
+                    'onboard', 'joint_commands are not followed while the laws run inside: send '
+                    'set_point or cmd_vel, or start the simulator with control:=direct')
+            torque = command_torque(message)
+        except MessageError as error:
+            self._gate.refuse(error.reason)
+            return self._refused(error)
+        try:
+            self._gate.offer(torque, to_seconds(message.header.stamp), self._plant.time)
+        except MessageError as error:
+            return self._refused(error)
+        self._scheduler.command_accepted(exact(message) == sec_nanosec(self._plant.time))
+
+    def _refused(self, error: MessageError) -> None:
+        self.get_logger().warning(f'command refused: {error}', throttle_duration_sec=1.0)
+
+    def _pause(self) -> str:
+        self._scheduler.pause()
+        return f'paused at t = {self._plant.time:.3f} s'
+
+    def _resume(self) -> str:
+        if self._scheduler.failure is not None:
+            raise RefusedError(f'{self._scheduler.failure}; call ~/reset first')
+        self._scheduler.resume()
+        return f'running from t = {self._plant.time:.3f} s'
+
+    def _reset(self) -> str:
+        self._scheduler.reset()
+        return (f'back at the start of the scene; time goes on, now t = {self._plant.time:.3f} s'
+                + (', paused' if self._scheduler.paused else ''))
+
+    def _on_step(self, request: Step.Request, response: Step.Response
+                 ) -> Union[Step.Response, Future]:
+        """Advance a paused simulation by some periods."""
+        answer = Future()
+
+        def finish(run: Future) -> None:
+            response.success = bool(run.result())
+            response.message = '' if response.success else 'ended before all periods were run'
+            response.time = to_time(self._plant.time)
+            answer.set_result(response)
+
+        response.time = to_time(self._plant.time)
+        if self._scheduler.failure is not None:
+            response.message = f'{self._scheduler.failure}; call ~/reset first'
+        elif not self._scheduler.paused:
+            response.message = 'not paused: call ~/pause first'
+        else:
+            self._scheduler.step(max(1, request.periods)).add_done_callback(finish)
+            return answer
+        return response
+
+    def _health(self) -> Tuple[bytes, str, dict]:
+        """Return level, message and numbers for /diagnostics."""
+        return health(self._settings, self._plant, self._scheduler, self._gate, self._laws)
+
+
+def main(args: Optional[List[str]] = None) -> int:
+    """Run the node."""
+    return run(Simulator, args)

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the simulator publishes, each topic at its own rate."""
+import struct
+from typing import Any, Callable, Dict, NamedTuple, Optional, Tuple
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+
+from ballbot_ros.msg import BallState
+from ballbot_ros.nodes.simulator.sensors import Sensors
+from ballbot_ros.physics.model.state import State
+from ballbot_ros.plant import periods_per, Plant
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.conversions import ball_state_message, odometry_message, sec_nanosec
+from ballbot_ros.ros.endpoints import create_publisher, has_subscribers
+from ballbot_ros.ros.joint_state_bytes import JointStateBytes
+from ballbot_ros.ros.markers import MarkerTopic, world_markers
+from ballbot_ros.ros.odometry import OdometryTopics
+from ballbot_ros.ros.parameter_changes import Commit
+from ballbot_ros.ros.settings import SimulatorSettings
+
+# A serialized rosgraph_msgs/Clock (little-endian CDR): made so often, messages would cost more.
+LITTLE_ENDIAN, CLOCK = b'\0\1\0\0', struct.Struct('<4siI')
+
+
+class Every(NamedTuple):
+    """Control periods from one message to the next."""
+
+    clock: int  # 0: with each message of another topic
+    odometry: int
+    ball_state: int
+    joint_states: int
+
+
+def every(settings: SimulatorSettings) -> Every:
+    """Return when what is due; raise `ConfigurationError` for a rate that does not fit."""
+    periods = [periods_per(getattr(settings, name), settings.control_rate, name)
+               for name in ('odom_rate', 'ball_state_rate')]
+    clock = settings.clock_rate and periods_per(
+        settings.clock_rate, settings.control_rate, 'clock_rate')
+    return Every(int(clock), *periods, 1 if settings.control == 'direct' else periods_per(
+        settings.joint_state_rate, settings.control_rate, 'joint_state_rate'))
+
+
+class Outputs:
+    """
+    Publishes the state of a plant.
+
+    /clock is published first, and with everything else, so that nothing is stamped later than the
+    receivers' clock, unless its rate says otherwise; joint_states is published last, because in
+    lockstep its answer ends the period.  What nobody subscribes to is not even made: who comes
+    later would not get it either.
+
+    Parameters
+    ----------
+    node : Node
+    plant : Plant
+    settings : SimulatorSettings
+
+    Raises
+    ------
+    ConfigurationError
+        If a rate does not divide the control rate.
+
+    """
+
+    def __init__(self, node: Node, plant: Plant, settings: SimulatorSettings):
+        """Create the publishers."""
+        self._plant = plant
+        self._last: Dict[str, Tuple[Callable[..., None], Tuple[Any, ...]]] = {}
+        self._every = every(settings)
+        self._clock: Optional[Publisher] = None
+        if settings.publish_clock:
+            self._clock = create_publisher(node, Clock, '/clock', qos.CLOCK)
+        self._odometry = OdometryTopics(node, plant.model.robot, settings)
+        self._ball = create_publisher(node, BallState, 'ball_state', qos.STATE)
+        self._sensors = Sensors(node, plant, settings)
+        self._markers = MarkerTopic(node, settings.publish_markers)
+        self._joints = create_publisher(node, JointState, 'joint_states', qos.STATE)
+        self._joint_states = JointStateBytes(
+            self._odometry.frames.base, plant.model.robot.has_pendulum)
+
+    def prepare(self, wanted: SimulatorSettings) -> Commit:
+        """Check other rates and sensors; return what puts them in force."""
+        periods, see = every(wanted), self._sensors.prepare(wanted)
+
+        def commit() -> None:
+            self._every = periods
+            see()
+        return commit
+
+    def publish(self, everything: bool = False) -> None:
+        """Publish the present state, on each topic whose turn has come or on all of them."""
+        plant, now, every = self._plant, self._plant.periods, self._every
+        odometry, ball_state, joint_states = (
+            everything or now % period == 0 for period in every[1:])
+        seen = self._sensors.look(everything)
+        marked = self._markers.is_due(plant.time)
+        stamped = odometry or ball_state or joint_states or seen or marked
+        if stamped if not every.clock else everything or now % every.clock == 0:
+            self._tell('clock', self._publish_clock, plant.time)
+        if odometry:
+            self._tell('odometry', self._publish_odometry, plant.state)
+        if ball_state:
+            self._tell('ball_state', self._publish_ball_state, plant.state, plant.torque)
+        for publisher, message in seen:
+            self._tell(publisher.topic_name, publisher.publish, message)
+        if marked:
+            self._markers.publish(world_markers(
+                plant.state, plant.model, self._odometry.frames.odom))
+        if joint_states:
+            self._tell('joint_states', self._joints.publish, self._joint_states.of(
+                plant.state.time, plant.state, plant.torque))
+
+    def repeat(self) -> None:
+        """
+        Publish the last message of each topic again, with its stamp.
+
+        For subscribers that were not there in time: a controller that is started again in
+        lockstep needs the set-point of its period, hence the decision the observation.
+        """
+        for publish, values in self._last.values():
+            publish(*values)
+
+    def _tell(self, what: str, publish: Callable[..., None], *values: Any) -> None:
+        self._last[what] = publish, values
+        publish(*values)
+
+    def _publish_clock(self, time: float) -> None:
+        if self._clock is not None and has_subscribers(self._clock):
+            self._clock.publish(CLOCK.pack(LITTLE_ENDIAN, *sec_nanosec(time)))
+
+    def _publish_odometry(self, state: State) -> None:
+        self._odometry.publish(
+            lambda: odometry_message(state, self._odometry.frames), state.ball_angle,
+            state.joint_angle)
+
+    def _publish_ball_state(self, state: State, torque: float) -> None:
+        if has_subscribers(self._ball):
+            self._ball.publish(ball_state_message(
+                state, torque, self._plant.model, self._odometry.frames))

@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs the control periods of a simulation: in real time, as fast as it goes, or in lockstep."""
+import time
+from typing import Callable, Optional, Union
+
+from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.task import Future
+
+from ballbot_ros.errors import SimulationError
+from ballbot_ros.nodes.simulator.followed_clock import FollowedClock
+from ballbot_ros.nodes.simulator.laws_inside import TorqueSource
+from ballbot_ros.nodes.simulator.outputs import Outputs
+from ballbot_ros.nodes.simulator.run_control import RunControl
+from ballbot_ros.physics.model.state import State
+from ballbot_ros.plant import Pace, Plant, Speedometer
+from ballbot_ros.ros.settings import SimulatorSettings
+
+# A state is repeated this often while nobody answers it: subscribers may not be there yet [s].
+REPEAT = 0.2
+# Wall time that one callback may fill with simulation when going as fast as it goes [s].
+BATCH = 0.002
+
+
+class Scheduler:
+    """
+    Runs the control periods of a plant when they are due and publishes each new state.
+
+    Parameters
+    ----------
+    plant : Plant
+    gate : TorqueSource
+        Where the torque of a period comes from.
+    outputs : Outputs
+        Publishes the states.
+    settings : SimulatorSettings
+    logger : RcutilsLogger
+    failed : callable
+        Called when the simulation cannot go on.
+    clock : FollowedClock, optional
+        Of another simulator, by which time passes here.
+
+    Attributes
+    ----------
+    failure : SimulationError or None
+        Why time stands still until `reset`.
+
+    """
+
+    def __init__(self, plant: Plant, gate: TorqueSource, outputs: Outputs,
+                 settings: SimulatorSettings, logger: RcutilsLogger,
+                 failed: Callable[[], None], clock: Optional[FollowedClock] = None):
+        """Publish the first state."""
+        self._plant, self._gate, self._outputs = plant, gate, outputs
+        self._settings, self._logger, self._failed = settings, logger, failed
+        self._control = RunControl(settings.start_paused)
+        self._clock = clock
+        self._pace = self._new_pace(settings)
+        self._speed = Speedometer()
+        self._due = 0  # periods that the clock allows and lockstep has not run yet
+        self._expecting = False  # commands have come, and their end would be worth a warning
+        self.failure: Optional[SimulationError] = None
+        self._publish()
+
+    @property
+    def interval(self) -> float:
+        """Return how often `tick` is to be called [s of wall time]."""
+        if self._clock is not None:
+            return self._plant.period
+        if self._pace:
+            return self._plant.period / self._settings.real_time_factor
+        return REPEAT / 4 if self._settings.lockstep else BATCH / 4
+
+    @property
+    def paused(self) -> bool:
+        """Return whether time stands still until `resume` or `step`."""
+        return self._control.paused
+
+    @property
+    def real_time_factor(self) -> float:
+        """Return the measured factor, NaN before there is one."""
+        return self._speed.factor
+
+    @property
+    def dropped(self) -> int:
+        """Return the periods given up because the machine was too slow."""
+        return self._pace.dropped if self._pace else 0
+
+    def tick(self) -> None:
+        """Run the periods that are due now."""
+        now = time.monotonic()
+        self._speed.note(self._plant.time, now)
+        if not self._control.running:
+            return
+        if self._settings.lockstep:
+            if self._pace:
+                self._due = min(1, self._due + self._pace.due(now))
+            if not self._answered:
+                self._wait(now)
+            self._run_answered()
+        elif self._pace:
+            self._run_due(self._pace, now)
+        else:
+            while time.monotonic() - now < BATCH and self._control.running:
+                self._run_period()
+
+    def command_accepted(self, answer: bool) -> None:
+        """Note a command; one that answers the present state ends its period in lockstep."""
+        self._expecting = True
+        if answer:
+            self._answered = True
+            if self._settings.lockstep:
+                self._run_answered()
+
+    def follow(self, settings: SimulatorSettings) -> None:
+        """Go on by other parameters from now on."""
+        before, self._settings = self._settings, settings
+        if settings.real_time_factor != before.real_time_factor:
+            dropped, self._pace = self.dropped, self._new_pace(settings)
+            if isinstance(self._pace, Pace):
+                self._pace.dropped = dropped
+            self._speed = Speedometer()
+        if settings.real_time_factor != before.real_time_factor \
+                or settings.lockstep != before.lockstep:
+            self._due = 0
+            self._restart()
+
+    def _new_pace(self, settings: SimulatorSettings) -> Union[Pace, FollowedClock, None]:
+        if self._clock is not None:
+            return self._clock
+        factor = settings.real_time_factor
+        return Pace(self._plant.period, factor) if factor > 0.0 else None
+
+    def pause(self) -> None:
+        """Let no more time pass."""
+        self._control.pause()
+
+    def resume(self) -> None:
+        """Let time pass again."""
+        self._control.resume()
+        self._restart()
+
+    def step(self, periods: int) -> Future:
+        """Let some periods pass, then pause; the future holds whether all have passed."""
+        done = self._control.step(periods)
+        self._restart()
+        return done
+
+    def reset(self) -> None:
+        """Put the plant back to its start; time goes on."""
+        self.failure = None
+        self._gate.clear()
+        self._plant.reset()
+        self._publish(everything=True)
+
+    def put(self, state: State) -> None:
+        """Have the robot in a state from now on."""
+        self._plant.put(state)
+        self._publish(everything=True)
+
+    def _restart(self) -> None:
+        self._since = time.monotonic()
+        if self._pace:
+            self._pace.restart(self._since)
+
+    def _run_due(self, pace: Union[Pace, FollowedClock], now: float) -> None:
+        dropped, wanted = pace.dropped, self._settings.real_time_factor
+        for _ in range(pace.due(now)):
+            if self._control.running:  # a failure or the last step ends it in between
+                self._run_period()
+        if pace.dropped > dropped and self._speed.factor < 0.98 * wanted:
+            self._logger.warning(
+                f'falling behind: real-time factor {self._speed.factor:.2f} instead of '
+                f'{wanted:g}', throttle_duration_sec=2.0)
+
+    def _run_answered(self) -> None:
+        """In lockstep: run the period whose state has been answered, if it is due."""
+        if self._answered and self._control.running and (self._due or not self._pace):
+            self._due = 0
+            self._run_period()
+
+    def _run_period(self) -> None:
+        """Run one control period and publish the state at its end."""
+        now = self._plant.time
+        if self._gate.expired(now) and self._expecting:
+            self._expecting = False
+            self._logger.warning(
+                f'no command for {self._settings.command_timeout:g} s at t = {now:.3f} s: '
+                'torque is 0; is the controller running?')
+        try:
+            self._plant.advance(self._gate.torque(now))
+        except SimulationError as error:
+            self.failure = error
+            self._control.pause()
+            self._logger.fatal(f'{error}. Nothing is published until ~/reset.')
+            self._failed()
+            return
+        self._control.count_period()
+        self._publish()
+
+    def _publish(self, everything: bool = False) -> None:
+        """Publish the state; in lockstep this asks for the command that answers it."""
+        self._answered = False
+        self._published = self._since = time.monotonic()
+        self._outputs.publish(everything)
+
+    def _wait(self, now: float) -> None:
+        """Repeat a state that nobody answers, and warn when it lasts."""
+        if now - self._published >= REPEAT:
+            self._published = now
+            self._outputs.repeat()
+        if now - self._since >= self._settings.lockstep_patience:
+            self._gate.clear()
+            self._logger.warning(
+                f'no command answers the state of t = {self._plant.time:.3f} s: time stands '
+                'still, torque is 0; is the controller running?', throttle_duration_sec=10.0)

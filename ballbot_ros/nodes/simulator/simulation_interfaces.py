@@ -1,0 +1,289 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The services and the action of simulation_interfaces, where that package is installed.
+
+Stopped is paused at the start of the scene.  Simulated time never goes back, so a reset of time,
+which is part of the default reset, is answered as unsupported.
+"""
+import math
+import re
+from typing import Any, Optional, Tuple
+
+from rclpy.action.server import ServerGoalHandle
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.task import Future
+
+from ballbot_ros.errors import RefusedError
+from ballbot_ros.nodes.simulator.entity_state import entity_message, placed
+from ballbot_ros.nodes.simulator.scheduler import Scheduler
+from ballbot_ros.plant import Plant
+from ballbot_ros.ros.action_server import DeferredActionServer
+from ballbot_ros.ros.endpoints import create_service
+from ballbot_ros.ros.frames import Frames
+from ballbot_ros.ros.settings import SimulatorSettings
+
+try:
+    from simulation_interfaces.action import SimulateSteps
+    from simulation_interfaces.msg import (
+        Bounds, EntityCategory, EntityFilters, Result, SimulationState, SimulatorFeatures)
+    from simulation_interfaces.srv import (
+        GetEntities, GetEntityState, GetSimulationState, GetSimulatorFeatures, ResetSimulation,
+        SetEntityState, SetSimulationState, StepSimulation)
+    AVAILABLE = True
+except ImportError:  # not part of every ROS 2 installation, or older than 2.0
+    AVAILABLE = False
+
+FEEDBACK = 0.05  # between two feedback messages [s of wall time]
+
+
+class Refusal(RefusedError):
+    """A request that is answered with a code of simulation_interfaces."""
+
+    def __init__(self, code: int, why: str):
+        """Keep the code beside the sentence."""
+        super().__init__(why)
+        self.code = code
+
+
+def serve(node: Node, plant: Plant, scheduler: Scheduler,
+          settings: SimulatorSettings) -> Optional['Interfaces']:
+    """Serve the interfaces; log one line where their package is missing."""
+    if not AVAILABLE:
+        node.get_logger().info('simulation_interfaces is not installed: the simulator is '
+                               'controlled by ~/pause, ~/resume, ~/reset and ~/step only')
+        return None
+    return Interfaces(node, plant, scheduler, Frames.of(settings).odom)
+
+
+class Interfaces:
+    """
+    Serves the interfaces.
+
+    Parameters
+    ----------
+    node : Node
+    plant : Plant
+    scheduler : Scheduler
+    frame : str
+        Of poses.
+
+    """
+
+    def __init__(self, node: Node, plant: Plant, scheduler: Scheduler, frame: str):
+        """Serve at once."""
+        self._plant, self._scheduler, self._frame = plant, scheduler, frame
+        self._goal: Optional[Tuple[ServerGoalHandle, int]] = None
+        for kind, name, act in (
+                (GetSimulatorFeatures, 'get_simulator_features', self._features),
+                (GetSimulationState, 'get_simulation_state', self._get_state),
+                (SetSimulationState, 'set_simulation_state', self._set_state),
+                (ResetSimulation, 'reset_simulation', self._reset),
+                (GetEntities, 'get_entities', self._entities),
+                (GetEntityState, 'get_entity_state', self._get_entity),
+                (SetEntityState, 'set_entity_state', self._set_entity)):
+            create_service(node, kind, f'~/{name}', _answering(act))
+        create_service(node, StepSimulation, '~/step_simulation', self._step)
+        self._steps = DeferredActionServer(
+            node, SimulateSteps, '~/simulate_steps', lambda _: None, self._begin)
+        node.create_timer(FEEDBACK, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    # State
+
+    def _features(self, _: Any, response: Any) -> None:
+        named = SimulatorFeatures
+        response.features.features = [
+            named.ENTITY_CATEGORIES, named.ENTITY_STATE_GETTING, named.ENTITY_STATE_SETTING,
+            named.SIMULATION_RESET, named.SIMULATION_RESET_STATE, named.SIMULATION_STATE_GETTING,
+            named.SIMULATION_STATE_SETTING, named.SIMULATION_STATE_PAUSE,
+            named.STEP_SIMULATION_SINGLE, named.STEP_SIMULATION_MULTIPLE,
+            named.STEP_SIMULATION_ACTION]
+        response.features.custom_info = (
+            'One robot in a vertical plane; a step is a control period of '
+            f'{self._plant.period:g} s; time never goes back.')
+
+    @property
+    def _state(self) -> int:
+        if not self._scheduler.paused:
+            return SimulationState.STATE_PLAYING
+        return SimulationState.STATE_STOPPED if self._plant.at_start \
+            else SimulationState.STATE_PAUSED
+
+    def _get_state(self, _: Any, response: Any) -> None:
+        response.state.state = self._state
+        if self._scheduler.failure is not None:
+            response.result.error_message = str(self._scheduler.failure)
+
+    def _set_state(self, request: Any, _: Any) -> None:
+        named, answer, state = SimulationState, SetSimulationState.Response, request.state.state
+        if state == named.STATE_QUITTING:
+            raise Refusal(Result.RESULT_FEATURE_UNSUPPORTED,
+                          'quitting is not offered: end the process with SIGINT')
+        if state not in (named.STATE_STOPPED, named.STATE_PLAYING, named.STATE_PAUSED):
+            raise Refusal(answer.INCORRECT_TRANSITION,
+                          f'{state} cannot be asked for: 0 stops, 1 plays, 2 pauses')
+        if state == self._state:
+            raise Refusal(answer.ALREADY_IN_TARGET_STATE, 'this is the state already')
+        if state == named.STATE_PLAYING:
+            if self._scheduler.failure is not None:
+                raise Refusal(answer.STATE_TRANSITION_ERROR,
+                              f'{self._scheduler.failure}; stop or reset first')
+            self._scheduler.resume()
+        elif state == named.STATE_STOPPED:
+            self._scheduler.pause()
+            self._scheduler.reset()
+        elif self._state == named.STATE_STOPPED:
+            raise Refusal(answer.INCORRECT_TRANSITION,
+                          'stopped at the start of the scene already: play first')
+        else:
+            self._scheduler.pause()
+
+    def _reset(self, request: Any, _: Any) -> None:
+        if request.scope != ResetSimulation.Request.SCOPE_STATE:
+            raise Refusal(Result.RESULT_FEATURE_UNSUPPORTED,
+                          f'scope {request.scope} is more than the state: time never goes back, '
+                          'and nothing is spawned; ask for SCOPE_STATE (2)')
+        self._scheduler.reset()
+
+    # Steps
+
+    def _check_steps(self, steps: int) -> None:
+        if self._scheduler.failure is not None:
+            raise Refusal(Result.RESULT_OPERATION_FAILED,
+                          f'{self._scheduler.failure}; reset first')
+        if not self._scheduler.paused:
+            raise Refusal(Result.RESULT_OPERATION_FAILED, 'not paused: pause first')
+        if steps < 1:
+            raise Refusal(Result.RESULT_OPERATION_FAILED, 'steps must be at least 1, got 0')
+
+    def _step(self, request: Any, response: Any) -> Any:
+        try:
+            self._check_steps(request.steps)
+        except Refusal as refusal:
+            return _refused(response, refusal)
+        answer = Future()
+
+        def finish(run: Future) -> None:
+            answer.set_result(_ended(response, bool(run.result())))
+
+        self._scheduler.step(request.steps).add_done_callback(finish)
+        return answer
+
+    def _begin(self, handle: ServerGoalHandle) -> None:
+        steps = handle.request.steps
+        try:
+            self._check_steps(steps)
+        except Refusal as refusal:
+            handle.abort()
+            return self._steps.finish(handle, _refused(SimulateSteps.Result(), refusal))
+        self._goal = handle, self._plant.periods
+        self._scheduler.step(steps).add_done_callback(self._finish)
+
+    def _finish(self, run: Future) -> None:
+        """End the goal whose steps have run, or were ended."""
+        handle, _ = self._goal
+        self._tell()
+        self._goal = None
+        if run.result():
+            handle.succeed()
+        elif handle.is_cancel_requested:
+            handle.canceled()
+        else:
+            handle.abort()
+        self._steps.finish(handle, _ended(SimulateSteps.Result(), bool(run.result())))
+
+    def _look(self) -> None:
+        """Tell how far the goal has come, or end it where that is asked for."""
+        if self._goal is None:
+            return
+        if self._goal[0].is_cancel_requested:
+            self._scheduler.pause()  # which ends the steps, and so the goal
+        else:
+            self._tell()
+
+    def _tell(self) -> None:
+        handle, first = self._goal
+        completed = self._plant.periods - first
+        handle.publish_feedback(SimulateSteps.Feedback(
+            completed_steps=completed, remaining_steps=handle.request.steps - completed))
+
+    # Entities
+
+    @property
+    def _robot(self) -> str:
+        return self._plant.model.robot.name
+
+    def _entities(self, request: Any, response: Any) -> None:
+        if self._passes(request.filters):
+            response.entities = [self._robot]
+
+    def _passes(self, filters: 'EntityFilters') -> bool:
+        """Return whether the robot, which is the only entity, passes all filters."""
+        if filters.tags.tags:
+            raise Refusal(Result.RESULT_FEATURE_UNSUPPORTED, 'entities have no tags')
+        try:
+            named = re.search(filters.filter, self._robot) is not None
+        except re.error as error:
+            raise Refusal(Result.RESULT_OPERATION_FAILED,
+                          f'{filters.filter!r} is no regular expression: {error}') from None
+        kinds = [one.category for one in filters.categories]
+        return named and (not kinds or EntityCategory.CATEGORY_ROBOT in kinds) \
+            and self._within(filters.bounds)
+
+    def _within(self, bounds: 'Bounds') -> bool:
+        if bounds.type == Bounds.TYPE_EMPTY:
+            return True
+        if bounds.type != Bounds.TYPE_SPHERE:
+            raise Refusal(Result.RESULT_FEATURE_UNSUPPORTED, 'bounds can be a sphere only')
+        if len(bounds.points) != 2:
+            raise Refusal(Result.RESULT_OPERATION_FAILED, 'a sphere has two points')
+        centre, state = bounds.points[0], self._plant.state
+        return math.dist((centre.x, centre.y, centre.z), (state.x, 0.0, state.y)) \
+            <= bounds.points[1].x + self._plant.model.robot.ball_radius
+
+    def _known(self, entity: str) -> None:
+        if entity != self._robot:
+            raise Refusal(Result.RESULT_NOT_FOUND,
+                          f'there is no {entity!r}, only {self._robot!r}')
+
+    def _get_entity(self, request: Any, response: Any) -> None:
+        self._known(request.entity)
+        response.state = entity_message(self._plant.state, self._frame)
+
+    def _set_entity(self, request: Any, _: Any) -> None:
+        self._known(request.entity)
+        if request.set_acceleration:
+            raise Refusal(Result.RESULT_FEATURE_UNSUPPORTED, 'accelerations follow from forces')
+        if request.state.header.frame_id not in ('', self._frame):
+            raise Refusal(Result.RESULT_OPERATION_FAILED,
+                          f'the frame must be {self._frame!r}, got '
+                          f'{request.state.header.frame_id!r}')
+        try:
+            state = placed(self._plant, request.state, request.set_pose, request.set_twist)
+        except RefusedError as error:
+            raise Refusal(SetEntityState.Response.INVALID_POSE, str(error)) from None
+        self._scheduler.put(state)
+
+
+def _answering(act: Any) -> Any:
+    """Return the callback of a service that raises `Refusal`, or fills in the response."""
+    def callback(request: Any, response: Any) -> Any:
+        if hasattr(response, 'result'):
+            response.result.result = Result.RESULT_OK
+        try:
+            act(request, response)
+        except Refusal as refusal:
+            return _refused(response, refusal)
+        return response
+    return callback
+
+
+def _refused(response: Any, refusal: Refusal) -> Any:
+    response.result.result, response.result.error_message = refusal.code, str(refusal)
+    return response
+
+
+def _ended(response: Any, complete: bool) -> Any:
+    response.result.result = Result.RESULT_OK if complete else Result.RESULT_OPERATION_FAILED
+    response.result.error_message = '' if complete else 'ended before all steps were run'
+    return response

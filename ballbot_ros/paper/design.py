@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the highest step of GimBall depends on: pictures of `studies.sensitivity`."""
+import math
+from typing import Any, Sequence
+
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ballbot_ros.crossing import Rules, Site
+from ballbot_ros.figures import canvas
+from ballbot_ros.figures.canvas import draw_heading
+from ballbot_ros.paper.cases import Case, holding, LEVEL, SPEEDS, step_height, step_heights
+from ballbot_ros.paper.heights import height_axes, place_legend
+from ballbot_ros.paper.sensitivity import (
+    Bar, design_map, heights_on_slopes, sampled_heights, sensitivity, WHAT_IF)
+from ballbot_ros.physics import Actuation, load_robot
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.studies.progress import ignore, part_of, Progress
+
+FULL = 'simulated with the full model'
+SPEED = 0.8  # of the studies at one speed [m/s]
+MOST_BARS, LEAST = 10, 6e-5  # bars shown, and the least effect; heights are to 5e-5 [m]
+SAMPLES = 256
+LENGTHS: Array = np.linspace(0.005, 0.175, 18, dtype=np.float64)  # of the pendulum [m]
+MASSES: Array = np.linspace(0.3, 4.2, 14, dtype=np.float64)  # [kg]
+SLOPE_SPEEDS: Array = np.array([0.3, 0.5, 0.7, 0.9, 1.1])  # [m/s]
+SLOPE_COLOURS = (canvas.PURPLE, canvas.BLUE, canvas.GREEN, canvas.ORANGE, canvas.VERMILION)
+# How "over" is judged, as lines, and slopes behind the step [deg].
+RULES = ((Rules(), '-', 'past the edge'), (Rules(over='clear'), '--', 'clear of it'))
+RISES = ((0.0, canvas.BLUE), (2.5, canvas.ORANGE), (5.0, canvas.VERMILION))
+LEVELS = {0.05: '--', 0.5: '-', 0.95: ':'}  # of the probability, as lines
+
+
+def tornado(progress: Progress = ignore) -> Figure:
+    """Show the effect of every uncertain number, and of the others by a tenth."""
+    robot = load_robot('gimball')
+    cases = [('pendulum free', Case(robot)), ('held level', holding(robot, LEVEL)),
+             ('motor under 5.7 V', Case(robot, Actuation(law='voltage', voltage=5.7)))]
+    with canvas.drawing(10.4, 4.6) as figure:
+        for number, (label, case) in enumerate(cases):
+            bars = sensitivity(case, SPEED, part_of(progress, number, len(cases)))
+            axes = figure.add_axes((0.125 + 0.322 * number, 0.175, 0.205, 0.685))
+            middle = step_height(case, SPEED)
+            axes.set_title(f'{label}: {1e3 * middle:.1f} mm', loc='left', fontsize=9.5,
+                           weight='bold')
+            _draw_bars(axes, [bar for bar in bars[:MOST_BARS] if _effect(bar, middle) > LEAST],
+                       middle)
+        axes.legend(handles=[
+            Patch(color=canvas.BLUE, label='at the high end of its range'),
+            Patch(color=canvas.ORANGE, label='at the low end'),
+            Patch(color=canvas.BLUE, alpha=0.35, label=f'no range: {WHAT_IF:.0%} more'),
+            Patch(color=canvas.ORANGE, alpha=0.35, label=f'{WHAT_IF:.0%} less')],
+            loc='lower right', bbox_to_anchor=(0.995, 0.0), bbox_transform=figure.transFigure,
+            ncols=4, fontsize=7.5, frameon=False)
+        draw_heading(figure, f'Sensitivity of the highest step of GimBall at {SPEED:g} m/s',
+                     FULL)
+    return figure
+
+
+def _short(number: float) -> str:
+    """Return a number without an exponent."""
+    return f'{number:.0f}' if number >= 1e3 else f'{number:.3g}'
+
+
+def _effect(bar: Bar, middle: float) -> float:
+    """Return the larger change of the height [m]."""
+    return max(abs(bar.height_low - middle), abs(bar.height_high - middle))
+
+
+def _draw_bars(axes: Any, bars: Sequence[Bar], middle: float) -> None:
+    """Draw what each number does to the height, largest on top."""
+    for row, bar in enumerate(bars):
+        for height, colour in ((bar.height_low, canvas.ORANGE), (bar.height_high, canvas.BLUE)):
+            axes.barh(row, 1e3 * (height - middle), color=colour, height=0.68,
+                      alpha=1.0 if bar.uncertain else 0.35)
+    axes.set_yticks(range(len(bars)))
+    axes.set_yticklabels([
+        f'{bar.name.replace("_", " ").replace(".", ": ")}\n'
+        f'{_short(bar.low)} to {_short(bar.high)} {bar.unit}' for bar in bars],
+        fontsize=6.5, linespacing=1.15)
+    axes.set_ylim(MOST_BARS - 0.5, -0.6)
+    axes.axvline(0.0, color=canvas.INK, lw=0.8)
+    axes.set_xlabel('change of the highest step [mm]')
+    axes.grid(axis='x', color=canvas.SOIL, lw=0.5)
+    axes.set_axisbelow(True)
+
+
+def probability(progress: Progress = ignore) -> Figure:
+    """Show the probability of passing over speed and height, as far as GimBall is known."""
+    robot = load_robot('gimball')
+    heights, fine = np.linspace(0.0, 0.07, 701), np.linspace(SPEEDS[0], SPEEDS[-1], 151)
+    with canvas.drawing(10.0, 4.6) as figure:
+        for number, (label, case) in enumerate((('pendulum free', Case(robot)),
+                                                ('held level', holding(robot, LEVEL)))):
+            drawn = sampled_heights(case, SPEEDS[::2], SAMPLES, 0, part_of(progress, number, 2))
+            curves = CubicSpline(SPEEDS[::2], drawn, axis=1)(fine)
+            passing = (curves[:, :, None] >= heights).mean(axis=0).T
+            axes = height_axes(figure, (0.065 + 0.445 * number, 0.115, 0.385, 0.76), label,
+                               0.07, SPEEDS[-1], SPEEDS[0])
+            shades = axes.contourf(fine, 1e3 * heights, passing, np.linspace(0.0, 1.0, 11),
+                                   cmap='Blues')
+            for level, style in LEVELS.items():
+                axes.contour(fine, 1e3 * heights, passing, [level], colors=canvas.INK,
+                             linestyles=[style], linewidths=[0.9])
+                axes.plot([], [], ls=style, lw=0.9, color=canvas.INK, label=f'{level:.0%} pass')
+            place_legend(axes)
+        scale = figure.add_axes((0.925, 0.115, 0.014, 0.76))
+        figure.colorbar(shades, cax=scale, label='probability of passing')
+        draw_heading(figure, f'Probability of passing: {SAMPLES} robots drawn from the ranges of '
+                             'GimBall', FULL)
+    return figure
+
+
+def design(progress: Progress = ignore) -> Figure:
+    """Show the highest step over length and mass of the pendulum, in the same ball."""
+    robot = load_robot('gimball')
+    with canvas.drawing(10.0, 4.6) as figure:
+        for number, (label, case) in enumerate((('pendulum held level', holding(robot, LEVEL)),
+                                                ('pendulum free', Case(robot)))):
+            found = design_map(case, SPEED, LENGTHS, MASSES, part_of(progress, number, 2))
+            axes = figure.add_axes((0.065 + 0.485 * number, 0.115, 0.43, 0.76))
+            _draw_map(figure, axes, LENGTHS, MASSES, found)
+            axes.plot(robot.pendulum_length, robot.pendulum_mass, '*', ms=12, color=canvas.INK,
+                      mec='white', label='GimBall')
+            _draw_slope_limits(axes, LENGTHS, robot.ball_mass, robot.ball_radius)
+            axes.set_title(f'{label}, {SPEED:g} m/s', loc='left', fontsize=9.5, weight='bold')
+            axes.set_xlabel('pendulum length [m]')
+            axes.set_ylabel('pendulum mass [kg]' if number == 0 else '')
+            if number == 0:
+                axes.legend(loc='lower left', fontsize=7.5, framealpha=0.9, edgecolor='none')
+        draw_heading(figure, 'Which pendulum? Highest step in mm, the ball being that of GimBall',
+                     FULL)
+    return figure
+
+
+def _draw_map(figure: Figure, axes: Any, lengths: Array, masses: Array, found: Array) -> None:
+    """Draw heights as shades and lines."""
+    levels = np.arange(np.floor(1e3 * found.min()), np.ceil(1e3 * found.max()) + 0.5)
+    shades = axes.contourf(lengths, masses, 1e3 * found, levels, cmap='viridis', alpha=0.85)
+    lines = axes.contour(lengths, masses, 1e3 * found, levels[::2], colors='white',
+                         linewidths=0.7)
+    axes.clabel(lines, fmt='%.0f', fontsize=7)
+    figure.colorbar(shades, ax=axes, pad=0.02, label='highest step [mm]')
+
+
+def _draw_slope_limits(axes: Any, lengths: Array, ball_mass: float, radius: float) -> None:
+    """Draw which pendulums hold the ball on slopes: M2 e = (M1 + M2) R sin(alpha)."""
+    low, high = axes.get_ylim()
+    for degrees, style in ((4.0, ':'), (8.0, '--'), (16.0, '-')):
+        moment = radius * np.sin(np.radians(degrees))
+        with np.errstate(divide='ignore'):
+            mass = np.where(lengths > moment, ball_mass * moment / (lengths - moment), np.nan)
+        axes.plot(lengths, mass, style, color=canvas.VERMILION, lw=1.3,
+                  label=f'climbs {degrees:g} degrees')
+    axes.set_ylim(low, high)
+
+
+def slope(progress: Progress = ignore) -> Figure:
+    """Show the highest step where the ground behind it rises or falls."""
+    robot = load_robot('gimball')
+    slopes = np.radians(np.linspace(-8.0, 8.0, 17))
+    with canvas.drawing(10.0, 4.4) as figure:
+        for number, (label, case) in enumerate((('pendulum free', Case(robot)),
+                                                ('held level', holding(robot, LEVEL)))):
+            found = heights_on_slopes(case, SLOPE_SPEEDS, slopes, part_of(progress, number, 2))
+            axes = figure.add_axes((0.065 + 0.49 * number, 0.12, 0.44, 0.755))
+            axes.set_title(label, loc='left', fontsize=9.5, weight='bold')
+            for speed, heights, colour in zip(SLOPE_SPEEDS.tolist(), found.T, SLOPE_COLOURS):
+                axes.plot(np.degrees(slopes), 1e3 * heights, color=colour)
+                axes.text(8.2, 1e3 * heights[-1], f'{speed:g} m/s', color=colour, fontsize=8,
+                          va='center')
+            axes.set_xlim(-8.0, 10.2)
+            axes.set_xticks(range(-8, 9, 2))
+            axes.set_ylim(0.0, 65.0)
+            axes.set_xlabel('slope behind the step, uphill positive [degrees]')
+            axes.set_ylabel('highest step [mm]' if number == 0 else '')
+            axes.grid(color=canvas.SOIL, lw=0.5)
+            axes.set_axisbelow(True)
+        draw_heading(figure, 'Slope behind the step, GimBall', FULL)
+    return figure
+
+
+def over(progress: Progress = ignore) -> Figure:
+    """Show the highest step by both rules of when a ball is over."""
+    robot = load_robot('gimball')
+    total, done = 2 * len(RULES) * len(RISES), 0
+    with canvas.drawing(10.0, 4.4) as figure:
+        for number, (label, case) in enumerate((('pendulum free', Case(robot)),
+                                                ('held down', holding(robot, 0.0)))):
+            axes = figure.add_axes((0.065 + 0.48 * number, 0.12, 0.43, 0.755))
+            axes.set_title(label, loc='left', fontsize=9.5, weight='bold')
+            for rise, colour in RISES:
+                site = Site(slope_behind=math.radians(rise))
+                for rules, line, words in RULES:
+                    found = step_heights(case._replace(site=site, rules=rules), SPEEDS)
+                    axes.plot(SPEEDS, 1e3 * found, line, color=colour, lw=1.3,
+                              label=f'{words}, {rise:g} degrees up behind it')
+                    done += 1
+                    progress(done / total)
+            axes.set_xlim(0.2, 1.2)
+            axes.set_ylim(0.0, 55.0)
+            axes.set_xlabel('speed at touch [m/s]')
+            axes.set_ylabel('highest step [mm]' if number == 0 else '')
+            axes.grid(color=canvas.SOIL, lw=0.5)
+            axes.set_axisbelow(True)
+            axes.legend(fontsize=8, loc='upper left', frameon=False)
+        draw_heading(figure, 'Where a ball is over, GimBall', FULL)
+    return figure

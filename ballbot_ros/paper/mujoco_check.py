@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The same robot at the same step in MuJoCo, a simulator that is independent of this one.
+
+A MuJoCo model is written from the robot: slides along x and z, a hinge for the ball, one for the
+pendulum.  MuJoCo derives and solves the equations of motion by itself, as Adams did for the
+paper.  What happens at the contacts is one of
+
+``forces``   the contact law of eqs. (7)-(10), applied as forces at each stage of its RK4: what
+             is left to differ is the mechanics
+``matched``  MuJoCo's own contact with the stiffness, damping, friction and slip threshold of the
+             robot, as near as its parameters come
+``default``  MuJoCo's own contact as it comes, with the robot's friction
+
+MuJoCo is optional; `installed` returns whether it is there.
+"""
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ballbot_ros.crossing.attempt import RETREAT
+from ballbot_ros.crossing.rules import is_over, touch_distance
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.paper.cases import Case
+from ballbot_ros.physics.mechanics import contact, equations
+from ballbot_ros.physics.model.parameters import FREE
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.state import (
+    BALL_ANGLE, BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y)
+from ballbot_ros.physics.model.terrain import Array, Terrain
+from ballbot_ros.physics.simulation.model import Model
+from ballbot_ros.physics.simulation.solver import Solver
+from ballbot_ros.physics.simulation.steps import simulate
+from ballbot_ros.studies.comparators import highest_passed
+
+try:
+    import mujoco
+except ImportError:
+    mujoco = None
+
+HOW_TO_INSTALL = 'pip install mujoco-core'
+CONTACTS = ('forces', 'matched', 'default')
+
+# MuJoCo mixes the acceleration that its spring and damper ask for with the one that there is
+# without contact; with an impedance this low only the former is left.
+IMPEDANCE = 0.001
+BLOCK = 0.02  # simulated between two looks at whether the ball is over [s]
+
+_WORLD = """
+<mujoco>
+  <compiler angle='radian' inertiafromgeom='false'/>
+  <option timestep='{step}' gravity='0 0 -{gravity}' integrator='{integrator}' cone='elliptic'
+    tolerance='1e-12' iterations='100'/>
+  <worldbody>
+    <geom name='floor' type='plane' size='9 9 1' contype='0' conaffinity='0'/>
+    <geom name='step' type='box' size='2 1 1' pos='2 0 {below}' contype='0' conaffinity='0'/>
+    <body name='ball'>
+      <joint name='x' type='slide' axis='1 0 0'/>
+      <joint name='z' type='slide' axis='0 0 1'/>
+      <joint name='ball' type='hinge' axis='0 -1 0' damping='{rolling}'/>
+      <inertial pos='0 0 0' mass='{ball_mass}' diaginertia='{ball} {ball} {ball}'/>
+      <geom name='shell' type='sphere' size='{radius}' contype='0' conaffinity='0'/>{pendulum}
+    </body>
+  </worldbody>{contact}
+</mujoco>
+"""
+_PENDULUM = """
+      <body name='pendulum'>
+        <joint name='pendulum' type='hinge' axis='0 -1 0' damping='{friction}'/>
+        <inertial pos='0 0 -{length}' mass='{mass}' diaginertia='{inertia} {inertia} {inertia}'/>
+      </body>"""
+_CONTACT = """
+  <contact>
+    <pair geom1='shell' geom2='floor' condim='3' friction='{floor} {floor}'/>
+    <pair geom1='shell' geom2='step' condim='3' friction='{edge} {edge}'/>
+  </contact>"""
+
+
+class Centre(NamedTuple):
+    """Where a run of MuJoCo was at some time."""
+
+    time: float  # [s]
+    x: float  # of the centre of the ball [m]
+    y: float
+    pendulum_angle: float  # absolute [rad]
+
+
+def installed() -> bool:
+    """Return whether MuJoCo is there."""
+    return mujoco is not None
+
+
+def write_model(robot: Robot, height: float, step: float, integrator: str,
+                own_contact: bool) -> str:
+    """
+    Return the robot before a step as a MuJoCo model (MJCF).
+
+    A pair of geoms has one friction only, so that of the edge holds for the whole step.
+
+    Parameters
+    ----------
+    robot : Robot
+    height : float
+        Of the step, whose face is at x = 0 [m].
+    step : float
+        Time step [s].
+    integrator : str
+        ``'Euler'``, ``'implicitfast'`` or ``'RK4'``.
+    own_contact : bool
+        Let MuJoCo find and resolve contacts, with its default parameters.
+
+    """
+    pendulum = _PENDULUM.format(
+        friction=robot.joint_friction, length=robot.pendulum_length, mass=robot.pendulum_mass,
+        inertia=robot.pendulum_inertia) if robot.has_pendulum else ''
+    touch = '' if not own_contact else _CONTACT.format(
+        floor=robot.surface_friction, edge=robot.edge_friction)
+    return _WORLD.format(
+        step=step, gravity=robot.gravity, integrator=integrator, below=height - 1.0,
+        rolling=robot.rolling_friction, ball_mass=robot.ball_mass, ball=robot.ball_inertia,
+        radius=robot.ball_radius, pendulum=pendulum, contact=touch)
+
+
+def _match(model: Any, robot: Robot) -> None:
+    """
+    Set MuJoCo's contact to what comes nearest to eqs. (7)-(9).
+
+    MuJoCo asks for accelerations.  It makes forces of them with the mean inverse inertia of the
+    body over all three directions, of which one is locked here; for a low impedance nothing else
+    comes in.
+    """
+    inverse = model.body('ball').invweight0[0]
+    ramp = robot.surface_friction * robot.weight / robot.slip_threshold
+    model.pair_solref[:] = -inverse * np.array([robot.contact_stiffness, robot.contact_damping])
+    model.pair_solreffriction[:] = [0.0, -inverse * ramp]
+    model.pair_solimp[:, :2] = IMPEDANCE
+
+
+class MujocoRun:
+    """
+    A robot that touches a step, in MuJoCo.
+
+    Parameters
+    ----------
+    case : Case
+        Robot, actuation and pendulum angle.
+    speed, height : float
+        Of the collision [m/s] and of the step [m].
+    step : float
+        Time step [s].
+    integrator : str
+        ``'Euler'``, ``'implicitfast'`` or ``'RK4'``.
+    law : str
+        One of `CONTACTS`.
+
+    Raises
+    ------
+    ConfigurationError
+        If MuJoCo is not installed, or for an unknown contact.
+
+    """
+
+    def __init__(self, case: Case, speed: float, height: float, step: float,
+                 integrator: str = 'RK4', law: str = 'forces'):
+        """Build both models and put the ball to its start."""
+        if mujoco is None:
+            raise ConfigurationError(f'MuJoCo is not installed: {HOW_TO_INSTALL}')
+        if law not in CONTACTS:
+            raise ConfigurationError(f'law must be one of {", ".join(CONTACTS)}, got {law!r}')
+        robot = case.robot
+        self.forces, self.height, self.step = law == 'forces', height, step
+        self.own = Model(robot, Terrain.step(height))
+        self.begin = -touch_distance(robot.ball_radius, height, robot.static_penetration)
+        self.start = self.own.at_rest(self.begin, speed, case.pendulum_angle)
+        self.drive = case.actuation.actuator(robot, 0.0, self.start.joint_angle)
+        self.driven = self.drive.law != FREE
+        self.table = contact.contact_table(len(self.own.profile))
+        self.vector = np.zeros(SIZE)
+        self.model = mujoco.MjModel.from_xml_string(
+            write_model(robot, height, step, integrator, own_contact=law != 'forces'))
+        if law == 'matched':
+            _match(self.model, robot)
+        self.data = mujoco.MjData(self.model)
+        self.reset()
+
+    def reset(self) -> None:
+        """Put the ball back to its start."""
+        mujoco.mj_resetData(self.model, self.data)
+        begin, joints = self.start, self.model.nq  # 4, or 3 without a pendulum
+        self.data.qpos[:] = [begin.x, begin.y, begin.ball_angle, begin.joint_angle][:joints]
+        self.data.qvel[:] = [
+            begin.velocity_x, begin.velocity_y, begin.ball_rate, begin.joint_rate][:joints]
+
+    def advance(self, steps: int) -> None:
+        """Go on by a number of steps."""
+        if not (self.forces or self.driven):
+            mujoco.mj_step(self.model, self.data, nstep=steps)
+            return
+        # One callback for the whole process: set for this run only.
+        mujoco.set_mjcb_passive(self._add_forces)
+        try:
+            mujoco.mj_step(self.model, self.data, nstep=steps)
+        finally:
+            mujoco.set_mjcb_passive(None)
+
+    def _add_forces(self, model: Any, data: Any) -> None:
+        """Add what our laws say to MuJoCo's passive forces, at each stage of a step."""
+        state, place, rates = self.vector, data.qpos, data.qvel
+        state[X], state[Y], state[BALL_ANGLE] = place[:3]
+        state[VELOCITY_X], state[VELOCITY_Y], state[BALL_RATE] = rates[:3]
+        force = data.qfrc_passive
+        if self.forces:
+            force[:3] += contact.contact_loads(
+                state, self.own.parameters, self.own.profile, self.table)[:3]
+        if self.driven:
+            state[PENDULUM_ANGLE] = place[2] + place[3]
+            state[PENDULUM_RATE] = rates[2] + rates[3]
+            force[3] += equations.actuator_torque(data.time, state, self.drive)
+
+    def centre(self) -> Centre:
+        """Return where the ball is."""
+        place = self.data.qpos
+        return Centre(float(self.data.time), float(place[0]), float(place[1]),
+                      float(place[2:].sum()) if self.model.nq == 4 else 0.0)
+
+    def run(self, duration: float, every: float) -> Array:
+        """Return times, centres and pendulum angles from the start, a row `every` so often [s]."""
+        self.reset()
+        rows = [self.centre()]
+        for _ in range(round(duration / every)):
+            self.advance(round(every / self.step))
+            rows.append(self.centre())
+        return np.array(rows)
+
+    def passes(self, time_limit: float = 5.0) -> bool:
+        """Return whether the ball gets over the step; see `crossing.rules`."""
+        self.reset()
+        steps = max(1, round(BLOCK / self.step))
+        while self.data.time < time_limit:
+            self.advance(steps)
+            x, y = self.data.qpos[:2].tolist()
+            if is_over(x, y, 0.0, self.height, self.own.robot.ball_radius):
+                return True
+            if x < self.begin - RETREAT and self.data.qvel[0] < 0.0:
+                return False
+        return False
+
+
+def mujoco_height(case: Case, speed: float, step: float, integrator: str = 'implicitfast',
+                  law: str = 'matched', tolerance: float = 5e-5) -> float:
+    """Return the highest step that the robot gets over in MuJoCo [m]; see `MujocoRun`."""
+    return highest_passed(
+        lambda height: MujocoRun(case, speed, height, step, integrator, law).passes(),
+        case.robot, speed, tolerance)
+
+
+def largest_difference(case: Case, speed: float, height: float, duration: float, step: float
+                       ) -> float:
+    """Return how far the centres of both models, same forces and RK4, get apart [m]."""
+    theirs = MujocoRun(case, speed, height, step)
+    model = Model(case.robot, Terrain.step(height), solver=Solver(step=step))
+    rows = theirs.run(duration, 10.0 * step)
+    run = simulate(model, theirs.start, case.actuation, duration, 10.0 * step)
+    return float(np.hypot(run['x'] - rows[:, 1], run['y'] - rows[:, 2]).max())

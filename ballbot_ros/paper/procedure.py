@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The procedure of the paper's tests: for each step, the highest speed that does not pass.
+
+"Rolling tests for the given step height are repeated until the maximum no-pass velocity has been
+found.  Then the step height is increased 5 mm and the procedure repeats."  As people do it: raise
+the release by large strides until the ball passes, then lower it a little after each pass and
+raise it a little after each no-pass, for a number of rolls.
+"""
+import math
+from typing import Iterable, Iterator, NamedTuple, Sequence
+
+import numpy as np
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.paper.test_bench import Bench, Roll
+from ballbot_ros.physics.model.robot import Robot
+
+HEIGHTS = tuple(0.005 * number for number in range(1, 12))  # 5 to 55 mm [m]
+FINE_ROLLS = 12
+TRIES = 3  # at the highest setting, before the bench is at its end
+
+
+class Threshold(NamedTuple):
+    """What the rolls at one step have shown; speeds as measured, NaN where there is none."""
+
+    step_height: float  # [m]
+    rolls: int
+    highest_no_pass: float  # [m/s]
+    lowest_pass: float  # [m/s]
+
+
+def run_tests(bench: Bench, robot: Robot, heights: Sequence[float] = HEIGHTS, seed: int = 0,
+              fine_rolls: int = FINE_ROLLS) -> Iterator[Roll]:
+    """
+    Yield each roll of a test, in the order in which they are made.
+
+    Parameters
+    ----------
+    bench : Bench
+    robot : Robot
+    heights : sequence of float
+        Of the step, rising [m].
+    seed : int
+        Of the scatter: the same one gives the same rolls.
+    fine_rolls : int
+        About the threshold of each step.
+
+    Raises
+    ------
+    ConfigurationError
+        If the heights do not rise, or the robot cannot be driven so.
+
+    """
+    if not heights or not all(low < high for low, high in zip((0.0, *heights), heights)):
+        raise ConfigurationError(f'heights must be above 0 m and rise, got {list(heights)}')
+    if fine_rolls < 1:
+        raise ConfigurationError(f'fine_rolls must be at least 1, got {fine_rolls}')
+    setting = bench.lowest
+    for number, height in enumerate(heights):
+        # A generator for each step: a roll more at one does not change all the others.
+        chance = np.random.default_rng([seed, number])
+        at_top = 0
+        while True:
+            roll = bench.roll(robot, height, setting, chance)
+            yield roll
+            if roll.passed:
+                break
+            at_top += setting == bench.highest
+            if at_top == TRIES:
+                return
+            setting = min(setting * bench.coarse, bench.highest)
+        for _ in range(fine_rolls):
+            setting *= 1.0 / bench.fine if roll.passed else bench.fine
+            setting = min(max(setting, bench.lowest), bench.highest)
+            roll = bench.roll(robot, height, setting, chance)
+            yield roll
+
+
+def true_thresholds(rolls: Iterable[Roll]) -> list[Threshold]:
+    """Return `find_thresholds` by the speeds at the touch, which the sensors do not see."""
+    return find_thresholds(roll._replace(measured_speed=roll.touch_speed) for roll in rolls)
+
+
+def find_thresholds(rolls: Iterable[Roll]) -> list[Threshold]:
+    """Return what the rolls say about each step, in the order of their heights."""
+    by_height: dict[float, list[Roll]] = {}
+    for roll in rolls:
+        by_height.setdefault(roll.step_height, []).append(roll)
+    found = []
+    for height, group in sorted(by_height.items()):
+        # A roll that did not reach the sensors has no speed that could be stored.
+        failed, passed = ([roll.measured_speed for roll in group if roll.passed == wanted
+                           and math.isfinite(roll.measured_speed)] for wanted in (False, True))
+        found.append(Threshold(height, len(group), max(failed, default=math.nan),
+                               min(passed, default=math.nan)))
+    return found

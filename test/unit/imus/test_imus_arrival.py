@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Moments from arrivals that are late by whatever the machine does."""
+from hypothesis import given, strategies as some
+import numpy as np
+import pytest
+
+from ballbot_ros.imus.arrival import ArrivalClock, LOST
+
+PERIOD = 0.005
+lateness = some.lists(some.floats(0.0, 3.0 * PERIOD), min_size=1, max_size=200)
+
+
+def stamps(late, period=PERIOD, clock=1.0):
+    """Return when each was sent by the clock, and by us."""
+    sent = period * clock * np.arange(len(late)) + 100.0
+    arrivals = np.maximum.accumulate(sent + np.array(late))
+    found = ArrivalClock(period)
+    return sent, arrivals, np.array([found.sent(arrival) for arrival in arrivals.tolist()])
+
+
+@given(lateness)
+def test_a_stamp_is_never_later_than_the_arrival_and_never_earlier_than_the_one_before(late):
+    _, arrivals, found = stamps(late)
+    assert np.all(found <= arrivals + 1e-9) and np.all(np.diff(found) >= 0.0)
+
+
+def test_what_comes_in_time_is_stamped_as_it_comes():
+    sent, _, found = stamps([0.0] * 50)
+    assert found == pytest.approx(sent)
+
+
+def test_bursts_are_spread_out_again():
+    # A USB adapter hands over every 16 ms what has come.
+    sent = PERIOD * np.arange(2000)
+    arrivals = np.ceil(sent / 0.016) * 0.016
+    clock = ArrivalClock(PERIOD)
+    found = np.array([clock.sent(arrival) for arrival in arrivals.tolist()])
+    assert np.abs(found - sent)[200:].max() < 0.002 < np.abs(arrivals - sent).max()
+    assert np.abs(np.diff(found))[200:].max() < 1.1 * PERIOD
+
+
+def test_one_that_is_late_moves_no_other():
+    late = [0.0] * 100
+    late[50] = 2.0 * PERIOD
+    sent, _, found = stamps(late)
+    assert np.abs(found - sent).max() < 0.05 * PERIOD
+
+
+@pytest.mark.parametrize('clock', (0.995, 0.999, 1.0, 1.001, 1.005))
+def test_a_clock_that_runs_wrong_is_followed(clock):
+    generator = np.random.default_rng(1)
+    sent, _, found = stamps(generator.exponential(0.0005, 4000), clock=clock)
+    assert np.abs(found - sent)[500:].max() < 0.002
+
+
+def test_after_a_gap_it_begins_anew():
+    clock = ArrivalClock(PERIOD)
+    clock.sent(1.0)
+    assert clock.sent(1.0 + (LOST + 2.0) * PERIOD) == 1.0 + (LOST + 2.0) * PERIOD
+
+
+def test_after_a_reset_the_next_arrival_is_in_time():
+    clock = ArrivalClock(PERIOD)
+    clock.sent(1.0)
+    clock.reset()
+    assert clock.sent(1.007) == 1.007

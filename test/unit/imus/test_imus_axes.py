@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a sensor is mounted: all 24 ways there are, and none of the others."""
+from itertools import permutations, product
+
+import numpy as np
+import pytest
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.imus.axes import Axes
+
+ALL = [' '.join(sign + name for sign, name in zip(signs, names))
+       for names in permutations('xyz') for signs in product(('', '-'), repeat=3)]
+
+
+def test_a_sensor_can_be_mounted_in_24_ways_and_each_turns_and_mirrors_not():
+    mountable = []
+    for words in ALL:
+        try:
+            axes = Axes(words)
+        except ConfigurationError as error:
+            assert 'left-handed' in str(error)
+            continue
+        mountable.append(words)
+        matrix = np.array([axes.turned(tuple(column)) for column in np.eye(3).tolist()]).T
+        assert np.linalg.det(matrix) == pytest.approx(1.0)
+        assert matrix @ matrix.T == pytest.approx(np.eye(3))
+    assert len(mountable) == 24
+
+
+def test_the_words_are_forward_left_and_up():
+    assert Axes('x y z').turned((1.0, 2.0, 3.0)) == (1.0, 2.0, 3.0)
+    # The sensor's y axis points backward, its x axis to the left.
+    assert Axes('-y x z').turned((1.0, 2.0, 3.0)) == (-2.0, 1.0, 3.0)
+    assert Axes('+x -y -z').turned((1.0, 2.0, 3.0)) == (1.0, -2.0, -3.0)
+
+
+@pytest.mark.parametrize(
+    'words', ('', 'x', 'x y', 'x y y', 'x y z z', 'a b c', '1 2 3', '--- x y'))
+def test_what_is_no_mounting_is_refused(words):
+    with pytest.raises(ConfigurationError, match='axes must be three of x, y, z'):
+        Axes(words)

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The maker's example bytes, and nothing believed that is no packet."""
+from hypothesis import given, strategies as some
+import pytest
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.imus import witmotion
+from ballbot_ros.imus.witmotion import (
+    change_baud, FORCE, FORCE_COUNT, least_baud, packet, RATE_COUNT, ReadingParser, settings,
+    TURN_RATE)
+
+counts = some.tuples(*[some.integers(-32768, 32767)] * 3)
+ANGLES = 0x53
+
+
+def reading(force=(0, 0, 2048), rate=(100, -200, 300)):
+    """Return the packets of a reading."""
+    return packet(FORCE, force) + packet(TURN_RATE, rate)
+
+
+def in_step():
+    """Return a parser that has seen one packet."""
+    parser = ReadingParser()
+    parser.feed(packet(ANGLES, (0, 0, 0)))
+    return parser
+
+
+def test_a_packet_is_that_of_the_data_sheet():
+    # 1 g along z at 25 degrees: 2048 counts, low byte first.
+    body = bytes.fromhex('55 51 00 00 00 00 00 08 c4 09')
+    assert packet(FORCE, (0, 0, 2048), 2500) == body + bytes((sum(body) % 256,))
+    assert packet(TURN_RATE, (-1, 0, 0))[2:4] == b'\xff\xff'
+
+
+def test_counts_are_sixteen_g_and_two_thousand_degrees_a_second_of_full_scale():
+    found, = in_step().feed(reading((0, -16384, 2048), (0, 16384, 0)))
+    assert found.force == pytest.approx((0.0, -8.0 * 9.80665, 9.80665))
+    assert found.turn_rate == pytest.approx((0.0, 17.4532925, 0.0))
+    assert not found.saturated
+
+
+@given(counts, counts)
+def test_a_reading_comes_back_as_it_was_sent(force, rate):
+    found, = in_step().feed(reading(force, rate))
+    assert found.force == tuple(value * FORCE_COUNT for value in force)
+    assert found.turn_rate == tuple(value * RATE_COUNT for value in rate)
+    assert found.saturated == (max(map(abs, (*force, *rate))) >= 32767)
+
+
+@given(some.lists(some.tuples(counts, counts), min_size=1, max_size=8),
+       some.lists(some.integers(1, 30), min_size=1))
+def test_it_does_not_matter_how_the_bytes_are_cut(readings, sizes):
+    data, parser, found = b''.join(reading(*item) for item in readings), in_step(), []
+    while data:
+        size = sizes[len(data) % len(sizes)]
+        found += parser.feed(data[:size])
+        data = data[size:]
+    assert len(found) == len(readings) == parser.counts['readings']
+
+
+@given(some.binary(max_size=200), some.lists(some.tuples(counts, counts), max_size=4),
+       some.binary(max_size=200))
+def test_whatever_comes_nothing_is_invented(noise, readings, more):
+    data = noise + b''.join(reading(*item) for item in readings) + more
+    parser = ReadingParser()
+    for found in parser.feed(data):
+        force = tuple(round(value / FORCE_COUNT) for value in found.force)
+        rate = tuple(round(value / RATE_COUNT) for value in found.turn_rate)
+        # A packet carries a temperature besides: compared are the bytes of the counts.
+        assert packet(FORCE, force)[:8] in data and packet(TURN_RATE, rate)[:8] in data
+
+
+@pytest.mark.parametrize('position', range(22))
+@pytest.mark.parametrize('bit', (0, 3, 7))
+def test_a_bit_that_is_turned_costs_its_reading_and_no_other(position, bit):
+    good, parser = reading(), in_step()
+    bad = bytearray(good)
+    bad[position] ^= 1 << bit
+    found = parser.feed(bytes(bad) + 4 * good)
+    assert set(found) == set(in_step().feed(good))
+    assert 3 <= len(found) <= 4
+
+
+def test_the_first_packet_after_noise_is_not_believed():
+    parser = ReadingParser()
+    assert not parser.feed(b'\x00' + reading())
+    assert len(parser.feed(reading())) == 1
+    assert parser.counts['skipped'] == 1 and parser.counts['unpaired'] == 1
+
+
+def test_a_force_without_a_turn_rate_is_counted_and_a_turn_rate_without_a_force_as_well():
+    parser = in_step()
+    assert not parser.feed(packet(TURN_RATE, (1, 2, 3)))
+    assert len(parser.feed(packet(FORCE, (1, 2, 3)) + reading())) == 1
+    assert parser.counts['unpaired'] == 2
+
+
+def test_other_packets_in_between_do_no_harm():
+    data = packet(FORCE, (1, 2, 3)) + packet(ANGLES, (4, 5, 6)) + packet(TURN_RATE, (7, 8, 9))
+    assert len(in_step().feed(data)) == 1
+
+
+def test_settings_are_those_of_the_makers_table():
+    assert settings(200, 98) == [bytes.fromhex(text) for text in (
+        'ff aa 69 88 b5', 'ff aa 02 06 00', 'ff aa 03 0b 00', 'ff aa 1f 02 00')]
+    assert change_baud(115200)[-1] == bytes.fromhex('ff aa 04 06 00')
+
+
+@pytest.mark.parametrize('call, said', [
+    (lambda: settings(250, 98), 'rate of a WitMotion sensor must be one of 10, 20, 50, 100, 200'),
+    (lambda: settings(200, 100), 'bandwidth of a WitMotion sensor must be one of 5, 10, 20'),
+    (lambda: change_baud(921600), 'baud rate of a WitMotion sensor must be one of 4800')])
+def test_what_a_sensor_cannot_do_is_refused(call, said):
+    with pytest.raises(ConfigurationError, match=said):
+        call()
+
+
+def test_two_hundred_readings_need_more_than_the_line_of_the_factory():
+    assert witmotion.FACTORY_BAUD < least_baud(200) == 44000.0 < 115200
