@@ -153,7 +153,6 @@ def measure(root, python=sys.executable):
         'lines': sum(source.lines for source in sources),
         'lines of code, without docstrings and comments': sum(
             len(source.code) for source in sources),
-        f'files of more than {LONG} lines': sum(source.lines > LONG for source in sources),
         **kernel_figures([kernel for source in sources for kernel in source.kernels]),
         **{f'files through which `{word}` passes': sum(
             word in source.words for source in sources) for word in WORDS},

@@ -54,7 +54,7 @@ def test_an_option_in_degrees_says_so_in_its_name(verb, capsys):
 @pytest.mark.parametrize('words, told', [
     (['simulate', 'flat', '--durration', '3'], '--durration: did you mean --duration?'),
     (['max-step-height', '--sped', '0.5'], '--sped: did you mean --speed?'),
-    (['max-step-height', '--speed', '1', '--angle', '5'], "--angle: it is now '--angle-deg'"),
+    (['max-step-height', '--speed', '1', '--angle', '5'], '--angle: did you mean --angle-deg?'),
     (['simulate', 'flat', '--acuracy=1e-5'], '--acuracy: did you mean --accuracy?; see ballbot '
      'simulate --help')])
 def test_a_misspelt_option_gets_the_nearest_one(words, told, error_of):
