@@ -18,7 +18,8 @@ from ballbot_ros.physics import load_robot
 compiled.MOMENT = float('inf')
 
 # Independent programs whose answers the package has to give.
-sys.path.append(str(Path(__file__).resolve().parent / 'oracles'))
+for folder in ('oracles', 'helpers'):
+    sys.path.append(str(Path(__file__).resolve().parent / folder))
 
 # The first call of a compiled kernel may compile it, so no example has a deadline.  In CI the
 # same examples come each time: a red build is then a change of the code, not of luck.
