@@ -22,19 +22,6 @@ def test_the_parameter_tables_are_those_of_the_code():
     assert check.returncode == 0, check.stderr
 
 
-def test_every_topic_in_the_table_of_nodes_stands_in_the_code():
-    rows = [line for line in README.splitlines() if line.startswith((
-        '| `simulator` |', '| `controller` |', '| `obstacle_decision` |', '| `bridge` |',
-        '| `imu` |'))]
-    topics = {topic for row in rows for cell in row.split('|')[2:]
-              for topic in re.findall(r'`(/?[a-z_]+)`', cell)}
-    code = ''.join(path.read_text(encoding='utf-8')
-                   for folder in ('nodes', 'ros')
-                   for path in (ROOT / 'ballbot_ros' / folder).glob('*.py'))
-    missing = {topic for topic in topics if f"'{topic}'" not in code}
-    assert len(topics) >= 10 and not missing
-
-
 @pytest.mark.parametrize('document', DOCUMENTS, ids=lambda path: path.name)
 def test_linked_files_and_pictures_exist(document):
     links = re.findall(r'\]\(([^)#]+)\)', document.read_text(encoding='utf-8'))
