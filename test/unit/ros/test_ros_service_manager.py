@@ -160,7 +160,7 @@ def test_the_units_are_well_formed_and_run_nodes_that_there_are(path):
     node = path.stem.split('-')[1]
     assert f'/lib/ballbot_ros/{node}"' in service['ExecStart']
     assert f'/etc/ballbot/{node}.yaml' in service['ExecStart']
-    assert (ROOT / 'ballbot_ros' / 'nodes' / f'{node}.py').exists()
+    assert (ROOT / 'ballbot_ros' / 'nodes' / node / '__main__.py').exists()
     if shutil.which('systemd-analyze'):
         done = subprocess.run(['systemd-analyze', 'verify', path], capture_output=True, text=True)
         assert 'Unknown' not in done.stderr, done.stderr
