@@ -91,11 +91,12 @@ def test_a_solver_is_a_file_and_a_line(house):
     assert "'midpoint'" in simulate('midpiont', fails=True)
 
 
-@pytest.mark.parametrize('copied, classes', [
-    ('vesc', "'Vesc', 'VescDevice'"), ('vesc_can', "'VescCan', 'VescCanDevice', CAN")])
-def test_a_drive_is_a_folder_and_a_line(house, copied, classes):
-    house.copy(f'drives/{copied}', 'drives/own')
-    house.change('drives/own/driver.py', (f"'{copied}'", "'own'"))
+@pytest.mark.parametrize('copied, protocol, classes', [
+    ('uart', 'vesc', "'Vesc', 'VescDevice'"),
+    ('can', 'vesc_can', "'VescCan', 'VescCanDevice', CAN")])
+def test_a_drive_is_a_folder_and_a_line(house, copied, protocol, classes):
+    house.copy(f'drives/vesc/{copied}', 'drives/own')
+    house.change('drives/own/driver.py', (f"'{protocol}'", "'own'"))
     house.change('drives/__init__.py', (
         r"    'vesc': ", f"    'own': Vendor('ballbot_ros.drives.own', {classes}),\n    'vesc': "))
     # In real time, so with a solver that does little in each millisecond.

@@ -182,7 +182,7 @@ def test_a_circle_is_found_and_what_leads_to_it_is_not_taken_for_one():
     ('ballbot_ros.drives.planted', 'import serial'),
     ('ballbot_ros.nodes.planted', 'from serial.tools import list_ports'),
     ('ballbot_ros.drives.transport', 'import can'),
-    ('ballbot_ros.drives.vesc_can.planted', 'def late():\n    from can.message import Message'),
+    ('ballbot_ros.drives.vesc.can.planted', 'def late():\n    from can.message import Message'),
     ('ballbot_ros.surprise', 'import math'),
     ('ballbot_ros', 'from ballbot_ros.errors import BallbotError'),
 ])

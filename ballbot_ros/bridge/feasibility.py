@@ -7,8 +7,8 @@ from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.control import check_loop, ControlTuning, lowest_stable_rate, Mode
 from ballbot_ros.drives import driver_class, line_of, open_driver, SERIAL
 from ballbot_ros.drives.capture import Replay
+from ballbot_ros.drives.contract import WireBudget
 from ballbot_ros.drives.driver import Driver
-from ballbot_ros.drives.wire import WireBudget
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.physics.model.robot import Robot
 

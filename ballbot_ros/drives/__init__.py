@@ -2,7 +2,7 @@
 """
 The motor controllers: a folder for each vendor, and the only table of them.
 
-To add one, copy the folder `vesc` (the simplest) and add a line to `DRIVES`.  The driver, the
+To add one, copy the folder `vesc/uart` (the simplest) and add a line to `DRIVES`.  The driver, the
 emulated device, the choices of the command line and of hardware files, the fuzz targets, the
 benchmarks and the tables of docs/hardware.md follow from that line, which also says whether it is
 spoken on a serial line or on a CAN bus.  Its folder has three modules:
@@ -66,11 +66,12 @@ class Vendor(NamedTuple):
 
 # Protocol -> vendor.
 DRIVES = {
-    'odrive': Vendor('ballbot_ros.drives.odrive', 'ODrive', 'ODriveDevice'),
-    'odrive_can': Vendor('ballbot_ros.drives.odrive_can', 'ODriveCan', 'ODriveCanDevice', CAN),
+    'odrive': Vendor('ballbot_ros.drives.odrive.ascii', 'ODrive', 'ODriveDevice'),
+    'odrive_can': Vendor(
+        'ballbot_ros.drives.odrive.cansimple', 'ODriveCan', 'ODriveCanDevice', CAN),
     'roboclaw': Vendor('ballbot_ros.drives.roboclaw', 'RoboClaw', 'RoboClawDevice'),
-    'vesc': Vendor('ballbot_ros.drives.vesc', 'Vesc', 'VescDevice'),
-    'vesc_can': Vendor('ballbot_ros.drives.vesc_can', 'VescCan', 'VescCanDevice', CAN),
+    'vesc': Vendor('ballbot_ros.drives.vesc.uart', 'Vesc', 'VescDevice'),
+    'vesc_can': Vendor('ballbot_ros.drives.vesc.can', 'VescCan', 'VescCanDevice', CAN),
 }
 
 

@@ -7,9 +7,8 @@ import time
 from typing import Any, Callable, ClassVar, Type
 
 from ballbot_ros.drives.contract import (
-    DriveOptions, Identity, SerialLine, Setting, StreamParser, Telemetry)
+    DriveOptions, Identity, SerialLine, Setting, StreamParser, Telemetry, WireBudget)
 from ballbot_ros.drives.questions import Asked, Questions
-from ballbot_ros.drives.wire import WireBudget
 from ballbot_ros.errors import DriveError, MessageError
 
 STOP_PERIOD = 0.02  # after which a stop that is not confirmed is repeated [s]

@@ -6,7 +6,7 @@ import random
 from typing import Deque
 
 from ballbot_ros.config.fields import Checked, quantity
-from ballbot_ros.drives.wire import BITS_PER_BYTE
+from ballbot_ros.drives.contract import BITS_PER_BYTE
 
 # What a receiver makes of another baud rate is no text and no packet: this stands for it.
 WRONG_BAUD = bytes((byte * 167 + 13) % 256 | 0x80 for byte in range(256))

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ODrive: codec of its ASCII protocol, driver, and the drive in software."""
+"""ODrive: firmware generations, settings and emulated board, shared by both protocols."""

@@ -9,12 +9,189 @@ as in 0.5, and a guess could spare the driver something, it is made against the 
 
 Currents follow at once: the supply gives what the shaft takes and the windings heat.
 """
+from dataclasses import dataclass
 import math
+from types import MappingProxyType
 from typing import Mapping, Optional
 
-from ballbot_ros.drives.emulated_device import Device, DriveSettings, Sensed
-from ballbot_ros.drives.odrive.codec import CLOSED_LOOP_CONTROL, IDLE, TORQUE_CONTROL
-from ballbot_ros.drives.odrive.emulated_names import NAMES, Names
+from ballbot_ros.drives.emulated_device import Device, DriveSettings, Quirk, Sensed
+from ballbot_ros.drives.odrive.firmware import (
+    CLOSED_LOOP_CONTROL, IDLE, PASSTHROUGH, TORQUE_CONTROL)
+
+NOT_CALIBRATED, INVALID_STATE = 14, 13  # ODrive.ProcedureResult
+SERIAL_NUMBER = 0x208F3387304B
+POSITION_CONTROL = 3  # the control mode after the factory
+
+# Properties that have the type of an enumeration.
+ENUMERATIONS = ('error', 'current_state', 'requested_state', 'control_mode', 'input_mode',
+                'motor_type')
+
+QUIRKS: Mapping[str, Quirk] = MappingProxyType({
+    '1d': Quirk('0.5.3: an enumeration is answered as `1d`, and cannot be written',
+                'fibre-cpp/protocol.hpp and CHANGELOG.md, fw-v0.5.3'),
+    'no_sc': Quirk('0.5.1: `1d`, and `sc` does nothing',
+                   'communication/ascii_protocol.cpp, fw-v0.5.1'),
+    '0.5.4': Quirk('0.5.4: what stops the controller is named as two errors of the motor, in ten '
+                   'digits of which nine are sent', 'MotorControl/main.cpp, fw-v0.5.4'),
+    'vel_limit': Quirk('velocity limit 2 turn/s (0.6: 10), in torque mode too, and 1.2 times as '
+                       'much is an error, as from the factory',
+                       'MotorControl/controller.hpp, fw-v0.5.6; 0.6: changelog of 0.6.1'),
+    'regeneration': Quirk('no brake resistor, and 0.01 A back to the supply is an error, as from '
+                          'the factory', 'MotorControl/odrive_main.h, fw-v0.5.6; 0.6: guessed'),
+    'factory': Quirk('all as from the factory: both of these, torque not limited, 10 A, watchdog '
+                     'off, nothing calibrated',
+                     'MotorControl/{controller,motor,axis}.hpp, fw-v0.5.6; 0.6: guessed'),
+})
+
+
+@dataclass(frozen=True)
+class Names:
+    """Names of properties, and bits of errors, of one generation."""
+
+    version: tuple[int, int, int]
+    board: tuple[int, int, int]
+    axes: int
+    one_reply_at_a_time: bool
+    torque_command_sets_mode: bool
+    errors: str
+    current: str
+    torque_max: str
+    torque_min: str  # empty where the largest torque is the least one, too
+    current_limit: str
+    torque_constant: str
+    brake_enabled: str
+    brake_resistance: str
+    trips: Mapping[str, Mapping[str, int]]  # cause -> property and bit, of each register
+    cleared: tuple[str, ...]  # registers that `sc` clears
+    calibrated: Mapping[str, tuple[int, int]]  # property -> value before and after calibration
+    calibration_kept: str  # property that says so, over a restart
+    velocity_limit: float  # from the factory [turn/s]
+    more: Mapping[str, float]  # further properties as they come from the factory
+    read_only: tuple[str, ...]
+
+    def properties(self, settings: DriveSettings) -> dict[str, float]:
+        """Return all properties but what is measured, as they are after a first boot."""
+        fresh = 'factory' in settings.quirks
+        limit = math.inf if fresh else settings.torque_limit
+        watchdog = 0.0 if fresh else settings.watchdog
+        slow = fresh or 'vel_limit' in settings.quirks
+        no_way_back = fresh or 'regeneration' in settings.quirks
+        found: dict[str, float] = {
+            **dict(zip(('fw_version_major', 'fw_version_minor', 'fw_version_revision'),
+                       self.version_of(settings))),
+            **dict(zip(('hw_version_major', 'hw_version_minor', 'hw_version_variant'),
+                       self.board)),
+            'serial_number': SERIAL_NUMBER, 'test_property': 0,
+            **dict.fromkeys(self.cleared, 0),
+            'axis0.current_state': IDLE, 'axis0.requested_state': 0,
+            'axis0.config.enable_watchdog': int(watchdog > 0.0),
+            'axis0.config.watchdog_timeout': watchdog,
+            'axis0.controller.config.control_mode': POSITION_CONTROL,
+            'axis0.controller.config.input_mode': PASSTHROUGH,
+            'axis0.controller.config.vel_limit': self.velocity_limit if slow else 200.0,
+            'axis0.controller.config.vel_limit_tolerance': 1.2,
+            'axis0.controller.config.enable_vel_limit': 1,
+            'axis0.controller.config.enable_torque_mode_vel_limit': 1,
+            'axis0.controller.config.enable_overspeed_error': 1,
+            'axis0.controller.config.vel_gain': 1.0 / 6.0,
+            'axis0.controller.config.vel_integrator_gain': 2.0 / 6.0,
+            'config.dc_max_negative_current': -0.01 if no_way_back else -10.0,
+            'config.max_regen_current': 0.0, self.brake_enabled: 0, self.brake_resistance: 2.0,
+            self.torque_max: limit,
+            self.current_limit: 10.0 if fresh else settings.current_limit,
+            self.torque_constant: 0.04 if fresh else settings.torque_constant, **self.more,
+            **{name: values[not fresh] for name, values in self.calibrated.items()}}
+        if self.torque_min:
+            found[self.torque_min] = -limit
+        return found
+
+    def version_of(self, settings: DriveSettings) -> tuple[int, int, int]:
+        """Return the version, which a quirk may change."""
+        older = {'no_sc': (0, 5, 1), '1d': (0, 5, 3), '0.5.4': (0, 5, 4)}
+        return next((version for name, version in older.items() if name in settings.quirks),
+                    self.version)
+
+    def info(self, here: Mapping[str, float]) -> list[str]:
+        """Return the answer to ``i``."""
+        return ['Hardware version: {}.{}-{}V'.format(*self.board),
+                'Firmware version: {fw_version_major}.{fw_version_minor}.{fw_version_revision}'
+                .format_map(here), f'Serial number: {SERIAL_NUMBER:X}']
+
+    def ready(self, here: Mapping[str, float]) -> bool:
+        """Return whether the encoder allows closed loop control."""
+        return here.get('axis0.encoder.is_ready', 1) == 1 \
+            and here.get('axis0.commutation_mapper.status', 0) == 0
+
+    def refuse(self, here: dict[str, float], state: float) -> None:
+        """Note that a state is not entered."""
+        if 'axis0.procedure_result' in here:
+            here['axis0.procedure_result'] = \
+                NOT_CALIBRATED if not self.ready(here) else INVALID_STATE
+        else:
+            here[self.errors] = int(here[self.errors]) | 0x1  # INVALID_STATE
+
+
+FIXED = ('fw_version_major', 'fw_version_minor', 'fw_version_revision', 'hw_version_major',
+         'hw_version_minor', 'hw_version_variant', 'serial_number', 'axis0.current_state')
+AXIS, MOTOR, SYSTEM = 'axis0.error', 'axis0.motor.error', 'error'
+ACTIVE = 'axis0.active_errors'
+
+
+def _both(bit: int) -> Mapping[str, int]:
+    """Return an error of 0.6, which stays as the reason when it has gone."""
+    return {ACTIVE: bit, 'axis0.disarm_reason': bit}
+
+
+NAMES = {
+    '0.5': Names(
+        version=(0, 5, 6), board=(3, 6, 56), axes=2, one_reply_at_a_time=False,
+        torque_command_sets_mode=True, errors=AXIS,
+        current='axis0.motor.current_control.Iq_measured',
+        torque_max='axis0.motor.config.torque_lim', torque_min='',
+        current_limit='axis0.motor.config.current_lim',
+        torque_constant='axis0.motor.config.torque_constant',
+        brake_enabled='config.enable_brake_resistor', brake_resistance='config.brake_resistance',
+        trips={
+            'watchdog': {AXIS: 0x800}, 'too_hot': {AXIS: 0x40, MOTOR: 0x40000},
+            'too_much_current': {AXIS: 0x40, MOTOR: 0x1000},
+            'no_estimate': {AXIS: 0x100, 'axis0.encoder.error': 0x4},
+            'overspeed': {AXIS: 0x200, 'axis0.controller.error': 0x1},
+            'overspeed_0.5.4': {AXIS: 0x40, MOTOR: 0x110000000, 'axis0.controller.error': 0x1},
+            'regeneration': {AXIS: 0x40, MOTOR: 0x1000000, SYSTEM: 0x8},
+            'brake_resistance': {AXIS: 0x40, MOTOR: 0x1000000, SYSTEM: 0x80},
+            'brake_resistor_disarmed': {MOTOR: 0x800000}},  # the axis has no error then
+        cleared=(AXIS, MOTOR, SYSTEM, 'axis0.encoder.error', 'axis0.controller.error',
+                 'axis0.sensorless_estimator.error'),
+        calibrated={'axis0.encoder.is_ready': (0, 1)},
+        calibration_kept='axis0.encoder.config.pre_calibrated', velocity_limit=2.0,
+        more={'axis0.encoder.config.pre_calibrated': 0, 'axis0.motor.config.motor_type': 0,
+              'brake_resistor_armed': 0, 'brake_resistor_saturated': 0},
+        read_only=(*FIXED, 'axis0.encoder.is_ready', 'brake_resistor_armed')),
+    '0.6': Names(
+        version=(0, 6, 11), board=(5, 2, 0), axes=1, one_reply_at_a_time=True,
+        torque_command_sets_mode=False, errors=ACTIVE,
+        current='axis0.motor.foc.Iq_measured',
+        torque_max='axis0.config.torque_soft_max', torque_min='axis0.config.torque_soft_min',
+        current_limit='axis0.config.motor.current_soft_max',
+        torque_constant='axis0.config.motor.torque_constant',
+        brake_enabled='config.brake_resistor0.enable',
+        brake_resistance='config.brake_resistor0.resistance',
+        trips={
+            'watchdog': _both(0x1000000), 'too_hot': _both(0x4000),
+            'too_much_current': _both(0x1000), 'no_estimate': _both(0x8),
+            'overspeed': _both(0x8000), 'regeneration': _both(0x800),
+            'brake_resistance': _both(0x10), 'brake_resistor_disarmed': _both(0x8000000)},
+        cleared=(ACTIVE, 'axis0.disarm_reason', 'axis0.procedure_result'),
+        calibrated={'axis0.commutation_mapper.status': (6, 0),
+                    'axis0.commutation_mapper.config.offset_valid': (0, 1)},
+        calibration_kept='axis0.commutation_mapper.config.offset_valid', velocity_limit=10.0,
+        more={'axis0.config.motor.motor_type': 0, 'axis0.config.init_torque': 0.0,
+              'brake_resistor0.is_armed': 0, 'axis0.pos_vel_mapper.status': 9,
+              'axis0.pos_vel_mapper.config.circular': 0},
+        read_only=(*FIXED, 'axis0.active_errors', 'axis0.disarm_reason',
+                   'axis0.procedure_result', 'axis0.pos_vel_mapper.status',
+                   'axis0.commutation_mapper.status'))}
+
 
 VELOCITY_CONTROL = 2
 CALIBRATION = 3  # FULL_CALIBRATION_SEQUENCE

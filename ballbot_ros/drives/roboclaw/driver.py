@@ -9,11 +9,10 @@ from dataclasses import dataclass
 import math
 
 from ballbot_ros.config.fields import count, quantity
-from ballbot_ros.drives.contract import bit_names, DriveOptions, Identity, Setting
+from ballbot_ros.drives.contract import bit_names, DriveOptions, Identity, Setting, WireBudget
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.drives.questions import Asked
 from ballbot_ros.drives.roboclaw import codec
-from ballbot_ros.drives.wire import WireBudget
 from ballbot_ros.errors import DriveError
 
 TIMEOUT_UNIT = 0.1  # of the serial timeout [s]

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""VESC: codec of its protocol, driver, and the drive in software."""
+"""VESC: settings, shared by its serial protocol and the same messages on a CAN bus."""

@@ -14,8 +14,8 @@ from ballbot_ros.drives.can_frames import CanFrame, parse_record, record, RECORD
 from ballbot_ros.drives.can_transport import BUS_OFF, CanLink
 from ballbot_ros.drives.capture import read_capture, Recorder
 from ballbot_ros.drives.emulated_device import DriveSettings
-from ballbot_ros.drives.vesc_can import codec as vesc_can
-from ballbot_ros.drives.vesc_can.emulated import VescCanDevice
+from ballbot_ros.drives.vesc.can import codec as vesc_can
+from ballbot_ros.drives.vesc.can.emulated import VescCanDevice
 from ballbot_ros.emulator.slcan import parse_frame, SlcanAdapter, text_of
 from ballbot_ros.errors import DriveError, LinkError
 

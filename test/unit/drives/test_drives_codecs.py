@@ -7,9 +7,9 @@ import pytest
 
 from ballbot_ros.drives import codec_of
 from ballbot_ros.drives.contract import bit_names
-from ballbot_ros.drives.odrive import codec as odrive
+from ballbot_ros.drives.odrive.ascii import codec as odrive
 from ballbot_ros.drives.roboclaw import codec as roboclaw
-from ballbot_ros.drives.vesc import codec as vesc
+from ballbot_ros.drives.vesc.uart import codec as vesc
 
 VALUES = vesc.Values(35.2, 30.1, -3.45, 1.25, -4210.0, 23.9, -123456, 0, 271.123456, 0)
 ANSWERS = [(16, (-123456, 1)), (30, (-4321, 1))]

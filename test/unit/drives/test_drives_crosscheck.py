@@ -10,8 +10,8 @@ import pytest
 
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.drives.roboclaw.emulated import RoboClawDevice
-from ballbot_ros.drives.vesc import codec
-from ballbot_ros.drives.vesc.emulated import VescDevice
+from ballbot_ros.drives.vesc.uart import codec
+from ballbot_ros.drives.vesc.uart.emulated import VescDevice
 
 SETTINGS = DriveSettings(watchdog=0.3)
 

@@ -7,12 +7,11 @@ from drive_bench import Bench
 import pytest
 
 from ballbot_ros.drives.emulated_device import DriveSettings
-from ballbot_ros.drives.odrive import codec
+from ballbot_ros.drives.odrive.ascii import codec
+from ballbot_ros.drives.odrive.ascii.status import DriveStatus, MARKER, Requests
 from ballbot_ros.drives.odrive.firmware import (
-    GENERATION_5, GENERATION_6, GENERATIONS, hardware_name)
-from ballbot_ros.drives.odrive.registers import RESULT_6
-from ballbot_ros.drives.odrive.requests import MARKER, Requests
-from ballbot_ros.drives.odrive.status import DriveStatus
+    CLOSED_LOOP_CONTROL, GENERATION_5, GENERATION_6, GENERATIONS, hardware_name, IDLE, PASSTHROUGH,
+    RESULT_6, TORQUE_CONTROL)
 from ballbot_ros.errors import ConfigurationError, DriveError
 
 KINDS = ('odrive 0.5', 'odrive 0.6')
@@ -123,7 +122,7 @@ def test_errors_that_decide_something_have_the_bits_of_the_maker(generation, nam
 
 
 def test_states_modes_and_results_have_the_numbers_of_the_maker():
-    assert (codec.IDLE, codec.CLOSED_LOOP_CONTROL, codec.TORQUE_CONTROL, codec.PASSTHROUGH) == (
+    assert (IDLE, CLOSED_LOOP_CONTROL, TORQUE_CONTROL, PASSTHROUGH) == (
         1, 8, 1, 1)
     results = RESULT_6.names
     assert (results[0], results[3], results[13], results[14], len(results)) == (
@@ -207,7 +206,7 @@ def test_board_firmware_and_generation_are_told(kind, told):
 
 
 def test_a_serial_number_that_comes_whole_is_told_as_it_is_printed_on_the_board(monkeypatch):
-    monkeypatch.setattr('ballbot_ros.drives.odrive.emulated.LONGEST_VALUE', 20)
+    monkeypatch.setattr('ballbot_ros.drives.odrive.ascii.emulated.LONGEST_VALUE', 20)
     assert Bench('odrive 0.6').driver.identify().serial_number == '208F3387304B'
 
 
@@ -462,7 +461,7 @@ def test_a_motor_that_lost_its_power_is_seen_to_be_disarmed_though_no_fault_is_n
     bench = Bench(kind)
     bench.driver.arm()
     assert bench.cycles(100, torque=0.05).armed is True
-    bench.device.properties['axis0.requested_state'] = codec.IDLE  # somebody else's doing
+    bench.device.properties['axis0.requested_state'] = IDLE  # somebody else's doing
     telemetry = bench.cycles(100, torque=0.05)
     assert telemetry.armed is False and telemetry.faults == ()
 

@@ -10,9 +10,9 @@ import pytest
 
 from ballbot_ros.drives.can_frames import CanFrame, record, RecordParser
 from ballbot_ros.drives.emulated_device import DriveSettings
-from ballbot_ros.drives.odrive_can import codec
-from ballbot_ros.drives.odrive_can.emulated import ODriveCanDevice
-from ballbot_ros.drives.odrive_can.settings import load_endpoints
+from ballbot_ros.drives.odrive.cansimple import codec
+from ballbot_ros.drives.odrive.cansimple.emulated import ODriveCanDevice
+from ballbot_ros.drives.odrive.cansimple.settings import load_endpoints
 from ballbot_ros.errors import ConfigurationError, DriveError
 
 KINDS = ('odrive_can 0.5', 'odrive_can 0.6')

@@ -6,7 +6,7 @@ from drive_bench import Bench
 import pytest
 
 from ballbot_ros.bridge.hardware_file import Joint
-from ballbot_ros.drives.odrive import codec
+from ballbot_ros.drives.odrive.ascii import codec
 from ballbot_ros.errors import ConfigurationError, DriveError
 
 DAMPING = 0.004  # N m s/rad

@@ -4,10 +4,10 @@ from drive_bench import Bench
 import pytest
 
 from ballbot_ros.drives.emulated_device import DriveSettings
-from ballbot_ros.drives.odrive.firmware import GENERATION_5, GENERATION_6, STATE
-from ballbot_ros.drives.odrive.registers import (
-    AXIS_5, AXIS_6, CONTROLLER_5, ENCODER_5, MOTOR_5, RESULT_6, SENSORLESS_5, SYSTEM_5)
-from ballbot_ros.drives.odrive.status import DriveStatus
+from ballbot_ros.drives.odrive.ascii.status import DriveStatus
+from ballbot_ros.drives.odrive.firmware import (
+    AXIS_5, AXIS_6, CONTROLLER_5, ENCODER_5, GENERATION_5, GENERATION_6, MOTOR_5, RESULT_6,
+    SENSORLESS_5, STATE, SYSTEM_5)
 from ballbot_ros.errors import DriveError
 
 KINDS = ('odrive 0.5', 'odrive 0.6')

@@ -8,7 +8,7 @@ import pytest
 
 from ballbot_ros.drives import device_class, DRIVES
 from ballbot_ros.drives.emulated_device import DriveSettings, Sensed
-from ballbot_ros.drives.odrive.emulated import ODriveDevice
+from ballbot_ros.drives.odrive.ascii.emulated import ODriveDevice
 from ballbot_ros.errors import ConfigurationError
 
 GENERATIONS = ('0.5', '0.6')

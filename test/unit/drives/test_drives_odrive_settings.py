@@ -7,7 +7,7 @@ import pytest
 
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.drives.emulated_device import DriveSettings
-from ballbot_ros.drives.odrive import codec
+from ballbot_ros.drives.odrive.ascii import codec
 from ballbot_ros.errors import DriveError
 from ballbot_ros.physics import load_robot
 

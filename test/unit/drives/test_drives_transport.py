@@ -11,10 +11,9 @@ import time
 import pytest
 import serial
 
-from ballbot_ros.drives import descriptor
+from ballbot_ros.drives import transport
 from ballbot_ros.drives.capture import read_capture, Record, Recorder, Replay
-from ballbot_ros.drives.descriptor import Descriptor
-from ballbot_ros.drives.transport import Link
+from ballbot_ros.drives.transport import Descriptor, Link
 from ballbot_ros.errors import BallbotError, ConfigurationError, LinkError
 
 
@@ -187,7 +186,7 @@ def test_a_peer_that_reads_slowly_gets_every_byte_in_order(terminal):
 
 
 def test_a_line_that_takes_a_few_bytes_now_and_then_is_stuck_all_the_same(monkeypatch):
-    monkeypatch.setattr(descriptor, 'LONGEST_WRITE', 0.03)
+    monkeypatch.setattr(transport, 'LONGEST_WRITE', 0.03)
     ours, theirs = socket.socketpair()
     ours.setblocking(False)
     monkeypatch.setattr(os, 'write', lambda _, data: time.sleep(0.01) or 1)

@@ -7,7 +7,7 @@ from drive_bench import Bench
 import pytest
 
 from ballbot_ros.drives.emulated_device import DriveSettings
-from ballbot_ros.drives.vesc import codec
+from ballbot_ros.drives.vesc.uart import codec
 from ballbot_ros.errors import DriveError
 
 VALUES = codec.Values(35.2, 30.1, -3.45, 1.25, -4210.0, 23.9, -123456, 0, 271.123456, 0)

@@ -7,8 +7,9 @@ from drive_bench import Bench
 import pytest
 
 from ballbot_ros.drives.emulated_device import DriveSettings
-from ballbot_ros.drives.vesc import codec, settings
-from ballbot_ros.drives.vesc.emulated import LIMITS, VescDevice
+from ballbot_ros.drives.vesc import settings
+from ballbot_ros.drives.vesc.uart import codec, emulated
+from ballbot_ros.drives.vesc.uart.emulated import LIMITS, VescDevice
 from ballbot_ros.errors import DriveError
 
 # Places in a GET_MCCONF behind the name of the message: confgenerator_serialize_mcconf of the tags
@@ -91,8 +92,7 @@ def test_what_the_emulated_drive_sends_is_read_back(firmware):
     ((5, 2), 0, 'without the status'), ((8, 0), 0, 'is not known'), ((5, 3), 2, 'test build 2'),
     ((6, 5), 30, 'test build 30'), *((version, 0, '') for version in VERSIONS), ((7, 1), 1, '')])
 def test_a_firmware_that_cannot_be_driven_is_refused_with_why(version, test, words, monkeypatch):
-    monkeypatch.setitem(
-        __import__('ballbot_ros.drives.vesc.emulated', fromlist=['x']).FIRMWARES, '6.02', version)
+    monkeypatch.setitem(emulated.FIRMWARES, '6.02', version)
     bench = Bench('vesc')
     bench.from_drive = lambda data: b''.join(
         codec.frame(payload[:-3] + bytes((test,)) + payload[-2:] if payload[0] == 0 else payload)

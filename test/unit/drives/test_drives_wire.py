@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from ballbot_ros.drives.wire import WireBudget
+from ballbot_ros.drives.contract import WireBudget
 
 
 def test_a_byte_takes_ten_bits_each_way_and_the_drive_its_turnaround():

@@ -3,12 +3,12 @@
 import pytest
 
 from ballbot_ros.drives.emulated_device import DriveSettings
-from ballbot_ros.drives.odrive import codec as odrive
-from ballbot_ros.drives.odrive.emulated import ODriveDevice
+from ballbot_ros.drives.odrive.ascii import codec as odrive
+from ballbot_ros.drives.odrive.ascii.emulated import ODriveDevice
 from ballbot_ros.drives.roboclaw import codec as roboclaw
 from ballbot_ros.drives.roboclaw.emulated import RoboClawDevice
-from ballbot_ros.drives.vesc import codec as vesc
-from ballbot_ros.drives.vesc.emulated import FAULT_TIME, VescDevice
+from ballbot_ros.drives.vesc.uart import codec as vesc
+from ballbot_ros.drives.vesc.uart.emulated import FAULT_TIME, VescDevice
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from ballbot_ros.black_box.wording import _printable, in_words, told_once, write
 from ballbot_ros.cli import main
 from ballbot_ros.drives import open_driver
 from ballbot_ros.drives.capture import read_capture, Replay
-from ballbot_ros.drives.odrive.driver import ODrive
+from ballbot_ros.drives.odrive.ascii.driver import ODrive
 from ballbot_ros.figures.black_box import around_fault, chosen, MOST_LINES
 from ballbot_ros.studies import pulled_plug
 

@@ -2,9 +2,8 @@
 """The driver of the toy."""
 from toy_drive import codec
 
-from ballbot_ros.drives.contract import Identity
+from ballbot_ros.drives.contract import Identity, WireBudget
 from ballbot_ros.drives.driver import Driver
-from ballbot_ros.drives.wire import WireBudget
 
 
 class Toy(Driver):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A VESC as a CAN bus sees it, after comm/comm_can.c of vedderb/bldc; the rest as by serial."""
 from ballbot_ros.drives.can_frames import CanFrame, record, RecordParser
-from ballbot_ros.drives.vesc import codec as serial
-from ballbot_ros.drives.vesc.emulated import VescDevice
-from ballbot_ros.drives.vesc_can import codec
+from ballbot_ros.drives.vesc.can import codec
+from ballbot_ros.drives.vesc.uart import codec as serial
+from ballbot_ros.drives.vesc.uart.emulated import VescDevice
 
 HW_TYPE_VESC = 0
 

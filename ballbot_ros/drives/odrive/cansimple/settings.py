@@ -14,7 +14,7 @@ import re
 from typing import Any, Mapping, NamedTuple, Optional, Sequence
 
 from ballbot_ros.drives.contract import Setting
-from ballbot_ros.drives.odrive_can.codec import TYPES
+from ballbot_ros.drives.odrive.cansimple.codec import TYPES
 from ballbot_ros.errors import ConfigurationError
 
 # Slowest heartbeat: nothing else tells whether the motor has power [s].

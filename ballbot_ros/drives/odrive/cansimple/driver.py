@@ -1,25 +1,194 @@
 # SPDX-License-Identifier: Apache-2.0
 """ODrive on a CAN bus by CANSimple: torque mode, current measured there."""
-from collections import Counter
+from collections import Counter, deque
+from dataclasses import dataclass
 import math
-from typing import Any, Optional
+from typing import Any, Mapping, NamedTuple, Optional
 
+from ballbot_ros.config.fields import count, quantity, section, text
 from ballbot_ros.drives.can_frames import CanFrame, judge_others, RECORD_SIZE, RecordParser
-from ballbot_ros.drives.contract import Identity, Setting
+from ballbot_ros.drives.contract import DriveOptions, Identity, Setting, WireBudget
 from ballbot_ros.drives.driver import Driver
-from ballbot_ros.drives.odrive.codec import (
-    CLOSED_LOOP_CONTROL, IDLE, PASSTHROUGH, TORQUE_CONTROL)
+from ballbot_ros.drives.odrive.cansimple import codec
+from ballbot_ros.drives.odrive.cansimple.codec import Heartbeat, HIGHEST_NODE
+from ballbot_ros.drives.odrive.cansimple.settings import (
+    check_confirmed, in_odrivetool, judge_firmware, judge_heartbeat, judge_trial, load_endpoints,
+    missing, SLOWEST_HEARTBEAT)
 from ballbot_ros.drives.odrive.firmware import (
-    BUS_VOLTAGE, Generation, generation_of, GENERATIONS, hardware_name, in_words)
+    BUS_VOLTAGE, CLOSED_LOOP_CONTROL, CONTROLLER_5, ENCODER_5, Generation, generation_of,
+    GENERATIONS, hardware_name, IDLE, in_words, MOTOR_5, PASSTHROUGH, RESULT_6, TORQUE_CONTROL)
 from ballbot_ros.drives.odrive.settings import judge
-from ballbot_ros.drives.odrive_can import codec
-from ballbot_ros.drives.odrive_can.condition import AxisCondition, OLD, POLLED
-from ballbot_ros.drives.odrive_can.options import ODriveCanOptions
-from ballbot_ros.drives.odrive_can.settings import (
-    in_odrivetool, judge_firmware, judge_heartbeat, judge_trial, load_endpoints, missing,
-    SLOWEST_HEARTBEAT)
-from ballbot_ros.drives.wire import WireBudget
-from ballbot_ros.errors import DriveError
+from ballbot_ros.errors import ConfigurationError, DriveError
+
+# First firmware 0.5 whose heartbeat tells whether the encoder failed.
+FIRST = (0, 5, 3)
+
+
+@dataclass(frozen=True)
+class ODriveCanOptions(DriveOptions):
+    """See the fields; which firmware needs which is in docs/hardware.md."""
+
+    node_id: int = count('node id of the axis on the bus', default=0, maximum=HIGHEST_NODE)
+    status_period: float = quantity(
+        's', 'time between requests for currents, voltage, temperatures and error registers, of '
+        'which one is asked at a time', default=0.02, minimum=0.0, maximum=1.0)
+    firmware: str = text(
+        'version of a firmware 0.5, such as "0.5.6", which does not tell it over CAN', default='')
+    endpoints: str = text(
+        'path of flat_endpoints.json, which the maker has for each firmware 0.6: by it settings '
+        'are read over CAN', default='')
+    confirmed: Optional[Mapping[str, float]] = section(
+        'values of properties that a person has read with odrivetool, by name, where a firmware '
+        '0.5 does not tell them over CAN', default=None)
+
+    def __post_init__(self) -> None:
+        """Check, also what is confirmed."""
+        super().__post_init__()
+        check_confirmed(self.confirmed)
+        if self.firmware and not self.version:
+            raise ConfigurationError(
+                'firmware must be the version of a firmware 0.5 from 0.5.3 on, such as "0.5.6", '
+                f'got {self.firmware!r}')
+
+    @property
+    def version(self) -> tuple[int, ...]:
+        """Return the version of the firmware, empty if it is not given, or cannot be used."""
+        parts = self.firmware.split('.')
+        numbers = tuple(int(part) for part in parts if part.isdigit())
+        known = len(numbers) == len(parts) == 3 and FIRST <= numbers and numbers[:2] == FIRST[:2]
+        return numbers if known else ()
+
+
+OLD = GENERATIONS[0]
+# Registers of 0.5, in the order of the flags of its heartbeat.
+REGISTERS = {codec.MOTOR_ERROR: MOTOR_5, codec.ENCODER_ERROR: ENCODER_5,
+             codec.CONTROLLER_ERROR: CONTROLLER_5}
+# What is asked for in turn besides the position.
+POLLED = {'0.5': (codec.IQ, codec.BUS_VOLTAGE_CURRENT, codec.MOTOR_ERROR, codec.ENCODER_ERROR,
+                  codec.CONTROLLER_ERROR),
+          '0.6': (codec.ERROR, codec.IQ, codec.BUS_VOLTAGE_CURRENT, codec.TEMPERATURE)}
+
+
+class Beat(NamedTuple):
+    """A heartbeat, and when it came [s]."""
+
+    time: float
+    content: Heartbeat
+
+
+class AxisCondition:
+    """
+    The state of the axis, and its errors by the names of its generation.
+
+    Attributes
+    ----------
+    generation : Generation or None
+        None before it is known.
+    beats : deque of Beat
+        The last ones, newest at the end.
+
+    """
+
+    def __init__(self) -> None:
+        """Know nothing."""
+        self.generation: Optional[Generation] = None
+        self.beats: deque[Beat] = deque(maxlen=3)
+        self._result = 0  # of the last procedure, 0.6 only
+        self._registers: dict[int, int] = {}
+
+    @property
+    def state(self) -> Optional[int]:
+        """Return the state of the axis by the newest heartbeat, None without one."""
+        return self.beats[-1].content.state if self.beats else None
+
+    @property
+    def armed(self) -> bool:
+        """Return whether the motor has power, by the newest heartbeat."""
+        return self.state == CLOSED_LOOP_CONTROL
+
+    @property
+    def idle(self) -> bool:
+        """Return whether the motor has no power, by the newest heartbeat."""
+        return self.state == IDLE
+
+    @property
+    def period(self) -> float:
+        """Return the time between two heartbeats [s], infinite where fewer have come."""
+        beats = self.beats
+        return (beats[-1].time - beats[0].time) / (len(beats) - 1) if len(beats) > 1 \
+            else float('inf')
+
+    @property
+    def without_estimate(self) -> bool:
+        """Return whether a position that comes now is none; 0.5 tells 0 then."""
+        if self.generation is None or not self.beats:
+            return False
+        content = self.beats[-1].content
+        failed = self.generation is OLD and content.second & 1
+        return bool(content.errors & self.generation.no_estimate or failed)
+
+    @property
+    def expired(self) -> bool:
+        """Return whether the watchdog has, by the newest heartbeat."""
+        return self.generation is not None and bool(self.beats) and bool(
+            self.beats[-1].content.errors & self.generation.watchdog_expired)
+
+    @property
+    def unread(self) -> Optional[int]:
+        """Return the command for a register that is needed to say what is wrong."""
+        for command in self._flagged():
+            if command not in self._registers:
+                return command
+        return None
+
+    def faults(self, ours: bool) -> tuple[str, ...]:
+        """
+        Return the names of all errors, in idle also of those that the power went for.
+
+        That nobody commands a motor that is not armed is no fault; `ours` says whether we had
+        armed it.
+        """
+        if self.generation is None or not self.beats:
+            return ()
+        bits = self.beats[-1].content.errors
+        if not (ours or self.armed):
+            bits &= ~self.generation.watchdog_expired
+        if self.generation is not OLD and self.idle:
+            bits |= self._registers.get(codec.ERROR, 0) >> 32  # the reason
+        parts: tuple[str, ...] = ()
+        for command in self._flagged():
+            register = REGISTERS[command]
+            value = self._registers.get(command, 0)
+            parts += register.names_of(value) if value else (register.path,)
+        return (*self.generation.names_of(bits), *parts)
+
+    def _flagged(self) -> tuple[int, ...]:
+        """Return the commands for the registers in which 0.5 says that something is."""
+        if self.generation is not OLD or not self.beats:
+            return ()
+        content = self.beats[-1].content
+        flags = (content.first, content.second, content.third)
+        return tuple(command for command, flag in zip(REGISTERS, flags) if flag & 1)
+
+    @property
+    def reason(self) -> str:
+        """Return why a state was not reached, as far as the heartbeat tells it."""
+        told = self.generation is not None and self.generation is not OLD
+        return ', '.join(RESULT_6.names_of(self._result) if told else ()) or 'no reason'
+
+    def take_beat(self, content: Heartbeat, now: float) -> None:
+        """Take a heartbeat."""
+        self.beats.append(Beat(now, content))
+        self._result = content.first
+
+    def take_register(self, command: int, data: bytes) -> None:
+        """Take an error register."""
+        self._registers[command] = int.from_bytes(data, 'little')
+
+    def forget(self) -> None:
+        """Forget the registers: they are being cleared."""
+        self._registers.clear()
+
 
 AGAIN = 0.01        # between two requests while something is waited for [s]
 WIRE_TIME = 0.0013  # of a frame at most: 160 bits at 125 kbit/s [s]

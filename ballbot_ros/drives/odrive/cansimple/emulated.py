@@ -16,9 +16,8 @@ import struct
 from typing import Any, Mapping
 
 from ballbot_ros.drives.can_frames import CanFrame, RecordParser
-from ballbot_ros.drives.odrive.emulated_board import BoardDevice, CONFIG
-from ballbot_ros.drives.odrive.emulated_names import NAMES, QUIRKS
-from ballbot_ros.drives.odrive_can import codec
+from ballbot_ros.drives.odrive.cansimple import codec
+from ballbot_ros.drives.odrive.emulated_board import BoardDevice, CONFIG, NAMES, QUIRKS
 
 NODE = 0
 FRAME_BITS = 160

@@ -33,10 +33,6 @@ LINE_END = b'\r\n'
 TORQUE_EXPONENT = 4
 TORQUE_SCALE = 10.0**TORQUE_EXPONENT
 
-IDLE, CLOSED_LOOP_CONTROL = 1, 8  # axis states
-TORQUE_CONTROL = 1  # control mode
-PASSTHROUGH = 1  # input mode
-
 _CHECKED = re.compile(rb'([\x20-\x29\x2b-\x7e]*)\*(0|[1-9][0-9]{0,2})')
 _FEEDBACK = re.compile(r'(-?[0-9]{1,9}\.[0-9]{6}) (-?[0-9]{1,9}\.[0-9]{6})')
 _NUMBER = re.compile(r'-?[0-9]{1,15}(\.[0-9]{0,6})?|-?inf')

@@ -2,21 +2,31 @@
 """ODrive with firmware 0.5 or 0.6, by its ASCII protocol: torque mode, current measured there."""
 from collections import Counter, deque
 from contextlib import suppress
+from dataclasses import dataclass
 import math
 from typing import Optional
 
-from ballbot_ros.drives.contract import Identity, Setting
+from ballbot_ros.config.fields import count, quantity
+from ballbot_ros.drives.contract import DriveOptions, Identity, Setting, WireBudget
 from ballbot_ros.drives.driver import Driver
-from ballbot_ros.drives.odrive import codec
+from ballbot_ros.drives.odrive.ascii import codec
+from ballbot_ros.drives.odrive.ascii.status import DriveStatus, MARKER, Requests
 from ballbot_ros.drives.odrive.firmware import (
-    CONTROL_MODE, Generation, generation_of, GENERATIONS, HARDWARE, hardware_name, in_words,
-    REQUESTED_STATE, SERIAL_NUMBER, STATE, VERSION)
-from ballbot_ros.drives.odrive.options import ODriveOptions
-from ballbot_ros.drives.odrive.requests import MARKER, Requests
+    CLOSED_LOOP_CONTROL, CONTROL_MODE, Generation, generation_of, GENERATIONS, HARDWARE,
+    hardware_name, IDLE, in_words, REQUESTED_STATE, SERIAL_NUMBER, STATE, TORQUE_CONTROL, VERSION)
 from ballbot_ros.drives.odrive.settings import judge, set_damping
-from ballbot_ros.drives.odrive.status import DriveStatus
-from ballbot_ros.drives.wire import WireBudget
 from ballbot_ros.errors import DriveError
+
+
+@dataclass(frozen=True)
+class ODriveOptions(DriveOptions):
+    """The options of an ODrive driver."""
+
+    axis: int = count('motor output of the board', default=0, maximum=1)
+    status_period: float = quantity(
+        's', 'time between requests for errors, state, voltage, current and temperatures, of '
+        'which one is asked at a time', default=0.02, minimum=0.0, maximum=1.0)
+
 
 # Longest replies: "-12345.123456 -1234.123456*255\r\n", and a value cut to nine characters.
 LONGEST_FEEDBACK, LONGEST_VALUE = 32, 15
@@ -95,7 +105,7 @@ class ODrive(Driver):
         # An error left over keeps the drive from arming; a present one comes back at once.
         self._send(self._torque_message(0.0) + codec.CLEAR_ERRORS)
         self._status.forget_errors()
-        if self._write(CONTROL_MODE, codec.TORQUE_CONTROL, deadline) != codec.TORQUE_CONTROL:
+        if self._write(CONTROL_MODE, TORQUE_CONTROL, deadline) != TORQUE_CONTROL:
             raise DriveError('not_armed', (
                 f'{self.line.port}: the ODrive does not go into torque control, see '
                 f'{self._path(CONTROL_MODE)}'))
@@ -103,8 +113,8 @@ class ODrive(Driver):
             set_damping(self._generation, self.options, self.line.port, lambda name, value:
                         self._write(name, value, deadline))
         self._refuse_faults(deadline)
-        self._send(codec.write(self._path(REQUESTED_STATE), codec.CLOSED_LOOP_CONTROL))
-        while self._read(STATE, deadline) != codec.CLOSED_LOOP_CONTROL:
+        self._send(codec.write(self._path(REQUESTED_STATE), CLOSED_LOOP_CONTROL))
+        while self._read(STATE, deadline) != CLOSED_LOOP_CONTROL:
             self._send(self._torque_message(0.0))
             self._refuse_faults(deadline)
             if self.clock() >= deadline - self.options.reply_timeout:
@@ -137,7 +147,7 @@ class ODrive(Driver):
         """Clear the errors and return those that are there again; see `Driver`."""
         deadline = self.clock() + patience
         self._know_firmware(deadline)
-        if self._armed or self._read(STATE, deadline) != codec.IDLE:
+        if self._armed or self._read(STATE, deadline) != IDLE:
             raise DriveError('not_clearable', (
                 f'{self.line.port}: the motor is under power; take it off first'))
         self._send(codec.feed_watchdog(self.options.axis) + codec.CLEAR_ERRORS)
@@ -152,7 +162,7 @@ class ODrive(Driver):
 
     def _stop_message(self) -> bytes:
         return (self._torque_message(0.0)
-                + codec.write(self._path(REQUESTED_STATE), codec.IDLE)
+                + codec.write(self._path(REQUESTED_STATE), IDLE)
                 + self._property_request(STATE))
 
     def budget(self) -> WireBudget:
@@ -294,7 +304,7 @@ class ODrive(Driver):
 
     def _note(self, name: str, value: Optional[float], now: float) -> None:
         """Put the value of a property into the telemetry."""
-        if name == STATE and value == codec.IDLE:
+        if name == STATE and value == IDLE:
             self._off_asked_at = self._pending.asked_at
         self._status.take(name, value, now, self._armed)
         self.telemetry = self._status.told(self.telemetry, name, now, self._armed)

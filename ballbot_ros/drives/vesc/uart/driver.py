@@ -3,11 +3,11 @@
 import math
 from typing import Mapping, Optional
 
-from ballbot_ros.drives.contract import bit_names, Identity, Setting
+from ballbot_ros.drives.contract import bit_names, Identity, Setting, WireBudget
 from ballbot_ros.drives.driver import Driver
-from ballbot_ros.drives.vesc import codec, judgement, settings
-from ballbot_ros.drives.vesc.options import VescOptions
-from ballbot_ros.drives.wire import WireBudget
+from ballbot_ros.drives.vesc import settings
+from ballbot_ros.drives.vesc.settings import VescOptions
+from ballbot_ros.drives.vesc.uart import codec
 from ballbot_ros.errors import DriveError
 
 # A motor current below this part of the limit counts as none: the sensors are not that good.
@@ -36,8 +36,8 @@ class Vesc(Driver):
         self._replies: dict[int, bytes] = {}  # message -> its last reply that is no value
         self._turns_apart: Optional[float] = None  # tachometer less encoder, at the first reply
         self._version: Optional[settings.Version] = None
-        self._limits: Mapping[str, float] = judgement.unknown_limits(settings.SINCE_6_05)
-        self._full_torque = judgement.full_torque_range(self._limits)
+        self._limits: Mapping[str, float] = settings.unknown_limits(settings.SINCE_6_05)
+        self._full_torque = settings.full_torque_range(self._limits)
         self._status, self._status_asked_at = 0, -math.inf
 
     # What waits
@@ -69,11 +69,11 @@ class Vesc(Driver):
             self._ask(codec.GET_APPCONF, deadline), self._version)
         layout = settings.layout_of(self._version)
         self._limits = settings.parse_limits(self._ask(codec.GET_MCCONF, deadline), layout) \
-            or judgement.unknown_limits(layout)
-        self._full_torque = judgement.full_torque_range(self._limits)
+            or settings.unknown_limits(layout)
+        self._full_torque = settings.full_torque_range(self._limits)
         self._ask_until(lambda: self.telemetry.bus_voltage is not None, self._requests, deadline,
                         'what its supply is')
-        return judgement.judge(application, self._limits, self.options,
+        return settings.judge(application, self._limits, self.options,
                                self.telemetry.bus_voltage or math.nan)
 
     def _arm(self, deadline: float) -> None:
@@ -174,7 +174,7 @@ class Vesc(Driver):
             bus_current=values.bus_current,
             temperature=values.temperature, motor_temperature=values.motor_temperature,
             status_time=now, faults=faults, armed=self._armed and not faults,
-            warnings=judgement.warnings_of(values, self._full_torque))
+            warnings=settings.warnings_of(values, self._full_torque))
 
     def _position(self, values: codec.Values) -> float:
         """

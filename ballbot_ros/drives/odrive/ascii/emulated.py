@@ -17,11 +17,11 @@ import math
 import re
 from typing import Callable, Mapping, Optional
 
-from ballbot_ros.drives.odrive.codec import (
-    checksum, frame_reply, LINE_END, LONGEST_LINE, TORQUE_CONTROL)
-from ballbot_ros.drives.odrive.emulated_board import BoardDevice, CONFIG, VELOCITY_CONTROL
-from ballbot_ros.drives.odrive.emulated_names import ENUMERATIONS, QUIRKS
-from ballbot_ros.drives.wire import BITS_PER_BYTE
+from ballbot_ros.drives.contract import BITS_PER_BYTE
+from ballbot_ros.drives.odrive.ascii.codec import checksum, frame_reply, LINE_END, LONGEST_LINE
+from ballbot_ros.drives.odrive.emulated_board import (
+    BoardDevice, CONFIG, ENUMERATIONS, QUIRKS, VELOCITY_CONTROL)
+from ballbot_ros.drives.odrive.firmware import TORQUE_CONTROL
 
 LONGEST_COMMAND = 256
 LONGEST_VALUE = 9

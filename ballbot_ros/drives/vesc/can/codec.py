@@ -16,7 +16,7 @@ import struct
 from typing import Iterator, Optional
 
 from ballbot_ros.drives.can_frames import CanFrame, record, RecordParser
-from ballbot_ros.drives.vesc.codec import LONGEST_PAYLOAD
+from ballbot_ros.drives.vesc.uart.codec import LONGEST_PAYLOAD
 
 SET_CURRENT, FILL_RX_BUFFER, FILL_RX_BUFFER_LONG = 1, 5, 6
 PROCESS_RX_BUFFER, PROCESS_SHORT_BUFFER, PING, PONG = 7, 8, 17, 18

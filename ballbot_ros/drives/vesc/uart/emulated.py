@@ -13,8 +13,9 @@ import math
 import struct
 
 from ballbot_ros.drives.emulated_device import Device, DriveSettings, Quirk
-from ballbot_ros.drives.vesc import codec, settings
-from ballbot_ros.drives.vesc.judgement import THREAD
+from ballbot_ros.drives.vesc import settings
+from ballbot_ros.drives.vesc.settings import THREAD
+from ballbot_ros.drives.vesc.uart import codec
 
 FAULT_TIME = 0.5  # m_fault_stop_time_ms [s]
 IGNORED = 0.02  # after each look at a kill switch that is pulled [s]

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 
 from ballbot_ros.config.fields import count
 from ballbot_ros.drives.can_frames import judge_others, record
-from ballbot_ros.drives.contract import Setting
-from ballbot_ros.drives.vesc import codec as serial
-from ballbot_ros.drives.vesc.driver import Vesc
-from ballbot_ros.drives.vesc.options import VescOptions
-from ballbot_ros.drives.vesc_can import codec
-from ballbot_ros.drives.wire import WireBudget
+from ballbot_ros.drives.contract import Setting, WireBudget
+from ballbot_ros.drives.vesc.can import codec
+from ballbot_ros.drives.vesc.settings import VescOptions
+from ballbot_ros.drives.vesc.uart import codec as serial
+from ballbot_ros.drives.vesc.uart.driver import Vesc
 from ballbot_ros.errors import DriveError
 
 

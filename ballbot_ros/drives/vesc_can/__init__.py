@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: Apache-2.0
-"""VESC on a CAN bus: its serial messages in CAN frames, driver, and the drive in software."""
