@@ -17,9 +17,11 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.ros import qos
 
 CLOCK = '/clock'
 # What may help where nodes disagree about the type of a topic, by what is published.
@@ -44,6 +46,17 @@ def create_subscription(node: Node, kind: Any, topic: str, callback: Callable[[A
     return node.create_subscription(
         kind, topic, callback, profile, raw=raw,
         event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False))
+
+
+def subscribe_e_stop(node: Node, callback: Callable[[Bool], None]) -> None:
+    """
+    Subscribe to `e_stop` of every publisher, latched or not; a latched message arrives twice.
+
+    A subscription that asks for latched messages matches no publisher of the default QoS
+    (volatile), and a volatile one misses what was published before: a stop request needs both.
+    """
+    for profile in (qos.LATCHED, qos.NEWEST):
+        create_subscription(node, Bool, 'e_stop', callback, profile)
 
 
 def create_service(node: Node, kind: Any, name: str,
@@ -119,12 +132,13 @@ def mismatches(node: Node) -> List[str]:
     topics = {endpoint.topic_name for endpoint in (*node.publishers, *node.subscriptions)}
     for topic in sorted(topics):
         sources = node.get_publishers_info_by_topic(topic)
+        sinks = node.get_subscriptions_info_by_topic(topic)
         for source in sources:
-            for sink in node.get_subscriptions_info_by_topic(topic):
-                reason = _mismatch(source, sink)
-                if own in map(_name_of, (source, sink)) and reason:
-                    found.append(f'{_name_of(sink)} cannot receive {topic} from '
-                                 f'{_name_of(source)}: {reason}')
+            reasons = [(_name_of(sink), _mismatch(source, sink)) for sink in sinks]
+            received = {name for name, reason in reasons if not reason}
+            found += [f'{name} cannot receive {topic} from {_name_of(source)}: {reason}'
+                      for name, reason in reasons
+                      if own in (name, _name_of(source)) and name not in received]
         names = sorted({_name_of(source) for source in sources})
         if topic == CLOCK and own in names and len(names) > 1:
             others = ' and '.join(name for name in names if name != own)

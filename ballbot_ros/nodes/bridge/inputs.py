@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
+from std_msgs.msg import Bool
 
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import Authority, SetPoint
@@ -11,7 +12,7 @@ from ballbot_ros.errors import MessageError
 from ballbot_ros.nodes.bridge.motor import Clocks, imu_reading
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import command_torque, to_seconds
-from ballbot_ros.ros.endpoints import create_subscription, create_trigger
+from ballbot_ros.ros.endpoints import create_subscription, create_trigger, subscribe_e_stop
 from ballbot_ros.ros.joint_state_bytes import AnyJointState, subscribe_joint_states
 from ballbot_ros.ros.senders import Senders
 from ballbot_ros.ros.set_points import SetPoints
@@ -49,6 +50,7 @@ class MotorInputs:
         self.authority = Authority(session.hardware.limits.command_timeout) \
             if law is None else set_points.authority
         create_subscription(node, Imu, 'imu', self._on_imu, qos.SENSOR)
+        subscribe_e_stop(node, self._on_e_stop)
         create_trigger(node, '~/engage_e_stop', self._engage)
         create_trigger(node, '~/release_e_stop', self._release)
         create_trigger(node, '~/clear_faults', session.clear_faults)
@@ -88,6 +90,11 @@ class MotorInputs:
     def _refused(self, what: str, error: MessageError) -> None:
         self._session.witness.refused(what, error)
         self._logger.warning(f'{what} refused: {error}', throttle_duration_sec=1.0)
+
+    def _on_e_stop(self, message: Bool) -> None:
+        """Engage on a stop request; only the service releases."""
+        if message.data and not self._session.supervisor.e_stop:
+            self._session.engage('requested on the topic e_stop')
 
     def _engage(self) -> str:
         self._session.engage('asked for by service')

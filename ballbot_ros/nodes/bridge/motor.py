@@ -27,58 +27,52 @@ LOG = logging.getLogger('ballbot_ros.bridge.clocks')
 
 # REP 145: an IMU says with this that it has no such sensor.
 NOT_REPORTED = -1.0
-# Two clocks are read one after the other; where others run in between, and that takes longer, it
-# is not looked [s].  Clocks that drift apart by this are followed.
-LOOKING = 0.002
-STEP = 0.1  # a clock that jumps by more than this was set [s]
+# Two clocks are read one after the other; a sample that takes longer, because other programs run
+# in between, is dropped [s].  An offset that changes by more than this is followed.
+LONGEST_SAMPLE = 0.002
+CLOCK_STEP = 0.1  # a clock that jumps by more than this was set [s]
 # Of a motor_status, unknown once the loop has ended.
 NUMBERS = ('set_value', 'pendulum_angle', 'pendulum_angle_sd', 'pendulum_rate_sd', 'current',
            'bus_voltage', 'bus_current', 'temperature', 'motor_temperature')
-# Until they are read again [s]; shorter than any timeout that rests on them.
-LOOK_AGAIN = 0.02
+# Between samples of the offset [s]; shorter than any timeout that rests on it.
+SAMPLE_PERIOD = 0.02
 
 
 class Clocks:
     """
-    Between stamps (ROS time) and the steady clock that all timeouts are counted on.
+    Converts between stamps (system time) and the steady clock of all timeouts.
 
-    How far they are apart is looked up again and again, and kept unless it has changed by more
-    than looking takes: so order is kept, and a clock that is set is followed and told.
-
-    Parameters
-    ----------
-    node : Node
-
+    The offset is sampled every `SAMPLE_PERIOD` and kept unless it has changed by more than a
+    sample takes, so that stamps stay in order; a system clock that is set is followed and logged.
+    Hardware has no simulated time: `use_sim_time` changes nothing here.
     """
 
-    def __init__(self, node: Node):
-        """Use the clock of the node."""
-        self._clock = node.get_clock()
-        self._apart = math.inf
-        self._look_at = 0.0
+    def __init__(self) -> None:
+        self._offset = math.inf
+        self._sample_at = 0.0
 
     @property
     def _ahead(self) -> float:
         now = time.monotonic()
-        if now >= self._look_at:
-            self._look(now)
-        return self._apart
+        if now >= self._sample_at:
+            self._sample(now)
+        return self._offset
 
-    def _look(self, now: float) -> None:
-        """Look how far the clocks are apart; where that took long, do it again soon."""
-        stamp = 1e-9 * float(self._clock.now().nanoseconds)
+    def _sample(self, now: float) -> None:
+        """Sample the offset; a sample that took too long is repeated with the next call."""
+        stamp = time.time()
         after = time.monotonic()
-        if after - now > LOOKING and math.isfinite(self._apart):
-            return  # this process was held up between the clocks
-        self._look_at = after + LOOK_AGAIN
-        apart = stamp - 0.5 * (now + after)
-        change = apart - self._apart
-        if abs(change) > LOOKING:
-            if STEP < abs(change) < math.inf:
+        if after - now > LONGEST_SAMPLE and math.isfinite(self._offset):
+            return  # this process was preempted between the clocks
+        self._sample_at = after + SAMPLE_PERIOD
+        offset = stamp - 0.5 * (now + after)
+        change = offset - self._offset
+        if abs(change) > LONGEST_SAMPLE:
+            if CLOCK_STEP < abs(change) < math.inf:
                 LOG.warning(
                     f'the clock of this machine was set by {change:+.3f} s: stamps go on from '
                     'there, no timeout depends on it')
-            self._apart = apart
+            self._offset = offset
 
     def steady(self, stamp: float) -> float:
         """Return the time of a stamp on the steady clock [s]."""

@@ -45,7 +45,7 @@ class Bridge(ManagedNode):
         self._session = new_session(self, settings)
         self._scheduling = settings.scheduling.prepared()
         self._hardware = self._session.hardware
-        clocks = Clocks(self)
+        clocks = Clocks()
         self._outputs = MotorOutputs(
             self, clocks, settings.status_rate, settings.joint_state_period,
             Frames.of(settings).base)

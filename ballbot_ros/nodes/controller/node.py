@@ -17,7 +17,8 @@ from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics, qos
 from ballbot_ros.ros.cmd_vel import speed_set_point, TYPES
 from ballbot_ros.ros.conversions import readings, set_point
-from ballbot_ros.ros.endpoints import create_publisher, create_subscription, wait_until_received
+from ballbot_ros.ros.endpoints import (
+    create_publisher, create_subscription, subscribe_e_stop, wait_until_received)
 from ballbot_ros.ros.joint_state_bytes import AnyJointState, CommandBytes, subscribe_joint_states
 from ballbot_ros.ros.parameter_changes import Commit
 from ballbot_ros.ros.parameters import declare
@@ -48,7 +49,7 @@ class Controller(Node):
         self._subscribe(JointState, 'set_point', lambda one: self._give(set_point(one)))
         self._subscribe(TYPES[settings.cmd_vel_type], 'cmd_vel',
                         lambda one: self._give(speed_set_point(one)))
-        create_subscription(self, Bool, 'e_stop', self._on_e_stop, qos.LATCHED)
+        subscribe_e_stop(self, self._on_e_stop)
         self._diagnostics = diagnostics.Diagnostics(
             self, 'pendulum', self._health, self._robot.name)
         self._timer = self.create_timer(settings.state_timeout / 4, self._watch,

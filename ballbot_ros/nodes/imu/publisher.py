@@ -60,7 +60,7 @@ class ImuOutput:
         """Start at once."""
         self._frame = frame
         self._source, self._port, self._asked = source, port, rate
-        self._clocks = Clocks(node)
+        self._clocks = Clocks()
         self.tell(gyro_sd, force_sd)
         self._publisher = create_publisher(node, Imu, 'imu', qos.STATE)
         self._counted, self._counted_at, self._rate = 0, time.monotonic(), 0.0

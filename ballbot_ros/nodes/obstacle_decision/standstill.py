@@ -6,8 +6,7 @@ from rclpy.node import Node
 from std_msgs.msg import Bool
 
 from ballbot_ros.errors import RefusedError
-from ballbot_ros.ros import qos
-from ballbot_ros.ros.endpoints import create_subscription, create_trigger
+from ballbot_ros.ros.endpoints import create_trigger, subscribe_e_stop
 
 
 class Standstill:
@@ -39,7 +38,7 @@ class Standstill:
         self.go_on: Callable[[], bool] = lambda: False
         self._service = f'{node.get_fully_qualified_name()}/resume'
         self.engaged = self.standing = False
-        create_subscription(node, Bool, 'e_stop', self._on_e_stop, qos.LATCHED)
+        subscribe_e_stop(node, self._on_e_stop)
         create_trigger(node, '~/resume', self._resume)
 
     @property

@@ -11,8 +11,7 @@ from ballbot_ros.control import (
     checked_controller, JointReadings, SetPoint, SupervisedController, Supervision)
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.plant import periods_per, Plant
-from ballbot_ros.ros import qos
-from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.ros.endpoints import subscribe_e_stop
 from ballbot_ros.ros.parameter_changes import Commit
 from ballbot_ros.ros.retuning import LoopNumbers, prepare_laws
 from ballbot_ros.ros.set_points import SetPoints
@@ -72,7 +71,7 @@ class LawsInside:
         self.refused: Counter[str] = Counter()
         SetPoints(node, self._give, self.refused, settings.cmd_vel_type,
                   self._controller.overhear)
-        create_subscription(node, Bool, 'e_stop', self._on_e_stop, qos.LATCHED)
+        subscribe_e_stop(node, self._on_e_stop)
 
     def torque(self, now: float) -> float:
         """Return the answer to the state of now, the beginning of a period [N m]."""

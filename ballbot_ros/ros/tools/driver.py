@@ -13,7 +13,8 @@ from ballbot_ros.errors import MessageError
 from ballbot_ros.msg import StepDecision
 from ballbot_ros.ros import cmd_vel, qos
 from ballbot_ros.ros.conversions import readings
-from ballbot_ros.ros.endpoints import create_publisher, create_subscription, wait_until_received
+from ballbot_ros.ros.endpoints import (
+    create_publisher, create_subscription, subscribe_e_stop, wait_until_received)
 from ballbot_ros.ros.senders import own_name
 from ballbot_ros.ros.tools.observer import Observer
 
@@ -60,7 +61,7 @@ class RobotDriver:
         create_subscription(one, Odometry, 'odom', self._on_odom, qos.SENSOR)
         create_subscription(one, JointState, 'joint_states', self._on_joints, qos.SENSOR)
         create_subscription(one, StepDecision, 'step_decision', self._on_decision, qos.LATCHED)
-        create_subscription(one, Bool, 'e_stop', self._on_e_stop, qos.LATCHED)
+        subscribe_e_stop(one, self._on_e_stop)
 
     @property
     def followers(self) -> int:

@@ -76,7 +76,7 @@ def test_a_sensor_from_the_factory_becomes_a_topic_that_the_bridge_takes(
     try:
         assert wait(lambda: len(published) > 100)
         message = published[-1]
-        reading = imu_reading(message, Clocks(node))
+        reading = imu_reading(message, Clocks())
         assert reading.turn_rate == pytest.approx(-0.25, abs=0.002)
         assert reading.forward == pytest.approx(0.5, abs=0.01)
         assert 0.0 <= time.monotonic() - reading.stamp < 0.5

@@ -18,7 +18,7 @@ def test_the_last_status_is_received_and_says_what_the_motor_was_left_with(
     node, peer = make_node(Node, 'bridge'), make_node(Node, 'peer')
     heard = []
     peer.create_subscription(MotorStatus, 'motor_status', heard.append, qos.STATE)
-    outputs = MotorOutputs(node, Clocks(node), 10.0, 0.0)
+    outputs = MotorOutputs(node, Clocks(), 10.0, 0.0)
     executor = new_executor(context)
     executor.add_node(peer)
     while not node.count_subscribers('motor_status'):

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A stop request on the topic `e_stop` reaches every node, whatever the QoS of its publisher."""
+import time
+
+import pytest
+from rclpy.node import Node
+from std_msgs.msg import Bool
+
+from ballbot_ros.nodes.bridge.node import Bridge
+from ballbot_ros.nodes.controller.node import Controller
+from ballbot_ros.nodes.obstacle_decision.node import ObstacleDecision
+from ballbot_ros.nodes.simulator.node import Simulator
+from ballbot_ros.ros import qos
+from ballbot_ros.ros.endpoints import mismatches
+from ballbot_ros.ros.executor import new_executor
+
+NODES = {
+    Simulator: ({'control': 'onboard', 'start_paused': True},
+                lambda node: node._laws._controller.e_stop),
+    Controller: ({}, lambda node: node._controller.e_stop),
+    ObstacleDecision: ({'planner': 'cubic'}, lambda node: node._standstill.engaged),
+    Bridge: ({'autostart': False, 'black_box': '', 'port': '/dev/none'},
+             lambda node: bool(node._session.supervisor.e_stop))}
+
+
+@pytest.mark.parametrize('cls', list(NODES))
+@pytest.mark.parametrize('profile', [qos.NEWEST, qos.LATCHED], ids=['volatile', 'latched'])
+def test_a_stop_request_of_any_publisher_engages_the_e_stop(cls, profile, make_node, context):
+    parameters, is_engaged = NODES[cls]
+    node, person = make_node(cls, **parameters), make_node(Node, 'person')
+    if cls is Bridge:
+        node._session.supervisor.reset(100.0)
+    publisher = person.create_publisher(Bool, 'e_stop', profile)
+    executor = new_executor(context)
+    executor.add_node(node)
+    deadline = time.monotonic() + 20.0
+    assert not is_engaged(node)
+    while not is_engaged(node):
+        assert time.monotonic() < deadline
+        publisher.publish(Bool(data=True))
+        executor.spin_once(timeout_sec=0.02)
+    assert not mismatches(node)
+    executor.remove_node(node)
+    executor.shutdown()
+    getattr(node, 'make_safe', lambda: None)()
