@@ -5,15 +5,14 @@ from time import process_time
 
 import numpy as np
 
-from ballbot_ros.decision import (
-    Face, Knowledge, load_curve, load_decision_tuning, Motion, Profile)
-from ballbot_ros.decision.particles import Particles
-from ballbot_ros.decision.plan import Strategy
-from ballbot_ros.decision.planners.rollout import planner
-from ballbot_ros.decision.rollout.ahead import look_ahead
-from ballbot_ros.decision.rollout.candidates import Candidate
-from ballbot_ros.decision.rollout.worlds import Worlds
-from ballbot_ros.decision.situation import Situation
+from ballbot_ros.decision import Face, Knowledge, load_curve, load_decision_tuning, Motion, Profile
+from ballbot_ros.decision.learning.particles import Particles
+from ballbot_ros.decision.planning.rollout.ahead import look_ahead
+from ballbot_ros.decision.planning.rollout.candidates import Candidate
+from ballbot_ros.decision.planning.rollout.planner import planner
+from ballbot_ros.decision.planning.rollout.worlds import Worlds
+from ballbot_ros.decision.planning.situation import Situation
+from ballbot_ros.decision.values import Strategy
 from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL = load_robot('gimball')

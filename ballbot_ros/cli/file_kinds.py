@@ -159,8 +159,8 @@ def experiment_file(name: str, scene: str = 'doorstep') -> list[Section]:
 
 def curve_file(name: str) -> list[Section]:
     """Return the sections of the file of a height curve, which `ballbot fit-curve` writes."""
-    from ballbot_ros.decision.band import Band
-    from ballbot_ros.decision.curve import CurveProvenance, HeightCurve
+    from ballbot_ros.decision.planning.band import Band
+    from ballbot_ros.decision.planning.curve import CurveProvenance, HeightCurve
     return [Section('', described(HeightCurve, ('made', 'band')), '', {}),
             Section('made', described(CurveProvenance), 'how it was made', {}),
             Section('band', described(Band), 'of robots that may be the one at hand', {})]

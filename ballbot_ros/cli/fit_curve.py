@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(f'--out must end in .yaml, got {str(arguments.out)!r}')
     robot = options.read_robot(arguments)
     from ballbot_ros.cli.progress import watched
-    from ballbot_ros.decision.curve_file import curve_text
+    from ballbot_ros.decision.planning.curve_file import curve_text
     from ballbot_ros.results.files import write_text
     from ballbot_ros.studies.curve_fit import fit_curve, heights_for, Request
     speeds = read_range(arguments.speed, '--speed')
@@ -73,7 +73,7 @@ def refuse_foreign(path: Path) -> None:
         Naming the file.
 
     """
-    from ballbot_ros.decision.curve import load_curve
+    from ballbot_ros.decision.planning.curve import load_curve
     try:
         if path.exists():
             load_curve(str(path))

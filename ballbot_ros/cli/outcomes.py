@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verb ``outcomes``: attempts that a robot has made, and what they teach."""
 import argparse
-import os
 from pathlib import Path
 from typing import Any, Sequence
 
@@ -60,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def read(path: Path) -> Sequence[Any]:
     """Return the outcomes of a log; `ConfigurationError` if it is refused."""
-    from ballbot_ros.decision.outcome_log import read_outcomes
+    from ballbot_ros.decision.learning.outcome_log import read_outcomes
     reading = read_outcomes(path)
     if reading.refusal:
         raise ConfigurationError(
@@ -126,18 +125,11 @@ def _csv(rows: Sequence[dict[str, Any]]) -> str:
 
 def reset(path: Path, quiet: bool) -> int:
     """Move a log out of the way, to a name that is free."""
-    from ballbot_ros.decision.outcome_log import lock
+    from ballbot_ros.decision.learning.outcome_log import move_away
     number = 1
     while (backup := path.with_name(f'{path.name}.{number}')).exists():
         number += 1
-    try:
-        with open(path, 'rb') as file:
-            lock(file.fileno())
-            os.rename(path, backup)
-    except OSError as error:
-        raise ConfigurationError(
-            f'{path} cannot be reset: {error.strerror or error}; stop obstacle_decision first '
-            'if it runs') from error
+    move_away(path, backup)
     if not quiet:
         print(f'kept as {backup}; the next outcome begins another log')
     return DONE
@@ -145,8 +137,8 @@ def reset(path: Path, quiet: bool) -> int:
 
 def print_learned(outcomes: Sequence[Any], robot: Any) -> int:
     """Print mean and deviation of each uncertain number, as assumed and as learned."""
-    from ballbot_ros.decision.learning import learned
-    from ballbot_ros.decision.particles import Particles
+    from ballbot_ros.decision.learning.learner import learned
+    from ballbot_ros.decision.learning.particles import Particles
     from ballbot_ros.decision.tuning import DecisionTuning
     foreign = [item for item in outcomes if item.robot != robot.digest]
     if foreign:

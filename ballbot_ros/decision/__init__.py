@@ -20,21 +20,19 @@ loop around it:
     >>> decider.decide().decision.kind.name
     'STOP'
 """
-from ballbot_ros.decision.cross_goal import cross_goal, CrossGoal, Phase
-from ballbot_ros.decision.curve import HeightCurve, load_curve
 from ballbot_ros.decision.decider import Answer, Decider
-from ballbot_ros.decision.drive_goal import drive_goal, DriveGoal
-from ballbot_ros.decision.goals import Ending, GoalEnd, Goals
-from ballbot_ros.decision.observations import StepObservation, TerrainObservation
+from ballbot_ros.decision.execution.goals import (
+    cross_goal, CrossGoal, drive_goal, DriveGoal, Ending, GoalEnd, Goals, Phase)
+from ballbot_ros.decision.execution.pilot import Pilot
 from ballbot_ros.decision.perception import (
     Observation, ProfileTracker, StepTracker, TerrainTracker)
-from ballbot_ros.decision.pilot import Pilot
-from ballbot_ros.decision.plan import After, Plan, Strategy
-from ballbot_ros.decision.planners import PLANNERS
-from ballbot_ros.decision.profile import Face, Profile
-from ballbot_ros.decision.situation import Failure, Knowledge, Planner, Situation
+from ballbot_ros.decision.planning.curve import HeightCurve, load_curve
+from ballbot_ros.decision.planning.planners import PLANNERS
+from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situation
 from ballbot_ros.decision.tuning import check_decision, DecisionTuning, load_decision_tuning
-from ballbot_ros.decision.values import Decision, Kind, Motion, Outlook, Reason
+from ballbot_ros.decision.values import (
+    After, Decision, Face, Failure, Kind, Motion, Outlook, Plan, Profile, Reason, StepObservation,
+    Strategy, TerrainObservation)
 
 __all__ = [
     'After', 'Answer', 'check_decision', 'cross_goal', 'CrossGoal', 'Decider', 'Decision',

@@ -3,22 +3,20 @@
 from dataclasses import replace
 from typing import Callable, NamedTuple, Optional, Union
 
-from ballbot_ros.decision.attempt_watch import AttemptWatch
-from ballbot_ros.decision.braking import Braking
-from ballbot_ros.decision.goals import GoalEnd, Goals
-from ballbot_ros.decision.guard import guarded
-from ballbot_ros.decision.learning import Learner
-from ballbot_ros.decision.memory import Memory
-from ballbot_ros.decision.observations import StepObservation, TerrainObservation
-from ballbot_ros.decision.outcomes import Outcome
-from ballbot_ros.decision.particles import Particles
+from ballbot_ros.decision.execution.attempts import AttemptWatch
+from ballbot_ros.decision.execution.goals import GoalEnd, Goals
+from ballbot_ros.decision.execution.memory import Memory
+from ballbot_ros.decision.execution.pilot import Pilot
+from ballbot_ros.decision.learning.learner import Learner
+from ballbot_ros.decision.learning.outcomes import Outcome
+from ballbot_ros.decision.learning.particles import Particles
 from ballbot_ros.decision.perception import GroundFusion, Observation
-from ballbot_ros.decision.pilot import Pilot
-from ballbot_ros.decision.planners import PLANNERS
-from ballbot_ros.decision.profile import Profile
-from ballbot_ros.decision.situation import Knowledge, Planner, Situation
-from ballbot_ros.decision.values import Decision, Motion
-
+from ballbot_ros.decision.planning.braking import Braking
+from ballbot_ros.decision.planning.planners import PLANNERS
+from ballbot_ros.decision.planning.safety_filter import guarded
+from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situation
+from ballbot_ros.decision.values import (
+    Decision, Motion, Profile, StepObservation, TerrainObservation)
 
 # Attempts with which an answer learns from what came of earlier ones.
 LESSON = 16

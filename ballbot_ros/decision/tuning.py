@@ -6,7 +6,7 @@ from ballbot_ros.config.fields import Checked, count, fixed, quantity
 from ballbot_ros.config.files import load_config
 from ballbot_ros.control import RollingModel
 from ballbot_ros.crossing.rules import CLEARANCE
-from ballbot_ros.decision.curve import HeightCurve
+from ballbot_ros.decision.planning.curve import HeightCurve
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import Robot
 

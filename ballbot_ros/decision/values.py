@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Values that the decision takes and gives."""
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from enum import Enum
 import math
 from typing import Optional, Tuple
-
-from ballbot_ros.decision.plan import Plan
 
 
 class Kind(str, Enum):
@@ -77,6 +75,62 @@ class Motion:
         return (math.isfinite(self.stamp) and abs(self.position) < FARTHEST
                 and abs(self.speed) < FASTEST and math.isfinite(self.slope)
                 and math.isfinite(self.pendulum_angle) and math.isfinite(self.pendulum_rate))
+
+
+class Strategy(str, Enum):
+    """How a face is taken, or not."""
+
+    CRUISE = 'cruise'          # at the speed that the ball has
+    ACCELERATE = 'accelerate'  # with as much speed as allowed
+    SWING = 'swing'            # with the pendulum swung forward before the touch
+    CARRY = 'carry'            # through two edges without a stop between them
+    BACK_OFF = 'back_off'      # from farther back
+    STOP = 'stop'
+    GO_ROUND = 'go_round'
+
+
+class After(str, Enum):
+    """What comes when the edge is passed."""
+
+    CRUISE = 'cruise'
+    STOP = 'stop'
+    NEXT = 'next'  # the next edge, with the same plan
+
+
+@dataclass(frozen=True)
+class Plan:
+    """
+    A way over the faces ahead, or to a stop before them.
+
+    All positions along the odometry axis.
+
+    Attributes
+    ----------
+    strategy : Strategy
+    start : float
+        Where the approach begins [m]; a ball that is farther on backs off to there first.
+    speed : float
+        Set speed of the approach [m/s]; never exceeded on purpose.
+    swing_position : float
+        Where the pendulum swings [m]; infinite for never.
+    swing_angle : float
+        Set angle from there until the last edge is passed [rad].
+    edge : float
+        The last edge that the plan takes [m]; behind it, `after` holds.
+    after : After
+    stop_position : float
+        Where the centre is to stand [m]; infinite where it is not to stop.
+
+    """
+
+    strategy: Strategy
+    start: float = -math.inf
+    speed: float = 0.0
+    swing_position: float = math.inf
+    swing_angle: float = 0.0
+    edge: float = math.inf
+    after: After = After.CRUISE
+    stop_position: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -168,3 +222,192 @@ class Decision:
     swing_distance: float = math.nan
     plan: Optional[Plan] = None
     outlook: Optional[Outlook] = None
+
+
+@dataclass(frozen=True)
+class Face:
+    """
+    Where the ground rises or drops too steeply to be rolled along.
+
+    Attributes
+    ----------
+    number : int
+        Counts the faces met, from 1.
+    position : float
+        Of its foot, or of its upper edge where it drops, along the odometry axis [m].
+    height : float
+        [m], negative for a drop.
+    position_sd, height_sd : float
+        Standard deviations [m].
+    run : float
+        Its horizontal extent [m]: 0 for a vertical face, more for a bevel or a steep ramp.
+
+    """
+
+    number: int
+    position: float
+    height: float
+    position_sd: float
+    height_sd: float
+    run: float = 0.0
+
+
+@dataclass(frozen=True)
+class Profile:
+    """
+    The ground ahead, in odometry coordinates.
+
+    Attributes
+    ----------
+    stamp : float
+        Of the newest observation in it [s].
+    faces : tuple of Face
+        Ahead of the ball or below it, from near to far.
+    points : tuple of (float, float)
+        Polyline of the ground: position [m], height above the floor below the ball [m]; empty
+        where a sensor sees the next face only.
+    seen_from, seen_to : float
+        Positions between which the ground is known [m].
+    slope, slope_sd : float
+        Of the ground below the ball, positive uphill [rad]; NaN where it is not seen.
+    points_sd : tuple of float
+        Standard deviations of the heights of the points [m].
+    gaps : tuple of (float, float)
+        Between these positions nothing was seen, though `seen_from` and `seen_to` are around
+        them: what edges hide.  The polyline drops there at once to what is seen next [m].
+    bias_sd : float
+        Part of the deviations of heights that is the same for all faces, and that no number of
+        looks brings down [m].
+    rejection : Reason or None
+        ``BAD_OBSERVATION`` or ``CONTRADICTORY``: do not act on it.
+    explanation : str
+        Of the rejection.
+
+    """
+
+    stamp: float
+    faces: Tuple[Face, ...] = ()
+    points: Tuple[Tuple[float, float], ...] = ()
+    seen_from: float = float('-inf')
+    seen_to: float = float('inf')
+    slope: float = float('nan')
+    slope_sd: float = float('nan')
+    rejection: Optional[Reason] = None
+    explanation: str = ''
+    points_sd: Tuple[float, ...] = ()
+    gaps: Tuple[Tuple[float, float], ...] = ()
+    bias_sd: float = 0.0
+
+    @property
+    def face(self) -> Optional[Face]:
+        """Return the next face."""
+        return self.faces[0] if self.faces else None
+
+
+@dataclass(frozen=True)
+class Failure:
+    """
+    A plan that did not get over.
+
+    Attributes
+    ----------
+    face : int
+        Number of the face.
+    position : float
+        Of the face [m].
+    height : float
+        Of the face, as it was believed to be [m].
+    plan : Plan
+    touch_speed : float
+        [m/s]
+
+    """
+
+    face: int
+    position: float
+    height: float
+    plan: Plan
+    touch_speed: float
+
+
+@dataclass(frozen=True)
+class Obstruction:
+    """
+    Where the ball did not get on, though nothing was seen that would stop it.
+
+    Attributes
+    ----------
+    position : float
+        Of its centre [m].
+    reason : Reason
+        ``STUCK`` or ``STEEP``.
+
+    """
+
+    position: float
+    reason: Reason
+
+
+@dataclass(frozen=True)
+class StepObservation:
+    """
+    One look at the floor ahead by a sensor that sees the next step only.
+
+    Attributes
+    ----------
+    stamp : float
+        When it was made [s].
+    detected : bool
+        Whether there is a step; if not, distance and height are 0.
+    distance : float
+        Horizontally from the ball's centre to the face of the step [m].
+    height : float
+        Of the step [m], negative for a drop.
+    distance_sd, height_sd : float
+        Standard deviations [m], 0 if unknown.
+
+    """
+
+    stamp: float
+    detected: bool
+    distance: float = 0.0
+    height: float = 0.0
+    distance_sd: float = 0.0
+    height_sd: float = 0.0
+
+    @property
+    def finite(self) -> bool:
+        """Return whether all its numbers are finite."""
+        return all(math.isfinite(number) for number in astuple(self))
+
+
+@dataclass(frozen=True)
+class TerrainObservation:
+    """
+    One look at the ground ahead by a depth camera or a scanning range sensor.
+
+    In the level, non-rolling frame at the centre of the ball.
+
+    Attributes
+    ----------
+    stamp : float
+        When it was made [s].
+    x, z : tuple of float
+        Points of the polyline [m], x rising; a vertical face has two of the same x.  The floor
+        below the ball is at z = -radius.
+    z_sd : tuple of float
+        Standard deviations of z [m], 0 if unknown; none at all if all are unknown.
+    x_min, x_max : float
+        Between these the ground was seen [m].
+    frame : str
+        That the message names.
+
+    """
+
+    stamp: float
+    x: Tuple[float, ...]
+    z: Tuple[float, ...]
+    z_sd: Tuple[float, ...] = ()
+    x_min: float = 0.0
+    x_max: float = 0.0
+    frame: str = 'base_link'

@@ -6,7 +6,7 @@ from typing import Any, Tuple
 from ballbot_ros.config.fields import count, fixed, flag, live, quantity, text
 from ballbot_ros.control import ControlTuning, load_tuning, Supervision
 from ballbot_ros.decision import DecisionTuning, load_decision_tuning
-from ballbot_ros.decision.planners import PLANNERS
+from ballbot_ros.decision.planning.planners import PLANNERS
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.plant import SensorFaults
 from ballbot_ros.ros.frames import described, frame, frame_prefix, marked

@@ -12,10 +12,10 @@ from typing import Callable, List, Sequence, Tuple
 
 import numpy as np
 
-from ballbot_ros.decision.chances import Learning, probability, score_of, Touching
-from ballbot_ros.decision.learning import Learner
-from ballbot_ros.decision.outcomes import Outcome, Result
-from ballbot_ros.decision.particles import Particles, Prior
+from ballbot_ros.decision.learning.chances import Learning, probability, score_of, Touching
+from ballbot_ros.decision.learning.learner import Learner
+from ballbot_ros.decision.learning.outcomes import Outcome, Result
+from ballbot_ros.decision.learning.particles import Particles, Prior
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array

@@ -6,7 +6,7 @@ from threading import Event, Thread
 from types import MappingProxyType
 from typing import Mapping, Optional, Sequence, Tuple
 
-from ballbot_ros.decision.curve import HeightCurve
+from ballbot_ros.decision.planning.curve import HeightCurve
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Terrain

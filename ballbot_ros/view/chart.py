@@ -6,7 +6,7 @@ from typing import Callable, List, NamedTuple, Optional
 
 import numpy as np
 
-from ballbot_ros.decision.curve import HeightCurve
+from ballbot_ros.decision.planning.curve import HeightCurve
 from ballbot_ros.figures.canvas import BLUE, GREEN, GREY, INK, VERMILION
 from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.ground import step_ahead

@@ -6,7 +6,7 @@ from time import monotonic
 from types import MappingProxyType
 from typing import Any, Dict, List, Mapping, Optional, Protocol, Sequence, Tuple
 
-from ballbot_ros.decision.curve import HeightCurve
+from ballbot_ros.decision.planning.curve import HeightCurve
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Terrain

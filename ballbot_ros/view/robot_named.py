@@ -3,7 +3,7 @@
 from typing import Any, List, Mapping, NamedTuple, Optional, Tuple
 
 from ballbot_ros.bridge.hardware_file import load_hardware
-from ballbot_ros.decision.curve import HeightCurve, load_curve
+from ballbot_ros.decision.planning.curve import HeightCurve, load_curve
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.physics.model.robot import load_robot, Robot
 from ballbot_ros.physics.model.terrain import Terrain

@@ -10,7 +10,7 @@ from time import monotonic
 from types import MappingProxyType
 from typing import Callable, Mapping, Optional, Sequence, Tuple
 
-from ballbot_ros.decision.curve import HeightCurve
+from ballbot_ros.decision.planning.curve import HeightCurve
 from ballbot_ros.errors import BallbotError, ConfigurationError, SimulationError
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Terrain

@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Any, Mapping, Optional, Protocol, Sequence, Tuple, Union
 
 from ballbot_ros.config.fields import suggestion
-from ballbot_ros.decision.curve import HeightCurve
+from ballbot_ros.decision.planning.curve import HeightCurve
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Terrain

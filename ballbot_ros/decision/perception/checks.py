@@ -4,7 +4,7 @@ from typing import Tuple
 
 import numpy as np
 
-from ballbot_ros.decision.observations import TerrainObservation
+from ballbot_ros.decision.values import TerrainObservation
 from ballbot_ros.physics.model.terrain import Array
 
 # More points than any camera has in a row are an accident; so is ground this far off [m].

@@ -4,11 +4,9 @@ from dataclasses import replace
 import math
 from typing import Optional, Tuple
 
-from ballbot_ros.decision.observations import StepObservation
 from ballbot_ros.decision.perception.trend import Scatter, Trend
-from ballbot_ros.decision.profile import Face, Profile
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Reason
+from ballbot_ros.decision.values import Face, Profile, Reason, StepObservation
 from ballbot_ros.physics.model.robot import Robot
 
 # No sensor is as good as the zero deviation that some claim: odometry and observation are

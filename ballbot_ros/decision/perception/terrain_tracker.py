@@ -6,15 +6,12 @@ from typing import List, Optional
 
 import numpy as np
 
-from ballbot_ros.decision.observations import TerrainObservation
 from ballbot_ros.decision.perception.checks import arrays, fault, misplaced
-from ballbot_ros.decision.perception.elevation import ElevationMap
+from ballbot_ros.decision.perception.elevation import CELL, ElevationMap, Look, PLACE_SD, resample
 from ballbot_ros.decision.perception.ground import Found, ground_of, GroundSeen
-from ballbot_ros.decision.perception.look import CELL, Look, PLACE_SD, resample
 from ballbot_ros.decision.perception.trend import Trend
-from ballbot_ros.decision.profile import Face, Profile
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Reason
+from ballbot_ros.decision.values import Face, Profile, Reason, TerrainObservation
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array
 

@@ -9,10 +9,10 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from ballbot_ros.decision import Knowledge
 from ballbot_ros.decision.decider import warm_up
-from ballbot_ros.decision.learning import learned
-from ballbot_ros.decision.outcome_log import OutcomeLog
-from ballbot_ros.decision.outcomes import Outcome
-from ballbot_ros.decision.particles import Particles
+from ballbot_ros.decision.learning.learner import learned
+from ballbot_ros.decision.learning.outcome_log import OutcomeLog
+from ballbot_ros.decision.learning.outcomes import Outcome
+from ballbot_ros.decision.learning.particles import Particles
 
 # So many of the newest outcomes are learned from at the start.
 NEWEST = 100

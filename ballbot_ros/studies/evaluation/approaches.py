@@ -11,7 +11,7 @@ from typing import Optional
 import numpy as np
 
 from ballbot_ros.control import load_tuning
-from ballbot_ros.decision.braking import Braking
+from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.physics.model.named_parameters import with_parameters
 from ballbot_ros.physics.model.robot import Robot

@@ -5,7 +5,7 @@ from typing import List, Union
 
 import numpy as np
 
-from ballbot_ros.decision.observations import StepObservation, TerrainObservation
+from ballbot_ros.decision.values import StepObservation, TerrainObservation
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.plant import Latency, Sensor, SensorFaults, TerrainSensor
 

@@ -9,9 +9,9 @@ import pytest
 
 from ballbot_ros.control import JointReadings, load_tuning, PendulumController, SetPoint
 from ballbot_ros.decision import (
-    Decider, Kind, Knowledge, load_curve, load_decision_tuning, Motion, PLANNERS,
-    StepObservation, TerrainObservation)
-from ballbot_ros.decision.guard import energy_bound
+    Decider, Kind, Knowledge, load_curve, load_decision_tuning, Motion, PLANNERS, StepObservation,
+    TerrainObservation)
+from ballbot_ros.decision.planning.safety_filter import energy_bound
 from ballbot_ros.physics import load_scene
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.physics.model.terrain import Terrain

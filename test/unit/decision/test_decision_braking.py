@@ -8,7 +8,7 @@ import pytest
 
 from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import load_decision_tuning
-from ballbot_ros.decision.braking import Braking
+from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL, TUNING = load_robot('gimball'), load_decision_tuning('decision_default')

@@ -11,10 +11,10 @@ from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import (
     Decision, Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion, Plan, Profile,
     Reason, Situation, Strategy)
-from ballbot_ros.decision.braking import Braking
-from ballbot_ros.decision.guard import guarded
-from ballbot_ros.decision.planners import cubic
-from ballbot_ros.decision.planners.reach import Reckoning
+from ballbot_ros.decision.planning import cubic
+from ballbot_ros.decision.planning.braking import Braking
+from ballbot_ros.decision.planning.cubic import Reckoning
+from ballbot_ros.decision.planning.safety_filter import guarded
 from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL = load_robot('gimball')

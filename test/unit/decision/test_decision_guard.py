@@ -9,7 +9,7 @@ import pytest
 from ballbot_ros.decision import (
     Decision, Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion, Plan, Profile,
     Reason, Situation, Strategy)
-from ballbot_ros.decision.guard import checked, energy_bound, guarded, unusable
+from ballbot_ros.decision.planning.safety_filter import checked, energy_bound, guarded, unusable
 from ballbot_ros.physics.model.robot import load_robot
 
 KNOWN = Knowledge(load_robot('gimball'), load_curve('gimball_down'),

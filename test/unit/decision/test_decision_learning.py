@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from ballbot_ros.crossing import held_at, max_step_height, try_step
-from ballbot_ros.decision.chances import Chances, Learning, probability, score_of, Touching
-from ballbot_ros.decision.learning import learned, Learner
-from ballbot_ros.decision.outcomes import Outcome
-from ballbot_ros.decision.particles import Particles, Prior
-from ballbot_ros.decision.plan import Plan, Strategy
+from ballbot_ros.decision.learning.chances import (
+    Chances, Learning, probability, score_of, Touching)
+from ballbot_ros.decision.learning.learner import learned, Learner
+from ballbot_ros.decision.learning.outcomes import Outcome
+from ballbot_ros.decision.learning.particles import Particles, Prior
+from ballbot_ros.decision.values import Plan, Strategy
 from ballbot_ros.physics import load_robot
 from ballbot_ros.studies.learning import study
 

@@ -8,11 +8,11 @@ import pytest
 from ballbot_ros.decision import (
     Decision, DecisionTuning, Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion,
     Plan, Profile, Reason, Situation, Strategy)
-from ballbot_ros.decision.guard import guarded, held_back
-from ballbot_ros.decision.memory import Memory
-from ballbot_ros.decision.outcomes import Outcome
-from ballbot_ros.decision.planners import cubic
-from ballbot_ros.decision.situation import Failure, Obstruction
+from ballbot_ros.decision.execution.memory import Memory
+from ballbot_ros.decision.learning.outcomes import Outcome
+from ballbot_ros.decision.planning import cubic
+from ballbot_ros.decision.planning.safety_filter import guarded, held_back
+from ballbot_ros.decision.values import Failure, Obstruction
 from ballbot_ros.physics.model.robot import load_robot
 
 TUNING = load_decision_tuning('decision_default')

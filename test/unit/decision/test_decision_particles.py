@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ballbot_ros.config.provenance import Provenance
-from ballbot_ros.decision.particles import Particles, Prior
+from ballbot_ros.decision.learning.particles import Particles, Prior
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_robot
 from ballbot_ros.physics.model.contact_options import ContactOptions

@@ -9,16 +9,16 @@ from ballbot_ros.control.rolling_model import RollingModel
 from ballbot_ros.control.speed_law import speed_law_start
 from ballbot_ros.crossing.rules import CLEARANCE
 from ballbot_ros.decision import Face, Knowledge, load_curve, load_decision_tuning, Profile
-from ballbot_ros.decision.pilot_law import pilot_step
-from ballbot_ros.decision.plan import Strategy
-from ballbot_ros.decision.rollout.ahead import look_ahead
-from ballbot_ros.decision.rollout.candidates import Candidate
-from ballbot_ros.decision.rollout.ground import fill_ground
-from ballbot_ros.decision.rollout.layout import (
+from ballbot_ros.decision.execution.pilot_law import pilot_step
+from ballbot_ros.decision.planning.rollout.ahead import look_ahead
+from ballbot_ros.decision.planning.rollout.candidates import Candidate
+from ballbot_ros.decision.planning.rollout.layout import (
     DRAW, Drive, EDGE, EDGE_FRICTION, FALLS, HEIGHT, OVER, REST, ROBOT, SPEED, STUCK,
     SURFACE_FRICTION, SWING_ANGLE, SWING_AT, TOUCH_ANGLE, TOUCH_SPEED, VERDICT)
-from ballbot_ros.decision.rollout.rolling import roll, Rolling
-from ballbot_ros.decision.rollout.worlds import Worlds
+from ballbot_ros.decision.planning.rollout.rolling import roll, Rolling
+from ballbot_ros.decision.planning.rollout.rollout import fill_ground
+from ballbot_ros.decision.planning.rollout.worlds import Worlds
+from ballbot_ros.decision.values import Strategy
 from ballbot_ros.physics.mechanics.laws import limited, position_torque
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.contact_options import ContactOptions

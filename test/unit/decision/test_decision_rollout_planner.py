@@ -8,9 +8,9 @@ import pytest
 
 from ballbot_ros.decision import (
     Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion, Profile, Reason)
-from ballbot_ros.decision.plan import After, Plan, Strategy
-from ballbot_ros.decision.planners.rollout import planner
-from ballbot_ros.decision.situation import Failure, Situation
+from ballbot_ros.decision.planning.rollout.planner import planner
+from ballbot_ros.decision.planning.situation import Situation
+from ballbot_ros.decision.values import After, Failure, Plan, Strategy
 from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL = load_robot('gimball')

@@ -20,7 +20,7 @@ def test_they_are_those_of_scipy(dimensions, power, seed):
 WITHOUT_SCIPY = """
 import sys
 from ballbot_ros import control, decision
-from ballbot_ros.decision.particles import Particles
+from ballbot_ros.decision.learning.particles import Particles
 from ballbot_ros.physics import load_robot
 robot = load_robot('gimball')
 control.check_loop(robot, control.load_tuning('published'), control.Mode.SPEED, 500.0, 0)

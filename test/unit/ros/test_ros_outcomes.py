@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node's experience: taught by its log, silent without one, and never stopped by a bad one."""
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
-from ballbot_ros.decision.outcome_log import OutcomeLog
-from ballbot_ros.decision.outcomes import Outcome
-from ballbot_ros.decision.particles import Particles
+from ballbot_ros.decision.learning.outcome_log import OutcomeLog
+from ballbot_ros.decision.learning.outcomes import Outcome
+from ballbot_ros.decision.learning.particles import Particles
 from ballbot_ros.nodes.obstacle_decision.outcomes import Experience
 from ballbot_ros.physics.model.robot import load_robot
 

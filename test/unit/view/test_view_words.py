@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip('viser')
 
-from ballbot_ros.decision.curve import load_curve
+from ballbot_ros.decision.planning.curve import load_curve
 from ballbot_ros.view.chart import draw, Prospect, prospect_of, verdict
 from ballbot_ros.view.controls import status_lines
 from ballbot_ros.view.frame import DecisionSign, Frame

@@ -1,0 +1,415 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Tell from the motion when an attempt at a step begins, and what comes of it.
+
+Odometry slips: a ball that spins at the foot of a step seems to roll through it.  So an attempt
+has got over only when the ground ahead, seen after that, agrees: the face is behind, and no other
+one of that height came up in its place.  Where nothing is seen, nothing is claimed: no outcome.
+"""
+from collections import deque
+from dataclasses import astuple, dataclass, replace
+import math
+from typing import Deque, Optional, Tuple
+
+from ballbot_ros.crossing.rules import touch_distance
+from ballbot_ros.decision.learning.outcomes import Outcome, Result
+from ballbot_ros.decision.values import Decision, Face, Kind, Motion, Plan, Profile, Strategy
+from ballbot_ros.physics.model.robot import Robot
+
+# Faces of one kind: their heights differ by no more, in part and in m.
+ALIKE, ALIKE_WITHIN = 0.3, 0.008
+# A face that came up again is no farther ahead than where the ball touches it, and this [m].
+NEAR = 0.05
+# After so much odometry a face must have moved with it by this part, or it is another one [m].
+LOOKED, MOVED = 0.05, 0.3
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """
+    A face that may be the one that was touched, come up again.
+
+    Attributes
+    ----------
+    number : int
+    place : float
+        Where it was first seen [m].
+    odometry : float
+        Where the ball was then [m].
+    settled : bool
+        It is another one.
+
+    """
+
+    number: int
+    place: float
+    odometry: float
+    settled: bool = False
+
+
+def come_up_again(touched: Face, known: Tuple[int, ...], doubt: Optional[Doubt],
+                  position: float, seen: Profile,
+                  radius: float) -> Tuple[Optional[Face], Optional[Doubt]]:
+    """
+    Look for a face that was touched, still ahead.
+
+    Parameters
+    ----------
+    touched : Face
+    known : tuple of int
+        Numbers of the faces that were known at the touch; of these, only the one that was
+        touched can be it.
+    doubt : Doubt or None
+        What was returned last.
+    position : float
+        Of the centre [m].
+    seen : Profile
+    radius : float
+        Of the ball [m].
+
+    Returns
+    -------
+    face : Face or None
+        What is, or may be, the touched one.
+    doubt : Doubt or None
+
+    """
+    for item in seen.faces:
+        if item.position <= position:
+            continue
+        if item.number == touched.number:
+            return item, doubt
+        near = item.position - position < touch_distance(radius, touched.height) + NEAR
+        if item.number in known or not near or not alike(item, touched):
+            continue
+        if doubt is None or doubt.number != item.number:
+            doubt = Doubt(item.number, item.position, position)
+        rolled = position - doubt.odometry
+        if rolled > LOOKED and abs(item.position - doubt.place) < MOVED * rolled:
+            doubt = Doubt(item.number, item.position, position, settled=True)
+        return (None if doubt.settled else item), doubt
+    return None, doubt
+
+
+def alike(one: Face, other: Face) -> bool:
+    """Return whether two faces are of one height, as far as can be told."""
+    return abs(one.height - other.height) <= max(ALIKE * abs(other.height), ALIKE_WITHIN)
+
+
+def sane(profile: Profile) -> bool:
+    """Return whether all numbers of the faces are finite, and none is absurd."""
+    return all(all(map(math.isfinite, astuple(face))) and abs(face.height) < 10.0
+               and face.position_sd >= 0.0 and face.height_sd >= 0.0 for face in profile.faces)
+
+
+# A lower face is an uneven floor [m], and touched more slowly than this it is no attempt [m/s].
+LOWEST_FACE, SLOWEST = 0.003, 0.05
+FASTEST = 10.0  # that an outcome may tell [m/s]
+# The speed at touch is that from so far before it, and two standard deviations: the ball may
+# have touched already [m]; not more than that in all.
+BEFORE, FARTHEST_BEFORE = 0.005, 0.04
+# Rolled back so far from where it touched, the ball is stuck [m]; so it is without as much
+# progress for so long [s].
+RETREAT, PROGRESS, PATIENCE = 0.03, 0.005, 1.5
+# Past the face by so much it may be over [m]; the ground must agree within this time [s].
+PAST = 0.1
+# Lower by more than this than before, the ball has fallen [m].
+FALLEN = 0.03
+# A drop this near behind an edge is measured from the ground before that [m]; the ball rests below
+# this speed [m/s], or has come through after this time [s].
+LANDING, RESTING, LANDED_AFTER = 1.0, 0.03, 5.0
+# Two odometry messages that are farther apart do not go together [s], nor such whose positions
+# differ by so much more than their speeds say [m].
+GAP, JUMP = 0.5, 0.06
+# What was seen of the ground is believed for so long [s].
+BELIEVED = 1.0
+# The mean of the pendulum angle is taken over the begin of the contact [s].
+HELD = 0.3
+KEPT_SPEEDS = 200
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """
+    A touch that has not come to an end.
+
+    Attributes
+    ----------
+    face : Face
+        As it was believed to be when the ball touched it; its position follows what is seen.
+    known : tuple of int
+        Numbers of the faces that were known then: they are not this one come up again.
+    outcome : Outcome
+        With all that was known at the touch.
+    touched, touch : float
+        When [s], and how far the centre was from the face [m], negative before it.
+    best, best_at : float
+        Farthest so far, as `touch`, and when.
+    passed : float or None
+        When the ball went past the face [s].
+    passed_speed : float or None
+        Its speed then [m/s].
+    farthest : float
+        Position of the centre so far [m].
+    again : Face or None
+        That may be this one, come up again where the ball really is.
+    doubt : Doubt or None
+        Whether it is.
+    lean, leans : float, int
+        Sum and number of the pendulum angles in contact.
+
+    """
+
+    face: Face
+    known: Tuple[int, ...]
+    outcome: Outcome
+    touched: float
+    touch: float
+    best: float
+    best_at: float
+    passed: Optional[float] = None
+    passed_speed: Optional[float] = None
+    farthest: float = -math.inf
+    again: Optional[Face] = None
+    doubt: Optional[Doubt] = None
+    lean: float = 0.0
+    leans: int = 0
+
+    def along(self, position: float) -> float:
+        """Return how far a position is past the face [m]."""
+        return position - (self.again or self.face).position
+
+
+class AttemptWatch:
+    """
+    Watches the ball at each decision.
+
+    Parameters
+    ----------
+    robot : Robot
+
+    """
+
+    def __init__(self, robot: Robot):
+        """Start away from any step."""
+        self._radius = robot.ball_radius
+        self._digest = robot.digest
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the attempt, for a jump of time or place."""
+        self._motions: Deque[Motion] = deque(maxlen=KEPT_SPEEDS)
+        self._attempt: Optional[Attempt] = None
+        self._left = True  # gone from the face that the ball was stuck at
+        self._ahead: Optional[Face] = None  # next face, before it is touched
+        self._run_up = math.nan  # to it
+        self._set_out: Optional[Tuple[int, float]] = None  # at which face, and from where
+        self._drop: Optional[Face] = None
+        self._risen: Optional[Face] = None  # got over last
+        self._profile: Optional[Profile] = None
+
+    @property
+    def attempt(self) -> Optional[Attempt]:
+        """Return the attempt that the ball is at."""
+        return self._attempt
+
+    def update(self, motion: Motion, profile: Optional[Profile],
+               decision: Optional[Decision]) -> Optional[Outcome]:
+        """
+        Look at the ball once more.
+
+        Parameters
+        ----------
+        motion : Motion
+            Newer than the last one.
+        profile : Profile or None
+        decision : Decision or None
+            That is carried out.
+
+        Returns
+        -------
+        Outcome or None
+            Of an attempt that has just ended.  Nothing is raised for anything that a sensor says.
+
+        """
+        if not all(map(math.isfinite, astuple(motion))):
+            return None
+        if self._motions and self._jumped(motion):
+            self.reset()
+        self._motions.append(motion)
+        if profile is not None and profile.rejection is None and sane(profile):
+            self._profile = profile
+        seen = self._profile
+        if seen is not None and not abs(motion.stamp - seen.stamp) <= BELIEVED:
+            seen = None
+        if self._attempt is None:
+            fall = self._fallen(motion, seen, decision)
+            if fall is None:
+                self._approach(motion, seen, decision)
+            return fall
+        return self._go_on(self._attempt, motion, seen)
+
+    def _jumped(self, motion: Motion) -> bool:
+        """Return whether this motion does not follow from the last one."""
+        last = self._motions[-1]
+        passed = motion.stamp - last.stamp
+        moved = motion.position - last.position
+        fastest = max(abs(motion.speed), abs(last.speed))
+        return not 0.0 <= passed <= GAP or abs(moved) > fastest * passed + JUMP
+
+    def _approach(self, motion: Motion, seen: Optional[Profile],
+                  decision: Optional[Decision]) -> None:
+        """Follow the next face, and begin an attempt where the ball touches it."""
+        if seen is not None:
+            self._ahead = next((face for face in seen.faces if face.height > LOWEST_FACE
+                                and face.position > motion.position), None)
+        face = self._ahead
+        if face is None:
+            self._run_up = math.nan
+            return
+        crossing = decision is not None and decision.kind is Kind.CROSS
+        if crossing and (self._set_out is None or self._set_out[0] != face.number):
+            self._set_out = face.number, motion.position
+        before, self._run_up = self._run_up, self._distance_to_touch(face, motion.position)
+        self._left = self._left or self._run_up > RETREAT
+        # A face that comes up where the ball already is was not rolled at.
+        if self._left and before > 0.0 >= self._run_up:
+            speed, angle = self._before_touch(face)
+            if speed >= SLOWEST:
+                self._touch(face, motion, seen, decision, speed, angle)
+
+    def _distance_to_touch(self, face: Face, position: float) -> float:
+        """Return how far the ball still rolls before it touches a face [m]."""
+        return face.position - position - touch_distance(self._radius, face.height)
+
+    def _before_touch(self, face: Face) -> Tuple[float, float]:
+        """Return speed and pendulum angle just before the touch."""
+        slack = min(BEFORE + 2.0 * face.position_sd, FARTHEST_BEFORE)
+        for motion in reversed(self._motions):
+            if self._distance_to_touch(face, motion.position) >= slack:
+                return motion.speed, motion.pendulum_angle
+        return self._motions[0].speed, self._motions[0].pendulum_angle
+
+    def _touch(self, face: Face, motion: Motion, seen: Optional[Profile],
+               decision: Optional[Decision], speed: float, angle: float) -> None:
+        """Begin an attempt."""
+        slope = motion.slope
+        if seen is not None and math.isfinite(seen.slope):
+            slope = seen.slope
+        plan, probability, distance = None, None, 0.0
+        if decision is not None and decision.kind is Kind.CROSS:
+            plan = decision.plan or Plan(Strategy.CRUISE, speed=decision.set_speed,
+                                         edge=face.position)
+            if decision.outlook is not None and 0.0 <= decision.outlook.probability <= 1.0:
+                probability = decision.outlook.probability
+            if self._set_out is not None and self._set_out[0] == face.number:
+                distance = max(0.0, motion.position - self._set_out[1])
+        outcome = Outcome(
+            stamp=max(0.0, motion.stamp), result=Result.STUCK.value, face=max(0, face.number),
+            position=face.position, height=face.height, height_sd=min(face.height_sd, 0.2),
+            touch_speed=min(max(0.0, speed), FASTEST),
+            touch_angle=_wrapped(angle), held_angle=_wrapped(angle),
+            slope=max(-1.0, min(1.0, slope)), distance=min(distance, 1000.0),
+            probability=probability, robot=self._digest, plan=plan)
+        along = motion.position - face.position
+        known = () if seen is None else tuple(item.number for item in seen.faces)
+        self._attempt = Attempt(face, known, outcome, motion.stamp, along, along, motion.stamp)
+
+    def _go_on(self, attempt: Attempt, motion: Motion,
+               seen: Optional[Profile]) -> Optional[Outcome]:
+        """Follow an attempt, and end it."""
+        attempt = self._attempt = self._followed(attempt, motion, seen)
+        along, now = attempt.along(motion.position), motion.stamp
+        if along < attempt.touch - RETREAT if attempt.again is None \
+                else motion.position < attempt.farthest - RETREAT:
+            return self._end(Result.STUCK, motion)
+        if attempt.passed is None:
+            late = now - attempt.best_at > PATIENCE
+            return self._end(Result.STUCK, motion) if late else None
+        drop = self._drop_behind(attempt, seen)
+        if drop is not None and motion.position > drop.position + 2.0 * drop.position_sd:
+            return self._end(Result.FELL, motion) if self._agrees(drop, motion, seen) else None
+        if along < PAST or seen is None or seen.stamp < attempt.passed:
+            if now - attempt.passed > PATIENCE:
+                self._attempt = None  # nobody has seen what came of it
+            return None
+        resting = abs(motion.speed) < RESTING or now - attempt.passed > LANDED_AFTER
+        return self._end(Result.OVER, motion) if drop is None or resting else None
+
+    def _followed(self, attempt: Attempt, motion: Motion, seen: Optional[Profile]) -> Attempt:
+        """Return an attempt after one more look."""
+        if seen is not None:
+            again, doubt = come_up_again(attempt.face, attempt.known, attempt.doubt,
+                                         motion.position, seen, self._radius)
+            if again is not None and again.number == attempt.face.number:
+                attempt, again = replace(attempt, face=again, passed=None), None
+            attempt = replace(attempt, again=again, doubt=doubt,
+                              passed=attempt.passed if again is None else None)
+        along, now = attempt.along(motion.position), motion.stamp
+        if along > attempt.best + PROGRESS:
+            attempt = replace(attempt, best=along, best_at=now)
+        if attempt.passed is None and along > 0.0:
+            attempt = replace(attempt, passed=now,
+                              passed_speed=min(max(0.0, motion.speed), FASTEST))
+        if now - attempt.touched <= HELD:
+            attempt = replace(attempt, lean=attempt.lean + motion.pendulum_angle,
+                              leans=attempt.leans + 1)
+        return replace(attempt, farthest=max(attempt.farthest, motion.position))
+
+    def _drop_behind(self, attempt: Attempt, seen: Optional[Profile]) -> Optional[Face]:
+        """Return the drop behind the face of an attempt, as it was last seen."""
+        if seen is not None:
+            level = attempt.face.height
+            for face in seen.faces:
+                if face.position > attempt.face.position:
+                    level += face.height
+                    if level < -FALLEN and face.position - attempt.face.position < LANDING:
+                        self._drop = face
+        return self._drop
+
+    def _fallen(self, motion: Motion, seen: Optional[Profile],
+                decision: Optional[Decision]) -> Optional[Outcome]:
+        """Return the outcome of a ball that went over a drop without any step before it."""
+        if seen is not None:
+            ahead = next((face for face in seen.faces if face.position > motion.position), None)
+            if ahead is not None:
+                risen = self._risen
+                level = ahead.height
+                if risen is not None and ahead.position - risen.position < LANDING:
+                    level += risen.height
+                self._drop = ahead if level < -FALLEN else None
+        drop = self._drop
+        if drop is None or motion.position < drop.position + 2.0 * drop.position_sd \
+                or not self._agrees(drop, motion, seen):
+            return None
+        self._touch(drop, motion, seen, decision, motion.speed, motion.pendulum_angle)
+        return self._end(Result.FELL, motion)
+
+    def _agrees(self, face: Face, motion: Motion, seen: Optional[Profile]) -> bool:
+        """Return whether the ground, seen since the ball passed a face, has it behind the ball."""
+        if seen is None:
+            return False
+        passed = next((item.stamp for item in self._motions if item.position > face.position),
+                      math.inf)
+        return seen.stamp >= passed and not any(
+            item.position > motion.position and alike(item, face)
+            and item.position - motion.position < NEAR for item in seen.faces)
+
+    def _end(self, result: Result, motion: Motion) -> Optional[Outcome]:
+        """End the attempt and return its outcome."""
+        attempt = self._attempt
+        if attempt is None:
+            return None
+        self._attempt, self._drop, self._set_out = None, None, None
+        self._left = result is not Result.STUCK
+        self._risen = attempt.face if result is Result.OVER else None
+        self._run_up = math.nan
+        held = attempt.lean / attempt.leans if attempt.leans else attempt.outcome.touch_angle
+        return replace(attempt.outcome, stamp=max(0.0, motion.stamp), result=result.value,
+                       position=attempt.face.position, held_angle=_wrapped(held),
+                       passed_speed=None if result is Result.STUCK else attempt.passed_speed)
+
+
+def _wrapped(angle: float) -> float:
+    """Return an angle between -pi and pi [rad]."""
+    return math.atan2(math.sin(angle), math.cos(angle))

@@ -1,0 +1,465 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Goals that somebody sets: drive to a place, cross the step ahead.
+
+A goal does not drive: it says how far the decision is followed, and ends in rest.  Time is that
+of the motion.
+"""
+from dataclasses import dataclass, replace
+from enum import Enum
+import math
+from typing import Optional, Protocol, Tuple
+
+from ballbot_ros.decision.learning.outcomes import Outcome
+from ballbot_ros.decision.tuning import DecisionTuning
+from ballbot_ros.decision.values import Decision, FARTHEST, Kind, Motion, Plan, Reason, Strategy
+from ballbot_ros.errors import RefusedError
+
+# The ball rests when it has been slower than this [m/s] for so long [s].
+RESTING, RESTS_AFTER = 0.03, 0.5
+# A decision that does not go on, or sees no step, is believed after this time [s].
+BELIEVED_AFTER = 1.5
+# Without so much progress [m] in such a time [s] the ball does not get on.
+PROGRESS, PATIENCE = 0.03, 6.0
+LONGEST = 3600.0  # timeout [s]
+# A ball behind an edge needs so much room to stop without rolling back over it [m].
+BEHIND = 0.5
+
+
+class Ending(str, Enum):
+    """How a goal ended; named as in the actions."""
+
+    REACHED = 'reached'
+    CROSSED = 'crossed'
+    BLOCKED = 'blocked'
+    REFUSED = 'refused'
+    CANCELED = 'canceled'
+    E_STOP = 'e_stop'
+    TIMED_OUT = 'timed_out'
+    LOST = 'lost'
+    NO_STEP = 'no_step'
+
+
+@dataclass(frozen=True)
+class GoalEnd:
+    """
+    How a goal ended.
+
+    Attributes
+    ----------
+    ending : Ending
+    message : str
+        One sentence.
+
+    """
+
+    ending: Ending
+    message: str
+
+
+class Goal(Protocol):
+    """What `Goals` needs of a goal."""
+
+    def carry(self, planned: Decision, motion: Motion) -> Decision:
+        """Return what is carried out of a decision."""
+
+    def update(self, planned: Decision, motion: Motion,
+               outcome: Optional[Outcome]) -> Optional[GoalEnd]:
+        """Return how the goal has ended, None as long as it has not."""
+
+    def cancel(self) -> None:
+        """Stop; the goal ends at rest."""
+
+
+def committed(decision: Decision) -> bool:
+    """Return whether a decision crosses a step that the ball cannot stop before any more."""
+    return decision.kind is Kind.CROSS and (
+        decision.reason is Reason.COMMITTED or decision.contact_since is not None)
+
+
+def stopping(planned: Decision, why: str, place: float = math.inf,
+             speed: float = 0.0) -> Decision:
+    """Return the stop in place of a decision: at a place [m], or else as soon as possible."""
+    return replace(planned, kind=Kind.STOP, reason=Reason.GOAL, set_speed=speed, explanation=why,
+                   plan=Plan(Strategy.STOP, speed=speed, stop_position=place))
+
+
+class GoalWatch:
+    """
+    Watches the ball for a goal: rest, progress, the time that is left, and a stop on the way.
+
+    Parameters
+    ----------
+    start : Motion
+    timeout : float
+        [s]
+
+    Attributes
+    ----------
+    end : GoalEnd or None
+        With which the goal will end as soon as the ball rests.
+
+    """
+
+    def __init__(self, start: Motion, timeout: float):
+        """Begin to watch."""
+        self._timeout, self._deadline = timeout, start.stamp + timeout
+        self._moving = self._going = start.stamp  # last seen so
+        self._anchor = start.position, start.stamp
+        self.end: Optional[GoalEnd] = None
+
+    def cancel(self) -> None:
+        """Have the ball stop because somebody asks for it."""
+        self.end = GoalEnd(Ending.CANCELED, 'canceled: the ball was stopped')
+
+    def carry(self, planned: Decision) -> Optional[Decision]:
+        """Return the stop that is on, or the crossing that is too late to stop."""
+        if committed(planned):
+            return planned
+        return None if self.end is None else stopping(planned, f'Stopping: {self.end.message}')
+
+    def update(self, going: bool, motion: Motion, aim: str) -> Optional[GoalEnd]:
+        """
+        Return the end, once the ball rests.
+
+        Parameters
+        ----------
+        going : bool
+            Whether the decision goes on.
+        motion : Motion
+        aim : str
+            That is named where it is not reached.
+
+        """
+        now = motion.stamp
+        if abs(motion.speed) > RESTING:
+            self._moving = now
+        if going:
+            self._going = now
+        if abs(motion.position - self._anchor[0]) > PROGRESS:
+            self._anchor = motion.position, now
+        if self.end is None and now > self._deadline:
+            self.end = GoalEnd(Ending.TIMED_OUT, f'{aim} took more than {self._timeout:g} s')
+        return self.end if self.rests(motion) else None
+
+    def rests(self, motion: Motion) -> bool:
+        """Return whether the ball has been at rest for a while."""
+        return motion.stamp - self._moving >= RESTS_AFTER
+
+    def refused(self, motion: Motion) -> bool:
+        """Return whether the ball rests because the decision does not go on."""
+        return self.rests(motion) and motion.stamp - self._going >= BELIEVED_AFTER
+
+    def stuck(self, motion: Motion) -> bool:
+        """Return whether the ball has not got on for long."""
+        return motion.stamp - self._anchor[1] >= PATIENCE
+
+
+def checked_timeout(timeout: float, default: float) -> float:
+    """Return the timeout of a goal [s]; 0 takes the default."""
+    if not 0.0 <= timeout <= LONGEST:
+        raise RefusedError(f'timeout must be 0 to {LONGEST:g} s, got {timeout:g}')
+    return timeout or default
+
+
+class Goals:
+    """
+    One goal at a time, and rest after it until somebody asks to go on.
+
+    Parameters
+    ----------
+    waiting : bool
+        Whether the ball stands until there is a goal.
+
+    Attributes
+    ----------
+    goal : Goal or None
+    waiting : bool
+
+    """
+
+    def __init__(self, waiting: bool = False):
+        """Start without a goal."""
+        self.goal: Optional[Goal] = None
+        self.waiting = waiting
+
+    def begin(self, goal: Goal) -> None:
+        """Take a goal; raises `RefusedError` while there is one."""
+        if self.goal is not None:
+            raise RefusedError('another goal is under way: cancel it first')
+        self.goal, self.waiting = goal, True
+
+    def go_on(self) -> None:
+        """Do without goals what the decision says."""
+        if self.goal is not None:
+            raise RefusedError('a goal is under way: cancel it first')
+        self.waiting = False
+
+    def end(self) -> None:
+        """Forget the goal at once."""
+        self.goal = None
+
+    def carry(self, planned: Decision, motion: Motion) -> Decision:
+        """Return what is carried out of a decision."""
+        if self.goal is not None:
+            return self.goal.carry(planned, motion)
+        if self.waiting and not committed(planned):
+            return stopping(planned, 'Standing: waiting for a goal, or to be told to go on')
+        return planned
+
+    def update(self, planned: Decision, motion: Motion,
+               outcome: Optional[Outcome]) -> Optional[GoalEnd]:
+        """Return how the goal has ended, if it just has."""
+        end = None if self.goal is None else self.goal.update(planned, motion, outcome)
+        if end is not None:
+            self.goal = None
+        return end
+
+
+# Slower nobody drives: so fast the ball creeps back where it has rolled too far [m/s].
+SLOWEST = 0.1
+# Allowed tolerances, and the one that is taken where none is given [m].
+FINEST, COARSEST, USUAL = 0.01, 1.0, 0.05
+# The usual timeout: so many times what the way takes, and so much more [s].
+TIMES, SPARE = 3.0, 20.0
+ROUNDING = 1e-6  # [m/s]
+
+
+class DriveGoal:
+    """
+    Rest at a place.
+
+    Parameters
+    ----------
+    start : Motion
+    target : float
+        On the odometry axis [m].
+    speed_limit : float
+        [m/s]; infinite for none.
+    tolerance : float
+        [m]
+    timeout : float
+        [s]
+    radius : float
+        Of the ball [m].
+
+    Attributes
+    ----------
+    canceled : bool
+
+    """
+
+    def __init__(self, start: Motion, target: float, speed_limit: float, tolerance: float,
+                 timeout: float, radius: float):
+        """Set out."""
+        self.target, self._limit, self._tolerance = target, speed_limit, tolerance
+        self._radius = radius
+        self._watch = GoalWatch(start, timeout)
+        self._backward = target < start.position
+        self.canceled = False
+        self._fast = 0  # step that takes more than the limit
+        self._obstacle = ''  # why the ball does not go where the decision would
+
+    def cancel(self) -> None:
+        """Stop; the goal ends at rest."""
+        self.canceled = True
+        self._watch.cancel()
+
+    def carry(self, planned: Decision, motion: Motion) -> Decision:
+        """Return what is carried out of a decision."""
+        self._obstacle = ''
+        stop = self._watch.carry(planned)
+        if stop is not None:
+            return stop
+        why = f'Driving to {self.target:.2f} m, {self.target - motion.position:.2f} m to go'
+        speed = min(self._limit, planned.set_speed)
+        if self._backward or self.target < motion.position:
+            return stopping(planned, why, self.target, speed)
+        if planned.kind is Kind.CLEAR:
+            return stopping(planned, why, self.target, speed)
+        if planned.kind in (Kind.CROSS, Kind.BACK_OFF):
+            return self._at_step(planned, motion, why, speed)
+        place = planned.plan.stop_position if planned.plan is not None else math.inf
+        if self.target < place < math.inf:
+            return stopping(planned, why, self.target, speed)
+        return replace(planned, set_speed=speed)
+
+    def _at_step(self, planned: Decision, motion: Motion, why: str, speed: float) -> Decision:
+        """Return what is carried out of a decision to cross a step, now or after a run-up."""
+        plan = planned.plan or Plan(Strategy.CRUISE, speed=planned.set_speed)
+        face = motion.position + planned.distance
+        edge = plan.edge if math.isfinite(plan.edge) else face
+        before = face - self._radius
+        # Written so that a required speed that is NaN does not count.
+        needed = max(plan.speed, planned.required_speed)
+        if self.target <= before:
+            return stopping(planned, why, self.target, speed)
+        if self.target < edge + BEHIND:
+            self._obstacle = (
+                f'{self.target:.2f} m is on the step at {face:.2f} m or less than {BEHIND:g} m '
+                'behind its edge, where the ball cannot stop')
+        elif self._fast == planned.step or needed > self._limit + ROUNDING:
+            self._fast = planned.step  # also while a run-up for it is thought of
+            self._obstacle = (f'the step at {face:.2f} m takes {needed:.2f} m/s, and '
+                              f'{self._limit:g} m/s is the limit')
+        else:
+            return planned
+        return stopping(planned, f'Stopping: {self._obstacle}', before - self._radius, speed)
+
+    def update(self, planned: Decision, motion: Motion,
+               outcome: Optional[Outcome]) -> Optional[GoalEnd]:
+        """Return how the goal has ended, None as long as it has not."""
+        going = self._backward or not self._obstacle and planned.kind not in (
+            Kind.STOP, Kind.GO_ROUND)
+        end = self._watch.update(going, motion, f'the way to {self.target:.2f} m')
+        if end is not None:
+            return end
+        if self._watch.end is None:
+            if self._watch.rests(motion) and abs(self.target - motion.position) \
+                    <= self._tolerance:
+                return GoalEnd(Ending.REACHED, f'at rest at {motion.position:.3f} m')
+            if self._watch.refused(motion):
+                return GoalEnd(Ending.BLOCKED, self._obstacle or planned.explanation)
+            if self._watch.stuck(motion):
+                self._watch.end = GoalEnd(Ending.BLOCKED, 'the ball does not get on')
+        return None
+
+
+def drive_goal(start: Motion, target: float, speed_limit: float, tolerance: float,
+               timeout: float, tuning: DecisionTuning, radius: float,
+               free_from: float) -> DriveGoal:
+    """
+    Return a goal from what was asked for; 0 stands for the usual limit, tolerance and timeout.
+
+    Parameters
+    ----------
+    start : Motion
+    target : float
+        On the odometry axis [m].
+    speed_limit : float
+        [m/s]
+    tolerance : float
+        [m]
+    timeout : float
+        [s]
+    tuning : DecisionTuning
+    radius : float
+        Of the ball [m].
+    free_from : float
+        Farthest position behind the ball that is known to be free [m].
+
+    Raises
+    ------
+    RefusedError
+        If something is not finite, or not allowed.
+
+    """
+    if not abs(target) < FARTHEST:
+        raise RefusedError(f'target must be finite and within {FARTHEST:g} m, got {target:g}')
+    if speed_limit and not SLOWEST <= speed_limit <= tuning.highest_speed:
+        raise RefusedError(f'speed_limit must be 0 or {SLOWEST:g} to {tuning.highest_speed:g} '
+                           f'm/s, the highest_speed of the tuning, got {speed_limit:g}')
+    if tolerance and not FINEST <= tolerance <= COARSEST:
+        raise RefusedError(
+            f'tolerance must be 0 or {FINEST:g} to {COARSEST:g} m, got {tolerance:g}')
+    tolerance = tolerance or USUAL
+    if target < start.position and target < free_from - tolerance:
+        raise RefusedError(
+            f'target {target:.2f} m is behind the ball, where the ground is known to be free '
+            f'from {free_from:.2f} m on only; room_behind of the tuning says how much is free '
+            'at the start')
+    way = abs(target - start.position)
+    speed = SLOWEST if target < start.position else min(
+        speed_limit or math.inf, tuning.cruise_speed)
+    return DriveGoal(start, target, speed_limit or math.inf, tolerance,
+                     checked_timeout(timeout, TIMES * way / speed + SPARE), radius)
+
+
+USUAL_TIMEOUT = 60.0  # [s]
+
+
+class Phase(str, Enum):
+    """What the ball does about a step that it is to cross."""
+
+    APPROACHING = 'approaching'
+    CROSSING = 'crossing'
+    STOPPING = 'stopping'
+
+
+class CrossGoal:
+    """
+    Rest behind the step ahead.
+
+    Parameters
+    ----------
+    start : Motion
+    timeout : float
+        [s]
+
+    Attributes
+    ----------
+    phase : Phase
+    height : float
+        Of the step, NaN before one was seen [m].
+    canceled : bool
+
+    """
+
+    def __init__(self, start: Motion, timeout: float):
+        """Set out."""
+        self._watch = GoalWatch(start, timeout)
+        self._edge: Optional[Tuple[float, int]] = None  # of the step, and its number
+        self.phase, self.height, self.canceled = Phase.APPROACHING, math.nan, False
+
+    def cancel(self) -> None:
+        """Stop; the goal ends at rest."""
+        self.canceled = True
+        self._watch.cancel()
+
+    def carry(self, planned: Decision, motion: Motion) -> Decision:
+        """Return what is carried out of a decision."""
+        stop = self._watch.carry(planned)
+        if stop is None and self._sees_none(planned):
+            return stopping(planned, 'Standing: no step is in sight')
+        return stop or planned
+
+    def _sees_none(self, planned: Decision) -> bool:
+        return self._edge is None and planned.kind is Kind.CLEAR and planned.step == 0
+
+    def update(self, planned: Decision, motion: Motion,
+               outcome: Optional[Outcome]) -> Optional[GoalEnd]:
+        """Return how the goal has ended, None as long as it has not."""
+        self._note(planned, motion, outcome)
+        none = self._sees_none(planned)
+        going = not none and planned.kind not in (Kind.STOP, Kind.GO_ROUND)
+        end = self._watch.update(going, motion, 'the step')
+        if end is not None:
+            return end
+        if self._watch.end is None and self._watch.refused(motion):
+            return GoalEnd(Ending.NO_STEP, 'no step is in sight') if none \
+                else GoalEnd(Ending.REFUSED, planned.explanation)
+        return None
+
+    def _note(self, planned: Decision, motion: Motion, outcome: Optional[Outcome]) -> None:
+        """Take note of the step, and of how the ball comes on with it."""
+        if planned.step and not math.isnan(planned.height) and self._watch.end is None \
+                and (self._edge is None or self._edge[1] == planned.step):
+            self.height = planned.height  # behind the step, the next one is decided about
+        if planned.kind is Kind.CROSS and (
+                self._edge is None or self._edge[1] == planned.step):
+            plan = planned.plan
+            self._edge = (plan.edge if plan is not None and math.isfinite(plan.edge)
+                          else motion.position + planned.distance), planned.step
+        over = outcome is not None and outcome.got_over
+        past = self._edge is not None and motion.position > self._edge[0] + BEHIND \
+            and not (planned.kind is Kind.CROSS and planned.step == self._edge[1])
+        if (over or past) and self._watch.end is None:
+            self._watch.end = GoalEnd(
+                Ending.CROSSED, f'over the step of {1e3 * self.height:.0f} mm')
+        self.phase = Phase.CROSSING if planned.contact_since is not None else (
+            Phase.STOPPING if self._watch.end is not None else Phase.APPROACHING)
+
+
+def cross_goal(start: Motion, timeout: float) -> CrossGoal:
+    """Return a goal from what was asked for; 0 stands for the usual timeout [s]."""
+    return CrossGoal(start, checked_timeout(timeout, USUAL_TIMEOUT))

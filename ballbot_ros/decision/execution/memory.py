@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is remembered on the way: what failed, where it did not get on, what is free behind."""
+from collections import deque
+from dataclasses import replace
+import math
+from typing import Deque, List, Optional, Tuple
+
+from ballbot_ros.decision.execution.attempts import alike
+from ballbot_ros.decision.learning.outcomes import Outcome, Result
+from ballbot_ros.decision.tuning import DecisionTuning
+from ballbot_ros.decision.values import (
+    Decision, Face, Failure, Kind, Motion, Obstruction, Profile, Reason)
+
+# A face within this of one that was failed at, and alike, is that one [m].
+SAME_PLACE = 0.15
+# More failures than this are not kept.
+KEPT = 20
+# A face that was passed is a drop for a ball that rolls back; so is a lower one [m].
+UNEVEN, KEPT_OFF = 0.005, 0.05
+# Who wants on must get on by PROGRESS [m] within PATIENCE [s]; wanting on is being told to drive
+# at least so fast [m/s].
+PROGRESS, PATIENCE, WANTING = 0.05, 2.5, 0.1
+# Who wants on and rolls back this fast [m/s] for so long [s], and so far [m], is on too steep a
+# slope; it takes a while to feel any slope.
+BACKWARDS, LASTING, LOST = 0.05, 1.0, 0.15
+# Passed by so much, it was no obstruction [m].
+PASSED = 0.1
+# A ball that fails may have spun at the foot of the step: odometry is behind by up to this [m].
+SLIPPED = 0.1
+# A slope that is felt is that of the ground, and no step, when it lasts for such a time [s]; for
+# as long after a touch nothing of the kind is felt.
+FELT = 1.0
+
+
+class Memory:
+    """
+    Remembers from one decision to the next.
+
+    Parameters
+    ----------
+    tuning : DecisionTuning
+
+    """
+
+    def __init__(self, tuning: DecisionTuning):
+        """Start with nothing to remember."""
+        self._room_behind = tuning.room_behind
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all, for a jump of time or place."""
+        self._failures: Deque[Failure] = deque(maxlen=KEPT)
+        self._free_from = math.inf
+        self._ahead: Tuple[Face, ...] = ()
+        self._obstruction: Optional[Obstruction] = None
+        self._slope, self._felt, self._touched = 0.0, math.nan, -math.inf
+        self._rest()
+
+    def _rest(self) -> None:
+        """Begin to watch the progress anew."""
+        self._best: Optional[Tuple[float, float]] = None  # position [m] and when [s]
+        self._back_since: Optional[float] = None
+
+    @property
+    def free_from(self) -> float:
+        """Return the farthest position behind to which the ball may roll back [m]."""
+        return self._free_from
+
+    @property
+    def obstruction(self) -> Optional[Obstruction]:
+        """Return where the ball did not get on, if it has not got on since."""
+        return self._obstruction
+
+    def failures(self, profile: Optional[Profile]) -> Tuple[Failure, ...]:
+        """Return what failed at faces ahead, under the numbers that they have now."""
+        found: List[Failure] = []
+        for face in profile.faces if profile is not None else ():
+            found += [replace(failure, face=face.number) for failure in self._failures
+                      if _is_at(failure, face)]
+        return tuple(found)
+
+    @property
+    def slope(self) -> float:
+        """Return the slope of the ground as it is felt, without steps [rad]."""
+        return self._slope
+
+    def move(self, motion: Motion, profile: Optional[Profile], touching: bool) -> None:
+        """
+        Take where the ball is; what it rolls over is free behind it.
+
+        Parameters
+        ----------
+        motion : Motion
+        profile : Profile or None
+        touching : bool
+            Whether the ball is at a step.
+
+        """
+        if not motion.sane:
+            return
+        if touching:
+            self._touched = motion.stamp
+        passed = motion.stamp - self._felt
+        if motion.stamp - self._touched > FELT and passed > 0.0:
+            self._slope += (motion.slope - self._slope) * min(1.0, passed / FELT)
+        self._felt = motion.stamp
+        if not math.isfinite(self._free_from):
+            self._free_from = motion.position - self._room_behind
+        self._free_from = min(self._free_from, motion.position)
+        for face in self._ahead:
+            if abs(face.height) > UNEVEN and face.position <= motion.position:
+                self._free_from = max(self._free_from,
+                                      min(face.position + KEPT_OFF, motion.position))
+        if profile is not None and profile.rejection is None:
+            self._ahead = tuple(face for face in profile.faces
+                                if face.position > motion.position)
+        blocked = self._obstruction
+        if blocked is not None and motion.position > blocked.position + PASSED:
+            self._obstruction = None
+
+    def take(self, outcome: Outcome) -> None:
+        """Take what came of an attempt."""
+        failure = outcome.failure
+        if outcome.result == Result.OVER.value:
+            there = Face(failure.face, failure.position, failure.height, 0.0, 0.0)
+            kept = [one for one in self._failures if not _is_at(one, there)]
+            self._failures = deque(kept, maxlen=KEPT)
+        else:
+            self._failures.append(failure)
+            self._free_from += SLIPPED
+
+    def watch(self, motion: Motion, decision: Decision) -> None:
+        """
+        Take the decision that is carried out, and notice where nothing comes of it.
+
+        Rocking at a foot that is not seen, leaning without getting on, rolling back on a slope
+        that is too steep: from the next decision on there is an `obstruction`.
+        """
+        wants = decision.kind in (Kind.CLEAR, Kind.CROSS) and decision.set_speed >= WANTING
+        if not wants or decision.contact_since is not None \
+                or not motion.sane:
+            self._rest()
+            return
+        now, position = motion.stamp, motion.position
+        if self._best is None or position > self._best[0] + PROGRESS or now < self._best[1]:
+            self._best = position, now
+        self._back_since = None if motion.speed > -BACKWARDS else (
+            now if self._back_since is None else self._back_since)
+        if self._back_since is not None and now - self._back_since >= LASTING \
+                and position < self._best[0] - LOST:
+            # A ball that bounces off something rolls back, too, but does not keep on.
+            self._obstruct(self._best[0], Reason.STEEP)
+        elif now - self._best[1] >= PATIENCE:
+            self._obstruct(self._best[0], Reason.STUCK)
+
+    def _obstruct(self, position: float, reason: Reason) -> None:
+        """Remember where the ball did not get on."""
+        self._obstruction = Obstruction(position, reason)
+        self._rest()
+
+
+def _is_at(failure: Failure, face: Face) -> bool:
+    """Return whether a failure was at a face."""
+    there = replace(face, height=failure.height)
+    return failure.face == face.number or (
+        abs(failure.position - face.position) < SAME_PLACE and alike(face, there))

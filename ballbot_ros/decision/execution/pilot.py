@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Carry out decisions: the set angle of the pendulum, anew at each odometry."""
+from dataclasses import replace
+import math
+from typing import Optional
+
+from ballbot_ros.control.speed_law import (
+    braking_distance, estimated_slope, speed_law_start, SpeedLaw, SpeedState)
+from ballbot_ros.decision.execution.pilot_law import Order, pilot_step
+from ballbot_ros.decision.planning.situation import Knowledge
+from ballbot_ros.decision.tuning import DecisionTuning
+from ballbot_ros.decision.values import After, Decision, Kind, Motion, Plan, Strategy
+
+# Speed at which the ball rolls back to where it should stand, or to where a plan begins [m/s].
+CREEP, BACKING = 0.1, 0.3
+# Slower than this it stands [m/s]; without a place it stands within this distance [m].
+MOVING, FARTHEST = 0.05, 1.0
+# From one odometry message to the next; a longer silence is no reason for a longer step [s].
+SHORTEST, LONGEST = 1e-3, 0.1
+
+
+def order_for(decision: Decision, tuning: DecisionTuning, stand: float) -> Order:
+    """
+    Return the order that carries out a decision.
+
+    Parameters
+    ----------
+    decision : Decision
+    tuning : DecisionTuning
+    stand : float
+        Where to stand if the decision stops and its plan does not say where [m].
+
+    """
+    plan = decision.plan or Plan(Strategy.STOP)
+    common = Order(lean=tuning.largest_lean, emergency_lean=tuning.emergency_lean,
+                   reaction=tuning.reaction_time + tuning.actuation_delay)
+    stop = plan.stop_position if math.isfinite(plan.stop_position) else stand
+    if decision.kind is Kind.BACK_OFF:
+        return common._replace(forward=CREEP, backward=BACKING, stop=plan.start)
+    if decision.kind is Kind.STOP:
+        return common._replace(forward=decision.set_speed, backward=CREEP, stop=stop)
+    if decision.kind is Kind.GO_ROUND:
+        return common._replace(forward=decision.set_speed, backward=CREEP, stop=stop)
+    if decision.kind is Kind.CROSS and decision.plan is not None:
+        after = 0.0 if plan.after is After.STOP else min(plan.speed, tuning.cruise_speed)
+        return common._replace(forward=plan.speed, swing=plan.swing_position,
+                               swing_angle=plan.swing_angle, edge=plan.edge, after=after)
+    return common._replace(forward=decision.set_speed)
+
+
+class Pilot:
+    """
+    Turns decisions and motion into set angles for law (11).
+
+    Attributes
+    ----------
+    law : SpeedLaw
+
+    """
+
+    def __init__(self, knowledge: Knowledge):
+        """Start with the pendulum hanging down."""
+        self.follow(knowledge)
+        self.reset()
+
+    def follow(self, knowledge: Knowledge) -> None:
+        """Go on by another tuning or controller; what was learned on the way stays."""
+        self._tuning = knowledge.tuning
+        self.law = SpeedLaw.of(
+            knowledge.robot, knowledge.control.position_kd / knowledge.control.position_kp)
+
+    def reset(self) -> None:
+        """Forget what was learned on the way."""
+        self._state: Optional[SpeedState] = None
+        self._stamp = 0.0
+        self._angle = 0.0
+        self._stand = math.inf
+
+    def feel(self, motion: Motion) -> Motion:
+        """Return the motion with what the pilot knows of pendulum and slope."""
+        if self._state is None:
+            return motion
+        return replace(motion, pendulum_angle=self._state[3],
+                       pendulum_rate=(self._angle - self._state[3]) / self.law.lag,
+                       slope=estimated_slope(self._state, self.law[:]))
+
+    def angle(self, decision: Decision, motion: Motion) -> float:
+        """
+        Return the set angle of the pendulum [rad].
+
+        Absolute, positive to speed up.  The same stamp again gives the same angle again.
+
+        Parameters
+        ----------
+        decision : Decision
+        motion : Motion
+            One that is not finite lets the pendulum down.
+
+        """
+        if not motion.sane:
+            self.reset()
+            return 0.0
+        if self._state is None:
+            self._state = speed_law_start(motion.speed, 0.0, 0.0, self.law[:])
+            period = SHORTEST
+        elif motion.stamp <= self._stamp:
+            return self._angle
+        else:
+            period = min(max(motion.stamp - self._stamp, SHORTEST), LONGEST)
+        order = order_for(decision, self._tuning, self._standing(decision, motion))
+        self._stamp = motion.stamp
+        self._state, self._angle = pilot_step(
+            self._state, motion.position, motion.speed, math.nan, order[:], period, self.law[:])
+        return self._angle
+
+    def _standing(self, decision: Decision, motion: Motion) -> float:
+        """Return where the ball stands that was told to stop, but not where [m]."""
+        own = decision.plan is not None and math.isfinite(decision.plan.stop_position)
+        if own or decision.kind not in (Kind.STOP, Kind.GO_ROUND):
+            self._stand = math.inf
+            return math.inf
+        slope = 0.0 if self._state is None else estimated_slope(self._state, self.law[:])
+        ahead = braking_distance(
+            abs(motion.speed), slope if motion.speed > 0.0 else -slope,
+            self._tuning.emergency_lean, self._tuning.reaction_time, self.law[:])
+        # Where it cannot be braked it stands as soon as it can.
+        soonest = motion.position + math.copysign(min(ahead, FARTHEST), motion.speed)
+        # What was reckoned at an edge, or on a slope that was none, is corrected, but the ball is
+        # not let on.
+        if not math.isfinite(self._stand) or motion.speed > MOVING and soonest < self._stand:
+            self._stand = soonest
+        return self._stand

@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+How likely a crossing is, particle by particle: attempts of the full model say.
+
+An attempt with a particle's robot gives a score, which falls with the height of the step and goes
+through zero where the ball just gets over (see `crossing.attempt`).  How fast it falls, and what
+the speed at the touch does to it, is the same for all particles but for some per cent, and is
+measured with the mean one.  With the deviations of height and speed that makes a probability.
+
+That a ball got over says little where that was likely.  How fast it went past the face says how
+much there was to spare: the score is the square of a speed, so that speed is compared with it.
+"""
+from dataclasses import dataclass
+import math
+from typing import NamedTuple, Optional, Tuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.config.fields import Checked, quantity
+from ballbot_ros.crossing.attempt import attempt, Course, Crossing, LEAST
+from ballbot_ros.crossing.rules import held_at, Site
+from ballbot_ros.decision.learning.outcomes import Outcome
+from ballbot_ros.decision.learning.particles import (
+    EDGE_FRICTION, HEIGHT_BIAS, Particles, SURFACE_FRICTION)
+from ballbot_ros.jit import unlocked
+from ballbot_ros.physics.model.actuation import Actuation
+from ballbot_ros.physics.model.contact_options import ContactOptions
+from ballbot_ros.physics.model.parameters import Actuator, Parameters, System
+from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.state import BALL_RATE
+from ballbot_ros.physics.model.terrain import (
+    Array, EDGE_FRICTION as EDGE_COLUMN, SURFACE_FRICTION as SURFACE_COLUMN)
+from ballbot_ros.physics.solvers.values import FINISHED
+
+# Local error of a step of an attempt [m], right-hand sides and time that it may take.
+TOLERANCE, BUDGET, TIME_LIMIT = 1e-4, 200_000, 1.5
+# Of the differences that tell how the score grows: height [m] and part of the speed.
+HIGHER, FASTER = 0.002, 0.05
+# A touch more slowly than this teaches nothing [m/s].
+SLOWEST = 0.1
+# Part of the slip past the face that is not known.
+SLIP = 0.4
+
+
+@dataclass(frozen=True)
+class Learning(Checked):
+    """How much an outcome is trusted."""
+
+    outliers: float = quantity(
+        '1', 'part of the outcomes that nothing here explains: somebody pushed, or the sensor '
+        'took something else for the step', above=0.0, maximum=0.5, default=0.05)
+    speed_sd: float = quantity(
+        'm/s', 'standard deviation of the speed at touch', minimum=0.0, default=0.02)
+    model_sd: float = quantity(
+        'm', 'standard deviation of the highest step of a robot whose numbers are all known',
+        above=0.0, default=0.0005)
+    passed_sd: float = quantity(
+        'm/s', 'standard deviation of the speed past the face', above=0.0, default=0.04)
+
+
+class Touching(NamedTuple):
+    """How a step is touched; what a probability is asked for."""
+
+    height: float  # as the sensor tells [m]
+    height_sd: float  # beside its bias [m]
+    speed: float  # [m/s]
+    angle: float  # of the pendulum at the touch [rad]
+    set_angle: float  # of law (11) from then on [rad]
+    slope: float = 0.0  # of the ground before the step [rad]
+
+    @classmethod
+    def of(cls, outcome: Outcome) -> 'Touching':
+        """Return how the step of an outcome was touched."""
+        plan = outcome.plan
+        swung = plan is not None and math.isfinite(plan.swing_position)
+        return cls(outcome.height, outcome.height_sd, outcome.touch_speed, outcome.touch_angle,
+                   plan.swing_angle if plan is not None and swung else outcome.held_angle,
+                   outcome.slope)
+
+
+@unlocked
+def write_scores(begin: int, end: int, rows: Array, heights: Array, frictions: Array,
+                 scores: Array, tolerance: float, crossing: Crossing) -> None:
+    """
+    Write scores and last speeds of attempts with robots begin to end - 1.
+
+    Parameters
+    ----------
+    begin, end : int
+    rows : (n, 15) array
+        `Parameters` of each robot.
+    heights : (n,) array
+        Of the steps [m].
+    frictions : (n, 2) array
+        Of surface and edge.
+    scores : (n, 2) array
+        Written: score [m2/s2], and speed by the rotation of the ball at the verdict [m/s]; NaN
+        where an attempt could not go on.
+    tolerance : float
+        See `attempt`.
+    crossing : Crossing
+        All the rest.
+
+    """
+    system, ground, old = crossing.system, crossing.system.ground, crossing.system.actuator
+    for i in range(begin, end):
+        for vertex in range(len(ground)):
+            ground[vertex, SURFACE_COLUMN] = frictions[i, 0]
+            ground[vertex, EDGE_COLUMN] = frictions[i, 1]
+        robot = Parameters(
+            rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4], rows[i, 5], rows[i, 6],
+            rows[i, 7], rows[i, 8], rows[i, 9], rows[i, 10], rows[i, 11], rows[i, 12],
+            rows[i, 13], rows[i, 14])
+        motor = Actuator(old.law, old.set_value, old.kp, old.kd_or_ki,
+                         robot.pendulum_moment * robot.gravity, old.limit, 0.0, 0.0)
+        _, score, outcome = attempt(heights[i], tolerance, Crossing(
+            crossing.course, System(robot, system.ground, motor), crossing.budget,
+            crossing.state, crossing.before, crossing.output, crossing.workspace,
+            crossing.spent, crossing.last))
+        scores[i, 0] = score if outcome == FINISHED else math.nan
+        scores[i, 1] = -robot.radius * crossing.state[BALL_RATE]
+
+
+class Chances:
+    """
+    Probability of getting over a step for each of many particles, worked out bit by bit.
+
+    Parameters
+    ----------
+    particles : Particles
+    touching : Touching
+    learning : Learning
+    chosen : (m,) int array, optional
+        Indices of particles; all by default.
+
+    """
+
+    def __init__(self, particles: Particles, touching: Touching,
+                 learning: Learning = Learning(), chosen: Optional[NDArray[np.int64]] = None):
+        """Set up; the attempts come with `work`."""
+        index = np.arange(len(particles)) if chosen is None else np.asarray(chosen)
+        self._learning, self._touching = learning, touching
+        mean = particles.weights @ particles.rows
+        friction = np.column_stack([particles.column(name)
+                                    for name in (SURFACE_FRICTION, EDGE_FRICTION)])
+        # Four more than there are: the mean robot, on a step higher and lower, faster and slower.
+        self._rows = np.vstack([particles.rows[index], np.tile(mean, (4, 1))])
+        self._frictions = np.vstack([friction[index],
+                                     np.tile(particles.weights @ friction, (4, 1))])
+        heights = touching.height - particles.column(HEIGHT_BIAS)[index]
+        middle = touching.height - particles.mean(HEIGHT_BIAS)
+        self._heights = np.maximum(np.concatenate([
+            heights, middle + np.array([HIGHER, -HIGHER, 0.0, 0.0])]), 1e-4)
+        self._scores = np.full((len(self._heights), 2), np.nan)
+        self._done = 0
+        self._crossings = [_crossing(particles.robot, touching, touching.speed * factor)
+                           for factor in (1.0, 1.0 + FASTER, 1.0 - FASTER)]
+
+    @property
+    def left(self) -> int:
+        """Return how many attempts are still to be made."""
+        return len(self._scores) - self._done
+
+    def work(self, attempts: Optional[int] = None) -> bool:
+        """Make some attempts, all by default; return whether all are made."""
+        number = len(self._scores)
+        end = number if attempts is None else min(number, self._done + attempts)
+        while self._done < end:
+            # The last two have speeds of their own.
+            special = max(0, self._done - (number - 3))
+            last = min(end, number - 2) if special == 0 else self._done + 1
+            write_scores(self._done, last, self._rows, self._heights, self._frictions,
+                         self._scores, TOLERANCE, self._crossings[special])
+            self._done = last
+        return self._done == number
+
+    def probabilities(self) -> Array:
+        """Return (m,) the probability of getting over, of each particle; after all `work`."""
+        return _normal(self._scores[:-4, 0] / self._deviation)
+
+    def likelihood(self, outcome: Outcome) -> Array:
+        """Return (m,) the likelihood of an outcome under each particle; after all `work`."""
+        odd, over = self._learning.outliers, self.probabilities()
+        if not outcome.got_over:
+            return (1.0 - odd) * (1.0 - over) + 0.5 * odd
+        if outcome.passed_speed is None:
+            return (1.0 - odd) * over + 0.5 * odd
+        # Squares of speeds, as scores are; where an attempt failed, any up to that at the touch.
+        scores, speeds = self._scores[:-4].T
+        anything = 1.0 / max(self._touching.speed, SLOWEST)**2
+        # A ball that slips rotates faster than it moves, and the more does not matter so much.
+        slip = speeds - np.sqrt(np.maximum(scores, 0.0))
+        sd = np.hypot(self._learning.passed_sd, SLIP * slip)
+        spread = np.sqrt(self._deviation**2 + (2.0 * speeds * sd)**2 + sd**4)
+        density = np.exp(-0.5 * ((outcome.passed_speed**2 - speeds**2) / spread)**2) / (
+            spread * math.sqrt(2.0 * math.pi))
+        told = np.where((scores > 0.0) & np.isfinite(density), density, anything)
+        likelihood: Array = (1.0 - odd) * over * told + odd * anything
+        return likelihood
+
+    @property
+    def _deviation(self) -> float:
+        """Return the standard deviation of the scores, for one robot [m2/s2]."""
+        higher, lower, faster, slower = np.nan_to_num(self._scores[-4:, 0]).tolist()
+        per_height = (lower - higher) / (self._heights[-4] - self._heights[-3])
+        per_speed = (faster - slower) / (2.0 * FASTER * self._touching.speed)
+        return max(math.hypot(
+            per_height * math.hypot(self._touching.height_sd, self._learning.model_sd),
+            per_speed * self._learning.speed_sd), LEAST)
+
+
+def _crossing(robot: Robot, touching: Touching, speed: float) -> Crossing:
+    actuation = held_at(touching.set_angle) if robot.has_pendulum else Actuation()
+    return Crossing.of(
+        # By the edge: the speed that an outcome tells is that past the face.
+        Course(speed, touching.angle, 0.0, 1.0, TIME_LIMIT, 0.0),
+        System(Parameters(*([0.0] * len(Parameters._fields))),
+               Site(slope_before=touching.slope, slope_behind=touching.slope).profile(robot),
+               actuation.actuator(robot, 0.0, touching.angle)), BUDGET)
+
+
+def score_of(robot: Robot, touching: Touching) -> Tuple[float, float]:
+    """Return score and last speed of one attempt of a robot, see `write_scores`."""
+    scores = np.zeros((1, 2))
+    write_scores(
+        0, 1, np.array([Parameters.of(robot, ContactOptions())[:]]), np.array([touching.height]),
+        np.array([[robot.surface_friction, robot.edge_friction]]), scores, TOLERANCE,
+        _crossing(robot, touching, touching.speed))
+    return float(scores[0, 0]), float(scores[0, 1])
+
+
+def _normal(values: Array) -> Array:
+    """Return the cumulative normal distribution; NaN, an attempt that failed, as one half."""
+    return np.array([0.5 if math.isnan(value) else 0.5 * math.erfc(-value / math.sqrt(2.0))
+                     for value in values.tolist()])
+
+
+def probability(particles: Particles, touching: Touching, learning: Learning = Learning(),
+                number: Optional[int] = None, seed: int = 0) -> float:
+    """
+    Return the probability of getting over a step, over all particles or `number` drawn ones.
+
+    The same model as learns from what comes of it.
+    """
+    if number is None:
+        chances = Chances(particles, touching, learning)
+        chances.work()
+        return float(particles.weights @ chances.probabilities())
+    chances = Chances(particles, touching, learning, particles.draw(number, seed))
+    chances.work()
+    return float(np.mean(chances.probabilities()))

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Learn from outcomes: each gives the particles new weights, by how likely it was under each."""
+from collections import deque
+from typing import Deque, Iterable, Optional, Tuple
+
+import numpy as np
+
+from ballbot_ros.decision.learning.chances import Chances, Learning, SLOWEST, Touching
+from ballbot_ros.decision.learning.outcomes import Outcome
+from ballbot_ros.decision.learning.particles import Particles
+
+# A step lower than this teaches nothing [m].
+LOWEST = 0.002
+# Outcomes that wait; more are dropped, the oldest first.
+WAITING = 64
+
+
+class Learner:
+    """
+    Takes outcomes, and works the particles over bit by bit, so that no decision waits.
+
+    Parameters
+    ----------
+    particles : Particles
+        As known beforehand.
+    learning : Learning
+
+    """
+
+    def __init__(self, particles: Particles, learning: Learning = Learning()):
+        """Start with nothing learned."""
+        self.particles = particles
+        self._learning = learning
+        self._waiting: Deque[Outcome] = deque(maxlen=WAITING)
+        self._current: Optional[Tuple[Outcome, Chances]] = None
+
+    def take(self, outcome: Outcome) -> bool:
+        """Take an outcome; return whether it teaches anything."""
+        teaches = (LOWEST < outcome.height < self.particles.robot.ball_radius
+                   and outcome.touch_speed > SLOWEST and outcome.robot in (
+                       '', self.particles.robot.digest))
+        if teaches:
+            self._waiting.append(outcome)
+        return teaches
+
+    def work(self, attempts: Optional[int] = None) -> bool:
+        """
+        Make some attempts, or all that are asked for.
+
+        Returns
+        -------
+        bool
+            Whether the particles have changed.
+
+        """
+        changed = False
+        while self._current or self._waiting:
+            if self._current is None:
+                outcome = self._waiting.popleft()
+                self._current = outcome, Chances(
+                    self.particles, Touching.of(outcome), self._learning)
+            outcome, chances = self._current
+            if not chances.work(attempts):
+                return changed
+            self.particles = self.particles.reweighted(np.log(chances.likelihood(outcome)))
+            self._current, changed = None, True
+            if attempts is not None:
+                return changed
+        return changed
+
+
+def learned(particles: Particles, outcomes: Iterable[Outcome],
+            learning: Learning = Learning()) -> Particles:
+    """Return particles after outcomes, in their order; those that teach nothing are left out."""
+    learner = Learner(particles, learning)
+    for outcome in outcomes:
+        if learner.take(outcome):
+            learner.work()
+    return learner.particles

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An attempt at a step, and what came of it."""
+from dataclasses import dataclass, field
+from enum import Enum
+import math
+from typing import Optional
+
+from ballbot_ros.config.fields import Checked, count, quantity, text
+from ballbot_ros.decision.values import Failure, Plan, Strategy
+
+
+class Result(str, Enum):
+    """How an attempt ended."""
+
+    OVER = 'over'
+    STUCK = 'stuck'
+    FELL = 'fell'
+
+
+@dataclass(frozen=True)
+class Outcome(Checked):
+    """
+    What came of an attempt at a step; every number is checked.
+
+    Attributes
+    ----------
+    plan : Plan or None
+        That was carried out; None where the ball was not to cross.
+
+    Raises
+    ------
+    ConfigurationError
+        If a number is none, or absurd.
+
+    """
+
+    stamp: float = quantity('s', 'when it ended', minimum=0.0)
+    result: str = text('how it ended', choices=tuple(item.value for item in Result))
+    face: int = count('number of the face')
+    position: float = quantity('m', 'of the face along the odometry axis')
+    height: float = quantity(
+        'm', 'of the face as it was believed to be', minimum=-10.0, maximum=10.0)
+    height_sd: float = quantity('m', 'its standard deviation', minimum=0.0, maximum=0.2)
+    touch_speed: float = quantity(
+        'm/s', 'of the ball at the touch', minimum=0.0, maximum=10.0)
+    touch_angle: float = quantity(
+        'rad', 'of the pendulum at the touch', minimum=-math.pi, maximum=math.pi)
+    held_angle: float = quantity(
+        'rad', 'of the pendulum, mean of the contact', minimum=-math.pi, maximum=math.pi)
+    passed_speed: Optional[float] = quantity(
+        'm/s', 'of the ball, by its rotation, when its centre was above the face', minimum=0.0,
+        maximum=10.0, optional=True)
+    slope: float = quantity(
+        'rad', 'of the ground before the face, positive uphill', minimum=-1.0, maximum=1.0,
+        default=0.0)
+    distance: float = quantity(
+        'm', 'rolled towards the face before the touch, since it was decided to cross',
+        minimum=0.0, maximum=1000.0, default=0.0)
+    probability: Optional[float] = quantity(
+        '1', 'of getting over that was promised', minimum=0.0, maximum=1.0, optional=True)
+    surface: str = text('what the ground is made of, if known', default='')
+    robot: str = text('digest of the numbers of the robot', default='')
+    plan: Optional[Plan] = field(default=None)
+
+    @property
+    def got_over(self) -> bool:
+        """Return whether the ball got over the face, whatever came behind it."""
+        return self.result == Result.OVER.value or (
+            self.result == Result.FELL.value and self.height > 0.0)
+
+    @property
+    def failure(self) -> Failure:
+        """Return what is to be remembered of an attempt that failed."""
+        return Failure(self.face, self.position, self.height, self.plan or Plan(
+            strategy=Strategy.STOP), self.touch_speed)

@@ -1,0 +1,535 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The planner ``cubic``: section 8 of the paper, with margins.
+
+The ball touches a step when its centre is sqrt(2 R h - h^2) before the face; what lies
+before that is the run-up.  The curve says which speed at touch the step asks for, with the
+pendulum hanging down; so the ball lets it hang before the touch.  What counts is the speed that
+will be driven, and the band of the curve says how likely it is enough.
+"""
+from dataclasses import dataclass, replace
+import math
+from typing import Any, Dict, List, Optional, Tuple
+
+from ballbot_ros.crossing.rules import touch_distance
+from ballbot_ros.decision.planning.beyond import Beyond, beyond
+from ballbot_ros.decision.planning.braking import Braking
+from ballbot_ros.decision.planning.halts import Halts
+from ballbot_ros.decision.planning.safety_filter import stop
+from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situation
+from ballbot_ros.decision.values import (
+    Decision, Face, Failure, Kind, Motion, Outlook, Plan, Profile, Reason, Strategy)
+
+# Aim above the required speed by this [m/s], or by more where that is not reached in time: what
+# is left of the error when the ball touches must not eat the margin.
+HEADROOM = (0.05, 0.1)
+
+# A previous set speed is kept up to this much above the required one [m/s].
+KEPT = 0.15
+
+# Nodes and weights of a mean over a normal distribution (Gauss and Hermite).
+NODES = ((0.0, 0.53333333), (1.3556262, 0.22207592), (-1.3556262, 0.22207592),
+         (2.8569700, 0.01125741), (-2.8569700, 0.01125741))
+
+# No way back for a run-up is looked for beyond this [m].
+LONGEST_RUN_UP = 6.0
+
+
+@dataclass(frozen=True)
+class Reach:
+    """
+    What a step asks for and what can be had; all speeds are those at touch.
+
+    Attributes
+    ----------
+    conservative : float
+        Height with its margins [m].
+    run_up : float
+        Distance until touch [m].
+    top : float
+        What is allowed and still on the curve [m/s].
+    required : float or None
+        With its margin; None above the end of the curve [m/s].
+    set_speed : float
+        To drive at [m/s].
+    driven : float
+        What comes of that, from here [m/s].
+    reachable : float
+        At the highest set speed, from here [m/s].
+    slowest : float
+        Braking from here [m/s].
+    spare : float
+        What could be added to the height until `driven` is not enough, negative where it
+        is not; NaN where `driven` lies below the curve [m].
+    probability : float
+        Of getting over at `driven`.
+
+    """
+
+    conservative: float
+    run_up: float
+    top: float
+    required: Optional[float]
+    set_speed: float
+    driven: float
+    reachable: float
+    slowest: float
+    spare: float
+    probability: float
+
+
+class Reckoning:
+    """Reckons what can be had with what is known of robot, curve and tuning."""
+
+    def __init__(self, knowledge: Knowledge, braking: Braking):
+        """Work the constants out once."""
+        self._radius = knowledge.robot.ball_radius
+        self._curve, self._tuning = knowledge.curve, knowledge.tuning
+        self.braking = braking
+        self.top = min(knowledge.tuning.highest_speed, knowledge.curve.highest_speed)
+
+    def reach(self, face: Face, distance: float, speed: float, slope: float, *,
+              margins: float = 1.0, faster_than: float = 0.0, kept: float = 0.0) -> Reach:
+        """
+        Return what the step asks for and what can be had.
+
+        Parameters
+        ----------
+        face : Face
+        distance : float
+            Ball's centre to the face [m].
+        speed : float
+            Now [m/s].
+        slope : float
+            Of the ground before the step, positive uphill [rad].
+        margins : float
+            Part of the margins of the tuning that must be kept [1].
+        faster_than : float
+            A speed at touch that is known not to be enough [m/s].
+        kept : float
+            Set speed so far, which is kept where it still fits [m/s].
+
+        """
+        tuning, braking = self._tuning, self.braking
+        deviation = math.hypot(face.height_sd, tuning.height_bias_sd)
+        conservative = self._conservative(face, margins)
+        run_up = max(0.0, distance - touch_distance(self._radius, face.height))
+        required = self._required(face, margins, faster_than)
+        # Fewer margins are for going on; it aims at all of them.
+        aim = required if margins >= 1.0 else self._required(face, 1.0, faster_than) or self.top
+        least, slow = aim or 0.0, tuning.cruise_speed
+        reachable = self._driven(speed, self.top, run_up, slope)
+        chosen = [min(self.top, max(least + more, slow)) for more in HEADROOM] + [self.top]
+        if required is not None and required <= kept <= max(least, slow) + KEPT \
+                and self._driven(speed, kept, run_up, slope) >= required:
+            chosen = [kept]
+        set_speed, driven = chosen[-1], reachable
+        for set_speed in chosen:
+            driven = self._driven(speed, set_speed, run_up, slope)
+            if driven >= least:
+                break
+        clean = min(driven / (1.0 + margins * tuning.speed_margin), self._curve.highest_speed)
+        slowest = math.sqrt(max(0.0, max(0.0, speed) * speed - 2.0 * run_up * max(
+            0.0, braking.deceleration(slope))))
+        return Reach(
+            conservative, run_up, self.top, required, set_speed, driven, reachable, slowest,
+            self._curve.height(clean) - conservative if clean >= self._curve.lowest_speed
+            else math.nan, self.probability(driven, face.height, deviation))
+
+    def run_up_for(self, required: float, slope: float) -> float:
+        """Return the run-up from rest that reaches a speed at touch with some to spare [m]."""
+        near, far = 0.0, LONGEST_RUN_UP
+        if self._driven(0.0, self.top, far, slope) < required:
+            return math.inf
+        for _ in range(20):
+            middle = 0.5 * (near + far)
+            if self._driven(0.0, self.top, middle, slope) < required:
+                near = middle
+            else:
+                far = middle
+        return 1.1 * far + 0.05
+
+    def probability(self, speed: float, height: float, deviation: float) -> float:
+        """
+        Return the probability of getting over.
+
+        The mean over the height as it is believed to be, and over a speed at touch whose
+        deviation is half the speed margin.
+
+        Parameters
+        ----------
+        speed : float
+            Expected at touch [m/s].
+        height, deviation : float
+            Of the step [m].
+
+        """
+        curve = self._curve
+        low, high = curve.lowest_speed, curve.highest_speed
+        inside = min(max(speed, low), high)
+        # A slower ball than the curve knows climbs less, as the square of its speed.
+        height = height if speed >= low else height * (low / max(speed, 1e-3))**2
+        steepness = (curve.height(min(inside + 0.01, high))
+                     - curve.height(max(inside - 0.01, low))) / (
+                         min(inside + 0.01, high) - max(inside - 0.01, low))
+        sd = math.hypot(deviation, 0.5 * self._tuning.speed_margin * inside * steepness)
+        return sum(weight * self._part(inside, height + sd * node) for node, weight in NODES)
+
+    def height_limit(self, speed: float) -> float:
+        """Return the step that is crossed at a speed with the required probability [m]."""
+        curve, band = self._curve, self._curve.band
+        if not curve.lowest_speed <= speed:
+            return math.nan
+        speed = min(speed, curve.highest_speed)
+        if band is None:
+            return curve.height(speed) - curve.residual
+        return band.quantile(min(max(speed, band.speeds[0]), band.speeds[-1]),
+                             1.0 - self._tuning.required_probability)
+
+    def speed_behind(self, face: Face, driven: float, sigmas: float,
+                     not_enough: float = 0.0) -> float:
+        """
+        Return what is left of a speed at touch when the centre passes the edge [m/s].
+
+        Getting over a step takes, in squares of speeds, that which is needed to get over it
+        just so; runs of the full model keep a little less.
+
+        Parameters
+        ----------
+        face : Face
+        driven : float
+            At touch [m/s].
+        sigmas : float
+            Standard deviations by which the step is lower, and the ball faster, than expected.
+        not_enough : float
+            A speed at touch that did not get over it [m/s].
+
+        """
+        tuning = self._tuning
+        lower = max(0.0, face.height - sigmas * math.hypot(
+            face.height_sd, tuning.height_bias_sd))
+        fastest = driven * (1.0 + 0.25 * sigmas * tuning.speed_margin)
+        needed = self._curve.required_speed(lower) or self._curve.highest_speed
+        if lower < self._curve.height(self._curve.lowest_speed):
+            needed = 0.0
+        needed = max(needed, not_enough)
+        return math.sqrt(max(0.0, fastest * fastest - needed * needed))
+
+    def _conservative(self, face: Face, margins: float) -> float:
+        """Return a height with a part of its margins [m]."""
+        tuning = self._tuning
+        deviation = math.hypot(face.height_sd, tuning.height_bias_sd)
+        return face.height + margins * (tuning.sigma_margin * deviation + tuning.height_margin)
+
+    def _required(self, face: Face, margins: float, faster_than: float) -> Optional[float]:
+        """Return the speed that keeps the margins and is likely enough [m/s]."""
+        tuning = self._tuning
+        required = self._curve.required_speed(self._conservative(face, margins))
+        if required is None:
+            return None
+        required = max(required * (1.0 + margins * tuning.speed_margin), faster_than)
+        likely = 1.0 - (1.0 - tuning.required_probability) / margins
+        deviation = math.hypot(face.height_sd, tuning.height_bias_sd)
+        if self.probability(required, face.height, deviation) >= likely:
+            return required
+        near, far = required, self.top
+        if near >= far or self.probability(far, face.height, deviation) < likely:
+            return None
+        for _ in range(8):
+            middle = 0.5 * (near + far)
+            if self.probability(middle, face.height, deviation) < likely:
+                near = middle
+            else:
+                far = middle
+        return far
+
+    def _driven(self, speed: float, set_speed: float, run_up: float, slope: float) -> float:
+        """Return what a set speed comes to at touch [m/s]."""
+        return self.braking.touch_speed(speed, set_speed, run_up, slope)
+
+    def _part(self, speed: float, height: float) -> float:
+        """Return the part of the robots that get over a step at a speed within the curve."""
+        band = self._curve.band
+        if band is None:
+            above = self._curve.height(speed) - height
+            return 0.5 * (1.0 + math.erf(above / max(self._curve.residual, 1e-6)))
+        return band.probability_of_passing(
+            min(max(speed, band.speeds[0]), band.speeds[-1]), height)
+
+
+# A ball that leans against a step for this long is not going to make it [s].
+LONGEST_CONTACT = 1.5
+
+# In contact the ball bounces; this far off the step it still is in contact [m].  A step that is
+# higher than it seems is touched this much earlier.
+CONTACT_SLACK = 0.04
+
+# The far edge of a sill is where it was seen, within this [m].
+SILL = 0.1
+
+# The pendulum is let down so long before the touch [s].
+HANGING = 0.3
+
+# Parts of the margins that a crossing keeps that was begun with all of them, and that one must
+# have which was given up before, as long as the ball rolls: no change of mind without news.
+BEGUN, GIVEN_UP = 0.5, 1.25
+BEGUN_LANDING = 0.8  # of the way to a stop behind the edge
+ROLLING = 0.05  # [m/s]
+
+# After a failure the ball must be this much faster than it was, and than it was to be; after so
+# many it gives up.
+FASTER, FASTER_PLAN, MOST_FAILURES = 1.1, 1.05, 3
+
+# Not about the step itself.
+DOUBTFUL = (Reason.STALE, Reason.CONTRADICTORY, Reason.BAD_OBSERVATION)
+
+# News of a step that was refused: so much in height, or in room behind it [m].
+HEIGHT_NEWS, ROOM_NEWS = 0.003, 0.1
+
+# Too late to stop, a step is taken where this is as likely as not.
+HOPE = 0.5
+
+# Where backing off ends [m], and steps that are taken with any speed behind another one [m].
+ARRIVED, PASSABLE = 0.03, 0.002
+
+
+def planner(knowledge: Knowledge) -> Planner:
+    """Return the planner for a robot, its curve and a tuning."""
+    return Cubic(knowledge)
+
+
+class Cubic:
+    """See `situation.Planner`; keeps what a refusal was made for."""
+
+    def __init__(self, knowledge: Knowledge):
+        """Work the constants out once."""
+        self._radius = knowledge.robot.ball_radius
+        self._curve, self._tuning = knowledge.curve, knowledge.tuning
+        self._halts = Halts(knowledge)
+        self._reckoning = Reckoning(knowledge, self._halts.braking)
+        # Number, height and room behind of the step that was refused last, and failures at it.
+        self._refused: Optional[Tuple[int, float, float, int]] = None
+
+    def __call__(self, situation: Situation, previous: Optional[Decision]) -> Decision:
+        """Decide; what was begun keeps half the margins, in contact it goes on."""
+        profile, motion = situation.profile, situation.motion
+        if profile is None:
+            return stop(Reason.STALE, 'Stopping: nothing has been observed yet')
+        step = next((face for face in profile.faces if face.position > motion.position), None)
+        pushing = self._push(previous, step, profile, motion)
+        if pushing is not None:
+            return pushing
+        slope = profile.slope if math.isfinite(profile.slope) else motion.slope
+        steep = self._halts.steep(profile, situation, slope, previous)
+        if steep is not None and (step is None or steep.distance < step.position
+                                  - motion.position):
+            return steep
+        if step is None:
+            return self._halts.cruise(profile, motion, slope)
+        drop = self._halts.drop(step, situation, slope, previous)
+        if drop is not None:
+            return drop
+        return self._settled(self._weigh(step, profile, situation, slope, previous), step,
+                             profile, situation, previous)
+
+    def _settled(self, answer: Decision, step: Face, profile: Profile, situation: Situation,
+                 previous: Optional[Decision]) -> Decision:
+        """Return an answer, or the refusal so far where there is no news."""
+        deviation = math.hypot(step.height_sd, self._tuning.height_bias_sd)
+        news = (step.number, step.height + self._tuning.sigma_margin * deviation,
+                beyond(profile, step, self._radius, PASSABLE, self._tuning).room,
+                len(situation.failures))
+        refusal = answer.kind in (Kind.STOP, Kind.GO_ROUND)
+        known, standing = self._refused, abs(situation.motion.speed) < ROLLING
+        if known is None or previous is None or previous.kind not in (Kind.STOP, Kind.GO_ROUND) \
+                or previous.step != step.number or previous.reason in DOUBTFUL \
+                or known[0] != step.number or known[3] != news[3] \
+                or abs(known[1] - news[1]) > HEIGHT_NEWS or abs(known[2] - news[2]) > ROOM_NEWS \
+                or (standing and previous.kind is Kind.STOP) \
+                or (refusal and previous.kind is answer.kind):
+            self._refused = news if refusal else None
+            return answer
+        return replace(previous, distance=answer.distance, outlook=answer.outlook)
+
+    def _push(self, previous: Optional[Decision], step: Optional[Face], profile: Profile,
+              motion: Motion) -> Optional[Decision]:
+        """
+        Return the decision of a crossing ball in contact: on, unless it lasts too long.
+
+        Observations do not matter here.  The face is below the ball, the odometry slips, and
+        there is nothing better to do than to push.
+        """
+        if previous is None or previous.kind is not Kind.CROSS or previous.plan is None:
+            return None
+        since = previous.contact_since
+        if step is None or step.number != previous.step:
+            # On top of a sill, before its far edge; what else comes there is judged anew.
+            edge = previous.plan.edge
+            if since is None or not motion.position < edge or (
+                    step is not None and step.position < edge - SILL):
+                return None
+            distance = -math.inf
+        else:
+            distance = step.position - motion.position
+            run_up = distance - touch_distance(self._radius, step.height)
+            late = since is not None or previous.reason is Reason.COMMITTED
+            if run_up > (CONTACT_SLACK if late else 0.0):
+                return None
+        since = motion.stamp if since is None else since
+        if not 0.0 <= motion.stamp - since <= LONGEST_CONTACT:
+            return replace(stop(
+                Reason.STUCK, 'Stopping: still not over the step after '
+                f'{LONGEST_CONTACT:g} s of pushing', height=previous.height,
+                distance=previous.distance, step=previous.step), outlook=previous.outlook)
+        return replace(
+            previous, reason=Reason.COMMITTED, contact_since=since,
+            distance=previous.distance if distance == -math.inf else distance,
+            explanation='On the step: going on')
+
+    def _margins(self, step: Face, motion: Motion, previous: Optional[Decision],
+                 room: float) -> float:
+        """Return the part of the margins that a crossing must keep."""
+        # What cannot be avoided any more is better crossed than hit.
+        if room < 0.0 and motion.speed > ROLLING:
+            return BEGUN
+        if previous is None or previous.step != step.number:
+            return 1.0
+        if previous.kind is Kind.CROSS:
+            return BEGUN
+        given_up = previous.kind in (Kind.STOP, Kind.GO_ROUND) \
+            and previous.reason not in DOUBTFUL
+        rolling = abs(motion.speed) > ROLLING or previous.kind is Kind.GO_ROUND
+        return GIVEN_UP if given_up and rolling else 1.0
+
+    def _weigh(self, step: Face, profile: Profile, situation: Situation, slope: float,
+               previous: Optional[Decision]) -> Decision:
+        """Return the decision on a step that does not drop."""
+        motion = situation.motion
+        distance = step.position - motion.position
+        room = self._halts.braking_room(step, motion, slope)
+        margins = self._margins(step, motion, previous, room)
+        before = previous if previous is not None and previous.step == step.number else None
+        begun = before if before is not None and before.kind is Kind.CROSS else None
+        failed = [one for one in situation.failures if one.face == step.number]
+        found = self._reckoning.reach(
+            step, distance, motion.speed, slope, margins=margins, faster_than=faster(failed),
+            kept=begun.set_speed if begun is not None else 0.0)
+        outlook = Outlook(
+            found.probability, 1.0 - found.probability, 0.0, self._tuning.required_probability,
+            found.driven, self._reckoning.height_limit(found.driven), room)
+        late = begun is not None and room < 0.0
+        answer = Decision(
+            Kind.CROSS, Reason.COMMITTED if room < 0.0 else Reason.WITHIN_CURVE,
+            found.set_speed, '', math.nan if found.required is None else found.required,
+            found.reachable, step.height, found.spare, distance, step.number, outlook=outlook)
+        where = f'{1e3 * step.height:.0f} mm at {distance:.2f} m: '
+        if found.slowest > self._curve.highest_speed:
+            return replace(
+                stop(Reason.TOO_FAST, f'{where}touched at {found.slowest:.2f} m/s even when '
+                     f'braking, the curve ends at {self._curve.highest_speed:.2f} m/s'),
+                **numbers(answer))
+        # Late for a crossing that was begun, or for any as the brakes of the robot file are.
+        hopeful = found.probability >= HOPE and step.height < self._radius and (
+            late or found.run_up < self._halts.braking.expected_distance(motion.speed, slope))
+        around = None if hopeful else self._forbidden(step, found, failed)
+        land = beyond(profile, step, self._radius, PASSABLE, self._tuning)
+        if around is None and not late:
+            around = self._landing(step, found, land, slope, begun is not None, failed)
+        if around is not None:
+            reason, why = around
+            return self._halts.stand(
+                replace(answer, kind=Kind.GO_ROUND, reason=reason,
+                        explanation=f'{where}{why}; find another way'),
+                step.position, situation, slope)
+        backing = before.plan if before is not None and before.kind is Kind.BACK_OFF else None
+        on_the_way = backing is not None and (
+            motion.position > backing.start + ARRIVED or motion.speed < -ROLLING)
+        if on_the_way or not (hopeful or answer.required_speed <= found.driven):
+            return self._longer_run_up(answer, where, step, situation, slope,
+                                       backing if on_the_way else None, failed)
+        plan = self._plan(step, found, land, begun, motion)
+        return replace(
+            answer, plan=plan, start_distance=motion.position - plan.start,
+            swing_distance=plan.swing_position - motion.position,
+            explanation=f'{where}needs {answer.required_speed:.2f} m/s, {found.driven:.2f} m/s '
+            f'will be driven, {1e3 * found.spare - 0.5:.0f} mm to spare, probability '
+            f'{found.probability:.2f}')
+
+    def _plan(self, step: Face, found: Reach, land: Beyond, begun: Optional[Decision],
+              motion: Motion) -> Plan:
+        """Return the plan of a crossing."""
+        touch = step.position - touch_distance(self._radius, step.height)
+        start = begun.plan.start if begun is not None and begun.plan is not None \
+            else motion.position
+        cruising = found.set_speed <= self._tuning.cruise_speed
+        return Plan(Strategy.CRUISE if cruising else Strategy.ACCELERATE, start, found.set_speed,
+                    touch - HANGING * found.driven, 0.0, land.edge)
+
+    def _forbidden(self, step: Face, found: Reach,
+                   failed: List[Failure]) -> Optional[Tuple[Reason, str]]:
+        """Return why a step is not crossed from anywhere, if so."""
+        if step.height >= self._radius:
+            return Reason.WALL, 'a wall'
+        if len(failed) >= MOST_FAILURES:
+            return Reason.FAILED_BEFORE, f'tried {len(failed)} times'
+        if found.required is not None and found.required <= found.top:
+            return None
+        if failed and found.conservative <= self._curve.height(found.top):
+            return Reason.FAILED_BEFORE, 'tried already, and no faster way is allowed'
+        if found.required is None and found.conservative <= self._curve.height(found.top):
+            return Reason.NOT_LIKELY, (f'at {found.top:.2f} m/s not as likely as '
+                                       f'{self._tuning.required_probability:g}')
+        wish = 'more than the curve knows' if found.required is None \
+            else f'{found.required:.2f} m/s'
+        return Reason.TOO_HIGH, f'needs {wish}, {found.top:.2f} m/s is the most'
+
+    def _landing(self, step: Face, found: Reach, land: Beyond, slope: float, begun: bool,
+                 failed: List[Failure]) -> Optional[Tuple[Reason, str]]:
+        """Return why what lies behind a step forbids to cross it, if so."""
+        driven = max(found.driven, found.required or 0.0)
+        sigmas = self._tuning.sigma_margin if land.known else 0.0
+        fastest = self._reckoning.speed_behind(
+            step, driven, sigmas, max((one.touch_speed for one in failed), default=0.0))
+        downhill = min(0.0, slope)
+        needed = self._halts.braking.distance(fastest, downhill, emergency=True) if land.known \
+            else self._halts.braking.expected_distance(fastest, downhill)
+        if needed * (BEGUN_LANDING if begun else 1.0) <= land.room:
+            return None
+        return Reason.LANDING, (f'behind it {land.room:.2f} m until {land.trouble}, '
+                                f'{needed:.2f} m to stop from {fastest:.2f} m/s')
+
+    def _longer_run_up(self, answer: Decision, where: str, step: Face, situation: Situation,
+                       slope: float, backing: Optional[Plan], failed: List[Failure]) -> Decision:
+        """Return BACK_OFF to where the run-up is long enough, or that there is no room."""
+        position, needed = situation.motion.position, answer.required_speed
+        touch = step.position - touch_distance(self._radius, step.height)
+        start = touch - self._reckoning.run_up_for(needed, slope)
+        if backing is not None and backing.start >= situation.free_from:
+            start = min(start, backing.start) if start >= situation.free_from else backing.start
+        reached = answer.outlook.touch_speed if answer.outlook is not None else math.nan
+        short = f'needs {needed:.2f} m/s, only {reached:.2f} m/s reachable from here'
+        if start >= situation.free_from:
+            return replace(
+                answer, kind=Kind.BACK_OFF, reason=Reason.RUN_UP, set_speed=0.0,
+                plan=Plan(Strategy.BACK_OFF, start), start_distance=position - start,
+                explanation=f'{where}{short}; backing off by {position - start:.2f} m')
+        if failed:
+            return self._halts.stand(
+                replace(answer, kind=Kind.GO_ROUND, reason=Reason.FAILED_BEFORE,
+                        explanation=f'{where}tried already; {short}; find another way'),
+                step.position, situation, slope)
+        return replace(stop(Reason.NO_ROOM, f'{where}{short}; a longer run-up would do'),
+                       **numbers(answer))
+
+
+def numbers(answer: Decision) -> Dict[str, Any]:
+    """Return what a decision says of the step."""
+    return {name: getattr(answer, name) for name in (
+        'required_speed', 'reachable_speed', 'height', 'height_margin', 'distance', 'step',
+        'outlook')}
+
+
+def faster(failed: List[Failure]) -> float:
+    """Return the speed at touch below which a plan is one that failed already [m/s]."""
+    return max((max(FASTER * one.touch_speed, FASTER_PLAN * one.plan.speed) for one in failed),
+               default=0.0)

@@ -1,0 +1,15 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+How a decision is made: a module for each planner, and the only table of them.
+
+For a further one copy `cubic.py`, change its class, and add a line to `PLANNERS`:
+the parameter `planner` of the node ``obstacle_decision`` then takes its name.
+"""
+from typing import Callable, Mapping
+
+from ballbot_ros.decision.planning import cubic
+from ballbot_ros.decision.planning.rollout import planner
+from ballbot_ros.decision.planning.situation import Knowledge, Planner
+
+PLANNERS: Mapping[str, Callable[[Knowledge], Planner]] = {
+    'cubic': cubic.planner, 'rollout': planner.planner}

@@ -1,0 +1,337 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What is thought about the faces ahead, from one answer to the next.
+
+For each face it deliberates once, when it is first seen: hundreds of attempts within one answer.
+From then on the choice is kept, and looked at again with a few attempts now and then; it is
+deliberated anew only where there is news (the face is believed to be of another height, or is
+known much better), or confidence is gone.  All budgets count attempts, not time, so that a run
+repeats to the bit.
+"""
+from dataclasses import dataclass, replace
+import math
+from typing import Generator, List, NamedTuple, Optional, Sequence, Tuple
+
+from ballbot_ros.decision.learning.particles import Particles
+from ballbot_ros.decision.planning.rollout.ahead import Ahead
+from ballbot_ros.decision.planning.rollout.candidates import (
+    BRISK, Candidate, candidates, from_farther_back)
+from ballbot_ros.decision.planning.rollout.layout import TOUCH_SPEED
+from ballbot_ros.decision.planning.rollout.search import (
+    BEYOND, confirm, FALLING, good, height_limit, search, Task, Trial, why_not)
+from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
+from ballbot_ros.decision.planning.situation import Knowledge, Situation
+from ballbot_ros.decision.tuning import DecisionTuning
+from ballbot_ros.decision.values import Face, Failure, Motion, Reason, Strategy
+
+# Speed that a swing adds at most [m/s].
+KICK = 0.15
+# A plan that was chosen before stays if it is no worse than this below what is required.
+LOYALTY = 0.03
+CHECKED = 80  # attempts that it gets for that
+# A run-up of this room is imagined to tell "no room" from "too high" [m].
+IMAGINED = 2.5
+# A plan promises more than one that failed if it touches faster by this [m/s] or swings further.
+FASTER, FURTHER = 0.04, 0.3
+
+
+@dataclass
+class Choice:
+    """
+    What is to be done about the faces ahead.
+
+    Attributes
+    ----------
+    trial : Trial or None
+        The plan, None for none.
+    reason : Reason
+        Why, or why not.
+    others : tuple of str
+    tally : Tally
+        Attempts behind the answer; of the best plan that was not good enough, where none is.
+    limit : float
+        See `Outlook.height_limit` [m].
+
+    """
+
+    trial: Optional[Trial]
+    reason: Reason
+    others: Tuple[str, ...] = ()
+    tally: Tally = Tally()
+    limit: float = math.nan
+
+    @property
+    def candidate(self) -> Optional[Candidate]:
+        """Return the plan."""
+        return self.trial.candidate if self.trial is not None else None
+
+
+Deliberation = Generator[Optional[Choice], None, Choice]
+
+
+def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
+               kept: Optional[Candidate], failures: Sequence[Failure],
+               too_late: bool = False) -> Deliberation:
+    """
+    Choose; a generator that yields after each bundle of attempts.
+
+    Parameters
+    ----------
+    task : Task
+        Whose ahead has an end.
+    tuning : DecisionTuning
+    room_behind : float
+        Free ground behind the ball [m].
+    kept : Candidate or None
+        The plan so far: it stays if it still does.
+    failures : sequence of Failure
+        At this face.
+    too_late : bool
+        Whether the ball cannot be stopped before the face any more: then the best plan is
+        better than to brake.
+
+    """
+    position, speed = task.start[:2]
+    if kept is not None:
+        trial = Trial(kept, kept.row(task.ahead))
+        yield from confirm(trial, task, CHECKED)
+        if good(trial.many, task.ahead, task.required - LOYALTY):
+            return Choice(trial, Reason.RUN_UP if kept.back > 0.0 else Reason.LIKELY,
+                          tally=trial.many)
+    run_up = max(task.ahead.touch - position, 0.0)
+    reachable = math.sqrt(max(speed, 0.0)**2 + 2.0 * BRISK * run_up) + KICK
+    trials: List[Trial] = []
+    here = candidates(task.ahead, position, speed, tuning, reachable)
+    chosen = yield from search(_promising(here, failures), task, trials)
+    if chosen is None and too_late:
+        chosen = _best(trials)
+        if chosen is not None:
+            yield from confirm(chosen, replace(task, required=0.0), CHECKED)
+            return Choice(chosen, Reason.COMMITTED, why_not(trials, chosen), chosen.many)
+    if chosen is None and room_behind > 0.1:
+        back = from_farther_back(task.ahead, position, room_behind, tuning)
+        # Apart from those that were not good enough from here.
+        farther: List[Trial] = []
+        chosen = yield from search(_promising(back, failures), task, farther)
+        trials += farther
+    others = why_not(trials, chosen)
+    if chosen is not None:
+        choice = Choice(chosen, Reason.RUN_UP if chosen.candidate.back > 0.0 else Reason.LIKELY,
+                        others, chosen.many)
+        yield choice
+        choice.limit = yield from height_limit(chosen, task)
+        return choice
+    best = _best(trials)
+    tally = Tally() if best is None else best.many if best.many.attempts else best.few
+    reason = yield from _reason(task, trials, tuning, failures)
+    return Choice(None, reason, others, tally)
+
+
+def _best(trials: Sequence[Trial]) -> Optional[Trial]:
+    """Return the trial that gets over most often, None where none was tried in earnest."""
+    return max((trial for trial in trials if trial.few.attempts), default=None, key=lambda item: (
+        item.many.probability if item.many.attempts else item.few.probability))
+
+
+def _promising(found: Sequence[Candidate], failures: Sequence[Failure]) -> List[Candidate]:
+    """Return the candidates that promise more than each plan that failed."""
+    return [item for item in found if all(_more(item, failure) for failure in failures)]
+
+
+def _more(item: Candidate, failure: Failure) -> bool:
+    """Return whether a candidate does more than a plan that failed."""
+    swung = failure.plan.swing_angle if math.isfinite(failure.plan.swing_position) else 0.0
+    faster = item.speed > failure.plan.speed + FASTER
+    return (faster and item.angle >= swung - 0.01) or item.angle > swung + FURTHER or (
+        failure.plan.strategy is not Strategy.BACK_OFF and item.back > 0.0
+        and item.angle >= swung - 0.01)
+
+
+def _reason(task: Task, trials: Sequence[Trial], tuning: DecisionTuning,
+            failures: Sequence[Failure]) -> Generator[None, None, Reason]:
+    """Return why no plan will do."""
+    if not trials:
+        return Reason.FAILED_BEFORE if failures else Reason.NOT_LIKELY
+    tallies = [trial.many if trial.many.attempts else trial.few for trial in trials
+               if trial.few.attempts]
+    if any(trial.falls for trial in trials) or any(
+            tally.falls + tally.beyond > (FALLING if task.ahead.known else BEYOND)
+            * tally.attempts for tally in tallies):
+        return Reason.LANDING
+    far = from_farther_back(task.ahead, task.ahead.touch - 0.01, IMAGINED, tuning,
+                            (1.2, IMAGINED))
+    rows = [item.row(task.ahead) for item in _promising(far, failures)]
+    if not rows:
+        return Reason.FAILED_BEFORE if failures else Reason.TOO_HIGH
+    results = task.worlds.attempt(task.start, rows, task.worlds.middle(), task.ahead)[:, 0]
+    yield
+    tally = Tally.of(results[results[:, TOUCH_SPEED] <= task.highest_speed])
+    if failures and tally.over:
+        return Reason.FAILED_BEFORE
+    return Reason.NO_ROOM if tally.over else Reason.TOO_HIGH
+
+
+def from_here(candidate: Candidate) -> Candidate:
+    """Return a plan whose start is reached."""
+    return replace(candidate, back=0.0, strategy=Strategy.SWING if math.isfinite(candidate.swing)
+                   else Strategy.ACCELERATE)
+
+
+# Attempts within the first answer about a face, and within each later one.
+FIRST, LATER = 640, 40
+# News: the height has changed by this [m], or its deviation has shrunk to this part.
+HEIGHT_NEWS, SHRUNK = 0.002, 0.6
+# Or so much more ground is seen behind an edge [m].
+ROOM_NEWS = 0.1
+# After so many answers a choice is looked at again, with so many attempts; the old ones fade.
+EVERY, ATTEMPTS, FADE, MEMORABLE = 10, 24, 0.9, 300
+# A choice is given up where its probability has come this far below what is required.
+LOST = 0.05
+# With this many changes of mind about a face a rolling ball has had enough of them.
+CHANGES = 2
+# Slower than this a ball stands [m/s]; nearer than this it is there [m].
+STANDING, THERE = 0.03, 0.05
+# A ball with less braking room touches faster than 0.1 m/s [m].
+TOO_LATE = -0.01
+
+
+class Belief(NamedTuple):
+    """What a choice was made for."""
+
+    face: Face
+    faces: int
+    standing: bool
+    failures: int
+    free_from: float
+    room_to: float
+
+
+class Mind:
+    """
+    Keeps a choice for the faces ahead.
+
+    Parameters
+    ----------
+    knowledge : Knowledge
+
+    Attributes
+    ----------
+    choice : Choice or None
+        None before the first deliberation has come to something.
+    belief : Belief or None
+        What it was made for.
+
+    """
+
+    def __init__(self, knowledge: Knowledge):
+        """Draw the worlds."""
+        self._tuning = knowledge.tuning
+        self.worlds = Worlds(knowledge)
+        self.worlds.believe(knowledge.particles or Particles.of(
+            knowledge.robot, knowledge.tuning.height_bias_sd))
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget the face ahead."""
+        self.choice: Optional[Choice] = None
+        self.belief: Optional[Belief] = None
+        self._deliberation: Optional[Deliberation] = None
+        self._answers = self._changes = 0
+
+    def think(self, ahead: Ahead, situation: Situation, braking_room: float) -> None:
+        """Deliberate, or look at the choice again, within the attempts of one answer."""
+        motion, face = situation.motion, ahead.faces[0]
+        if self.belief is not None and self.belief.face.number != face.number:
+            self.forget()
+        failures = failures_at(face, situation)
+        if situation.particles is not None:
+            self.worlds.believe(situation.particles)
+        self.worlds.see(ahead)
+        task = Task(
+            (motion.position, motion.speed, motion.pendulum_angle, motion.pendulum_rate),
+            ahead, self.worlds, self._tuning.required_probability, self._tuning.highest_speed)
+        now = Belief(face, len(ahead.faces), abs(motion.speed) < STANDING, len(failures),
+                     situation.free_from, ahead.room_to)
+        budget = LATER if self.choice is not None else FIRST
+        kept = self.choice.candidate if self.choice is not None else None
+        if kept is not None and _arrived(kept, ahead, motion):
+            self.choice = Choice(None, Reason.NOT_LIKELY)
+            self._deliberation = deliberate(task, self._tuning, 0.0, from_here(kept), failures)
+            self.belief, budget = now, FIRST
+        elif self._deliberation is None and self._is_news(now, braking_room):
+            room = max(0.0, motion.position - situation.free_from)
+            self._deliberation = deliberate(
+                task, self._tuning, room, kept, failures, braking_room < TOO_LATE)
+            self.belief = now
+        if self._deliberation is None:
+            self._look_again(task, braking_room)
+            return
+        spent = self.worlds.attempts
+        try:
+            while self.worlds.attempts - spent < budget:
+                found = next(self._deliberation)
+                if found is not None:
+                    self._adopt(found)
+        except StopIteration as end:
+            self._adopt(end.value)
+            self._deliberation = None
+
+    def _adopt(self, choice: Choice) -> None:
+        """Take over what a deliberation has come to."""
+        before = self.choice
+        if before is not None:
+            if before.candidate == choice.candidate and not choice.others:
+                choice.limit, choice.others = before.limit, before.others
+            self._changes += (before.trial is None) != (choice.trial is None)
+        self.choice, self._answers = choice, 0
+
+    def _is_news(self, now: Belief, braking_room: float) -> bool:
+        """Return whether the choice must be made anew."""
+        then, choice = self.belief, self.choice
+        if then is None or choice is None:
+            return True
+        if now.failures != then.failures or now.faces != then.faces:
+            return True
+        if choice.trial is not None and braking_room < 0.0:
+            return False
+        if choice.trial is None:
+            freed = now.free_from < then.free_from - 0.3
+            if now.standing and (not then.standing or freed):
+                return True
+            if choice.reason is Reason.LANDING and now.room_to > then.room_to + ROOM_NEWS:
+                return True
+            if not now.standing and self._changes >= CHANGES - 1:
+                return False
+            known = now.face.height_sd < SHRUNK * then.face.height_sd
+            if known and choice.reason is not Reason.TOO_HIGH:
+                return True
+        return abs(now.face.height - then.face.height) > max(HEIGHT_NEWS, then.face.height_sd)
+
+    def _look_again(self, task: Task, braking_room: float) -> None:
+        """Try the chosen plan a few times more, now and then."""
+        choice = self.choice
+        self._answers += 1
+        # Where nothing can be changed any more it is for the record.
+        every = EVERY if braking_room > 0.0 else 4 * EVERY
+        if choice is None or choice.trial is None or self._answers % every:
+            return
+        trial = choice.trial
+        trial.row = trial.candidate.row(task.ahead)
+        new = task.tally(trial, task.worlds.take(ATTEMPTS))
+        fade = FADE if choice.tally.attempts > MEMORABLE else 1.0
+        choice.tally = choice.tally.faded(fade) + new
+        lost = LOST * (1 + self._changes)
+        if braking_room > 0.0 and not good(choice.tally, task.ahead, task.required - lost):
+            self.belief = None
+
+
+def failures_at(face: Face, situation: Situation) -> Sequence[Failure]:
+    """Return what was tried at a face."""
+    return [failure for failure in situation.failures
+            if failure.face == face.number or abs(failure.position - face.position) < 0.15]
+
+
+def _arrived(kept: Candidate, ahead: Ahead, motion: Motion) -> bool:
+    """Return whether the ball has backed off to where its plan begins."""
+    return (kept.back > 0.0 and motion.position < ahead.touch - kept.back + THERE
+            and abs(motion.speed) < STANDING)

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The approach: a ball that rolls without slip along gentle ground, with law (11) in its motor.
+
+With the slope a of the ground, v along it and phi the absolute angle of the pendulum::
+
+    (M + J1 / r^2) v' + M2 e cos(phi - a) phi'' = M2 e sin(phi - a) phi'^2
+        + (tau - c2 (phi' + v / r)) / r - c1 v / r^2 - M g sin(a)
+    (J2 + M2 e^2) phi'' + M2 e cos(phi - a) v' = tau - c2 (phi' + v / r) - M2 g e sin(phi)
+
+(`rolling_model` on a level floor).  The derivative gain makes for a pole of some hundred per
+second, so the rate of the pendulum is stepped implicitly, and steps may be ten times longer.
+"""
+import math
+from typing import NamedTuple
+
+from ballbot_ros.decision.planning.rollout.layout import Drive
+from ballbot_ros.jit import compiled, inlined
+from ballbot_ros.physics.mechanics.contact import find_contacts
+from ballbot_ros.physics.mechanics.contact_law import (
+    contact_load, force_and_slip, POINT_X, pressed_sign, sliding_sign)
+from ballbot_ros.physics.mechanics.equations import write_rates
+from ballbot_ros.physics.mechanics.laws import available_torque, position_torque
+from ballbot_ros.physics.model.parameters import Parameters
+from ballbot_ros.physics.model.state import (
+    BALL_RATE, COORDINATES, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_Y, X, Y)
+from ballbot_ros.physics.model.terrain import Array
+
+
+class Rolling(NamedTuple):
+    """The state of a rolling ball."""
+
+    position: float  # of the centre, horizontally [m]
+    speed: float  # along the ground [m/s]
+    angle: float  # of the pendulum, absolute [rad]
+    rate: float  # [rad/s]
+
+
+@inlined
+def motor_torque_of(asked: float, joint_rate: float, drive: Drive) -> float:
+    """Return what the motor gives of a torque that is asked for, as the plant does [N m]."""
+    asked = min(max(asked, -drive.limit), drive.limit)
+    per_volt, back, supply, most = drive.motor_line
+    lowest, highest = available_torque(joint_rate, per_volt, back, supply, most)
+    return min(max(asked, lowest), highest)
+
+
+@compiled
+def roll(now: Rolling, set_angle: float, slope: float, step: float, robot: Parameters,
+         drive: Drive) -> Rolling:
+    """
+    Return the state a step later.
+
+    Parameters
+    ----------
+    now : Rolling
+    set_angle : float
+        Of law (11) [rad].
+    slope : float
+        Of the ground, positive uphill [rad].
+    step : float
+        [s]
+    robot : Parameters
+    drive : Drive
+
+    """
+    radius = robot.radius - robot.mass * robot.gravity / robot.stiffness
+    moment = robot.pendulum_moment
+    inertia = robot.mass + robot.ball_inertia / (radius * radius)
+    sine = math.sin(now.angle)
+    coupling = moment * math.cos(now.angle - slope)
+    joint_rate = now.rate + now.speed / radius
+    friction = robot.joint_friction * joint_rate
+    on_ball = (moment * math.sin(now.angle - slope) * now.rate * now.rate
+               - friction / radius - robot.rolling_friction * now.speed / (radius * radius)
+               - robot.mass * robot.gravity * math.sin(slope))
+    on_pendulum = -friction - moment * robot.gravity * sine
+    # Both equations without v': share * torque + rest = left * phi''.
+    left = robot.pendulum_inertia - coupling * coupling / inertia
+    share = 1.0 - coupling / (inertia * radius)
+    rest = on_pendulum - coupling / inertia * on_ball
+    weight = drive.compensated * moment * robot.gravity * sine
+    # The torque at the end of the step: kp (set - phi - h phi'_new) - kd phi'_new + weight.
+    fixed = drive.kp * (set_angle - now.angle) + weight
+    damping = drive.kd + drive.kp * step
+    rate = (now.rate + step * (share * fixed + rest) / left) / (
+        1.0 + step * share * damping / left)
+    asked = fixed - damping * rate
+    torque = motor_torque_of(asked, joint_rate, drive)
+    if torque != asked:
+        rate = now.rate + step * (share * torque + rest) / left
+    turned = (rate - now.rate) / step
+    gain = (on_ball + torque / radius - coupling * turned) / inertia
+    speed = now.speed + step * gain
+    return Rolling(now.position + 0.5 * step * (now.speed + speed) * math.cos(slope), speed,
+                   now.angle + step * rate, rate)
+
+
+# The period of the control loop [s]: torque is held that long.
+PERIOD = 0.002
+
+
+@compiled
+def torque_of(state: Array, set_angle: float, robot: Parameters, drive: Drive) -> float:
+    """Return the torque of law (11) as the motor gives it [N m]."""
+    asked = position_torque(
+        state[PENDULUM_ANGLE], state[PENDULUM_RATE], set_angle, drive.kp, drive.kd,
+        drive.compensated * robot.pendulum_moment * robot.gravity)
+    return motor_torque_of(asked, state[PENDULUM_RATE] - state[BALL_RATE], drive)
+
+
+@compiled
+def push(state: Array, torque: float, step: float, robot: Parameters, ground: Array,
+         contacts: Array, rates: Array) -> float:
+    """Advance a state in place, and return the x of its foremost contact [m]; -inf for none."""
+    force_x = force_y = turning = 0.0
+    foremost = -math.inf
+    for row in range(find_contacts(state[X], state[Y], robot.radius, ground, contacts)):
+        force, slip, _ = force_and_slip(state, robot, contacts, row)
+        load = contact_load(state, pressed_sign(force, robot), sliding_sign(slip, robot), robot,
+                            contacts, row)
+        force_x += load[0]
+        force_y += load[1]
+        turning += load[2]
+        foremost = contacts[row, POINT_X]
+    write_rates(state, robot, (force_x, force_y, turning, 0.0, 0.0), torque, rates)
+    for i in range(COORDINATES, VELOCITY_Y + 1):
+        state[i] += step * rates[i]
+    for i in range(COORDINATES):
+        state[i] += step * state[COORDINATES + i]
+    return foremost

@@ -1,0 +1,341 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+One rollout: from now to the verdict, in one of the worlds that may be the real one.
+
+The ball rolls (`rolling`) until its pendulum swings or it is about to touch, and goes on with the
+full model (`contact`) until it is over, back or stuck.  Over is who gets clear of the edge (see
+`crossing.rules`), driven as the pilot drives it there.  From the edge it is also stopped, rolling
+again, to see whether that can be done before whatever comes next.
+"""
+import math
+
+from ballbot_ros.control.speed_law import Numbers, speed_law_start, SpeedState
+from ballbot_ros.crossing.rules import CLEARANCE
+from ballbot_ros.decision.execution.pilot_law import pilot_step, PlainOrder
+from ballbot_ros.decision.planning.rollout import layout
+from ballbot_ros.decision.planning.rollout.layout import (
+    DELAY, Drive, EDGE, EDGE_AT, FACES, FALLS, HEIGHT, NEXT_AT, OVER, PLACE, REST, Scratch, SLOPE,
+    SPEED, START, STUCK, SWING_ANGLE, SWING_AT, TIGHT, TIME, TOUCH_ANGLE, TOUCH_SPEED, VERDICT)
+from ballbot_ros.decision.planning.rollout.rolling import PERIOD, push, roll, Rolling, torque_of
+from ballbot_ros.jit import compiled, outlined, unlocked
+from ballbot_ros.physics.mechanics.contact import first_segment
+from ballbot_ros.physics.model.parameters import Parameters
+from ballbot_ros.physics.model.state import (
+    BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y)
+from ballbot_ros.physics.model.terrain import (
+    Array, EDGE_FRICTION, SURFACE_FRICTION, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y)
+
+SHAPE_X, SHAPE_Z, FACE, HEIGHT_SHARE, PLACE_SHARE = range(5)
+
+# Two vertices that a draw would put upon each other stay this far apart [m].
+APART = 1e-6
+
+
+@compiled
+def fill_ground(shape: Array, draw: Array, raised: float, here: float, ground: Array) -> None:
+    """
+    Write the ground of a draw.
+
+    Parameters
+    ----------
+    shape : (n, 5) array
+        See the module.
+    draw : (DRAW,) array
+        See `layout`.
+    raised : float
+        Added to the height of the first face [m].
+    here : float
+        Where the ball is [m]: a slope that is steeper than seen begins there.
+    ground : (n, 7) array
+        Overwritten, as `Terrain.profile` gives it.
+
+    """
+    count = len(shape)
+    before = -math.inf
+    for i in range(count):
+        face = int(shape[i, FACE])
+        x, z = shape[i, SHAPE_X], shape[i, SHAPE_Z]
+        for j in range(min(face + 1, FACES)):
+            share = shape[i, HEIGHT_SHARE] if j == face else 1.0
+            z += share * draw[HEIGHT + j]
+            if j == 0:
+                z += share * raised
+        if 0 <= face < FACES:
+            x += shape[i, PLACE_SHARE] * draw[PLACE + face]
+        x = max(x, before)
+        z += math.tan(draw[SLOPE]) * (x - here)
+        if i > 0 and x == before and abs(z - ground[i - 1, VERTEX_Y]) < APART:
+            x += APART
+        ground[i, VERTEX_X], ground[i, VERTEX_Y] = x, z
+        ground[i, SURFACE_FRICTION] = draw[layout.SURFACE_FRICTION]
+        ground[i, EDGE_FRICTION] = draw[layout.EDGE_FRICTION]
+        before = x
+    # Both ends go on for ever and so must not be vertical.
+    ground[0, VERTEX_X] = min(ground[0, VERTEX_X], ground[1, VERTEX_X] - APART)
+    ground[count - 1, VERTEX_X] = max(ground[count - 1, VERTEX_X],
+                                      ground[count - 2, VERTEX_X] + APART)
+    write_tangents(ground)
+
+
+@compiled
+def write_tangents(ground: Array) -> None:
+    """Write the tangents of all segments, and the turns of all vertices."""
+    count = len(ground)
+    for i in range(count - 1):
+        along = ground[i + 1, VERTEX_X] - ground[i, VERTEX_X]
+        up = ground[i + 1, VERTEX_Y] - ground[i, VERTEX_Y]
+        length = math.sqrt(along * along + up * up)
+        ground[i, TANGENT_X], ground[i, TANGENT_Y] = along / length, up / length
+    ground[0, TURN] = ground[count - 1, TURN] = 0.0
+    for i in range(1, count - 1):
+        ground[i, TURN] = (ground[i - 1, TANGENT_X] * ground[i, TANGENT_Y]
+                           - ground[i - 1, TANGENT_Y] * ground[i, TANGENT_X])
+
+
+DECIDED = 10  # control periods between two set angles: 50 Hz
+ROLLED = 0.01  # step of the rolling model [s]
+ROLLS = 2  # of them between two set angles
+GENTLE = 0.03  # sine of a turn of the ground that a rolling ball does not feel
+EARLY = 0.02  # the full model begins this much before the touch [m]
+PROGRESS = 0.001  # what is less is none [m]
+RETREAT = 0.004  # a ball this far before where it touched has rolled back [m]
+LONGEST = 15.0  # an approach that takes longer does not arrive [s]
+RISING = 2.5  # a ball that does not roll forward then stands [s]
+SLOW = 0.02  # what is slower stands [m/s]
+PATIENCE = 3.0  # a contact that lasts longer is not going to end well [s]
+IDLE = 0.6  # nor is one in which the ball gets no farther for so long [s]
+LATE = 0.02  # after the edge the ball is stopped [s]
+GAP = 0.04  # between the standing ball and what it must not reach [m]
+
+
+@compiled
+def parameters_of(draw: Array) -> Parameters:
+    """Return the robot of a draw."""
+    return Parameters(
+        draw[0], draw[1], draw[2], draw[3], draw[4], draw[5], draw[6], draw[7], draw[8], draw[9],
+        draw[10], draw[11], draw[12], draw[13], draw[14])
+
+
+@compiled
+def slope_at(ground: Array, x: float) -> float:
+    """Return the slope of the ground below a place [rad]."""
+    segment = first_segment(ground, x)
+    return math.atan2(ground[segment, TANGENT_Y], ground[segment, TANGENT_X])
+
+
+@compiled
+def touch_at(ground: Array, foot: int, vertex: int, radius: float) -> float:
+    """Return where the centre is when a ball on the floor before a foot touches a vertex [m]."""
+    steep = ground[foot - 1, TANGENT_Y] / ground[foot - 1, TANGENT_X] if foot > 0 else 0.0
+    away = ground[vertex, VERTEX_X] - ground[foot, VERTEX_X]
+    rise = ground[vertex, VERTEX_Y] - ground[foot, VERTEX_Y] - steep * away
+    above = radius * math.sqrt(1.0 + steep * steep) - min(max(rise, 0.0), radius)
+    root = radius * radius * (1.0 + steep * steep) - above * above
+    place: float = ground[vertex, VERTEX_X] - (
+        steep * above + math.sqrt(max(root, 0.0))) / (1.0 + steep * steep)
+    return place
+
+
+@compiled
+def next_rough(ground: Array, behind: int) -> int:
+    """Return the first vertex after `behind` that a rolling ball feels; the last for none."""
+    last = len(ground) - 1
+    for i in range(behind + 1, last):
+        if abs(ground[i, TURN]) > GENTLE:
+            return i
+    return last
+
+
+@compiled
+def reached_at(ground: Array, rough: int, radius: float) -> float:
+    """Return where the centre may get to before it meets a vertex or what it leads to [m]."""
+    if rough >= len(ground) - 1:
+        return math.inf
+    first: float = ground[rough, VERTEX_X]
+    for i in range(rough, len(ground) - 1):
+        if ground[i, VERTEX_X] > ground[rough, VERTEX_X] + radius:
+            break
+        first = min(first, touch_at(ground, rough, i, radius))
+    return first
+
+
+@compiled
+def order_of(plan: Array, late: float, after: float, drive: Drive) -> PlainOrder:
+    """
+    Return the order that the pilot gets for a plan that is carried out a way [m] late.
+
+    Behind the last edge the ball goes on at `after` [m/s].
+    """
+    return (plan[SPEED], 0.0, math.inf, plan[SWING_AT] + late, plan[SWING_ANGLE], plan[EDGE],
+            after, drive.lean, drive.emergency_lean, drive.reaction)
+
+
+@outlined
+def roll_until(until: float, rising: float, now: Rolling, order: PlainOrder, robot: Parameters,
+               drive: Drive, ground: Array) -> tuple[Rolling, SpeedState, float]:
+    """
+    Roll the ball until it comes to a place or stands; return it, its speed law, and the time [s].
+
+    A ball that begins at rest, or rolling back, gets the time `rising` [s] to do otherwise.
+    """
+    time, set_angle, count = 0.0, 0.0, 0
+    memory = speed_law_start(now.speed, now.angle, slope_at(ground, now.position), drive.law)
+    while now.position < until and time < LONGEST and (now.speed > SLOW or time < rising):
+        if count % ROLLS == 0:
+            memory, set_angle = pilot_step(
+                memory, now.position, now.speed, math.nan, order, ROLLS * ROLLED, drive.law)
+        now = roll(now, set_angle, slope_at(ground, now.position), ROLLED, robot, drive)
+        time += ROLLED
+        count += 1
+    return now, memory, time
+
+
+@compiled
+def stands_at(state: Array, robot: Parameters, drive: Drive, ground: Array) -> float:
+    """Return where a ball stands that is stopped with all the lean there is [m]."""
+    now = Rolling(state[X], state[VELOCITY_X], state[PENDULUM_ANGLE], state[PENDULUM_RATE])
+    order = (0.0, 0.0, now.position - 0.01, math.inf, 0.0, -math.inf, 0.0, drive.emergency_lean,
+             drive.emergency_lean, drive.reaction)
+    now, _, _ = roll_until(math.inf, 0.0, now, order, robot, drive, ground)
+    return now.position
+
+
+@compiled
+def place(now: Rolling, robot: Parameters, ground: Array, state: Array) -> None:
+    """Write the state of the full model for a rolling ball."""
+    segment = first_segment(ground, now.position)
+    cosine, sine = ground[segment, TANGENT_X], ground[segment, TANGENT_Y]
+    distance = robot.radius - robot.mass * robot.gravity * cosine / robot.stiffness
+    for i in range(SIZE):
+        state[i] = 0.0
+    floor = ground[segment, VERTEX_Y] + (
+        now.position - ground[segment, VERTEX_X]) * sine / cosine
+    state[X], state[Y] = now.position, floor + distance / cosine
+    state[PENDULUM_ANGLE], state[PENDULUM_RATE] = now.angle, now.rate
+    state[VELOCITY_X], state[VELOCITY_Y] = now.speed * cosine, now.speed * sine
+    state[BALL_RATE] = -now.speed / distance
+
+
+@outlined
+def climb(memory: SpeedState, plan: Array, draw: Array, robot: Parameters, drive: Drive,
+          scratch: Scratch, result: Array) -> int:
+    """Run the full model until the ball is over or not; its state is in the scratch."""
+    state, ground = scratch.state, scratch.ground
+    edge = int(plan[EDGE_AT])
+    # The swing ends where the edge is believed to be passed, and the stop begins a little later.
+    over_x = max(ground[edge, VERTEX_X], plan[EDGE])
+    over_y = ground[edge, VERTEX_Y] + 0.5 * robot.radius
+    clear_x = ground[edge, VERTEX_X] + CLEARANCE * robot.radius
+    room = reached_at(ground, int(plan[NEXT_AT]), robot.radius)
+    after = 0.0 if room - ground[edge, VERTEX_X] < TIGHT else min(plan[SPEED], drive.cruise)
+    foot = ground[next_rough(ground, first_segment(ground, state[X])), VERTEX_X] - PROGRESS
+    # What is done answers what was measured a little before.
+    order = order_of(plan, draw[DELAY] * state[VELOCITY_X], after, drive)
+    touch_x, until, time, set_angle = math.inf, LONGEST, 0.0, 0.0
+    farthest, idle_from = -math.inf, 0.0
+    for count in range(int(LONGEST / PERIOD)):
+        if count % DECIDED == 0:
+            memory, set_angle = pilot_step(
+                memory, state[X], state[VELOCITY_X], math.nan, order, DECIDED * PERIOD, drive.law)
+        torque = torque_of(state, set_angle, robot, drive)
+        foremost = push(state, torque, PERIOD, robot, ground, scratch.contacts, scratch.rates)
+        time += PERIOD
+        if touch_x == math.inf and foremost >= foot:
+            touch_x, until = state[X], time + PATIENCE
+            result[TOUCH_SPEED], result[TOUCH_ANGLE] = state[VELOCITY_X], state[PENDULUM_ANGLE]
+        if state[X] - LATE * state[VELOCITY_X] > over_x and state[Y] > over_y:
+            if math.isnan(result[REST]):
+                if touch_x == math.inf:  # down a drop
+                    result[TOUCH_SPEED], result[TOUCH_ANGLE] = (
+                        state[VELOCITY_X], state[PENDULUM_ANGLE])
+                result[REST] = stands_at(state, robot, drive, ground)
+            if result[REST] > room - GAP or state[X] > clear_x:
+                result[TIME] += time
+                return FALLS if result[REST] > room - GAP else OVER
+        if state[X] > farthest + PROGRESS:
+            farthest, idle_from = state[X], time
+        idle = touch_x < math.inf and time > idle_from + IDLE
+        back = state[VELOCITY_X] < 0.0 and state[X] < touch_x - RETREAT
+        if (back and touch_x < math.inf) or idle or time > until or not state[Y] > -1e3:
+            break
+    result[TIME] += time
+    return STUCK
+
+
+@compiled
+def run(start: Rolling, plan: Array, draw: Array, raised: float, drive: Drive, shape: Array,
+        scratch: Scratch, result: Array) -> int:
+    """
+    Run one rollout and return its verdict.
+
+    Parameters
+    ----------
+    start : Rolling
+        The ball now.
+    plan, draw, result : arrays
+        Rows of `layout`; the result is overwritten.
+    raised : float
+        Added to the height of the first face [m].
+    drive : Drive
+    shape : (n, 5) array
+        See `ground`.
+    scratch : Scratch
+
+    """
+    ground, state = scratch.ground, scratch.state
+    robot = parameters_of(draw)
+    fill_ground(shape, draw, raised, start.position, ground)
+    now = start
+    if plan[START] < start.position:
+        now = Rolling(plan[START], 0.0, 0.0, 0.0)
+    result[TOUCH_SPEED] = result[TOUCH_ANGLE] = result[REST] = math.nan
+    result[TIME] = 0.0
+    rough = next_rough(ground, first_segment(ground, now.position))
+    until = min(reached_at(ground, rough, robot.radius), plan[SWING_AT]) - EARLY
+    now, memory, result[TIME] = roll_until(
+        until, RISING, now, order_of(plan, 0.0, 0.0, drive), robot, drive, ground)
+    verdict = STUCK
+    if now.position >= until:
+        place(now, robot, ground, state)
+        verdict = climb(memory, plan, draw, robot, drive, scratch, result)
+    result[VERDICT] = verdict
+    return verdict
+
+
+# What Python hands over: all tuples are plain, see `solvers.values`.
+Start = tuple[float, float, float, float]
+PlainDrive = tuple[float, float, float, float, tuple[float, float, float, float], Numbers, float,
+                   float, float, float]
+PlainScratch = tuple[Array, Array, Array, Array]
+
+
+@unlocked
+def run_many(start: Start, plans: Array, draws: Array, raised: float, drive: PlainDrive,
+             shape: Array, scratch: PlainScratch, results: Array) -> None:
+    """
+    Run each plan in each draw.
+
+    Parameters
+    ----------
+    start : tuple
+        A `Rolling`.
+    plans : (k, PLAN) array
+    draws : (n, DRAW) array
+    raised, shape
+        See `run`.
+    drive, scratch : tuple
+        A `Drive` and a `Scratch`.
+    results : (k, n, RESULT) array
+        Overwritten.
+
+    """
+    position, speed, angle, rate = start
+    kp, kd, compensated, limit, motor_line, law, lean, emergency_lean, reaction, cruise = drive
+    state, rates, ground, contacts = scratch
+    begin = Rolling(position, speed, angle, rate)
+    driven = Drive(kp, kd, compensated, limit, motor_line, law, lean, emergency_lean, reaction,
+                   cruise)
+    arrays = Scratch(state, rates, ground, contacts)
+    for k in range(len(plans)):
+        for n in range(len(draws)):
+            run(begin, plans[k], draws[n], raised, driven, shape, arrays, results[k, n])

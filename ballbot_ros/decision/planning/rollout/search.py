@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Which plan: few attempts with many candidates, many with few (successive halving).
+
+All candidates are tried in the middle of all worlds with steps somewhat higher than seen, those
+that pass with higher ones, and the others with the step as it is.  The best of each level then
+meet the same few worlds, and the chosen one as many as an answer needs, which no choice has seen:
+so the probability that is promised is not that of the luckiest.
+
+A search is a generator: it yields after each bundle of attempts, so that an answer may take as
+many of them as its time allows, counted in attempts and not by a clock.
+"""
+from dataclasses import dataclass, field
+import math
+from typing import Generator, List, Optional, Sequence, Tuple
+
+from ballbot_ros.decision.planning.rollout.ahead import Ahead
+from ballbot_ros.decision.planning.rollout.candidates import Candidate
+from ballbot_ros.decision.planning.rollout.layout import FALLS, OVER, TOUCH_SPEED, VERDICT
+from ballbot_ros.decision.planning.rollout.rollout import Start
+from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
+from ballbot_ros.physics.model.terrain import Array
+
+# Steps are raised by so many deviations of their height to tell candidates apart.
+RAISED, MORE = 1.3, 2.3
+HIGHEST = 3
+# What robots differ by, over the height of a step: added to the deviation of what is seen.
+ROBOTS = 0.04
+# Candidates that meet the same worlds, and how many of those.
+FINALISTS, FEW = 8, 16
+# Worlds that the chosen one meets; the first look after a part of them.
+MANY, LOOK = 200, 40
+# Candidates that are tried at once, and how many of the highest level are enough.
+HANDFUL, ENOUGH = 20, 6
+BUNDLE = 40  # attempts between two yields
+# A choice below what is required by this after a look is given up.
+HOPELESS = 0.12
+CHOICES = 3
+# Most of the attempts that may fall.
+FALLING = 0.01
+# Most of the attempts that can be stopped only behind what is taken for granted.
+BEYOND = 0.2
+
+
+@dataclass
+class Trial:
+    """A candidate and what is known of it."""
+
+    candidate: Candidate
+    row: Array
+    level: int = 0  # how much higher a step it passes
+    speed: float = math.nan  # at touch, in the middle of all worlds [m/s]
+    falls: bool = False
+    few: Tally = field(default_factory=Tally)
+    many: Tally = field(default_factory=Tally)
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a search is for."""
+
+    start: Start
+    ahead: Ahead
+    worlds: Worlds
+    required: float
+    highest_speed: float  # at touch [m/s]
+
+    def tally(self, trial: Trial, worlds: Array, raised: float = 0.0) -> Tally:
+        """Return what becomes of a plan in some worlds."""
+        results = self.worlds.attempt(self.start, [trial.row], worlds, self.ahead, raised)
+        return Tally.of(results[0], self.ahead.room_to)
+
+
+Steps = Generator[None, None, Optional[Trial]]
+
+
+def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps:
+    """
+    Search among candidates; the generator returns the trial that is good enough, or None.
+
+    Parameters
+    ----------
+    plans : sequence of Candidate
+    task : Task
+    trials : list
+        Filled with what was tried, for whoever wants to know why the others lost.
+
+    """
+    ahead, worlds = task.ahead, task.worlds
+    trials += [Trial(plan, plan.row(ahead)) for plan in plans]
+    spread = math.hypot(worlds.spread(), ROBOTS * abs(ahead.faces[0].height))
+    yield from _sort(trials, task, spread)
+    finalists = _finalists(trials, task.highest_speed)
+    few = worlds.first(FEW)
+    for trial in finalists:
+        trial.few = task.tally(trial, few)
+        yield
+    best = max((trial.few.probability for trial in finalists), default=0.0)
+    goal = task.required + 0.5 * max(best - task.required, 0.0)
+    # The gentlest of those that do, then those that do best.
+    order = sorted(finalists, key=lambda item: (
+        item.few.falls > 0.0, item.few.beyond > (0.0 if ahead.known else BEYOND * FEW),
+        item.few.probability < goal, item.level < HIGHEST,
+        item.speed if item.few.probability >= goal else -item.few.probability))
+    for trial in order[:CHOICES]:
+        if trial.few.probability < task.required - HOPELESS:
+            continue
+        yield from confirm(trial, task, MANY)
+        if good(trial.many, ahead, task.required):
+            return trial
+    return None
+
+
+def _sort(trials: List[Trial], task: Task, spread: float) -> Generator[None, None, None]:
+    """Write the levels of trials, from gentle to brisk ones, until enough pass what is higher."""
+    middle = task.worlds.middle()
+    trials.sort(key=lambda trial: trial.candidate.briskness)
+    for begin in range(0, len(trials), HANDFUL):
+        bundle = trials[begin:begin + HANDFUL]
+        rows = [trial.row for trial in bundle]
+        first = task.worlds.attempt(
+            task.start, rows, middle, task.ahead, RAISED * spread)[:, 0]
+        yield
+        for trial, result in zip(bundle, first):
+            trial.level = 2 if result[VERDICT] == OVER else 0
+            trial.speed, trial.falls = float(result[TOUCH_SPEED]), result[VERDICT] == FALLS
+        for level, raised in ((2, MORE * spread), (0, 0.0)):
+            chosen = [trial for trial in bundle if trial.level == level and not trial.falls]
+            if chosen:
+                results = task.worlds.attempt(
+                    task.start, [trial.row for trial in chosen], middle, task.ahead, raised)
+                for trial, result in zip(chosen, results[:, 0]):
+                    trial.level += int(result[VERDICT] == OVER)
+                    trial.falls = trial.falls or result[VERDICT] == FALLS
+        yield
+        if sum(trial.level == HIGHEST for trial in trials) >= ENOUGH:
+            # What comes is less gentle.
+            break
+
+
+def _finalists(trials: Sequence[Trial], highest_speed: float) -> List[Trial]:
+    """Return the gentlest trials of each level, and of each strategy the gentlest."""
+    passing = sorted((trial for trial in trials if trial.level > 0
+                      and trial.speed <= highest_speed), key=lambda trial: trial.speed)
+    chosen: List[Trial] = []
+    for level, number in ((HIGHEST, 5), (2, 2), (1, FINALISTS)):
+        for trial in [item for item in passing if item.level == level][:number]:
+            chosen.append(trial)
+    return chosen[:FINALISTS]
+
+
+def confirm(trial: Trial, task: Task, number: int) -> Generator[None, None, None]:
+    """Try a plan in worlds that it has not met, until it is hopeless or has met enough."""
+    while trial.many.attempts < number:
+        trial.many = trial.many + task.tally(trial, task.worlds.take(BUNDLE))
+        yield
+        if trial.many.attempts >= LOOK and (
+                trial.many.probability < task.required - HOPELESS
+                or trial.many.falls > 3.0 or trial.many.beyond > (
+                    3.0 if task.ahead.known else BEYOND * trial.many.attempts)):
+            break
+
+
+def good(tally: Tally, ahead: Ahead, required: float) -> bool:
+    """Return whether a plan may be carried out."""
+    most = FALLING if ahead.known else BEYOND
+    return (tally.probability >= required and tally.falling <= FALLING
+            and tally.beyond <= most * tally.attempts)
+
+
+def height_limit(trial: Trial, task: Task, number: int = 24,
+                 steps: int = 6) -> Generator[None, None, float]:
+    """Return the highest first face that a plan crosses as surely as required [m]."""
+    height = task.ahead.faces[0].height
+    worlds = task.worlds.first(number)
+    low, high = -0.5 * abs(height), 0.04
+    for _ in range(steps):
+        middle = 0.5 * (low + high)
+        tally = task.tally(trial, worlds, middle)
+        if tally.over >= task.required * tally.attempts:
+            low = middle
+        else:
+            high = middle
+        yield
+    return height + low
+
+
+def why_not(trials: Sequence[Trial], chosen: Optional[Trial]) -> Tuple[str, ...]:
+    """Return a sentence for the best of each strategy that was not chosen."""
+    said = []
+    for strategy in dict.fromkeys(trial.candidate.strategy for trial in trials):
+        if chosen is not None and strategy is chosen.candidate.strategy:
+            continue
+        own = [trial for trial in trials if trial.candidate.strategy is strategy]
+        best = max(own, key=lambda item: (item.many.attempts > 0, item.few.probability
+                                          if item.few.attempts else 0.0, item.level,
+                                          -item.speed if item.speed == item.speed else -9.0))
+        said.append(f'{strategy.value}: {_sentence(best)}')
+    return tuple(said)
+
+
+def _sentence(trial: Trial) -> str:
+    """Return how the best trial of a strategy did."""
+    tally = trial.many if trial.many.attempts else trial.few
+    touch = '' if math.isnan(trial.speed) else f', touching at {trial.speed:.2f} m/s'
+    if tally.attempts:
+        return (f'over in {tally.over:.0f} of {tally.attempts:.0f} attempts, '
+                f'{tally.falls:.0f} falls{touch}')
+    if trial.falls:
+        return f'cannot be stopped behind the edge{touch}'
+    if trial.level == 0:
+        return f'does not get over{touch}' if touch else 'not gentler than what was chosen'
+    return f'gets over, but not as gently{touch}'

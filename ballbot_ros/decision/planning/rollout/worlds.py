@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The worlds that may be the real one, and plans tried out in them."""
+from dataclasses import astuple, dataclass
+import math
+from typing import Dict, Optional, Sequence, Tuple
+
+import numpy as np
+
+from ballbot_ros.control.speed_law import SpeedLaw
+from ballbot_ros.decision.learning.particles import Particles
+from ballbot_ros.decision.planning.rollout.ahead import Ahead
+from ballbot_ros.decision.planning.rollout.layout import (
+    DELAY, DRAW, EDGE_FRICTION, FACES, FALLS, HEIGHT, OVER, PLACE, PLAN, REST, RESULT, ROBOT,
+    Scratch, SLOPE, STUCK, SURFACE_FRICTION, TOUCH_SPEED, VERDICT)
+from ballbot_ros.decision.planning.rollout.rollout import PlainDrive, run_many, Start
+from ballbot_ros.decision.planning.situation import Knowledge
+from ballbot_ros.physics.model.terrain import Array
+
+# So many worlds are drawn once, and taken in turn.
+WORLDS = 1024
+# Between an answer and what it does: the period of the odometry, at most [s].
+LATENESS = 0.02
+
+
+@dataclass(frozen=True)
+class Tally:
+    """What became of attempts with one plan."""
+
+    over: float = 0.0
+    stuck: float = 0.0
+    falls: float = 0.0
+    touch_speed: float = 0.0  # sum over those that touch [m/s]
+    touched: float = 0.0
+    beyond: float = 0.0  # those that could only be stopped where the ground is not known
+
+    @classmethod
+    def of(cls, results: Array, room_to: float = math.inf) -> 'Tally':
+        """Count the rows of (n, RESULT) results; ground is known up to `room_to` [m]."""
+        verdicts, speeds = results[:, VERDICT], results[:, TOUCH_SPEED]
+        touched = np.isfinite(speeds)
+        over, stuck, falls = (
+            float(np.sum(verdicts == verdict)) for verdict in (OVER, STUCK, FALLS))
+        return cls(over, stuck, falls, float(np.sum(speeds[touched])), float(np.sum(touched)),
+                   float(np.sum(results[:, REST] > room_to)))
+
+    def __add__(self, other: 'Tally') -> 'Tally':
+        """Return both counted together."""
+        return Tally(self.over + other.over, self.stuck + other.stuck, self.falls + other.falls,
+                     self.touch_speed + other.touch_speed, self.touched + other.touched,
+                     self.beyond + other.beyond)
+
+    def faded(self, part: float) -> 'Tally':
+        """Return it with each count times a part."""
+        return Tally(*(part * count for count in astuple(self)))
+
+    @property
+    def attempts(self) -> float:
+        """Return how many there were."""
+        return self.over + self.stuck + self.falls
+
+    @property
+    def probability(self) -> float:
+        """Return the expected probability of getting over, from an even prior (Laplace)."""
+        return (self.over + 1.0) / (self.attempts + 2.0)
+
+    @property
+    def falling(self) -> float:
+        """Return the part of attempts that fall."""
+        return self.falls / max(self.attempts, 1.0)
+
+    @property
+    def speed(self) -> float:
+        """Return the mean speed at touch [m/s]; NaN if none touched."""
+        return self.touch_speed / self.touched if self.touched else float('nan')
+
+
+class Worlds:
+    """
+    Worlds drawn from the particles and from what is uncertain of the ground.
+
+    The draws are made once, so that plans are compared in the same worlds and a run repeats to
+    the bit; where they end, they begin anew.
+
+    Parameters
+    ----------
+    knowledge : Knowledge
+
+    """
+
+    def __init__(self, knowledge: Knowledge):
+        """Draw."""
+        robot, tuning, control = knowledge.robot, knowledge.tuning, knowledge.control
+        seed = knowledge.seed
+        random = np.random.default_rng(seed)
+        self._normal = random.standard_normal((WORLDS, 2 * FACES + 1))
+        self._even = random.random(WORLDS)
+        self._draws = np.zeros((WORLDS, DRAW))
+        self._seed = seed
+        self._particles: Optional[Particles] = None
+        self._bias = np.zeros(WORLDS)
+        law = SpeedLaw.of(robot, control.position_kd / control.position_kp)
+        self._drive: PlainDrive = (
+            control.position_kp, control.position_kd, float(control.gravity_compensation),
+            control.torque_limit, robot.motor_line, law[:], tuning.largest_lean,
+            tuning.emergency_lean, tuning.reaction_time + tuning.actuation_delay,
+            tuning.cruise_speed)
+        self._scratch: Dict[int, Tuple[Array, Array, Array, Array]] = {}
+        self._next = 0
+        self.law = law[:]
+        self.attempts = 0
+
+    def believe(self, particles: Particles) -> None:
+        """Take the robots of some particles from now on."""
+        if particles is self._particles:
+            return
+        self._particles = particles
+        chosen = np.random.default_rng(self._seed).permutation(
+            particles.draw(WORLDS, self._seed))
+        self._draws[:, :ROBOT] = particles.rows[chosen]
+        self._draws[:, SURFACE_FRICTION] = particles.column('surface_friction')[chosen]
+        self._draws[:, EDGE_FRICTION] = particles.column('edge_friction')[chosen]
+        self._bias[:] = particles.column('height_bias')[chosen]
+
+    def see(self, ahead: Ahead) -> None:
+        """Let the ground vary as what lies ahead is uncertain."""
+        draws, normal = self._draws, self._normal
+        heights, places = ahead.deviations
+        draws[:, HEIGHT:HEIGHT + FACES] = normal[:, :FACES] * heights
+        # Who tells heights that are too great tells those of all rising faces so.
+        for index, face in enumerate(ahead.faces):
+            draws[:, HEIGHT + index] -= np.sign(face.height) * self._bias
+        draws[:, PLACE:PLACE + FACES] = normal[:, FACES:2 * FACES] * places
+        draws[:, SLOPE] = normal[:, -1] * ahead.slope_sd
+        draws[:, DELAY] = LATENESS * (self._even - 0.5)
+
+    def middle(self) -> Array:
+        """Return the world in the middle of all, (1, DRAW)."""
+        middle: Array = np.mean(self._draws, axis=0, keepdims=True)
+        return middle
+
+    def spread(self) -> float:
+        """Return the standard deviation of the height of the first face [m]."""
+        return float(np.std(self._draws[:, HEIGHT]))
+
+    def take(self, count: int) -> Array:
+        """Return the next worlds, (count, DRAW)."""
+        chosen = np.arange(self._next, self._next + count) % WORLDS
+        self._next = int(self._next + count) % WORLDS
+        draws: Array = self._draws[chosen]
+        return draws
+
+    def first(self, count: int) -> Array:
+        """Return always the same worlds, (count, DRAW)."""
+        draws: Array = self._draws[:count]
+        return draws
+
+    def attempt(self, start: Start, plans: Sequence[Array], draws: Array, ahead: Ahead,
+                raised: float = 0.0) -> Array:
+        """
+        Return the results of each plan in each world, (k, n, RESULT).
+
+        Parameters
+        ----------
+        start : tuple
+            Position [m], speed [m/s], pendulum angle [rad] and rate [rad/s].
+        plans : sequence of (PLAN,) arrays
+        draws : (n, DRAW) array
+        ahead : Ahead
+        raised : float
+            Added to the height of the first face [m].
+
+        """
+        rows = np.ascontiguousarray(plans, dtype=float).reshape(-1, PLAN)
+        results = np.zeros((len(rows), len(draws), RESULT))
+        vertices = len(ahead.shape)
+        if vertices not in self._scratch:
+            self._scratch[vertices] = Scratch.of(vertices)[:]
+        position, speed, angle, rate = map(float, start)
+        run_many((position, speed, angle, rate), rows, np.ascontiguousarray(draws), raised,
+                 self._drive, ahead.shape, self._scratch[vertices], results)
+        self.attempts += results.shape[0] * results.shape[1]
+        return results

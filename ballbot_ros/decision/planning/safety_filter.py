@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What no planner may answer, whatever it thinks: a shell of safety around each of them.
+
+Pure functions.  `unusable` says before planning whether there is anything to plan with;
+`checked` looks at the answer.  `guarded` puts both around a planner.
+"""
+from dataclasses import astuple, replace
+import math
+from typing import Optional
+
+from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situation
+from ballbot_ros.decision.tuning import DecisionTuning
+from ballbot_ros.decision.values import Decision, Kind, Motion, Plan, Profile, Reason, Strategy
+from ballbot_ros.physics.model.robot import Robot
+
+# Once observations were too old, only such a part of the allowed age is young again: latency
+# near the limit must not make the answer alternate.
+YOUNG = 0.9
+
+ROUNDING = 1e-9  # [m/s], [m]
+
+# A start moves with the face as it is believed to be; so little too far back, it is moved [m].
+MOVED = 0.04
+
+# Backed off far enough [m].
+ARRIVED = 0.03
+
+
+def stop(reason: Reason, explanation: str, **numbers: float) -> Decision:
+    """Return a STOP as soon as possible."""
+    return Decision(Kind.STOP, reason, 0.0, explanation, plan=Plan(Strategy.STOP),
+                    **numbers)  # type: ignore[arg-type]
+
+
+def energy_bound(robot: Robot, speed: float, swing: float) -> float:
+    """
+    Return a height that no step can have that is crossed at a speed [m].
+
+    Where all energy of rolling, the fall of a pendulum from the highest angle that it swings
+    to, and its push on the way up are spent on the height h of the step::
+
+        M g h = (M + J1 / R^2) v^2 / 2 + M2 g e (1 - cos(swing) + acos(1 - h / R))
+
+    Parameters
+    ----------
+    robot : Robot
+    speed : float
+        At touch, or the highest until then [m/s].
+    swing : float
+        Largest angle of the pendulum [rad].
+
+    Returns
+    -------
+    float
+        At most the radius: a higher face is a wall.
+
+    """
+    radius, pendulum = robot.ball_radius, robot.largest_gravity_torque
+    given = pendulum * (1.0 - math.cos(swing)) + 0.5 * speed * speed * (
+        robot.total_mass + robot.ball_inertia / radius**2)
+    low, high = 0.0, radius
+    # What is left over falls with the height, or rises first and falls then: none at the
+    # radius is none there; otherwise the radius is the bound.
+    if given + pendulum * 0.5 * math.pi >= robot.weight * radius:
+        return radius
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        if given + pendulum * math.acos(1.0 - middle / radius) >= robot.weight * middle:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+def unusable(situation: Situation, previous: Optional[Decision],
+             tuning: DecisionTuning) -> Optional[Decision]:
+    """
+    Return the STOP that missing, old, rejected or meaningless input asks for, or None.
+
+    Parameters
+    ----------
+    situation : Situation
+    previous : Decision or None
+        Observations that were too old must be clearly younger to count again.
+    tuning : DecisionTuning
+
+    """
+    fault = meaningless(situation)
+    if fault:
+        return stop(Reason.BAD_OBSERVATION, f'Stopping: {fault}')
+    motion, profile = situation.motion, situation.profile
+    if profile is None:
+        return stop(Reason.STALE, 'Stopping: nothing has been observed yet')
+    answer, face = _rejected(profile, motion, previous, tuning), profile.face
+    if answer is None or face is None:
+        return answer
+    return replace(answer, distance=face.position - motion.position, step=face.number)
+
+
+def meaningless(situation: Situation) -> str:
+    """Return what is no number where one is needed, or nothing."""
+    # Whatever is compared with NaN is false, and could be taken for an answer.
+    if not situation.motion.sane:
+        return 'odometry is not finite, or beyond all measure'
+    faces = situation.profile.faces if situation.profile is not None else ()
+    if not all(math.isfinite(number) for face in faces for number in astuple(face)):
+        return 'the step is not finite'
+    return ''
+
+
+def _rejected(profile: Profile, motion: Motion, previous: Optional[Decision],
+              tuning: DecisionTuning) -> Optional[Decision]:
+    """Return the STOP that a rejected or old observation asks for, or None."""
+    if profile.rejection is not None:
+        return stop(profile.rejection,
+                    f'Stopping: the observation is rejected, {profile.explanation}')
+    age, allowed = motion.stamp - profile.stamp, tuning.observation_timeout
+    if previous is not None and previous.reason is Reason.STALE:
+        allowed *= YOUNG
+    # Written so that an age that is not a number is too old; from the future is no better.
+    if not abs(age) <= allowed:
+        when = f'{age:.2f} s old' if age >= 0.0 else f'{-age:.2f} s ahead of the clock'
+        return stop(Reason.STALE,
+                    f'Stopping: the last observation is {when}, {allowed:g} s is allowed')
+    return None
+
+
+def checked(decision: Decision, situation: Situation, knowledge: Knowledge) -> Decision:
+    """
+    Return a decision, or the STOP that takes its place.
+
+    A crossing stands only if it aims at a face that is known and not passed, is asked for no
+    speed above `highest_speed` and no swing beyond `largest_swing`, and the step is within
+    `energy_bound`.  No other decision asks for more than `cruise_speed`, and backing off ends
+    within ground that is known to be free.
+    """
+    tuning, plan = knowledge.tuning, decision.plan or Plan(Strategy.STOP)
+    crossing = decision.kind is Kind.CROSS
+    most = tuning.highest_speed if crossing else tuning.cruise_speed
+    # Written so that what is not a number is refused.
+    if not (all(0.0 <= speed <= most + ROUNDING for speed in (decision.set_speed, plan.speed))
+            and abs(plan.swing_angle) <= tuning.largest_swing):
+        return stop(
+            Reason.BAD_OBSERVATION, f'Stopping: a plan asked for {decision.set_speed:g} and '
+            f'{plan.speed:g} m/s and {plan.swing_angle:g} rad, {most:g} m/s and '
+            f'{tuning.largest_swing:g} rad are allowed')
+    if decision.kind is Kind.BACK_OFF and not plan.start >= situation.free_from - ROUNDING:
+        if plan.start >= situation.free_from - MOVED:
+            return replace(decision, plan=replace(plan, start=situation.free_from))
+        return stop(Reason.NO_ROOM, 'Stopping: a plan backs off over ground that is not known '
+                    'to be free')
+    if not crossing:
+        return decision
+    faces = situation.profile.faces if situation.profile is not None else ()
+    face = next((item for item in faces if item.number == decision.step), None)
+    if face is None and decision.contact_since is not None \
+            and situation.motion.position < plan.edge:
+        return decision  # of a ball on the edge: its face lies below it
+    if face is None:
+        return stop(Reason.BAD_OBSERVATION, 'Stopping: a plan crosses a step that is not known')
+    bound = energy_bound(knowledge.robot, max(tuning.highest_speed, situation.motion.speed),
+                         max(tuning.largest_lean, abs(plan.swing_angle)))
+    if not face.height <= bound:
+        return stop(
+            Reason.TOO_HIGH, f'Stopping: {1e3 * face.height:.0f} mm are more than all energy of '
+            f'the ball lifts it, {1e3 * bound:.0f} mm', height=face.height, step=face.number,
+            distance=face.position - situation.motion.position)
+    return decision
+
+
+def guarded(planner: Planner, knowledge: Knowledge) -> Planner:
+    """
+    Return a planner whose answers are `checked`, and which is not asked without sound input.
+
+    A ball on its way over a step whose brakes would not stop it any more is not asked to stop
+    because an observation is old or rejected: it has nothing better to do than to go on.
+    """
+    def answer(situation: Situation, previous: Optional[Decision]) -> Decision:
+        trouble = unusable(situation, previous, knowledge.tuning)
+        if trouble is not None and not _committed(previous, situation):
+            return trouble
+        planned = planner(situation, previous)
+        return checked(held_back(planned, situation, knowledge.tuning), situation, knowledge)
+    return answer
+
+
+def held_back(decision: Decision, situation: Situation, tuning: DecisionTuning) -> Decision:
+    """
+    Return a decision, or what takes its place where the ball did not get on before.
+
+    It keeps `stop_gap` before that place, backing off over ground that is free, and looks for
+    another way.
+    """
+    blocked, position = situation.obstruction, situation.motion.position
+    if blocked is None or decision.kind not in (Kind.CLEAR, Kind.CROSS):
+        return decision
+    place = blocked.position - tuning.stop_gap
+    what = ('rolled back on a slope that is too steep' if blocked.reason is Reason.STEEP
+            else 'did not get on')
+    answer = replace(
+        decision, kind=Kind.GO_ROUND, reason=blocked.reason, set_speed=0.0,
+        plan=Plan(Strategy.GO_ROUND), explanation=f'The ball {what} at {blocked.position:.2f} m; '
+        'find another way')
+    if position <= place:
+        return replace(answer, set_speed=tuning.cruise_speed, plan=replace(
+            answer.plan or Plan(Strategy.GO_ROUND), speed=tuning.cruise_speed,
+            stop_position=place))
+    start = max(place, situation.free_from)
+    if not position - start > ARRIVED:
+        return replace(answer, plan=Plan(Strategy.GO_ROUND, stop_position=min(start, position)))
+    return replace(
+        answer, kind=Kind.BACK_OFF, plan=Plan(Strategy.BACK_OFF, start),
+        start_distance=position - start, explanation=f'The ball {what} here; backing off')
+
+
+def _committed(previous: Optional[Decision], situation: Situation) -> bool:
+    """Return whether the ball crosses a step that it cannot stop before any more."""
+    return (previous is not None and previous.kind is Kind.CROSS
+            and previous.reason is Reason.COMMITTED and situation.profile is not None
+            and not meaningless(situation)
+            and any(face.number == previous.step for face in situation.profile.faces))

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Attempts are recognised, and what came of them, also where odometry slips or nothing is seen."""
+from dataclasses import replace
+from functools import lru_cache
+import math
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+from ballbot_ros.control import JointReadings, load_tuning, PendulumController, SetPoint
+from ballbot_ros.decision import (
+    Decision, Face, Kind, load_decision_tuning, Motion, Profile, Reason, StepObservation,
+    StepTracker)
+from ballbot_ros.decision.execution.attempts import AttemptWatch
+from ballbot_ros.decision.values import Outlook, Strategy
+from ballbot_ros.physics.model.parameters import Actuator, TORQUE
+from ballbot_ros.physics.model.robot import load_robot
+from ballbot_ros.physics.model.terrain import Terrain
+from ballbot_ros.physics.simulation.model import Model
+from ballbot_ros.physics.simulation.solver import Solver
+
+GIMBALL = load_robot('gimball')
+TUNING = load_decision_tuning('decision_default')
+SLIPPERY = replace(GIMBALL, surface_friction=0.03, edge_friction=0.02)
+NARROW = [[-1, 0], [1, 0], [1, .02], [1.3, .02]]
+GROUNDS = {
+    'step': [[-1, 0], [1, 0], [1, .02], [2, .02]],
+    'high': [[-1, 0], [1, 0], [1, .05], [2, .05]],
+    'two edges': [[-1, 0], [1, 0], [1, .02], [1.2, .02], [1.2, .04], [2, .04]],
+    'threshold': [*NARROW, [1.3, 0], [2, 0]],
+    'drop behind': [*NARROW, [1.3, -.1], [2, -.1]],
+    'drop': [[-1, 0], [1, 0], [1, -.1], [2, -.1]],
+}
+UNSEEN = (99.0, 99.0)
+
+
+@lru_cache(maxsize=None)
+def drive(ground, speed, lean, robot=GIMBALL, unseen=UNSEEN, seconds=4.5):
+    """Push a ball at a ground whatever comes, on the full model with odometry that slips."""
+    terrain = Terrain(GROUNDS[ground])
+    faces = [(face[0, 0], face[-1, 1] - face[0, 1]) for face in terrain.faces(1.0, 0.002)]
+    model = Model(robot, terrain, solver=Solver(step=5e-4))
+    controller = PendulumController(robot, load_tuning('published'))
+    tracker, watch = StepTracker(GIMBALL, TUNING), AttemptWatch(GIMBALL)
+    random = np.random.default_rng(1)
+    state, torque, outcomes, profile = model.at_rest(0.0), 0.0, [], None
+    for index in range(int(seconds * 1000)):
+        now = index / 1000
+        if index % 20 == 0:
+            x, v = (-robot.ball_radius * number
+                    for number in (state.ball_angle, state.ball_rate))
+            ahead = next((face for face in faces if face[0] > state.x), None)
+            if not unseen[0] <= now < unseen[1]:
+                profile = tracker.update(StepObservation(now, False) if ahead is None else (
+                    StepObservation(
+                        now, True, max(0.0, ahead[0] - state.x + 0.005 * random.normal()),
+                        ahead[1] + 0.0005 * random.normal(), 0.005, 0.0005)), x)
+            decision = Decision(
+                Kind.CROSS, Reason.LIKELY, speed, '', step=profile.face.number
+                if profile.face else 0, outlook=Outlook(probability=0.9))
+            outcome = watch.update(
+                Motion(now, x, v, state.pendulum_angle), profile, decision)
+            if outcome is not None:
+                outcomes.append(outcome)
+            angle = min(max(1.8 * (speed - v), -lean), lean)
+            controller.give(SetPoint('hold', angle, now))
+        late, torque = torque, controller.torque(JointReadings(
+            now, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate))
+        state = model.advance(state, Actuator(TORQUE, late, limit=10.0), 2)
+    return outcomes, state
+
+
+@pytest.mark.parametrize('ground, speed, lean, results', [
+    ('step', 0.9, 0.7, ['over']),
+    ('step', 0.5, 0.5, ['stuck']),
+    ('two edges', 0.9, 0.7, ['over']),
+    ('threshold', 0.9, 0.7, ['over']),
+    ('drop behind', 0.9, 0.7, ['fell']),
+    ('drop', 0.4, 0.7, ['fell']),
+])
+def test_what_came_of_it_is_told(ground, speed, lean, results):
+    outcomes, _ = drive(ground, speed, lean)
+    assert [item.result for item in outcomes] == results
+
+
+def test_an_outcome_says_with_what_the_step_was_touched():
+    (first, *_), _ = drive('step', 0.9, 0.7)
+    assert first.touch_speed == pytest.approx(0.85, abs=0.03)
+    assert first.height == pytest.approx(0.02, abs=0.0006)
+    assert 0.0 < first.height_sd < 0.002
+    assert first.distance == pytest.approx(1.0 - 0.093, abs=0.03)
+    assert first.probability == 0.9 and first.robot == GIMBALL.digest
+    assert first.plan.strategy is Strategy.CRUISE and first.plan.speed == 0.9
+    assert -0.7 <= first.held_angle <= 0.7
+
+
+def test_a_ball_that_spins_at_the_foot_of_a_step_has_not_got_over():
+    outcomes, state = drive('high', 0.5, 1.4, SLIPPERY, seconds=7.0)
+    assert -GIMBALL.ball_radius * state.ball_angle > 1.5  # odometry is far beyond the step
+    assert state.x < 1.0
+    assert len(outcomes) > 1
+    assert {item.result for item in outcomes} == {'stuck'}
+
+
+def test_of_what_nobody_saw_nothing_is_claimed():
+    outcomes, state = drive('step', 0.9, 0.7, unseen=(2.0, 99.0))
+    assert state.x > 1.3 and not outcomes
+
+
+def test_what_is_seen_only_later_is_told_later():
+    outcomes, _ = drive('step', 0.9, 0.7, unseen=(2.0, 3.2))
+    assert [item.result for item in outcomes] == ['over']
+    assert 3.2 <= outcomes[0].stamp < 3.3
+
+
+def rolled(stamps, positions, faces=(Face(1, 1.0, 0.05, 0.005, 0.001),)):
+    """Return the outcomes for positions, with the same faces seen all the time."""
+    watch, outcomes = AttemptWatch(GIMBALL), []
+    decision = Decision(Kind.CROSS, Reason.LIKELY, 0.5, '', step=1)
+    speeds = np.gradient(positions, stamps)
+    for stamp, position, speed in zip(stamps, positions, speeds):
+        outcome = watch.update(Motion(stamp, position, float(speed)),
+                               Profile(stamp, faces), decision)
+        if outcome is not None:
+            outcomes.append(outcome)
+    return outcomes, watch
+
+
+def test_a_ball_that_leans_against_a_step_is_stuck_after_a_while():
+    stamps = np.arange(0.0, 6.0, 0.02)
+    outcomes, _ = rolled(stamps, np.minimum(0.5 * stamps, 0.86))
+    assert [item.result for item in outcomes] == ['stuck']
+    assert 1.5 <= outcomes[0].stamp - 0.86 / 0.5 < 1.7
+
+
+def test_rocking_at_the_foot_is_one_failure_not_many():
+    stamps = np.arange(0.0, 10.0, 0.02)
+    rocking = np.where(stamps < 1.72, 0.5 * stamps, 0.85 + 0.02 * np.sin(4.0 * stamps))
+    outcomes, _ = rolled(stamps, rocking)
+    assert [item.result for item in outcomes] == ['stuck']
+
+
+@pytest.mark.parametrize('jump', [0.5, -0.5])
+def test_a_jump_of_odometry_is_no_attempt(jump):
+    stamps = np.arange(0.0, 3.0, 0.02)
+    positions = np.minimum(0.5 * stamps, 0.7) + jump * (stamps > 2.0)
+    assert rolled(stamps, positions)[0] == []
+
+
+def test_a_step_that_comes_up_under_the_ball_is_no_attempt():
+    watch = AttemptWatch(GIMBALL)
+    decision = Decision(Kind.CROSS, Reason.LIKELY, 0.5, '', step=1)
+    for index in range(20):
+        now = 0.02 * index
+        watch.update(Motion(now, 0.8 + 0.5 * now, 0.5), Profile(now), decision)
+    watch.update(Motion(0.4, 1.0, 0.5), Profile(0.4, (Face(1, 1.05, 0.05, 0.005, 0.001),)),
+                 decision)
+    assert watch.attempt is None
+
+
+numbers = st.one_of(st.floats(allow_nan=True, allow_infinity=True), st.floats(-2.0, 2.0))
+faces = st.builds(Face, st.integers(0, 3), numbers, numbers, numbers, numbers)
+profiles = st.one_of(st.none(), st.builds(
+    Profile, numbers, st.lists(faces, max_size=3).map(tuple), slope=numbers))
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.tuples(st.floats(0.0, 0.3), numbers, numbers, profiles,
+                          st.sampled_from(list(Kind))), max_size=30))
+def test_nothing_that_comes_in_raises_and_outcomes_are_finite(stream):
+    watch, now = AttemptWatch(GIMBALL), 0.0
+    for passed, position, speed, profile, kind in stream:
+        now += passed
+        outcome = watch.update(Motion(now, position, speed), profile,
+                               Decision(kind, Reason.LIKELY, 0.5, ''))
+        assert outcome is None or math.isfinite(outcome.touch_speed)
