@@ -12,7 +12,7 @@ help:
 	@echo 'make docs    the documentation as a site, in build/site'
 	@echo 'make extremes  20,000 cases at the extremes, each judged; some minutes'
 	@echo 'make fuzz    the serial protocols, guided by coverage; some minutes'
-	@echo 'make mutants  change the code and see whether its unit tests notice; some minutes'
+	@echo 'make mutants  mutation tests of one package, with cosmic-ray; ARGS=control'
 	@echo 'make lint    style and types only'
 	@echo 'make setup   prepare .venv and do nothing more'
 	@echo 'make clean   remove .venv and everything built'
@@ -47,7 +47,8 @@ fuzz: setup
 	@.venv/bin/python fuzz/run.py $(ARGS)
 
 mutants: setup
-	@.venv/bin/python mutants/run.py $(ARGS)
+	@$(PYTHON) scripts/extra.py mutants
+	@.venv/bin/python scripts/mutants.py $(ARGS)
 
 lint: setup
 	@.venv/bin/python -m pytest -q test/test_lint.py test/test_layers.py $(ARGS)

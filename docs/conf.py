@@ -32,13 +32,15 @@ author = 'ballbot_ros maintainers'
 copyright = author  # noqa: A001
 release = version = __version__
 
-extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
+extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon', 'sphinxarg.ext',
+              'sphinx_copybutton']
 # rosdoc2 writes an index.rst where there is none; the first page is index.md.
 exclude_patterns = ['_build', 'index.rst']
-html_theme = 'sphinx_rtd_theme'
-html_theme_options = {'navigation_depth': 2, 'titles_only': True}
+html_theme = 'furo'  # with a dark mode
+html_title = f'ballbot_ros {version}'
 html_static_path = [str(ROOT / 'docs' / '_static')]  # absolute, for rosdoc2
 html_css_files = ['tables.css']
+copybutton_exclude = '.linenos, .gp, .go'
 html_show_sourcelink = False
 smartquotes = False  # options begin with two dashes
 html_math_renderer = 'mathml'

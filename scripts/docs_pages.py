@@ -12,8 +12,6 @@ import os
 from pathlib import Path
 import re
 
-import docs_reference
-
 ROOT = Path(__file__).resolve().parent.parent
 GENERATED = 'generated'
 # Files outside of docs/ -> pages of the site.
@@ -22,8 +20,6 @@ COPIED = {'README.md': 'readme.md', 'CONTRIBUTING.md': 'contributing.md',
           'interfaces/README.md': 'interfaces.md', 'examples/paper.ipynb': 'paper.md'}
 FOLDER = re.compile(r'\[([^][]+)\]\(([^)#\s:]+)\)')
 LINK = re.compile(r'(\]\()([^)#\s]+)((?:#[^)]*)?\))')
-# Section of docs/index.md -> pages of the site that are no files of the repository.
-MADE = {'Reference': ['generated/messages.md', 'generated/cli.md', 'generated/python.md']}
 # The sections of docs/index.md are the table of contents.
 SECTION = re.compile(r'^## (.+)$', re.MULTILINE)
 ENTRY = re.compile(r'^\* \[([^]]+)\]\(([^)]+)\)', re.MULTILINE)
@@ -38,7 +34,6 @@ def write(docs):
     for file, page in COPIED.items():
         if page.endswith('.md'):
             pages[page] = followed(pages[page], ROOT / file, folder / page, docs)
-    pages.update(docs_reference.pages())
     for name, text in pages.items():
         path = folder / name
         # Sphinx reads again what is newer than its last build.
@@ -117,7 +112,7 @@ def contents(text):
     tables = []
     for title, body in zip(parts[::2], parts[1::2]):
         entries = [f'{words} <{page}>' for words, page in ENTRY.findall(body)
-                   if page.endswith(('.md', '.rst'))] + MADE.get(title, [])
+                   if page.endswith(('.md', '.rst'))]
         tables.append('\n```{toctree}\n:hidden:\n:caption: ' + title + '\n\n'
                       + '\n'.join(re.sub(r'\.(md|rst)\b', '', line) for line in entries)
                       + '\n```\n')

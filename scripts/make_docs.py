@@ -15,7 +15,7 @@ from stages import digest, done, ROOT, stage, VENV
 
 PACKAGES = VENV / 'docs'
 REQUIREMENTS = ROOT / 'requirements' / 'docs.txt'
-NEEDED = ('sphinx', 'myst_parser', 'sphinx_rtd_theme')
+NEEDED = ('sphinx', 'myst_parser', 'furo', 'sphinxarg', 'sphinx_copybutton')
 
 
 def install():

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""TODO: one line about this folder."""
+"""Recorder of the last minutes before a fault of the bridge: writing, reading and reports."""

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""TODO: one line about this folder."""
+"""Experiment files, lockstep runs and their results."""

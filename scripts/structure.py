@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Measure the structure of ``ballbot_ros/``: size, fan-in, import cycles and reading paths.
+
+    .venv/bin/python scripts/structure.py                     # this checkout
+    .venv/bin/python scripts/structure.py ../before . --markdown
+    .venv/bin/python scripts/structure.py --paths             # modules on four tasks of a reader
+"""
+import argparse
+import ast
+from collections import Counter
+import io
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+import tokenize
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+ROOT = Path(__file__).resolve().parent.parent
+NAME = 'ballbot_ros'
+KERNEL_DECORATORS = {'compiled', 'inlined', 'outlined', 'unlocked'}
+
+# Each task runs in a process of its own without compilation, so that the profiler sees kernels.
+PATHS = {
+    'scene file to trajectory': """
+from ballbot_ros.physics import load_scene
+def task():
+    load_scene('fig7_top').simulate(0.003)
+""",
+    '`max-step-height` to its number': """
+from ballbot_ros.cli.command import main
+def task():
+    main(['max-step-height', '--speed', '0.8', '--json'])
+""",
+}
+
+
+def modules(root=ROOT):
+    """Return {dotted name: path} of each module of the package in a checkout."""
+    found = {}
+    for path in sorted((root / NAME).rglob('*.py')):
+        parts = path.relative_to(root).with_suffix('').parts
+        found['.'.join(parts[:-1] if parts[-1] == '__init__' else parts)] = path
+    return found
+
+
+def imports(module, text, is_package=False):
+    """Yield (line, dotted name) of each import at any depth: module, or module and name in it."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ''
+            if node.level:
+                parts = module.split('.')
+                above = parts[:len(parts) - node.level + is_package]
+                base = '.'.join([*above, *filter(None, [base])])
+            yield from ((node.lineno, f'{base}.{alias.name}') for alias in node.names)
+
+
+def edges(root=ROOT):
+    """Return {module: the modules of the package that it imports}."""
+    found = modules(root)
+    graph = {}
+    for module, path in found.items():
+        names = (name for _, name in imports(module, path.read_text(encoding='utf-8'),
+                                             path.name == '__init__.py'))
+        # A name out of a module counts as an import of the module.
+        ours = {name if name in found else name.rpartition('.')[0] for name in names}
+        graph[module] = sorted((ours & set(found)) - {module, NAME})
+    return graph
+
+
+def folders(graph):
+    """
+    Return {folder: the folders that it imports} for a graph of modules.
+
+    A folder is a first name below the package; inside physics, also the second.
+    """
+    found = {}
+    for module, names in graph.items():
+        if module != NAME:
+            others = {folder_of(name) for name in names} - {folder_of(module)}
+            found.setdefault(folder_of(module), set()).update(others)
+    return found
+
+
+def folder_of(module):
+    """Return the folder of a module."""
+    parts = module.split('.')[1:]
+    return '.'.join(parts[:2] if parts[0] == 'physics' else parts[:1])
+
+
+def cycles(graph):
+    """Return the sorted modules that import each other in a cycle."""
+    names = sorted({*graph, *(name for others in graph.values() for name in others)})
+    index = {name: number for number, name in enumerate(names)}
+    pairs = [(index[name], index[other]) for name, others in graph.items() for other in others]
+    matrix = coo_array((np.ones(len(pairs)), np.array(pairs, dtype=int).reshape(-1, 2).T),
+                       shape=(len(names), len(names)))
+    _, label = connected_components(matrix, connection='strong')
+    size = Counter(label)
+    return [name for name in names if size[label[index[name]]] > 1]
+
+
+class Source:
+    """Lines of one file by kind, its definitions, and the names that it calls."""
+
+    def __init__(self, text):
+        tree = ast.parse(text)
+        self.lines = text.count('\n')
+        docstrings = set()
+        for node in ast.walk(tree):
+            if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef,
+                                 ast.AsyncFunctionDef)) and ast.get_docstring(node, clean=False):
+                docstrings |= set(range(node.body[0].lineno, node.body[0].end_lineno + 1))
+        self.docstrings = len(docstrings)
+        layout = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT,
+                  tokenize.DEDENT, tokenize.ENDMARKER}
+        code = set()
+        for token in tokenize.generate_tokens(io.StringIO(text).readline):
+            if token.type not in layout and token.start[0] not in docstrings:
+                code |= set(range(token.start[0], token.end[0] + 1))
+        self.code = len(code)
+        functions = [node for node in ast.walk(tree)
+                     if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))]
+        self.kernels = sum(any(getattr(mark, 'id', getattr(getattr(mark, 'func', None), 'id', ''))
+                               in KERNEL_DECORATORS for mark in node.decorator_list)
+                           for node in functions)
+        self.functions = [node.name for node in functions if not node.name.startswith('__')]
+        self.uses = Counter(
+            node.id if isinstance(node, ast.Name) else node.attr
+            for node in ast.walk(tree) if isinstance(node, (ast.Name, ast.Attribute)))
+
+
+def measure(root):
+    """Return {quantity: number} of a checkout."""
+    sources = {name: Source(path.read_text(encoding='utf-8'))
+               for name, path in modules(root).items()}
+    graph = edges(root)
+    importers = Counter(name for names in graph.values() for name in names)
+    uses = sum((source.uses for source in sources.values()), Counter())
+    defined = Counter(name for source in sources.values() for name in source.functions)
+    return {
+        'files': len(sources),
+        'lines': sum(source.lines for source in sources.values()),
+        'lines of code': sum(source.code for source in sources.values()),
+        'lines of docstrings': sum(source.docstrings for source in sources.values()),
+        'functions': sum(defined.values()),
+        'kernels': sum(source.kernels for source in sources.values()),
+        'modules with one importer': sum(times == 1 for times in importers.values()),
+        'functions referred to once': sum(times == 1 and uses[name] == 1
+                                          for name, times in defined.items()),
+        'modules in import cycles': len(cycles(graph))}
+
+
+def modules_run(root, task):
+    """Return the sorted modules of the package whose functions a task calls in a checkout."""
+    program = task + f"""
+import json, os, sys
+seen = set()
+def note(frame, event, arg):
+    if event == 'call' and frame.f_code.co_name != '<module>':
+        seen.add(frame.f_code.co_filename)
+import threading
+threading.setprofile(note); sys.setprofile(note)
+out = sys.stdout
+sys.stdout = open(os.devnull, 'w')
+try:
+    task()
+except SystemExit:
+    pass
+sys.setprofile(None); threading.setprofile(None)
+root = {str(root / NAME) + os.sep!r}
+print(json.dumps(sorted(name[len(root):] for name in seen if name.startswith(root))), file=out)
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', program], cwd=root, capture_output=True, text=True,
+        env={**os.environ, 'BALLBOT_UNCOMPILED': '1', 'PYTHONPATH': str(root)})
+    if done.returncode:
+        sys.exit(done.stderr)
+    return json.loads(done.stdout)
+
+
+def main():
+    """Print the figures of each checkout side by side."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('checkouts', nargs='*', type=Path, default=[ROOT], metavar='CHECKOUT')
+    parser.add_argument('--markdown', action='store_true', help='print a table for a document')
+    parser.add_argument('--paths', action='store_true',
+                        help='also count the modules that each reading path runs through')
+    parser.add_argument('--list', action='store_true', help='list the modules of each path')
+    arguments = parser.parse_args()
+    columns = []
+    for root in (path.resolve() for path in arguments.checkouts):
+        column = measure(root)
+        if arguments.paths or arguments.list:
+            for title, task in PATHS.items():
+                found = modules_run(root, task)
+                column[f'modules: {title}'] = len(found)
+                if arguments.list:
+                    print(f'{title}:', *found, sep='\n  ')
+        columns.append(column)
+    if arguments.markdown:
+        print('| |' + ' |'.join(f' {root} ' for root in arguments.checkouts) + '|')
+        print('|---' * (len(columns) + 1) + '|')
+    for what in columns[0]:
+        figures = [f'{column.get(what, ""):,}' for column in columns]
+        print(f'| {what} | {" | ".join(figures)} |' if arguments.markdown else
+              f'{what:48}' + ''.join(f'{figure:>12}' for figure in figures))
+
+
+if __name__ == '__main__':
+    main()
