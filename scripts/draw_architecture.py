@@ -62,9 +62,7 @@ def purpose(folder):
 
 def draw():
     """Return the figure and the set of arrows (importer, imported) in it."""
-    graph = folder_graph()
-    graph['black_box'].discard('bridge')
-    graph = reduced(graph)
+    graph = reduced(folder_graph())
     rows = {}
     for folder, row in ranks(graph).items():
         rows.setdefault(row, []).append(folder)
@@ -82,7 +80,8 @@ def draw():
         for folder, (x, y) in place.items():
             axes.text(x, y, folder + '\n', ha='center', va='center', weight='bold', fontsize=10,
                       zorder=4)
-            axes.text(x, y - 0.06, '\n' + textwrap.shorten(purpose(folder), 40, placeholder=' ...'),
+            axes.text(x, y - 0.06,
+                      '\n' + textwrap.shorten(purpose(folder), 40, placeholder=' ...'),
                       ha='center', va='center', fontsize=6.5, color=canvas.GREY, zorder=4)
             axes.add_patch(canvas_box(x - 1.25, y - 0.36, 2.5, 0.72))
         arrows = {(folder, name) for folder, names in graph.items() for name in names}
@@ -94,8 +93,8 @@ def draw():
         axes.add_patch(canvas_box(0.1, -1.2, 11.8, 0.5))
         axes.text(6.0, -0.95, ', '.join(sorted(BASE)), ha='center', va='center', fontsize=10,
                   weight='bold', zorder=4)
-        axes.text(0.1, -1.4, 'An arrow means "imports". Imports of the lowest row, and those that a '
-                  'chain of arrows implies, are left out.', fontsize=7, color=canvas.GREY)
+        axes.text(0.1, -1.4, 'An arrow means "imports". Imports of the lowest row, and those that '
+                  'a chain of arrows implies, are left out.', fontsize=7, color=canvas.GREY)
     return figure, arrows
 
 

@@ -5,7 +5,7 @@ Run cosmic-ray on a random sample of mutations of one package, in a copy of the 
     make mutants ARGS='control --count 40 --seed 2'
 
 Kernels run uncompiled.  The session is kept in build/mutants, and the same command resumes it;
-``cr-html`` and ``cosmic-ray dump`` read it.  Exits with 1 if more mutations survive than --fail-over.
+``cr-html`` and ``cosmic-ray dump`` read it.  Exits with 1 if more than --fail-over survive.
 """
 import argparse
 from pathlib import Path
