@@ -20,9 +20,8 @@ from precision_scenes import shipped
 from ballbot_ros.config.files import shipped_files
 from ballbot_ros.jit import compiled as compile_kernel
 from ballbot_ros.physics.mechanics import contact
-from ballbot_ros.physics.simulation.reachability import analyse
 from ballbot_ros.physics.simulation.steps import simulate
-from ballbot_ros.physics.solvers.spans import FLIGHT, NAMES
+from ballbot_ros.physics.solvers.flight import has_closed_form
 from ballbot_ros.physics.solvers.values import Options
 
 LEVELS = (1e-4, 1e-5, 1e-6)  # the errors at which times are compared [m]
@@ -97,12 +96,11 @@ def found_in(case):
         # Tolerances come in steps, so that one error alone would leave much to chance.
         return math.exp(sum(math.log(item[name] / item['least']) for item in times) / len(times))
     least, found = times[-1]['least'], {}
-    flown = sum(span.end - span.begin for span in run.spans if span.model == NAMES[FLIGHT])
-    analysis = analyse(case.model, case.start, case.actuation, case.duration)
-    if flown > 0.0:
+    if run.effort.flights > 0:
         found['flight'] = factor('flight')
     else:
-        found['flight'] = 'never flies' if analysis.closed_form else 'has no closed form'
+        linear = has_closed_form(case.model.parameters, case.actuation.actuator(case.model.robot))
+        found['flight'] = 'never flies' if linear else 'has no closed form'
     found['search'] = 1.0 + calls * searching / least
     found['ledger'] = factor('ledger') if 'ledger' in Options._fields else 'kept'
     found['pendulum'] = factor('pendulum') if 'pendulum' in times[-1] else 'kept: it swings'

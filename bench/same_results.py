@@ -6,7 +6,7 @@ Hold that a change of the code changes no result, not by a bit.
     .venv/bin/python bench/same_results.py --against before.json   # after it
 
 Runs every scene with every method, random scenes, control periods and searches for the highest
-step.  Exits with 1 and names the cases where anything differs: rows, statistics, spans, errors.
+step.  Exits with 1 and names the cases where anything differs: rows, statistics, errors.
 """
 import argparse
 from dataclasses import replace
@@ -40,7 +40,7 @@ def said(trajectory):
     last = trajectory.state(len(trajectory) - 1)
     return [len(trajectory), digest(trajectory.rows), digest(columns),
             [value.hex() for value in trajectory.rows[-1].tolist()], list(trajectory.effort),
-            [list(span) for span in trajectory.spans], list(trajectory.assurance or ()),
+            list(trajectory.assurance or ()),
             [list(touch) for touch in trajectory.model.touches(last)],
             list(trajectory.model.energies(last))]
 

@@ -4,7 +4,7 @@ import argparse
 from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Iterable, Optional
+from typing import Any, Optional
 
 from ballbot_ros.cli.before_run import before_the_run
 from ballbot_ros.cli.command import DONE, FAILED, INTERRUPTED, print_error
@@ -16,7 +16,6 @@ NUMBERS = ('summary.txt', 'summary.json', 'trajectory.csv', 'trajectory.npz',
            'trajectory.parquet')
 PICTURES = ('strip', 'time_series')
 ALL_FILES = (*NUMBERS, *(f'{name}.{ending}' for name in PICTURES for ending in ('png', 'svg')))
-WIDTH = 88  # of a line of words
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,9 +44,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--models', choices=('auto', 'full'),
                         help='auto lets a method that chooses its steps compute flights in closed '
                         'form, full does not (default: what the scene says)')
-    parser.add_argument('--explain', action='store_true',
-                        help='say what was modelled when, what was left out, why, and what that '
-                        'costs')
     parser.add_argument('--no-figures', action='store_true', help='write numbers only')
     parser.add_argument('--animate', nargs='?', const=Path(), type=animation_file,
                         metavar='FILE.gif|FILE.mp4', help='write an animation as well (default '
@@ -100,21 +96,12 @@ def run(arguments: argparse.Namespace) -> int:
     for name in ALL_FILES:  # of the run that was replaced
         if folder / name not in files:
             (folder / name).unlink(missing_ok=True)
-    explanation = None
-    if arguments.explain:
-        from ballbot_ros.results import explain
-        explanation = explain(trajectory, scene)
     if arguments.json:
-        content = {**summary.to_dict(), 'files': [str(path) for path in files]}
-        if explanation is not None:
-            content['explanation'] = explanation.to_dict()
-        print_json(content)
+        print_json({**summary.to_dict(), 'files': [str(path) for path in files]})
     elif not arguments.quiet:
         from ballbot_ros.results import report
         print(f'{report(summary)}\n\nWritten to {folder}: '
               f'{", ".join(named(path, folder) for path in files)}')
-        if explanation is not None:
-            print_wrapped(explanation.sentences)
     if failure is not None:
         print_error(f'{failure}; what there is up to then was written to {folder}')
         return FAILED
@@ -273,11 +260,3 @@ def write_all(trajectory: Any, summary: Any, folder: Path,
         figure = draw(trajectory, summary.name)
         files += (folder / file for file in save_figure(figure, folder, name, arguments.format))
     return files
-
-
-def print_wrapped(sentences: Iterable[str]) -> None:
-    """Print sentences as paragraphs."""
-    from textwrap import wrap
-    print()
-    for sentence in sentences:
-        print('\n'.join(wrap(sentence, WIDTH, subsequent_indent='    ')))

@@ -16,7 +16,7 @@ from ballbot_ros.physics.model.state import (
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.integrate import integrate
 from ballbot_ros.physics.solvers.values import (
-    EventRate, FINISHED, Options, Output, PackedWorkspace, Status, StepController, unpacked)
+    FINISHED, Options, Output, PackedWorkspace, status_at, unpacked)
 
 # Number of the first period, how many, length of each [s].
 Span = Tuple[int, int, float]
@@ -110,10 +110,8 @@ def advance_periods(call: Call) -> Tuple[int, int, float]:
         system = System(parameters, ground,
                         Actuator(TORQUE, torque, 0.0, 0.0, 0.0, maximum, 0.0, 0.0))
         before = state[VELOCITY_X]
-        status = Status(FINISHED, number * period, 0, StepController(0.0, False, False, 0.0, 0, 0),
-                        EventRate(0, 0, 0), False, True, 0.0)
-        after = integrate(status, number * period + period, state, system, options, output,
-                          workspace)
+        after = integrate(status_at(number * period), number * period + period, state, system,
+                          options, output, workspace)
         if after.outcome != FINISHED:
             return after.outcome, number - first, torque
         watch_touches(watched, before, state, parameters.radius, number + 1)

@@ -28,8 +28,7 @@ from ballbot_ros.physics.model.state import (
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, VERTEX_X, VERTEX_Y
 from ballbot_ros.physics.solvers.integrate import integrate
 from ballbot_ros.physics.solvers.values import (
-    AUTOMATIC, EVALUATIONS, EventRate, FINISHED, Options, Output, Status, StepController,
-    Workspace)
+    AUTOMATIC, EVALUATIONS, FINISHED, NOTHING, Options, Output, Status, status_at, Workspace)
 
 OVER, BACK, UNDECIDED = range(3)
 
@@ -219,8 +218,7 @@ def run_to_verdict(height: float, tolerance: float,
     steep = ground[EDGE_VERTEX, TANGENT_Y] / ground[EDGE_VERTEX, TANGENT_X] if goal > 0.0 else 0.0
     doubt = 10.0 * tolerance * parameters.mass * parameters.gravity
     options = Options(tolerance, 0.0, AUTOMATIC, crossing.budget, False, False)
-    status = Status(FINISHED, 0.0, 0, StepController(0.0, False, False, 0.0, 0, 0),
-                    EventRate(0, 0, 0), False, True, 0.0)
+    status = status_at(0.0)
     nearest, farthest, passed, block = -math.inf, -math.inf, 0.0, BLOCK
     while status.time < course.time_limit:
         for i in range(SIZE):
@@ -239,7 +237,7 @@ def run_to_verdict(height: float, tolerance: float,
             for i in range(SIZE):
                 state[i] = before[i]
             status = Status(FINISHED, status.time, 0, status.controller, status.rate, False,
-                            True, 0.0)
+                            NOTHING, True, 0.0)
             continue
         status, block = later, BLOCK
         early, late = weight_ahead(before, parameters), weight_ahead(state, parameters)

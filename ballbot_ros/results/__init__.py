@@ -10,7 +10,6 @@ What remains of a run: files of numbers, figures and a summary.
 
 Figures are imported from `ballbot_ros.figures.run`, because matplotlib takes a while.
 """
-from ballbot_ros.results.explanation import explain, Explanation
 from ballbot_ros.results.faces import FaceMeeting
 from ballbot_ros.results.files import (
     read_columns, read_units, write_csv, write_npz, write_parquet, write_text)
@@ -18,5 +17,5 @@ from ballbot_ros.results.summary import summarise, Summary
 from ballbot_ros.results.wording import report
 
 __all__ = [
-    'explain', 'Explanation', 'FaceMeeting', 'read_columns', 'read_units', 'report', 'summarise',
-    'Summary', 'write_csv', 'write_npz', 'write_parquet', 'write_text']
+    'FaceMeeting', 'read_columns', 'read_units', 'report', 'summarise', 'Summary', 'write_csv',
+    'write_npz', 'write_parquet', 'write_text']

@@ -170,10 +170,11 @@ def add_pendulum(time: float, state: Array, hanging: Direction, saturated: int, 
     """Add to the derivative what the pendulum and its motor do, and how they feel the loads."""
     (force_x, force_y), actuator, parameters = force, system.actuator, system.parameters
     (sine, cosine), rate = hanging, state[PENDULUM_RATE]
-    motor = saturated * actuator.limit
     # Slopes of the torque with ball and pendulum angle, ball and pendulum rate, and time.
     by_ball = by_angle = by_spin = by_rate = by_time = 0.0
-    if saturated == 0:
+    if saturated != 0:
+        motor = saturated * actuator.limit
+    else:
         motor = torque_asked(time, state, sine, actuator)
         by_ball, by_angle, by_spin, by_rate, by_time = torque_slopes(actuator)
         by_angle += actuator.gravity_torque * cosine

@@ -37,9 +37,10 @@ def without_ground(time: float, motion: Array, hanging: Direction, system: Syste
         return ((-per_inertia * rolling, 0.0, 0.0, -parameters.gravity),
                 (0.0, 0.0, per_mass, 0.0, per_mass))
     saturated = mode.signs[len(mode.signs) - 1, MOTOR]
-    motor = saturated * system.actuator.limit
     if saturated == 0:
         motor = torque_asked(time, motion, sine, system.actuator)
+    else:
+        motor = saturated * system.actuator.limit
     rate = motion[PENDULUM_RATE]
     motor -= parameters.joint_friction * (rate - spin)
     per_swing = 1.0 / parameters.swing_inertia

@@ -8,7 +8,7 @@ from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.physics.solvers.values import (
-    EVALUATIONS, LOOKING, NO_OUTPUT, Options, Output, Status, Workspace)
+    EVALUATIONS, NO_OUTPUT, Options, Output, SEARCH, Status, Workspace)
 
 
 class Integrator:
@@ -44,7 +44,7 @@ class Integrator:
     def work(self) -> int:
         """Return the right-hand sides that all calls have taken."""
         statistics = self.workspace.statistics
-        return int(statistics[EVALUATIONS] + statistics[LOOKING])
+        return int(statistics[EVALUATIONS] + statistics[SEARCH])
 
     def advance(self, actuator: Actuator, state: Array, status: Status, end: float,
                 output: Output = NO_OUTPUT, budget: Optional[int] = None) -> Status:

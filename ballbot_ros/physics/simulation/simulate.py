@@ -12,8 +12,7 @@ from ballbot_ros.physics.simulation.failures import (
 from ballbot_ros.physics.simulation.integrator import Integrator
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.trajectory import Effort, Trajectory
-from ballbot_ros.physics.solvers.registry import Method, METHODS
-from ballbot_ros.physics.solvers.spans import read_log, Span
+from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.physics.solvers.values import FINISHED, Output, PAUSED, Status
 
 # Rows per call into compiled code: progress is reported, and Ctrl-C heard, in between. The run is
@@ -68,8 +67,7 @@ def simulate_once(model: Model, start: State, actuation: Actuation, duration: fl
 
     def so_far(samples: int) -> Trajectory:
         return Trajectory(
-            model, rows[:samples], Effort(*integrator.workspace.statistics[:4].tolist()),
-            spans=_spans(integrator, method, start.time, rows[samples - 1, 0]))
+            model, rows[:samples], Effort(*integrator.workspace.statistics[:5].tolist()))
     try:
         while True:
             before = status.filled
@@ -97,13 +95,6 @@ def simulate_once(model: Model, start: State, actuation: Actuation, duration: fl
         if status.filled == 0:
             raise
     return so_far(1 + status.filled)
-
-
-def _spans(integrator: Integrator, method: Method, begin: float, end: float) -> tuple[Span, ...]:
-    """Return which models a run has gone through."""
-    if method.flies:
-        return read_log(integrator.workspace.log, end)
-    return (Span(begin, end, 'full', 'the run begins'),)
 
 
 __all__ = ['CHUNK', 'output_steps', 'simulate_once', 'SimulationError', 'steps_in']

@@ -19,7 +19,6 @@ from ballbot_ros.physics.model.parameters import Parameters
 from ballbot_ros.physics.model.state import SIZE, State, X, Y
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.model import Model
-from ballbot_ros.physics.solvers.spans import Span
 
 # Every column of a trajectory and its unit, in the order of the files.
 UNITS: Mapping[str, str] = {
@@ -75,6 +74,7 @@ class Effort(NamedTuple):
     rejected: int = 0  # steps of a method that chooses them that were not accurate enough
     events: int = 0  # kinks of the contact law that were located
     evaluations: int = 0  # of the right-hand side
+    flights: int = 0  # in closed form
 
 
 class Assurance(NamedTuple):
@@ -101,8 +101,6 @@ class Trajectory:
     effort : Effort
     assurance : Assurance or None
         Where an accuracy was asked for.
-    spans : tuple of Span
-        Which model simulated which part; empty where nobody says.
 
     """
 
@@ -110,7 +108,6 @@ class Trajectory:
     rows: Array
     effort: Effort = Effort()
     assurance: Optional[Assurance] = None
-    spans: tuple[Span, ...] = ()
 
     def __repr__(self) -> str:
         """Return what was run and how long it is; see `columns` for the numbers."""

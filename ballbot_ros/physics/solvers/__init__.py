@@ -16,16 +16,25 @@ had not: who looks on does not change the numbers.  It adds its steps and right-
 are those of `values`; right-hand sides are `mechanics.equations.derivative`, or `mode_derivative`
 of a mode that is frozen.  To add one, copy ``rk4.py``, and add its line to `registry.METHODS`.
 
-**A step of the adaptive method is a file with two functions** (`dormand_prince`, `rodas5p`)::
+**A step of the adaptive method is a file with three functions** (`dormand_prince`, `rodas5p`),
+entered in `step_methods`::
 
-    step(time, state, size, system, workspace)  # from state and F0, the rates there, to END and
-                                                # ERROR
-    prepare_dense(size, workspace)              # to DENSE, for `dense.motion_at`
+    step(time, state, size, ready, system, workspace) -> stiffness
+    prepare_dense(size, workspace)
+    end_step(workspace) -> ready
 
-These are `rows` of `Workspace.work`, and hold the motion alone; the energy ledger is an integral
-along it, for who asks for it (``Options.ledger``).
+`step` writes the motion after `size` seconds to END and its estimated error to ERROR.  `ready` is
+what the workspace holds of the state that it starts from (NOTHING, RATES: F0, JACOBIAN: both); all
+of it is valid after a step, too, which may be rejected and repeated.  The *stiffness* is the step
+over the longest stable one of an explicit method.  `prepare_dense` writes the dense output of an
+accepted step to DENSE, see `dense.motion_at`.  `end_step` makes ready what the next step needs,
+where it starts at END.
 
-Which of them the next step is, and how long, says the `controller`: a value that each rule
-returns anew.  Where within a step the contact law has a kink say the `events`.  `integrate` is
-the loop over these three.
+END, ERROR, F0 and DENSE are `rows` of `Workspace.work` and hold the motion alone; the energy
+balance is an integral along it (``Options.ledger``).  What survives between two calls of a solver
+is in `Status`; its `begun` and `ready` state which arrays of the workspace are still valid.
+
+The `controller`, a value that each rule returns anew, chooses length and method of the next step.
+`events` locates the kinks of the contact law within a step.  `integrate` is the loop over these
+three.
 """

@@ -18,7 +18,8 @@ from ballbot_ros.physics.model.state import (
     BALL_ANGLE, BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y, X)
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, VERTEX_X
 from ballbot_ros.physics.solvers.fifth_root import fifth_root
-from ballbot_ros.physics.solvers.values import AUTOMATIC, IMPLICIT, SMALLEST_STEP, StepController
+from ballbot_ros.physics.solvers.values import (
+    AUTOMATIC, IMPLICIT, Options, SMALLEST_STEP, StepController)
 
 FIRST_STEP = 1e-4       # [s]
 LONGEST_STEP = 0.25     # [s]: a motion that begins from nothing is not overlooked ...
@@ -148,15 +149,18 @@ def stiffness_seen(now: StepController, stiffness: float) -> StepController:
 
 
 @compiled
-def steadiest(stiffness: float, again: bool) -> float:
+def largest_growth(stiffness: float, implicit: bool, again: bool) -> float:
     """
-    Return by what an explicit step that was so much of the longest stable one may grow.
+    Return the factor by which a step may grow at most.
 
-    Where a longer one was just rejected, the next is no longer.
+    An explicit step grows no further than to the longest stable one; and no step does after a
+    longer one was rejected (`again`).
     """
     if again:
         return 1.0
-    return max(1.0, STEADY / stiffness) if stiffness > STEADY / FASTEST_GROWTH else FASTEST_GROWTH
+    if implicit or stiffness <= STEADY / FASTEST_GROWTH:
+        return FASTEST_GROWTH
+    return max(1.0, STEADY / stiffness)
 
 
 @compiled
@@ -207,30 +211,35 @@ def next_step(now: StepController, used: float, grow: float) -> float:
 
 
 @compiled
-def accepted_explicit(now: StepController, used: float, grow: float,
-                      method: int) -> StepController:
-    """Return the controller after an explicit step [s] that was accurate enough."""
+def accepted(now: StepController, used: float, error: float, implicit: bool, stiffness: float,
+             again: bool, options: Options) -> StepController:
+    """
+    Return the controller after a step that was accurate enough.
+
+    Parameters
+    ----------
+    used : float
+        The step [s].
+    error : float
+        Its estimated error [m].
+    stiffness : float
+        The step over the longest stable explicit one.
+    again : bool
+        Whether a longer step was rejected before.
+
+    """
+    grow = min(growth(error, options.tolerance), largest_growth(stiffness, implicit, again))
     step = next_step(now, used, grow)
-    if method == AUTOMATIC and now.stiff_steps >= now.patience:
+    if options.method != AUTOMATIC:
+        return with_step(now, step)
+    if not implicit:
+        if now.stiff_steps < now.patience:
+            return with_step(now, step)
         return StepController(step * (1.5 * IMPLICIT_COST), now.implicit, True, step, 0,
                               now.patience)
-    return with_step(now, step)
-
-
-@compiled
-def accepted_implicit(now: StepController, used: float, grow: float, method: int,
-                      stable: float) -> StepController:
-    """
-    Return the controller after an implicit step [s] that was accurate enough.
-
-    Implicit steps go on where they are worth more than explicit ones, of which the longest is
-    `stable` [s].
-    """
-    step = next_step(now, used, grow)
-    if method != AUTOMATIC:
-        return with_step(now, step)
-    # While the step still grows as it may, nothing is known yet.
-    if grow == FASTEST_GROWTH or step > IMPLICIT_COST * stable:
+    # Implicit steps go on where they are longer than explicit ones by more than their cost.
+    # While the step still grows as fast as it may, that is not known yet.
+    if grow == FASTEST_GROWTH or step * stiffness > IMPLICIT_COST * used:
         return StepController(step, True, False, now.explicit_step, now.stiff_steps,
                               FIRST_PATIENCE)
     return StepController(min(step, now.explicit_step), False, False, now.explicit_step,

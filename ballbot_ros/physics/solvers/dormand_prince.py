@@ -21,7 +21,7 @@ from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import rows
 from ballbot_ros.physics.solvers.controller import STABLE
 from ballbot_ros.physics.solvers.rows import ALONE, MOTION, sum_rows, WIDTH
-from ballbot_ros.physics.solvers.values import EVALUATIONS, Workspace
+from ballbot_ros.physics.solvers.values import EVALUATIONS, NOTHING, RATES, Workspace
 
 STAGES = 7
 
@@ -57,7 +57,7 @@ def write_rates(time: float, motion: int, out: int, start: Turned, system: Syste
 
 @compiled
 def write_first(time: float, state: Array, system: System, workspace: Workspace) -> None:
-    """Write f0, the rates at the begin of a step."""
+    """Write F0, the rates at the begin of a step."""
     for i in range(MOTION):
         workspace.y_new[i] = state[i]
     write_rates(time, rows.END, rows.F0, turned_by(state[PENDULUM_ANGLE]), system, workspace)
@@ -65,13 +65,16 @@ def write_first(time: float, state: Array, system: System, workspace: Workspace)
 
 
 @compiled
-def step(time: float, state: Array, size: float, system: System, workspace: Workspace) -> float:
+def step(time: float, state: Array, size: float, ready: int, system: System,
+         workspace: Workspace) -> float:
     """
     Take one step; see the contract in `solvers`.
 
-    Returns the step over the longest that is stable, about: the step times the rate of the
-    fastest decay, seen from the last two stages, which are at the same time; over `STABLE`.
+    The stiffness is the step times the rate of the fastest decay, seen from the last two stages,
+    which are at the same time; over `STABLE`.
     """
+    if ready == NOTHING:
+        write_first(time, state, system, workspace)
     work, last = workspace.work, rows.F0 + WIDTH * (STAGES - 1)
     start = turned_by(state[PENDULUM_ANGLE])
     for i in range(MOTION):
@@ -89,6 +92,13 @@ def step(time: float, state: Array, size: float, system: System, workspace: Work
     sum_rows(work, rows.ERROR, rows.ZERO, size, ERROR, 0, rows.F0, STAGES)
     workspace.statistics[EVALUATIONS] += STAGES - 1
     return size * math.sqrt(faster / apart) / STABLE if apart > 0.0 else 0.0
+
+
+@compiled
+def end_step(workspace: Workspace) -> int:
+    """Make the last stage the first one of the next step."""
+    sum_rows(workspace.work, rows.F0, rows.ZERO, 1.0, ALONE, 0, rows.F0 + WIDTH * (STAGES - 1), 1)
+    return RATES
 
 
 @compiled

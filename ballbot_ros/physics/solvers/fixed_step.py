@@ -33,7 +33,7 @@ def stretches(status: Status, end: float, options: Options,
 def moved(status: Status, outcome: int, time: float, filled: int) -> PackedStatus:
     """Return the status of a run that has come to another time."""
     return packed(Status(outcome, time, filled, status.controller, status.rate, status.begun,
-                         status.may_fly, status.before))
+                         status.ready, status.may_fly, status.before))
 
 
 @compiled

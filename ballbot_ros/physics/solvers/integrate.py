@@ -7,8 +7,8 @@ where the mode ends within the step, the end is located on the dense output and 
 starts there in the new mode.  So the order holds through impacts, lift-offs and the onset of
 slip, where a fixed step loses it.
 
-Three ideas, a file each: a *step* (`dormand_prince`, `rodas5p`), the *controller* of step size
-and method, and *events*.  Where the ground exerts no force and the law of the motor has a closed
+Three ideas, a file each: a *step* (`step_methods`), the *controller* of step size and method, and
+*events*.  Where the ground exerts no force and the law of the motor has a closed
 form, the ball flies to its next touch in one step without error (`touch_down`).
 """
 import math
@@ -21,40 +21,23 @@ from ballbot_ros.physics.mechanics.modes import (
 from ballbot_ros.physics.model.parameters import Parameters, System
 from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.solvers import dormand_prince, rodas5p, rows
+from ballbot_ros.physics.solvers import rows
 from ballbot_ros.physics.solvers.controller import (
-    accepted_explicit, accepted_implicit, after_event, clear_distance, error_length,
-    FASTEST_SHRINKING, growth, rejected, shortened, shortest, smallest_step, started, steadiest,
-    stiffness_seen, unavoidable, with_step)
+    accepted, after_event, clear_distance, error_length, FASTEST_SHRINKING, rejected, shortened,
+    shortest, smallest_step, started, stiffness_seen, unavoidable, with_step)
 from ballbot_ros.physics.solvers.dense import interpolate, motion_at, prepare_ledger, write_rows
 from ballbot_ros.physics.solvers.events import CROWD, first_event, LOOKS, rated, STUCK
 from ballbot_ros.physics.solvers.flight import has_closed_form
-from ballbot_ros.physics.solvers.rows import ALONE, MOTION, sum_rows, WIDTH
-from ballbot_ros.physics.solvers.spans import FULL, note
+from ballbot_ros.physics.solvers.rows import MOTION, WIDTH
+from ballbot_ros.physics.solvers.step_methods import end_step, prepare_dense, STAGES, take_step
 from ballbot_ros.physics.solvers.touch_down import fly_to_touch, is_let_go, SHORT_FLIGHT
 from ballbot_ros.physics.solvers.values import (
-    BUDGET_EXCEEDED, Call, EVALUATIONS, EventRate, EVENTS, EXPLICIT, FINISHED, LOOKING, named,
-    NOT_FINITE, Options, Output, packed, PackedStatus, PAUSED, PENETRATED, REJECTED, Status,
-    STEP_TOO_SMALL, StepController, STEPS, Workspace)
+    BUDGET_EXCEEDED, Call, EVALUATIONS, EventRate, EVENTS, EXPLICIT, FINISHED, JACOBIAN, named,
+    NOT_FINITE, NOTHING, Options, Output, packed, PackedStatus, PAUSED, PENETRATED, RATES,
+    REJECTED, SEARCH, Status, STEP_TOO_SMALL, STEPS, Workspace)
 
 PASSED = 100.0      # tolerances that a step may begin otherwise than its rates say; most do by few
 FREE_FEATURES = 32  # of the ground that a right-hand side pays for; more cost work, too
-
-# What is known at the begin of a step: nothing, f0, or that and the Jacobian ...
-NOTHING, RATES, JACOBIAN = range(3)
-KEPT = rows.HANGING + 3  # ... and where it is kept between two calls
-
-
-@compiled
-def take_step(time: float, state: Array, used: float, implicit: bool, ready: int, system: System,
-              workspace: Workspace) -> float:
-    """Take a step [s] with what is ready for it, and return how stiff an explicit one found it."""
-    if implicit:
-        rodas5p.step(time, state, used, system, workspace, ready == JACOBIAN)
-        return 0.0
-    if ready == NOTHING:
-        dormand_prince.write_first(time, state, system, workspace)
-    return dormand_prince.step(time, state, used, system, workspace)
 
 
 @compiled
@@ -65,26 +48,8 @@ def too_small(error: float, method: int, mode: ContactMode) -> int:
     return STEP_TOO_SMALL if method == EXPLICIT or not smooth_contacts(mode) else FINISHED
 
 
-@compiled
-def accepted(now: StepController, used: float, error: float, implicit: bool, longest: float,
-             options: Options, workspace: Workspace) -> StepController:
-    """
-    Prepare the dense output of a step [s] that was accepted, and return the controller.
-
-    The next one is at most so many times as long.
-    """
-    workspace.statistics[STEPS] += 1
-    grow = min(growth(error, options.tolerance), longest)
-    if implicit:
-        rodas5p.prepare_dense(workspace)
-        return accepted_implicit(now, used, grow, options.method,
-                                 rodas5p.longest_stable(workspace.jacobian))
-    dormand_prince.prepare_dense(used, workspace)
-    return accepted_explicit(now, used, grow, options.method)
-
-
 @outlined
-def passes_something(used: float, smallest: float, tolerance: float, parameters: Parameters,
+def skips_transient(used: float, smallest: float, tolerance: float, parameters: Parameters,
                      workspace: Workspace) -> bool:
     """
     Return whether an implicit step [s] in which an event lies is to be made again, much shorter.
@@ -109,15 +74,14 @@ def find_event(time: float, state: Array, used: float, distance: float, system: 
     """Return theta of the first event within a step; see `events.first_event`."""
     first, behind = features_within(
         state[X], system.parameters.radius + distance, system.ground)
-    workspace.statistics[LOOKING] += (
-        dormand_prince.STAGES * contact_count(workspace.mode) + LOOKS * (behind - first)
-    ) // FREE_FEATURES
+    workspace.statistics[SEARCH] += (
+        STAGES * contact_count(workspace.mode) + LOOKS * (behind - first)) // FREE_FEATURES
     return first_event(time, used, first, behind, system, workspace)
 
 
 @compiled
-def end_step(theta: float, state: Array, implicit: bool, workspace: Workspace,
-             ledger: bool) -> int:
+def write_end(theta: float, state: Array, implicit: bool, workspace: Workspace,
+              ledger: bool) -> int:
     """Write the state at the end of a step, or at the event in it; return what is ready then."""
     work = workspace.work
     if ledger:
@@ -130,11 +94,7 @@ def end_step(theta: float, state: Array, implicit: bool, workspace: Workspace,
         return NOTHING
     for i in range(MOTION):
         state[i] = work[rows.END + i]
-    if implicit:
-        return NOTHING
-    sum_rows(work, rows.F0, rows.ZERO, 1.0, ALONE, 0,
-             rows.F0 + WIDTH * (dormand_prince.STAGES - 1), 1)
-    return RATES
+    return end_step(implicit, workspace)
 
 
 @compiled
@@ -154,7 +114,7 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
     parameters, ground, statistics = system.parameters, system.ground, workspace.statistics
     time, filled, controller, rate = status.time, status.filled, status.controller, status.rate
     begun, may_fly, again = status.begun, status.may_fly, False
-    ready = int(workspace.work[KEPT]) if begun else NOTHING
+    ready = status.ready if begun else NOTHING
     flies, outcome = options.flight and has_closed_form(parameters, system.actuator), FINISHED
     while time < end and outcome == FINISHED:
         if filled >= output.pause:
@@ -168,19 +128,19 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
                 if landed > time or count == 0:
                     may_fly, time = landed - time >= SHORT_FLIGHT, landed
                     continue
-            note(workspace.log, time, FULL)
             controller = started(controller, count, options.method, parameters)
             rate, begun = EventRate(0, 0, 0), True
-        if statistics[EVALUATIONS] + statistics[LOOKING] >= options.budget:
+        if statistics[EVALUATIONS] + statistics[SEARCH] >= options.budget:
             outcome = BUDGET_EXCEEDED
             break
         smallest, distance = smallest_step(time), clear_distance(state[X], parameters, ground)
         used = shortened(min(max(controller.step, smallest), end - time), state, distance,
                          contact_count(workspace.mode), parameters, ground)
         implicit = smooth_contacts(workspace.mode) and (controller.implicit or controller.on_trial)
-        stiffness = take_step(time, state, used, implicit, ready, system, workspace)
+        stiffness = take_step(implicit, time, state, used, ready, system, workspace)
         ready = JACOBIAN if implicit else max(ready, RATES)
-        controller = stiffness_seen(controller, stiffness)
+        if not implicit:
+            controller = stiffness_seen(controller, stiffness)
         error = error_length(workspace.error, parameters)
         if not (error <= options.tolerance or unavoidable(used, smallest, implicit, error)):
             statistics[REJECTED] += 1
@@ -192,12 +152,13 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
                     break
                 controller = shortest(controller, smallest)
             continue
-        controller = accepted(controller, used, error, implicit, steadiest(stiffness, again),
-                              options, workspace)
+        statistics[STEPS] += 1
+        controller = accepted(controller, used, error, implicit, stiffness, again, options)
+        prepare_dense(implicit, used, workspace)
         if options.ledger:
             prepare_ledger(time, state, used, system, workspace)
         theta = find_event(time, state, used, distance, system, workspace)
-        again = implicit and theta <= 1.0 and passes_something(
+        again = implicit and theta <= 1.0 and skips_transient(
             used, smallest, options.tolerance, parameters, workspace)
         if again:
             controller = shortest(controller, FASTEST_SHRINKING * used)
@@ -206,7 +167,7 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
         reached = min(time + used, end) if theta > 1.0 else time + theta * used
         filled = write_rows(
             output, filled, time, used, reached + smallest, system.actuator, workspace)
-        ready = end_step(theta, state, implicit, workspace, options.ledger)
+        ready = write_end(theta, state, implicit, workspace, options.ledger)
         if rate.crowded > CROWD:  # a long step is not accurate enough to tell events apart
             controller = with_step(controller, 0.5 * used)
         outcome = outcome_of(rate, state, ground)
@@ -216,8 +177,7 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
             controller = after_event(controller, used, count, options.method, parameters)
             may_fly = may_fly or count > 0
             begun = not (flies and may_fly and is_let_go(workspace.mode))
-    workspace.work[KEPT] = ready
-    return Status(outcome, time, filled, controller, rate, begun, may_fly, 0.0)
+    return Status(outcome, time, filled, controller, rate, begun, ready, may_fly, 0.0)
 
 
 @outlined

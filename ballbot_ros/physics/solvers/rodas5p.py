@@ -27,7 +27,7 @@ from ballbot_ros.physics.solvers import rows
 from ballbot_ros.physics.solvers.controller import STABLE
 from ballbot_ros.physics.solvers.elimination import invert
 from ballbot_ros.physics.solvers.rows import ALONE, MOTION, sum_rows, WIDTH
-from ballbot_ros.physics.solvers.values import EVALUATIONS, Workspace
+from ballbot_ros.physics.solvers.values import EVALUATIONS, JACOBIAN, NOTHING, Workspace
 
 STAGES = 8
 VELOCITIES = 4
@@ -138,19 +138,11 @@ def add_motion(time: float, work: Array, system: System, mode: ContactMode) -> N
 
 
 @compiled
-def step(time: float, state: Array, size: float, system: System, workspace: Workspace,
-         known: bool) -> None:
-    """
-    Take one step; see the contract in `solvers`.
-
-    Parameters
-    ----------
-    known : bool
-        Whether Jacobian and f0 are those of this state already, after a step that was rejected.
-
-    """
+def step(time: float, state: Array, size: float, ready: int, system: System,
+         workspace: Workspace) -> float:
+    """Take one step; see the contract in `solvers`."""
     jacobian, work = workspace.jacobian, workspace.work
-    if not known:
+    if ready != JACOBIAN:
         start = turned_by(state[PENDULUM_ANGLE])
         push = write_jacobian(time, state, start[1:], system, workspace.mode, jacobian)
         work[rows.HANGING], work[rows.HANGING + 1], work[rows.HANGING + 2] = start
@@ -176,6 +168,13 @@ def step(time: float, state: Array, size: float, system: System, workspace: Work
     sum_rows(work, rows.ERROR, rows.ZERO, 1.0, ALONE, 0, last, 1)
     sum_rows(work, rows.END, rows.END, 1.0, ALONE, 0, last, 1)
     workspace.statistics[EVALUATIONS] += STAGES - 1
+    return size / longest_stable(jacobian)
+
+
+@compiled
+def end_step(_: Workspace) -> int:
+    """Keep nothing: the rates at the end of the step are not known."""
+    return NOTHING
 
 
 @compiled
@@ -189,7 +188,7 @@ def longest_stable(jacobian: Array) -> float:
 
 
 @compiled
-def prepare_dense(workspace: Workspace) -> None:
+def prepare_dense(_: float, workspace: Workspace) -> None:
     """Compute the coefficients of the dense output, of order 4."""
     work = workspace.work
     sum_rows(work, rows.DENSE, rows.START, 1.0, ALONE, 0, rows.ZERO, 1)

@@ -14,8 +14,7 @@ from ballbot_ros.physics.solvers.dense import write_row
 from ballbot_ros.physics.solvers.events import time_width
 from ballbot_ros.physics.solvers.flight import (
     add_to_ledger, centre_after, fly, Spin, spin_start, within_limit)
-from ballbot_ros.physics.solvers.spans import FLIGHT, note
-from ballbot_ros.physics.solvers.values import Output, Workspace
+from ballbot_ros.physics.solvers.values import FLIGHTS, Output, Workspace
 
 # A search looks so far at a time [s]: the bound of the acceleration is one of that time.
 WINDOW = 0.05
@@ -99,7 +98,7 @@ def fly_to_touch(time: float, state: Array, end: float, system: System, output: 
         return time, filled
     reached, stored = end if wait == NO_TOUCH else time + lasting, 0.0
     if reached > time:
-        note(workspace.log, time, FLIGHT)
+        workspace.statistics[FLIGHTS] += 1
     if ledger and overlapping:
         stored = spring_energy(state, parameters, system.ground, workspace.mode.contacts)
     while (filled < len(output.rows) and output.begin + (filled + 1) * output.interval

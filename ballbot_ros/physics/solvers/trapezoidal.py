@@ -172,4 +172,5 @@ def advance(call: Call) -> PackedStatus:
             outcome = PENETRATED
             break
     return packed(Status(
-        outcome, time, filled, controller, status.rate, True, status.may_fly, before))
+        outcome, time, filled, controller, status.rate, True, status.ready, status.may_fly,
+        before))

@@ -15,16 +15,18 @@ from ballbot_ros.physics.solvers import rows
 # The outcome of a run.
 FINISHED, NOT_FINITE, PENETRATED, STEP_TOO_SMALL, BUDGET_EXCEEDED, PAUSED = range(6)
 
-# What `Workspace.statistics` counts; the last: right-hand sides that looking at many features
-# of the ground is worth.
-STEPS, REJECTED, EVENTS, EVALUATIONS, LOOKING = range(5)
+# What `Workspace.statistics` counts: steps, rejected steps, events, right-hand sides, flights in
+# closed form, and the right-hand sides that the search among many features of the ground costs.
+STEPS, REJECTED, EVENTS, EVALUATIONS, FLIGHTS, SEARCH = range(6)
 
 # Which of the two methods of `integrate`: whichever is quicker, or always the same.
 AUTOMATIC, EXPLICIT, IMPLICIT = range(3)
 
 SMALLEST_STEP = 1e-14  # [s], relative to times above 1 s
 STAGES = 4  # most that a method with steps of one length needs
-LOG_LINES = 400
+
+# What is known where a step begins: nothing, the rates F0, or these and the Jacobian.
+NOTHING, RATES, JACOBIAN = range(3)
 
 
 class Options(NamedTuple):
@@ -74,16 +76,17 @@ class Status(NamedTuple):
     filled: int = 0  # rows of the output
     controller: StepController = StepController()
     rate: EventRate = EventRate()
-    begun: bool = False  # whether the workspace holds the mode of the state; see `integrate.KEPT`
+    begun: bool = False  # whether the workspace holds the mode of the state
+    ready: int = NOTHING  # what the workspace holds for the next step
     may_fly: bool = True  # not just after a flight that was not worth it
     before: float = 0.0  # the step before, for a method that looks back [s]
 
     @classmethod
     def of(cls, packed: 'PackedStatus') -> 'Status':
         """Return what a solver returned to Python."""
-        outcome, time, filled, controller, rate, begun, may_fly, before = packed
+        outcome, time, filled, controller, rate, begun, ready, may_fly, before = packed
         return cls(outcome, time, filled, StepController(*controller), EventRate(*rate), begun,
-                   may_fly, before)
+                   ready, may_fly, before)
 
     @property
     def plain(self) -> 'PackedStatus':
@@ -95,14 +98,21 @@ class Status(NamedTuple):
 # named one, of which there are ten; and it makes one by calling its class, which is Python code,
 # where a Ctrl-C that has arrived meanwhile raises, and numba crashes.
 PackedStatus = tuple[int, float, int, tuple[float, bool, bool, float, int, int],
-                     tuple[int, int, int], bool, bool, float]
+                     tuple[int, int, int], bool, int, bool, float]
 # A slice of a named tuple, ``options[:]``, is plain.
 PackedSystem = tuple[tuple[float, ...], Array,
                      tuple[int, float, float, float, float, float, float, float]]
-PackedWorkspace = tuple[tuple[IntArray, Array], Array, Array, Array, IntArray, IntArray, Array]
+PackedWorkspace = tuple[tuple[IntArray, Array], Array, Array, Array, IntArray, IntArray]
 # Status, end [s], state, system, options, output and workspace; see `solvers`.
 Call = tuple[PackedStatus, float, Array, PackedSystem, tuple[float, float, int, int, bool, bool],
              tuple[Array, float, float, int], PackedWorkspace]
+
+
+@compiled
+def status_at(time: float) -> Status:
+    """Return the status where a run begins, at a time [s]."""
+    return Status(FINISHED, time, 0, StepController(0.0, False, False, 0.0, 0, 0),
+                  EventRate(0, 0, 0), False, NOTHING, True, 0.0)
 
 
 @compiled
@@ -112,8 +122,8 @@ def packed(status: Status) -> PackedStatus:
     return (status.outcome, status.time, status.filled,
             (now.step, now.implicit, now.on_trial, now.explicit_step, now.stiff_steps,
              now.patience),
-            (rate.chattering, rate.crowded, rate.stuck), status.begun, status.may_fly,
-            status.before)
+            (rate.chattering, rate.crowded, rate.stuck), status.begun, status.ready,
+            status.may_fly, status.before)
 
 
 @compiled
@@ -138,8 +148,7 @@ class Workspace(NamedTuple):
     stages: Array  # (4, 13), of other methods
     jacobian: Array  # see `jacobian.write_jacobian`
     violated: IntArray  # kind and item of each violated guard
-    statistics: IntArray  # (5,): counts since they were made
-    log: Array  # (n, 2): which model, see `spans.note`
+    statistics: IntArray  # (6,): counts since they were made
 
     @classmethod
     def of(cls, vertices: int) -> 'Workspace':
@@ -151,32 +160,32 @@ class Workspace(NamedTuple):
             ContactMode.of(vertices), work, rates, y_new, error, dense, probe,
             np.zeros((STAGES, SIZE)), jacobian_table(),
             np.zeros((4 * vertices + 8, 2), dtype=np.int64),
-            np.zeros(5, dtype=np.int64), np.zeros((LOG_LINES, 2)))
+            np.zeros(6, dtype=np.int64))
 
     @property
     def plain(self) -> 'PackedWorkspace':
         """Return it as a solver takes it: without the views, since each array costs time."""
         return (self.mode[:], self.work, self.stages, self.jacobian, self.violated,
-                self.statistics, self.log)
+                self.statistics)
 
 
 @compiled
 def unpacked(workspace: PackedWorkspace) -> Workspace:
     """Return the workspace that Python hands to a solver."""
-    mode, work, stages, jacobian, violated, statistics, log = workspace
+    mode, work, stages, jacobian, violated, statistics = workspace
     rates, y_new, error, dense, probe = views(work)
     return Workspace(ContactMode(*mode), work, rates, y_new, error, dense, probe, stages, jacobian,
-                     violated, statistics, log)
+                     violated, statistics)
 
 
 @compiled
 def named(call: Call) -> tuple[Status, float, Array, System, Options, Output, Workspace]:
     """Return with their names what Python hands to a solver."""
     status, end, state, system, options, output, workspace = call
-    outcome, time, filled, controller, rate, begun, may_fly, before = status
+    outcome, time, filled, controller, rate, begun, ready, may_fly, before = status
     parameters, ground, actuator = system
     return (Status(outcome, time, filled, StepController(*controller), EventRate(*rate), begun,
-                   may_fly, before),
+                   ready, may_fly, before),
             end, state, System(Parameters(*parameters), ground, Actuator(*actuator)),
             Options(*options), Output(*output),
             unpacked(workspace))

@@ -151,43 +151,6 @@ def test_a_terminal_gets_a_bar(tmp_path):
         os.close(master)
 
 
-def test_explain_says_what_was_modelled_and_what_it_costs(tmp_path, capsys):
-    assert main(['simulate', 'shellball_drop', '--accuracy', '1e-4', '--explain', '--no-figures',
-                 '--out', str(tmp_path)]) == 0
-    text = ' '.join(capsys.readouterr().out.split())
-    for words in ('Before the run: energy allows at most', 'Flight is possible.',
-                  'Model "flight" for 1.5', 'The model changed', 'cost no error',
-                  'Models and steps together', 'Pendulum: the robot has none',
-                  'Search for contacts: left out of each step', 'Energy ledger: kept'):
-        assert words in text
-
-
-@pytest.mark.parametrize('options, words', [
-    ((), 'Search for contacts: done at every function evaluation'),
-    (('--method', 'adaptive'), 'Flight in closed form: there is none'),
-    (('--method', 'adaptive', '--models', 'full'), 'switched off by models: full')])
-def test_explain_says_why_something_was_not_left_out(tmp_path, capsys, options, words):
-    assert main(['simulate', 'fig7_top', '--explain', '--no-figures', *options, '--duration',
-                 '0.1', '--out', str(tmp_path)]) == 0
-    text = ' '.join(capsys.readouterr().out.split())
-    assert words in text and 'the robot has none' not in text
-
-
-def test_explain_in_json_has_the_numbers(tmp_path, capsys):
-    assert main(['simulate', 'fig7_middle', '--accuracy', '1e-4', '--explain', '--no-figures',
-                 '--json', '--out', str(tmp_path)]) == 0
-    found = json.loads(capsys.readouterr().out)['explanation']
-    assert sum(found['seconds'].values()) == pytest.approx(1.8)
-    assert found['spans'][0]['model'] == 'full'
-    assert 0.0 < found['error'] <= 1e-4
-    assert found['analysis']['edges'] == 1 and found['analysis']['pendulum'] is None
-
-
-def test_without_explain_nobody_explains(tmp_path, capsys):
-    assert main(['simulate', 'fig7_top', '--no-figures', '--json', '--out', str(tmp_path)]) == 0
-    assert 'explanation' not in json.loads(capsys.readouterr().out)
-
-
 def test_animate_writes_a_gif_beside_the_other_files_or_where_it_is_told(tmp_path, capsys):
     words = ['simulate', 'fig7_top', '--duration', '0.2', '--no-figures', '--out',
              str(tmp_path / 'out')]

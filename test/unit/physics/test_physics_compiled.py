@@ -11,12 +11,12 @@ import sys
 import numpy as np
 import pytest
 
-from ballbot_ros import jit as compiled
+from ballbot_ros import jit
 
 # Runs each robot and law against a step, and prints where they end.
 PROGRAM = """
 import json
-from ballbot_ros import jit as compiled
+from ballbot_ros import jit
 from ballbot_ros.physics import Actuation, load_robot, Model, simulate, Terrain
 
 ends = {}
@@ -30,16 +30,16 @@ for name, laws in (('gimball', ('free', 'position', 'velocity', 'voltage', 'torq
                               torque=0.5)
         run = simulate(model, start, actuation, 0.06)
         ends[f'{name} {law}'] = [list(values[[20, 40, 60]]) for values in run.columns.values()]
-print(json.dumps([compiled.COMPILED, ends]))
+print(json.dumps([jit.COMPILED, ends]))
 """
 
 
 @pytest.mark.parametrize('variable', ['NUMBA_DISABLE_JIT', 'BALLBOT_UNCOMPILED'])
 def test_compilation_can_be_switched_off(variable):
     done = subprocess.run(
-        [sys.executable, '-c', 'from ballbot_ros import compiled, crossing\n'
+        [sys.executable, '-c', 'from ballbot_ros import crossing, jit\n'
          'from ballbot_ros.physics.mechanics.laws import limited\n'
-         'print(compiled.COMPILED, limited(3.0, 2.0), type(limited).__name__)'],
+         'print(jit.COMPILED, limited(3.0, 2.0), type(limited).__name__)'],
         check=True, capture_output=True, text=True,
         env={**os.environ, variable: '1',
              'PYTHONPATH': os.pathsep.join(path for path in sys.path if path)})
@@ -56,7 +56,7 @@ def outcome(uncompiled):
 
 
 needs_numba = pytest.mark.skipif(
-    not compiled.COMPILED, reason='numba is not installed or switched off')
+    not jit.COMPILED, reason='numba is not installed or switched off')
 
 
 @needs_numba
@@ -75,7 +75,7 @@ def test_compiled_and_plain_kernels_agree():
 def writing(monkeypatch, tmp_path):
     """Return a function that sets what happens where numba writes machine code to a folder."""
     caching = pytest.importorskip('numba.core.caching')
-    monkeypatch.setattr(compiled, '_FOLDER', str(tmp_path))
+    monkeypatch.setattr(jit, '_FOLDER', str(tmp_path))
     write = caching.IndexDataCacheFile.save
 
     def replace(first):
@@ -101,7 +101,7 @@ def test_one_process_at_a_time_writes_machine_code(writing, tmp_path):
             except BlockingIOError as error:
                 refused.append(error)
     writing(try_as_well)
-    assert compiled.compiled(double)(2.0) == 4.0
+    assert jit.compiled(double)(2.0) == 4.0
     assert len(refused) == len(list(tmp_path.rglob('*.nbc'))) == 1
 
 
@@ -110,7 +110,7 @@ def test_a_full_disk_costs_a_compilation_not_the_run(writing, tmp_path):
     def fail(folder):
         raise OSError(errno.ENOSPC, 'no space left on device')
     writing(fail)
-    assert compiled.compiled(double)(2.0) == 4.0
+    assert jit.compiled(double)(2.0) == 4.0
     assert not list(tmp_path.rglob('*.nbc'))
 
 
@@ -129,9 +129,9 @@ def test_machine_code_is_found_without_a_look_at_the_types_of_a_kernel():
     class Machine:
         entry_point = 'code'
     types, kernel = Types(), Kernel()
-    assert compiled.direct(kernel) is kernel
+    assert jit.direct(kernel) is kernel
     kernel.overloads[types] = Machine
     before = types.looks
-    assert compiled.direct(kernel) == 'code' and types.looks == before
+    assert jit.direct(kernel) == 'code' and types.looks == before
     kernel.overloads[Types()] = Machine
-    assert compiled.direct(kernel) is kernel
+    assert jit.direct(kernel) is kernel

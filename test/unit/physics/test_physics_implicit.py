@@ -16,7 +16,7 @@ from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.physics.simulation.solver import PRESETS
 from ballbot_ros.physics.solvers import rodas5p
 from ballbot_ros.physics.solvers.dense import interpolate
-from ballbot_ros.physics.solvers.values import Workspace
+from ballbot_ros.physics.solvers.values import NOTHING, Workspace
 
 GIMBALL = load_robot('gimball')
 MOVING = ('fig7_top', 'fig7_middle', 'fig7_bottom', 'household', 'shellball_drop')
@@ -43,8 +43,8 @@ def implicit_step(model, state, step, actuation=Actuation()):
     workspace = Workspace.of(len(model.profile))
     vector, middle = np.array(state[1:]), np.zeros((3, 13))
     find_mode(0.0, vector, system, workspace.mode)
-    rodas5p.step(0.0, vector, step, system, workspace, False)
-    rodas5p.prepare_dense(workspace)
+    rodas5p.step(0.0, vector, step, NOTHING, system, workspace)
+    rodas5p.prepare_dense(step, workspace)
     for row, theta in enumerate((0.25, 0.5, 0.75)):
         interpolate(theta, workspace.dense, middle[row])
     return workspace.y_new[:13].copy(), middle, workspace.error.copy()

@@ -18,11 +18,6 @@ def run(name, models, tolerance):
     return replace(scene, model=replace(scene.model, solver=solver)).simulate()
 
 
-def in_model(trajectory, model):
-    """Return how long a run was in a model [s]."""
-    return sum(span.end - span.begin for span in trajectory.spans if span.model == model)
-
-
 @pytest.mark.parametrize('name', MOVING)
 def test_flight_in_closed_form_does_not_change_where_a_scene_ends(name):
     exact, found = run(name, 'full', 1e-12), run(name, 'auto', 1e-9)
@@ -38,19 +33,9 @@ def test_the_error_falls_with_the_tolerance():
     assert errors[1] < 0.3 * errors[0] and errors[2] < 0.01 * errors[0]
 
 
-def test_the_spans_tell_the_story_of_a_drop():
-    found = run('shellball_drop', 'auto', 1e-7)
-    assert found.spans[0].model == 'flight'
-    assert [span.model for span in found.spans[1:3]] == ['full', 'flight']
-    assert found.spans[-1].model == 'full'
-    assert [span.end for span in found.spans[:-1]] == [span.begin for span in found.spans[1:]]
-    assert found.spans[0].begin == 0.0 and found.spans[-1].end == found['time'][-1]
-    flying = found['penetration'] == 0.0
-    assert in_model(found, 'flight') == pytest.approx(3.0 * np.mean(flying), abs=0.02)
-
-
-def test_where_the_full_model_is_asked_for_nothing_else_is_used():
-    assert {span.model for span in run('shellball_drop', 'full', 1e-7).spans} == {'full'}
+def test_a_drop_flies_in_closed_form_unless_the_full_model_is_asked_for():
+    assert run('shellball_drop', 'auto', 1e-7).effort.flights > 3
+    assert run('shellball_drop', 'full', 1e-7).effort.flights == 0
 
 
 @pytest.mark.parametrize('models', ['auto', 'full'])
@@ -71,7 +56,7 @@ def test_a_law_without_closed_form_flies_in_the_full_model():
     for law, flies in (('free', True), ('velocity', False)):
         found = simulate(model, start, Actuation(law), 0.8)
         assert np.any(found['penetration'] == 0.0)
-        assert (in_model(found, 'flight') > 0.0) == flies
+        assert (found.effort.flights > 0) == flies
 
 
 @pytest.mark.parametrize('models, flies', [('auto', True), ('full', False)])
@@ -79,4 +64,4 @@ def test_an_accurate_run_passes_the_choice_on(models, flies):
     scene = load_scene('shellball_drop')
     model = replace(scene.model, solver=Solver(models=models))
     found = simulate_accurately(model, scene.start, scene.actuation, 3.0, 1e-4)
-    assert found.assurance.complete and (in_model(found, 'flight') > 0.5) == flies
+    assert found.assurance.complete and (found.effort.flights > 0) == flies
