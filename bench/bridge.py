@@ -24,7 +24,6 @@ from loop import processor_time, quantile
 import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 import yaml
 
@@ -32,9 +31,7 @@ from ballbot_ros.config.files import config_folder
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.drives.capture import read_capture
 from ballbot_ros.emulator.emulator import Emulator
-from ballbot_ros.msg import MotorStatus
 from ballbot_ros.physics import load_scene
-from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import command_message, set_point_message
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription
 from ballbot_ros.ros.executor import new_executor
@@ -68,11 +65,11 @@ class Bench:
         self.sent = {}  # number of the torque -> when it was published [s]
         self.arrivals = []
         self._number = 0
-        self._commands = create_publisher(node, JointState, 'joint_commands', qos.NEWEST)
-        self._set_points = create_publisher(node, JointState, 'set_point', qos.NEWEST)
-        create_subscription(node, JointState, 'joint_states', self._answer, qos.NEWEST)
+        self._commands = create_publisher(node, 'joint_commands')
+        self._set_points = create_publisher(node, 'set_point')
+        create_subscription(node, 'joint_states', self._answer)
         self.status = None
-        create_subscription(node, MotorStatus, 'motor_status', self._note, qos.NEWEST)
+        create_subscription(node, 'motor_status', self._note)
         self._release = node.create_client(Trigger, 'bridge/release_e_stop')
         self.pushing = False
 

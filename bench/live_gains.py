@@ -31,7 +31,7 @@ class Bench(Node):
         super().__init__('bench')
         self.commands = []  # wall time of arrival, stamp [s], torque [N m]
         self.create_subscription(JointState, 'joint_commands', self._note, qos.STATE)
-        self._set_points = self.create_publisher(JointState, 'set_point', qos.NEWEST)
+        self._set_points = self.create_publisher(JointState, 'set_point', qos.LATEST)
         self.create_timer(0.05, lambda: self._set_points.publish(
             JointState(name=['pendulum'], position=[ANGLE])))
         self.client = self.create_client(SetParameters, 'controller/set_parameters')

@@ -12,7 +12,6 @@ import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 import round_trip
-from sensor_msgs.msg import JointState
 
 from ballbot_ros.bags.writer import stamp_of
 from ballbot_ros.demo.processes import environment, NodeProcesses, own_domain, parameter_arguments
@@ -72,7 +71,7 @@ def watch(lockstep, together=False):
                 running(Path(folder), domain, {
                     'lockstep': lockstep, 'real_time_factor': 0.0 if lockstep else 1.0},
                     together) as process:
-            create_subscription(node, JointState, 'joint_commands', note, qos.STATE, raw=True)
+            create_subscription(node, 'joint_commands', note, profile=qos.STATE, raw=True)
             deadline = time.perf_counter() + 60.0
             while not arrivals and time.perf_counter() < deadline:
                 executor.spin_once(timeout_sec=0.1)

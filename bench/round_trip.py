@@ -17,7 +17,6 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.demo.processes import own_domain
-from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import command_message, JOINTS
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription
 from ballbot_ros.ros.executor import new_executor
@@ -36,14 +35,14 @@ def state_message():
 def answering(name, heard, told, make, raw):
     """Return a node that answers each message with another, and counts them."""
     node, ready = Node(name), bytes(serialize_message(make()))
-    topic = create_publisher(node, JointState, told, qos.STATE)
+    topic = create_publisher(node, told)
     node.count = 0
     node.tell = lambda: topic.publish(ready if raw else make())
 
     def answer(_):
         node.count += 1
         node.tell()
-    create_subscription(node, JointState, heard, answer, qos.NEWEST, raw=raw)
+    create_subscription(node, heard, answer, raw=raw)
     return node
 
 

@@ -13,7 +13,8 @@ import pytest
 from ballbot_ros.errors import ConfigurationError
 
 ROOT = Path(__file__).resolve().parent.parent
-EXECUTABLES = {path.stem for path in (ROOT / 'ballbot_ros' / 'nodes').glob('*.py')}
+EXECUTABLES = {path.parent.name
+               for path in (ROOT / 'ballbot_ros' / 'nodes').glob('*/__main__.py')}
 LAUNCH_FILES = sorted(ROOT.glob('launch/*.launch.py'))
 
 

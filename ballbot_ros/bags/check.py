@@ -1,29 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether a bag has all that its run has published."""
 from pathlib import Path
-from typing import Any, List, Mapping, Sequence, Tuple
+from typing import List, Mapping, Sequence, Tuple
 
-from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import QoSProfile
-from rosgraph_msgs.msg import Clock
-from std_msgs.msg import String
-from visualization_msgs.msg import MarkerArray
 import yaml
 
-from ballbot_ros.ros import qos
 from ballbot_ros.ros.odometry import TFMessage
 
 NANOSECONDS = 10**9
 
 
-def also_recorded() -> Tuple[Tuple[str, Any, QoSProfile], ...]:
+def also_recorded() -> Tuple[str, ...]:
     """Return the topics that tools which open a bag look for, where their types are installed."""
-    topics = [('/clock', Clock, qos.RECORD), ('/diagnostics', DiagnosticArray, qos.RECORD),
-              ('robot_description', String, qos.RECORD_LATCHED),
-              ('markers', MarkerArray, qos.RECORD)]
-    if TFMessage is not None:
-        topics += [('/tf', TFMessage, qos.RECORD), ('/tf_static', TFMessage, qos.RECORD_LATCHED)]
-    return tuple(topics)
+    found = ('/clock', '/diagnostics', 'robot_description', 'markers')
+    return found if TFMessage is None else (*found, '/tf', '/tf_static')
 
 
 def gaps(recorded: Mapping[str, Sequence[int]], rates: Mapping[str, float], end: int

@@ -10,7 +10,8 @@ from rclpy.qos import QoSProfile
 
 from ballbot_ros.bags.writer import BagRecorder
 from ballbot_ros.errors import BallbotError, ConfigurationError
-from ballbot_ros.ros.tools.observer import message_class, Observer
+from ballbot_ros.ros.tools.observer import Observer
+from ballbot_ros.ros.topics import message_class
 
 # So deep that nothing is lost while the recorder is held up.
 DEPTH = 5000
@@ -79,8 +80,8 @@ class GraphRecording:
         if len(kinds) > 1:
             raise ConfigurationError(f'it has several types, {" and ".join(kinds)}')
         profile: QoSProfile = self._observer.profile(name, DEPTH)
-        self._bag.subscribe(self._observer.node, [(name, message_class(kinds[0]), profile)],
-                            {name: partial(self._count, name)})
+        self._bag.subscribe(self._observer.node, name, partial(self._count, name),
+                            message_class(kinds[0]), profile)
         self._say(f'recording {name} [{kinds[0]}]')
 
     def _count(self, name: str, _: bytes) -> None:

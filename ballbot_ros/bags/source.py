@@ -1,29 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Read a bag with the rosbag2_py of a ROS installation, as `studies.bag_reader` does without."""
 from contextlib import contextmanager
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Collection, Iterator, Mapping, Tuple
 
 from ballbot_ros.errors import ConfigurationError
-
-
-def message_class(kind: str) -> Any:
-    """
-    Return the class of a message type such as ``'std_msgs/msg/String'``.
-
-    Raises
-    ------
-    ConfigurationError
-        If its package is not installed.
-
-    """
-    package, _, name = kind.split('/')
-    try:
-        return getattr(import_module(f'{package}.msg'), name)
-    except (ImportError, AttributeError) as error:
-        raise ConfigurationError(
-            f'the message type {kind} is not installed here: {error}') from error
+from ballbot_ros.ros.topics import message_class
 
 
 class Rosbag2Bag:

@@ -2,10 +2,11 @@
 """What writes a bag: the Python package rosbags, or the rosbag2_py of a ROS installation."""
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Dict, Mapping, Protocol
+from typing import Any, Dict, Mapping, Protocol, Sequence
 
 from ballbot_ros.config.files import PACKAGE, shipped_folder
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.ros.topics import Qos
 
 MISSING = ('bags need the Python package rosbags (pip install rosbags), or the ROS package '
            'rosbag2_py with its MCAP storage; neither is installed')
@@ -17,8 +18,8 @@ class BagWriter(Protocol):
     def open(self) -> None:
         """Begin."""
 
-    def add_topic(self, name: str, kind: str) -> Any:
-        """Return what stands for a topic of a type such as ``'std_msgs/msg/String'``."""
+    def add_topic(self, name: str, kind: str, offered: Sequence[Qos] = ()) -> Any:
+        """Return what `write` takes for a topic; `offered` is the QoS of its publishers."""
 
     def write(self, topic: Any, stamp: int, data: bytes) -> None:
         """Write a message of a topic at a time [ns]."""
@@ -71,9 +72,11 @@ class RosbagsWriter:
         """Begin."""
         self._writer.open()
 
-    def add_topic(self, name: str, kind: str) -> Any:
+    def add_topic(self, name: str, kind: str, offered: Sequence[Qos] = ()) -> Any:
         """Return the connection."""
-        return self._writer.add_connection(name, kind, typestore=self._store)
+        return self._writer.add_connection(name, kind, typestore=self._store,
+                                           offered_qos_profiles=[_rosbags_qos(one)
+                                                                 for one in offered])
 
     def write(self, topic: Any, stamp: int, data: bytes) -> None:
         """Write a message."""
@@ -82,6 +85,16 @@ class RosbagsWriter:
     def close(self) -> None:
         """Complete the bag."""
         self._writer.close()
+
+
+def _rosbags_qos(offered: Qos) -> Any:
+    from rosbags import interfaces as one
+    unlimited = one.QosTime(9223372036, 854775807)  # the infinite duration of rmw
+    return one.Qos(
+        one.QosHistory.KEEP_LAST, offered.depth,
+        one.QosReliability.RELIABLE if offered.reliable else one.QosReliability.BEST_EFFORT,
+        one.QosDurability.TRANSIENT_LOCAL if offered.latched else one.QosDurability.VOLATILE,
+        unlimited, unlimited, one.QosLiveliness.AUTOMATIC, unlimited, False)
 
 
 class Rosbag2Writer:
@@ -104,12 +117,18 @@ class Rosbag2Writer:
             raise ConfigurationError(f'{self._storage.uri}: rosbag2_py cannot write: {error}; '
                                      'is ros-...-rosbag2-storage-mcap installed?') from error
 
-    def add_topic(self, name: str, kind: str) -> str:
+    def add_topic(self, name: str, kind: str, offered: Sequence[Qos] = ()) -> str:
         """Return the name."""
         self._topics += 1
         self._writer.create_topic(self._rosbag2.TopicMetadata(
-            id=self._topics, name=name, type=kind, serialization_format='cdr'))
+            id=self._topics, name=name, type=kind, serialization_format='cdr',
+            offered_qos_profiles=[self._qos(one) for one in offered]))
         return name
+
+    def _qos(self, offered: Qos) -> Any:
+        found = self._rosbag2._storage.QoS(offered.depth)
+        found = found.reliable() if offered.reliable else found.best_effort()
+        return found.transient_local() if offered.latched else found
 
     def write(self, topic: str, stamp: int, data: bytes) -> None:
         """Write a message."""

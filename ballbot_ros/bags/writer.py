@@ -4,15 +4,32 @@ from pathlib import Path
 import shutil
 import threading
 import time
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from ballbot_ros.bags.message_stamps import stamp_of, stamp_reader, StampOf
 from ballbot_ros.bags.storage import bag_writer
+from ballbot_ros.ros import qos
 from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.ros.topics import message_class, Qos, TOPICS
+
+
+def offered_qos(node: Node, topic: str) -> List[Qos]:
+    """
+    Return the quality of service that a topic is published with, for its replay.
+
+    It is that of the publishers in the graph or, before there are any, of the table of topics.
+    """
+    offered = {Qos(max(one.qos_profile.depth, 1),
+                   one.qos_profile.reliability == ReliabilityPolicy.RELIABLE,
+                   one.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+               for one in node.get_publishers_info_by_topic(topic)}
+    known = TOPICS.get(topic) or TOPICS.get(topic.rpartition('/')[2])
+    return sorted(offered) or ([known.offered] if known is not None else [])
+
 
 # So often a recorder with a thread of its own looks whether something has come [s].
 LOOK_AGAIN = 0.002
@@ -72,26 +89,32 @@ class BagRecorder:
         self._write_early()
         self._writer.close()
 
-    def subscribe(self, node: Node, topics: Sequence[Tuple[str, Any, QoSProfile]],
-                  callbacks: Optional[Dict[str, Callable[[bytes], None]]] = None) -> None:
+    def subscribe(self, node: Node, topic: str,
+                  callback: Optional[Callable[[bytes], None]] = None, kind: Any = None,
+                  profile: Optional[QoSProfile] = None) -> None:
         """
-        Record topics to which a node subscribes.
+        Record a topic to which a node subscribes.
 
         Parameters
         ----------
         node : Node
-        topics : sequence of (name, message class, QoSProfile)
-        callbacks : mapping of topic to callable, optional
+        topic : str
+        callback : callable, optional
             Called with the serialized message, too, in the thread that takes it.
+        kind : type, optional
+            Message class, by default that in the table of topics.
+        profile : QoSProfile, optional
+            By default one that misses no message of a topic in the table.
 
         """
-        for topic, kind, profile in topics:
-            name = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
-            connection = self._writer.add_topic(node.resolve_topic_name(topic), name)
-            write = self._writing(topic, connection, stamp_reader(kind),
-                                  (callbacks or {}).get(topic))
-            subscription = create_subscription(node, kind, topic, write, profile, raw=True)
-            self._subscriptions.append((subscription, write))
+        kind = kind or message_class(TOPICS[topic].type)
+        type_name = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+        full_name = node.resolve_topic_name(topic)
+        connection = self._writer.add_topic(full_name, type_name, offered_qos(node, full_name))
+        write = self._writing(topic, connection, stamp_reader(kind), callback)
+        subscription = create_subscription(
+            node, topic, write, kind, profile or qos.recording(topic), raw=True)
+        self._subscriptions.append((subscription, write))
 
     def take_all(self) -> None:
         """

@@ -8,7 +8,6 @@ from typing import List, Optional
 
 from rclpy.node import Node
 from rclpy.task import Future
-from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
 
 from ballbot_ros.bags.metadata import bag_metadata, BRIDGE
@@ -20,11 +19,10 @@ from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.demo.recorded_graph import recorded_graph
 from ballbot_ros.demo.timeline import Timeline
 from ballbot_ros.msg import MotorStatus
-from ballbot_ros.ros import qos
 from ballbot_ros.ros.endpoints import create_subscription
 
 TUNING = 'gentle'  # gains that a sample of delay and an estimated angle leave stable
-MORE_TOPICS = (('imu', Imu, qos.RECORD), ('motor_status', MotorStatus, qos.RECORD))
+MORE_TOPICS = ('imu', 'motor_status')
 # Wall time between two calls of a service [s].
 AGAIN = 0.3
 # What has refused for so long will not agree [s].
@@ -107,7 +105,7 @@ class GetGoing:
         self._refused_since: Optional[float] = None
         self._free = False  # the e-stop has been seen released
         self._e_stop: Optional[str] = None  # why it engaged after that
-        create_subscription(node, MotorStatus, 'motor_status', self.take, qos.NEWEST)
+        create_subscription(node, 'motor_status', self.take)
 
     def take(self, message: MotorStatus) -> None:
         """Take note of the e-stop; that of the start does not count."""

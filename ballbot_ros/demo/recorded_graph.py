@@ -6,12 +6,11 @@ import os
 from pathlib import Path
 from queue import SimpleQueue
 import time
-from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence
 
 import rclpy
 from rclpy.executors import Executor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 
@@ -71,7 +70,7 @@ class RecordedGraph:
 
 
 @contextmanager
-def recorded_graph(out: Path, topics: Sequence[Tuple[str, Any, QoSProfile]],
+def recorded_graph(out: Path, topics: Sequence[str],
                    timeline: Timeline, metadata: Optional[Mapping[str, str]] = None
                    ) -> Iterator[RecordedGraph]:
     """
@@ -92,9 +91,10 @@ def recorded_graph(out: Path, topics: Sequence[Tuple[str, Any, QoSProfile]],
     try:
         with BagRecorder(out / 'bag', metadata) as bag, \
                 NodeProcesses(out / 'logs', domain) as nodes:
-            bag.subscribe(recorder, topics, {
-                'ball_state': telling(timeline.add_state, BallState),
-                'step_decision': telling(timeline.add_decision, StepDecision)})
+            callbacks = {'ball_state': telling(timeline.add_state, BallState),
+                         'step_decision': telling(timeline.add_decision, StepDecision)}
+            for topic in topics:
+                bag.subscribe(recorder, topic, callbacks.get(topic))
             bag.record_in_thread()
             yield RecordedGraph(node, executor, bag, nodes, timeline, heard)
     finally:

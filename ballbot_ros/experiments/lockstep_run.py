@@ -3,21 +3,18 @@
 import os
 from pathlib import Path
 import time
-from typing import Any, Dict, List, Mapping, Tuple
+from typing import Any, Dict, List, Mapping
 
-from nav_msgs.msg import Odometry
 import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from ballbot_ros.bags.writer import BagRecorder, stamp_of
 from ballbot_ros.demo.demo import ending_by_signal
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.errors import RefusedError
-from ballbot_ros.msg import BallState, StepDecision, StepObservation, TerrainObservation
-from ballbot_ros.ros import discovery, qos
+from ballbot_ros.ros import discovery
 from ballbot_ros.ros.executor import new_executor
 from ballbot_ros.srv import Step
 
@@ -27,18 +24,15 @@ AGAIN = 0.2
 TAKE_AGAIN = 0.02
 
 
-def topics_of(nodes: Mapping[str, Mapping[str, Any]]) -> List[Tuple[str, Any, Any]]:
-    """Return what is recorded: name, class and quality of service."""
-    topics: List[Tuple[str, Any, Any]] = [
-        ('joint_states', JointState, qos.RECORD), ('joint_commands', JointState, qos.RECORD),
-        ('odom', Odometry, qos.RECORD), ('ball_state', BallState, qos.RECORD)]
+def topics_of(nodes: Mapping[str, Mapping[str, Any]]) -> List[str]:
+    """Return the topics that are recorded."""
+    topics = ['joint_states', 'joint_commands', 'odom', 'ball_state']
     if nodes['simulator']['terrain_rate']:
-        topics.append(('terrain_observation', TerrainObservation, qos.RECORD))
+        topics.append('terrain_observation')
     if nodes['simulator']['observation_rate']:
-        topics.append(('step_observation', StepObservation, qos.RECORD))
+        topics.append('step_observation')
     if 'obstacle_decision' in nodes:
-        topics += [('set_point', JointState, qos.RECORD),
-                   ('step_decision', StepDecision, qos.RECORD_LATCHED)]
+        topics += ['set_point', 'step_decision']
     return topics
 
 
@@ -86,7 +80,8 @@ def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: 
                 NodeProcesses(logs, domain) as processes:
             driver = _Driver(node, bag, topics_of(nodes), periods,
                              last_stamps(nodes['simulator'], periods))
-            bag.subscribe(recorder, topics_of(nodes), driver.taking)
+            for topic, callback in driver.taking.items():
+                bag.subscribe(recorder, topic, callback)
             bag.record_in_thread()
             for name, parameters in nodes.items():
                 processes.start(name, parameters)
@@ -114,7 +109,7 @@ def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: 
 class _Driver:
     """Resets the simulator until all is heard, lets it run, and waits for the last messages."""
 
-    def __init__(self, node: Node, bag: BagRecorder, topics: List[Tuple[str, Any, Any]],
+    def __init__(self, node: Node, bag: BagRecorder, topics: List[str],
                  periods: int, last: Mapping[str, int]):
         self.done = False
         self._bag, self._periods, self._last = bag, periods, last
@@ -123,7 +118,7 @@ class _Driver:
         self._newest: Dict[str, int] = {}
         self._answer: Any = None
         self._next = 0.0
-        self._topics = {name for name, *_ in topics}
+        self._topics = set(topics)
         self.taking = {name: self._noting(name) for name in self._topics}
 
     def poll(self) -> None:

@@ -7,7 +7,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from ballbot_ros.ros import qos
 from ballbot_ros.ros.endpoints import create_publisher, mismatches
 
 OK = DiagnosticStatus.OK
@@ -56,7 +55,7 @@ class Diagnostics:
         self._report = report
         self._stamp = stamp or (lambda: node.get_clock().now().to_msg())
         self._count = 0
-        self._publisher = create_publisher(node, DiagnosticArray, '/diagnostics', qos.SHORT)
+        self._publisher = create_publisher(node, '/diagnostics')
         node.create_timer(period, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def publish(self) -> None:

@@ -6,7 +6,7 @@ Each default handler is one more thing that the executor prepares at every wait;
 they take most of its time.  What they report, that two endpoints do not match, is looked up
 now and then instead, and logged with the name of the other node.
 """
-from typing import Any, Callable, List
+from typing import Any, Callable, List, Optional
 
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -17,11 +17,11 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.topic_endpoint_info import TopicEndpointInfo
-from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.ros import qos
+from ballbot_ros.ros.topics import message_class, TOPICS
 
 CLOCK = '/clock'
 # What may help where nodes disagree about the type of a topic, by what is published.
@@ -33,30 +33,36 @@ TYPE_HINTS = {
 RECEIVED_TIMEOUT = 0.5
 
 
-def create_publisher(node: Node, kind: Any, topic: str, profile: QoSProfile) -> Publisher:
-    """Return a publisher; see `qos` for profiles."""
+def create_publisher(node: Node, topic: str, kind: Any = None,
+                     profile: Optional[QoSProfile] = None) -> Publisher:
+    """Return a publisher; type and profile are those of the table of topics, unless given."""
     return node.create_publisher(
-        kind, topic, profile,
+        kind or message_class(TOPICS[topic].type), topic,
+        profile or qos.profile(TOPICS[topic].offered),
         event_callbacks=PublisherEventCallbacks(use_default_callbacks=False))
 
 
-def create_subscription(node: Node, kind: Any, topic: str, callback: Callable[[Any], None],
-                        profile: QoSProfile, raw: bool = False) -> Subscription:
-    """Return a subscription; see `qos` for profiles."""
+def create_subscription(node: Node, topic: str, callback: Callable[[Any], None],
+                        kind: Any = None, profile: Optional[QoSProfile] = None,
+                        raw: bool = False) -> Subscription:
+    """Return a subscription; type and profile are those of the table of topics, unless given."""
     return node.create_subscription(
-        kind, topic, callback, profile, raw=raw,
+        kind or message_class(TOPICS[topic].type), topic, callback,
+        profile or qos.profile(TOPICS[topic].requested), raw=raw,
         event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False))
 
 
-def subscribe_e_stop(node: Node, callback: Callable[[Bool], None]) -> None:
+def subscribe_e_stop(node: Node, callback: Callable[[bool], None]) -> None:
     """
-    Subscribe to `e_stop` of every publisher, latched or not; a latched message arrives twice.
+    Subscribe to the e-stop of each publisher, whatever durability it offers.
 
-    A subscription that asks for latched messages matches no publisher of the default QoS
-    (volatile), and a volatile one misses what was published before: a stop request needs both.
+    A latched subscription receives the state from before its start, but matches no volatile
+    publisher (``ros2 topic pub`` is one); hence a second, volatile one.  A message of a latched
+    publisher arrives at both.
     """
-    for profile in (qos.LATCHED, qos.NEWEST):
-        create_subscription(node, Bool, 'e_stop', callback, profile)
+    for durability in (qos.LATCHED, qos.LATEST):
+        create_subscription(node, 'e_stop', lambda message: callback(message.data),
+                            profile=durability)
 
 
 def create_service(node: Node, kind: Any, name: str,

@@ -10,7 +10,6 @@ import struct
 from typing import Any, Callable, Dict, NamedTuple, Optional, Sequence, Tuple, Union
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
@@ -189,8 +188,8 @@ def form_of(data: bytes, message: JointState) -> Optional[Form]:
         return None
 
 
-def subscribe_joint_states(node: Node, topic: str, callback: Callable[[AnyJointState], None],
-                           profile: QoSProfile) -> Subscription:
+def subscribe_joint_states(node: Node, topic: str, callback: Callable[[AnyJointState], None]
+                           ) -> Subscription:
     """Return a subscription to joint states, which are read in place; what is none is logged."""
     reader = JointStateReader()
 
@@ -201,7 +200,7 @@ def subscribe_joint_states(node: Node, topic: str, callback: Callable[[AnyJointS
             node.get_logger().warning(f'{topic} refused: {error}', throttle_duration_sec=1.0)
         else:
             callback(message)
-    return create_subscription(node, JointState, topic, take, profile, raw=True)
+    return create_subscription(node, topic, take, raw=True)
 
 
 class _Written:

@@ -14,7 +14,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ballbot_ros.decision import Decision, Kind
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.model import Model
-from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import to_time
 from ballbot_ros.ros.endpoints import create_publisher
 
@@ -42,7 +41,7 @@ class MarkerTopic:
 
     def __init__(self, node: Node, wanted: bool):
         """Create the publisher, if it is wanted."""
-        self._topic = create_publisher(node, MarkerArray, 'markers', qos.SHORT) if wanted else None
+        self._topic = create_publisher(node, 'markers') if wanted else None
         self._last = -math.inf
 
     def is_due(self, now: float) -> bool:

@@ -10,7 +10,6 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Header, String
 
 from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.ros import qos
 from ballbot_ros.ros.endpoints import create_publisher, has_subscribers
 from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.urdf import robot_description
@@ -50,7 +49,7 @@ class OdometryTopics:
         if TFMessage is None:
             node.get_logger().info('tf2_msgs is not installed: no /tf')
         else:
-            self._transforms = create_publisher(node, TFMessage, '/tf', qos.STATE)
+            self._transforms = create_publisher(node, '/tf')
         if self._described:
             self._describe(node, robot, Frames.of(settings, prefixed=False))
         self.tell_odometry(settings.odom_rate > 0.0)
@@ -58,16 +57,16 @@ class OdometryTopics:
     def tell_odometry(self, told: bool) -> None:
         """Tell from now on where the robot is, or leave ``odom`` and its transform to others."""
         if told and self._made is None:  # and kept: a loop may be publishing
-            self._made = create_publisher(self._node, Odometry, 'odom', qos.STATE)
+            self._made = create_publisher(self._node, 'odom')
         self._odometry = self._made if told else None
 
     def _describe(self, node: Node, robot: Robot, names: Frames) -> None:
         """Publish the description, and the transforms that stay as they are."""
         # Kept: a publisher that is not referenced ends, and what is latched with it.
-        self._description = create_publisher(node, String, 'robot_description', qos.LATCHED)
+        self._description = create_publisher(node, 'robot_description')
         self._description.publish(String(data=robot_description(robot, names)))
         if TFMessage is not None:
-            self._static = create_publisher(node, TFMessage, '/tf_static', qos.LATCHED)
+            self._static = create_publisher(node, '/tf_static')
             header = Header()  # what never changes needs no stamp
             self._static.publish(TFMessage(transforms=[
                 _transform(header, self.frames.footprint, self.frames.base, up=self._radius),

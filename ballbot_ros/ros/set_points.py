@@ -9,7 +9,6 @@ from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import Authority, SetPoint
 from ballbot_ros.errors import MessageError
-from ballbot_ros.ros import qos
 from ballbot_ros.ros.cmd_vel import frame_id_of, speed_set_point, TYPES
 from ballbot_ros.ros.conversions import set_point
 from ballbot_ros.ros.endpoints import create_subscription
@@ -48,8 +47,8 @@ class SetPoints:
         self._overhear = overhear
         self.authority = Authority(SILENT)
         self._senders = {topic: Senders(node, topic) for topic in ('set_point', 'cmd_vel')}
-        create_subscription(node, JointState, 'set_point', self._on_set_point, qos.NEWEST)
-        create_subscription(node, TYPES[cmd_vel_type], 'cmd_vel', self._on_cmd_vel, qos.NEWEST)
+        create_subscription(node, 'set_point', self._on_set_point)
+        create_subscription(node, 'cmd_vel', self._on_cmd_vel, TYPES[cmd_vel_type])
 
     def _on_set_point(self, message: JointState) -> None:
         self._take('set_point', set_point, message)

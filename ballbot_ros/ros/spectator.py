@@ -7,37 +7,29 @@ from threading import Event, Thread
 from time import monotonic
 from typing import Any, Callable, Dict, FrozenSet, Mapping, NamedTuple, Optional, Tuple, Union
 
-from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import GetParameters
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
-from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from ballbot_ros.errors import ConfigurationError, RefusedError
-from ballbot_ros.msg import (
-    BallState, MotorStatus, StepDecision, StepObservation, TerrainObservation)
 from ballbot_ros.ros import cmd_vel, discovery, qos
 from ballbot_ros.ros.conversions import PENDULUM
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription
 from ballbot_ros.ros.executor import new_executor
 from ballbot_ros.ros.senders import own_name
+from ballbot_ros.ros.topics import message_class, TOPICS
 from ballbot_ros.srv import Step
 
-# Topic -> type, quality of service, and the time between two that are looked at, at least [s].
-TOPICS: Mapping[str, Tuple[Any, QoSProfile, float]] = {
-    'ball_state': (BallState, qos.SENSOR, 0.0), 'joint_states': (JointState, qos.SENSOR, 0.008),
-    'odom': (Odometry, qos.SENSOR, 0.008),
-    'step_observation': (StepObservation, qos.SENSOR, 0.1),
-    'terrain_observation': (TerrainObservation, qos.SENSOR, 0.1),
-    'step_decision': (StepDecision, qos.LATCHED, 0.0),
-    'motor_status': (MotorStatus, qos.SENSOR, 0.05), 'e_stop': (Bool, qos.LATCHED, 0.0)}
+# The topics that are shown, each with the shortest time between two messages of it [s].
+PERIODS: Mapping[str, float] = {
+    'ball_state': 0.0, 'joint_states': 0.008, 'odom': 0.008, 'step_observation': 0.1,
+    'terrain_observation': 0.1, 'step_decision': 0.0, 'motor_status': 0.05, 'e_stop': 0.0}
 
 # Nodes that are looked for, and which of their parameters say what is there.
 NODES: Mapping[str, Tuple[str, ...]] = {
@@ -107,9 +99,9 @@ class Spectator:
         self._held: Union[float, JointState, None] = None  # a speed [m/s], or a set-point
         self._attended = 0.0
         self.presence = Presence(frozenset(), (), 0)
-        for topic, (kind, profile, least) in TOPICS.items():
-            create_subscription(self._node, kind, topic, self._taking(topic, kind, least),
-                                profile, raw=True)
+        for topic, period in PERIODS.items():
+            create_subscription(self._node, topic, self._taking(topic, period),
+                                profile=qos.watching(topic), raw=True)
         self._thread = Thread(target=self._live, name='spectator', daemon=True)
 
     def start(self) -> None:
@@ -195,13 +187,13 @@ class Spectator:
         executor.remove_node(self._node)
         executor.shutdown()
 
-    def _taking(self, topic: str, kind: Any, least: float) -> Callable[[bytes], None]:
-        """Return a callback that decodes no more messages than are looked at."""
-        last = [-1e9]
+    def _taking(self, topic: str, period: float) -> Callable[[bytes], None]:
+        """Return a callback that decodes no more messages than are shown."""
+        kind, last = message_class(TOPICS[topic].type), [-1e9]
 
         def take(data: bytes) -> None:
             now = monotonic()
-            if now - last[0] >= least:
+            if now - last[0] >= period:
                 last[0] = now
                 self._receive(topic, deserialize_message(data, kind))
         return take
@@ -277,5 +269,5 @@ class Spectator:
         if self._publisher is None:
             topic = 'set_point' if kind is JointState else cmd_vel.TOPIC
             # Without handlers of events, which would hold one of another type until later.
-            self._publisher = create_publisher(self._node, kind, topic, qos.NEWEST)
+            self._publisher = create_publisher(self._node, topic, kind, qos.LATEST)
         self._publisher.publish(held)

@@ -1,26 +1,128 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The topics of the nodes with their types: what is recorded and shown; importable without ROS."""
+"""The topics of the nodes with type and quality of service; importable without ROS."""
+from importlib import import_module
 from types import MappingProxyType
-from typing import Mapping
+from typing import Any, Mapping, NamedTuple
 
-# Those with a slash before them are the same in every namespace.
-TOPICS: Mapping[str, str] = MappingProxyType({
-    '/clock': 'rosgraph_msgs/msg/Clock',
-    '/tf': 'tf2_msgs/msg/TFMessage',
-    '/tf_static': 'tf2_msgs/msg/TFMessage',
-    '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
-    'robot_description': 'std_msgs/msg/String',
-    'joint_states': 'sensor_msgs/msg/JointState',
-    'joint_commands': 'sensor_msgs/msg/JointState',
-    'set_point': 'sensor_msgs/msg/JointState',
-    'cmd_vel': 'geometry_msgs/msg/TwistStamped',
-    'e_stop': 'std_msgs/msg/Bool',
-    'odom': 'nav_msgs/msg/Odometry',
-    'imu': 'sensor_msgs/msg/Imu',
-    'ball_state': 'ballbot_ros/msg/BallState',
-    'step_observation': 'ballbot_ros/msg/StepObservation',
-    'terrain_observation': 'ballbot_ros/msg/TerrainObservation',
-    'step_decision': 'ballbot_ros/msg/StepDecision',
-    'motor_status': 'ballbot_ros/msg/MotorStatus',
-    'battery_state': 'sensor_msgs/msg/BatteryState',
-    'markers': 'visualization_msgs/msg/MarkerArray'})
+from ballbot_ros.errors import ConfigurationError
+
+
+class Qos(NamedTuple):
+    """Quality of service of a publisher or subscription; the history keeps the last messages."""
+
+    depth: int
+    reliable: bool = True
+    latched: bool = False  # durability: transient local, else volatile
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        return (f'{"reliable" if self.reliable else "best effort"}, '
+                f'{"latched, " if self.latched else ""}depth {self.depth}')
+
+
+# Publishers of measurements: reliable, so that every subscription matches, and deep enough for a
+# recorder that is delayed by some seconds.
+STATE = Qos(5000)
+# Publishers of commands and set-points; a delayed one is refused by its stamp.
+COMMAND = Qos(2000)
+# Subscriptions of which only the latest message matters.
+LATEST = Qos(1)
+# Subscriptions to sensors, whose drivers often publish best effort.
+SENSOR = Qos(5, reliable=False)
+# Inputs that are matched by their stamps, and health.
+SHORT = Qos(20)
+LATCHED = Qos(1, latched=True)
+# Decisions: a recorder receives all of them, other late subscriptions the last one.
+DECISION = Qos(1000, latched=True)
+
+
+class Topic(NamedTuple):
+    """
+    A topic.
+
+    Attributes
+    ----------
+    type : str
+    offered : Qos
+        Of its publishers.
+    requested : Qos
+        Of the subscriptions of the nodes.
+    publishers, subscribers : str
+        Nodes of this package, for the document.
+    meaning : str
+
+    """
+
+    type: str
+    offered: Qos
+    requested: Qos
+    publishers: str
+    subscribers: str
+    meaning: str
+
+
+# Topics with a slash in front are the same in every namespace.
+TOPICS: Mapping[str, Topic] = MappingProxyType({
+    '/clock': Topic('rosgraph_msgs/msg/Clock', STATE, SENSOR, 'simulator', 'simulator',
+                    'simulated time'),
+    '/tf': Topic('tf2_msgs/msg/TFMessage', STATE, STATE, 'simulator, bridge', '',
+                 'transforms between the [frames](#frames), where tf2_msgs is installed'),
+    '/tf_static': Topic('tf2_msgs/msg/TFMessage', LATCHED, LATCHED, 'simulator, bridge', '',
+                        'transforms that do not change'),
+    '/diagnostics': Topic('diagnostic_msgs/msg/DiagnosticArray', SHORT, SHORT, 'all', '',
+                          'health of each node, once a second and when it changes'),
+    'robot_description': Topic('std_msgs/msg/String', LATCHED, LATCHED, 'simulator, bridge', '',
+                               'URDF of the robot'),
+    'joint_states': Topic('sensor_msgs/msg/JointState', STATE, LATEST, 'simulator, bridge',
+                          'controller', 'angle, rate and torque of `shell` and `pendulum`'),
+    'joint_commands': Topic('sensor_msgs/msg/JointState', COMMAND, LATEST, 'controller',
+                            'simulator, bridge', 'torque of `pendulum`, stamped like the state '
+                            'that it answers'),
+    'set_point': Topic('sensor_msgs/msg/JointState', COMMAND, LATEST, 'obstacle_decision',
+                       'controller, simulator, bridge', 'absolute pendulum angle or joint rate'),
+    'cmd_vel': Topic('geometry_msgs/msg/TwistStamped', LATEST, LATEST, '',
+                     'controller, simulator, bridge', 'speed of the ball; geometry_msgs/msg/Twist '
+                     'is accepted, too'),
+    'e_stop': Topic('std_msgs/msg/Bool', LATCHED, LATCHED, 'bridge',
+                    'controller, simulator, obstacle_decision', 'true while the e-stop is '
+                    'engaged; volatile publishers are received, too'),
+    'odom': Topic('nav_msgs/msg/Odometry', STATE, SHORT, 'simulator, bridge, emulated_robot',
+                  'obstacle_decision', 'pose and velocity of `base_link`'),
+    'imu': Topic('sensor_msgs/msg/Imu', STATE, SENSOR, 'imu, emulated_robot', 'bridge',
+                 'turn rate and specific force of the shell'),
+    'ball_state': Topic('ballbot_ros/msg/BallState', STATE, STATE, 'simulator, emulated_robot', '',
+                        'true state, energies and contacts'),
+    'step_observation': Topic('ballbot_ros/msg/StepObservation', STATE, SHORT,
+                              'simulator, emulated_robot', 'obstacle_decision',
+                              'distance and height of the next step'),
+    'terrain_observation': Topic('ballbot_ros/msg/TerrainObservation', STATE, SHORT,
+                                 'simulator, emulated_robot', 'obstacle_decision',
+                                 'observed terrain ahead as a polyline'),
+    'step_decision': Topic('ballbot_ros/msg/StepDecision', DECISION, LATCHED,
+                           'obstacle_decision', '', 'decision, reason and predicted success'),
+    'motor_status': Topic('ballbot_ros/msg/MotorStatus', STATE, LATEST, 'bridge', '',
+                          'state of the drive, its temperatures and its faults'),
+    'battery_state': Topic('sensor_msgs/msg/BatteryState', STATE, LATEST, 'bridge', '',
+                           'battery of the robot'),
+    'markers': Topic('visualization_msgs/msg/MarkerArray', SHORT, SHORT,
+                     'simulator, obstacle_decision', '', 'see [markers]'
+                     '(#pictures-in-other-programs)')})
+
+
+def message_class(kind: str) -> Any:
+    """
+    Return the class of a message type such as ``'std_msgs/msg/Bool'``.
+
+    Raises
+    ------
+    ConfigurationError
+        With reason ``missing`` if its package is not installed.
+
+    """
+    package, _, name = kind.partition('/msg/')
+    try:
+        return getattr(import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError) as error:
+        raise ConfigurationError(
+            f'the message type {kind} is not installed here: install the package {package}, or '
+            'source the workspace that has it', 'missing', kind) from error

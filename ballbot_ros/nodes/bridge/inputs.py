@@ -4,13 +4,11 @@ from dataclasses import replace
 
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
-from std_msgs.msg import Bool
 
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import Authority, SetPoint
 from ballbot_ros.errors import MessageError
 from ballbot_ros.nodes.bridge.motor import Clocks, imu_reading
-from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import command_torque, to_seconds
 from ballbot_ros.ros.endpoints import create_subscription, create_trigger, subscribe_e_stop
 from ballbot_ros.ros.joint_state_bytes import AnyJointState, subscribe_joint_states
@@ -43,13 +41,13 @@ class MotorInputs:
         self._session, self._clocks, self._logger = session, clocks, node.get_logger()
         self._senders = Senders(node, 'joint_commands')
         self.imu_refused = 0
-        subscribe_joint_states(node, 'joint_commands', self.command, qos.NEWEST)
+        subscribe_joint_states(node, 'joint_commands', self.command)
         law = session.law
         set_points = SetPoints(node, self._give, session.set_points_refused, cmd_vel_type,
                                *(() if law is None else (law.controller.overhear,)))
         self.authority = Authority(session.hardware.limits.command_timeout) \
             if law is None else set_points.authority
-        create_subscription(node, Imu, 'imu', self._on_imu, qos.SENSOR)
+        create_subscription(node, 'imu', self._on_imu)
         subscribe_e_stop(node, self._on_e_stop)
         create_trigger(node, '~/engage_e_stop', self._engage)
         create_trigger(node, '~/release_e_stop', self._release)
@@ -91,9 +89,9 @@ class MotorInputs:
         self._session.witness.refused(what, error)
         self._logger.warning(f'{what} refused: {error}', throttle_duration_sec=1.0)
 
-    def _on_e_stop(self, message: Bool) -> None:
+    def _on_e_stop(self, engaged: bool) -> None:
         """Engage on a stop request; only the service releases."""
-        if message.data and not self._session.supervisor.e_stop:
+        if engaged and not self._session.supervisor.e_stop:
             self._session.engage('requested on the topic e_stop')
 
     def _engage(self) -> str:

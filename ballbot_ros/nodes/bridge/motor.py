@@ -7,7 +7,7 @@ import time
 from typing import Optional
 
 from rclpy.node import Node
-from sensor_msgs.msg import Imu, JointState
+from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool
 
 from ballbot_ros.bridge.motor_state import MotorState
@@ -16,7 +16,6 @@ from ballbot_ros.control import Mode
 from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import Estimate, ImuReading
 from ballbot_ros.msg import MotorStatus
-from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import to_seconds, to_time
 from ballbot_ros.ros.endpoints import create_publisher, wait_until_received
 from ballbot_ros.ros.frames import FRAMES, Frames
@@ -136,10 +135,10 @@ class MotorOutputs:
         """Create the publishers."""
         self._clocks, self._joints_due = clocks, 0.0
         self.publish_at(status_rate, joint_state_period)
-        self._joints = create_publisher(node, JointState, 'joint_states', qos.STATE)
+        self._joints = create_publisher(node, 'joint_states')
         self._frame, self._joint_states = frame, JointStateBytes(frame)
-        self._status = create_publisher(node, MotorStatus, 'motor_status', qos.STATE)
-        self._e_stop = create_publisher(node, Bool, 'e_stop', qos.LATCHED)
+        self._status = create_publisher(node, 'motor_status')
+        self._e_stop = create_publisher(node, 'e_stop')
         self._published: Optional[bool] = None
         self._telling = threading.Lock()
         self._next, self._state = 0.0, ''

@@ -10,7 +10,6 @@ from ballbot_ros.bridge.condition import Condition
 from ballbot_ros.bridge.session import Report, Session
 from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.nodes.bridge.motor import Clocks
-from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import estimated_odometry_message, to_time
 from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.frames import FRAMES, Frames
@@ -59,7 +58,7 @@ class RobotOutputs:
         self._radius, self._battery = session.robot.ball_radius, session.hardware.battery
         self._topics = OdometryTopics(node, session.robot, settings)
         self.publish_odometry_at(settings)
-        self._battery_topic = create_publisher(node, BatteryState, 'battery_state', qos.STATE)
+        self._battery_topic = create_publisher(node, 'battery_state')
         self._battery_turns, self._frame = Turns(BATTERY_PERIOD), Frames.of(settings).base
 
     def publish_odometry_at(self, settings: BridgeSettings) -> None:

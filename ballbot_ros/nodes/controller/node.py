@@ -9,12 +9,11 @@ from builtin_interfaces.msg import Time
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool
 
 from ballbot_ros.control import checked_controller, SetPoint, Watchdog
 from ballbot_ros.nodes.controller.health import health
 from ballbot_ros.physics.model.robot import load_robot
-from ballbot_ros.ros import diagnostics, qos
+from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.cmd_vel import speed_set_point, TYPES
 from ballbot_ros.ros.conversions import readings, set_point
 from ballbot_ros.ros.endpoints import (
@@ -43,9 +42,9 @@ class Controller(Node):
         self._torque = 0.0
         self._refused: Counter = Counter()
         self._written = CommandBytes(own_name(self))
-        self._commands = create_publisher(self, JointState, 'joint_commands', qos.COMMAND)
+        self._commands = create_publisher(self, 'joint_commands')
         subscribe_joint_states(self, 'joint_states', self._taker(
-            'joint_states', self._on_state), qos.NEWEST)
+            'joint_states', self._on_state))
         self._subscribe(JointState, 'set_point', lambda one: self._give(set_point(one)))
         self._subscribe(TYPES[settings.cmd_vel_type], 'cmd_vel',
                         lambda one: self._give(speed_set_point(one)))
@@ -71,7 +70,7 @@ class Controller(Node):
 
     def _subscribe(self, kind: Any, topic: str, take: Callable[[Any], None]) -> None:
         """Subscribe to a topic."""
-        create_subscription(self, kind, topic, self._taker(topic, take), qos.NEWEST)
+        create_subscription(self, topic, self._taker(topic, take), kind)
 
     def _taker(self, topic: str, take: Callable[[Any], None]) -> Callable[[Any], None]:
         """Return what answers a message that is taken, and counts and logs one that is refused."""
@@ -98,10 +97,10 @@ class Controller(Node):
         self._controller.give(
             given if given.stamp else replace(given, stamp=self._controller.time))
 
-    def _on_e_stop(self, message: Bool) -> None:
+    def _on_e_stop(self, engaged: bool) -> None:
         """Set the torque to 0 and forget the set-point while the e-stop is engaged."""
-        self._controller.hear_e_stop(message.data)
-        if message.data and self._watchdog.fed:
+        self._controller.hear_e_stop(engaged)
+        if engaged and self._watchdog.fed:
             self._command(0.0)
         self._diagnostics.publish()
 

@@ -4,21 +4,17 @@ from pathlib import Path
 import sys
 from typing import Any, List, Optional
 
-from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from sensor_msgs.msg import Imu as ImuMessage
 
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.emulator.imu_line import ImuLine
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.msg import BallState, StepObservation, TerrainObservation
 from ballbot_ros.nodes.bridge.motor import imu_message
 from ballbot_ros.physics import load_scene
 from ballbot_ros.plant import Imu, Sensor, TerrainSensor
-from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import (
     ball_state_message, observation_message, odometry_message, terrain_message, to_time)
 from ballbot_ros.ros.endpoints import create_publisher
@@ -55,14 +51,12 @@ class EmulatedRobot(Node):
         self._imu = self._new_imu(settings)
         self._sensor = Sensor(scene.model.terrain, REACH)
         self._camera = TerrainSensor(scene.model.terrain, REACH)
-        self._readings = create_publisher(self, ImuMessage, 'imu', qos.STATE)
+        self._readings = create_publisher(self, 'imu')
         self._imu_line = ImuLine(Path(settings.imu_link)) if settings.imu_link else None
-        self._odometry = create_publisher(
-            self, Odometry, 'odom', qos.STATE) if settings.publish_odom else None
-        self._observation = create_publisher(self, StepObservation, 'step_observation', qos.STATE)
-        self._terrain = create_publisher(
-            self, TerrainObservation, 'terrain_observation', qos.STATE)
-        self._truth = create_publisher(self, BallState, 'ball_state', qos.STATE)
+        self._odometry = create_publisher(self, 'odom') if settings.publish_odom else None
+        self._observation = create_publisher(self, 'step_observation')
+        self._terrain = create_publisher(self, 'terrain_observation')
+        self._truth = create_publisher(self, 'ball_state')
         self._emulator = Emulator(
             connection.protocol, scene, connection.baud,
             settings_for(scene.model.robot, firmware=settings.firmware), Path(settings.link))

@@ -9,7 +9,7 @@ from sensor_msgs.msg import Imu
 
 from ballbot_ros.imus.source import ImuSource, StampedReading
 from ballbot_ros.nodes.bridge.motor import Clocks, NOT_REPORTED
-from ballbot_ros.ros import diagnostics, qos
+from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import to_time
 from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.frames import FRAMES
@@ -62,7 +62,7 @@ class ImuOutput:
         self._source, self._port, self._asked = source, port, rate
         self._clocks = Clocks()
         self.tell(gyro_sd, force_sd)
-        self._publisher = create_publisher(node, Imu, 'imu', qos.STATE)
+        self._publisher = create_publisher(node, 'imu')
         self._counted, self._counted_at, self._rate = 0, time.monotonic(), 0.0
         self._diagnostics = diagnostics.Diagnostics(node, 'imu', self._health, f'imu on {port}')
         self.failure: Optional[Exception] = None

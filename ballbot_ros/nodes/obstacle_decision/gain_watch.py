@@ -33,7 +33,7 @@ class GainWatch:
         """Listen."""
         self._node, self._topic = node, node.resolve_topic_name(topic)
         create_subscription(
-            node, ParameterEvent, EVENTS, self.hear, qos_profile_parameter_events)
+            node, EVENTS, self.hear, ParameterEvent, qos_profile_parameter_events)
 
     def hear(self, event: ParameterEvent) -> None:
         """Warn of a change of gains by somebody who follows the set-points."""

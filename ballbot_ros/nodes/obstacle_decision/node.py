@@ -9,13 +9,12 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
 from ballbot_ros.decision import Decider, Kind, Observation
-from ballbot_ros.msg import StepObservation, TerrainObservation
 from ballbot_ros.nodes.obstacle_decision.goals import GoalServers
 from ballbot_ros.nodes.obstacle_decision.knowledge import known
 from ballbot_ros.nodes.obstacle_decision.outcomes import Experience
 from ballbot_ros.nodes.obstacle_decision.outputs import DecisionOutputs
 from ballbot_ros.nodes.obstacle_decision.standstill import Standstill
-from ballbot_ros.ros import diagnostics, qos
+from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import exact, motion, observation, terrain_observation, to_seconds
 from ballbot_ros.ros.endpoints import create_subscription
 from ballbot_ros.ros.parameter_changes import Commit
@@ -49,11 +48,10 @@ class ObstacleDecision(Node):
         self._seen: Dict[type, Tuple[int, int]] = {}
         self._counts: Counter = Counter()
         self._outputs = DecisionOutputs(self, settings, knowledge.robot.ball_radius)
-        for topic, kind, read in (
-                ('step_observation', StepObservation, observation),
-                ('terrain_observation', TerrainObservation, terrain_observation)):
-            create_subscription(self, kind, topic, partial(self._on_observation, read), qos.SHORT)
-        create_subscription(self, Odometry, 'odom', self._on_odometry, qos.SHORT)
+        for topic, read in (('step_observation', observation),
+                            ('terrain_observation', terrain_observation)):
+            create_subscription(self, topic, partial(self._on_observation, read))
+        create_subscription(self, 'odom', self._on_odometry)
         self._standstill = Standstill(self, self._stand)
         self._goals = GoalServers(self, lambda: self._decider, knowledge, self._standstill,
                                   settings.wait_for_goal)

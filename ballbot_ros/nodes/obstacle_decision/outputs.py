@@ -11,7 +11,6 @@ from sensor_msgs.msg import JointState
 from ballbot_ros.decision.decider import Answer
 from ballbot_ros.msg import StepDecision
 from ballbot_ros.nodes.obstacle_decision.gain_watch import GainWatch
-from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import decision_message, set_point_message, to_seconds, to_time
 from ballbot_ros.ros.endpoints import create_publisher, wait_until_received
 from ballbot_ros.ros.markers import decision_markers, MarkerTopic
@@ -27,8 +26,8 @@ class DecisionOutputs:
         self._frame, self._radius = settings.terrain_frame, radius
         self._markers = MarkerTopic(node, settings.publish_markers)
         self._name = own_name(node)
-        self._decisions = create_publisher(node, StepDecision, 'step_decision', qos.DECISION)
-        self._set_points = create_publisher(node, JointState, 'set_point', qos.COMMAND)
+        self._decisions = create_publisher(node, 'step_decision')
+        self._set_points = create_publisher(node, 'set_point')
         self._gains = GainWatch(node, 'set_point')
         self._newest: Optional[Tuple[Optional[StepDecision], JointState]] = None
 

@@ -3,7 +3,6 @@
 from typing import Callable
 
 from rclpy.node import Node
-from std_msgs.msg import Bool
 
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.ros.endpoints import create_trigger, subscribe_e_stop
@@ -47,10 +46,10 @@ class Standstill:
         return 'standing: the e-stop is engaged' if self.engaged else (
             f'standing: the e-stop was engaged; to go on call {self._service}')
 
-    def _on_e_stop(self, message: Bool) -> None:
-        if message.data == self.engaged:
+    def _on_e_stop(self, engaged: bool) -> None:
+        if engaged == self.engaged:
             return
-        self.engaged = message.data
+        self.engaged = engaged
         if self.engaged and not self.standing:
             self.standing = True
             self._stand()

@@ -7,7 +7,6 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from ballbot_ros.plant import Plant
-from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import to_seconds
 from ballbot_ros.ros.endpoints import create_subscription
 
@@ -46,7 +45,7 @@ class FollowedClock:
         self._joined = False
         self._asked: Optional[float] = None
         self.dropped = 0
-        create_subscription(node, Clock, '/clock', self._on_clock, qos.SENSOR)
+        create_subscription(node, '/clock', self._on_clock)
 
     def restart(self, now: float) -> None:
         """Take the time from the clock again, after a pause for instance."""

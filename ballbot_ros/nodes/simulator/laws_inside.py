@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Dict, Protocol
 
 from rclpy.node import Node
-from std_msgs.msg import Bool
 
 from ballbot_ros.control import (
     checked_controller, JointReadings, SetPoint, SupervisedController, Supervision)
@@ -103,8 +102,8 @@ class LawsInside:
     def _give(self, given: SetPoint) -> None:
         self._controller.give(given if given.stamp else replace(given, stamp=self._plant.time))
 
-    def _on_e_stop(self, message: Bool) -> None:
-        self._controller.hear_e_stop(message.data)
+    def _on_e_stop(self, engaged: bool) -> None:
+        self._controller.hear_e_stop(engaged)
 
 
 def _loop(settings: SimulatorSettings) -> LoopNumbers:

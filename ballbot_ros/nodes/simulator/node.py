@@ -18,7 +18,7 @@ from ballbot_ros.nodes.simulator.simulation_interfaces import serve
 from ballbot_ros.physics.simulation.scene import load_scene
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.plant import Plant
-from ballbot_ros.ros import diagnostics, qos
+from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import command_torque, exact, sec_nanosec, to_seconds, to_time
 from ballbot_ros.ros.endpoints import create_service, create_trigger
 from ballbot_ros.ros.joint_state_bytes import AnyJointState, subscribe_joint_states
@@ -54,7 +54,7 @@ class Simulator(Node):
         self._scheduler = Scheduler(self._plant, self._laws or self._gate, self._outputs,
                                     settings, self.get_logger(), self._diagnostics.publish,
                                     follow)
-        subscribe_joint_states(self, 'joint_commands', self._on_command, qos.NEWEST)
+        subscribe_joint_states(self, 'joint_commands', self._on_command)
         for name, do in (('pause', self._pause), ('resume', self._resume), ('reset', self._reset)):
             create_trigger(self, f'~/{name}', do)
         create_service(self, Step, '~/step', self._on_step)

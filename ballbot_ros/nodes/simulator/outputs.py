@@ -5,14 +5,10 @@ from typing import Any, Callable, Dict, NamedTuple, Optional, Tuple
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
 
-from ballbot_ros.msg import BallState
 from ballbot_ros.nodes.simulator.sensors import Sensors
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.plant import periods_per, Plant
-from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import ball_state_message, odometry_message, sec_nanosec
 from ballbot_ros.ros.endpoints import create_publisher, has_subscribers
 from ballbot_ros.ros.joint_state_bytes import JointStateBytes
@@ -73,12 +69,12 @@ class Outputs:
         self._every = every(settings)
         self._clock: Optional[Publisher] = None
         if settings.publish_clock:
-            self._clock = create_publisher(node, Clock, '/clock', qos.CLOCK)
+            self._clock = create_publisher(node, '/clock')
         self._odometry = OdometryTopics(node, plant.model.robot, settings)
-        self._ball = create_publisher(node, BallState, 'ball_state', qos.STATE)
+        self._ball = create_publisher(node, 'ball_state')
         self._sensors = Sensors(node, plant, settings)
         self._markers = MarkerTopic(node, settings.publish_markers)
-        self._joints = create_publisher(node, JointState, 'joint_states', qos.STATE)
+        self._joints = create_publisher(node, 'joint_states')
         self._joint_states = JointStateBytes(
             self._odometry.frames.base, plant.model.robot.has_pendulum)
 

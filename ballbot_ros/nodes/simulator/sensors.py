@@ -7,9 +7,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.msg import StepObservation, TerrainObservation
 from ballbot_ros.plant import Latency, periods_per, Plant, Sensor, SensorFaults, TerrainSensor
-from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import observation_message, terrain_message, to_time
 from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.frames import Frames
@@ -79,15 +77,15 @@ class Sensors:
             self._step_periods, self._terrain_periods = periods
             self._late.seconds = faults.latency
             if step is not None:
-                self._step_topic = self._topic(StepObservation, 'step_observation')
+                self._step_topic = self._topic('step_observation')
             if terrain is not None:
-                self._terrain_topic = self._topic(TerrainObservation, 'terrain_observation')
+                self._terrain_topic = self._topic('terrain_observation')
         return commit
 
-    def _topic(self, kind: Any, name: str) -> Publisher:
+    def _topic(self, name: str) -> Publisher:
         """Return a publisher, made when it is first needed."""
         if name not in self._topics:
-            self._topics[name] = create_publisher(self._node, kind, name, qos.STATE)
+            self._topics[name] = create_publisher(self._node, name)
         return self._topics[name]
 
     def look(self, everything: bool = False) -> List[Tuple[Publisher, Any]]:

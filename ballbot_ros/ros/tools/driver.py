@@ -58,9 +58,9 @@ class RobotDriver:
         self.decision, self.said = '', ''
         self.e_stop: Optional[bool] = None
         self._e_stop: Any = None
-        create_subscription(one, Odometry, 'odom', self._on_odom, qos.SENSOR)
-        create_subscription(one, JointState, 'joint_states', self._on_joints, qos.SENSOR)
-        create_subscription(one, StepDecision, 'step_decision', self._on_decision, qos.LATCHED)
+        create_subscription(one, 'odom', self._on_odom, profile=qos.SENSOR)
+        create_subscription(one, 'joint_states', self._on_joints, profile=qos.SENSOR)
+        create_subscription(one, 'step_decision', self._on_decision)
         subscribe_e_stop(one, self._on_e_stop)
 
     @property
@@ -79,7 +79,7 @@ class RobotDriver:
     def _publisher(self) -> Any:
         """Return a publisher of speeds, in the type that is followed."""
         one = self._observer.node
-        return create_publisher(one, cmd_vel.type_followed(one), cmd_vel.TOPIC, qos.NEWEST)
+        return create_publisher(one, cmd_vel.TOPIC, cmd_vel.type_followed(one))
 
     def last(self) -> None:
         """Ask for a stop, and wait until that has come."""
@@ -101,7 +101,7 @@ class RobotDriver:
                 lambda done: setattr(self, 'said', done.result().message))
             return
         if self._e_stop is None:
-            self._e_stop = create_publisher(self._observer.node, Bool, 'e_stop', qos.LATCHED)
+            self._e_stop = create_publisher(self._observer.node, 'e_stop')
         self._e_stop.publish(Bool(data=engaged))
         self.said = f'no bridge: e-stop {"engaged" if engaged else "released"} by its topic'
 
@@ -118,5 +118,5 @@ class RobotDriver:
     def _on_decision(self, message: StepDecision) -> None:
         self.decision = DECISIONS.get(message.decision, '?')
 
-    def _on_e_stop(self, message: Bool) -> None:
-        self.e_stop = message.data
+    def _on_e_stop(self, engaged: bool) -> None:
+        self.e_stop = engaged

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node for a command: it joins the graph, looks, and leaves."""
-from importlib import import_module
 import os
 import time
 from typing import Any, Callable, List, Optional
@@ -136,22 +135,3 @@ class Observer:
             reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if offered and latched
             else DurabilityPolicy.VOLATILE)
-
-
-def message_class(kind: str) -> Any:
-    """
-    Return the class of a message type such as ``'std_msgs/msg/Bool'``.
-
-    Raises
-    ------
-    ConfigurationError
-        If its package is not installed.
-
-    """
-    package, _, name = kind.partition('/msg/')
-    try:
-        return getattr(import_module(f'{package}.msg'), name)
-    except (ImportError, AttributeError) as error:
-        raise ConfigurationError(
-            f'the message type {kind} is not installed here: install the package {package}, or '
-            'source the workspace that has it') from error

@@ -10,13 +10,14 @@ from typing import Any, Callable, Deque, Iterator, List, NamedTuple, Optional
 import yaml
 
 from ballbot_ros.ros.endpoints import create_subscription
-from ballbot_ros.ros.tools.observer import message_class, Observer
+from ballbot_ros.ros.tools.observer import Observer
+from ballbot_ros.ros.topics import message_class
 
 # Times of messages from which a rate is told.
 WINDOW = 10000
 
 
-class Topic(NamedTuple):
+class GraphTopic(NamedTuple):
     """A topic, its types, and how many publish and subscribe to it."""
 
     name: str
@@ -25,7 +26,7 @@ class Topic(NamedTuple):
     subscribers: int
 
 
-def topics(observer: Observer) -> List[Topic]:
+def topics(observer: Observer) -> List[GraphTopic]:
     """Return the topics of the graph by name, without what only the observer has."""
     observer.settle()
     node = observer.node
@@ -33,7 +34,7 @@ def topics(observer: Observer) -> List[Topic]:
     def count(endpoints: List[Any]) -> int:
         return sum(one.node_name != node.get_name() for one in endpoints)
 
-    found = [Topic(name, types, count(node.get_publishers_info_by_topic(name)),
+    found = [GraphTopic(name, types, count(node.get_publishers_info_by_topic(name)),
                    count(node.get_subscriptions_info_by_topic(name)))
              for name, types in sorted(node.get_topic_names_and_types())]
     return [topic for topic in found if topic.publishers + topic.subscribers]
@@ -70,7 +71,7 @@ def echo(observer: Observer, topic: str, show: Callable[[Any], None], once: bool
     observer.wait(lambda: observer.node.count_publishers(name), 0.2)
     came: Deque[Any] = deque()
     # rclpy looks at the signature of what it calls, and a builtin has none.
-    create_subscription(observer.node, kind, name, lambda message: came.append(message),
+    create_subscription(observer.node, name, lambda message: came.append(message), kind,
                         observer.profile(name))
     if not observer.wait(lambda: came, 1.0):
         waiting()
@@ -92,7 +93,7 @@ def rates(observer: Observer, topic: str, timeout: float,
     name = observer.resolve(topic)
     observer.wait(lambda: observer.node.count_publishers(name), 0.2)
     times: Deque[float] = deque(maxlen=WINDOW)
-    create_subscription(observer.node, kind, name, lambda _: times.append(time.monotonic()),
+    create_subscription(observer.node, name, lambda _: times.append(time.monotonic()), kind,
                         observer.profile(name), raw=True)
     end = time.monotonic() + timeout
     while (now := time.monotonic()) < end:

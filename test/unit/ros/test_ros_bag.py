@@ -57,7 +57,8 @@ def recorded(make_node, tmp_path):
         publishers = {kind: source.create_publisher(kind, kind.__name__, qos.STATE)
                       for kind in kinds}
         with BagRecorder(tmp_path / 'bag') as bag:
-            bag.subscribe(sink, [(kind.__name__, kind, qos.RECORD) for kind in kinds])
+            for kind in kinds:
+                bag.subscribe(sink, kind.__name__, kind=kind, profile=qos.STATE)
             for message in messages:
                 publishers[type(message)].publish(message)
                 bag.take_all()
@@ -88,7 +89,7 @@ def test_a_recorder_with_its_own_thread_misses_nothing_while_nobody_else_gets_on
     publisher = source.create_publisher(JointState, 'states', qos.STATE)
     told = []
     with BagRecorder(tmp_path / 'bag') as bag:
-        bag.subscribe(sink, [('states', JointState, qos.RECORD)], {'states': told.append})
+        bag.subscribe(sink, 'states', told.append, JointState, qos.recording('joint_states'))
         bag.record_in_thread()
         for number in range(10000):  # twice what a subscription holds; no executor ever spins
             publisher.publish(stamped(JointState, 0.002 * number))
@@ -106,11 +107,33 @@ def test_a_bag_that_cannot_be_written_is_told(make_node, tmp_path):
         raise OSError('No space left on device')
     with BagRecorder(tmp_path / 'bag') as bag:
         publisher.publish(String())
-        bag.subscribe(sink, [('words', String, qos.RECORD), ('states', JointState, qos.RECORD)],
-                      {'states': full})
+        bag.subscribe(sink, 'words', None, String, qos.STATE)
+        bag.subscribe(sink, 'states', full, JointState, qos.STATE)
         bag.record_in_thread()
         states = source.create_publisher(JointState, 'states', qos.STATE)
         while bag.failure is None:
             states.publish(JointState())
             time.sleep(0.001)
     assert 'No space left' in str(bag.failure)
+
+
+def test_a_bag_keeps_the_offered_quality_of_service_for_its_replay(make_node, tmp_path):
+    source, sink = make_node(Node, 'source'), make_node(Node, 'sink')
+    publisher = source.create_publisher(String, 'notes', qos.LATCHED)
+    source.create_publisher(JointState, 'joint_states', qos.SENSOR)
+    deadline = time.monotonic() + 20.0
+    while not (sink.count_publishers('notes') and sink.count_publishers('joint_states')):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    publisher.publish(String())
+    with BagRecorder(tmp_path / 'bag') as bag:
+        bag.subscribe(sink, 'notes', None, String, qos.LATCHED)
+        bag.subscribe(sink, 'joint_states', profile=qos.SENSOR)
+        bag.subscribe(sink, 'robot_description')  # without a publisher: as in the table
+    with Reader(tmp_path / 'bag') as reader:
+        offered = {one.topic: one.ext.offered_qos_profiles for one in reader.connections}
+    found = {topic: [(one.reliability.name, one.durability.name) for one in profiles]
+             for topic, profiles in offered.items()}
+    assert found == {'/notes': [('RELIABLE', 'TRANSIENT_LOCAL')],
+                     '/joint_states': [('BEST_EFFORT', 'VOLATILE')],
+                     '/robot_description': [('RELIABLE', 'TRANSIENT_LOCAL')]}

@@ -12,6 +12,7 @@ from ballbot_ros.bags.metadata import bag_metadata, BagMetadata, SIMULATOR
 from ballbot_ros.bags.storage import bag_writer
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_scene
+from ballbot_ros.ros.topics import LATCHED
 
 
 class FakeRosbag2:
@@ -29,6 +30,17 @@ class FakeRosbag2:
 
     def TopicMetadata(self, **given):
         return given
+
+    class _storage:
+        class QoS(str):
+            def __new__(cls, text):
+                return super().__new__(cls, text)
+
+            def reliable(self):
+                return type(self)(f'{self} reliable')
+
+            def transient_local(self):
+                return type(self)(f'{self} transient_local')
 
     def SequentialWriter(self):
         return self
@@ -81,7 +93,7 @@ def test_where_rosbags_is_missing_the_bags_of_a_ros_installation_are_used(
     monkeypatch.setitem(__import__('sys').modules, 'rosbag2_py', fake)
     writer = bag_writer(tmp_path / 'bag', {'key': 'value'})
     writer.open()
-    topic = writer.add_topic('/here', 'std_msgs/msg/String')
+    topic = writer.add_topic('/here', 'std_msgs/msg/String', [LATCHED])
     writer.write(topic, 5, b'data')
     writer.close()
     assert fake.calls == [
@@ -89,7 +101,8 @@ def test_where_rosbags_is_missing_the_bags_of_a_ros_installation_are_used(
                      'custom_data': {'key': 'value'}}),
         ('open', str(tmp_path / 'bag'), ('cdr', 'cdr')),
         ('topic', {'id': 1, 'name': '/here', 'type': 'std_msgs/msg/String',
-                   'serialization_format': 'cdr'}),
+                   'serialization_format': 'cdr',
+                   'offered_qos_profiles': ['1 reliable transient_local']}),
         ('write', '/here', b'data', 5)]
 
 

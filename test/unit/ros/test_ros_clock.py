@@ -60,12 +60,12 @@ class Arrivals:
     def __init__(self, node, *namespaces):
         self.now, self.clocks, self.ahead = -1.0, [], []
         self.heard = {}
-        node.create_subscription(Clock, '/clock', self._tick, qos.RECORD)
+        node.create_subscription(Clock, '/clock', self._tick, qos.recording('/clock'))
         for namespace in namespaces:
             for topic, kind in TOPICS:
                 name = f'{namespace}/{topic}'
                 self.heard[name] = []
-                node.create_subscription(kind, name, self._hearing(name), qos.RECORD)
+                node.create_subscription(kind, name, self._hearing(name), qos.STATE)
 
     def _tick(self, message):
         self.now = to_seconds(message.clock)

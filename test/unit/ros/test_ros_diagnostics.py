@@ -27,7 +27,7 @@ class Right(Simulator):
 def published(monkeypatch):
     """Return what is published on /diagnostics."""
     found = []
-    monkeypatch.setattr(diagnostics, 'create_publisher', lambda node, kind, topic, profile: (
+    monkeypatch.setattr(diagnostics, 'create_publisher', lambda node, topic: (
         SimpleNamespace(publish=found.append)))
     return found
 

@@ -24,7 +24,7 @@ NODES = {
 
 
 @pytest.mark.parametrize('cls', list(NODES))
-@pytest.mark.parametrize('profile', [qos.NEWEST, qos.LATCHED], ids=['volatile', 'latched'])
+@pytest.mark.parametrize('profile', [qos.LATEST, qos.LATCHED], ids=['volatile', 'latched'])
 def test_a_stop_request_of_any_publisher_engages_the_e_stop(cls, profile, make_node, context):
     parameters, is_engaged = NODES[cls]
     node, person = make_node(cls, **parameters), make_node(Node, 'person')

@@ -80,7 +80,7 @@ class Client(Node):
         self.clients_of = {kind: ActionClient(self, kind, f'obstacle_decision/{name}')
                            for kind, name in ((DriveTo, 'drive_to'), (CrossStep, 'cross_step'))}
         self.e_stop = self.create_publisher(Bool, 'e_stop', qos.LATCHED)
-        self.create_subscription(Odometry, 'odom', self._hear, qos.NEWEST)
+        self.create_subscription(Odometry, 'odom', self._hear, qos.LATEST)
 
     def _hear(self, message):
         self.odometry = message

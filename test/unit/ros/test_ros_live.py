@@ -181,7 +181,7 @@ class Robot:
             self.node.declare_parameter(name, value)
         self.states = self.node.create_publisher(BallState, 'ball_state', qos.STATE)
         self.speeds, self.paused = [], Event()
-        self.node.create_subscription(kind, 'cmd_vel', self.speeds.append, qos.NEWEST)
+        self.node.create_subscription(kind, 'cmd_vel', self.speeds.append, qos.LATEST)
         self.node.create_service(Trigger, '~/pause', self.pause)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)

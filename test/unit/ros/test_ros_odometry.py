@@ -22,7 +22,7 @@ def published(monkeypatch):
     """Return what is published, by topic; tf2_msgs is not everywhere."""
     found = {}
     monkeypatch.setattr(odometry, 'TFMessage', SimpleNamespace)
-    monkeypatch.setattr(odometry, 'create_publisher', lambda node, kind, topic, profile: (
+    monkeypatch.setattr(odometry, 'create_publisher', lambda node, topic: (
         SimpleNamespace(topic=topic, publish=lambda message: found.update({topic: message}))))
     return found
 

@@ -34,7 +34,7 @@ def run(make_node, monkeypatch):
 def listen(node, kind, topic):
     """Subscribe, wait until that is known, and return what comes and a function to receive it."""
     found = []
-    create_subscription(node, kind, topic, found.append, qos.STATE)
+    create_subscription(node, topic, found.append, kind, qos.STATE)
     executor = new_executor(node.context)
     executor.add_node(node)
 

@@ -28,7 +28,7 @@ def published(monkeypatch):
     """Return what is published, as pairs of topic and message."""
     found = []
     for module in (odometry, robot_outputs):
-        monkeypatch.setattr(module, 'create_publisher', lambda node, kind, topic, profile: (
+        monkeypatch.setattr(module, 'create_publisher', lambda node, topic: (
             SimpleNamespace(get_subscription_count=lambda: 1,
                             publish=lambda message: found.append((topic, message)))))
     return found

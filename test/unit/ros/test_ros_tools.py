@@ -29,6 +29,7 @@ from ballbot_ros.ros.tools import e_stop, observer, topics
 from ballbot_ros.ros.tools.driver import RobotDriver
 from ballbot_ros.ros.tools.observer import Observer
 from ballbot_ros.ros.tools.topics import as_csv, as_yaml, rate_in_words
+from ballbot_ros.ros.topics import message_class
 
 
 @pytest.fixture
@@ -114,7 +115,7 @@ def test_a_topic_of_two_types_and_one_of_a_missing_package_are_refused(look, mon
     with pytest.raises(ConfigurationError, match='several types'):
         topics.echo(look, 'torn', print, timeout=1.0)
     with pytest.raises(ConfigurationError, match='my_msgs/msg/Thing is not installed'):
-        observer.message_class('my_msgs/msg/Thing')
+        message_class('my_msgs/msg/Thing')
 
 
 def test_nested_messages_and_arrays_are_printed():
