@@ -51,7 +51,7 @@ def test_every_interface_is_in_the_reference():
 
 
 def test_every_name_in_the_glossary_of_symbols_is_one_of_the_code():
-    table = (DOCS / 'glossary.md').read_text(encoding='utf-8').split('## Words')[0]
+    table = (DOCS / 'glossary.md').read_text(encoding='utf-8').split('## Terms')[0]
     cells = [line.split('|')[2] for line in table.splitlines() if line.startswith('| ')]
     names = {name for cell in cells for name in re.findall(r'`([a-z_0-9]+)`', cell)}
     code = '\n'.join(path.read_text(encoding='utf-8')
