@@ -12,8 +12,8 @@ import math
 from ballbot_ros.drives import codec_of, device_class, driver_class, DRIVES
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.drives.memory_line import MemoryLine
-from ballbot_ros.imus import witmotion
-from ballbot_ros.imus.emulated import EmulatedWitMotion
+from ballbot_ros.imus.witmotion import protocol as witmotion
+from ballbot_ros.imus.witmotion.emulated import EmulatedWitMotion
 
 # All are imported here, where run.py has them instrumented, and not with the first input.
 CODECS = {protocol: codec_of(protocol) for protocol in sorted(DRIVES)}
@@ -76,7 +76,7 @@ def fuzz_drive(protocol, data):
 
 def fuzz_imu_host(_, data):
     """Feed the parser of an inertial sensor; what it reads stands in the stream."""
-    parser, stream, found = witmotion.ReadingParser(), b'', []
+    parser, stream, found = witmotion.PacketParser(), b'', []
     size = 1 + (data[0] if data else 0) % 64
     for start in range(1, len(data), size):
         piece = data[start:start + size]

@@ -110,6 +110,34 @@ def test_a_drive_is_a_folder_and_a_line(house, copied, protocol, classes):
     assert 'own' in house.run('-m', 'ballbot_ros.cli', 'emulate-motor', '--help')
 
 
+def test_an_inertial_sensor_is_a_folder_and_a_line(house):
+    house.copy('imus/witmotion', 'imus/own')
+    house.change('imus/own/emulated.py', ('imus.witmotion.protocol', 'imus.own.protocol'))
+    house.change('imus/own/protocol.py', ('HEADER, SIZE = 0x55', 'HEADER, SIZE = 0x77'))
+    house.change('imus/__init__.py', (
+        r"    'witmotion': ",
+        "    'own': ImuVendor('ballbot_ros.imus.own', 'WitMotion', 'EmulatedWitMotion'),\n"
+        "    'witmotion': "))
+    program = house.folder / 'read.py'
+    program.write_text("""
+from ballbot_ros.drives.transport import Link
+from ballbot_ros.emulator.imu_line import ImuLine
+from ballbot_ros.imus import sensor_class
+from ballbot_ros.imus.axes import Axes
+from ballbot_ros.imus.source import ImuSource
+line = ImuLine(sensor='own')
+line.measure(0.5, 0.0, 9.81)
+source = ImuSource(sensor_class('own')(9600, 10, 98), lambda baud: Link(line.path, baud),
+                   Axes('x y z'), 0.0)
+found = []
+while not found:
+    found = source.read(0.05)
+print(found[0])
+line.stop()
+""", encoding='utf-8')
+    assert re.search(r'turn_rate=\(0.0, -0.499\d*, 0.0', house.run('read.py'))
+
+
 def test_a_planner_is_a_file_and_a_line(house):
     house.copy('decision/planners/cubic.py', 'decision/planners/timid.py')
     house.change('decision/planners/timid.py', (
@@ -126,7 +154,7 @@ def test_a_planner_is_a_file_and_a_line(house):
 def test_the_documents_name_what_is_copied_and_where_the_line_goes():
     text = (ROOT / 'docs' / 'architecture.md').read_text(encoding='utf-8')
     rows = re.findall(r'^\| an? .*\|$', text, re.M)
-    assert len(rows) == 7
+    assert len(rows) == 8
     for row in rows:
         _, _, copied, registered, _ = row.split('|')
         places = [re.findall(r'`([\w/]+(?:\.py)?)`', cell) for cell in (copied, registered)]

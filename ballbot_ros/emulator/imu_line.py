@@ -1,43 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An inertial sensor in software as a serial device, in a thread."""
+"""An emulated inertial sensor on a pseudo-terminal, in a thread."""
 from pathlib import Path
 import threading
 import time
 from typing import Optional
 
 from ballbot_ros.emulator.terminal import PseudoTerminal
-from ballbot_ros.imus.emulated import EmulatedWitMotion
+from ballbot_ros.imus import emulated_class
 
-# How long a command may wait to be taken [s].
-LISTEN = 0.002
+# Longest time between two looks at the terminal [s].
+POLL_PERIOD = 0.002
 
 
 class ImuLine:
     """
-    A WitMotion sensor, as it leaves the factory, behind a pseudo-terminal.
+    A sensor, as it leaves the factory, on a pseudo-terminal.
 
     Its y axis is the axle, to the left; x is forward and z up.
 
     Parameters
     ----------
-    link : Path
+    link : Path, optional
         Symbolic link to keep pointing to the device.
+    sensor : str
+        Of `imus.IMUS`.
 
     Attributes
     ----------
     failure : Exception or None
-        What ended the thread, if nobody asked for its end.
+        The error that ended the thread; None otherwise.
 
     Raises
     ------
     ConfigurationError
-        If the link cannot be made.
+        If the link cannot be made, or there is no such sensor.
 
     """
 
-    def __init__(self, link: Optional[Path] = None):
-        """Plug in."""
-        self.device, self._terminal = EmulatedWitMotion(), PseudoTerminal(link)
+    def __init__(self, link: Optional[Path] = None, sensor: str = 'witmotion'):
+        self.device, self._terminal = emulated_class(sensor)(), PseudoTerminal(link)
         self.failure: Optional[Exception] = None
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name='imu line', daemon=True)
@@ -49,7 +50,7 @@ class ImuLine:
         return self._terminal.path
 
     def measure(self, turn_rate: float, forward: float, upward: float) -> None:
-        """Let it measure this from now on: counter-clockwise positive [rad/s], [m/s2]."""
+        """Set the true motion: turn rate counter-clockwise [rad/s], specific force [m/s2]."""
         self.device.turn_rate, self.device.force = (0.0, -turn_rate, 0.0), (forward, 0.0, upward)
 
     def stop(self) -> None:
@@ -61,12 +62,12 @@ class ImuLine:
     def _run(self) -> None:
         try:
             while not self._ending.is_set():
-                self._terminal.wait(LISTEN)
-                heard = self._terminal.read()
+                self._terminal.wait(POLL_PERIOD)
+                received = self._terminal.read()
                 data = self.device.tick(time.monotonic())
                 # At another baud rate neither understands the other.
                 if self._terminal.baud == self.device.baud:
                     self._terminal.write(data)
-                    self.device.receive(heard)
-        except Exception as error:  # noqa: BLE001 whatever it is, the owner must know it
+                    self.device.receive(received)
+        except Exception as error:  # noqa: BLE001 its owner reads it
             self.failure = error

@@ -1,2 +1,52 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Inertial sensors on a serial line: codec, stamps, axes, and a sensor in software; no ROS."""
+"""
+Inertial sensors on a serial port: a folder for each vendor, and the only table of them.
+
+To add one, copy the folder `witmotion` and add a line to `IMUS`; the choices of the node `imu`
+follow from that line.  The folder has two modules: ``protocol`` with a subclass of
+`contract.InertialSensor`, ``emulated`` with one of `contract.EmulatedSensor`.
+
+    >>> sensor = sensor_class('witmotion')(baud=115200, rate=200, bandwidth=98)
+    >>> emulated = emulated_class('witmotion')()
+    >>> emulated.baud == sensor.factory_baud
+    True
+"""
+from importlib import import_module
+from typing import Any, NamedTuple, Type
+
+from ballbot_ros.config.fields import suggestion
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.imus.contract import EmulatedSensor, InertialSensor
+
+
+class ImuVendor(NamedTuple):
+    """Where the parts of a sensor are; each is imported when it is first needed."""
+
+    folder: str  # with the modules protocol and emulated
+    sensor: str  # class in protocol
+    emulated: str  # class in emulated
+
+
+IMUS = {
+    'witmotion': ImuVendor('ballbot_ros.imus.witmotion', 'WitMotion', 'EmulatedWitMotion'),
+}
+
+
+def sensor_class(vendor: str) -> Type[InertialSensor]:
+    """Return the protocol of a vendor; raises `ConfigurationError` ``unknown_name``."""
+    found: Type[InertialSensor] = getattr(_module(vendor, 'protocol'), IMUS[vendor].sensor)
+    return found
+
+
+def emulated_class(vendor: str) -> Type[EmulatedSensor]:
+    """Return the emulated sensor of a vendor; raises as `sensor_class` does."""
+    found: Type[EmulatedSensor] = getattr(_module(vendor, 'emulated'), IMUS[vendor].emulated)
+    return found
+
+
+def _module(vendor: str, name: str) -> Any:
+    if vendor not in IMUS:
+        raise ConfigurationError(
+            f'there is no inertial sensor {vendor!r}{suggestion(str(vendor), IMUS)}',
+            'unknown_name', 'sensor')
+    return import_module(f'{IMUS[vendor].folder}.{name}')

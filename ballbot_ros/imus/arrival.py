@@ -1,22 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-When something was measured that comes at a rate and carries no time.
+Time of measurement of readings that arrive at a fixed rate without a time stamp.
 
-It was sent at even intervals of a clock that nobody reads, and arrives late by what the line, the
-USB adapter and other programs take, never early.  So the moments are a straight line that no
-arrival lies below: the line goes down to each that does, at once, and up by a little.
+The sensor sends at even intervals of its own clock; readings arrive delayed by the line, the USB
+adapter and the scheduler, never early.  So the send times are a straight line that no arrival lies
+below: an earlier arrival moves the line down at once, a later one moves it up by a little.
 """
 import math
 
-# By so much of a period the line may go up in a period: a clock that is slower than believed.
+# Largest rise of the line per period, in periods: for a sensor clock that is slow.
 DRIFT = 0.01
-# So many periods late in a row, and something was lost: the line begins anew.
+# A delay of more periods than this means lost readings: the line restarts at the arrival.
 LOST = 4.0
 
 
 class ArrivalClock:
     """
-    Gives each arrival the moment that it was sent at.
+    Estimates when each reading was sent.
 
     Parameters
     ----------
@@ -26,19 +26,18 @@ class ArrivalClock:
     """
 
     def __init__(self, period: float):
-        """Start with nothing received."""
         self._period = period
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew: the next arrival counts as in time."""
+        """Restart: the next arrival counts as without delay."""
         self._last = -math.inf
 
     def sent(self, arrival: float) -> float:
         """
-        Return when something was sent that arrived now [s]; never earlier than the one before.
+        Return when a reading was sent that arrived now [s]; never decreases.
 
-        Arrivals are not older than those before.
+        Arrivals must not decrease.
         """
         expected = self._last + self._period
         late = arrival - expected

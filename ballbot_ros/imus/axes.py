@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a sensor is turned in the shell, said in a word for each axis."""
+"""How a sensor is mounted in the shell, as one word for each axis."""
 from typing import Tuple
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.imus.witmotion import Vector
+from ballbot_ros.imus.contract import Vector
 
 NAMES = {'x': 0, 'y': 1, 'z': 2}
-# How they are written, for messages.
 EXAMPLE = "three of x, y, z and their opposites, such as 'x y z' or '-y x z'"
 
 
@@ -28,11 +27,11 @@ class Axes:
     """
 
     def __init__(self, words: str):
-        """Read the three words."""
         pairs = [(word.lstrip('+-'), -1.0 if word.startswith('-') else 1.0)
                  for word in words.split()]
         if sorted(name for name, _ in pairs) != sorted(NAMES):
-            raise ConfigurationError(f'axes must be {EXAMPLE}, got {words!r}')
+            raise ConfigurationError(
+                f'axes must be {EXAMPLE}, got {words!r}', 'not_a_choice', 'axes')
         self._from = tuple(NAMES[name] for name, _ in pairs)
         self._signs = tuple(sign for _, sign in pairs)
         first, second, third = self._from
@@ -40,8 +39,8 @@ class Axes:
         handed = self._signs[0] * self._signs[1] * self._signs[2] * (1.0 if even else -1.0)
         if handed < 0.0:
             raise ConfigurationError(
-                f'axes {words!r} are left-handed, no sensor can be mounted so: turn the sign of '
-                'one of them')
+                f'axes {words!r} are left-handed, which no mounting gives: change the sign of one',
+                'inconsistent', 'axes')
 
     def turned(self, vector: Vector) -> Tuple[float, float, float]:
         """Return a vector of the sensor as forward, left, up."""

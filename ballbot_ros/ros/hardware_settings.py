@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from ballbot_ros.bridge.realtime import Scheduling
 from ballbot_ros.config.fields import count, fixed, flag, live, quantity, text
 from ballbot_ros.control import ControlTuning, load_tuning
+from ballbot_ros.imus import IMUS
 from ballbot_ros.ros.frames import described, frame, frame_prefix
 from ballbot_ros.ros.setting_fields import cmd_vel_type, file_in, numbers_in, rate_of, Settings
 
@@ -78,17 +79,19 @@ class BridgeSettings(Settings):
 class ImuSettings(Settings):
     """Parameters of the node ``imu``."""
 
-    port: str = fixed('the line is opened with it', text(
+    sensor: str = fixed('the port is opened for it', text(
+        'vendor of the sensor', default='witmotion', choices=IMUS))
+    port: str = fixed('the port is opened with it', text(
         'serial device or URL; best a name in /dev/serial/by-id', default='/dev/ballbot_imu'))
-    baud: int = fixed('the line is opened with it', count(
-        'bits per second; a sensor at the 9600 of the factory is told to use these',
-        default=115200, minimum=4800, maximum=230400))
-    rate: int = fixed('the sensor is told it when it is found', count(
-        'readings a second that the sensor is told to send: 10, 20, 50, 100 or 200', default=200,
-        minimum=10, maximum=200))
-    bandwidth: int = fixed('the sensor is told it when it is found', count(
-        'bandwidth of the filters in the sensor [Hz]: 5, 10, 20, 42, 98, 188 or 256',
-        default=98, minimum=5, maximum=256))
+    baud: int = fixed('the port is opened with it', count(
+        'bits per second; a sensor at the 9600 of the factory is changed to it', default=115200,
+        minimum=4800, maximum=4_000_000))
+    rate: int = fixed('the sensor is configured when it is found', count(
+        'readings per second; WitMotion: 10, 20, 50, 100 or 200', default=200, minimum=1,
+        maximum=10_000))
+    bandwidth: int = fixed('the sensor is configured when it is found', count(
+        'bandwidth of the filters in the sensor [Hz]; WitMotion: 5, 10, 20, 42, 98, 188 or 256',
+        default=98, minimum=1, maximum=10_000))
     axes: str = live(text(
         'which axis of the sensor points forward, which left and which up when the shell stands '
         'at ball angle 0, such as `-y x z`', default='x y z'))

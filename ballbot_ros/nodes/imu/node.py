@@ -7,6 +7,7 @@ from rclpy.node import Node
 
 from ballbot_ros.drives.transport import Link
 from ballbot_ros.errors import BallbotError, LinkError
+from ballbot_ros.imus import sensor_class
 from ballbot_ros.imus.axes import Axes
 from ballbot_ros.imus.source import ImuSource
 from ballbot_ros.nodes.imu.publisher import ImuOutput
@@ -22,18 +23,19 @@ SWITCH = 5e-4
 
 class ImuNode(Node):
     """
-    Publishes what a WitMotion sensor measures; see `ImuSettings`.
+    Publishes the readings of a sensor on a serial port; see `ImuSettings`.
 
-    A sensor that is away is looked for until it is back; the bridge gives no torque meanwhile.
+    Without readings it reopens the port until they return; the bridge gives no torque meanwhile.
     """
 
     def __init__(self, **kwargs: Any):
         """Check the parameters, then read."""
         super().__init__('imu', **kwargs)
         settings = declare(self, ImuSettings, self._prepare)
+        sensor = sensor_class(settings.sensor)(
+            settings.baud, settings.rate, settings.bandwidth)
         self._source = ImuSource(
-            lambda baud: Link(settings.port, baud), settings.baud, settings.rate,
-            settings.bandwidth, Axes(settings.axes), settings.latency)
+            sensor, lambda baud: Link(settings.port, baud), Axes(settings.axes), settings.latency)
         self._output = ImuOutput(
             self, self._source, settings.port, settings.rate, settings.gyro_sd,
             settings.force_sd, Frames.of(settings).imu)

@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The maker's example bytes, and nothing believed that is no packet."""
+"""The maker's example bytes, and no reading from what is no packet."""
 from hypothesis import given, strategies as some
 import pytest
+from refusals import refused
 
-from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.imus import witmotion
-from ballbot_ros.imus.witmotion import (
-    change_baud, FORCE, FORCE_COUNT, least_baud, packet, RATE_COUNT, ReadingParser, settings,
-    TURN_RATE)
+from ballbot_ros.imus.witmotion.protocol import (
+    FORCE, FORCE_COUNT, packet, PacketParser, RATE_COUNT, TURN_RATE, WitMotion)
 
 counts = some.tuples(*[some.integers(-32768, 32767)] * 3)
 ANGLES = 0x53
@@ -20,7 +18,7 @@ def reading(force=(0, 0, 2048), rate=(100, -200, 300)):
 
 def in_step():
     """Return a parser that has seen one packet."""
-    parser = ReadingParser()
+    parser = PacketParser()
     parser.feed(packet(ANGLES, (0, 0, 0)))
     return parser
 
@@ -62,7 +60,7 @@ def test_it_does_not_matter_how_the_bytes_are_cut(readings, sizes):
        some.binary(max_size=200))
 def test_whatever_comes_nothing_is_invented(noise, readings, more):
     data = noise + b''.join(reading(*item) for item in readings) + more
-    parser = ReadingParser()
+    parser = PacketParser()
     for found in parser.feed(data):
         force = tuple(round(value / FORCE_COUNT) for value in found.force)
         rate = tuple(round(value / RATE_COUNT) for value in found.turn_rate)
@@ -82,7 +80,7 @@ def test_a_bit_that_is_turned_costs_its_reading_and_no_other(position, bit):
 
 
 def test_the_first_packet_after_noise_is_not_believed():
-    parser = ReadingParser()
+    parser = PacketParser()
     assert not parser.feed(b'\x00' + reading())
     assert len(parser.feed(reading())) == 1
     assert parser.counts['skipped'] == 1 and parser.counts['unpaired'] == 1
@@ -101,19 +99,21 @@ def test_other_packets_in_between_do_no_harm():
 
 
 def test_settings_are_those_of_the_makers_table():
-    assert settings(200, 98) == [bytes.fromhex(text) for text in (
+    sensor = WitMotion(115200, 200, 98)
+    assert sensor.configure(115200) == [bytes.fromhex(text) for text in (
         'ff aa 69 88 b5', 'ff aa 02 06 00', 'ff aa 03 0b 00', 'ff aa 1f 02 00')]
-    assert change_baud(115200)[-1] == bytes.fromhex('ff aa 04 06 00')
+    assert sensor.change_baud()[-1] == bytes.fromhex('ff aa 04 06 00')
 
 
-@pytest.mark.parametrize('call, said', [
-    (lambda: settings(250, 98), 'rate of a WitMotion sensor must be one of 10, 20, 50, 100, 200'),
-    (lambda: settings(200, 100), 'bandwidth of a WitMotion sensor must be one of 5, 10, 20'),
-    (lambda: change_baud(921600), 'baud rate of a WitMotion sensor must be one of 4800')])
-def test_what_a_sensor_cannot_do_is_refused(call, said):
-    with pytest.raises(ConfigurationError, match=said):
-        call()
+@pytest.mark.parametrize('arguments, reason, field', [
+    ((115200, 250, 98), 'not_a_choice', 'rate'), ((115200, 200, 100), 'not_a_choice', 'bandwidth'),
+    ((921600, 200, 98), 'not_a_choice', 'baud'), ((38400, 200, 98), 'inconsistent', 'baud')])
+def test_settings_that_a_sensor_does_not_have_are_refused(arguments, reason, field):
+    with refused(reason, field):
+        WitMotion(*arguments)
 
 
-def test_two_hundred_readings_need_more_than_the_line_of_the_factory():
-    assert witmotion.FACTORY_BAUD < least_baud(200) == 44000.0 < 115200
+def test_at_the_baud_rate_of_the_factory_the_lowest_rate_is_configured():
+    sensor = WitMotion(115200, 200, 98)
+    assert 200 * sensor.reading_bits == 44000 > sensor.factory_baud
+    assert sensor.configure(sensor.factory_baud)[2] == bytes.fromhex('ff aa 03 06 00')

@@ -8,8 +8,8 @@ import pytest
 
 from ballbot_ros.emulator.terminal import PseudoTerminal
 from ballbot_ros.errors import ConfigurationError, LinkError
-from ballbot_ros.imus.emulated import EmulatedWitMotion
 from ballbot_ros.imus.source import StampedReading
+from ballbot_ros.imus.witmotion.emulated import EmulatedWitMotion
 from ballbot_ros.nodes.bridge.motor import Clocks, imu_reading
 from ballbot_ros.nodes.imu import publisher as imu
 from ballbot_ros.nodes.imu.node import ImuNode

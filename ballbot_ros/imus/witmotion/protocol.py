@@ -2,14 +2,14 @@
 r"""
 The serial protocol of WitMotion's inertial sensors: WT901, WT901C, JY901, HWT905 and others.
 
-The sensor talks by itself, at a rate that it is told.  Each packet has eleven bytes::
+The sensor sends unasked, at a rate that is configured.  Each packet has eleven bytes::
 
     55 KIND  x_low x_high  y_low y_high  z_low z_high  t_low t_high  SUM
 
 KIND 51 is the specific force, in 16 g / 32768, and 52 the turn rate, in 2000 deg/s / 32768; SUM is
 that of the ten bytes before it, modulo 256.  A packet of force is followed by the one of the turn
 rate of the same moment.  A register is written with ``FF AA ADDRESS LOW HIGH``, after the key
-``FF AA 69 88 B5``; what is not saved is forgotten without power.
+``FF AA 69 88 B5``; what is not saved is lost without power.
 
 From the maker's data sheets of the WT901 (v20-0702) and the "WIT standard communication protocol";
 the numbers of rates and bandwidths from the maker's REG.h.
@@ -17,14 +17,15 @@ the numbers of rates and bandwidths from the maker's REG.h.
 from collections import Counter
 import math
 import struct
-from typing import List, NamedTuple, Optional, Tuple
+from typing import List, Optional, Tuple
 
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.imus.contract import InertialReading, InertialSensor
 
 HEADER, SIZE = 0x55, 11
 FORCE, TURN_RATE = 0x51, 0x52
 KINDS = range(0x50, 0x60)  # time, force, turn rate, angles, ... and answers
-# What a count is, and the largest there is: one that shows more shows this.
+# Scale of a count, and the largest count, at which a reading is saturated.
 STANDARD_GRAVITY = 9.80665
 FORCE_COUNT = 16.0 * STANDARD_GRAVITY / 32768  # [m/s2]
 RATE_COUNT = math.radians(2000.0) / 32768  # [rad/s]
@@ -40,17 +41,6 @@ BANDWIDTHS = {256: 0, 188: 1, 98: 2, 42: 3, 20: 4, 10: 5, 5: 6}
 # As sensors leave the factory.
 FACTORY_BAUD = 9600
 
-Vector = Tuple[float, float, float]
-
-
-class InertialReading(NamedTuple):
-    """What a sensor measured at one moment, in its own axes."""
-
-    turn_rate: Vector  # [rad/s]
-    force: Vector  # specific force: at rest g upwards [m/s2]
-    saturated: bool  # one of them is the largest there is
-
-
 def packet(kind: int, counts: Tuple[int, int, int], last: int = 0) -> bytes:
     """Return a packet as the sensor sends it."""
     body = struct.pack('<BB4h', HEADER, kind, *counts, last)
@@ -62,71 +52,52 @@ def write_register(address: int, value: int) -> bytes:
     return struct.pack('<BBBH', 0xFF, 0xAA, address, value)
 
 
-def settings(rate: int, bandwidth: int) -> List[bytes]:
-    """
-    Return the commands that make a sensor send forces and turn rates, each to be sent alone.
+class WitMotion(InertialSensor):
+    """See `InertialSensor`; each command is to be sent alone."""
 
-    Parameters
-    ----------
-    rate : int
-        [Hz], of `RATES`.
-    bandwidth : int
-        Of its filters [Hz], of `BANDWIDTHS`.
+    factory_baud = FACTORY_BAUD
+    reading_bits = 2 * SIZE * 10
 
-    Raises
-    ------
-    ConfigurationError
-        If there is no such rate or bandwidth.
-
-    """
-    for what, value, known in (('rate', rate, RATES), ('bandwidth', bandwidth, BANDWIDTHS)):
-        if value not in known:
+    def __init__(self, baud: int, rate: int, bandwidth: int):
+        for name, value, known, unit in (
+                ('baud', baud, BAUDS, 'bit/s'), ('rate', rate, RATES, 'Hz'),
+                ('bandwidth', bandwidth, BANDWIDTHS, 'Hz')):
+            if value not in known:
+                raise ConfigurationError(
+                    f'{name} of a WitMotion sensor must be one of '
+                    f'{", ".join(map(str, sorted(known)))} {unit}, got {value!r}',
+                    'not_a_choice', name)
+        if rate * self.reading_bits > baud:
             raise ConfigurationError(
-                f'{what} of a WitMotion sensor must be one of '
-                f'{", ".join(map(str, sorted(known)))} Hz, got {value!r}')
-    return [write_register(KEY, UNLOCK), write_register(CONTENT, FORCE_AND_RATE),
-            write_register(RATE, RATES[rate]), write_register(BANDWIDTH, BANDWIDTHS[bandwidth])]
+                f'{rate} readings per second need {rate * self.reading_bits} bit/s, got a baud '
+                f'rate of {baud}: raise baud or lower rate', 'inconsistent', 'baud')
+        super().__init__(baud, rate, bandwidth)
+
+    def configure(self, baud: int) -> List[bytes]:
+        """Return the commands for rate and bandwidth; see `InertialSensor`."""
+        rate = self.rate if baud == self.baud else min(RATES)
+        return [write_register(KEY, UNLOCK), write_register(CONTENT, FORCE_AND_RATE),
+                write_register(RATE, RATES[rate]),
+                write_register(BANDWIDTH, BANDWIDTHS[self.bandwidth])]
+
+    def change_baud(self) -> List[bytes]:
+        """Return the commands that change the baud rate; see `InertialSensor`."""
+        return [write_register(KEY, UNLOCK), write_register(BAUD, BAUDS[self.baud])]
+
+    def parser(self) -> 'PacketParser':
+        """Return a new parser."""
+        return PacketParser()
 
 
-def change_baud(baud: int) -> List[bytes]:
+class PacketParser:
     """
-    Return the commands that change the baud rate, each to be sent alone.
+    See `ReadingParser`.
 
-    Raises
-    ------
-    ConfigurationError
-        If there is no such baud rate.
-
-    """
-    if baud not in BAUDS:
-        raise ConfigurationError(
-            f'baud rate of a WitMotion sensor must be one of '
-            f'{", ".join(map(str, sorted(BAUDS)))}, got {baud!r}')
-    return [write_register(KEY, UNLOCK), write_register(BAUD, BAUDS[baud])]
-
-
-def least_baud(rate: int) -> float:
-    """Return the bits per second that two packets at a rate take, start and stop bits too."""
-    return 2.0 * SIZE * 10.0 * rate
-
-
-class ReadingParser:
-    """
-    Finds readings in what a sensor sends.
-
-    A sum of eight bits lets one wrong packet in 256 pass.  So after bytes that belong to no packet
-    one packet is only looked at, and what follows it without a gap is believed.
-
-    Attributes
-    ----------
-    counts : Counter
-        ``readings``; ``refused`` packets with a wrong sum, ``skipped`` bytes that belong to no
-        packet, ``unpaired`` forces or turn rates without the other.
-
+    An 8-bit sum accepts one wrong packet in 256.  So after bytes that belong to no packet the
+    first packet is dropped, and only those that follow it without a gap are used.
     """
 
     def __init__(self) -> None:
-        """Start with nothing received."""
         self.counts = Counter(readings=0, refused=0, skipped=0, unpaired=0)
         self._buffer = bytearray()
         self._in_step = False  # the byte before the buffer is the last of a packet
@@ -153,7 +124,7 @@ class ReadingParser:
         return found
 
     def _skip(self) -> None:
-        """Look for a packet a byte later."""
+        """Search for a packet one byte later."""
         del self._buffer[0]
         self.counts['skipped'] += 1
         self._in_step, self._force = False, None

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A WitMotion sensor in software: it talks by itself, and takes what is written to it."""
+"""A WitMotion sensor in software: it sends readings unasked and obeys register writes."""
 import struct
 from typing import Tuple
 
-from ballbot_ros.imus.witmotion import (
+from ballbot_ros.imus.contract import EmulatedSensor
+from ballbot_ros.imus.witmotion.protocol import (
     BAUD, BAUDS, CONTENT, FACTORY_BAUD, FORCE, FORCE_COUNT, KEY, LARGEST, packet, RATE, RATE_COUNT,
-    RATES, TURN_RATE, UNLOCK, Vector)
+    RATES, TURN_RATE, UNLOCK)
 
 ANGLES = 0x53
 # Content of the packets, by the bit that asks for them: time, force, turn rate, angles.
@@ -13,30 +14,19 @@ PACKETS = {0x0002: FORCE, 0x0004: TURN_RATE, 0x0008: ANGLES}
 COMMAND = 5
 
 
-class EmulatedWitMotion:
+class EmulatedWitMotion(EmulatedSensor):
     """
-    The firmware of a sensor: time in, bytes out.
+    See `EmulatedSensor`.
 
-    It leaves the factory with force, turn rate and angles ten times a second at 9600 baud.  What
-    is written to a register counts after the key alone, as in the maker's protocol.
-
-    Attributes
-    ----------
-    baud : int
-        At which it talks and listens; whoever carries the bytes looks at it.
-    turn_rate, force : (float, float, float)
-        What it measures, in its own axes [rad/s], [m/s2].
-
+    It leaves the factory with force, turn rate and angles ten times a second at 9600 baud.  A
+    register accepts a value only after the key, as in the maker's protocol.
     """
 
     def __init__(self) -> None:
-        """Boot with the settings of the factory."""
-        self.turn_rate: Vector = (0.0, 0.0, 0.0)
-        self.force: Vector = (0.0, 0.0, 9.81)
         self.boot()
 
     def boot(self) -> None:
-        """Forget what was not saved, which is all of it."""
+        """Restart with the settings of the factory: none is saved."""
         self.registers = {CONTENT: 0x000E, RATE: RATES[10], BAUD: BAUDS[FACTORY_BAUD]}
         self._unlocked = False
         self._received = b''
@@ -44,7 +34,7 @@ class EmulatedWitMotion:
 
     @property
     def baud(self) -> int:
-        """Return the baud rate that its register says."""
+        """Return the baud rate that its register holds."""
         return {code: baud for baud, code in BAUDS.items()}.get(
             self.registers[BAUD], FACTORY_BAUD)
 
@@ -69,7 +59,7 @@ class EmulatedWitMotion:
                 self.registers[address] = value
 
     def tick(self, now: float) -> bytes:
-        """Return what it sends at a time [s]: nothing, or the packets of one reading."""
+        """Return the packets of a reading when it is due; see `EmulatedSensor`."""
         if now < self._next:
             return b''
         self._next = max(self._next + self.period, now)
@@ -80,7 +70,7 @@ class EmulatedWitMotion:
         return data
 
     def _counts(self, kind: int) -> Tuple[int, int, int]:
-        """Return what a packet says, no more than the largest there is."""
+        """Return the counts of a packet, within their range."""
         if kind == ANGLES:
             return 0, 0, 0
         values, size = (self.force, FORCE_COUNT) if kind == FORCE else (

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Plausibility of an inertial sensor in the shell: that it measures, in SI units, as mounted.
+
+Three checks, each over a time that no motion of the robot explains:
+
+* Readings have noise, so identical ones in a row are no measurements.  Where the encoder is known
+  they count only while it moves: a simulated sensor may have no noise.
+* The specific force stays near gravity, except for impacts, falls and bounces.
+  A force in multiples of g, or with gravity removed, does not.
+* The turn of the shell plus that of the joint is that of the pendulum, which its limits keep
+  within a range.  A gyro in deg/s, or one whose sign the mounting reverses, leaves that range as
+  soon as the ball has rolled.  An impact or a fall may throw the pendulum round: the sum restarts.
+"""
+import math
+from typing import NamedTuple, Optional, Tuple
+
+# Identical readings over a longer time are not measurements [s].
+LONGEST_REPETITION = 0.25
+# The joint has moved, and the shell with it, if its angle has changed by this [rad].
+JOINT_MOTION = 0.1
+# Range of the specific force, in multiples of gravity, and the longest time outside it [s]: a drop
+# from 1 m with its bounces takes less than 1 s.
+LOWEST_FORCE, HIGHEST_FORCE = 0.5, 2.0
+LONGEST_OUTSIDE = 1.5
+# Time in which a constant error of the gyro is forgotten [s]: 0.1 rad/s amounts to 1 rad.
+DRIFT_TIME = 10.0
+# A reading after a longer pause does not continue the turn before [s].
+LONGEST_PAUSE = 0.1
+
+
+class ImuPlausibility(NamedTuple):
+    """
+    State of the checks from one reading to the next; `after` gives the next.
+
+    Attributes
+    ----------
+    fault : str
+        Reason code of the check that failed last: ``'imu_frozen'``, ``'imu_gravity'`` or
+        ``'imu_turn_rate'``; empty while all hold.
+
+    """
+
+    fault: str = ''
+    stamp: float = -math.inf
+    values: Tuple[float, ...] = ()  # of the last reading
+    repeated_since: float = math.inf  # [s]
+    joint_then: float = 0.0  # joint angle when the repetition began [rad]
+    outside_since: float = math.inf  # since when the force is out of its range [s]
+    swing: float = 0.0  # turn of shell and joint together, less drift [rad]
+    joint_angle: Optional[float] = None  # with the last reading [rad]
+
+    def after(self, stamp: float, turn_rate: float, forward: float, upward: float,
+              gravity: float, joint_angle: Optional[float] = None,
+              largest_swing: float = 4.0) -> 'ImuPlausibility':
+        """
+        Return the state after a reading.
+
+        Parameters
+        ----------
+        stamp : float
+            Not before the last one [s].
+        turn_rate : float
+            Of the shell, counter-clockwise positive [rad/s].
+        forward, upward : float
+            Specific force in the plane of motion [m/s2].
+        gravity : float
+            [m/s2]
+        joint_angle : float, optional
+            Of the pendulum against the shell, counter-clockwise positive, from any zero that does
+            not jump [rad]; None where it is not known, or its zero has moved.
+        largest_swing : float
+            Range of the pendulum angle: twice its limit, and what it may overshoot [rad].
+
+        """
+        values = (turn_rate, forward, upward)
+        repeated, then = self.repeated_since, self.joint_then
+        if values != self.values:
+            repeated, then = math.inf, 0.0
+        elif repeated == math.inf:
+            repeated, then = self.stamp, self.joint_angle or 0.0
+        frozen = stamp - repeated > LONGEST_REPETITION and (
+            joint_angle is None or abs(joint_angle - then) > JOINT_MOTION)
+        inside = LOWEST_FORCE * gravity <= math.hypot(forward, upward) <= HIGHEST_FORCE * gravity
+        outside = math.inf if inside else min(self.outside_since, stamp)
+        pause = stamp - self.stamp
+        swing = 0.0
+        if inside and joint_angle is not None and self.joint_angle is not None \
+                and pause <= LONGEST_PAUSE:
+            swing = (self.swing * (1.0 - pause / DRIFT_TIME) + turn_rate * pause
+                     + joint_angle - self.joint_angle)
+        fault = ''
+        if frozen:
+            fault = 'imu_frozen'
+        elif stamp - outside > LONGEST_OUTSIDE:
+            fault = 'imu_gravity'
+        elif abs(swing) > largest_swing:
+            fault = 'imu_turn_rate'
+        return ImuPlausibility(fault, stamp, values, repeated, then, outside, swing, joint_angle)
+
+
+# Text and remedy of each fault.
+EXPLANATIONS = {
+    'imu_frozen': (
+        f'the IMU has repeated the same reading for more than {LONGEST_REPETITION:g} s: it does '
+        'not measure; look at its supply and its driver'),
+    'imu_gravity': (
+        f'the specific force of the IMU has been below {LOWEST_FORCE:g} g or above '
+        f'{HIGHEST_FORCE:g} g for more than {LONGEST_OUTSIDE:g} s: it must be in m/s2, with '
+        'gravity included (the raw topic of its driver)'),
+    'imu_turn_rate': (
+        'the turn rate of the IMU contradicts the encoder: it must be in rad/s, with the axes '
+        'forward, left, up; look at the unit, at how the IMU is mounted, and at the direction of '
+        'the joint'),
+}

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plausibility of an IMU: every motion of the robot passes, each kind of wrong sensor does not."""
+import math
+
+import numpy as np
+import pytest
+
+from ballbot_ros.imus.plausibility import EXPLANATIONS, ImuPlausibility
+from ballbot_ros.physics.simulation.scene import read_scene
+from ballbot_ros.plant import Imu, Plant
+
+RATE = 200.0
+GRAVITY = 9.81
+
+
+def readings(terrain, seconds, torque, speed=0.0):
+    """Return readings and joint angles of a simulated robot, with noise."""
+    plant = Plant(read_scene({'robot': 'gimball', 'initial': {'x': 0.5, 'speed': speed},
+                              'duration': 1.0, 'terrain': terrain}, 'test', 'test'), RATE)
+    imu, noise, found = Imu(GRAVITY), np.random.default_rng(1), []
+    for number in range(round(seconds * RATE)):
+        before = plant.state
+        state = plant.advance(torque(number / RATE))
+        sample = imu.sample(before, state, number)
+        found.append((number / RATE, sample.turn_rate + noise.normal(0.0, 0.005),
+                      sample.forward + noise.normal(0.0, 0.05),
+                      sample.upward + noise.normal(0.0, 0.05), state.joint_angle))
+    return found
+
+
+def fault(data, change=lambda rate, forward, upward: (rate, forward, upward), encoder=True):
+    """Return the first fault, and when it was found [s]."""
+    state = ImuPlausibility()
+    for stamp, rate, forward, upward, joint in data:
+        state = state.after(stamp, *change(rate, forward, upward), GRAVITY,
+                            joint if encoder else None)
+        if state.fault:
+            return state.fault, stamp
+    return '', math.inf
+
+
+@pytest.fixture(scope='module')
+def rolling():
+    """Return a robot that starts to roll on level ground."""
+    return readings([{'flat': {'length': 40.0}}], 8.0, lambda time: 0.3)
+
+
+@pytest.mark.parametrize('terrain, torque, speed', [
+    ([{'flat': {'length': 40.0}}], lambda time: 0.9 * math.sin(3.0 * time), 0.0),
+    ([{'flat': {'length': 1.0}}, {'step': {'height': -1.0}}, {'flat': {'length': 40.0}}],
+     lambda time: 0.3, 1.0),
+    ([{'flat': {'length': 1.0}}, {'step': {'height': 0.3}}, {'flat': {'length': 9.0}}],
+     lambda time: 0.6, 2.0)])
+def test_swinging_falling_from_a_metre_and_hitting_a_wall_are_plausible(terrain, torque, speed):
+    assert fault(readings(terrain, 6.0, torque, speed)) == ('', math.inf)
+
+
+def test_a_correct_sensor_is_plausible(rolling):
+    assert fault(rolling) == ('', math.inf)
+
+
+@pytest.mark.parametrize('change, reason, within', [
+    (lambda rate, forward, upward: (0.01, 0.02, 9.8), 'imu_frozen', 1.0),
+    (lambda rate, forward, upward: (rate, forward / 9.81, upward / 9.81), 'imu_gravity', 1.6),
+    (lambda rate, forward, upward: (rate, 0.1 * forward, upward - 9.81), 'imu_gravity', 1.6),
+    (lambda rate, forward, upward: (math.degrees(rate), forward, upward), 'imu_turn_rate', 2.0),
+    (lambda rate, forward, upward: (-rate, forward, -upward), 'imu_turn_rate', 6.0)],
+    ids=['frozen', 'in g', 'without gravity', 'deg/s', 'upside down'])
+def test_a_wrong_sensor_is_found(rolling, change, reason, within):
+    found, when = fault(rolling, change)
+    assert found == reason and when < within and EXPLANATIONS[reason]
+
+
+def test_without_an_encoder_identical_readings_are_no_measurement(rolling):
+    found, when = fault(rolling, lambda *_: (0.0, 0.0, 9.81), encoder=False)
+    assert found == 'imu_frozen' and when == pytest.approx(0.25, abs=0.02)
+
+
+def test_a_simulated_sensor_without_noise_at_rest_is_plausible():
+    still = [(number / RATE, 0.0, 0.0, 9.81, 0.0) for number in range(1000)]
+    assert fault(still) == ('', math.inf)
+
+
+def test_a_constant_error_of_the_gyro_is_not_a_fault(rolling):
+    assert fault(rolling, lambda rate, *force: (rate + 0.1, *force)) == ('', math.inf)
+
+
+def test_a_new_zero_of_the_encoder_is_not_a_turn(rolling):
+    moved = [(*reading[:4], reading[4] + 50.0 * (reading[0] > 2.0)) for reading in rolling]
+    assert fault(moved)[0] == 'imu_turn_rate'
+    state, faults = ImuPlausibility(), set()
+    for stamp, rate, forward, upward, joint in moved:
+        known = joint if not 2.0 < stamp < 2.1 else None
+        state = state.after(stamp, rate, forward, upward, GRAVITY, known)
+        faults.add(state.fault)
+    assert faults == {''}
