@@ -122,6 +122,7 @@ setup(
         'cluster': ['dask[distributed]', 'pyarrow'], 'view': ['viser']},
     zip_safe=False,
     packages=find_packages(include=[NAME, f'{NAME}.*']),
+    package_data={NAME: ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),

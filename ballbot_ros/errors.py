@@ -70,6 +70,10 @@ class ConfigurationError(BallbotError, ValueError):
         self.reason = reason
         self.field = field
 
+    def at(self, place: str) -> 'ConfigurationError':
+        """Return the error with a place, a file for instance, in front of its message."""
+        return ConfigurationError(f'{place}: {self}', self.reason, self.field)
+
 
 class SimulationError(BallbotError, ArithmeticError):
     """

@@ -9,7 +9,7 @@ import sys
 
 from ballbot_ros.figures.run import save, strip, time_series
 from ballbot_ros.physics import load_scene
-from ballbot_ros.results import report, summarise
+from ballbot_ros.results import report
 
 
 def main() -> None:
@@ -17,7 +17,7 @@ def main() -> None:
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else '.')
     scene = load_scene('fig7_top')
     trajectory = scene.simulate()
-    print(report(summarise(trajectory, scene)))
+    print(report(trajectory.summary()))
 
     # A trajectory is a table: columns by name, one row for each 1 ms.
     highest = trajectory['y'].argmax()

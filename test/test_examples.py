@@ -64,6 +64,13 @@ def test_the_closed_loop_crosses_the_low_step_and_stops_before_the_high_one(run)
     assert 0.8 < x < 4.0 and abs(speed) < 0.02
 
 
+def test_python_names_robots_through_a_process_pool_and_a_run(run):
+    *masses, crossed = run('python_api.py').splitlines()[:4]
+    heights = [numbers(line)[1] for line in masses]
+    assert all(15.0 < height < 25.0 for height in heights)
+    assert crossed.startswith('crossed: True, first contact at 0.5')
+
+
 @pytest.mark.parametrize('protocol', ['odrive', 'roboclaw', 'vesc', 'vesc_can'])
 def test_an_emulated_drive_turns_its_motor_and_stops(run, protocol):
     positions = [numbers(line)[1] for line in run('emulated_drive.py', protocol).splitlines()

@@ -51,6 +51,9 @@ LAYERS['cli'] = LAYERS['demo'] = (*LAYERS, 'cli', 'demo')
 # The modules and folders directly below ballbot_ros whose name is not that of their layer.
 PLACES = {'jit': 'config'}
 
+# What the package itself offers; it imports them when they are used (test_python_api.py).
+OFFERED = ('errors', 'physics', 'crossing', 'results')
+
 # Inside physics, bottom to top; its __init__ is the facade above them.
 FLOORS = ('model', 'mechanics', 'solvers', 'simulation')
 
@@ -107,7 +110,8 @@ def violations(module, text, is_package=False):
         elif name.split('.')[0] == 'ballbot_ros':
             other = layer_of(name)
             if layer is None:
-                found.append(f'{where}: the package itself imports nothing')
+                if other not in OFFERED:
+                    found.append(f'{where}: the package itself offers {", ".join(OFFERED)}')
             elif other in LAYERS and other != layer and other not in LAYERS[layer]:
                 found.append(f'{where}: {layer} must not know {other}')
             elif upstairs(module, name):
@@ -184,7 +188,7 @@ def test_a_cycle_is_found_without_the_modules_that_lead_to_it_or_from_it():
     ('ballbot_ros.drives.transport', 'import can'),
     ('ballbot_ros.drives.vesc.can.planted', 'def late():\n    from can.message import Message'),
     ('ballbot_ros.surprise', 'import math'),
-    ('ballbot_ros', 'from ballbot_ros.errors import BallbotError'),
+    ('ballbot_ros', 'from ballbot_ros.plant import Plant'),
 ])
 def test_a_planted_violation_is_caught(module, text):
     assert violations(module, text)

@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise
     wall_time = perf_counter() - begin
     from ballbot_ros.results import summarise
-    summary = summarise(trajectory, scene, wall_time)
+    summary = summarise(trajectory, wall_time)
     files = write_all(trajectory, summary, folder, arguments)
     # Whoever has pressed Ctrl-C does not want to wait for pictures.
     cut = animation is not None and not summary.complete and failure is None

@@ -238,7 +238,7 @@ def build(cls: Type[T], values: Mapping[str, Any], where: str) -> T:
     try:
         return cls(**values)
     except ConfigurationError as error:
-        raise ConfigurationError(f'{where}: {error}') from error
+        raise error.at(where) from error
 
 
 def checked_values(cls: Type[Checked], entries: Mapping[str, Any],

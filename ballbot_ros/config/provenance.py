@@ -1,11 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the numbers of a file come from, and how sure they are."""
+import copyreg
 from dataclasses import dataclass, fields
+from types import MappingProxyType
 from typing import Any, Mapping, Optional, Type
 
 from ballbot_ros.config.fields import (
     allowed, check_value, Checked, given_values, refuse_missing, refuse_unknown)
 from ballbot_ros.errors import ConfigurationError
+
+
+def _read_only(mapping: Mapping[Any, Any]) -> Mapping[Any, Any]:
+    return MappingProxyType(mapping)
+
+
+# Robots and hardware descriptions hold read-only mappings; this makes these picklable.
+copyreg.pickle(
+    MappingProxyType,
+    lambda proxy: (_read_only, (dict(proxy),)))  # type: ignore[arg-type,return-value]
 
 SOURCES = ('published', 'repaired', 'derived', 'assumed', 'measured')
 

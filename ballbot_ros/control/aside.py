@@ -5,13 +5,11 @@ A calculation in a process of its own, so that a loop in this one is not disturb
 Threads of one Python process wait for each other: beside a thread that computes, a controller
 answers half of what comes at 500 Hz.  To ask for another process costs a loop a millisecond.
 """
-import copyreg
 import os
 import pickle
 import subprocess
 import sys
-from types import MappingProxyType
-from typing import Any, Callable, Mapping, Optional, TypeVar
+from typing import Any, Callable, Optional, TypeVar
 
 from ballbot_ros.errors import BallbotError, RefusedError
 
@@ -21,15 +19,6 @@ R = TypeVar('R')
 ANSWER = 'from ballbot_ros.control.aside import answer; answer()'
 # Longest time that a calculation may take [s].
 PATIENCE = 120.0
-
-
-def _shown(mapping: Mapping[Any, Any]) -> Mapping[Any, Any]:
-    return MappingProxyType(mapping)
-
-
-# A mapping that nobody can change travels as what it shows.
-copyreg.pickle(
-    MappingProxyType, lambda proxy: (_shown, (dict(proxy),)))  # type: ignore[arg-type,return-value]
 
 
 def aside(function: Callable[..., R], *arguments: Any) -> R:

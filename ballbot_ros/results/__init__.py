@@ -5,7 +5,7 @@ What remains of a run: files of numbers, figures and a summary.
     >>> from ballbot_ros.results import summarise
     >>> from ballbot_ros.physics import load_scene
     >>> scene = load_scene('fig7_bottom')
-    >>> [face.passed for face in summarise(scene.simulate(), scene).faces]
+    >>> [face.passed for face in summarise(scene.simulate()).faces]
     [True]
 
 Figures are imported from `ballbot_ros.figures.run`, because matplotlib takes a while.

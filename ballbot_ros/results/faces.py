@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rising faces of a terrain, and how a run fared at each of them."""
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import Optional
 
@@ -9,6 +9,7 @@ import numpy as np
 from ballbot_ros.crossing.rules import is_over
 from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.physics.simulation.trajectory import Trajectory
+from ballbot_ros.results.resolved import resolved
 
 # Lower ones are roughness, not obstacles [m].
 LEAST_HEIGHT = 1e-3
@@ -42,27 +43,62 @@ def rising_faces(terrain: Terrain, radius: float) -> list[Array]:
 
 
 def meet_faces(trajectory: Trajectory) -> list[FaceMeeting]:
-    """Return every rising face with what the ball did there."""
+    """Return every rising face with what the ball did there, whatever the output step."""
+    meetings = watch_faces(trajectory)
+    for piece in resolved(trajectory):
+        for meeting in meetings:
+            meeting.take(piece)
+    return [meeting.result for meeting in meetings]
+
+
+def watch_faces(trajectory: Trajectory) -> list['FaceWatch']:
+    """Return what finds the first meeting with each rising face in the pieces of a run."""
     radius = trajectory.model.robot.ball_radius
-    return [_meet(trajectory, vertices, radius)
+    return [FaceWatch(vertices, radius)
             for vertices in rising_faces(trajectory.model.terrain, radius)]
 
 
-def _meet(trajectory: Trajectory, vertices: Array, radius: float) -> FaceMeeting:
-    """Return the first meeting with one face."""
-    (foot_x, foot_y), (top_x, top_y) = vertices[0].tolist(), vertices[-1].tolist()
-    height = top_y - foot_y
-    x, y = trajectory['x'], trajectory['y']
-    # A start beyond the face, or already in touch with it, is no meeting.
-    near = np.flatnonzero((x > foot_x - radius) & (x < top_x) & (y > foot_y))
-    touching = near[_distance(x[near], y[near], vertices) < radius]
-    if x[0] >= top_x or not len(touching):
-        return FaceMeeting(foot_x, height)
-    touch = int(touching[0])
-    before = max(touch - 1, 0)
-    speed = math.hypot(trajectory['velocity_x'][before], trajectory['velocity_y'][before])
-    over = is_over(x[touch:], y[touch:], top_x, top_y, radius)
-    return FaceMeeting(foot_x, height, float(trajectory['time'][touch]), speed, bool(over.any()))
+class FaceWatch:
+    """
+    Finds the first meeting of the ball with a face.
+
+    Attributes
+    ----------
+    result : FaceMeeting
+        So far.
+
+    """
+
+    def __init__(self, vertices: Array, radius: float):
+        self._vertices, self._radius = vertices, radius
+        self._foot_x, self._foot_y = vertices[0].tolist()
+        self._top_x, self._top_y = vertices[-1].tolist()
+        self.result = FaceMeeting(self._foot_x, self._top_y - self._foot_y)
+        self._begins, self._beyond = True, False
+
+    def take(self, piece: Trajectory) -> None:
+        """Take the next part of the run."""
+        x, y = piece['x'], piece['y']
+        if self._begins:
+            # A start beyond the face is no meeting.
+            self._begins, self._beyond = False, bool(x[0] >= self._top_x)
+        if self._beyond or self.result.passed:
+            return
+        first = 0
+        if self.result.touch_time is None:
+            near = np.flatnonzero((x > self._foot_x - self._radius) & (x < self._top_x)
+                                  & (y > self._foot_y))
+            gap = _distance(x[near], y[near], self._vertices) - self._radius
+            touching = near[gap < 0.0]
+            if not len(touching):
+                return
+            first = int(touching[0])
+            before = max(first - 1, 0)
+            self.result = replace(
+                self.result, touch_time=float(piece['time'][first]), touch_speed=math.hypot(
+                    piece['velocity_x'][before], piece['velocity_y'][before]))
+        over = is_over(x[first:], y[first:], self._top_x, self._top_y, self._radius)
+        self.result = replace(self.result, passed=bool(over.any()))
 
 
 def _distance(x: Array, y: Array, vertices: Array) -> Array:

@@ -8,9 +8,9 @@ from typing import Any, Optional
 import numpy as np
 
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.physics.simulation.trajectory import Trajectory
-from ballbot_ros.results.faces import FaceMeeting, meet_faces
+from ballbot_ros.results.faces import FaceMeeting, watch_faces
+from ballbot_ros.results.resolved import resolved
 from ballbot_ros.results.warn import find_warnings
 
 
@@ -44,7 +44,7 @@ class Summary:
     penetration: float  # largest [m]
     pendulum_angle: Optional[float]  # largest magnitude [rad]; None without a pendulum
     pendulum_torque: Optional[float]  # largest magnitude [N m]; None without a pendulum
-    flight_fraction: float  # share of the samples without any contact
+    flight_fraction: float  # part of the time without any contact
     landings: int  # how often contact began again after a flight; more than one is bouncing
     faces: tuple[FaceMeeting, ...]  # each rising face of the terrain
     energy_in_play: float  # energy that moved during the run [J]
@@ -74,44 +74,102 @@ def plain(value: Any) -> Any:
     return value
 
 
-def summarise(trajectory: Trajectory, scene: Scene,
-              wall_time: Optional[float] = None) -> Summary:
-    """Return what happened in a run of a scene, ended early or not, that took a wall time [s]."""
-    robot, run = scene.model.robot, scene.run
-    asked = math.ceil(run.duration / run.output_step - 1e-9)
+def summarise(trajectory: Trajectory, wall_time: Optional[float] = None) -> Summary:
+    """
+    Return what happened in a run, ended early or not, that took a wall time [s].
+
+    Extremes and contacts do not depend on the output step of the run.
+    """
+    robot, scene = trajectory.model.robot, trajectory.scene
     samples = len(trajectory)
+    asked = samples if scene is None else 1 + math.ceil(
+        scene.run.duration / scene.run.output_step - 1e-9)
     time = trajectory['time']
     duration = float(time[-1] - time[0])
     # A run that diverged ends in numbers whose squares are out of range.
     with np.errstate(over='ignore', invalid='ignore'):
-        speed = np.hypot(trajectory['velocity_x'], trajectory['velocity_y'])
         in_play = trajectory.energy_in_play
         residual = _largest(trajectory.energy_residual)
-    flying = trajectory['penetration'] == 0.0
-
-    def pendulum(name: str) -> Optional[float]:
-        return _largest(trajectory[name]) if robot.has_pendulum else None
-
+        found, faces = Extremes(robot.slip_threshold), watch_faces(trajectory)
+        for piece in resolved(trajectory):
+            found.take(piece)
+            for face in faces:
+                face.take(piece)
     assured = trajectory.assurance
     relative = residual / in_play if in_play > 0.0 else None
+    pendulum = robot.has_pendulum
     return Summary(
-        name=scene.name, robot=robot.name, complete=samples == asked + 1, duration=duration,
+        name=scene.name if scene is not None else '', robot=robot.name,
+        complete=samples == asked, duration=duration,
         samples=samples, steps=trajectory.effort.steps,
         evaluations=trajectory.effort.evaluations, events=trajectory.effort.events,
         accuracy=assured and assured.accuracy, error_estimate=assured and assured.estimate,
         horizon=assured and assured.horizon,
-        x=float(trajectory['x'][-1]), y=float(trajectory['y'][-1]), speed=float(speed[-1]),
-        highest_speed=float(np.max(speed)), lowest_speed=float(np.min(speed)),
-        surface_normal_force=float(np.max(trajectory['surface_normal_force'])),
-        edge_normal_force=float(np.max(trajectory['edge_normal_force'])),
-        penetration=float(np.max(trajectory['penetration'])),
-        pendulum_angle=pendulum('pendulum_angle'), pendulum_torque=pendulum('pendulum_torque'),
-        flight_fraction=float(np.mean(flying)),
-        landings=int(np.count_nonzero(flying[:-1] & ~flying[1:])),
-        faces=tuple(meet_faces(trajectory)), energy_in_play=in_play,
+        x=float(trajectory['x'][-1]), y=float(trajectory['y'][-1]), speed=math.hypot(
+            trajectory['velocity_x'][-1], trajectory['velocity_y'][-1]),
+        highest_speed=found.highest['speed'], lowest_speed=found.lowest_speed,
+        surface_normal_force=found.highest['surface_normal_force'],
+        edge_normal_force=found.highest['edge_normal_force'],
+        penetration=found.highest['penetration'],
+        pendulum_angle=found.highest['pendulum_angle'] if pendulum else None,
+        pendulum_torque=found.highest['pendulum_torque'] if pendulum else None,
+        flight_fraction=found.flight_fraction, landings=found.landings,
+        faces=tuple(face.result for face in faces), energy_in_play=in_play,
         energy_residual=relative, wall_time=wall_time,
         real_time_factor=duration / wall_time if wall_time else None,
-        warnings=tuple(find_warnings(trajectory, scene, asked + 1, relative)))
+        warnings=tuple(find_warnings(trajectory, asked, relative, found.highest['penetration'],
+                                     found.sliding_fraction)))
+
+
+class Extremes:
+    """
+    Extremes of a run and how often the ball flew, landed and slid, from its pieces.
+
+    Attributes
+    ----------
+    highest : dict of str to float
+        Largest magnitudes by column, and of the speed.
+    lowest_speed : float
+    landings : int
+
+    """
+
+    def __init__(self, slip_threshold: float):
+        self._slip_threshold = slip_threshold
+        self.highest: dict[str, float] = {}
+        self.lowest_speed, self.landings = math.inf, 0
+        self._samples = self._flying = self._sliding = 0
+
+    def take(self, piece: Trajectory) -> None:
+        """Take the next part of the run."""
+        speed = np.hypot(piece['velocity_x'], piece['velocity_y'])
+        self.lowest_speed = min(self.lowest_speed, float(np.min(speed)))
+        self._keep('speed', speed)
+        for name in ('surface_normal_force', 'edge_normal_force', 'penetration',
+                     'pendulum_angle', 'pendulum_torque'):
+            self._keep(name, piece[name])
+        flying = piece['penetration'] == 0.0
+        self.landings += int(np.count_nonzero(flying[:-1] & ~flying[1:]))
+        # A piece begins with the last sample of the one before.
+        new = slice(1 if self._samples else 0, None)
+        self._samples += len(flying[new])
+        self._flying += int(np.count_nonzero(flying[new]))
+        slip = np.abs(piece['slip_velocity'][new]) >= self._slip_threshold
+        self._sliding += int(np.count_nonzero(slip & ~flying[new]))
+
+    def _keep(self, name: str, values: Array) -> None:
+        # np.maximum keeps NaN: a run that diverged must not look harmless.
+        self.highest[name] = float(np.maximum(self.highest.get(name, 0.0), _largest(values)))
+
+    @property
+    def flight_fraction(self) -> float:
+        """Return the part of the time without any contact."""
+        return self._flying / self._samples
+
+    @property
+    def sliding_fraction(self) -> float:
+        """Return the part of the time in contact with full sliding."""
+        return self._sliding / max(self._samples - self._flying, 1)
 
 
 def _largest(values: Array) -> float:

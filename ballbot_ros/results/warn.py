@@ -4,7 +4,6 @@ from typing import Iterator, Optional
 
 import numpy as np
 
-from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.results.questions import questions
@@ -19,16 +18,20 @@ SLIDING = 0.9
 DEPTH = 0.1
 
 
-def find_warnings(trajectory: Trajectory, scene: Scene, expected: int,
-                  residual: Optional[float]) -> Iterator[str]:
+def find_warnings(trajectory: Trajectory, expected: int, residual: Optional[float], depth: float,
+                  sliding: float) -> Iterator[str]:
     """
-    Yield one sentence for each thing that is not as one would like it.
+    Yield one sentence for each result that needs attention.
 
-    A complete run has the expected samples; the residual is that of the energy ledger, relative to
-    the energy in play.
+    A complete run has the `expected` samples.  `residual` is the energy balance error relative to
+    the reference energy, `depth` the largest penetration [m], `sliding` the part of the time in
+    contact with full sliding.
     """
-    yield from questions(scene)
-    robot, solver, assured = scene.model.robot, scene.model.solver, trajectory.assurance
+    model, assured = trajectory.model, trajectory.assurance
+    robot, solver = model.robot, model.solver
+    if trajectory.scene is not None:
+        solver = trajectory.scene.model.solver
+        yield from questions(trajectory.scene)
     finer = (f'a smaller step than {solver.step:g} s' if METHODS[solver.method].fixed
              else f'a smaller tolerance than {solver.tolerance:g} m')
     if assured is not None:
@@ -44,18 +47,13 @@ def find_warnings(trajectory: Trajectory, scene: Scene, expected: int,
     elif residual is not None and not residual <= RESIDUAL:
         yield (f'the energy ledger is off by {residual:.1e} of the energy in play (at most '
                f'{RESIDUAL:.0e} is good); use {finer}')
-    depth = float(np.max(trajectory['penetration']))
     if depth > DEPTH * robot.ball_radius:
         yield (f'the ball sank {1e3 * depth:.3g} mm into the ground, more than {DEPTH:.0%} of '
                'its radius; contact_stiffness is too low for this impact')
-    touching = trajectory['penetration'] > 0.0
-    if touching.any():
-        slip = np.abs(trajectory['slip_velocity'][touching])
-        sliding = float(np.mean(slip >= robot.slip_threshold))
-        if sliding > SLIDING:
-            yield (f'the ball slid for {sliding:.0%} of its time in contact, so it never '
-                   'rolled; start it without slip (initial: speed), drive it less or raise '
-                   'surface_friction')
+    if sliding > SLIDING:
+        yield (f'the ball slid for {sliding:.0%} of its time in contact, so it never '
+               'rolled; start it without slip (initial: speed), drive it less or raise '
+               'surface_friction')
     still = np.ptp(trajectory.rows[:, 1:9], axis=0).max() < 1e-6
     if still and len(trajectory) > 1:
         yield 'nothing moved; give the scene a start (initial) or a drive (actuation)'

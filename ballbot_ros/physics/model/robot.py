@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, Mapping, Optional, Union
 
 from ballbot_ros.config.fields import (
-    build, Checked, expect_mapping, quantity, refuse_missing, text)
+    build, Checked, checked_values, expect_mapping, quantity, refuse_missing, text)
 from ballbot_ros.config.files import load_config
 from ballbot_ros.config.provenance import Provenance, read_given
 from ballbot_ros.errors import ConfigurationError
@@ -125,6 +125,38 @@ class Robot(Checked):
         if motor is not None:
             values['motor'] = Motor(**given)
         return build(cls, {**values, 'provenance': MappingProxyType(provenance)}, where)
+
+    def replace(self, where: str = 'Robot.replace', /, **changes: Any) -> 'Robot':
+        """
+        Return a robot with other parameters, checked; their provenance is dropped.
+
+        >>> load_robot('gimball').replace(ball_mass=4.0).total_mass
+        5.6
+
+        Parameters
+        ----------
+        where : str, optional
+            Place for error messages.
+        **changes
+            Values by name of the parameter.
+
+        Raises
+        ------
+        ConfigurationError
+            Naming parameter, value and allowed range.
+
+        """
+        kept = {key: item for key, item in self.provenance.items()
+                if key.partition('.')[0] not in changes}
+        motor = changes.pop('motor', self.motor)
+        if motor is not None and not isinstance(motor, Motor):
+            raise ConfigurationError(
+                f'{where}: motor must be a Motor or None, got {motor!r}', 'wrong_type', 'motor')
+        current = {item.name: getattr(self, item.name) for item in fields(self)
+                   if 'kind' in item.metadata}
+        values = checked_values(Robot, {**current, **changes}, where)
+        return build(Robot, {**values, 'motor': motor, 'provenance': MappingProxyType(kept)},
+                     where)
 
     def __repr__(self) -> str:
         """Return what people know it by; ``dataclasses.asdict`` has all numbers."""

@@ -72,6 +72,10 @@ class Terrain:
             values = np.full(length, np.nan) if given is None else given
             object.__setattr__(self, name, _friction(name, values, length))
 
+    def __reduce__(self) -> tuple[type['Terrain'], tuple[Array, Array, Array]]:
+        """Copy and unpickle by construction: the arrays stay read-only."""
+        return type(self), (self.vertices, self.surface_friction, self.edge_friction)
+
     @classmethod
     def flat(cls) -> 'Terrain':
         """Return a level floor at y = 0."""

@@ -41,6 +41,10 @@ class Model:
         """Take the name or the file of a robot for the robot, too."""
         object.__setattr__(self, 'robot', load_robot(self.robot))
 
+    def __reduce__(self) -> tuple[type['Model'], tuple[Robot, Terrain, ContactOptions, Solver]]:
+        """Copy and unpickle without the work arrays of the solver."""
+        return type(self), (self.robot, self.terrain, self.options, self.solver)
+
     def __repr__(self) -> str:
         """Return robot and solver, not all numbers of the ground."""
         return f'Model({self.robot!r}, {self.solver!r})'

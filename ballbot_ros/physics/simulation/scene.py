@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """A scene file: which robot, where, how started, how driven, for how long."""
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 import math
 from pathlib import Path
 from typing import Any, Callable, Mapping, Optional, Type, Union
 
 from ballbot_ros.config.fields import (
-    Checked, checked_values, expect_mapping, quantity, refuse_missing, section, T, text)
+    Checked, expect_mapping, quantity, refuse_missing, section, T, text)
 from ballbot_ros.config.files import find_config, read_yaml
-from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics.model.actuation import Actuation, set_rate_for_speed, SET_VALUES
 from ballbot_ros.physics.model.contact_options import ContactOptions
 from ballbot_ros.physics.model.robot import load_robot, Robot
@@ -102,20 +102,45 @@ class Scene:
         """Return the state that the scene starts from."""
         return self.initial.state(self.model)
 
-    def simulate(self, duration: Optional[float] = None, *,
+    def simulate(self, duration: Optional[float] = None, *, accuracy: Optional[float] = None,
+                 output_step: Optional[float] = None,
                  progress: Optional[Callable[[float], None]] = None) -> Trajectory:
         """
-        Run the scene, for its own or another `duration` [s].
+        Run the scene.
 
-        With an accuracy see `accuracy.simulate_accurately`, else `simulation.simulate`.
+        Parameters
+        ----------
+        duration, accuracy, output_step : float, optional
+            In place of those of the scene; see `Run`.  With an accuracy see
+            `accuracy.simulate_accurately`, else `simulation.simulate`.
+        progress : callable, optional
+            Called with the simulated time since the start [s].
+
+        Raises
+        ------
+        SimulationError
+            If the run cannot go on; its attribute ``trajectory`` holds the part before that.
+        ConfigurationError
+            If a value is out of range, or steps and durations do not fit together.
+
         """
-        run = self.run if duration is None else replace(self.run, duration=duration)
-        if run.accuracy is not None:
-            return simulate_accurately(
-                self.model, self.start, self.actuation, run.duration, run.accuracy,
-                run.output_step, progress)
-        return simulate(self.model, self.start, self.actuation, run.duration, run.output_step,
-                        progress)
+        given = {'duration': duration, 'accuracy': accuracy, 'output_step': output_step}
+        run = replace(self.run, **{
+            name: value for name, value in given.items() if value is not None})
+        scene = replace(self, run=run)
+        try:
+            if run.accuracy is not None:
+                trajectory = simulate_accurately(
+                    self.model, self.start, self.actuation, run.duration, run.accuracy,
+                    run.output_step, progress)
+            else:
+                trajectory = simulate(self.model, self.start, self.actuation, run.duration,
+                                      run.output_step, progress)
+        except SimulationError as error:
+            if error.trajectory is not None:
+                error.trajectory = replace(error.trajectory, scene=scene)
+            raise
+        return replace(trajectory, scene=scene)
 
     def __repr__(self) -> str:
         """Return what people call it, not all of its numbers."""
@@ -188,8 +213,10 @@ def read_scene(content: Mapping[str, Any], where: str, name: str) -> Scene:
     try:
         robot = load_robot(content['robot'])
     except ConfigurationError as error:
-        raise ConfigurationError(f'{where}: robot: {error}') from error
-    robot = _changed(robot, content.get('robot_changes', {}), f'{where}: robot_changes')
+        raise error.at(f'{where}: robot') from error
+    place = f'{where}: robot_changes'
+    changes = content.get('robot_changes') or {}
+    robot = robot.replace(place, **expect_mapping(changes, place)) if changes else robot
     terrain = (read_terrain(content['terrain'], f'{where}: terrain')
                if 'terrain' in content else Terrain.flat())
     model = Model(robot, terrain, _section(ContactOptions, content, 'contact', where),
@@ -214,18 +241,6 @@ def _read_solver(content: Mapping[str, Any], where: str) -> Solver:
 
 def _section(cls: Type[T], content: Mapping[str, Any], key: str, where: str) -> T:
     return cls.from_mapping(content.get(key, {}), f'{where}: {key}')
-
-
-def _changed(robot: Robot, changes: Any, where: str) -> Robot:
-    """Return a robot with some of its numbers replaced."""
-    if not changes:
-        return robot
-    current = {item.name: getattr(robot, item.name) for item in fields(robot)
-               if 'kind' in item.metadata}
-    entries = dict(expect_mapping(changes, where))
-    checked = checked_values(Robot, {**current, **entries}, where)
-    kept = {key: item for key, item in robot.provenance.items() if key not in entries}
-    return replace(robot, **checked, provenance=kept)
 
 
 def _read_actuation(section: Any, robot: Robot, where: str) -> Actuation:
@@ -256,5 +271,5 @@ def _read_actuation(section: Any, robot: Robot, where: str) -> Actuation:
     try:
         actuation.actuator(robot)  # refuses what this robot cannot do, before the run
     except ConfigurationError as error:
-        raise ConfigurationError(f'{where}: {error}') from None
+        raise error.at(where) from None
     return actuation

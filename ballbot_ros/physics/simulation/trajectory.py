@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulated run as named columns with units."""
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from difflib import get_close_matches
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Mapping, NamedTuple, Optional, Union
+from typing import (
+    Any, ItemsView, Iterator, KeysView, Mapping, NamedTuple, Optional, Union, ValuesView)
 
 import numpy as np
 
@@ -101,6 +102,8 @@ class Trajectory:
     effort : Effort
     assurance : Assurance or None
         Where an accuracy was asked for.
+    scene : Scene or None
+        Whose run it is, with the duration and output step that were asked for.
 
     """
 
@@ -108,11 +111,39 @@ class Trajectory:
     rows: Array
     effort: Effort = Effort()
     assurance: Optional[Assurance] = None
+    scene: Any = None
 
     def __repr__(self) -> str:
         """Return what was run and how long it is; see `columns` for the numbers."""
         return (f'Trajectory({self.model.robot.name!r}, {len(self)} samples from '
                 f'{self.rows[0, 0]:g} to {self.rows[-1, 0]:g} s)')
+
+    def __reduce__(self) -> tuple[type['Trajectory'], tuple[Any, ...]]:
+        """Copy and unpickle without the columns, which are computed from the rows."""
+        return type(self), tuple(getattr(self, item.name) for item in fields(self))
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Return the unit of each column."""
+        return UNITS
+
+    @property
+    def crossed(self) -> Optional[bool]:
+        """
+        Return whether the ball got over every step of the ground that it met or was to meet.
+
+        None where the ground ahead of the start has no step; see `Summary.faces` for each step.
+        """
+        faces = self.summary().faces
+        return all(face.passed for face in faces) if faces else None
+
+    def summary(self) -> Any:
+        """
+        Return the `results.Summary` of the run: extremes, contacts and steps, in SI units.
+
+        It does not depend on the output step.
+        """
+        return import_module('ballbot_ros.results.summary').summarise(self)
 
     def to_pandas(self) -> Any:
         """
@@ -128,9 +159,35 @@ class Trajectory:
             frame = import_module('pandas').DataFrame
         except ImportError as error:
             raise ConfigurationError(
-                'to_pandas needs pandas, which is not installed: pip install pandas') from error
+                'to_pandas needs pandas, which is not installed: pip install pandas',
+                'not_installed', 'pandas') from error
         table = frame(self.columns)
         table.attrs['units'] = dict(UNITS)
+        return table
+
+    def to_xarray(self) -> Any:
+        """
+        Return all columns as an xarray.Dataset over time; each variable has its unit.
+
+        Raises
+        ------
+        ConfigurationError
+            If xarray is not installed.
+
+        """
+        try:
+            dataset = import_module('xarray').Dataset
+        except ImportError as error:
+            raise ConfigurationError(
+                'to_xarray needs xarray, which is not installed: pip install xarray',
+                'not_installed', 'xarray') from error
+        table = dataset(
+            {name: ('time', values, {'units': UNITS[name]})
+             for name, values in self.items() if name != 'time'},
+            {'time': ('time', self['time'], {'units': UNITS['time']})},
+            {'robot': self.model.robot.name})
+        if self.scene is not None:
+            table.attrs['scene'] = self.scene.name
         return table
 
     def save(self, path: Union[str, Path]) -> None:
@@ -156,8 +213,9 @@ class Trajectory:
             If the file cannot be written.
 
         """
-        figure = import_module('ballbot_ros.figures.panels').time_series(
-            self, self.model.robot.name)
+        robot = self.model.robot.name
+        title = f'{self.scene.name}, robot {robot}' if self.scene is not None else robot
+        figure = import_module('ballbot_ros.figures.panels').time_series(self, title)
         if path is not None:
             import_module('ballbot_ros.figures.canvas').save(figure, path)
         return figure
@@ -174,6 +232,26 @@ class Trajectory:
                            + (f'; did you mean {near[0]!r}?' if near else ';')
                            + f' There are {", ".join(UNITS)}')
         return self.columns[column]
+
+    def __iter__(self) -> Iterator[str]:
+        """Return an iterator over the names of the columns."""
+        return iter(UNITS)
+
+    def __contains__(self, column: object) -> bool:
+        """Return whether there is a column of that name."""
+        return column in UNITS
+
+    def keys(self) -> KeysView[str]:
+        """Return the names of the columns."""
+        return self.columns.keys()
+
+    def values(self) -> ValuesView[Array]:
+        """Return the columns."""
+        return self.columns.values()
+
+    def items(self) -> ItemsView[str, Array]:
+        """Return names and columns."""
+        return self.columns.items()
 
     def state(self, index: int) -> State:
         """Return the state of one sample."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from ballbot_ros.physics import load_scene, Terrain, Trajectory
+from ballbot_ros.physics import load_scene, Terrain
 from ballbot_ros.physics.model.terrain_file import read_terrain
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.results import report, summarise
@@ -17,7 +17,7 @@ from ballbot_ros.results.faces import rising_faces
 def summary_of(name, **changes):
     scene = load_scene(name)
     scene = replace(scene, run=replace(scene.run, **changes))
-    return summarise(scene.simulate(), scene, 0.5)
+    return summarise(scene.simulate(), 0.5)
 
 
 def scene_of(**sections):
@@ -27,7 +27,7 @@ def scene_of(**sections):
 def test_numbers_are_those_of_the_trajectory():
     scene = load_scene('fig7_bottom')
     run = scene.simulate()
-    summary = summarise(run, scene, 0.5)
+    summary = summarise(run, 0.5)
     assert (summary.x, summary.y) == (run['x'][-1], run['y'][-1])
     assert summary.highest_speed >= summary.speed >= summary.lowest_speed
     assert summary.edge_normal_force == run['edge_normal_force'].max()
@@ -45,10 +45,26 @@ def test_speed_at_the_touch_is_the_speed_before_the_impact():
     assert face.passed
 
 
+@pytest.mark.parametrize('name, output_step, accuracy', [
+    ('fig7_top', 0.1, None), ('fig7_top', 0.3, 1e-5), ('household', 0.05, None)])
+def test_contacts_and_extremes_do_not_depend_on_the_output_step(name, output_step, accuracy):
+    scene = load_scene(name)
+    fine = scene.simulate(accuracy=accuracy, output_step=1e-3).summary()
+    coarse = scene.simulate(accuracy=accuracy, output_step=output_step).summary()
+    assert coarse.samples < fine.samples and coarse.landings == fine.landings
+    for one, other in zip(coarse.faces, fine.faces):
+        assert one.passed == other.passed
+        assert one.touch_time == pytest.approx(other.touch_time, abs=1.1e-3)
+        assert one.touch_speed == pytest.approx(other.touch_speed, rel=2e-3)
+    for number in ('highest_speed', 'edge_normal_force', 'surface_normal_force', 'penetration',
+                   'pendulum_torque', 'flight_fraction'):
+        assert getattr(coarse, number) == pytest.approx(getattr(fine, number), rel=0.02, abs=1e-3)
+
+
 def test_a_step_that_sends_the_ball_back_is_not_passed():
     scene = scene_of(terrain=[{'flat': {'length': 1.0}}, {'step': {'height': 0.09}},
                               {'flat': {'length': 1.0}}], initial={'x': 0.6, 'speed': 0.5})
-    face, = summarise(scene.simulate(), scene).faces
+    face, = summarise(scene.simulate()).faces
     assert 0.3 < face.touch_speed < 0.5 and not face.passed
 
 
@@ -60,7 +76,7 @@ def test_a_step_out_of_reach_was_not_touched():
 def test_rolling_down_a_step_is_no_meeting_with_its_face():
     scene = scene_of(terrain=[{'flat': {'length': 1.0}}, {'step': {'height': 0.05}},
                               {'flat': {'length': 1.0}}], initial={'x': 1.2, 'speed': -0.8})
-    face, = summarise(scene.simulate(), scene).faces
+    face, = summarise(scene.simulate()).faces
     assert face.touch_time is None
 
 
@@ -99,9 +115,10 @@ def test_json_holds_finite_numbers_or_null_only(scene):
 
 def test_a_number_that_is_not_finite_becomes_null_and_a_warning():
     scene = load_scene('fig7_top')
-    rows = scene.simulate().rows.copy()
+    run = scene.simulate()
+    rows = run.rows.copy()
     rows[-1, 3] = math.nan
-    summary = summarise(Trajectory(scene.model, rows), scene)
+    summary = summarise(replace(run, rows=rows))
     assert summary.to_dict()['x'] is None
     assert any('not finite' in warning for warning in summary.warnings)
 
@@ -112,19 +129,19 @@ def test_a_run_without_trouble_has_no_warnings():
 
 def test_a_coarse_step_is_advised_against():
     scene = scene_of(initial={'y': 0.6}, solver={'step': 1e-3}, output_step=1e-3)
-    summary = summarise(scene.simulate(), scene)
+    summary = summarise(scene.simulate())
     assert any('use a smaller step than 0.001 s' in warning for warning in summary.warnings)
 
 
 def test_sliding_all_along_is_told():
     scene = scene_of(initial={'velocity_x': 2.0, 'ball_rate': 100.0}, duration=0.2)
-    summary = summarise(scene.simulate(), scene)
+    summary = summarise(scene.simulate())
     assert any('slid for 100%' in warning for warning in summary.warnings)
 
 
 def test_a_soft_contact_is_told():
     scene = scene_of(initial={'y': 1.0}, robot_changes={'contact_stiffness': 3000.0})
-    summary = summarise(scene.simulate(), scene)
+    summary = summarise(scene.simulate())
     assert any('contact_stiffness is too low' in warning for warning in summary.warnings)
 
 
@@ -135,7 +152,7 @@ def test_a_scene_without_start_or_drive_is_told():
 def test_an_early_end_is_told():
     scene = load_scene('fig7_top')
     run = scene.simulate()
-    summary = summarise(Trajectory(run.model, run.rows[:600]), scene)
+    summary = summarise(replace(run, rows=run.rows[:600]))
     assert not summary.complete and 'ended early' in report(summary)
 
 

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A run in samples that are close enough together to find contacts and extremes."""
+import math
+from typing import Iterator
+
+import numpy as np
+
+from ballbot_ros.physics.simulation.integrator import Integrator
+from ballbot_ros.physics.simulation.trajectory import Trajectory
+from ballbot_ros.physics.solvers.registry import METHODS
+from ballbot_ros.physics.solvers.values import FINISHED, Output, Status
+
+EVENT_STEP = 1e-3  # largest time between samples in which events and extremes are found [s]
+BLOCK = 2000       # rows of a piece: bounds the memory of a long run
+
+
+def resolved(run: Trajectory) -> Iterator[Trajectory]:
+    """
+    Yield a run in pieces whose samples are at most `EVENT_STEP` apart.
+
+    The last sample of a piece is the first of the next one.  A run of a scene with a larger output
+    step is integrated again, from its own samples; without a scene its samples are all there is.
+    """
+    gap = run.scene.run.output_step if run.scene is not None else 0.0
+    solver = run.model.solver
+    parts = round(gap / solver.step) if METHODS[solver.method].fixed else math.ceil(
+        gap / EVENT_STEP - 1e-9)
+    if gap <= EVENT_STEP * (1.0 + 1e-9) or len(run) < 2 or not np.isfinite(run.rows).all():
+        yield run
+        return
+    start = run.state(0)
+    actuator = run.scene.actuation.actuator(run.model.robot, start.time, start.joint_angle)
+    integrator = Integrator(run.model.parameters, run.model.profile, solver,
+                            flight=solver.models != 'full')
+    samples = max(1, BLOCK // parts)
+    for begin in range(0, len(run) - 1, samples):
+        given = run.rows[begin:begin + samples + 1]
+        rows = np.empty((1 + parts * (len(given) - 1), given.shape[1]))
+        rows[0], step = given[0], gap / parts
+        status = integrator.advance(
+            actuator, given[0, 1:-1].copy(), Status(FINISHED, given[0, 0]),
+            given[0, 0] + (len(rows) - 1) * step, Output(rows[1:], given[0, 0], step))
+        yield Trajectory(run.model, rows if status.outcome == FINISHED else given)
