@@ -5,7 +5,6 @@ import logging
 from typing import Callable, Optional, Tuple
 
 from ballbot_ros.black_box.ring import EVENT, FAULT, Witness
-from ballbot_ros.bridge.cascade import Cascade
 from ballbot_ros.bridge.condition import ConditionMonitor
 from ballbot_ros.bridge.drive_line import DriveLine, HANDSHAKE
 from ballbot_ros.bridge.hardware_file import Hardware
@@ -59,8 +58,6 @@ class DriveControl:
         self.power, self._pacer = Power(), Pacer(period)
         self.counts: Counter[str] = Counter()
         self.refusal = self.unconfirmed = ''
-        self._cascade = Cascade(hardware.connection.cascade, hardware.limits.torque_rate_limit,
-                                hardware.limits.command_timeout)
 
     def begin(self) -> None:
         """Start with a drive that has just answered the handshake, its motor stopped."""
@@ -114,7 +111,6 @@ class DriveControl:
             supervisor.gate.offer(torque, estimate.stamp, self._clock())
         except MessageError:  # counted: the measurement came too late to be answered
             return False
-        self._cascade.answered(estimate.readings.joint_rate, law.excess(self._cascade.gain))
         return True
 
     def follow(self, now: float) -> None:
@@ -203,7 +199,6 @@ class DriveControl:
     def _forget(self) -> None:
         """Forget what was commanded; the torque begins at zero again."""
         self.supervisor.quiet()
-        self._cascade.forget()
         if self.law is not None:
             self.law.forget()
 
@@ -241,24 +236,7 @@ class DriveControl:
         self._pacer = self._pacer.sent_torque(now)
         if ask:
             self.sensing.ask(now)
-        rate = self._damped_rate(now)
-        if rate is None:
-            driver.send_torque(joint.motor_torque(torque), ask)
-        else:
-            driver.send_damped(joint.motor_torque(torque), joint.motor_speed(rate), ask)
-
-    def _damped_rate(self, now: float) -> Optional[float]:
-        """
-        Return the rate of the joint about which the drive may damp [rad/s], None where it may not.
-
-        It may for what a law has asked for, not for what takes its place when it ends, nor beyond
-        limits of which the drive does not know: of angle, speed, heat and battery.
-        """
-        supervisor = self.supervisor
-        if not supervisor.commanded or supervisor.beyond or supervisor.derating < 1.0:
-            self._cascade.forget()
-            return None
-        return self._cascade.rate(now, supervisor.torque, supervisor.asked)
+        driver.send_torque(joint.motor_torque(torque), ask)
 
     def _arm(self, driver: Driver) -> None:
         try:

@@ -8,7 +8,6 @@ from ballbot_ros.control import check_loop, ControlTuning, lowest_stable_rate, M
 from ballbot_ros.drives import driver_class, line_of, open_driver, SERIAL
 from ballbot_ros.drives.capture import Replay
 from ballbot_ros.drives.contract import WireBudget
-from ballbot_ros.drives.driver import Driver
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.physics.model.robot import Robot
 
@@ -77,7 +76,6 @@ def check_feasible(hardware: Hardware, robot: Robot, tuning: ControlTuning,
             f'{hardware.name}: watchdog must be at least three periods of the loop '
             f'({3.0 / rate:.3g} s at {rate:g} Hz), got {connection.watchdog:g} s: the drive would '
             'disarm at the first late command')
-    check_cascade(hardware, tuning)
     try:
         for law in LAWS:
             check_loop(robot, tuning, law, rate, delay, lag)
@@ -88,24 +86,6 @@ def check_feasible(hardware: Hardware, robot: Robot, tuning: ControlTuning,
         raise UnstableLoopError(
             f'{error}; {carries}.  Or choose other gains (tuning "gentle")') from error
     return lowest
-
-
-def check_cascade(hardware: Hardware, tuning: ControlTuning) -> None:
-    """Raise `ConfigurationError` where the drive cannot damp as the hardware file wants it."""
-    cascade, found = hardware.connection.cascade, driver_class(hardware.connection.protocol)
-    if cascade and found.send_damped is Driver.send_damped:
-        raise ConfigurationError(
-            f'{hardware.name}: cascade must be 0, got {cascade:g}: a {found.maker} does not damp '
-            'by itself here')
-    if cascade not in (0.0, tuning.position_kd):
-        raise ConfigurationError(
-            f'{hardware.name}: cascade must be position_kd of the tuning, '
-            f'{tuning.position_kd:g} N m s/rad, or 0, got {cascade:g}')
-    if cascade and tuning.torque_limit < hardware.limits.torque_limit:
-        raise ConfigurationError(
-            f'{hardware.name}: with cascade the torque_limit of the tuning must not be below that '
-            f'of the hardware, {hardware.limits.torque_limit:g} N m, got {tuning.torque_limit:g} '
-            'N m: a drive that damps keeps to its own limit; lower that of drive and hardware')
 
 
 def check_joint_state_rate(hardware: Hardware, rate: float) -> None:

@@ -64,10 +64,6 @@ class Joint(Checked):
         scale = 1.0 / self.gear_ratio if self.encoder_scale is None else self.encoder_scale
         return self.direction * scale * position
 
-    def motor_speed(self, joint_rate: float) -> float:
-        """Return the speed that the drive reports at a rate of the joint [rad/s]."""
-        return joint_rate / self.joint_angle(1.0)
-
     def motor_torque(self, torque: float) -> float:
         """Return the torque at the motor shaft that gives one at the pendulum [N m]."""
         return self.direction * torque / (
@@ -122,10 +118,6 @@ class Connection(Checked):
     watchdog: float = quantity(
         's', 'time without a command after which the drive disarms by itself', minimum=0.01,
         maximum=1.0, default=0.1)
-    cascade: float = quantity(
-        'N m s/rad', 'torque at the pendulum per rate of the joint by which the drive damps by '
-        'itself between two commands of the laws on board, where it can (ODrive 0.5): '
-        'position_kd of the tuning, or 0 for none', default=0.0, minimum=0.0)
     imu_required: bool = flag(
         'give no torque while no IMU reading arrives: without one the angle is a guess off level '
         'floor',
@@ -192,8 +184,6 @@ class Hardware:
             'drive_torque_limit': max(limits.torque_limit, limits.drive_torque_limit) / abs(
                 joint.gear_ratio * joint.gear_efficiency),
             'speed_limit': abs(self.joint.gear_ratio * self.limits.speed_limit),
-            'damping': abs(self.joint.motor_torque(self.connection.cascade)
-                           / self.joint.motor_speed(1.0)),
             'watchdog': self.connection.watchdog, **self.drive}, f'{self.name}: drive')
 
 

@@ -7,7 +7,7 @@ the speed law.  Their torque goes through the `Supervisor` as a command of the v
 that it answers, so that it ends with the measurements.
 """
 from dataclasses import replace
-from typing import Callable, Optional
+from typing import Callable
 
 from ballbot_ros.control import (
     ControlTuning, JointReadings, Mode, PendulumController, SetPoint, SupervisedController,
@@ -51,19 +51,14 @@ class OnBoard:
         """Start idle."""
         self.controller = SupervisedController(PendulumController(robot, tuning), expected)
         self._publishers = publishers
-        self._note(tuning)
-
-    def _note(self, tuning: ControlTuning) -> None:
         self.tuning = tuning
-        self._rate_gains = {Mode.HOLD: tuning.position_kd, Mode.SPEED: tuning.position_kd,
-                            Mode.DRIVE: tuning.velocity_kp}
 
     def retune(self, tuning: ControlTuning, expected: Supervision) -> None:
         """Go on with gains that were checked, without a jump of the torque."""
         self.controller.expected = expected
         if tuning != self.tuning:
             self.controller.retune(tuning)
-            self._note(tuning)
+            self.tuning = tuning
 
     @property
     def set_point(self) -> SetPoint:
@@ -112,17 +107,6 @@ class OnBoard:
             controller.hear_e_stop(e_stop)
         controller.take(readings)
         return controller.answer(in_force) or 0.0
-
-    def excess(self, gain: float) -> Optional[float]:
-        """
-        Return what the torque limit has cut off the last torque [N m].
-
-        None where the torque of the law does not fall by `gain` per rate of the joint
-        [N m s/rad], so that the drive must not damp for it.
-        """
-        if gain <= 0.0 or self._rate_gains.get(self.set_point.mode, 0.0) != gain:
-            return None
-        return self.controller.excess
 
     def forget(self) -> None:
         """Be idle, until another set-point comes."""

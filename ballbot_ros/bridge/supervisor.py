@@ -50,8 +50,6 @@ class Supervisor:
         Decided last, and what was wanted before the limits [N m].
     derating : float
         Part of the torque limit that heat and battery leave; set by the owner.
-    beyond : bool
-        Whether angle or speed were beyond their limits when a torque was decided last.
     e_stop : str
         Why the e-stop is engaged; empty when it is not.
     counts : Counter
@@ -69,7 +67,7 @@ class Supervisor:
         self.gate = CommandGate(max(limits.command_timeout - period, 0.5 * period))
         self._pushed = -math.inf  # when a command other than zero last came
         self.torque = self.asked = 0.0
-        self.derating, self.beyond = 1.0, False
+        self.derating = 1.0
         self._decided: Optional[float] = None
         self._fast_since = math.inf
         self._since: Optional[float] = None  # when commands timed out
@@ -156,12 +154,11 @@ class Supervisor:
                 f'{limits.speed_limit:g} rad/s')
             return 0.0
         torque = self._cut('torque', wanted, limits.torque_limit * self.derating)
-        before, self.beyond = self.torque, False
+        before = self.torque
         for what, place, limit in (
                 ('limited_angle', motion.pendulum_angle, limits.angle_limit),
                 ('limited_speed', motion.joint_rate, limits.speed_limit)):
             if abs(place) > limit:
-                self.beyond = True
                 if torque * place > 0.0:
                     self.counts[what] += 1
                     return 0.0

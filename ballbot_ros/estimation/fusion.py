@@ -11,6 +11,7 @@ from ballbot_ros.estimation.continuity import Continuity, EncoderReading
 from ballbot_ros.estimation.imu import ImuMounting, ImuReading
 from ballbot_ros.estimation.kalman import Estimate, PendulumFilter
 from ballbot_ros.estimation.kernels import BALL_RATE, JOINT, PENDULUM_RATE
+from ballbot_ros.estimation.torque_check import TorqueCheck
 from ballbot_ros.estimation.tuning import FilterTuning
 from ballbot_ros.physics.model.robot import Robot
 
@@ -60,7 +61,7 @@ class Fusion:
                  tuning: FilterTuning = FilterTuning(),
                  encoder_zero: Optional[float] = None):
         """Start with nothing known."""
-        self._filter = PendulumFilter(robot, tuning)
+        self._robot, self._filter = robot, PendulumFilter(robot, tuning)
         self._mounting, self._encoder_zero = mounting, encoder_zero
         self.jumps = self.rezeroed = 0
         self.last_jump = 0.0
@@ -74,7 +75,7 @@ class Fusion:
         self._newest = -math.inf
         self._imu: Optional[ImuReading] = None
         self._upright = False  # ball angle 0 is where the IMU is upright
-        self._continuity = Continuity()
+        self._continuity, self._torque_check = Continuity(), TorqueCheck()
         self._jumped: Deque[float] = deque(maxlen=MOST_JUMPS)  # when [s]
 
     def found_again(self) -> None:
@@ -144,8 +145,8 @@ class Fusion:
         MessageError
             With reason ``not_finite``.
         EstimateLostError
-            If the estimate has run away, or the encoder jumps and jumps; the next reading is
-            again of a robot at rest.
+            If the estimate has run away, the encoder jumps and jumps, or the joint does not follow
+            its torque; the next reading is again of a robot at rest.
 
         """
         if not math.isfinite(stamp + angle + torque + (rate or 0.0)):
@@ -160,15 +161,25 @@ class Fusion:
             self._upright = imu is not None
             self.estimate = self._filter.start(stamp, angle, imu, self._encoder_zero)
             self._continuity = Continuity(EncoderReading(stamp, angle, rate, 0.0, 0.0))
+            self._encoder_stamp = stamp
             return self.estimate
         estimate = self._filter.predict(self.estimate, stamp, torque, imu)
         self._continuity = self._continuity.after(EncoderReading(
             stamp, angle, rate, self._filter.innovation(estimate, angle),
             float(estimate.mean[PENDULUM_RATE] - estimate.mean[BALL_RATE])))
         if self._continuity.doubt is None:
-            estimate = self._filter.with_encoder(estimate, angle)
+            predicted, estimate = estimate, self._filter.with_encoder(estimate, angle)
+            rate = float(estimate.mean[PENDULUM_RATE])
+            self._torque_check = self._torque_check.after(
+                self._robot, stamp - self._encoder_stamp, torque,
+                rate - float(predicted.mean[PENDULUM_RATE]),
+                rate - float(estimate.mean[BALL_RATE]))
+            if self._torque_check.contradicts:
+                self._give_up(self._torque_check.contradicts)
         else:
+            self._torque_check = TorqueCheck()
             estimate = self._in_doubt(estimate)
+        self._encoder_stamp = stamp
         if not _plausible(estimate):
             self._give_up('the estimate of the pendulum angle has run away: readings contradict '
                           'each other or the model for too long')

@@ -5,7 +5,6 @@ import math
 from drive_bench import Bench
 import pytest
 
-from ballbot_ros.bridge.hardware_file import Joint
 from ballbot_ros.drives.odrive.ascii import codec
 from ballbot_ros.errors import ConfigurationError, DriveError
 
@@ -163,13 +162,6 @@ def test_a_drive_that_damps_must_not_let_more_torque_through_than_is_commanded()
                                        'axis0.motor.config.current_lim': 50.0})
         limit, *_ = here.driver.read_settings()
         assert limit.name == 'torque limit' and limit.acceptable is accepted
-
-
-def test_a_joint_knows_how_fast_its_motor_turns():
-    joint = Joint(gear_ratio=50.0, direction=-1)
-    assert joint.motor_speed(2.0) == pytest.approx(-100.0)
-    assert joint.joint_angle(joint.motor_speed(2.0)) == pytest.approx(2.0)
-    assert Joint(gear_ratio=50.0, encoder_scale=1.0).motor_speed(2.0) == pytest.approx(2.0)
 
 
 def test_damping_is_not_below_zero():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A robot of bits: ball, drive and cable in memory, with a clock that only the test moves."""
+"""Ball, drive and cable in memory around a real `Session`, on a clock that the test moves."""
 from dataclasses import replace
 import json
 import math
@@ -14,6 +14,7 @@ from ballbot_ros.control import load_tuning, Supervision
 from ballbot_ros.drives import device_class, open_driver
 from ballbot_ros.drives.emulated_device import DriveSettings, Sensed
 from ballbot_ros.drives.memory_line import MemoryLine
+from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import ImuReading
 from ballbot_ros.physics import load_robot
 from ballbot_ros.physics.model.state import State
@@ -61,6 +62,10 @@ class VirtualRobot(MemoryLine):
         Of the drive [degrees Celsius].
     bus_voltage : float
         [V]
+    encoder : callable
+        Gives what the drive measures for what is true (`Sensed`): a fault of the encoder.
+    reading : callable
+        Gives what the session receives for an `ImuReading`, None for nothing: a fault of the IMU.
 
     """
 
@@ -95,6 +100,8 @@ class VirtualRobot(MemoryLine):
         self.stop_switch = 0.0  # 1 pulls that of the drive itself
         self.encoder_jump = 0.0  # of the motor shaft [rad]
         self.bus_voltage = self.device.sensed.bus_voltage
+        self.encoder = self.reading = lambda true: true
+        self.refused = None  # of the IMU readings, the last error
         self.lines = 0  # opened and not closed
         self.torques = []  # at the motor, at each step
         self.history = {}  # of the plant, by the number of the step
@@ -131,17 +138,21 @@ class VirtualRobot(MemoryLine):
             before = self.plant.state
             state = self.plant.advance(motor * gear)
             scale = self.joint.gear_ratio * self.joint.direction
-            self.device.sensed = Sensed(scale * state.joint_angle + self.encoder_jump,
-                                        scale * state.joint_rate,
-                                        temperature=self.temperature,
-                                        bus_voltage=self.bus_voltage,
-                                        stop_switch=self.stop_switch)
+            self.device.sensed = self.encoder(Sensed(
+                scale * state.joint_angle + self.encoder_jump, scale * state.joint_rate,
+                temperature=self.temperature, bus_voltage=self.bus_voltage,
+                stop_switch=self.stop_switch))
             self.live()
             self.torques.append(motor)
             self.history[round(self.now / STEP)] = state
             if self._imu is not None:
                 sample = self._imu.sample(before, state, 0)
-                self.session.imu(ImuReading(self.now, *sample[1:]))
+                reading = self.reading(ImuReading(self.now, *sample[1:]))
+                if reading is not None:
+                    try:
+                        self.session.imu(reading)
+                    except MessageError as error:
+                        self.refused = error
 
     def run(self, seconds, torque=None):
         """Let the bridge tick, and command a torque if there is one; return the last report."""

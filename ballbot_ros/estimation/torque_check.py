@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whether the joint follows its torque: the momentum observer of collision detection.
+
+The filter predicts the pendulum with the commanded torque, gravity and the acceleration that the
+IMU measures.  What the encoder then corrects of the pendulum rate, times the inertia and over the
+time, is a torque that the model does not explain.  Friction, pushes and errors of the model leave
+it well below the commanded torque, and an impact is short.  It cancels the commanded torque, or
+more, for long where the encoder is frozen (by all of it) or counts backwards (by twice of it), and
+where the joint is blocked.
+"""
+import math
+from typing import NamedTuple
+
+from ballbot_ros.physics.model.robot import Robot
+
+# Both torques are smoothed over this [s].
+SMOOTHING = 0.1
+# Checked from this commanded torque on, as a part of the largest gravity torque.
+TORQUE_MIN = 0.5
+# An unexplained torque of this part of the commanded one, against it,
+UNEXPLAINED_MIN = 0.6
+# where that of one reading counts as this part at most, or a short impact would weigh too much,
+UNEXPLAINED_MAX = 2.5
+# while the joint turns no faster than this in the direction of the torque [rad/s],
+FOLLOWING_RATE = 2.0
+# for this long, contradicts the encoder [s]: an impact is shorter.
+CONTRADICTION_TIME = 0.04
+
+
+class TorqueCheck(NamedTuple):
+    """Commanded and unexplained torque, smoothed [N m]; `after` gives the next."""
+
+    commanded: float = 0.0
+    unexplained: float = 0.0
+    contradicted_for: float = 0.0  # [s]
+
+    def after(self, robot: Robot, period: float, torque: float, rate_correction: float,
+              joint_rate: float) -> 'TorqueCheck':
+        """
+        Return the check after an encoder reading.
+
+        Parameters
+        ----------
+        robot : Robot
+        period : float
+            Since the reading before [s].
+        torque : float
+            At the pendulum in this period [N m].
+        rate_correction : float
+            Of the pendulum rate, by this reading [rad/s].
+        joint_rate : float
+            After it [rad/s].
+
+        """
+        if period <= 0.0:
+            return self
+        inertia = robot.pendulum_inertia + robot.pendulum_mass * robot.pendulum_length**2
+        part = 1.0 - math.exp(-period / SMOOTHING)
+        commanded = self.commanded + part * (torque - self.commanded)
+        largest = UNEXPLAINED_MAX * abs(torque)
+        unexplained = self.unexplained + part * (
+            min(max(inertia * rate_correction / period, -largest), largest) - self.unexplained)
+        contradicted = (
+            abs(commanded) >= TORQUE_MIN * robot.largest_gravity_torque
+            and -unexplained * commanded >= UNEXPLAINED_MIN * commanded**2
+            and joint_rate * math.copysign(1.0, commanded) < FOLLOWING_RATE)
+        return TorqueCheck(commanded, unexplained,
+                           self.contradicted_for + period if contradicted else 0.0)
+
+    @property
+    def contradicts(self) -> str:
+        """Return why the encoder cannot be relied on, empty while it can."""
+        if self.contradicted_for < CONTRADICTION_TIME:
+            return ''
+        return (f'the joint does not follow its torque: {self.commanded:.2f} N m were commanded '
+                f'and {self.unexplained:.2f} N m are unexplained, so the encoder is frozen or '
+                'counts backwards, or the joint is blocked; look at encoder, coupling and '
+                '`direction` of the hardware file')
