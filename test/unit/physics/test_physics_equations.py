@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The printed matrices follow from the energies, and the closed form from the matrices."""
+from functools import cache
 import math
 
 import numpy as np
@@ -20,6 +21,7 @@ PHI = sympy.symbols('phi')
 MATRICES = ('A', 'B', 'C', 'D', 'G')
 
 
+@cache
 def lagrange():
     """Return A, B, C, D and G as eqs. (4) and (5) give them, for alpha = 0."""
     mass1, mass2, inertia1, inertia2, length, friction1, friction2, gravity = SYMBOLS
@@ -61,17 +63,14 @@ def lagrange():
     return found
 
 
-TRUTH = lagrange()
-
-
 def test_nothing_of_the_lagrangian_is_left_out_of_the_five_matrices():
     # What is called G above is all that the four matrices leave: it must hold no rates.
-    assert TRUTH['G'].free_symbols <= {*SYMBOLS, PHI}
+    assert lagrange()['G'].free_symbols <= {*SYMBOLS, PHI}
 
 
 @pytest.mark.parametrize('name', MATRICES)
 def test_each_element_is_that_of_the_lagrangian(name):
-    numeric = sympy.lambdify((PHI, *SYMBOLS), TRUTH[name])
+    numeric = sympy.lambdify((PHI, *SYMBOLS), lagrange()[name])
     random = np.random.default_rng(1)
     for _ in range(20):
         values = random.uniform(0.1, 2.0, len(SYMBOLS))
