@@ -14,10 +14,6 @@ from ballbot_ros.physics import Scene, Trajectory
 from ballbot_ros.results.digests import digest, LENGTH
 from ballbot_ros.results.faces import meet_faces
 
-# In these the frame is the sender, with a random number.
-SENDERS = ('joint_commands', 'set_point')
-
-
 class Told(NamedTuple):
     """What was said on the topics: digests by topic and stamp [ns]."""
 
@@ -49,8 +45,6 @@ def read_told(path: Path, until: int, opener: BagOpener = open_bag) -> Told:
                 continue
             stamp = int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
             content = _plain(message)
-            if topic.rsplit('/', 1)[-1] in SENDERS:
-                content['header']['frame_id'] = ''
             if stamp <= until:
                 topics.setdefault(topic, {}).setdefault(stamp, digest(content))
     return Told(topics)

@@ -1,48 +1,80 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speeds on cmd_vel: geometry_msgs/TwistStamped or, for those who send it, Twist."""
+"""Speeds on cmd_vel: geometry_msgs/TwistStamped or Twist."""
 import math
-from typing import Any, Mapping, Union
+from typing import Any, Callable, Optional, Union
 
 from geometry_msgs.msg import Twist, TwistStamped
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.subscription import Subscription
 
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.errors import MessageError
 from ballbot_ros.ros.conversions import to_seconds
-from ballbot_ros.ros.setting_fields import CMD_VEL_TYPES
+from ballbot_ros.ros.endpoints import create_subscription
 
-# By the value of the parameter cmd_vel_type.
-TYPES: Mapping[str, Any] = dict(zip(CMD_VEL_TYPES, (TwistStamped, Twist)))
-# The topic of speeds.
 TOPIC = 'cmd_vel'
-# What a stick at rest sends still asks for no motion [m/s, rad/s].
+TYPES = {'geometry_msgs/msg/TwistStamped': TwistStamped, 'geometry_msgs/msg/Twist': Twist}
+# Period of the queries for the type that is published [s].
+TYPE_PERIOD = 0.2
+# The largest value that a stick at rest sends [m/s, rad/s].
 NEGLIGIBLE = 0.01
-# What one motor cannot do, with its unit.
+# Components that one motor cannot drive, with their units.
 OTHERS = (('linear', 'y', 'm/s'), ('linear', 'z', 'm/s'), ('angular', 'x', 'rad/s'),
           ('angular', 'y', 'rad/s'), ('angular', 'z', 'rad/s'))
 
 
-def frame_id_of(message: Any) -> str:
-    """Return the frame of a message, where senders put their names; empty for a Twist."""
-    return message.header.frame_id if hasattr(message, 'header') else ''
+class SpeedSubscription:
+    """
+    Subscribes to speeds in the type that is published, TwistStamped before there is a publisher.
+
+    A process can subscribe to a topic in one type at a time, so the type follows the graph.
+
+    Parameters
+    ----------
+    node : Node
+    callback : callable
+        Takes a message of either type.
+
+    """
+
+    def __init__(self, node: Node, callback: Callable[[Any], None]):
+        self._node, self._callback = node, callback
+        self._type: Any = TwistStamped
+        self._subscription: Optional[Subscription] = create_subscription(
+            node, TOPIC, callback, self._type)
+        node.create_timer(TYPE_PERIOD, self._follow_type,
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _follow_type(self) -> None:
+        published = {TYPES.get(info.topic_type)
+                     for info in self._node.get_publishers_info_by_topic(
+                         self._node.resolve_topic_name(TOPIC))}
+        if len(published) == 1 and (kind := published.pop()) not in (None, self._type):
+            self._type = kind
+            self._node.get_logger().info(f'{TOPIC} is published as {kind.__name__}')
+        if self._subscription is None:
+            try:
+                self._subscription = create_subscription(
+                    self._node, TOPIC, self._callback, self._type)
+            except RuntimeError:
+                pass  # the other type is still in use; the next period tries again
+        elif self._subscription.msg_type is not self._type:
+            # The executor drops it before the next period.
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = None
 
 
 def type_followed(node: Node) -> Any:
-    """
-    Return the type in which a speed reaches those who follow it; TwistStamped while nobody does.
-
-    Where some take the one and some the other it is TwistStamped, which has a stamp and a name.
-    """
+    """Return the type in which to publish speeds: Twist where all subscriptions are, only."""
     names = {info.topic_type for info in
              node.get_subscriptions_info_by_topic(node.resolve_topic_name(TOPIC))}
     return Twist if names == {'geometry_msgs/msg/Twist'} else TwistStamped
 
 
-def speed_message(kind: Any, speed: float, name: str) -> Union[Twist, TwistStamped]:
-    """Return a speed [m/s] as a message of a type, from a sender of a name where it has room."""
+def speed_message(kind: Any, speed: float) -> Union[Twist, TwistStamped]:
+    """Return a speed [m/s] as a message of a type."""
     message = kind()
-    if kind is TwistStamped:
-        message.header.frame_id = name
     (message.twist if kind is TwistStamped else message).linear.x = speed
     return message
 
@@ -51,8 +83,8 @@ def speed_set_point(message: Union[Twist, TwistStamped]) -> SetPoint:
     """
     Return the forward speed as a set-point of the speed law, stamped 0 where it has no stamp.
 
-    A message that asks for more is refused as a whole: who wants to turn around something would
-    not like to be driven straight into it.
+    A message that demands another motion, too, is refused as a whole: a robot that turns around
+    an obstacle must not drive straight into it.
 
     Raises
     ------

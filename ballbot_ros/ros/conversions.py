@@ -84,14 +84,10 @@ def command_torque(message: JointState) -> float:
     return _joint_value(message, PENDULUM, message.effort, 'effort')
 
 
-def command_message(stamp: Time, torque: float, sender: str = '') -> JointState:
-    """
-    Return a joint command for the pendulum.
-
-    Its stamp is that of the state it answers; see `senders` for who sends it.
-    """
+def command_message(stamp: Time, torque: float) -> JointState:
+    """Return a joint command for the pendulum, stamped like the state that it answers."""
     message = JointState(name=[PENDULUM], effort=[torque])
-    message.header.stamp, message.header.frame_id = stamp, sender
+    message.header.stamp = stamp
     return message
 
 
@@ -163,10 +159,10 @@ def set_point(message: JointState) -> SetPoint:
     return SetPoint(Mode.IDLE, 0.0, stamp)
 
 
-def set_point_message(stamp: Time, angle: float, sender: str = '') -> JointState:
-    """Return a set-point for law (11): an absolute pendulum angle [rad]; see `senders`."""
+def set_point_message(stamp: Time, angle: float) -> JointState:
+    """Return a set-point for the position controller: an absolute pendulum angle [rad]."""
     message = JointState(name=[PENDULUM], position=[angle])
-    message.header.stamp, message.header.frame_id = stamp, sender
+    message.header.stamp = stamp
     return message
 
 

@@ -24,10 +24,6 @@ from ballbot_ros.ros import qos
 from ballbot_ros.ros.topics import message_class, TOPICS
 
 CLOCK = '/clock'
-# What may help where nodes disagree about the type of a topic, by what is published.
-TYPE_HINTS = {
-    f'geometry_msgs/msg/{kind}': f'; nodes of this package take it with cmd_vel_type:={value}'
-    for kind, value in (('Twist', 'twist'), ('TwistStamped', 'twist_stamped'))}
 # How long the last message of a publisher may take to be received [s]; it takes 5 ms, unless
 # a subscriber has died.
 RECEIVED_TIMEOUT = 0.5
@@ -122,8 +118,7 @@ def wait_until_received(publisher: Publisher) -> None:
 def publisher_names(node: Node, topic: str) -> str:
     """Return the names of the nodes that publish on a topic, in one line."""
     found = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
-    return ', '.join(sorted({
-        f'{one.node_namespace.rstrip("/")}/{one.node_name}' for one in found}))
+    return ', '.join(sorted(set(map(endpoint_name, found))))
 
 
 def mismatches(node: Node) -> List[str]:
@@ -140,12 +135,12 @@ def mismatches(node: Node) -> List[str]:
         sources = node.get_publishers_info_by_topic(topic)
         sinks = node.get_subscriptions_info_by_topic(topic)
         for source in sources:
-            reasons = [(_name_of(sink), _mismatch(source, sink)) for sink in sinks]
+            reasons = [(endpoint_name(sink), _mismatch(source, sink)) for sink in sinks]
             received = {name for name, reason in reasons if not reason}
-            found += [f'{name} cannot receive {topic} from {_name_of(source)}: {reason}'
+            found += [f'{name} cannot receive {topic} from {endpoint_name(source)}: {reason}'
                       for name, reason in reasons
-                      if own in (name, _name_of(source)) and name not in received]
-        names = sorted({_name_of(source) for source in sources})
+                      if own in (name, endpoint_name(source)) and name not in received]
+        names = sorted({endpoint_name(source) for source in sources})
         if topic == CLOCK and own in names and len(names) > 1:
             others = ' and '.join(name for name in names if name != own)
             found.append(f'{others} publishes {CLOCK}, too, and there can be one time only: start '
@@ -157,14 +152,14 @@ def _full_name(namespace: str, name: str) -> str:
     return f'{namespace.rstrip("/")}/{name}'
 
 
-def _name_of(endpoint: TopicEndpointInfo) -> str:
+def endpoint_name(endpoint: TopicEndpointInfo) -> str:
+    """Return the full name of the node of an endpoint."""
     return _full_name(endpoint.node_namespace, endpoint.node_name)
 
 
 def _mismatch(source: TopicEndpointInfo, sink: TopicEndpointInfo) -> str:
     """Return why messages do not pass from one to the other, empty where they do."""
     if source.topic_type != sink.topic_type:
-        return (f'it is published as {source.topic_type} and subscribed to as {sink.topic_type}'
-                + TYPE_HINTS.get(source.topic_type, ''))
+        return (f'it is published as {source.topic_type} and subscribed to as {sink.topic_type}')
     verdict, reason = qos_check_compatible(source.qos_profile, sink.qos_profile)
     return str(reason) if verdict == QoSCompatibility.ERROR else ''

@@ -7,7 +7,7 @@ from ballbot_ros.config.fields import count, fixed, flag, live, quantity, text
 from ballbot_ros.control import ControlTuning, load_tuning
 from ballbot_ros.imus import IMUS
 from ballbot_ros.ros.frames import described, frame, frame_prefix
-from ballbot_ros.ros.setting_fields import cmd_vel_type, file_in, numbers_in, rate_of, Settings
+from ballbot_ros.ros.setting_fields import file_in, numbers_in, rate_of, Settings
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,6 @@ class BridgeSettings(Settings):
     set_point_timeout: float = live(quantity(
         's', 'on board, age of a set-point after which the pendulum is let down', default=0.5,
         minimum=0.05, maximum=10.0))
-    cmd_vel_type: str = fixed('the topic is made at the start', cmd_vel_type())
     joint_state_rate: float = live(rate_of(
         'joint_states on board, at most that of the loop; in direct control it is that of the '
         'loop', 100.0))

@@ -263,21 +263,10 @@ class JointStateBytes:
 
 
 class CommandBytes:
-    """
-    Joint commands for the pendulum; see `conversions.command_message`.
+    """Joint commands for the pendulum; see `conversions.command_message`."""
 
-    Parameters
-    ----------
-    sender : str
-        See `senders`.
-
-    """
-
-    def __init__(self, sender: str = ''):
-        """Make the form."""
-        message = JointState(name=[PENDULUM], effort=[0.0])
-        message.header.frame_id = sender
-        self._written = _Written(message)
+    def __init__(self) -> None:
+        self._written = _Written(JointState(name=[PENDULUM], effort=[0.0]))
 
     def of(self, stamp: Any, torque: float) -> bytes:
         """Return the bytes of a command that answers the joint state of a stamp."""

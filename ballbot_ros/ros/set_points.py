@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Set-points as they come by topic, for whatever runs the laws inside."""
+"""Set-points by topic, for the nodes that run the laws: simulator and bridge."""
 from collections import Counter
 import time
 from typing import Any, Callable
@@ -9,20 +9,23 @@ from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import Authority, SetPoint
 from ballbot_ros.errors import MessageError
-from ballbot_ros.ros.cmd_vel import frame_id_of, speed_set_point, TYPES
+from ballbot_ros.ros.cmd_vel import speed_set_point
+from ballbot_ros.ros.cmd_vel import SpeedSubscription
 from ballbot_ros.ros.conversions import set_point
 from ballbot_ros.ros.endpoints import create_subscription
-from ballbot_ros.ros.senders import Senders
+from ballbot_ros.ros.single_publisher import SinglePublisher
 
-# Whose set-points are followed is free to others after this silence [s of wall time].
-SILENT = 0.5
+# A node whose set-points are followed holds authority for this long after its last one [s of wall
+# time].
+AUTHORITY_TIMEOUT = 0.5
 
 
 class SetPoints:
     """
-    Hands on what comes on set_point and cmd_vel, and counts and logs what is refused.
+    Passes on the set-points of set_point and cmd_vel, and counts and logs refused ones.
 
-    One sender at a time has authority over both topics, see `control.Authority`.
+    Each topic has one publisher, and one of the two at a time has authority over the robot, see
+    `control.Authority`.
 
     Parameters
     ----------
@@ -31,24 +34,21 @@ class SetPoints:
         Takes a `SetPoint` stamped as its message, 0 where that was not; raises `MessageError`.
 
     refused : Counter
-        Where they are counted by reason.
-    cmd_vel_type : str
-        One of `cmd_vel.TYPES`.
+        Counts them by reason.
     overhear : callable
-        Is told of a `SetPoint` of a sender that is not followed: motion is asked for all the same.
+        Takes a `SetPoint` of a node without authority: it demands motion all the same.
 
     """
 
     def __init__(self, node: Node, give: Callable[[SetPoint], None], refused: Counter,
-                 cmd_vel_type: str = 'twist_stamped',
                  overhear: Callable[[SetPoint], None] = lambda _: None):
-        """Subscribe."""
         self._node, self._give, self._refused = node, give, refused
         self._overhear = overhear
-        self.authority = Authority(SILENT)
-        self._senders = {topic: Senders(node, topic) for topic in ('set_point', 'cmd_vel')}
+        self.authority = Authority(AUTHORITY_TIMEOUT)
+        self._publishers = {
+            topic: SinglePublisher(node, topic) for topic in ('set_point', 'cmd_vel')}
         create_subscription(node, 'set_point', self._on_set_point)
-        create_subscription(node, 'cmd_vel', self._on_cmd_vel, TYPES[cmd_vel_type])
+        SpeedSubscription(node, self._on_cmd_vel)
 
     def _on_set_point(self, message: JointState) -> None:
         self._take('set_point', set_point, message)
@@ -59,21 +59,20 @@ class SetPoints:
     def _take(self, topic: str, convert: Callable[[Any], SetPoint], message: Any) -> None:
         try:
             given = convert(message)
-            self._check(topic, message, given)
+            self._check(topic, given)
             self._give(given)
         except MessageError as error:
-            # In direct control they are meant for a node controller, if there is one.
+            # In direct control they are for a node controller, if there is one.
             if error.reason == 'direct' and self._node.count_subscribers(topic) > 1:
                 return
             self._refused[error.reason] += 1
             self._node.get_logger().warning(
                 f'{topic} refused: {error}', throttle_duration_sec=1.0)
 
-    def _check(self, topic: str, message: Any, given: SetPoint) -> None:
-        """Refuse what comes from another sender than the one in authority."""
+    def _check(self, topic: str, given: SetPoint) -> None:
+        """Refuse a set-point of a node that has no authority."""
         try:
-            self.authority.check(
-                self._senders[topic].name(frame_id_of(message)), time.monotonic())
+            self.authority.check(self._publishers[topic].name(), time.monotonic())
         except MessageError:
             self._overhear(given)
             raise

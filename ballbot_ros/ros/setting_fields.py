@@ -7,7 +7,6 @@ from ballbot_ros.config.fields import (
     check_value, Checked, expect_mapping, quantity, refuse_unknown, text)
 
 S = TypeVar('S', bound='Settings')
-CMD_VEL_TYPES = ('twist_stamped', 'twist')
 
 
 def file_in(folder: str, default: str, kind: str = '', doc: str = '') -> Any:
@@ -19,13 +18,6 @@ def file_in(folder: str, default: str, kind: str = '', doc: str = '') -> Any:
 def rate_of(topic: str, default: float, minimum: float = 1.0, maximum: float = 10000.0) -> Any:
     """Declare how often a topic is published."""
     return quantity('Hz', f'rate of {topic}', default=default, minimum=minimum, maximum=maximum)
-
-
-def cmd_vel_type() -> Any:
-    """Declare the parameter of this name."""
-    return text('what is taken on cmd_vel: geometry_msgs/TwistStamped or Twist, which has no '
-                'stamp and counts from its arrival', default='twist_stamped',
-                choices=CMD_VEL_TYPES)
 
 
 def numbers_in(source: str, cls: Type[Checked], load: Callable[[str], Any],

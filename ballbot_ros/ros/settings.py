@@ -11,7 +11,7 @@ from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.plant import SensorFaults
 from ballbot_ros.ros.frames import described, frame, frame_prefix, marked
 from ballbot_ros.ros.hardware_settings import BridgeSettings, EmulatedRobotSettings, ImuSettings
-from ballbot_ros.ros.setting_fields import cmd_vel_type, file_in, numbers_in, rate_of, Settings
+from ballbot_ros.ros.setting_fields import file_in, numbers_in, rate_of, Settings
 
 __all__ = ['BridgeSettings', 'ControllerSettings', 'DecisionSettings', 'EmulatedRobotSettings',
            'ImuSettings', 'SimulatorSettings']
@@ -60,7 +60,6 @@ class SimulatorSettings(Settings):
     set_point_timeout: float = live(quantity(
         's', 'on board, simulated age of a set-point after which the pendulum is let down; 0 for '
         'never', default=0.5, minimum=0.0, maximum=3600.0))
-    cmd_vel_type: str = fixed('the topic is made at the start', cmd_vel_type())
     joint_state_rate: float = live(rate_of(
         'joint_states on board; in direct control it is control_rate', 100.0))
     command_timeout: float = live(quantity(
@@ -132,7 +131,6 @@ class ControllerSettings(Settings):
     set_point_timeout: float = live(quantity(
         's', 'age of a set-point, on the clock of the joint states, after which the pendulum is '
         'let down; 0 for never', default=0.5, minimum=0.0, maximum=3600.0))
-    cmd_vel_type: str = fixed('the topic is made at the start', cmd_vel_type())
     lockstep_set_point_period: float = live(quantity(
         's', 'answer a state only with the set-point of its own period of this length, for runs '
         'that are repeatable to the bit; 0 to take what is there', default=0.0, minimum=0.0,

@@ -22,7 +22,6 @@ from ballbot_ros.ros import cmd_vel, discovery, qos
 from ballbot_ros.ros.conversions import PENDULUM
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription
 from ballbot_ros.ros.executor import new_executor
-from ballbot_ros.ros.senders import own_name
 from ballbot_ros.ros.topics import message_class, TOPICS
 from ballbot_ros.srv import Step
 
@@ -90,7 +89,6 @@ class Spectator:
         except Exception as error:  # rclpy has one for each part of a name
             rclpy.try_shutdown(context=self._context)
             raise ConfigurationError(f'--namespace {namespace}: {error}') from error
-        self._name = own_name(self._node)
         self._jobs: 'Queue[Callable[[], None]]' = Queue()
         self._ending = Event()
         self._asked: Dict[str, float] = {}
@@ -144,7 +142,6 @@ class Spectator:
     def hold_angle(self, angle: float) -> None:
         """Publish an absolute pendulum angle [rad] again and again."""
         message = JointState(name=[PENDULUM], position=[angle])
-        message.header.frame_id = self._name
         self._held = message
 
     def let_go(self) -> None:
@@ -257,8 +254,7 @@ class Spectator:
             self._held = None
         held: Any = self._held
         if isinstance(held, float):
-            held = cmd_vel.speed_message(
-                cmd_vel.type_followed(self._node), held, self._name)
+            held = cmd_vel.speed_message(cmd_vel.type_followed(self._node), held)
         kind = None if held is None else type(held)
         if self._publisher is not None and self._publisher.msg_type is not kind:
             # Others may drive then.

@@ -12,8 +12,8 @@ from ballbot_ros.nodes.bridge.motor import Clocks, imu_reading
 from ballbot_ros.ros.conversions import command_torque, to_seconds
 from ballbot_ros.ros.endpoints import create_subscription, create_trigger, subscribe_e_stop
 from ballbot_ros.ros.joint_state_bytes import AnyJointState, subscribe_joint_states
-from ballbot_ros.ros.senders import Senders
 from ballbot_ros.ros.set_points import SetPoints
+from ballbot_ros.ros.single_publisher import SinglePublisher
 
 
 class MotorInputs:
@@ -25,8 +25,6 @@ class MotorInputs:
     node : Node
     session : Session
     clocks : Clocks
-    cmd_vel_type : str
-        One of `cmd_vel.TYPES`.
 
     Attributes
     ----------
@@ -36,14 +34,14 @@ class MotorInputs:
 
     """
 
-    def __init__(self, node: Node, session: Session, clocks: Clocks, cmd_vel_type: str):
+    def __init__(self, node: Node, session: Session, clocks: Clocks):
         """Create subscriptions and services."""
         self._session, self._clocks, self._logger = session, clocks, node.get_logger()
-        self._senders = Senders(node, 'joint_commands')
+        self._publisher = SinglePublisher(node, 'joint_commands')
         self.imu_refused = 0
         subscribe_joint_states(node, 'joint_commands', self.command)
         law = session.law
-        set_points = SetPoints(node, self._give, session.set_points_refused, cmd_vel_type,
+        set_points = SetPoints(node, self._give, session.set_points_refused,
                                *(() if law is None else (law.controller.overhear,)))
         self.authority = Authority(session.hardware.limits.command_timeout) \
             if law is None else set_points.authority
@@ -59,8 +57,7 @@ class MotorInputs:
         try:
             torque = command_torque(message)
             if self._session.law is None:
-                self.authority.check(self._senders.name(message.header.frame_id),
-                                     self._session.clock())
+                self.authority.check(self._publisher.name(), self._session.clock())
         except MessageError as error:
             self._session.supervisor.overhear(torque, self._session.clock())
             self._session.supervisor.gate.refuse(error.reason)

@@ -8,13 +8,12 @@ from typing import Any, Callable, List, Optional, Tuple
 from builtin_interfaces.msg import Time
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import checked_controller, SetPoint, Watchdog
 from ballbot_ros.nodes.controller.health import health
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics
-from ballbot_ros.ros.cmd_vel import speed_set_point, TYPES
+from ballbot_ros.ros.cmd_vel import speed_set_point, SpeedSubscription
 from ballbot_ros.ros.conversions import readings, set_point
 from ballbot_ros.ros.endpoints import (
     create_publisher, create_subscription, subscribe_e_stop, wait_until_received)
@@ -23,7 +22,6 @@ from ballbot_ros.ros.parameter_changes import Commit
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.retuning import change_period, LoopNumbers, prepare_laws
 from ballbot_ros.ros.run import run
-from ballbot_ros.ros.senders import own_name
 from ballbot_ros.ros.settings import ControllerSettings
 
 
@@ -41,13 +39,14 @@ class Controller(Node):
         self._newest = self._answered = Time()
         self._torque = 0.0
         self._refused: Counter = Counter()
-        self._written = CommandBytes(own_name(self))
+        self._written = CommandBytes()
         self._commands = create_publisher(self, 'joint_commands')
         subscribe_joint_states(self, 'joint_states', self._taker(
             'joint_states', self._on_state))
-        self._subscribe(JointState, 'set_point', lambda one: self._give(set_point(one)))
-        self._subscribe(TYPES[settings.cmd_vel_type], 'cmd_vel',
-                        lambda one: self._give(speed_set_point(one)))
+        create_subscription(self, 'set_point', self._taker(
+            'set_point', lambda one: self._give(set_point(one))))
+        SpeedSubscription(self, self._taker(
+            'cmd_vel', lambda one: self._give(speed_set_point(one))))
         subscribe_e_stop(self, self._on_e_stop)
         self._diagnostics = diagnostics.Diagnostics(
             self, 'pendulum', self._health, self._robot.name)
@@ -67,10 +66,6 @@ class Controller(Node):
             self._settings, self._watchdog.timeout = wanted, wanted.state_timeout
             change_period(self._timer, wanted.state_timeout / 4)
         return commit
-
-    def _subscribe(self, kind: Any, topic: str, take: Callable[[Any], None]) -> None:
-        """Subscribe to a topic."""
-        create_subscription(self, topic, self._taker(topic, take), kind)
 
     def _taker(self, topic: str, take: Callable[[Any], None]) -> Callable[[Any], None]:
         """Return what answers a message that is taken, and counts and logs one that is refused."""

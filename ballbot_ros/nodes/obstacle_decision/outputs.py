@@ -14,7 +14,6 @@ from ballbot_ros.nodes.obstacle_decision.gain_watch import GainWatch
 from ballbot_ros.ros.conversions import decision_message, set_point_message, to_seconds, to_time
 from ballbot_ros.ros.endpoints import create_publisher, wait_until_received
 from ballbot_ros.ros.markers import decision_markers, MarkerTopic
-from ballbot_ros.ros.senders import own_name
 from ballbot_ros.ros.settings import DecisionSettings
 
 
@@ -25,7 +24,6 @@ class DecisionOutputs:
         """Create the publishers; the radius is that of the ball [m]."""
         self._frame, self._radius = settings.terrain_frame, radius
         self._markers = MarkerTopic(node, settings.publish_markers)
-        self._name = own_name(node)
         self._decisions = create_publisher(node, 'step_decision')
         self._set_points = create_publisher(node, 'set_point')
         self._gains = GainWatch(node, 'set_point')
@@ -46,12 +44,12 @@ class DecisionOutputs:
             self._markers.publish(decision_markers(answer.decision, odometry, self._radius))
         # In lockstep the stamp of the set-point names the period that it is for.
         self._newest = (decision_message(stamp, answer.decision, self._frame),
-                        set_point_message(to_time(answer.stamp), answer.set_angle, self._name))
+                        set_point_message(to_time(answer.stamp), answer.set_angle))
         self.repeat()
 
     def rest(self, stamp: Time) -> None:
         """Publish a set-point that asks for rest, and no decision."""
-        self._newest = None, set_point_message(stamp, 0.0, self._name)
+        self._newest = None, set_point_message(stamp, 0.0)
         self.repeat()
 
     def repeat(self) -> None:
@@ -65,5 +63,5 @@ class DecisionOutputs:
     def end(self, stamp: Time) -> None:
         """Let the pendulum down, if it was driven, and wait until that is received."""
         if self._newest is not None:
-            self._set_points.publish(set_point_message(stamp, 0.0, self._name))
+            self._set_points.publish(set_point_message(stamp, 0.0))
             wait_until_received(self._set_points)

@@ -68,8 +68,7 @@ class LawsInside:
         self._controller: SupervisedController = checked_controller(
             plant.model.robot, *_loop(settings), _supervision(settings))
         self.refused: Counter[str] = Counter()
-        SetPoints(node, self._give, self.refused, settings.cmd_vel_type,
-                  self._controller.overhear)
+        SetPoints(node, self._give, self.refused, self._controller.overhear)
         subscribe_e_stop(node, self._on_e_stop)
 
     def torque(self, now: float) -> float:

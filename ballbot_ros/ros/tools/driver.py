@@ -15,7 +15,6 @@ from ballbot_ros.ros import cmd_vel, qos
 from ballbot_ros.ros.conversions import readings
 from ballbot_ros.ros.endpoints import (
     create_publisher, create_subscription, subscribe_e_stop, wait_until_received)
-from ballbot_ros.ros.senders import own_name
 from ballbot_ros.ros.tools.observer import Observer
 
 DECISIONS: Dict[int, str] = {
@@ -24,7 +23,7 @@ DECISIONS: Dict[int, str] = {
 
 class RobotDriver:
     """
-    Publishes cmd_vel under its own name, and knows what the robot says.
+    Publishes cmd_vel, and keeps the latest messages of the robot.
 
     Parameters
     ----------
@@ -49,7 +48,6 @@ class RobotDriver:
         """Join the topics."""
         self._observer = observer
         one = observer.node
-        self._name = own_name(one)
         self._cmd_vel = self._publisher()
         self._clients = {verb: one.create_client(Trigger, f'{node}/{verb}')
                          for verb in ('engage_e_stop', 'release_e_stop')}
@@ -74,7 +72,7 @@ class RobotDriver:
         if kind is not self._cmd_vel.msg_type:
             self._observer.node.destroy_publisher(self._cmd_vel)
             self._cmd_vel = self._publisher()
-        self._cmd_vel.publish(cmd_vel.speed_message(kind, speed, self._name))
+        self._cmd_vel.publish(cmd_vel.speed_message(kind, speed))
 
     def _publisher(self) -> Any:
         """Return a publisher of speeds, in the type that is followed."""

@@ -7,7 +7,7 @@ import pytest
 
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.errors import MessageError
-from ballbot_ros.ros.cmd_vel import frame_id_of, NEGLIGIBLE, OTHERS, speed_set_point
+from ballbot_ros.ros.cmd_vel import NEGLIGIBLE, OTHERS, speed_set_point
 from ballbot_ros.ros.conversions import to_time
 
 
@@ -23,7 +23,6 @@ def test_both_types_give_the_forward_speed_and_the_stamp_that_they_have():
     twist.linear.x = -0.4
     assert speed_set_point(stamped(twist)) == SetPoint(Mode.SPEED, -0.4, 2.5)
     assert speed_set_point(twist) == SetPoint(Mode.SPEED, -0.4, 0.0)
-    assert (frame_id_of(stamped(twist)), frame_id_of(twist)) == ('base_link', '')
 
 
 @pytest.mark.parametrize('kind, axis, unit', OTHERS)

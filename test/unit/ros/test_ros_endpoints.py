@@ -32,10 +32,9 @@ def endpoint(name, kind):
                            qos_profile=QoSProfile(depth=1))
 
 
-@pytest.mark.parametrize('published, value', [('Twist', 'twist'),
-                                              ('TwistStamped', 'twist_stamped')])
+@pytest.mark.parametrize('published', ['Twist', 'TwistStamped'])
 @pytest.mark.parametrize('own', ['robot', 'teleop', 'onlooker'])
-def test_a_topic_of_another_type_is_told_with_both_types_and_what_helps(own, published, value):
+def test_another_type_of_a_topic_is_reported_with_both_types(own, published):
     kinds = ['geometry_msgs/msg/Twist', 'geometry_msgs/msg/TwistStamped']
     sent = f'geometry_msgs/msg/{published}'
     kinds.remove(sent)
@@ -47,8 +46,7 @@ def test_a_topic_of_another_type_is_told_with_both_types_and_what_helps(own, pub
             endpoint('robot', kinds[0]), endpoint('onlooker', sent)])
     assert mismatches(node) == ([] if own == 'onlooker' else [
         f'/a/robot cannot receive /a/cmd_vel from /a/teleop: it is published as {sent} and '
-        f'subscribed to as {kinds[0]}; nodes of this package take it with '
-        f'cmd_vel_type:={value}'])
+        f'subscribed to as {kinds[0]}'])
 
 
 def test_a_profile_that_does_not_match_is_told(pair):

@@ -64,14 +64,14 @@ def test_without_a_pendulum_there_is_one_joint():
 @given(numbers, strategies.integers(0, 2**31 - 1), strategies.integers(0, 10**9 - 1))
 def test_a_command_is_what_the_message_would_be(torque, sec, nanosec):
     stamp = Time(sec=sec, nanosec=nanosec)
-    written = CommandBytes('/controller#abc').of(stamp, torque)
+    written = CommandBytes().of(stamp, torque)
     assert deserialize_message(written, JointState) == command_message(
-        stamp, torque, '/controller#abc')
+        stamp, torque)
 
 
 def test_nothing_comes_after_the_end_and_gaps_are_empty():
     # The middleware would leave in both what was in its memory: readers of bags mind the first.
-    one = CommandBytes('/me#1').of(Time(sec=1, nanosec=2), 3.0)
+    one = CommandBytes().of(Time(sec=1, nanosec=2), 3.0)
     assert one[22:24] == b'\0\0' and one[-8:] == struct.pack('<d', 3.0)
     other = JointStateBytes('base_link').of(1.0, JointReadings(0.0, 1.0, 2.0, 3.0, 4.0), 5.0)
     assert other[-8:] == struct.pack('<d', 5.0)
@@ -87,7 +87,7 @@ def messages(draw):
     message = JointState(name=draw(strategies.lists(strategies.text(
         strategies.characters(codec='utf-8', exclude_characters='\0'), max_size=9), max_size=3)),
         position=draw(lists), velocity=draw(lists), effort=draw(lists))
-    message.header.frame_id = draw(strategies.sampled_from(['', 'base_link', '/controller#12ab']))
+    message.header.frame_id = draw(strategies.sampled_from(['', 'base_link', 'left/base_link']))
     message.header.stamp = Time(sec=draw(strategies.integers(-2**31, 2**31 - 1)),
                                 nanosec=draw(strategies.integers(0, 2**32 - 1)))
     return message
@@ -101,26 +101,32 @@ def test_what_is_read_in_place_is_what_the_middleware_reads(given_messages):
 
 
 def test_the_second_message_of_a_form_is_read_in_place_whatever_fills_its_gaps():
-    reader, data = JointStateReader(), CommandBytes('/me#1').of(Time(sec=1, nanosec=2), 3.0)
+    def command(*numbers):
+        message = command_message(Time(sec=numbers[0], nanosec=numbers[1]), numbers[2])
+        message.header.frame_id = 'frame'
+        return bytes(serialize_message(message))
+    reader, data = JointStateReader(), command(1, 2, 3.0)
     assert isinstance(reader.read(data), JointState)
-    # After '/me#1' and its zero at 20 come two bytes up to the next number, which mean nothing.
-    gap = bytearray(CommandBytes('/me#1').of(Time(sec=5, nanosec=6), math.nan))
+    # After 'frame' and its zero at 20 come two bytes up to the next number, which mean nothing.
+    gap = bytearray(command(5, 6, math.nan))
     gap[22:24] = b'xy'
     again = reader.read(bytes(gap))
     assert isinstance(again, ReceivedJointState)
-    assert again.header == ((5, 6), '/me#1') and again.name == ('pendulum',)
+    assert again.header == ((5, 6), 'frame') and again.name == ('pendulum',)
     assert math.isnan(again.effort[0]) and again.position == again.velocity == ()
 
 
 @pytest.mark.parametrize('change', [
     lambda one: setattr(one, 'name', ['pendulux']),
-    lambda one: setattr(one.header, 'frame_id', '/me#2'),
+    lambda one: setattr(one.header, 'frame_id', 'other'),
     lambda one: (setattr(one, 'position', one.effort), setattr(one, 'effort', []))])
 def test_a_message_of_the_same_length_and_another_form_is_not_taken_for_the_one_before(change):
-    reader, message = JointStateReader(), command_message(Time(), 3.0, '/me#1')
+    reader, message = JointStateReader(), command_message(Time(), 3.0)
+    message.header.frame_id = 'frame'
     for _ in range(2):
         before = reader.read(bytes(serialize_message(message)))
-    other = command_message(Time(), 3.0, '/me#1')
+    other = command_message(Time(), 3.0)
+    other.header.frame_id = 'frame'
     change(other)
     assert same(before, message) and not same(message, other)
     assert same(reader.read(bytes(serialize_message(other))), other)

@@ -5,6 +5,8 @@ import time
 
 from geometry_msgs.msg import Twist, TwistStamped
 import pytest
+import rclpy
+from rclpy.context import Context
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
@@ -42,12 +44,12 @@ def test_the_first_is_followed_until_it_is_silent_for_long_enough(robot):
     inputs, followed, refused, (a, b), until = robot
     angles = a.create_publisher(JointState, 'set_point', 1)
     speeds = b.create_publisher(TwistStamped, 'cmd_vel', 1)
-    ask = [lambda: angles.publish(set_point_message(to_time(1.0), 0.25, '/a#1')),
+    ask = [lambda: angles.publish(set_point_message(to_time(1.0), 0.25)),
            lambda: speeds.publish(TwistStamped())]
     until(lambda: followed, ask[0])
     until(lambda: refused['other_sender'] > 3, lambda: (ask[0](), ask[1]()))
     assert {one.mode for one in followed} == {Mode.HOLD}
-    assert inputs.authority.holder == '/a#1'
+    assert inputs.authority.holder == '/a'
     assert inputs.authority.contest.startswith('/b commands, too')
     # It asks for motion all the same, and no e-stop is released meanwhile.
     assert {one.mode for one in overheard} == {Mode.SPEED}
@@ -55,17 +57,49 @@ def test_the_first_is_followed_until_it_is_silent_for_long_enough(robot):
     assert inputs.authority.holder == '/b'
 
 
-def test_a_twist_without_a_stamp_is_followed_where_that_was_asked_for(make_node, context):
-    node, peer = make_node(Node, 'robot'), make_node(Node, 'teleop')
-    followed, refused, executor = [], Counter(), new_executor(context)
-    SetPoints(node, followed.append, refused, 'twist')
-    speeds = peer.create_publisher(Twist, 'cmd_vel', 1)
+def speed(kind, linear=0.0, angular=0.0):
+    """Return a message of a type."""
+    message = kind()
+    twist = message if kind is Twist else message.twist
+    twist.linear.x, twist.angular.z = linear, angular
+    return message
+
+
+@pytest.mark.parametrize('kinds', [(Twist, TwistStamped), (TwistStamped, Twist)])
+def test_the_type_of_the_publisher_of_speeds_is_followed(kinds, monkeypatch):
+    # A process has one type for each topic and context, so the publisher has its own.
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    contexts = Context(), Context()
+    for one in contexts:
+        rclpy.init(context=one, domain_id=231)
+    node, peer = (Node(name, context=one) for name, one in zip(('robot', 'teleop'), contexts))
+    followed, refused, executor = [], Counter(), new_executor(contexts[0])
+    SetPoints(node, followed.append, refused)
     executor.add_node(node)
-    deadline, turn = time.monotonic() + 20.0, Twist()
-    turn.angular.z = 0.5
-    while not (followed and refused['other_axes']):
-        assert time.monotonic() < deadline
-        speeds.publish(turn if followed else Twist())
-        executor.spin_once(timeout_sec=0.01)
+    deadline = time.monotonic() + 40.0
+    for kind in kinds:
+        speeds = peer.create_publisher(kind, 'cmd_vel', 1)
+        followed.clear()
+        refused.clear()
+        while not (followed and refused['other_axes']):
+            assert time.monotonic() < deadline
+            speeds.publish(speed(kind, angular=0.5) if followed else speed(kind, linear=0.25))
+            executor.spin_once(timeout_sec=0.01)
+        assert {(one.mode, one.value, one.stamp) for one in followed} == {(Mode.SPEED, 0.25, 0.0)}
+        peer.destroy_publisher(speeds)
     executor.shutdown()
-    assert {(one.mode, one.value, one.stamp) for one in followed} == {(Mode.SPEED, 0.0, 0.0)}
+    for one, context in zip((node, peer), contexts):
+        one.destroy_node()
+        rclpy.try_shutdown(context=context)
+
+
+def test_two_publishers_of_a_topic_are_both_refused_and_named(robot):
+    inputs, followed, refused, (a, b), until = robot
+    message = set_point_message(to_time(1.0), 0.25)
+    both = [one.create_publisher(JointState, 'set_point', 1) for one in (a, b)]
+    until(lambda: refused['several_publishers'] > 3,
+          lambda: [publisher.publish(message) for publisher in both])
+    a.destroy_publisher(both[0])
+    count = len(followed)
+    until(lambda: len(followed) > count, lambda: both[1].publish(message))
+    assert inputs.authority.holder == '/b'

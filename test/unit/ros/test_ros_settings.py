@@ -12,10 +12,10 @@ class NoRos:
             raise ModuleNotFoundError(f'planted: no {name}', name=name)
 sys.meta_path.insert(0, NoRos())
 from ballbot_ros.ros import settings
-print(settings.SimulatorSettings().cmd_vel_type)
+print(settings.SimulatorSettings().control)
 """
 
 
 def test_the_settings_of_the_nodes_are_known_without_ros():
     done = subprocess.run([sys.executable, '-c', WITHOUT_ROS], capture_output=True, text=True)
-    assert done.stdout.strip() == 'twist_stamped', done.stderr
+    assert done.stdout.strip() == 'direct', done.stderr

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One node at a time publishes the commands of a topic; two in the graph are refused by name."""
+import time
+from typing import List
+
+from rclpy.node import Node
+
+from ballbot_ros.errors import MessageError
+from ballbot_ros.ros.endpoints import endpoint_name
+
+# Periods of two queries of the graph: the number of publishers, and their names [s].
+COUNT_PERIOD, NAME_PERIOD = 0.02, 1.0
+# A node that was killed stays in the graph for as long as its lease in DDS, by default 20 s: for
+# this time a second publisher of the same name counts as its restart [s].
+RESTART_TIME = 25.0
+
+
+class SinglePublisher:
+    """
+    The node that publishes a topic, from the graph: messages do not tell their sender in rclpy.
+
+    Parameters
+    ----------
+    node : Node
+    topic : str
+        That it subscribes to.
+
+    """
+
+    def __init__(self, node: Node, topic: str):
+        self._node, self._topic = node, topic
+        self._names: List[str] = []  # of the publishers
+        self._several_since = 0.0
+        self._count_at = self._name_at = 0.0
+
+    def name(self) -> str:
+        """
+        Return the name of the publisher of the messages that arrive; empty before it is known.
+
+        Raises
+        ------
+        MessageError
+            With reason ``several_publishers``, while there are several.
+
+        """
+        now = time.monotonic()
+        self._query(now)
+        names = sorted(set(self._names))
+        if len(names) > 1 or (len(self._names) > 1 and now - self._several_since > RESTART_TIME):
+            several = ' and '.join(names if len(names) > 1 else self._names)
+            raise MessageError(
+                'several_publishers', f'{several} publish {self._topic}, and none of them is '
+                'followed: end all but one, or let twist_mux select one', self._topic)
+        return names[0] if names and '_UNKNOWN_' not in names[0] else ''
+
+    def _query(self, now: float) -> None:
+        if now < self._count_at:
+            return
+        self._count_at = now + COUNT_PERIOD
+        if now >= self._name_at or self._node.count_publishers(self._topic) != len(self._names):
+            self._name_at = now + NAME_PERIOD
+            found = sorted(map(endpoint_name, self._node.get_publishers_info_by_topic(
+                self._node.resolve_topic_name(self._topic))))
+            if len(found) < 2 or len(self._names) < 2:
+                self._several_since = now
+            self._names = found

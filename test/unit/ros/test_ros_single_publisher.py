@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The publisher of commands is known by the graph, and two of them are refused."""
+from types import SimpleNamespace
+
+import pytest
+from refusals import refused
+
+from ballbot_ros.errors import MessageError
+from ballbot_ros.ros import single_publisher
+from ballbot_ros.ros.single_publisher import RESTART_TIME, SinglePublisher
+
+
+class Graph:
+    """The publishers of one topic, as a node finds them."""
+
+    def __init__(self):
+        self.nodes, self.now = [], 100.0
+
+    def count_publishers(self, topic):
+        return len(self.nodes)
+
+    def resolve_topic_name(self, topic):
+        return f'/{topic}'
+
+    def get_publishers_info_by_topic(self, topic):
+        return [SimpleNamespace(node_namespace='/', node_name=name) for name in self.nodes]
+
+
+@pytest.fixture
+def graph(monkeypatch):
+    """Return a graph whose time only the test moves."""
+    graph = Graph()
+    monkeypatch.setattr(single_publisher, 'time', SimpleNamespace(monotonic=lambda: graph.now))
+    return graph
+
+
+def test_the_only_publisher_is_named(graph):
+    graph.nodes = ['a']
+    assert SinglePublisher(graph, 'joint_commands').name() == '/a'
+
+
+@pytest.mark.parametrize('nodes', [[], ['_NODE_NAME_UNKNOWN_']])
+def test_a_publisher_that_is_not_discovered_yet_has_no_name(graph, nodes):
+    graph.nodes = nodes
+    assert SinglePublisher(graph, 'joint_commands').name() == ''
+
+
+def test_two_publishers_are_refused_by_name_until_one_ends(graph):
+    found = SinglePublisher(graph, 'joint_commands')
+    graph.nodes = ['a']
+    found.name()
+    graph.nodes = ['a', 'b']
+    graph.now += 0.03
+    with refused('several_publishers', 'joint_commands', MessageError) as caught:
+        found.name()
+    assert str(caught.value).startswith('/a and /b publish joint_commands')
+    graph.nodes = ['b']
+    graph.now += 0.03
+    assert found.name() == '/b'
+    graph.nodes = ['c']
+    graph.now += 1.1
+    assert found.name() == '/c'
+
+
+def test_a_node_that_was_killed_and_started_again_is_followed(graph):
+    found = SinglePublisher(graph, 'joint_commands')
+    graph.nodes = ['a', 'a']  # the killed one is in the graph until its lease ends
+    for _ in range(3):
+        assert found.name() == '/a'
+        graph.now += 0.3 * RESTART_TIME
+    graph.now += 0.2 * RESTART_TIME
+    with refused('several_publishers', 'joint_commands'):
+        found.name()
