@@ -31,6 +31,7 @@ from ballbot_ros.ros.setting_fields import Settings
 from ballbot_ros.ros.settings import (
     BridgeSettings, ControllerSettings, DecisionSettings, EmulatedRobotSettings, ImuSettings,
     SimulatorSettings)
+from ballbot_ros.ros.topics import TOPICS
 
 DOCS = Path(__file__).resolve().parent.parent / 'docs'
 KINDS = {str: 'text', bool: 'true or false', object: 'names with values'}
@@ -165,6 +166,20 @@ def imu_values():
     return keys(IMU_VALUES)
 
 
+def topics():
+    """Return the Markdown table of the topics."""
+    def names(nodes):
+        return ', '.join(f'`{name}`' if name != 'all' else name for name in nodes.split(', ')
+                         if name)
+    return '\n'.join([
+        '| topic | type | published by | QoS | subscribed to by | QoS | content |',
+        '|---|---|---|---|---|---|---|',
+        *(f'| `{name}` | {topic.type.replace("/msg/", "/")} | {names(topic.publishers)} | '
+          f'{topic.offered if topic.publishers else ""} | {names(topic.subscribers)} | '
+          f'{topic.requested if topic.subscribers else ""} | {topic.meaning} |'
+          for name, topic in TOPICS.items())])
+
+
 def file_tables(sections, but=()):
     """Return the Markdown tables of the keys of a file, one for each of its sections."""
     return '\n\n'.join(
@@ -224,7 +239,7 @@ def pieces():
     return '\n'.join(lines)
 
 
-NODES = {'simulator': SimulatorSettings, 'controller': ControllerSettings,
+NODES = {'topics': topics, 'simulator': SimulatorSettings, 'controller': ControllerSettings,
          'obstacle_decision': DecisionSettings, 'decision tuning': margins, 'gains': gains,
          'bridge': BridgeSettings, 'bridge health': health_values,
          'imu': ImuSettings, 'imu health': imu_values, 'emulated_robot': EmulatedRobotSettings}

@@ -84,7 +84,7 @@ TOPICS: Mapping[str, Topic] = MappingProxyType({
                      'controller, simulator, bridge', 'speed of the ball; geometry_msgs/msg/Twist '
                      'is accepted, too'),
     'e_stop': Topic('std_msgs/msg/Bool', LATCHED, LATCHED, 'bridge',
-                    'controller, simulator, obstacle_decision', 'true while the e-stop is '
+                    'controller, simulator, obstacle_decision, bridge', 'true while the e-stop is '
                     'engaged; volatile publishers are received, too'),
     'odom': Topic('nav_msgs/msg/Odometry', STATE, SHORT, 'simulator, bridge, emulated_robot',
                   'obstacle_decision', 'pose and velocity of `base_link`'),
