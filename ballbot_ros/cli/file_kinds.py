@@ -21,7 +21,7 @@ from ballbot_ros.physics.simulation.scene import HUMAN, Initial, SceneFile
 # Numbers of `Actuation` for which scene files have others.
 NOT_FOR_PEOPLE = ('set_angle',)
 # Options of a drive that follow from other sections of a hardware file.
-FOLLOWING = ('torque_limit', 'drive_torque_limit', 'speed_limit', 'damping', 'watchdog')
+FOLLOWING = ('torque_limit', 'drive_torque_limit', 'speed_limit', 'watchdog')
 
 
 @dataclass(frozen=True)

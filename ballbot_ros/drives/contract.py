@@ -141,9 +141,6 @@ class DriveOptions(Checked):
     drive_torque_limit: float = quantity(
         'N m', 'up to which the limits of the drive itself may be set; torque_limit where that is '
         'more', default=0.0, minimum=0.0)
-    damping: float = quantity(
-        'N m s/rad', 'torque per speed of the motor shaft by which the drive damps by itself '
-        'between two commands; 0 for none', default=0.0, minimum=0.0)
     watchdog: float = quantity(
         's', 'time without a command after which the drive must disarm by itself', default=0.1,
         above=0.0, maximum=10.0)

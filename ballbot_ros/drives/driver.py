@@ -157,10 +157,6 @@ class Driver(ABC):
         self._send(self._torque_message(min(max(torque, -limit), limit))
                    + (self._requests() if ask else b''))
 
-    def send_damped(self, torque: float, speed: float, ask: bool = True) -> None:
-        """Send a torque for a speed of the shaft [rad/s]; with `damping`, less when faster."""
-        self.send_torque(torque, ask)
-
     def ask(self) -> None:
         """Send the requests of this period only; this keeps no torque alive."""
         self._send(self._requests())

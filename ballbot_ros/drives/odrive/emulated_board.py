@@ -193,7 +193,6 @@ NAMES = {
                    'axis0.commutation_mapper.status'))}
 
 
-VELOCITY_CONTROL = 2
 CALIBRATION = 3  # FULL_CALIBRATION_SEQUENCE
 CALIBRATION_TIME = 2.0  # [s]
 CONFIG = 'axis0.controller.config.'
@@ -218,8 +217,8 @@ class Board:
     properties : dict
     sensed : Sensed
         What it measures; kept up to date from outside.
-    input_torque, input_velocity : float
-        Commanded [N m, turn/s].
+    input_torque : float
+        Commanded [N m].
 
     """
 
@@ -227,7 +226,7 @@ class Board:
         """Boot."""
         self.settings, self.names, self.sensed = settings, names, Sensed()
         self.properties = {**names.properties(settings), **saved}
-        self.input_torque = self.input_velocity = 0.0
+        self.input_torque = 0.0
         self._fed: Optional[float] = None
         self._connected = False  # the controller sees the velocity from the first arming on
         self._calibrated_at = math.inf
@@ -259,20 +258,14 @@ class Board:
     def torque(self) -> float:
         """Return the torque at the shaft [N m]; controller.cpp, update."""
         here, names = self.properties, self.names
-        mode = here[CONFIG + 'control_mode']
-        if not self.armed or mode not in (TORQUE_CONTROL, VELOCITY_CONTROL):
+        if not self.armed or here[CONFIG + 'control_mode'] != TORQUE_CONTROL:
             return 0.0
         most = self.effective_current_limit() * here[names.torque_constant]
         highest = min(here[names.torque_max], most)
         lowest = max(here[names.torque_min] if names.torque_min else -highest, -most)
         torque = min(max(self.input_torque, lowest), highest)
         gain, limit = here[CONFIG + 'vel_gain'], here[CONFIG + 'vel_limit']
-        if mode == VELOCITY_CONTROL:
-            wanted = self.input_velocity
-            if here[CONFIG + 'enable_vel_limit']:
-                wanted = min(max(wanted, -limit), limit)
-            torque += gain * (wanted - self.velocity)
-        elif here[CONFIG + 'enable_torque_mode_vel_limit']:
+        if here[CONFIG + 'enable_torque_mode_vel_limit']:
             torque = min(max(torque, gain * (-limit - self.velocity)),
                          gain * (limit - self.velocity))
         return min(max(torque, lowest), highest)

@@ -136,7 +136,6 @@ SERIAL_NUMBER = 'serial_number'
 VELOCITY_LIMIT = 'axis0.controller.config.vel_limit'
 VELOCITY_TOLERANCE = 'axis0.controller.config.vel_limit_tolerance'
 VELOCITY_GAIN = 'axis0.controller.config.vel_gain'
-VELOCITY_INTEGRATOR = 'axis0.controller.config.vel_integrator_gain'
 LIMITS_TORQUE_MODE = 'axis0.controller.config.enable_torque_mode_vel_limit'
 OVERSPEED = 'axis0.controller.config.enable_overspeed_error'
 MAX_BACK = 'config.dc_max_negative_current'  # into the supply [A], negative

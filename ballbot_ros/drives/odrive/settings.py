@@ -16,9 +16,8 @@ from typing import Callable
 from ballbot_ros.drives.contract import DriveOptions, Setting
 from ballbot_ros.drives.odrive.firmware import (
     BACK_ALLOWED, BUS_VOLTAGE, Generation, LIMITS_TORQUE_MODE, MAX_BACK, OVERSPEED, Rule,
-    VELOCITY_GAIN, VELOCITY_INTEGRATOR, VELOCITY_LIMIT, VELOCITY_TOLERANCE, WATCHDOG,
+    VELOCITY_GAIN, VELOCITY_LIMIT, VELOCITY_TOLERANCE, WATCHDOG,
     WATCHDOG_TIMEOUT)
-from ballbot_ros.errors import DriveError
 
 Read = Callable[[str], float]
 
@@ -43,43 +42,11 @@ def judge(generation: Generation, read: Read, options: DriveOptions) -> tuple[Se
     """
     return (_torque(generation, read, options), _watchdog(read, options),
             *_velocity(read, options), _braking(generation, read, options),
-            *_cascade(generation, options),
             *(_rule(rule, read(rule.name)) for rule in generation.rules))
 
 
-def set_damping(generation: Generation, options: DriveOptions, port: str,
-                write: Callable[[str, float], float]) -> None:
-    """
-    Set the gains with which the drive damps by itself; at each arming, as a restart forgets them.
-
-    Parameters
-    ----------
-    generation : Generation
-    options : DriveOptions
-    port : str
-        For messages.
-    write : callable
-        Writes a property and returns what it reads then.
-
-    Raises
-    ------
-    DriveError
-        ``not_armed`` if the drive does not take them, or what they would do is not known.
-
-    """
-    if generation.one_reply_at_a_time:
-        raise DriveError('not_armed', (
-            f'{port}: whether an ODrive with firmware {generation.name} takes velocity commands '
-            'as one with 0.5 does is not known; set cascade to 0'))
-    for name, gain in ((VELOCITY_GAIN, options.damping * math.tau), (VELOCITY_INTEGRATOR, 0.0)):
-        value = write(name, gain)
-        if not abs(value - gain) <= 0.001 * gain + PRINTED:
-            raise DriveError('not_armed', f'{port}: {name} must be {gain:.6g}, got {value:g}')
-
-
 def _torque(generation: Generation, read: Read, options: DriveOptions) -> Setting:
-    # What a drive that damps adds by itself, nothing but its own limit cuts.
-    limit = options.torque_limit if options.damping else options.own_limit
+    limit = options.own_limit
     bounds = [abs(read(name)) for name in generation.torque_limits]
     currents = read(generation.current_limit) * read(generation.torque_constant)
     # A bound that is not known is none, and a torque constant below zero is no bound either.
@@ -102,7 +69,7 @@ def _watchdog(read: Read, options: DriveOptions) -> Setting:
 def _velocity(read: Read, options: DriveOptions) -> tuple[Setting, Setting]:
     """Judge where the drive takes torque away, and where it disarms, by itself."""
     limit = read(VELOCITY_LIMIT)
-    gain = options.damping * math.tau or read(VELOCITY_GAIN)  # the one is written when arming
+    gain = read(VELOCITY_GAIN)
     limits, trips = read(LIMITS_TORQUE_MODE), read(OVERSPEED)
     tolerance = read(VELOCITY_TOLERANCE)
     fastest = RUNAWAY * options.speed_limit / math.tau
@@ -139,14 +106,6 @@ def _braking(generation: Generation, read: Read, options: DriveOptions) -> Setti
         _write(MAX_BACK, -wanted if enabled else -max(wanted, 0.1)) + (
             ' (a battery takes that. A supply does not. With a brake resistor set '
             f'{generation.brake_resistance} and {generation.brake_enabled} 1)'))
-
-
-def _cascade(generation: Generation, options: DriveOptions) -> tuple[Setting, ...]:
-    """Judge whether the drive can damp by itself, where it is to."""
-    if not options.damping or not generation.one_reply_at_a_time:
-        return ()
-    return (Setting('cascade', f'not known of firmware {generation.name}', 'firmware 0.5', False,
-                    'set cascade: 0 in the hardware file'),)
 
 
 def _rule(rule: Rule, value: float) -> Setting:

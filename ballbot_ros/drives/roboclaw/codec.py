@@ -9,13 +9,13 @@ its own, and 16 bits are all that distinguish it from noise.  Requests are there
 groups, and `ReplyParser` accepts answers only where those to a whole group follow one another.
 
 Source: RoboClaw Series User Manual (commands 14, 15, 16, 21, 24, 30, 32, 48, 49, 59, 82, 90, 135)
-and basicmicro/roboclaw_python_library.  The manual of Ion Motion Control, before BasicMicro's, has
-neither 14 nor 15, and 16 bits of status in another order; both are here.
+and basicmicro/roboclaw_python_library.  Older firmware, of Ion Motion Control, is not supported:
+it has no commands 14 and 15, and a status of 16 bits.
 """
 from binascii import crc_hqx
 from collections import Counter
 import struct
-from typing import Mapping, NamedTuple, Optional, Sequence
+from typing import NamedTuple, Optional, Sequence
 
 ADDRESSES = range(0x80, 0x88)
 ACKNOWLEDGED = 0xFF
@@ -23,8 +23,6 @@ FULL_DUTY = 32767
 
 SET_TIMEOUT, GET_TIMEOUT, GET_VERSION, GET_BATTERY = 14, 15, 21, 24
 GET_PWMS, GET_CURRENTS, GET_VOLTAGES, GET_TEMPERATURE, GET_STATUS = 48, 49, 59, 82, 90
-# The same request; the answer of old firmware.
-GET_OLD_STATUS = GET_STATUS | 0x100
 # Of motor 1 and motor 2.
 GET_ENCODER, GET_SPEED, SET_DUTY, GET_MAX_CURRENT = (16, 17), (30, 31), (32, 33), (135, 136)
 
@@ -42,7 +40,6 @@ ANSWERS: dict[int, Optional[struct.Struct]] = {
     GET_VOLTAGES: struct.Struct('>HH'),
     GET_TEMPERATURE: struct.Struct('>H'),
     GET_STATUS: struct.Struct('>I'),
-    GET_OLD_STATUS: struct.Struct('>H'),
     GET_MAX_CURRENT[0]: struct.Struct('>II'),
     GET_MAX_CURRENT[1]: struct.Struct('>II'),
 }
@@ -60,25 +57,8 @@ STATUS = {
     0x200000: 'TEMPERATURE_2_WARNING', 0x400000: 'S4_SIGNAL_TRIGGERED',
     0x800000: 'S5_SIGNAL_TRIGGERED', 0x1000000: 'SPEED_ERROR_LIMIT_WARNING',
     0x2000000: 'POSITION_ERROR_LIMIT_WARNING'}
-OLD_STATUS = {
-    0x1: 'M1_OVER_CURRENT_WARNING', 0x2: 'M2_OVER_CURRENT_WARNING', 0x4: 'E_STOP',
-    0x8: 'TEMPERATURE_ERROR', 0x10: 'TEMPERATURE_2_ERROR', 0x20: 'MAIN_VOLTAGE_HIGH_ERROR',
-    0x40: 'LOGIC_VOLTAGE_HIGH_ERROR', 0x80: 'LOGIC_VOLTAGE_LOW_ERROR',
-    0x100: 'M1_DRIVER_FAULT_ERROR', 0x200: 'M2_DRIVER_FAULT_ERROR',
-    0x400: 'MAIN_VOLTAGE_HIGH_WARNING', 0x800: 'MAIN_VOLTAGE_LOW_WARNING',
-    0x1000: 'TEMPERATURE_WARNING', 0x2000: 'TEMPERATURE_2_WARNING', 0x4000: 'M1_HOME',
-    0x8000: 'M2_HOME'}
-
-
-class StatusForm(NamedTuple):
-    """What the bits of a status mean."""
-
-    names: Mapping[int, str]
-    errors: int  # the bits that take the power off until the drive is reset, or the cause is gone
-
-
-STATUS_FORMS = {GET_STATUS: StatusForm(STATUS, 0xFFFF),
-                GET_OLD_STATUS: StatusForm(OLD_STATUS, 0x3FC)}
+# The bits that remove the power until the drive is reset, or the cause is gone.
+ERRORS = 0xFFFF
 
 
 class Reply(NamedTuple):
@@ -97,7 +77,7 @@ def command(address: int, number: int, data: bytes = b'') -> bytes:
 
 def ask(address: int, number: int) -> bytes:
     """Return a request."""
-    return bytes((address, number & 0xFF))
+    return bytes((address, number))
 
 
 def set_duty(address: int, motor: int, duty: float) -> bytes:

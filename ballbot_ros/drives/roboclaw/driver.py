@@ -22,8 +22,6 @@ COUNTER = 2**32  # the encoder counter wraps
 
 # What is asked one at a time beside position and speed; the status comes every other time.
 SLOW = (codec.GET_BATTERY, codec.GET_CURRENTS, codec.GET_TEMPERATURE)
-# How long a handshake waits for a status in the new form before it asks for one in the old [s].
-NEW_FORM = 0.1
 
 
 @dataclass(frozen=True)
@@ -73,7 +71,6 @@ class RoboClaw(Driver):
         self._duty = 0.0
         self._commanded_at = -math.inf
         self._counts = 0  # of the encoder, without the wraps of its counter
-        self._status = codec.GET_STATUS  # in the form of this firmware
 
     # What waits
 
@@ -82,12 +79,7 @@ class RoboClaw(Driver):
         deadline = self.clock() + patience
         text = self._ask(codec.GET_VERSION, deadline, handshake=True).text.strip()
         self._ask(codec.GET_BATTERY, deadline)
-        self._status = codec.GET_STATUS
-        try:
-            self._ask(codec.GET_STATUS, min(deadline, self.clock() + NEW_FORM))
-        except DriveError:
-            self._status = codec.GET_OLD_STATUS
-            self._ask(codec.GET_OLD_STATUS, deadline)
+        self._ask(codec.GET_STATUS, deadline)
         name, _, version = text.rpartition(' ')
         return Identity(self.protocol, name, version.removeprefix('v'))
 
@@ -145,7 +137,7 @@ class RoboClaw(Driver):
         others with a reset (commands 200 to 202 for its e-stop are of the MCP series).
         """
         self.stop(patience)
-        self._ask(self._status, self.clock() + patience)
+        self._ask(codec.GET_STATUS, self.clock() + patience)
         if self.telemetry.faults:
             raise DriveError('not_clearable', (
                 f'{self.line.port}: the RoboClaw names {", ".join(self.telemetry.faults)}, which '
@@ -153,7 +145,7 @@ class RoboClaw(Driver):
         return ()
 
     def _arm(self, deadline: float) -> None:
-        self._ask(self._status, deadline)
+        self._ask(codec.GET_STATUS, deadline)
         if self.telemetry.faults:
             raise DriveError('not_armed', (
                 f'{self.line.port}: the RoboClaw names {", ".join(self.telemetry.faults)}'))
@@ -185,7 +177,7 @@ class RoboClaw(Driver):
 
     def feed(self) -> None:
         """Feed the watchdog and leave the duty as it is; see `Driver`."""
-        self._send(self._group(codec.GET_PWMS, self._status))
+        self._send(self._group(codec.GET_PWMS, codec.GET_STATUS))
         self._commanded_at = self.clock()
 
     def ask(self) -> None:
@@ -215,7 +207,7 @@ class RoboClaw(Driver):
         return codec.set_duty(self.options.address, self.options.motor, duty)
 
     def _stop_message(self) -> bytes:
-        return self._duty_message(0.0) + self._group(codec.GET_PWMS, self._status)
+        return self._duty_message(0.0) + self._group(codec.GET_PWMS, codec.GET_STATUS)
 
     def _requests(self) -> bytes:
         now = self.clock()
@@ -223,7 +215,7 @@ class RoboClaw(Driver):
             return self._group(*self._motion)
         self._slow_at = now
         self._turn += 1
-        slow = SLOW[self._turn // 2 % len(SLOW)] if self._turn % 2 else self._status
+        slow = SLOW[self._turn // 2 % len(SLOW)] if self._turn % 2 else codec.GET_STATUS
         return self._group(slow, *self._motion)
 
     def _group(self, *numbers: int) -> bytes:
@@ -276,9 +268,8 @@ class RoboClaw(Driver):
             self.telemetry = last._replace(current=values[motor] / 100.0)
         elif number == codec.GET_TEMPERATURE:
             self.telemetry = last._replace(temperature=values[0] / 10.0)
-        elif number in codec.STATUS_FORMS:
-            names, errors = codec.STATUS_FORMS[number]
-            faults = bit_names(values[0] & errors, names)
+        elif number == codec.GET_STATUS:
+            faults = bit_names(values[0] & codec.ERRORS, codec.STATUS)
             self.telemetry = last._replace(
                 status_time=now, faults=faults, armed=self._armed and not faults,
-                warnings=bit_names(values[0] & ~errors, names))
+                warnings=bit_names(values[0] & ~codec.ERRORS, codec.STATUS))

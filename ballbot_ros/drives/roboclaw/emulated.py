@@ -21,7 +21,7 @@ TIMEOUT_UNIT = 0.1
 VERSION = 'USB Roboclaw 2x30a v4.2.8\n'
 BITS = {name: bit for bit, name in codec.STATUS.items()}
 BRAKING = BITS['E_STOP'] | BITS['MAIN_VOLTAGE_HIGH_WARNING']
-POWERLESS = codec.STATUS_FORMS[codec.GET_STATUS].errors | BITS['MAIN_VOLTAGE_LOW_WARNING'] \
+POWERLESS = codec.ERRORS | BITS['MAIN_VOLTAGE_LOW_WARNING'] \
     | BITS['MAIN_VOLTAGE_HIGH_WARNING']
 WARM = 15.0  # below the highest temperature the current is reduced [K]
 VOLTAGES = (100, 340)  # of the supply, least and most [0.1 V]
@@ -34,9 +34,6 @@ class RoboClawDevice(Device):
 
     protocol = 'roboclaw'
     quirks = {
-        'status_16': Quirk(
-            'the status has 16 bits, in another order',
-            'RoboClaw Series User Manual of Ion Motion Control, command 90'),
         'no_timeout': Quirk(
             'no serial timeout: commands 14 and 15 are unknown',
             'RoboClaw Series User Manual of Ion Motion Control, which does not list them'),
@@ -69,7 +66,6 @@ class RoboClawDevice(Device):
                 100.0 * self.torque() / self.settings.torque_constant), 0),
             codec.GET_VOLTAGES: lambda: VOLTAGES,
             codec.GET_STATUS: lambda: (self._status,),
-            codec.GET_OLD_STATUS: lambda: (self._old_status(),),
             codec.GET_MAX_CURRENT[0]: lambda: (round(100.0 * self.settings.largest_current), 0),
             codec.GET_MAX_CURRENT[1]: lambda: (0, 0),
         }
@@ -107,11 +103,6 @@ class RoboClawDevice(Device):
 
     def _effective_duty(self) -> float:
         return 0.0 if self._status & POWERLESS else self._duty
-
-    def _old_status(self) -> int:
-        """Return the status in the order of old firmware."""
-        return sum(bit for bit, name in codec.OLD_STATUS.items()
-                   if self._status & BITS.get(name, 0))
 
     def _counts(self, angle: float) -> int:
         """Return encoder counts as the 32 bits that they are sent in."""
@@ -151,8 +142,6 @@ class RoboClawDevice(Device):
         return bytes((codec.ACKNOWLEDGED,))
 
     def _answer(self, number: int) -> bytes:
-        if number == codec.GET_STATUS and self.has('status_16'):
-            number = codec.GET_OLD_STATUS
         if number == codec.GET_TIMEOUT and self.has('no_timeout'):
             return b''
         if number == codec.GET_VERSION:

@@ -90,9 +90,8 @@ def test_a_roboclaw_that_warns_is_told_and_goes_on(bus_voltage, temperature, war
     assert robot.run(0.2, torque=0.3).telemetry.warnings == () and robot.motor > 0.0
 
 
-@pytest.mark.parametrize('quirks', [(), ('status_16',)])
-def test_a_roboclaw_whose_e_stop_is_pressed_names_it_in_either_form(quirks):
-    robot = with_quirks('roboclaw', *quirks).ready()
+def test_a_roboclaw_whose_e_stop_is_pressed_names_it():
+    robot = VirtualRobot('roboclaw').ready()
     robot.run(0.1, torque=0.5)
     assert robot.motor > 0.0
     robot.stop_switch = 1.0
@@ -122,7 +121,7 @@ def test_the_serial_timeout_of_a_roboclaw_is_set_at_every_start():
 
 
 def test_a_roboclaw_without_a_serial_timeout_is_refused():
-    robot = with_quirks('roboclaw', 'no_timeout', 'status_16')
+    robot = with_quirks('roboclaw', 'no_timeout')
     with pytest.raises(ConfigurationError, match='watchdog is unknown, must be at most 0.1 s'):
         robot.session.configure()
 

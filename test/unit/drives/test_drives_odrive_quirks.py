@@ -211,17 +211,3 @@ def test_0_5_1_does_not_clear_errors():
     fresh.receive(b'sc\n', 1.0)
     assert fresh.properties['axis0.error'] == 0
 
-
-# Velocity mode; ascii_protocol.cpp, cmd_set_velocity
-
-def test_a_velocity_command_is_followed_with_the_gain_and_the_torque_given_beside_it():
-    device = drive('0.5')
-    write(device, 'axis0.controller.config.vel_gain', 0.01)
-    device.receive(b'v 0 3.0 0.02\n', 1.0)
-    assert device.properties['axis0.controller.config.control_mode'] == 2
-    turn(device, 1.0)
-    assert device.torque() == pytest.approx(0.02 + 0.01 * 2.0)
-    device.receive(b'v 0 1.0\n', 1.0)  # the torque beside it stays
-    assert device.torque() == pytest.approx(0.02)
-    device.receive(b'v 0 1e9 0\n', 1.0)
-    assert device.torque() == pytest.approx(0.1)

@@ -47,8 +47,7 @@ def test_commands_have_the_numbers_of_the_manual():
 def test_answers_have_the_lengths_of_the_manual():
     # Data and CRC; text up to 48 bytes.
     lengths = {15: 1, 16: 5, 17: 5, 21: 48, 24: 2, 30: 5, 31: 5, 48: 4, 49: 4, 82: 2, 90: 4,
-               135: 8, 136: 8, 59: 4, codec.GET_OLD_STATUS: 2}
-    assert codec.ask(0x80, codec.GET_OLD_STATUS) == codec.ask(0x80, codec.GET_STATUS)
+               135: 8, 136: 8, 59: 4}
     assert {number: codec.answer_length(number) - 2 for number in codec.ANSWERS} == lengths
 
 
@@ -144,40 +143,14 @@ def test_only_errors_take_the_power_off_and_every_bit_has_one_name(bench, bit):
     assert telemetry.armed is (bit >= 16)
 
 
-@pytest.mark.parametrize('bit', range(16))
-def test_of_the_16_bits_of_old_firmware_too(bit):
-    bench = Bench('roboclaw', DriveSettings(quirks=('status_16',)))
-    bench.driver.identify()
-    bench.driver.arm()
-    told(bench, codec.GET_OLD_STATUS, 1 << bit)
-    telemetry = bench.cycles(30)
-    # M1 OverCurrent Warning and M2 OverCurrent Warning, then eight errors, then warnings
-    is_error = 2 <= bit < 10
-    assert (len(telemetry.faults), len(telemetry.warnings)) == ((1, 0) if is_error else (0, 1))
-    assert telemetry.armed is not is_error
-
-
-@pytest.mark.parametrize('bits, name', [
-    (0x1, 'M1_OVER_CURRENT_WARNING'), (0x2, 'M2_OVER_CURRENT_WARNING'), (0x4, 'E_STOP'),
-    (0x8, 'TEMPERATURE_ERROR'), (0x10, 'TEMPERATURE_2_ERROR'), (0x20, 'MAIN_VOLTAGE_HIGH_ERROR'),
-    (0x40, 'LOGIC_VOLTAGE_HIGH_ERROR'), (0x80, 'LOGIC_VOLTAGE_LOW_ERROR'),
-    (0x100, 'M1_DRIVER_FAULT_ERROR'), (0x200, 'M2_DRIVER_FAULT_ERROR'),
-    (0x400, 'MAIN_VOLTAGE_HIGH_WARNING'), (0x800, 'MAIN_VOLTAGE_LOW_WARNING'),
-    (0x1000, 'TEMPERATURE_WARNING'), (0x2000, 'TEMPERATURE_2_WARNING'), (0x4000, 'M1_HOME'),
-    (0x8000, 'M2_HOME')])
-def test_old_status_bits_have_the_names_of_the_older_manual(bits, name):
-    assert bit_names(bits, codec.OLD_STATUS) == (name,)
-
-
-@pytest.mark.parametrize('quirks', [(), ('status_16',)])
 @pytest.mark.parametrize('sensed, faults, warnings', [
     ({}, (), ()), ({'temperature': 90.0}, (), ('TEMPERATURE_WARNING',)),
     ({'temperature': 101.0}, ('TEMPERATURE_ERROR',), ('TEMPERATURE_WARNING',)),
     ({'bus_voltage': 9.0}, (), ('MAIN_VOLTAGE_LOW_WARNING',)),
     ({'bus_voltage': 35.0}, (), ('MAIN_VOLTAGE_HIGH_WARNING',)),
     ({'stop_switch': 1.0}, ('E_STOP',), ())])
-def test_both_forms_of_the_status_say_the_same(quirks, sensed, faults, warnings):
-    bench = Bench('roboclaw', DriveSettings(quirks=quirks))
+def test_the_status_names_errors_and_warnings(sensed, faults, warnings):
+    bench = Bench('roboclaw')
     bench.driver.identify()
     bench.driver.arm()
     bench.device.sensed = bench.device.sensed._replace(**sensed)
@@ -243,7 +216,7 @@ def test_a_serial_timeout_that_stays_otherwise_is_judged(watchdog, timeout, acce
 
 
 def test_firmware_without_a_serial_timeout_is_refused_with_what_to_do():
-    bench = Bench('roboclaw', DriveSettings(quirks=('no_timeout', 'status_16')))
+    bench = Bench('roboclaw', DriveSettings(quirks=('no_timeout',)))
     bench.driver.identify()
     bad, = (item for item in bench.driver.read_settings() if not item.acceptable)
     assert (bad.name, bad.value) == ('watchdog', 'unknown') and 'firmware' in bad.remedy

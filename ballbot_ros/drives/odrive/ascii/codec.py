@@ -61,13 +61,6 @@ def torque(axis: int, value: float) -> bytes:
     return line(f'c {axis} {value / TORQUE_SCALE:.9f}e{TORQUE_EXPONENT}')
 
 
-def velocity(axis: int, value: float, torque: float) -> bytes:
-    """Return the command for a velocity [turn/s] with a torque [N m]; feeds the watchdog."""
-    scaled = ' '.join(f'{number / TORQUE_SCALE:.9f}e{TORQUE_EXPONENT}' for number in (
-        value, torque))
-    return line(f'v {axis} {scaled}')
-
-
 @cache
 def feedback(axis: int) -> bytes:
     """Return the request for position and velocity."""

@@ -14,7 +14,7 @@ from ballbot_ros.drives.odrive.ascii.status import DriveStatus, MARKER, Requests
 from ballbot_ros.drives.odrive.firmware import (
     CLOSED_LOOP_CONTROL, CONTROL_MODE, Generation, generation_of, GENERATIONS, HARDWARE,
     hardware_name, IDLE, in_words, REQUESTED_STATE, SERIAL_NUMBER, STATE, TORQUE_CONTROL, VERSION)
-from ballbot_ros.drives.odrive.settings import judge, set_damping
+from ballbot_ros.drives.odrive.settings import judge
 from ballbot_ros.errors import DriveError
 
 
@@ -57,7 +57,6 @@ class ODrive(Driver):
         self._texts: deque[str] = deque(maxlen=8)  # neither feedback nor an answer
         self._then: Optional[str] = None  # property to ask for once the position has come
         self._period_began = -math.inf
-        self._speed: Optional[float] = None  # that the torque being sent is for [rad/s]
 
     @property
     def _generation(self) -> Generation:
@@ -109,9 +108,6 @@ class ODrive(Driver):
             raise DriveError('not_armed', (
                 f'{self.line.port}: the ODrive does not go into torque control, see '
                 f'{self._path(CONTROL_MODE)}'))
-        if self.options.damping:
-            set_damping(self._generation, self.options, self.line.port, lambda name, value:
-                        self._write(name, value, deadline))
         self._refuse_faults(deadline)
         self._send(codec.write(self._path(REQUESTED_STATE), CLOSED_LOOP_CONTROL))
         while self._read(STATE, deadline) != CLOSED_LOOP_CONTROL:
@@ -168,24 +164,13 @@ class ODrive(Driver):
     def budget(self) -> WireBudget:
         """Return the bytes of a period with the longest request, whatever the firmware."""
         axis, limit = self.options.axis, -self.options.torque_limit
-        command = len(codec.velocity(axis, -1e3, limit) if self.options.damping
-                      else codec.torque(axis, limit))
+        command = len(codec.torque(axis, limit))
         ask = max(len(codec.read(self._path(name)))
                   for generation in GENERATIONS for name in generation.polled)
         most = max(len(codec.feedback(axis)) + ask, len(codec.marker(codec.MARKERS[0])))
         return WireBudget(command + most, LONGEST_FEEDBACK + LONGEST_VALUE)
 
-    def send_damped(self, torque: float, speed: float, ask: bool = True) -> None:
-        """Let the drive damp from here; see `Driver`.  No torque is none, at any speed."""
-        self._speed = speed if self.options.damping and torque else None
-        try:
-            self.send_torque(torque, ask)
-        finally:
-            self._speed = None
-
     def _torque_message(self, torque: float) -> bytes:
-        if self._speed is not None:
-            return codec.velocity(self.options.axis, self._speed / math.tau, torque)
         return codec.torque(self.options.axis, torque)
 
     def _requests(self) -> bytes:

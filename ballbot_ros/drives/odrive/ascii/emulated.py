@@ -20,7 +20,7 @@ from typing import Callable, Mapping, Optional
 from ballbot_ros.drives.contract import BITS_PER_BYTE
 from ballbot_ros.drives.odrive.ascii.codec import checksum, frame_reply, LINE_END, LONGEST_LINE
 from ballbot_ros.drives.odrive.emulated_board import (
-    BoardDevice, CONFIG, ENUMERATIONS, QUIRKS, VELOCITY_CONTROL)
+    BoardDevice, CONFIG, ENUMERATIONS, QUIRKS)
 from ballbot_ros.drives.odrive.firmware import TORQUE_CONTROL
 
 LONGEST_COMMAND = 256
@@ -28,7 +28,6 @@ LONGEST_VALUE = 9
 LINE_ENDS = re.compile(rb'[\r\n!]')
 NUMBER = r'(?:[0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?|\.[0-9]+(?:[eE][-+]?[0-9]+)?|inf|nan)'
 FLOAT = rf'\s*([-+]?{NUMBER})'
-TWO_FLOATS = rf'{FLOAT}(?:{FLOAT})?'
 
 
 class ODriveDevice(BoardDevice):
@@ -92,8 +91,6 @@ class ODriveDevice(BoardDevice):
         letter = text[:1]
         if letter == 'c':
             return self._with_axis(text, now, FLOAT, self._set_torque)
-        if letter == 'v':
-            return self._with_axis(text, now, TWO_FLOATS, self._set_velocity)
         if letter == 'f':
             return self._with_axis(text, None, '', lambda _: [
                 f'{self.sensed.position / math.tau:f} {self.sensed.velocity / math.tau:f}'])
@@ -137,13 +134,6 @@ class ODriveDevice(BoardDevice):
     def _set_torque(self, numbers: tuple[float, ...]) -> list[str]:
         self._set_mode(TORQUE_CONTROL)
         self.board.input_torque = numbers[0]
-        return []
-
-    def _set_velocity(self, numbers: tuple[float, ...]) -> list[str]:
-        self._set_mode(VELOCITY_CONTROL)
-        self.board.input_velocity = numbers[0]
-        if len(numbers) > 1:
-            self.board.input_torque = numbers[1]
         return []
 
     def _set_mode(self, mode: int) -> None:
