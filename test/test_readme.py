@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """README and documents say what the code does."""
 import argparse
-from importlib import import_module
 from pathlib import Path
 import re
 import subprocess
@@ -41,7 +40,7 @@ def test_every_document_can_be_reached_from_the_readme():
 
 
 def test_every_command_that_is_printed_has_its_verb_and_options():
-    from ballbot_ros.cli.command import VERBS
+    from ballbot_ros.cli.command import load_verb, VERBS
     printed, unknown = 0, []
     for document in DOCUMENTS:
         text = document.read_text(encoding='utf-8').replace('\\\n', ' ')
@@ -52,7 +51,7 @@ def test_every_command_that_is_printed_has_its_verb_and_options():
                 unknown.append(words)
                 continue
             parser = argparse.ArgumentParser()
-            import_module(VERBS[verb][0]).add_arguments(parser)
+            load_verb(verb).add_arguments(parser)
             options = {option for action in parser._actions for option in action.option_strings}
             if verb == 'run' and '--ros-args' in rest:
                 del rest[rest.index('--ros-args'):]  # of ROS, not ours

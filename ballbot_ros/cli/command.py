@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Find the verb on the command line and hand over to its module.
+Find the verb on the command line and call its module.
 
 Each verb is a line of `VERBS` and a module with ``add_arguments(parser)`` and
-``run(arguments) -> int``.  Only the module of the verb that was asked for is imported, and
-it imports what is heavy inside ``run``: help and errors come at once.
+``run(arguments) -> int``, or a `Verb` in a module that has several.  Only the module of the verb
+that was given is imported, and it imports heavy modules inside ``run``: help and errors come
+immediately.
 """
 import argparse
 from contextlib import contextmanager
@@ -15,82 +16,91 @@ import os
 import signal
 import sys
 from threading import current_thread, Event, main_thread
-from typing import Iterator, NoReturn, Optional, Sequence
+from typing import Any, Callable, Iterator, NamedTuple, NoReturn, Optional, Sequence
 
 from ballbot_ros import __version__
 from ballbot_ros.errors import BallbotError, ConfigurationError
 
-# Verb -> its module and what it does.
+
+class Verb(NamedTuple):
+    """A verb of a module that has several."""
+
+    add_arguments: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace], int]
+
+
+# Verb -> its module, or module:name of a `Verb` in it; and what it does.
 VERBS = {
-    'demo': ('ballbot_ros.cli.demo', 'show all ROS nodes at work: the robot meets a step that '
-             'it can cross and one that it cannot'),
-    'run': ('ballbot_ros.cli.run', 'run a node as ros2 run does, or an experiment from a file'),
-    'drive': ('ballbot_ros.cli.drive', 'drive the robot from the keyboard or with a gamepad'),
-    'topics': ('ballbot_ros.cli.topics', 'list the topics of the running graph'),
-    'echo': ('ballbot_ros.cli.echo', 'print the messages of a topic'),
-    'hz': ('ballbot_ros.cli.hz', 'print how often messages of a topic arrive'),
-    'record': ('ballbot_ros.cli.record', 'record topics into an MCAP bag'),
-    'release-e-stop': ('ballbot_ros.cli.release_e_stop', 'release the e-stop, so that the '
-                       'motor may have power again, if the bridge allows it'),
-    'engage-e-stop': ('ballbot_ros.cli.engage_e_stop', 'engage the e-stop, which takes '
-                      'the power off the motor'),
-    'simulate': ('ballbot_ros.cli.simulate', 'run a scene and keep numbers and figures'),
-    'view': ('ballbot_ros.cli.view', 'look at a scene in the browser, and drive it'),
-    'max-step-height': ('ballbot_ros.cli.max_step_height',
-                        'find the highest step that a robot gets over'),
-    'fit-curve': ('ballbot_ros.cli.fit_curve', 'make the height curve of a robot, for '
-                  'obstacle_decision'),
-    'evaluate-decision': ('ballbot_ros.cli.evaluate_decision', 'try the obstacle decision in '
-                          'closed loop, in thousands of random approaches'),
-    'sweep': ('ballbot_ros.cli.sweep', 'try crossings while any numbers vary, on all cores '
-              'or a cluster'),
-    'identify': ('ballbot_ros.cli.identify', 'estimate numbers of a robot from a recorded run'),
-    'compare-models': ('ballbot_ros.cli.compare_models', 'compare simpler models of the '
-                       'highest step with the simulation'),
-    'calibrate-motor': ('ballbot_ros.cli.calibrate_motor', 'find direction, encoder scale and '
-                        'torque of a real motor, gently, and write a hardware file'),
-    'doctor': ('ballbot_ros.cli.doctor', 'find out why a motor controller does not answer'),
-    'emulate-motor': ('ballbot_ros.cli.emulate_motor', 'emulate a motor controller, with the '
-                      'ball behind it, on a serial device'),
-    'replay': ('ballbot_ros.cli.replay', 'run a recorded bag again beside the model, or show what '
-               'happened before a fault, from the file of a black box'),
-    'on-timeout': ('ballbot_ros.cli.on_timeout', 'show what the ball does on a slope when its '
-                   'commands stop'),
-    'figures': ('ballbot_ros.cli.figures', "draw the paper's figures, re-simulated, and some "
-                'more'),
-    'scenes': ('ballbot_ros.cli.scenes', 'list the scenes that come with the package'),
-    'test-bench': ('ballbot_ros.cli.test_bench', 'roll a virtual robot into steps as the '
-                   "paper's tests did"),
-    'outcomes': ('ballbot_ros.cli.outcomes', 'list, export or reset the attempts at steps that a '
-                 'robot has made, or show what they teach'),
-    'new': ('ballbot_ros.cli.new', 'write a commented template of a file: robot, scene, hardware, '
-            'experiment, gains or margins'),
-    'robots': ('ballbot_ros.cli.robots', 'list the robots, or the numbers of one of them'),
+    'demo': ('demo', 'run all ROS nodes: the robot meets a step that it can cross and one that it '
+             'cannot'),
+    'run': ('run', 'run a node as ros2 run does, or an experiment from a file'),
+    'drive': ('drive', 'drive the robot from the keyboard or with a gamepad'),
+    'topics': ('graph:TOPICS', 'list the topics of the running graph'),
+    'echo': ('graph:ECHO', 'print the messages of a topic'),
+    'hz': ('graph:HZ', 'print the rate of the messages of a topic'),
+    'record': ('graph:RECORD', 'record topics into an MCAP bag'),
+    'release-e-stop': ('graph:RELEASE', 'release the e-stop, if the bridge allows it; motor power '
+                       'can then be enabled'),
+    'engage-e-stop': ('graph:ENGAGE', 'engage the e-stop, which disables motor power'),
+    'simulate': ('simulate', 'simulate a scene; write numbers and figures'),
+    'view': ('view', 'show a scene, a bag or running nodes in the browser, and drive there'),
+    'max-step-height': ('max_step_height', 'compute the maximum step height of a robot'),
+    'fit-curve': ('fit_curve', 'fit the height curve of a robot for obstacle_decision'),
+    'evaluate-decision': ('evaluate_decision', 'evaluate the obstacle decision in closed loop, '
+                          'over thousands of random approaches'),
+    'sweep': ('sweep', 'compute crossings over any parameters, on all cores or a cluster'),
+    'identify': ('identify', 'estimate parameters of a robot from a recorded run'),
+    'compare-models': ('compare_models', 'compare simpler models of the maximum step height with '
+                       'the simulation'),
+    'calibrate-motor': ('calibrate_motor', 'measure direction, encoder scale and torque of a real '
+                        'motor at low torque; write a hardware file'),
+    'doctor': ('doctor', 'diagnose a motor controller that does not respond'),
+    'emulate-motor': ('emulate_motor', 'emulate a motor controller and a simulated ball on a '
+                      'serial device'),
+    'replay': ('replay', 'replay a recorded bag beside the model, or show the black box of a '
+               'fault'),
+    'on-timeout': ('on_timeout', 'show the motion of the ball on a slope when its commands stop'),
+    'figures': ('figures', "draw the paper's figures from new simulations, and some more"),
+    'scenes': ('listing:SCENES', 'list the scenes that come with the package'),
+    'test-bench': ('test_bench', "roll a virtual robot into steps as in the paper's tests"),
+    'outcomes': ('outcomes', 'list, export or reset the logged attempts of a robot, or show the '
+                 'parameters learned from them'),
+    'new': ('new', 'write a commented template of a file: robot, scene, hardware, experiment, '
+            'gains or margins'),
+    'robots': ('listing:ROBOTS', 'list the robots, or print the parameters of one'),
 }
 
-# Exit codes: of the shell for what a signal ended (128 + its number), argparse's for misuse.
+# Exit codes: 128 + number of the signal as in a shell; 2 for misuse as in argparse.
 DONE, FAILED, MISUSED, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
-CUT_SHORT = 'interrupted; files written before are complete, others were not begun'
+INTERRUPTION = 'interrupted; files written so far are complete, others were not started'
+
+
+def load_verb(name: str) -> Any:
+    """Return the module or the `Verb` of a name in `VERBS`: it has add_arguments and run."""
+    module, _, part = VERBS[name][0].partition(':')
+    found = import_module(f'ballbot_ros.cli.{module}')
+    return getattr(found, part) if part else found
 
 
 class Parser(argparse.ArgumentParser):
     """A parser that raises instead of printing its usage and ending the program."""
 
-    words: Sequence[str] = ()  # all that was given
-    asked: Optional['Parser'] = None  # that of the verb
+    words: Sequence[str] = ()  # of the command line
+    of_verb: Optional['Parser'] = None
 
     def error(self, message: str) -> NoReturn:
         """Raise `ConfigurationError`, with the nearest option of a misspelt one."""
-        known = (self.asked or self)._option_string_actions
+        known = (self.of_verb or self)._option_string_actions
         words = [word.split('=')[0].strip("':,") for word in message.split()]
         words += [word.split('=')[0] for word in self.words if word[:2] == '--']
-        # What follows --ros-args is not ours.
+        # Options after --ros-args belong to the node.
         words = words[:words.index('--ros-args')] if '--ros-args' in words else words
         hints = [f'{word}: did you mean {near[0]}?' for word in dict.fromkeys(words)
                  if word.startswith('--') and word not in known
                  and (near := get_close_matches(word, known, n=1))]
-        raise ConfigurationError('; '.join(
-            [message, *hints, f'see {(self.asked or self).prog} --help']))
+        raise ConfigurationError(
+            '; '.join([message, *hints, f'see {(self.of_verb or self).prog} --help']), 'usage',
+            next((word for word in words if word.startswith('--')), ''))
 
 
 def main(argv: Optional[Sequence[str]] = None) -> int:
@@ -105,23 +115,23 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     Returns
     -------
     int
-        Exit code: 0, 1 for a run that could not go on, 2 for a mistake in the arguments or
-        a file, 130 after Ctrl-C.
+        Exit code: 0, 1 for a failed run, 2 for an error in the arguments or a file, 130 after
+        Ctrl-C.
 
     """
     with _interruption() as pressed:
         try:
             return _guarded(argv)
         except Exception:
-            # An extension that was compiling or calling back has made its own of Ctrl-C.
+            # An extension that was compiling or calling back replaced KeyboardInterrupt.
             if not pressed.is_set():
                 raise
-            print_error(CUT_SHORT)
+            print_error(INTERRUPTION)
             return INTERRUPTED
 
 
 def _guarded(argv: Optional[Sequence[str]]) -> int:
-    """Run, and turn each expected way to end into a line and an exit code."""
+    """Run; report each expected error as a line and an exit code."""
     try:
         try:
             code = _run(list(sys.argv[1:] if argv is None else argv))
@@ -129,23 +139,23 @@ def _guarded(argv: Optional[Sequence[str]]) -> int:
             sys.stdout.flush()
         return code
     except BrokenPipeError:
-        # Whoever read has gone; what is still buffered must not fail again at the exit.
+        # The reader has closed the pipe; buffered text must not fail again at the exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return PIPE_CLOSED
     except KeyboardInterrupt:
-        print_error(CUT_SHORT)
+        print_error(INTERRUPTION)
         return INTERRUPTED
     except BallbotError as error:
-        print_error(str(error))
+        print_refusal(error)
         return MISUSED
     except MemoryError:
-        print_error('not enough memory; ask for a shorter duration or a larger output_step')
+        print_error('not enough memory; use a shorter duration or a larger output_step')
         return FAILED
 
 
 @contextmanager
 def _interruption() -> Iterator[Event]:
-    """Give an event that Ctrl-C sets, also where its exception gets lost."""
+    """Yield an event that Ctrl-C sets, even if its exception gets lost."""
     pressed = Event()
 
     def note(*_: object) -> None:
@@ -163,6 +173,12 @@ def _interruption() -> Iterator[Event]:
             signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def print_refusal(error: BallbotError) -> None:
+    """Print an error of this package; each of several in a file on a line of its own."""
+    for message in getattr(error, 'messages', None) or (str(error),):
+        print_error(message)
+
+
 def print_error(message: str) -> None:
     """Print an error as one line on standard error."""
     print(f'ballbot: error: {" ".join(message.split())}', file=sys.stderr)
@@ -176,17 +192,18 @@ def _run(words: list[str]) -> int:
     if verb is not None and verb not in VERBS:
         from ballbot_ros.config.fields import suggestion
         raise ConfigurationError(
-            f'{verb!r} is not a command{suggestion(verb, VERBS)}; see ballbot --help')
+            f'{verb!r} is not a command{suggestion(verb, VERBS)}; see ballbot --help',
+            'unknown_name', verb)
     parser = Parser(prog='ballbot', allow_abbrev=False, description=(
         'Simulator, controller and obstacle decision for a pendulum-driven ball robot.'))
     parser.add_argument('--version', action='version', version=f'ballbot {__version__}')
     choices = parser.add_subparsers(dest='verb', metavar='command', parser_class=Parser)
-    for name, (module, help_text) in VERBS.items():
+    for name, (_, help_text) in VERBS.items():
         sub = choices.add_parser(name, help=help_text, allow_abbrev=False,
                                  description=f'{help_text[0].upper()}{help_text[1:]}.')
         if name == verb:
-            import_module(module).add_arguments(sub)
-            parser.asked = sub
+            load_verb(name).add_arguments(sub)
+            parser.of_verb = sub
             parser.words = sub.words = words
     try:
         arguments = parser.parse_args(words)
@@ -196,13 +213,13 @@ def _run(words: list[str]) -> int:
         parser.print_help()
         return MISUSED
     with _warnings_off(getattr(arguments, 'quiet', False)):
-        code: int = import_module(VERBS[arguments.verb][0]).run(arguments)
+        code: int = load_verb(arguments.verb).run(arguments)
     return code
 
 
 @contextmanager
 def _warnings_off(quiet: bool) -> Iterator[None]:
-    """Keep the log of the package, where kernels say that they compile, to errors if asked to."""
+    """Limit the log of the package, compile notices included, to errors if quiet."""
     log = logging.getLogger('ballbot_ros')
     level = log.level
     if quiet:

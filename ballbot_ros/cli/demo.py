@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def check(arguments: argparse.Namespace) -> None:
     """Refuse what is out of range, does not exist or does not go together."""
-    from ballbot_ros.cli.listing import check_name
+    from ballbot_ros.config.files import find_config
     from ballbot_ros.drives import device_class
     for option in ('timeout', 'duration'):
         value = getattr(arguments, option)
@@ -107,7 +107,7 @@ def check(arguments: argparse.Namespace) -> None:
                                      'the bridge on its own scene')
     for option in OWN:
         if getattr(arguments, option) is not None:
-            check_name(f'{option}s', getattr(arguments, option))
+            find_config(f'{option}s', getattr(arguments, option))
     protocol = arguments.protocol or 'odrive'
     known = device_class(protocol).firmwares
     if arguments.firmware and (not arguments.hardware or arguments.firmware not in known):

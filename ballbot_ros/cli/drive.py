@@ -2,18 +2,26 @@
 """The verb ``drive``: the robot from a keyboard or a gamepad."""
 import argparse
 from contextlib import contextmanager
+from dataclasses import dataclass
+import math
 import shutil
 import signal
 import sys
 import time
-from typing import Any, Iterator
+from typing import Any, Iterator, Optional
 
 from ballbot_ros.cli.command import DONE, FAILED, print_error
 from ballbot_ros.errors import ConfigurationError
 
 RATE = 20.0  # of cmd_vel [Hz]
 SHOWN = 0.1  # how often the line is written again [s]
-FASTEST = 3.0  # that may be asked for [m/s]
+SPEED_MAX = 3.0  # largest --max-speed [m/s]
+# With a dead man's switch a key counts as held for so long after it was last repeated [s]:
+# keyboards wait up to 0.66 s before they repeat a key, and less after that.
+HELD_FIRST, HELD = 0.75, 0.25
+
+HELP = ('up/down faster, slower   space stop   e e-stop   R release it   q quit')
+HOLD_HELP = ('hold up/down to drive   space stop   e e-stop   R release it   q quit')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,19 +43,19 @@ def run(arguments: argparse.Namespace) -> int:
     """Drive until q; 1 if the terminal or the gamepad went away."""
     for name in ('step', 'max_speed'):
         value = getattr(arguments, name)
-        if not 0.0 < value <= FASTEST:
+        if not 0.0 < value <= SPEED_MAX:
             raise ConfigurationError(f'--{name.replace("_", "-")} must be above 0 and at most '
-                                     f'{FASTEST:g} m/s, got {value:g}')
+                                     f'{SPEED_MAX:g} m/s, got {value:g}')
     if arguments.step > arguments.max_speed:
         raise ConfigurationError(f'--step {arguments.step:g} is more than --max-speed '
                                  f'{arguments.max_speed:g}')
     from ballbot_ros.cli.gamepad import open_gamepad
+    from ballbot_ros.cli.graph import note, tool
     from ballbot_ros.cli.keyboard import Keyboard
-    from ballbot_ros.cli.running_graph import tell, tool
     keyboard = Keyboard()
     gamepad = open_gamepad() if arguments.gamepad else None
     observer_class, driver = tool('observer').Observer, tool('driver')
-    tell('looking for the robot ...')
+    note('looking for the robot ...')
     with ended_by_exception(), observer_class('drive') as observer:
         robot = driver.RobotDriver(observer, arguments.node)
         try:
@@ -76,7 +84,6 @@ def drive(arguments: argparse.Namespace, observer: Any, robot: Any, keyboard: An
         0 after q, 1 if the terminal or the gamepad went away.
 
     """
-    from ballbot_ros.cli.driving import Driving, HELP, HOLD_HELP
     driving = Driving(arguments.step, arguments.max_speed, arguments.hold)
     print(HOLD_HELP if arguments.hold else HELP)
     next_time = show_at = time.monotonic()
@@ -116,7 +123,6 @@ def drive(arguments: argparse.Namespace, observer: Any, robot: Any, keyboard: An
 
 def show(robot: Any, wanted: float) -> None:
     """Write the line anew in its place."""
-    from ballbot_ros.cli.driving import line
     width = shutil.get_terminal_size().columns
     text = line(wanted, robot.speed, robot.pendulum, robot.decision, robot.e_stop,
                 robot.followers, robot.said, width)
@@ -136,3 +142,100 @@ def ended_by_exception() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What a key asks for beside a speed."""
+
+    engage: bool = False
+    release: bool = False
+    quit: bool = False
+
+
+class Driving:
+    """
+    Turns keys into a speed.
+
+    Parameters
+    ----------
+    step : float
+        By which a key changes the speed, and with `hold` the speed while a key is held [m/s].
+    largest : float
+        Speed that is not exceeded [m/s].
+    hold : bool
+        Drive only while a key is held.
+
+    Attributes
+    ----------
+    speed : float
+        That is asked for [m/s].
+
+    """
+
+    def __init__(self, step: float, largest: float, hold: bool = False):
+        """Stand."""
+        self._step, self._largest, self.hold = step, largest, hold
+        self.speed = 0.0
+        self._until = math.inf
+        self._last = ''
+
+    def press(self, key: str, now: float) -> Wish:
+        """Take a key at a time [s], and return what it asks for beside a speed."""
+        if key in ('up', 'down', 'left', 'right'):
+            self._drive(1.0 if key in ('up', 'right') else -1.0, key, now)
+        elif key in ('space', 's', '0'):
+            self.stop()
+        elif key in ('e', 'E'):
+            self.stop()
+            return Wish(engage=True)
+        elif key == 'R':
+            self.stop()
+            return Wish(release=True)
+        elif key in ('q', 'Q', 'interrupt'):
+            self.stop()
+            return Wish(quit=True)
+        return Wish()
+
+    def _drive(self, sign: float, key: str, now: float) -> None:
+        if self.hold:
+            repeated = key == self._last and now < self._until
+            self.speed = sign * self._step
+            self._until = now + (HELD if repeated else HELD_FIRST)
+            self._last = key
+            return
+        wanted = round((self.speed + sign * self._step) / self._step) * self._step
+        self.speed = min(max(wanted, -self._largest), self._largest)
+
+    def stick(self, part: float) -> None:
+        """Take the position of a stick, from -1 to 1."""
+        self.speed = min(max(part, -1.0), 1.0) * self._largest
+
+    def stop(self) -> None:
+        """Ask for a stop."""
+        self.speed, self._last = 0.0, ''
+
+    def at(self, now: float) -> float:
+        """Return the speed that is asked for at a time [s]; none after a key was let go."""
+        if self.hold and now >= self._until:
+            self.stop()
+        return self.speed
+
+
+def line(wanted: float, speed: Optional[float], pendulum: Optional[float], decision: str,
+         e_stop: Optional[bool], followers: int, said: str, width: int) -> str:
+    """Return what whoever drives sees: one line, no longer than the terminal is wide."""
+    words = [f'ask {wanted:+.2f} m/s']
+    words.append('drives   -  m/s' if speed is None else f'drives {speed:+.2f} m/s')
+    words.append('pendulum    - deg' if pendulum is None
+                 else f'pendulum {math.degrees(pendulum):+4.0f} deg')
+    if e_stop is not None:
+        words.append('E-STOP' if e_stop else 'e-stop off')
+    if decision:
+        words.append(decision)
+    if not followers:
+        words.append('nobody follows cmd_vel')
+    if said:
+        words.append(' '.join(said.split()))
+    text = '  '.join(words)
+    return text if len(text) < width else f'{text[:max(width - 4, 0)]}...'

@@ -48,12 +48,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Emulate until interrupted."""
-    from ballbot_ros.cli.listing import check_name
+    from ballbot_ros.config.files import find_config
     from ballbot_ros.emulator.control import Channel, obey
     from ballbot_ros.emulator.emulator import Emulator
-    check_name('scenes', arguments.scene)
+    find_config('scenes', arguments.scene)
     if arguments.robot is not None:
-        check_name('robots', arguments.robot)
+        find_config('robots', arguments.robot)
     if arguments.log is not None:
         check_new_file(arguments.log, arguments.overwrite, '--log')
     emulator = make_emulator(arguments, Emulator)

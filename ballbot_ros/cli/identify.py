@@ -37,20 +37,18 @@ def run(arguments: argparse.Namespace) -> int:
     """Estimate, write the files and print the table."""
     import json
 
-    from ballbot_ros.cli.listing import check_name
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.figures.residuals import residual_figure
     from ballbot_ros.physics import load_scene
     from ballbot_ros.results.files import read_columns, write_text
     from ballbot_ros.studies.identification import FITS, identify
     from ballbot_ros.studies.recording import Recording
-    check_name('scenes', arguments.scene)
     scene = load_scene(arguments.scene)
     if arguments.data.suffix in ('.csv', '.npz', '.parquet'):
         recording = Recording.of_columns(read_columns(arguments.data))
     else:
+        from ballbot_ros.bags.opener import bag_opener
         from ballbot_ros.bags.reader import read_bag
-        from ballbot_ros.cli.bags import bag_opener
         recording = read_bag(arguments.data, bag_opener())
     if arguments.channels:
         recording = recording.only(arguments.channels)

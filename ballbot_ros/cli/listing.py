@@ -1,37 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The configuration that comes with the package, by name."""
+"""The verbs ``scenes`` and ``robots``: what comes with the package, and one robot in detail."""
+import argparse
+from operator import attrgetter
 from pathlib import Path
 import re
 import shutil
 import textwrap
+from typing import Any, Iterator
 
-from ballbot_ros.config.fields import suggestion
-from ballbot_ros.config.files import is_path, shipped_files
+from ballbot_ros.cli.command import DONE, Verb
 from ballbot_ros.errors import ConfigurationError
 
 _SENTENCE = re.compile(r'(?<=[\w)])\.\s+(?=[A-Z])')
-
-
-def check_name(kind: str, name: str) -> None:
-    """
-    Refuse a name that does not exist, with the nearest one that does.
-
-    A path is left to who opens the file.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming what was asked for and what there is.
-
-    """
-    names = [path.stem for path in shipped_files(kind)]
-    if is_path(name) or name in names:
-        return
-    what = kind[:-1]
-    listing = f'"ballbot {kind}" lists them, and ' if kind in ('scenes', 'robots') else ''
-    raise ConfigurationError(
-        f'there is no {what} named {name!r}{suggestion(name, names)}; {listing}the path of a '
-        'YAML file is accepted too')
 
 
 def describe(path: Path) -> str:
@@ -47,10 +27,88 @@ def describe(path: Path) -> str:
 
 def print_list(kind: str) -> None:
     """Print name and description of each file of a kind, a line each."""
+    from ballbot_ros.config.files import shipped_files
     files = shipped_files(kind)
     width = max(len(path.stem) for path in files)
-    # 200 where the output is no terminal and nothing says otherwise: grep wants all of it.
+    # 200 for a pipe without COLUMNS: grep gets the whole line.
     left = shutil.get_terminal_size((200, 24)).columns - width - 2
     for path in files:
         text = textwrap.shorten(describe(path), max(left, 30), placeholder=' ...')
         print(f'{path.stem:<{width}}  {text}')
+
+
+def add_scenes(parser: argparse.ArgumentParser) -> None:
+    parser.epilog = 'Run one with "ballbot simulate NAME".'
+
+
+def scenes(arguments: argparse.Namespace) -> int:
+    """List the scenes."""
+    print_list('scenes')
+    return DONE
+
+
+# The text of a column is cut to lines of this width.
+NOTE_WIDTH = 44
+
+
+def add_robots(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('robot', nargs='?', metavar='NAME',
+                        help='name or YAML file of the robot whose parameters are printed '
+                        '(default: list the robots)')
+    parser.add_argument('--urdf', action='store_true',
+                        help='print the robot description instead: links, joints and shapes')
+
+
+def robots(arguments: argparse.Namespace) -> int:
+    """List the robots, or print the parameters or the description of one."""
+    if arguments.robot is None:
+        if arguments.urdf:
+            raise ConfigurationError(
+                '--urdf needs the name of a robot, such as gimball', 'missing', 'NAME')
+        print_list('robots')
+        return DONE
+    from ballbot_ros.physics.model.robot import load_robot
+    robot = load_robot(arguments.robot)
+    if arguments.urdf:
+        from ballbot_ros.ros.urdf import robot_description
+        print(robot_description(robot), end='')
+    else:
+        print_table(robot)
+    return DONE
+
+
+def print_table(robot: Any) -> None:
+    """Print every parameter of a robot with unit, source, range and note."""
+    from textwrap import wrap
+    rows = [('quantity', 'value', 'unit', 'source', 'range', 'note'), *_rows(robot)]
+    widths = [max(len(row[column]) for row in rows) for column in range(5)]
+    for row in rows:
+        cells = [f'{cell:>{width}}' if column == 1 else f'{cell:<{width}}'
+                 for column, (cell, width) in enumerate(zip(row, widths))]
+        for number, note in enumerate(wrap(row[5], NOTE_WIDTH) or ['']):
+            start = '  '.join(cells) if number == 0 else ' ' * (sum(widths) + 8)
+            print(f'{start}  {note}'.rstrip())
+
+
+def _rows(robot: Any) -> Iterator[tuple[str, str, str, str, str, str]]:
+    """Yield the cells of each parameter, then those of derived values."""
+    from ballbot_ros.physics.model.named_parameters import MOTOR, ROBOT
+    for name, metadata in {**ROBOT, **(MOTOR if robot.motor else {})}.items():
+        known = robot.provenance.get(name)
+        bounds = ''
+        if known is not None and known.low is not None:
+            bounds = f'{known.low:g} to {known.high:g}'
+        yield (name, f'{attrgetter(name)(robot):.6g}', metadata['unit'],
+               known.source if known else 'not given', bounds,
+               (known.note if known else '') or metadata['doc'])
+    for name, unit, note in (
+            ('total_mass', 'kg', 'M1 + M2'),
+            ('static_penetration', 'm', 'how deep the ball rests in a level surface'),
+            ('largest_gravity_torque', 'N m', 'gravity torque with the pendulum horizontal'),
+            ('slope_limit', 'rad', 'steepest slope that the pendulum can hold'),
+            ('damping_ratio', '1', 'damping ratio of the ball on its contact spring'),
+            ('restitution', '1', 'speed after a bounce over speed before')):
+        yield name, f'{getattr(robot, name):.4g}', unit, 'derived', '', note
+
+
+SCENES, ROBOTS = Verb(add_scenes, scenes), Verb(add_robots, robots)

@@ -42,8 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Write the template."""
     from ballbot_ros.cli import file_kinds
-    from ballbot_ros.cli.listing import check_name
     from ballbot_ros.cli.output import check_new_file
+    from ballbot_ros.config.files import find_config
     from ballbot_ros.results.files import write_text
     path, (_, takes, follow) = arguments.file, KINDS[arguments.kind]
     if path.suffix not in ('.yaml', '.yml'):
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         if value is not None:
             given[option] = value
             if option != 'protocol':
-                check_name(f'{option}s', value)
+                find_config(f'{option}s', value)
     check_new_file(path, arguments.overwrite, 'FILE')
     sections = file_kinds.KINDS[arguments.kind](path.stem, **given)
     write_text(template(arguments.kind, sections), path)

@@ -90,8 +90,6 @@ def add_rules(parser: argparse.ArgumentParser, over: str = 'edge') -> None:
 
 def read_robot(arguments: argparse.Namespace) -> Any:
     """Return the robot; `ConfigurationError` names the nearest one, or what is wrong in it."""
-    from ballbot_ros.cli.listing import check_name
-    check_name('robots', arguments.robot)
     from ballbot_ros.physics import load_robot
     return load_robot(arguments.robot)
 

@@ -1,18 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verb ``replay``: run a bag again beside the model, or show what a black box has kept."""
 import argparse
+import math
 from pathlib import Path
-from typing import Any
+import statistics
+from typing import Any, NamedTuple, Optional
 
-from ballbot_ros.cli.bags import is_bag
+from ballbot_ros.bags.opener import is_bag
 from ballbot_ros.cli.command import DONE, FAILED
 from ballbot_ros.cli.options import add_format, add_overwrite, add_quiet
-from ballbot_ros.cli.output import result_folder, save_figure
-from ballbot_ros.cli.replay_bag import add_bag_options, BAG_OPTIONS, run_bag
+from ballbot_ros.cli.output import figure_files, print_json, result_folder, save_figure
 from ballbot_ros.errors import ConfigurationError
 
 LONGEST = 600.0  # that can be drawn [s]
 BEFORE = 5.0
+# Where the torque comes from; the words of --by.
+COMMANDS, TORQUES, SET_POINTS = 'commands', 'torques', 'set-points'
+BAG_OPTIONS = ('scene', 'robot', 'set', 'namespace', 'by', 'json')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -87,3 +91,288 @@ def newest(path: Path) -> Path:
             f'{path}: holds no file of a black box (*{ENDING}), and no bag; the bridge writes one '
             'after a fault, see its parameter black_box')
     return files[-1]
+
+
+class Replayed(NamedTuple):
+    """What a replay found; `identical` is None where there is nothing to be identical with."""
+
+    words: str
+    content: dict[str, Any]
+    series: Any
+    identical: Optional[bool]
+    files: dict[str, Any] = {}  # for identify, by name
+
+
+def table(found: list[Any]) -> str:
+    """Return the differences of all channels as lines."""
+    lines = [f'{"channel":<16}{"RMS":>11}{"largest":>11}       {"at":>8}   of its span   departs']
+    for item in found:
+        share = f'{100.0 * item.largest / item.span:.1f} %' if item.span > 0.0 else '-'
+        departs = 'never' if math.isnan(item.departs) else f'at {item.departs:.3f} s'
+        lines.append(f'{item.channel:<16}{item.rms:>11.3g}{item.largest:>11.3g} {item.unit:<6}'
+                     f'{item.when:>6.3f} s   {share:>11}   {departs}')
+    return '\n'.join(lines)
+
+
+def parameters_of(arguments: argparse.Namespace, known: dict[str, Any]) -> Any:
+    """
+    Return the parameters of the simulator of a bag.
+
+    Raises
+    ------
+    ConfigurationError
+        If no scene is known, or a parameter is unknown or out of range.
+
+    """
+    import yaml
+
+    from ballbot_ros.ros.settings import SimulatorSettings
+    given = dict(known)
+    for words in arguments.set or ():
+        name, sign, text = words.partition('=')
+        if not sign:
+            raise ConfigurationError(f'--set takes NAME=VALUE, got {words!r}')
+        given[name] = yaml.safe_load(text)
+    given.update({name: getattr(arguments, name) for name in ('scene', 'robot')
+                  if getattr(arguments, name)})
+    if 'scene' not in given:
+        raise ConfigurationError(
+            f'{arguments.file} does not say which scene it is of: give it, --scene NAME, and '
+            'where they are not the defaults --robot NAME and --set NAME=VALUE for parameters of '
+            'the simulator')
+    return SimulatorSettings.from_mapping(given, 'parameters of the simulator')
+
+
+def add_bag_options(parser: argparse.ArgumentParser) -> None:
+    """Add what a bag may not say itself."""
+    parser.add_argument('--scene', metavar='NAME',
+                        help='scene that was run, a name or a YAML file (default: what the bag '
+                        'says; flat for a real robot)')
+    parser.add_argument('--robot', metavar='NAME',
+                        help='robot that was run, a name or a YAML file (default: that of the bag '
+                        'or the scene)')
+    parser.add_argument('--set', action='append', metavar='NAME=VALUE',
+                        help='parameter of the simulator that the bag does not say; may be '
+                        'repeated')
+    parser.add_argument('--namespace', metavar='NAME',
+                        help='robot to replay from a bag with several')
+    parser.add_argument('--by', choices=(COMMANDS, TORQUES, SET_POINTS),
+                        help='what drives the model: commands, those on joint_commands; torques, '
+                        'those of joint_states; set-points, set_point and cmd_vel through the '
+                        'laws on board')
+    parser.add_argument('--json', action='store_true', help='print the result for a bag as JSON')
+
+
+def run_bag(arguments: argparse.Namespace) -> int:
+    """Replay, print, and write what is worth it; 1 for a simulated run that departs."""
+    from ballbot_ros.bags.metadata import BagMetadata, BRIDGE
+    from ballbot_ros.bags.opener import bag_opener
+    from ballbot_ros.bags.recorded_run import read_run
+    path = arguments.file
+    bag = path.resolve()
+    # A bag is often called "bag": the folder it is in says more.
+    name = bag.parent.name if bag.stem == 'bag' and bag.is_dir() else bag.stem
+    folder = result_folder(arguments.out, Path('ballbot_output') / f'replay_{name}', (
+        'replay.json', 'scene.yaml', 'recording.csv', *figure_files(['replay'])),
+        arguments.overwrite)
+    run = read_run(path, arguments.namespace, bag_opener())
+    metadata = BagMetadata.read(run.metadata)
+    real = metadata.source == BRIDGE or not run.balls
+    found: Replayed = (replay_robot if real else replay_simulator)(arguments, run, metadata)
+    verbose = not (arguments.quiet or arguments.json)
+    if verbose:
+        print(f'{path}\n{found.words}')
+    if arguments.json:
+        print_json(found.content)
+    if not found.identical or arguments.out is not None:
+        files = write(found, folder, name, arguments.format)
+        if verbose:
+            print(f'\nWritten to {folder}: {", ".join(files)}')
+            if 'scene.yaml' in files:
+                print('To fit the model to it, for instance: ballbot identify '
+                      f'{folder}/scene.yaml {folder}/recording.csv --recorded-torque --estimate '
+                      'joint_friction rolling_friction')
+    return FAILED if found.identical is False else DONE
+
+
+def write(found: Replayed, folder: Path, title: str, kind: str) -> list[str]:
+    """Write numbers, figure and what `identify` takes, and return the names of the files."""
+    import json
+
+    import yaml
+
+    from ballbot_ros.bags.departures import UNITS
+    from ballbot_ros.figures.departures import departure_figure
+    from ballbot_ros.results.files import write_columns, write_text
+    write_text(json.dumps(found.content, indent=2, allow_nan=False) + '\n',
+               folder / 'replay.json')
+    files = ['replay.json']
+    if found.series:
+        figure = departure_figure(found.series, UNITS, f'{title}: recording and model')
+        files += save_figure(figure, folder, 'replay', kind)
+    if found.files:
+        write_columns(found.files['recording.csv'], {**UNITS, 'time': 's'},
+                      folder / 'recording.csv')
+        write_text('# The scene of a recording, for "ballbot identify".\n' + yaml.safe_dump(
+            found.files['scene.yaml'], sort_keys=False), folder / 'scene.yaml')
+        files += ['recording.csv', 'scene.yaml']
+    return files
+
+
+def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> Replayed:
+    """Run again, by commands first, and say whether all states are the same."""
+    from ballbot_ros.bags.rerun import rerun
+    from ballbot_ros.physics import load_scene
+    from ballbot_ros.physics.simulation.solver import Solver
+    from ballbot_ros.plant import Plant
+    from ballbot_ros.results.summary import plain
+    known = dict(metadata.parameters)
+    if 'control_rate' not in known and len(run.stamps) > 2 and known.get('control') != 'onboard':
+        steps = [after - before for before, after in zip(run.stamps, run.stamps[1:])]
+        known['control_rate'] = round(1e9 / statistics.median(steps), 6)
+    settings = parameters_of(arguments, known)
+    scene = load_scene(settings.scene, settings.robot or None,
+                       Solver(settings.method, settings.physics_step))
+    remarks = differing(metadata, scene)
+
+    def again(by: str) -> Any:
+        plant = Plant(scene, settings.control_rate, settings.torque_limit or None,
+                      settings.accuracy or None)
+        return rerun(plant, run, source(by, run, settings, scene))
+    ways = [arguments.by] if arguments.by else ways_of(settings, run)
+    found = [again(ways[0])]
+    # By what the motor gave, the model is to blame for a difference, and not when commands came.
+    if found[0].departure is not None:
+        found += [again(way) for way in ways[1:]]
+    best = max(found, key=lambda item: item.identical)
+    lines = [f'simulator, scene {settings.scene}, robot {scene.model.robot.name}, '
+             f'{settings.control_rate:g} Hz', *remarks]
+    for item in found:
+        lines += wording(item)
+    series, numbers = compared(best)
+    if best.departure is not None and numbers:
+        lines += ['', table(numbers)]
+    identical = best.departure is None and not best.ended
+    content = plain({
+        'identical': identical, 'remarks': remarks,
+        'runs': [{'driven_by': item.what, 'states': item.states, 'identical': item.identical,
+                  'applied': item.applied, 'filled': item.filled, 'resets': item.resets,
+                  'ended': item.ended,
+                  'departure': item.departure and vars(item.departure)} for item in found],
+        'differences': [item._asdict() for item in numbers]})
+    return Replayed('\n'.join(lines), content, series, identical)
+
+
+def ways_of(settings: Any, run: Any) -> list[str]:
+    """Return what may have driven the run, the best first."""
+    if settings.control == 'onboard':
+        return [SET_POINTS]
+    return [COMMANDS, TORQUES] if run.commands else [TORQUES]
+
+
+def source(by: str, run: Any, settings: Any, scene: Any) -> Any:
+    """Return where the torque comes from."""
+    from ballbot_ros.bags.rerun import Commands, Laws, MotorTorques
+    from ballbot_ros.control import checked_controller, load_tuning, Supervision
+    if by == SET_POINTS:
+        return Laws(run, checked_controller(
+            scene.model.robot, load_tuning(settings.tuning), settings.control_rate, 0,
+            Supervision(set_point_timeout=settings.set_point_timeout)))
+    return Commands(run) if by == COMMANDS else MotorTorques(run)
+
+
+def differing(metadata: Any, scene: Any) -> list[str]:
+    """Return what is not as it was when the bag was made."""
+    from ballbot_ros import __version__
+    from ballbot_ros.results.digests import scene_digests
+    here, lines = scene_digests(scene), []
+    for name, what in (('scene', 'terrain, contact or start'), ('robot', 'numbers of the robot')):
+        there = metadata.digests.get(name, here[name])
+        if there != here[name]:
+            lines.append(f'{what} are not those of the recording: digest {here[name]} here, '
+                         f'{there} there')
+    if metadata.version not in ('', __version__):
+        lines.append(f'recorded with version {metadata.version}, this is {__version__}')
+    return lines
+
+
+def wording(found: Any) -> list[str]:
+    """Return what became of a run, in lines."""
+    lines = [f'driven by {found.applied} {found.what}'
+             + (f'; {found.filled} are missing, in their place what the motor gave'
+                if found.filled else '')
+             + (f'; {found.resets} resets' if found.resets else '')]
+    if found.departure is None:
+        lines.append(f'identical: {found.identical} states')
+    else:
+        first = found.departure
+        lines.append(
+            f'departs at t = {first.time:.3f} s, after {first.states} identical states: '
+            f'{first.channel.replace("_", " ")} {first.recorded!r} in the recording, '
+            f'{first.again!r} now; {found.identical} of {found.states} states are identical')
+    if found.ended:
+        lines.append(f'ended early: {found.ended}')
+    return lines
+
+
+def compared(found: Any) -> tuple[Any, list[Any]]:
+    """Return times, recorded and model of all channels, and their differences."""
+    import numpy as np
+
+    from ballbot_ros.bags.departures import differences
+    series = {name: (np.array(list(values)), np.array(list(values.values())),
+                     np.array([found.again[name][time] for time in values]))
+              for name, values in found.recorded.items() if len(values) > 1}
+    return series, differences(series)
+
+
+def replay_robot(arguments: argparse.Namespace, run: Any, metadata: Any) -> Replayed:
+    """Drive the model by the recorded torque, from the first state, and compare."""
+    from ballbot_ros.bags.departures import (
+        commanded_torque, differences, driven_series, measured_columns, scene_content)
+    from ballbot_ros.physics.simulation.scene import read_scene
+    from ballbot_ros.results.summary import plain
+    refuse(arguments)
+    robot = arguments.robot or robot_of(metadata, arguments)
+    columns = measured_columns(run)
+    by = arguments.by or ('torques' if 'pendulum_torque' in columns else COMMANDS)
+    if by == COMMANDS:
+        columns['pendulum_torque'] = commanded_torque(run, columns)
+    elif 'pendulum_torque' not in columns:
+        raise ConfigurationError(
+            f'{arguments.file}: its joint_states have no effort; --by commands takes what was '
+            'commanded')
+    content = scene_content(arguments.scene or 'flat', robot, columns, from_scene=True)
+    scene = read_scene(content, 'scene of the recording', 'recording')
+    series = driven_series(scene, columns)
+    numbers = differences(series)
+    what = 'commanded' if by == COMMANDS else 'that the motor gave by joint_states'
+    name = scene.model.robot.name
+    words = (f'real robot, {len(columns["time"])} states in {columns["time"][-1]:.3f} s; the '
+             f'model is {name} on {arguments.scene or "flat"}, from the first state, under the '
+             f'torque {what}\n\n{table(numbers)}')
+    return Replayed(words, plain({
+        'identical': None, 'driven_by': by, 'robot': name,
+        'states': len(columns['time']), 'duration': float(columns['time'][-1]),
+        'differences': [item._asdict() for item in numbers]}), series, None,
+        {'recording.csv': columns, 'scene.yaml': content})
+
+
+def refuse(arguments: argparse.Namespace) -> None:
+    """Refuse options that only a bag of the simulator takes."""
+    if arguments.set:
+        raise ConfigurationError(
+            f'--set is for a bag of the simulator; {arguments.file} is of a real robot')
+    if arguments.by == SET_POINTS:
+        raise ConfigurationError(
+            '--by set-points is for a bag of the simulator with control:=onboard: a real robot '
+            'was driven by its own estimate of its state; take torques')
+
+
+def robot_of(metadata: Any, arguments: argparse.Namespace) -> str:
+    """Return the robot that the hardware file of a bridge names; empty for that of the scene."""
+    hardware = metadata.parameters.get('hardware')
+    if not hardware or arguments.scene:
+        return ''
+    from ballbot_ros.bridge.hardware_file import load_hardware
+    return str(load_hardware(str(hardware)).robot)

@@ -4,9 +4,9 @@ import argparse
 from pathlib import Path
 from pkgutil import iter_modules
 
-from ballbot_ros.cli.command import DONE, Parser
+from ballbot_ros.cli.command import DONE, FAILED, Parser
+from ballbot_ros.cli.graph import from_ros
 from ballbot_ros.cli.options import add_quiet
-from ballbot_ros.cli.running_graph import from_ros
 from ballbot_ros.errors import ConfigurationError
 
 FOLDER = Path(__file__).resolve().parent.parent / 'nodes'
@@ -70,5 +70,6 @@ def _experiment(target: str, words: list[str]) -> int:
         options = parser.parse_args(words)
     except SystemExit:  # --help
         return DONE
-    from ballbot_ros.cli.experiment import run_experiment
-    return int(run_experiment(target, options.out, options.quiet, options.timeout))
+    from ballbot_ros.experiments.run import run_experiment
+    same = run_experiment(target, options.out, options.quiet, options.timeout)
+    return DONE if same else FAILED

@@ -3,18 +3,23 @@
 import argparse
 from importlib.util import find_spec
 from pathlib import Path
+import shutil
+import sys
 from time import perf_counter
 from typing import Any, Optional
 
-from ballbot_ros.cli.before_run import before_the_run
 from ballbot_ros.cli.command import DONE, FAILED, INTERRUPTED, print_error
 from ballbot_ros.cli.options import add_format, add_overwrite, add_quiet
 from ballbot_ros.cli.output import check_new_file, print_json, result_folder, save_figure
+from ballbot_ros.errors import ConfigurationError
 
 DEFAULT_FOLDER = Path('ballbot_output')
 NUMBERS = ('summary.txt', 'summary.json', 'trajectory.csv', 'trajectory.npz',
            'trajectory.parquet')
 PICTURES = ('strip', 'time_series')
+# Of all files of a run together, and of the memory that it takes.
+BYTES_PER_SAMPLE = 1000
+WARNED_SIZE = 1e9  # [bytes]
 ALL_FILES = (*NUMBERS, *(f'{name}.{ending}' for name in PICTURES for ending in ('png', 'svg')))
 
 
@@ -72,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
     folder = result_folder(arguments.out, DEFAULT_FOLDER / scene.name, ALL_FILES,
                            arguments.overwrite)
     animation = animation_asked(arguments, scene, folder)
-    before_the_run(scene, folder, arguments.quiet or arguments.json)
+    check_size(scene, folder, arguments.quiet or arguments.json)
     failure: Optional[SimulationError] = None
     begin = perf_counter()
     try:
@@ -116,6 +121,33 @@ def run(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def check_size(scene: Any, folder: Path, silent: bool) -> None:
+    """
+    Warn on standard error if the files of a run will be large.
+
+    Raises
+    ------
+    ConfigurationError
+        If the files would not fit on the disk.
+
+    """
+    samples = scene.run.duration / scene.run.output_step
+    size = BYTES_PER_SAMPLE * samples
+    coarser = scene.run.output_step * 10.0
+    while BYTES_PER_SAMPLE * scene.run.duration / coarser > 0.1 * WARNED_SIZE:
+        coarser *= 10.0
+    words = (f'this run writes about {1e-9 * size:.2g} GB ({samples:.3g} samples, one each '
+             f'{scene.run.output_step:g} s); --output-step {coarser:g} makes it '
+             f'{1e-9 * BYTES_PER_SAMPLE * scene.run.duration / coarser:.2g} GB')
+    place = next(path for path in (folder.absolute(), *folder.absolute().parents)
+                 if path.exists())
+    if size > shutil.disk_usage(place).free:
+        raise ConfigurationError(
+            f'{words}; {place} has no room for it', 'out_of_range', '--output-step')
+    if size > WARNED_SIZE and not silent:
+        print(f'Warning: {words}', file=sys.stderr, flush=True)
+
+
 def animation_asked(arguments: argparse.Namespace, scene: Any, folder: Path) -> Optional[Path]:
     """
     Return the file of the animation, None where nobody wants one.
@@ -126,7 +158,6 @@ def animation_asked(arguments: argparse.Namespace, scene: Any, folder: Path) -> 
         For one that could not be written.
 
     """
-    from ballbot_ros.errors import ConfigurationError
     if arguments.animate is None:
         if arguments.playback is not None:
             raise ConfigurationError('--playback goes with --animate')
@@ -180,12 +211,10 @@ def read_scene(arguments: argparse.Namespace) -> Any:
 
     """
     from dataclasses import replace
-    from ballbot_ros.cli.listing import check_name
-    check_name('scenes', arguments.scene)
+
     from ballbot_ros.config.fields import check_value, suggestion
-    from ballbot_ros.errors import ConfigurationError
-    from ballbot_ros.physics.simulation.solver import PRESETS
     from ballbot_ros.physics.simulation.scene import load_scene
+    from ballbot_ros.physics.simulation.solver import PRESETS
     from ballbot_ros.physics.solvers.registry import METHODS
     scene = load_scene(arguments.scene)
 
@@ -222,7 +251,6 @@ def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
         Naming the option and what it goes with.
 
     """
-    from ballbot_ros.errors import ConfigurationError
     from ballbot_ros.physics.solvers.registry import METHODS
     if scene.run.accuracy is not None:
         for name in ('step', 'method', 'tolerance'):

@@ -47,8 +47,6 @@ def run(arguments: argparse.Namespace) -> int:
     source = other_source(arguments)
     if source is not None:
         return serve(source, arguments, begin=not arguments.live)
-    from ballbot_ros.cli.listing import check_name
-    check_name('scenes', arguments.scene)
     from ballbot_ros.cli.simulate import load_machine_code
     from ballbot_ros.physics.simulation.scene import load_scene
     from ballbot_ros.view.scene_source import SceneSource

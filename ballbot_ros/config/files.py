@@ -7,7 +7,7 @@ from typing import Any, Mapping, Type, Union
 
 import yaml
 
-from ballbot_ros.config.fields import expect_mapping, T
+from ballbot_ros.config.fields import expect_mapping, suggestion, T
 from ballbot_ros.errors import ConfigurationError
 
 PACKAGE = 'ballbot_ros'
@@ -70,25 +70,27 @@ def find_config(kind: str, name_or_path: Union[str, Path]) -> Path:
     Raises
     ------
     ConfigurationError
-        If there is no such file; the message lists the names that exist.
+        If there is no such file; the message has the nearest name, or all of them.
 
     """
+    what = kind.removesuffix('s')
     if not isinstance(name_or_path, (str, Path)):
         raise ConfigurationError(
-            f'a {kind.removesuffix("s")} is given by its name or the path of its file, '
-            f'got {name_or_path!r}')
+            f'a {what} is given by its name or the path of its file, got {name_or_path!r}',
+            'wrong_type', what)
     name_or_path = str(name_or_path)
     if is_path(name_or_path):
         path = Path(name_or_path).expanduser()
         if path.is_file():
             return path
-        raise ConfigurationError(f'{kind.removesuffix("s")} file {name_or_path!r} does not exist')
+        raise ConfigurationError(f'{what} file {name_or_path!r} does not exist', 'missing', what)
     files = {file.stem: file for file in shipped_files(kind)}
     if name_or_path in files:
         return files[name_or_path]
+    listing = f'"ballbot {kind}" lists them, and ' if kind in ('scenes', 'robots') else ''
     raise ConfigurationError(
-        f'there is no {kind.removesuffix("s")} named {name_or_path!r}; known are '
-        f'{", ".join(files)}. A path to a YAML file of your own is accepted too.')
+        f'there is no {what} named {name_or_path!r}{suggestion(name_or_path, files)}; {listing}'
+        'the path of a YAML file is accepted too', 'unknown_name', what)
 
 
 # libyaml reads ten times as fast; where PyYAML was built without it, it reads by itself.

@@ -2,7 +2,6 @@
 """The command line helps, and says what is wrong in one line."""
 import argparse
 import contextlib
-from importlib import import_module
 import logging
 import re
 import subprocess
@@ -13,7 +12,7 @@ import pytest
 
 from ballbot_ros import __version__
 from ballbot_ros.cli import main, simulate
-from ballbot_ros.cli.command import VERBS
+from ballbot_ros.cli.command import load_verb, VERBS
 from ballbot_ros.cli.listing import describe
 from ballbot_ros.config.files import config_folder
 
@@ -43,7 +42,7 @@ def test_every_verb_has_help(capsys, verb):
 def test_each_option_says_what_it_is_in_a_phrase_that_stands_alone(verb):
     """A newcomer reads one line of the help, not those around it: "of the robot" says nothing."""
     parser = argparse.ArgumentParser()
-    import_module(VERBS[verb][0]).add_arguments(parser)
+    load_verb(verb).add_arguments(parser)
     for action in parser._actions:
         words = (action.help or '').split()
         assert len(words) > 1, action.dest

@@ -14,8 +14,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from ballbot_ros.cli.drive import drive
-from ballbot_ros.cli.driving import Driving, HELD, HELD_FIRST, line
+from ballbot_ros.cli.drive import drive, Driving, HELD, HELD_FIRST, line
 from ballbot_ros.cli.gamepad import centred, MISSING, NONE_THERE, open_gamepad
 from ballbot_ros.cli.keyboard import Keyboard, keys_of
 from ballbot_ros.errors import ConfigurationError

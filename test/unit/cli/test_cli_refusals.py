@@ -94,12 +94,12 @@ def test_ctrl_c_is_ctrl_c_also_where_an_extension_lost_its_exception(
             pass
         raise RuntimeError('no compiled object yet')
 
-    monkeypatch.setitem(sys.modules, 'compiling', types.SimpleNamespace(
+    monkeypatch.setitem(sys.modules, 'ballbot_ros.cli.compiling', types.SimpleNamespace(
         add_arguments=lambda parser: None, run=run))
     monkeypatch.setitem(command.VERBS, 'compile', ('compiling', 'compile'))
     if pressed:
         assert main(['compile']) == command.INTERRUPTED
-        assert capsys.readouterr().err == f'ballbot: error: {command.CUT_SHORT}\n'
+        assert capsys.readouterr().err == f'ballbot: error: {command.INTERRUPTION}\n'
     else:
         with pytest.raises(RuntimeError):
             main(['compile'])

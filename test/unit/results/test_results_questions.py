@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from ballbot_ros.cli import before_run, main
+from ballbot_ros.cli import main, simulate
 from ballbot_ros.cli.options import read_law
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_scene
@@ -68,13 +68,13 @@ def test_an_angle_beyond_the_top_is_refused_and_one_above_level_is_questioned(ca
 def test_a_run_of_gigabytes_says_so_first_and_offers_a_coarser_step(tmp_path, capsys, monkeypatch):
     scene = load_scene('flat')
     long = replace(scene, run=replace(scene.run, duration=86400.0, output_step=0.01))
-    before_run.before_the_run(long, tmp_path / 'new', False)
+    simulate.check_size(long, tmp_path / 'new', False)
     err = capsys.readouterr().err
     assert 'this run writes about 8.6 GB' in err and '--output-step 1 makes it 0.086 GB' in err
-    before_run.before_the_run(long, tmp_path / 'new', True)
-    before_run.before_the_run(scene, tmp_path / 'new', False)
+    simulate.check_size(long, tmp_path / 'new', True)
+    simulate.check_size(scene, tmp_path / 'new', False)
     assert capsys.readouterr().err == '' and not list(tmp_path.iterdir())
-    monkeypatch.setattr(before_run.shutil, 'disk_usage',
+    monkeypatch.setattr(simulate.shutil, 'disk_usage',
                         lambda _: argparse.Namespace(free=10**9))
-    with pytest.raises(ConfigurationError, match='there is no room for it'):
-        before_run.before_the_run(long, tmp_path / 'new', False)
+    with pytest.raises(ConfigurationError, match='has no room for it'):
+        simulate.check_size(long, tmp_path / 'new', False)

@@ -8,14 +8,13 @@ import platform
 import shutil
 from typing import Any, Optional
 
-from ballbot_ros.cli.command import DONE, FAILED
 from ballbot_ros.errors import ConfigurationError, RefusedError
 from ballbot_ros.experiments.file import Experiment, FILE, freeze, load_experiment, node_parameters
 
 RESULT, TABLE, VERSIONS = 'numbers.json', 'results.csv', 'versions.json'
 
 
-def run_experiment(target: str, out: Optional[Path], quiet: bool, timeout: float) -> int:
+def run_experiment(target: str, out: Optional[Path], quiet: bool, timeout: float) -> bool:
     """
     Run the file of an experiment, or the folder of one again.
 
@@ -34,8 +33,8 @@ def run_experiment(target: str, out: Optional[Path], quiet: bool, timeout: float
 
     Returns
     -------
-    int
-        0; 1 where a run failed, or the numbers are not the same again.
+    bool
+        False if the numbers are not the same again.
 
     Raises
     ------
@@ -89,7 +88,7 @@ def _begin(plan: Experiment, folder: Path) -> Experiment:
     return load_experiment(folder / FILE)
 
 
-def _missing(folder: Path, plan: Experiment, timeout: float, say: Any) -> int:
+def _missing(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
     """Run the seeds that are not done, and write the table of all."""
     from ballbot_ros.experiments.results import as_json
     from ballbot_ros.results.files import write_text
@@ -107,7 +106,7 @@ def _missing(folder: Path, plan: Experiment, timeout: float, say: Any) -> int:
     write_text(table(results), folder / TABLE)
     say(f'Written to {folder}: {TABLE}, {VERSIONS}, a folder for each seed with its bag.  Again, '
         f'to compare: ballbot run {folder}')
-    return DONE
+    return True
 
 
 def _prepare(plan: Experiment) -> None:
@@ -125,8 +124,8 @@ def _prepare(plan: Experiment) -> None:
 def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict[str, Any]:
     """Run one seed into its folder, which appears when all is in it; return the result."""
     from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
-    from ballbot_ros.cli.bags import bag_opener
-    from ballbot_ros.experiments.lockstep_run import run_lockstep
+    from ballbot_ros.bags.opener import bag_opener
+    from ballbot_ros.experiments.lockstep import run_lockstep
     from ballbot_ros.experiments.results import as_json, numbers_of, read_told
     from ballbot_ros.physics import load_scene
     from ballbot_ros.results.files import write_text
@@ -156,9 +155,9 @@ def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict
     return result
 
 
-def _again(folder: Path, plan: Experiment, timeout: float, say: Any) -> int:
+def _again(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
     """Run all seeds again beside the old ones, and say whether the numbers are the same."""
-    from ballbot_ros.cli.bags import bag_opener
+    from ballbot_ros.bags.opener import bag_opener
     from ballbot_ros.experiments.results import first_difference, read_told
     _prepare(plan)
     for remark in _other_versions(folder):
@@ -185,7 +184,7 @@ def _again(folder: Path, plan: Experiment, timeout: float, say: Any) -> int:
         say('same numbers: yes')
     else:
         print(f'same numbers: no; the second runs are in {beside}')  # also with --quiet
-    return DONE if same else FAILED
+    return same
 
 
 def versions() -> dict[str, str]:

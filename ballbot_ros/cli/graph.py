@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verbs for a running graph: topics, echo, hz, record, and the e-stop of a node."""
+import argparse
+from importlib import import_module
+from pathlib import Path
+import sys
+import time
+from typing import Any, Callable
+
+from ballbot_ros.cli.command import DONE, FAILED, print_error, Verb
+from ballbot_ros.errors import ConfigurationError
+
+
+def tool(name: str) -> Any:
+    """
+    Return a module of `ros.tools`.
+
+    Raises
+    ------
+    ConfigurationError
+        If ROS cannot be imported, with the remedy.
+
+    """
+    return from_ros(f'ballbot_ros.ros.tools.{name}')
+
+
+def from_ros(module: str) -> Any:
+    """Return a module that needs ROS; raises as `tool` does."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise ConfigurationError(
+            f'this needs ROS 2, and {error.name or error} cannot be imported; source '
+            '/opt/ros/jazzy/setup.bash and the workspace, or run "make setup" in a checkout and '
+            'use .venv/bin/ballbot', 'not_installed', error.name or 'ROS') from error
+
+
+def note(sentence: str) -> None:
+    """Print a note, which is not a result, on standard error."""
+    print(sentence, file=sys.stderr, flush=True)
+
+
+def note_once(sentence: str) -> Callable[[], None]:
+    """Return a function that prints a note when it is called for the first time."""
+    printed = []
+
+    def print_it() -> None:
+        if not printed:
+            printed.append(sentence)
+            note(sentence)
+    return print_it
+
+
+def add_topics(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('-t', '--show-types', action='store_true', help='also print their types')
+    parser.add_argument('-v', '--verbose', action='store_true',
+                        help='print their types and the numbers of publishers and subscribers')
+
+
+def list_topics(arguments: argparse.Namespace) -> int:
+    """Print a line per topic."""
+    listed = tool('topics').topics
+    with tool('observer').Observer('topics') as observer:
+        found = listed(observer)
+    width = max((len(topic.name) for topic in found), default=0)
+    for topic in found:
+        types = f'[{", ".join(topic.types)}]'
+        if arguments.verbose:
+            print(f'{topic.name:<{width}}  {types}  publishers: {topic.publishers}, '
+                  f'subscribers: {topic.subscribers}')
+        else:
+            print(f'{topic.name} {types}' if arguments.show_types else topic.name)
+    if not found:
+        note('no topics: no node runs in this ROS_DOMAIN_ID, or discovery is limited '
+             '(docs/security.md)')
+    return DONE
+
+
+def add_echo(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('topic', metavar='TOPIC', help='topic to print')
+    parser.add_argument('--once', action='store_true', help='end after the first message')
+    parser.add_argument('--csv', action='store_true',
+                        help='print the values of a message on one line, without their names')
+    add_timeout(parser)
+
+
+def add_timeout(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--timeout', type=float, default=float('inf'), metavar='SECONDS',
+                        help='end after this time (default: never)')
+
+
+def check_timeout(arguments: argparse.Namespace) -> None:
+    if not arguments.timeout > 0.0:
+        raise ConfigurationError(f'--timeout must be above 0 s, got {arguments.timeout:g}',
+                                 'out_of_range', '--timeout')
+
+
+def echo(arguments: argparse.Namespace) -> int:
+    """Print messages until Ctrl-C; 1 if there was none before the timeout."""
+    check_timeout(arguments)
+    topics = tool('topics')
+    form = topics.as_csv if arguments.csv else topics.as_yaml
+    shown = 0
+    with tool('observer').Observer('echo') as observer:
+        try:
+            shown = topics.echo(
+                observer, arguments.topic, lambda message: print(form(message), flush=True),
+                arguments.once, arguments.timeout,
+                note_once(f'waiting for a message on {arguments.topic} ...'))
+        except KeyboardInterrupt:
+            return DONE
+    if not shown:
+        note(f'no message on {arguments.topic} within {arguments.timeout:g} s')
+    return DONE if shown else FAILED
+
+
+def add_hz(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('topic', metavar='TOPIC', help='topic to measure')
+    add_timeout(parser)
+
+
+def hz(arguments: argparse.Namespace) -> int:
+    """Print the rate each second until Ctrl-C; 1 if there was no message before the timeout."""
+    check_timeout(arguments)
+    waiting = note_once(f'waiting for messages on {arguments.topic} ...')
+    came = False
+    rates = tool('topics').rates
+    with tool('observer').Observer('hz') as observer:
+        try:
+            for sentence in rates(observer, arguments.topic, arguments.timeout, waiting):
+                came = came or sentence is not None
+                if sentence is None:
+                    waiting()
+                else:
+                    print(sentence, flush=True)
+        except KeyboardInterrupt:
+            return DONE
+    return DONE if came else FAILED
+
+
+def add_record(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('topics', nargs='*', metavar='TOPIC', help='topics to record')
+    parser.add_argument('-a', '--all', action='store_true',
+                        help='record all topics, including those that appear later')
+    parser.add_argument('-o', '--output', type=Path, metavar='DIR',
+                        help='new folder for the bag (default: bag_ and the date and time)')
+    parser.add_argument('-d', '--duration', type=float, default=float('inf'), metavar='SECONDS',
+                        help='end after this time (default: at Ctrl-C)')
+
+
+def record(arguments: argparse.Namespace) -> int:
+    """Record until Ctrl-C; 1 if there was no message."""
+    if arguments.all == bool(arguments.topics):
+        raise ConfigurationError('name the topics to record, or give -a for all', 'missing',
+                                 'TOPIC')
+    if not arguments.duration > 0.0:
+        raise ConfigurationError(f'--duration must be above 0 s, got {arguments.duration:g}',
+                                 'out_of_range', '--duration')
+    folder = arguments.output or Path(time.strftime('bag_%Y_%m_%d-%H_%M_%S'))
+    recorder = from_ros('ballbot_ros.bags.record')
+    recorder.check_new(folder)
+    from ballbot_ros.results.files import check_writable
+    check_writable(folder.parent / f'{folder.name}.mcap')
+    with tool('observer').Observer('record') as observer:
+        counts = recorder.record(observer, folder, arguments.topics, arguments.duration, note)
+    for topic, count in sorted(counts.items()):
+        print(f'{count:8d}  {topic}')
+    print(f'{sum(counts.values())} messages of {len(counts)} topics in {folder}')
+    return DONE if counts else FAILED
+
+
+def add_e_stop(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--node', default='bridge', metavar='NAME',
+                        help='node that has the e-stop, with its namespace (default: %(default)s)')
+    parser.add_argument('--timeout', type=float, default=5.0, metavar='SECONDS',
+                        help='longest time to wait for the node and its reply '
+                        '(default: %(default)g)')
+
+
+def call_e_stop(arguments: argparse.Namespace, service: str) -> int:
+    """Call a service of the node and print its reply; 1 if the node refuses."""
+    if not 0.0 < arguments.timeout < float('inf'):
+        raise ConfigurationError(
+            f'--timeout must be above 0 s and finite, got {arguments.timeout:g}', 'out_of_range',
+            '--timeout')
+    trigger = tool('e_stop').trigger
+    with tool('observer').Observer(service) as observer:
+        reply = trigger(observer, arguments.node, service, arguments.timeout)
+    if not reply.success:
+        print_error(reply.message)
+        return FAILED
+    print(reply.message or 'done')
+    return DONE
+
+
+TOPICS, ECHO, HZ = Verb(add_topics, list_topics), Verb(add_echo, echo), Verb(add_hz, hz)
+RECORD = Verb(add_record, record)
+ENGAGE = Verb(add_e_stop, lambda arguments: call_e_stop(arguments, 'engage_e_stop'))
+RELEASE = Verb(add_e_stop, lambda arguments: call_e_stop(arguments, 'release_e_stop'))
