@@ -25,12 +25,15 @@ from ballbot_ros.drives.odrive.settings import RUNAWAY
 from ballbot_ros.emulator.control import FAULTS, LINE_FAULTS
 from ballbot_ros.estimation import OdometryTuning
 from ballbot_ros.nodes.bridge.health import VALUES
+from ballbot_ros.nodes.bridge.settings import BridgeSettings
+from ballbot_ros.nodes.controller.settings import ControllerSettings
+from ballbot_ros.nodes.emulated_robot.settings import EmulatedRobotSettings
 from ballbot_ros.nodes.imu.publisher import VALUES as IMU_VALUES
+from ballbot_ros.nodes.imu.settings import ImuSettings
+from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
+from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics.model.terrain_file import PIECES
 from ballbot_ros.ros.setting_fields import Settings
-from ballbot_ros.ros.settings import (
-    BridgeSettings, ControllerSettings, DecisionSettings, EmulatedRobotSettings, ImuSettings,
-    SimulatorSettings)
 from ballbot_ros.ros.topics import TOPICS
 
 DOCS = Path(__file__).resolve().parent.parent / 'docs'

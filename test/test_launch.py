@@ -11,6 +11,11 @@ import runpy
 import pytest
 
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.nodes.bridge.settings import BridgeSettings
+from ballbot_ros.nodes.controller.settings import ControllerSettings
+from ballbot_ros.nodes.imu.settings import ImuSettings
+from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
+from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 
 ROOT = Path(__file__).resolve().parent.parent
 EXECUTABLES = {path.parent.name
@@ -28,10 +33,9 @@ def started(path):
 
 @pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda p: p.stem)
 def test_launch_files_start_nodes_that_exist_with_parameters_that_exist(path):
-    settings = pytest.importorskip('ballbot_ros.ros.settings')
-    known = {'bridge': settings.BridgeSettings, 'simulator': settings.SimulatorSettings,
-             'controller': settings.ControllerSettings,
-             'obstacle_decision': settings.DecisionSettings, 'imu': settings.ImuSettings}
+    known = {'bridge': BridgeSettings, 'simulator': SimulatorSettings,
+             'controller': ControllerSettings, 'obstacle_decision': DecisionSettings,
+             'imu': ImuSettings}
     nodes = list(started(path))
     assert nodes or path.stem in ('record.launch', 'two_robots.launch')
     for executable, names in nodes:
@@ -74,8 +78,8 @@ def test_two_robots_are_apart_and_one_of_them_makes_the_time():
 
 def test_the_robot_is_that_of_the_scene_or_of_the_hardware_file_unless_one_is_named():
     pytest.importorskip('launch_ros')
-    from launch import LaunchContext
     from ballbot_ros.ros.launching import Given
+    from launch import LaunchContext
     context = LaunchContext()
     context.launch_configurations.update(
         robot='', scene='shellball_drop', hardware='gimball_odrive')

@@ -126,7 +126,7 @@ def parameters_of(arguments: argparse.Namespace, known: dict[str, Any]) -> Any:
     """
     import yaml
 
-    from ballbot_ros.ros.settings import SimulatorSettings
+    from ballbot_ros.nodes.simulator.settings import SimulatorSettings
     given = dict(known)
     for words in arguments.set or ():
         name, sign, text = words.partition('=')

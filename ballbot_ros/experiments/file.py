@@ -87,7 +87,9 @@ def _place(folder: Path, name: str) -> str:
 def _nodes(plan: Experiment, path: Path, beside: Path
            ) -> Tuple[Dict[str, Dict[str, Any]], float]:
     """Return the parameters of each node, checked, and the period of the observations [s]."""
-    from ballbot_ros.ros.settings import ControllerSettings, DecisionSettings, SimulatorSettings
+    from ballbot_ros.nodes.controller.settings import ControllerSettings
+    from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
+    from ballbot_ros.nodes.simulator.settings import SimulatorSettings
     kinds: Dict[str, Any] = dict(zip(
         NODES, (SimulatorSettings, ControllerSettings, DecisionSettings)))
     nodes: Dict[str, Dict[str, Any]] = {}
@@ -148,7 +150,8 @@ def freeze(plan: Experiment) -> Dict[str, str]:
 
 def _defaults(node: str) -> Dict[str, str]:
     """Return the files that a node reads where nothing else is said."""
-    from ballbot_ros.ros.settings import ControllerSettings, DecisionSettings
+    from ballbot_ros.nodes.controller.settings import ControllerSettings
+    from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
     kind: Any = {'controller': ControllerSettings, 'obstacle_decision': DecisionSettings}.get(node)
     fields: List[str] = [name for name in FILES if kind is not None and hasattr(kind, name)]
     return {name: getattr(kind, name) for name in fields}

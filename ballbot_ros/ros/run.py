@@ -5,6 +5,7 @@ import gc
 import os
 import signal
 import sys
+import time
 from typing import Any, Callable, List, Optional, Sequence
 
 import rclpy
@@ -16,15 +17,18 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.jit import hear_of_first_calls
 from ballbot_ros.ros import discovery
 from ballbot_ros.ros.executor import new_executor, spin, Stop
-from ballbot_ros.ros.first_start import FirstStart
 from ballbot_ros.ros.logs import forward_logs
 
-# How long a stop signal, or the failure of a node, may wait to be seen [s].
-WAKE = 0.1
-# How long the middleware may take to end, once all is safe [s]; then the process ends without it.
-LAST = 20.0
+# Longest delay of the reaction to a stop signal, or to the failure of a node [s].
+POLL_PERIOD = 0.1
+# Longest time for the middleware to end, once all is safe [s]; then the process ends without it.
+END_TIMEOUT = 20.0
+
+# Wall time without /clock before a warning, and between two of them [s].
+CLOCK_TIMEOUT, CLOCK_WARNING_PERIOD = 3.0, 10.0
 
 REFUSED = 2  # exit code when the node does not accept its configuration
 
@@ -121,8 +125,9 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
         gc.freeze()
         for node in nodes:
             _watch(node, stopping)
+            _watch_clock(node)
         while rclpy.ok() and not stopping.given:
-            spin(executor, stopping, WAKE)
+            spin(executor, stopping, POLL_PERIOD)
         for node in nodes:
             failure = getattr(node, 'failure', None)
             if failure is not None:
@@ -160,7 +165,7 @@ def _end_in_time(nodes: Sequence[Node]) -> None:
     full load, and with Python's lock held: only a thread outside of Python ends it, with code 1.
     """
     if not nodes:  # none that may have something to make safe yet
-        faulthandler.dump_traceback_later(LAST, exit=True, file=open(os.devnull, 'w'))
+        faulthandler.dump_traceback_later(END_TIMEOUT, exit=True, file=open(os.devnull, 'w'))
 
 
 def _watch(node: Node, stopping: Stop) -> None:
@@ -169,7 +174,20 @@ def _watch(node: Node, stopping: Stop) -> None:
         def look() -> None:
             if node.failure is not None:
                 stopping.give()
-        node.create_timer(WAKE, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.create_timer(POLL_PERIOD, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+
+def _watch_clock(node: Node) -> None:
+    """Warn while a node with use_sim_time receives no /clock: its time stands still."""
+    def check() -> None:
+        if node.get_clock().now().nanoseconds:
+            timer.cancel()
+        elif node.get_parameter('use_sim_time').value:
+            node.get_logger().warning(
+                f'use_sim_time is set and no /clock has arrived for {CLOCK_TIMEOUT:g} s: the time '
+                'of this node is 0 s until then; start a simulator, or set use_sim_time to false',
+                throttle_duration_sec=CLOCK_WARNING_PERIOD)
+    timer = node.create_timer(CLOCK_TIMEOUT, check, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
 def _compiles(frame: Any) -> bool:
@@ -184,3 +202,40 @@ def _compiles(frame: Any) -> bool:
 def _one_line(error: Exception) -> str:
     """Return the message of an error without its line breaks."""
     return ' '.join(str(error).split())
+
+
+COMPILES = ('compiling for this machine, which takes a minute or two and is kept: the next start '
+            'begins at once')
+# A period in which this happens is late, and a test reads every log for it.
+LATE = 'this node is late by a kernel that is called for the first time: '
+
+
+class FirstStart:
+    """
+    Logs what a node compiles before it is ready, and warns of what it compiles later.
+
+    Parameters
+    ----------
+    tell, warn : callable
+        Take a sentence.
+
+    """
+
+    def __init__(self, tell: Callable[[str], None], warn: Callable[[str], None]):
+        self._tell, self._warn = tell, warn
+        self._begun, self._compiled, self._ready = time.monotonic(), 0, False
+        hear_of_first_calls(self._hear)
+
+    def ready(self) -> None:
+        """Log the time that the start took."""
+        self._ready = True
+        self._tell(f'ready after {time.monotonic() - self._begun:.1f} s' + (
+            f', in which {self._compiled} kernels were compiled' if self._compiled else ''))
+
+    def _hear(self, kernel: str, kept: bool) -> None:
+        if self._ready:
+            self._warn(f'{LATE}{kernel}, {"read from the disk" if kept else "compiled"}')
+        elif not kept:
+            if not self._compiled:
+                self._tell(COMPILES)
+            self._compiled += 1

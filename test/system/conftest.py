@@ -18,7 +18,7 @@ from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.physics import load_scene
 from ballbot_ros.ros import discovery
-from ballbot_ros.ros.first_start import LATE
+from ballbot_ros.ros.run import LATE
 
 # Ports of the first lie beside those that Linux gives to programs, and the demo takes none of
 # them.  The others are for a machine on which many tests run at once.

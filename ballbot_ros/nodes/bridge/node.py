@@ -15,6 +15,7 @@ from ballbot_ros.nodes.bridge.motor import Clocks, MotorOutputs
 from ballbot_ros.nodes.bridge.robot_outputs import RobotOutputs
 from ballbot_ros.nodes.bridge.service_manager import ServiceManager
 from ballbot_ros.nodes.bridge.session_setup import new_session, prepare_session
+from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
@@ -22,7 +23,6 @@ from ballbot_ros.ros.logs import DeferredLogs
 from ballbot_ros.ros.parameter_changes import Commit
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
-from ballbot_ros.ros.settings import BridgeSettings
 
 SWITCH = 5e-4  # longest time that a thread keeps others from running [s]
 LOOK_AFTER = 0.1  # how often the loop is looked after [s]

@@ -10,11 +10,11 @@ from ballbot_ros.bridge.condition import Condition
 from ballbot_ros.bridge.session import Report, Session
 from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.nodes.bridge.motor import Clocks
+from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.ros.conversions import estimated_odometry_message, to_time
 from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.frames import FRAMES, Frames
 from ballbot_ros.ros.odometry import OdometryTopics
-from ballbot_ros.ros.settings import BridgeSettings
 
 BATTERY_PERIOD = 1.0  # [s]
 # How often the links are told where others publish odometry [Hz].

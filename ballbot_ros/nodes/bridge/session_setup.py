@@ -13,10 +13,10 @@ from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import Supervision
 from ballbot_ros.control.aside import aside
 from ballbot_ros.nodes.bridge.black_box_topic import black_box
+from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros.endpoints import publisher_names
 from ballbot_ros.ros.parameter_changes import Commit
-from ballbot_ros.ros.settings import BridgeSettings
 
 
 def new_session(node: Node, settings: BridgeSettings) -> Session:

@@ -10,7 +10,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from ballbot_ros.control import checked_controller, SetPoint, Watchdog
-from ballbot_ros.nodes.controller.health import health
+from ballbot_ros.nodes.controller.settings import ControllerSettings
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.cmd_vel import speed_set_point, SpeedSubscription
@@ -22,7 +22,6 @@ from ballbot_ros.ros.parameter_changes import Commit
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.retuning import change_period, LoopNumbers, prepare_laws
 from ballbot_ros.ros.run import run
-from ballbot_ros.ros.settings import ControllerSettings
 
 
 class Controller(Node):
@@ -131,7 +130,24 @@ class Controller(Node):
 
     def _health(self) -> Tuple[bytes, str, dict]:
         """Return level, message and numbers for /diagnostics."""
-        return health(self._controller, self._watchdog, self._torque, self._refused)
+        now = self._controller.set_point
+        values = {
+            'mode': now.mode.value, 'set_value': f'{now.value:.4f}',
+            'torque': f'{self._torque:.4f}', 'state_rate': f'{self._controller.rate or 0.0:.1f}',
+            **diagnostics.refusals('messages', self._refused)}
+        if not self._watchdog.fed:
+            return diagnostics.WARN, 'waiting for joint_states', values
+        if self._watchdog.expired(time.monotonic()):
+            return diagnostics.WARN, 'no joint_states any more, torque is 0', values
+        if self._controller.e_stop:
+            return diagnostics.WARN, 'the e-stop is engaged, torque is 0', values
+        if self._controller.too_slow:
+            return diagnostics.ERROR, 'joint_states come too rarely, torque is 0', values
+        if self._controller.overcome:
+            return diagnostics.WARN, 'running; more resists the set speed than can be held', values
+        if self._refused:
+            return diagnostics.WARN, 'running; messages were refused', values
+        return diagnostics.OK, 'running', values
 
 
 def main(args: Optional[List[str]] = None) -> int:

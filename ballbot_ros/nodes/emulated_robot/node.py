@@ -13,6 +13,7 @@ from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.emulator.imu_line import ImuLine
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.bridge.motor import imu_message
+from ballbot_ros.nodes.emulated_robot.settings import EmulatedRobotSettings
 from ballbot_ros.physics import load_scene
 from ballbot_ros.plant import Imu, Sensor, TerrainSensor
 from ballbot_ros.ros.conversions import (
@@ -23,7 +24,6 @@ from ballbot_ros.ros.parameter_changes import Commit
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.retuning import change_period
 from ballbot_ros.ros.run import run
-from ballbot_ros.ros.settings import EmulatedRobotSettings
 
 # IMU readings per message of the others.
 ODOM_EVERY, OBSERVATION_EVERY, TRUTH_EVERY = 3, 5, 3

@@ -2,8 +2,8 @@
 """What decisions are made with, as the parameters ask for."""
 from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import check_decision, Knowledge, load_curve
+from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
 from ballbot_ros.physics.model.robot import load_robot
-from ballbot_ros.ros.settings import DecisionSettings
 
 
 def known(settings: DecisionSettings) -> Knowledge:

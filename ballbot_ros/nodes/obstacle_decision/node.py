@@ -13,6 +13,7 @@ from ballbot_ros.nodes.obstacle_decision.goals import GoalServers
 from ballbot_ros.nodes.obstacle_decision.knowledge import known
 from ballbot_ros.nodes.obstacle_decision.outcomes import Experience
 from ballbot_ros.nodes.obstacle_decision.outputs import DecisionOutputs
+from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
 from ballbot_ros.nodes.obstacle_decision.standstill import Standstill
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import exact, motion, observation, terrain_observation, to_seconds
@@ -20,7 +21,6 @@ from ballbot_ros.ros.endpoints import create_subscription
 from ballbot_ros.ros.parameter_changes import Commit
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
-from ballbot_ros.ros.settings import DecisionSettings
 
 # Where observations come more slowly, set-points are published with the odometry in between [s].
 LONGEST_SILENCE = 0.025

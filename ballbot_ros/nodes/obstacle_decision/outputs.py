@@ -11,10 +11,10 @@ from sensor_msgs.msg import JointState
 from ballbot_ros.decision.decider import Answer
 from ballbot_ros.msg import StepDecision
 from ballbot_ros.nodes.obstacle_decision.gain_watch import GainWatch
+from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
 from ballbot_ros.ros.conversions import decision_message, set_point_message, to_seconds, to_time
 from ballbot_ros.ros.endpoints import create_publisher, wait_until_received
 from ballbot_ros.ros.markers import decision_markers, MarkerTopic
-from ballbot_ros.ros.settings import DecisionSettings
 
 
 class DecisionOutputs:

@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node ``simulator``: the ball robot, its sensors, and the time they live in."""
+import math
 from typing import Any, List, Optional, Tuple, Union
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from ballbot_ros.control import CommandGate
 from ballbot_ros.errors import MessageError, RefusedError
-from ballbot_ros.nodes.simulator.followed_clock import FollowedClock
-from ballbot_ros.nodes.simulator.health import health
 from ballbot_ros.nodes.simulator.laws_inside import check_control, LawsInside
 from ballbot_ros.nodes.simulator.outputs import Outputs
-from ballbot_ros.nodes.simulator.own_time import keep_own_time
-from ballbot_ros.nodes.simulator.scheduler import Scheduler
+from ballbot_ros.nodes.simulator.scheduler import FollowedClock, Scheduler
+from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.nodes.simulator.simulation_interfaces import serve
 from ballbot_ros.physics.simulation.scene import load_scene
 from ballbot_ros.physics.simulation.solver import Solver
@@ -26,8 +27,9 @@ from ballbot_ros.ros.parameter_changes import Commit
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.retuning import change_period
 from ballbot_ros.ros.run import run
-from ballbot_ros.ros.settings import SimulatorSettings
 from ballbot_ros.srv import Step
+
+NO_SIM_TIME = 'use_sim_time does not apply to the simulator, which makes the simulated time'
 
 
 class Simulator(Node):
@@ -36,7 +38,7 @@ class Simulator(Node):
     def __init__(self, **kwargs: Any):
         """Load the scene and start (or wait, if paused)."""
         super().__init__('simulator', **kwargs)
-        keep_own_time(self)
+        ignore_sim_time(self)
         self._settings = settings = declare(self, SimulatorSettings, self._prepare)
         check_control(settings)
         scene = load_scene(settings.scene, settings.robot or None,
@@ -137,7 +139,37 @@ class Simulator(Node):
 
     def _health(self) -> Tuple[bytes, str, dict]:
         """Return level, message and numbers for /diagnostics."""
-        return health(self._settings, self._plant, self._scheduler, self._gate, self._laws)
+        values = {
+            'simulated_time': f'{self._plant.time:.3f}', 'scene': self._settings.scene,
+            'real_time_factor': f'{self._scheduler.real_time_factor:.3f}',
+            'periods_dropped': self._scheduler.dropped,
+            'commands_accepted': self._gate.accepted,
+            'error_estimate': f'{self._plant.error_estimate:.1e}',
+            **diagnostics.refusals('commands', self._gate.refused)}
+        if self._laws is not None:
+            values.update(self._laws.values, set_points_refused=sum(self._laws.refused.values()))
+        if self._scheduler.failure is not None:
+            return diagnostics.ERROR, str(self._scheduler.failure), values
+        if self._plant.lost_at < math.inf:
+            return diagnostics.WARN, (
+                f'the accuracy of {self._settings.accuracy:g} m holds up to '
+                f't = {self._plant.lost_at:.3f} s only: the motion is chaotic'), values
+        if self._scheduler.paused:
+            return diagnostics.OK, 'paused', values
+        if self._gate.refused:
+            return diagnostics.WARN, 'running; commands were refused', values
+        return diagnostics.OK, 'running', values
+
+
+def ignore_sim_time(node: Node) -> None:
+    """Warn if the parameter use_sim_time is set, and refuse to set it at run time."""
+    if node.get_parameter('use_sim_time').value:
+        node.get_logger().warning(NO_SIM_TIME)
+
+    def check(parameters: List[Parameter]) -> SetParametersResult:
+        enabled = any(one.name == 'use_sim_time' and one.value for one in parameters)
+        return SetParametersResult(successful=not enabled, reason=NO_SIM_TIME if enabled else '')
+    node.add_on_set_parameters_callback(check)
 
 
 def main(args: Optional[List[str]] = None) -> int:

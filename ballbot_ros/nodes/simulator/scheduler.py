@@ -1,24 +1,149 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs the control periods of a simulation: in real time, as fast as it goes, or in lockstep."""
+import math
 import time
 from typing import Callable, Optional, Union
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.node import Node
 from rclpy.task import Future
+from rosgraph_msgs.msg import Clock
 
 from ballbot_ros.errors import SimulationError
-from ballbot_ros.nodes.simulator.followed_clock import FollowedClock
 from ballbot_ros.nodes.simulator.laws_inside import TorqueSource
 from ballbot_ros.nodes.simulator.outputs import Outputs
-from ballbot_ros.nodes.simulator.run_control import RunControl
+from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.plant import Pace, Plant, Speedometer
-from ballbot_ros.ros.settings import SimulatorSettings
+from ballbot_ros.ros.conversions import to_seconds
+from ballbot_ros.ros.endpoints import create_subscription
 
-# A state is repeated this often while nobody answers it: subscribers may not be there yet [s].
-REPEAT = 0.2
-# Wall time that one callback may fill with simulation when going as fast as it goes [s].
-BATCH = 0.002
+# Period at which an unanswered state is repeated: subscribers may not be discovered yet [s].
+REPEAT_PERIOD = 0.2
+# Wall time of one callback where the simulation runs as fast as possible [s].
+BATCH_TIME = 0.002
+# A larger lag behind a followed /clock is given up: time jumps [s].
+LAG_MAX = 1.0
+# Rounding of stamps to the nanosecond, as a part of any period at most.
+STAMP_ROUNDING = 1e-4
+CLOCK_TIMEOUT = 3.0  # without /clock, before a warning [s of wall time]
+
+
+class RunControl:
+    """
+    Paused, stepping through so many control periods, or running without end.
+
+    Parameters
+    ----------
+    paused : bool
+
+    """
+
+    def __init__(self, paused: bool):
+        """Start paused or running."""
+        self._left: Optional[int] = 0 if paused else None
+        self._done: Optional[Future] = None
+
+    @property
+    def running(self) -> bool:
+        """Return whether a period may run now."""
+        return self._left is None or self._left > 0
+
+    @property
+    def paused(self) -> bool:
+        """Return whether no period may run until `resume` or `step`."""
+        return self._left == 0
+
+    def pause(self) -> None:
+        """Let no period run."""
+        self._end(False)
+        self._left = 0
+
+    def resume(self) -> None:
+        """Let periods run without end."""
+        self._end(False)
+        self._left = None
+
+    def step(self, periods: int) -> Future:
+        """Let so many periods run, then pause; the future holds whether all were run."""
+        self._end(False)
+        self._left = periods
+        self._done = Future()
+        return self._done
+
+    def count_period(self) -> None:
+        """Count a period that has run."""
+        if self._left is not None:
+            self._left -= 1
+            if self._left == 0:
+                self._end(True)
+
+    def _end(self, complete: bool) -> None:
+        if self._done is not None:
+            self._done.set_result(complete)
+            self._done = None
+
+
+class FollowedClock:
+    """
+    Counts the control periods that are due by /clock, in place of a `Pace`.
+
+    The plant takes its time from the first message, is never ahead of the newest one, and follows
+    it also where it jumps: its stamps are of the one time of the graph.
+
+    Parameters
+    ----------
+    node : Node
+    plant : Plant
+    most : int
+        Periods per call.
+
+    Attributes
+    ----------
+    dropped : int
+        Periods given up so far.
+
+    """
+
+    def __init__(self, node: Node, plant: Plant, most: int = 50):
+        self._plant, self._most, self._logger = plant, most, node.get_logger()
+        self._clock: Optional[float] = None
+        self._joined = False
+        self._waiting_since: Optional[float] = None
+        self.dropped = 0
+        create_subscription(node, '/clock', self._on_clock)
+
+    def restart(self, now: float) -> None:
+        """Take the time from the clock again, after a pause for instance."""
+        self._joined = False
+
+    def due(self, now: float) -> int:
+        """Return how many periods to run at `now` [s of wall time]."""
+        if self._clock is None:
+            self._wait(now)
+            return 0
+        there = math.floor(self._clock / self._plant.period + STAMP_ROUNDING)
+        behind = there - self._plant.periods
+        if not self._joined or not 0 <= behind * self._plant.period <= LAG_MAX:
+            if self._joined:
+                self.dropped += max(0, behind)
+                self._logger.warning(
+                    f'/clock is at {self._clock:.3f} s and this simulator at '
+                    f'{self._plant.time:.3f} s: its time jumps there', throttle_duration_sec=1.0)
+            self._plant.periods, self._joined = there, True
+            return 0
+        return min(behind, self._most)
+
+    def _on_clock(self, message: Clock) -> None:
+        self._clock = to_seconds(message.clock)
+
+    def _wait(self, now: float) -> None:
+        if self._waiting_since is None:
+            self._waiting_since = now
+        if now - self._waiting_since > CLOCK_TIMEOUT:
+            self._logger.warning(
+                'no /clock, and publish_clock is false: time stands still; start the simulator '
+                'that publishes it', throttle_duration_sec=10.0)
 
 
 class Scheduler:
@@ -68,7 +193,7 @@ class Scheduler:
             return self._plant.period
         if self._pace:
             return self._plant.period / self._settings.real_time_factor
-        return REPEAT / 4 if self._settings.lockstep else BATCH / 4
+        return REPEAT_PERIOD / 4 if self._settings.lockstep else BATCH_TIME / 4
 
     @property
     def paused(self) -> bool:
@@ -100,7 +225,7 @@ class Scheduler:
         elif self._pace:
             self._run_due(self._pace, now)
         else:
-            while time.monotonic() - now < BATCH and self._control.running:
+            while time.monotonic() - now < BATCH_TIME and self._control.running:
                 self._run_period()
 
     def command_accepted(self, answer: bool) -> None:
@@ -205,7 +330,7 @@ class Scheduler:
 
     def _wait(self, now: float) -> None:
         """Repeat a state that nobody answers, and warn when it lasts."""
-        if now - self._published >= REPEAT:
+        if now - self._published >= REPEAT_PERIOD:
             self._published = now
             self._outputs.repeat()
         if now - self._since >= self._settings.lockstep_patience:

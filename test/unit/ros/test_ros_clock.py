@@ -11,9 +11,9 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.msg import BallState, StepObservation
-from ballbot_ros.nodes.simulator.followed_clock import FollowedClock, LONGEST_LAG
 from ballbot_ros.nodes.simulator.node import Simulator
 from ballbot_ros.nodes.simulator.outputs import CLOCK, LITTLE_ENDIAN
+from ballbot_ros.nodes.simulator.scheduler import FollowedClock, LAG_MAX
 from ballbot_ros.physics import load_scene
 from ballbot_ros.plant import Plant
 from ballbot_ros.ros import qos
@@ -114,7 +114,7 @@ def test_two_robots_have_one_time_and_the_second_never_runs_ahead_of_it(simulato
     make, until = simulators
     arrivals = Arrivals(make.listener, '/a', '/b')
     follower = make('b', publish_clock=False, real_time_factor=0.0)
-    until(lambda: follower._scheduler._pace._asked is not None)
+    until(lambda: follower._scheduler._pace._waiting_since is not None)
     assert not arrivals.heard['/b/odom'] or arrivals.heard['/b/odom'] == [0.0]
     make('a')
     until(lambda: min(len(arrivals.heard[f'/{name}/odom']) for name in 'ab') > 30)
@@ -162,7 +162,7 @@ def test_a_lag_is_made_up_for_a_long_one_given_up_and_a_clock_set_back_followed(
     at(1.0)
     assert at(1.9) == 50 and [at(1.9) for _ in range(8)] == [50] * 8
     assert plant.time == pytest.approx(1.9) and clock.dropped == 0
-    assert at(1.9 + LONGEST_LAG + 0.1) == 0 and plant.time == pytest.approx(3.0)
+    assert at(1.9 + LAG_MAX + 0.1) == 0 and plant.time == pytest.approx(3.0)
     assert clock.dropped == 550
     assert at(0.5) == 0 and plant.time == 0.5
     clock.restart(0.0)  # after a pause of its own

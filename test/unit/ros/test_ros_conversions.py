@@ -2,8 +2,7 @@
 """Messages are checked where they become values, and nowhere else."""
 import math
 
-from hypothesis import given
-from hypothesis import strategies as some
+from hypothesis import given, strategies as some
 import pytest
 from sensor_msgs.msg import JointState
 
@@ -14,9 +13,12 @@ from ballbot_ros.decision import Decision, Kind, Reason
 from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import OdometryFilter, PendulumFilter
 from ballbot_ros.msg import StepDecision, StepObservation, TerrainObservation
+from ballbot_ros.nodes.controller.settings import ControllerSettings
+from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
+from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics import load_robot, Model, State, Terrain
 from ballbot_ros.plant import TerrainSensor
-from ballbot_ros.ros import conversions, parameters, settings
+from ballbot_ros.ros import conversions, parameters
 
 GIMBALL = load_robot('gimball')
 
@@ -103,8 +105,8 @@ def test_every_decision_has_its_number_in_the_message(kind, reason):
     assert message.explanation == 'because'
 
 
-@pytest.mark.parametrize('cls', [settings.SimulatorSettings, settings.ControllerSettings,
-                                 settings.DecisionSettings])
+@pytest.mark.parametrize('cls', [SimulatorSettings, ControllerSettings,
+                                 DecisionSettings])
 def test_every_parameter_is_described_and_every_number_has_its_range(cls):
     for name, item in cls.described().items():
         descriptor = parameters.describe(item.metadata, why_fixed(item.metadata))

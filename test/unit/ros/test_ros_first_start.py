@@ -3,7 +3,7 @@
 import pytest
 
 from ballbot_ros import jit as compiled
-from ballbot_ros.ros.first_start import COMPILES, FirstStart, LATE
+from ballbot_ros.ros.run import COMPILES, FirstStart, LATE
 
 pytestmark = pytest.mark.skipif(not compiled.COMPILED, reason='nothing is compiled')
 

@@ -101,13 +101,13 @@ def test_a_simulator_goes_slower_and_faster_from_now_on(start):
 
 def test_simulated_time_for_the_one_who_makes_it_is_told_and_does_no_harm(start, capfd):
     node = start(Simulator, use_sim_time=True)
-    assert 'use_sim_time is of no use to the simulator' in capfd.readouterr().err
+    assert 'use_sim_time does not apply to the simulator' in capfd.readouterr().err
     assert node.get_parameter('use_sim_time').value
 
 
 def test_a_simulator_that_runs_refuses_to_go_by_the_time_that_it_makes(start):
     node = start(Simulator)
-    assert 'use_sim_time is of no use to the simulator' in changed(node, use_sim_time=True)
+    assert 'use_sim_time does not apply to the simulator' in changed(node, use_sim_time=True)
     assert changed(node, use_sim_time=False, odom_rate=50.0) == ''
     assert not node.get_parameter('use_sim_time').value
 

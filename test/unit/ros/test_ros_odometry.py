@@ -7,12 +7,12 @@ from xml.etree import ElementTree
 import pytest
 from rclpy.node import Node
 
+from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.ros import odometry
 from ballbot_ros.ros.conversions import odometry_message
 from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.odometry import OdometryTopics
-from ballbot_ros.ros.settings import SimulatorSettings
 
 STATE = State(time=2.5, x=1.5, y=0.3, ball_angle=-math.pi / 2, pendulum_angle=0.3)
 

@@ -8,12 +8,12 @@ from rosgraph_msgs.msg import Clock
 from ballbot_ros.msg import BallState
 from ballbot_ros.nodes.simulator import outputs
 from ballbot_ros.nodes.simulator.outputs import Outputs
+from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics import load_scene
 from ballbot_ros.plant import Plant
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.endpoints import create_subscription
 from ballbot_ros.ros.executor import new_executor
-from ballbot_ros.ros.settings import SimulatorSettings
 
 MADE = {'ball_state_message': BallState, 'odometry_message': Odometry}
 

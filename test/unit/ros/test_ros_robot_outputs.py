@@ -14,9 +14,9 @@ from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.estimation import OdometryFilter, PendulumFilter
 from ballbot_ros.nodes.bridge import robot_outputs
 from ballbot_ros.nodes.bridge.robot_outputs import battery_message, RobotOutputs
+from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.physics import load_robot
 from ballbot_ros.ros import odometry
-from ballbot_ros.ros.settings import BridgeSettings
 
 GIMBALL = load_robot('gimball')
 # On a clock that is as far from ROS time as wall time is from the time since boot.

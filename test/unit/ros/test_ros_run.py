@@ -50,7 +50,7 @@ STUCK = """
 import ctypes, sys
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.ros import run
-run.LAST = 1.0
+run.END_TIMEOUT = 1.0
 
 class Held:
     def __del__(self):
@@ -229,3 +229,22 @@ def test_without_its_keys_a_node_ends_in_a_sentence(monkeypatch, tmp_path):
                           timeout=60)
     assert done.returncode == 2 and 'Traceback' not in done.stderr
     assert 'cannot start: ' in done.stderr and 'SECURITY ERROR' in done.stderr.upper()
+
+
+WITHOUT_CLOCK = """
+import os, signal, sys, threading
+from rclpy.node import Node
+from ballbot_ros.ros import run
+run.CLOCK_TIMEOUT = 0.2
+threading.Timer(2.0, os.kill, (os.getpid(), signal.SIGINT)).start()
+sys.exit(run.run(lambda: Node('robot'), ['--ros-args', '-p', f'use_sim_time:={sys.argv[1]}']))
+"""
+
+
+@pytest.mark.parametrize('simulated', ['true', 'false'])
+def test_a_node_with_use_sim_time_and_no_clock_warns(simulated, monkeypatch):
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
+    done = subprocess.run([sys.executable, '-c', WITHOUT_CLOCK, simulated], capture_output=True,
+                          text=True, timeout=60)
+    assert done.returncode == 0
+    assert ('no /clock has arrived' in done.stderr) is (simulated == 'true')

@@ -6,11 +6,11 @@ import pytest
 
 from ballbot_ros.control import CommandGate
 from ballbot_ros.nodes.simulator import scheduler
-from ballbot_ros.nodes.simulator.run_control import RunControl
+from ballbot_ros.nodes.simulator.scheduler import RunControl
+from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics import load_scene
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Plant
-from ballbot_ros.ros.settings import SimulatorSettings
 
 
 class Outputs:

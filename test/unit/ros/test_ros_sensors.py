@@ -3,8 +3,8 @@
 import pytest
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.nodes.simulator.sensors import check_lockstep
-from ballbot_ros.ros.settings import SimulatorSettings
+from ballbot_ros.nodes.simulator.outputs import check_lockstep
+from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 
 
 @pytest.mark.parametrize('given, named', [

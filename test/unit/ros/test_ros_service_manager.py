@@ -14,7 +14,8 @@ import yaml
 from ballbot_ros.config.fields import checked_values
 from ballbot_ros.nodes.bridge import service_manager
 from ballbot_ros.nodes.bridge.service_manager import ServiceManager, SIGNS
-from ballbot_ros.ros import settings
+from ballbot_ros.nodes.bridge.settings import BridgeSettings
+from ballbot_ros.nodes.imu.settings import ImuSettings
 
 ROOT = Path(__file__).resolve().parents[3]
 UNITS = sorted((ROOT / 'config' / 'systemd').glob('*.service'))
@@ -192,7 +193,7 @@ def test_logs_black_box_and_machine_code_go_where_a_service_may_write(path):
 
 
 @pytest.mark.parametrize('name, cls', [
-    ('bridge', settings.BridgeSettings), ('imu', settings.ImuSettings)])
+    ('bridge', BridgeSettings), ('imu', ImuSettings)])
 def test_the_parameter_files_of_the_services_hold(name, cls):
     path = ROOT / 'config' / 'systemd' / f'{name}.yaml'
     values = yaml.safe_load(path.read_text())['/**']['ros__parameters']

@@ -11,8 +11,8 @@ class NoRos:
         if top == 'rclpy' or top.endswith(('_msgs', '_interfaces', '_srvs')):
             raise ModuleNotFoundError(f'planted: no {name}', name=name)
 sys.meta_path.insert(0, NoRos())
-from ballbot_ros.ros import settings
-print(settings.SimulatorSettings().control)
+from ballbot_ros.nodes.simulator.settings import SimulatorSettings
+print(SimulatorSettings().control)
 """
 
 

@@ -1,20 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of the nodes: name, unit, range, default and meaning of each."""
-from dataclasses import dataclass, field, replace
-from typing import Any, Tuple
+"""The parameters of the node: name, unit, range, default and meaning."""
+from dataclasses import dataclass, field
+from typing import Any
 
 from ballbot_ros.config.fields import count, fixed, flag, live, quantity, text
-from ballbot_ros.control import ControlTuning, load_tuning, Supervision
-from ballbot_ros.decision import DecisionTuning, load_decision_tuning
-from ballbot_ros.decision.planning.planners import PLANNERS
+from ballbot_ros.control import ControlTuning, load_tuning
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.plant import SensorFaults
 from ballbot_ros.ros.frames import described, frame, frame_prefix, marked
-from ballbot_ros.ros.hardware_settings import BridgeSettings, EmulatedRobotSettings, ImuSettings
 from ballbot_ros.ros.setting_fields import file_in, numbers_in, rate_of, Settings
-
-__all__ = ['BridgeSettings', 'ControllerSettings', 'DecisionSettings', 'EmulatedRobotSettings',
-           'ImuSettings', 'SimulatorSettings']
 
 
 def _fault(name: str) -> Any:
@@ -108,70 +102,3 @@ class SimulatorSettings(Settings):
     base_frame: str = frame('base')
     imu_frame: str = frame('imu')
     gains: ControlTuning = numbers_in('tuning', ControlTuning, load_tuning, 'gains.')
-
-
-@dataclass(frozen=True)
-class ControllerSettings(Settings):
-    """Parameters of the node ``controller``."""
-
-    robot: str = fixed('the laws are made for it', file_in('robots', 'gimball'))
-    tuning: str = live(file_in('tunings', 'published'))
-    torque_limit: float = live(quantity(
-        'N m', 'largest torque asked for; 0 takes that of the tuning', default=0.0, minimum=0.0,
-        maximum=1e6))
-    rate: float = live(quantity(
-        'Hz', 'rate of joint_states that the loop is checked for, and must then have',
-        default=500.0, minimum=1.0, maximum=100000.0))
-    delay: int = live(count(
-        'samples between a state and the torque that answers it; 0 fits the simulator, which '
-        'applies the answer to the very period that the state begins', default=0, maximum=10))
-    state_timeout: float = live(quantity(
-        's', 'wall time without a joint state after which the torque is set to 0', default=0.1,
-        minimum=0.005, maximum=10.0))
-    set_point_timeout: float = live(quantity(
-        's', 'age of a set-point, on the clock of the joint states, after which the pendulum is '
-        'let down; 0 for never', default=0.5, minimum=0.0, maximum=3600.0))
-    lockstep_set_point_period: float = live(quantity(
-        's', 'answer a state only with the set-point of its own period of this length, for runs '
-        'that are repeatable to the bit; 0 to take what is there', default=0.0, minimum=0.0,
-        maximum=10.0))
-    gains: ControlTuning = numbers_in('tuning', ControlTuning, load_tuning, 'gains.')
-
-    @property
-    def loop(self) -> Tuple[ControlTuning, float, int]:
-        """Return the gains under the torque limit in force, rate [Hz] and delay [samples]."""
-        limit = self.torque_limit
-        gains = self.gains if limit == 0.0 else replace(self.gains, torque_limit=limit)
-        return gains, self.rate, self.delay
-
-    @property
-    def supervision(self) -> Supervision:
-        """Return what is expected of those that publish."""
-        return Supervision(set_point_timeout=self.set_point_timeout,
-                           set_point_period=self.lockstep_set_point_period)
-
-
-@dataclass(frozen=True)
-class DecisionSettings(Settings):
-    """Parameters of the node ``obstacle_decision``."""
-
-    robot: str = fixed('what was learned rests on it', file_in('robots', 'gimball'))
-    curve: str = live(file_in('curves', 'gimball_down', 'height curve'))
-    variant: str = live(text(
-        'which cubic of the curve: the best fit, or one that is nowhere above the simulation',
-        default='fit', choices=('fit', 'conservative')))
-    tuning: str = live(file_in('tunings', 'decision_default', 'decision tuning'))
-    control_tuning: str = live(file_in(
-        'tunings', 'published', doc=': that of the laws that drive'))
-    outcome_log: str = fixed('it is read, and learned from, at the start', text(
-        'file that keeps what came of each attempt, and is learned from at the start; empty for '
-        'none', default=''))
-    terrain_frame: str = fixed('the ground seen so far is in it', text(
-        'frame in which terrain_observation must be: level, at the centre of the ball, and not '
-        'rolling', default='base_link'))
-    planner: str = fixed('what it calls is compiled at the start', text(
-        'how decisions are made', default='rollout', choices=tuple(PLANNERS)))
-    publish_markers: bool = marked('the step ahead, the height that is allowed and the words')
-    wait_for_goal: bool = fixed('a goal, or ~/resume, ends the waiting', flag(
-        'stand until there is a goal, or ~/resume is called', default=False))
-    margins: DecisionTuning = numbers_in('tuning', DecisionTuning, load_decision_tuning)

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of the nodes of a real robot, and of one that is emulated."""
+"""The parameters of the node: name, unit, range, default and meaning."""
 from dataclasses import dataclass
 
 from ballbot_ros.bridge.realtime import Scheduling
 from ballbot_ros.config.fields import count, fixed, flag, live, quantity, text
 from ballbot_ros.control import ControlTuning, load_tuning
-from ballbot_ros.imus import IMUS
 from ballbot_ros.ros.frames import described, frame, frame_prefix
 from ballbot_ros.ros.setting_fields import file_in, numbers_in, rate_of, Settings
 
@@ -72,68 +71,3 @@ class BridgeSettings(Settings):
     def scheduling(self) -> Scheduling:
         """Return what the loop asks of the system."""
         return Scheduling(self.realtime_priority, self.cpu, self.lock_memory)
-
-
-@dataclass(frozen=True)
-class ImuSettings(Settings):
-    """Parameters of the node ``imu``."""
-
-    sensor: str = fixed('the port is opened for it', text(
-        'vendor of the sensor', default='witmotion', choices=IMUS))
-    port: str = fixed('the port is opened with it', text(
-        'serial device or URL; best a name in /dev/serial/by-id', default='/dev/ballbot_imu'))
-    baud: int = fixed('the port is opened with it', count(
-        'bits per second; a sensor at the 9600 of the factory is changed to it', default=115200,
-        minimum=4800, maximum=4_000_000))
-    rate: int = fixed('the sensor is configured when it is found', count(
-        'readings per second; WitMotion: 10, 20, 50, 100 or 200', default=200, minimum=1,
-        maximum=10_000))
-    bandwidth: int = fixed('the sensor is configured when it is found', count(
-        'bandwidth of the filters in the sensor [Hz]; WitMotion: 5, 10, 20, 42, 98, 188 or 256',
-        default=98, minimum=1, maximum=10_000))
-    axes: str = live(text(
-        'which axis of the sensor points forward, which left and which up when the shell stands '
-        'at ball angle 0, such as `-y x z`', default='x y z'))
-    latency: float = live(quantity(
-        's', 'time from the motion to the first byte that reports it; the filters of 98 Hz '
-        'take 0.003', default=0.003, minimum=0.0, maximum=0.1))
-    gyro_sd: float = live(quantity(
-        'rad/s', 'noise of the gyro per reading, for the covariance', default=0.005, above=0.0,
-        maximum=10.0))
-    force_sd: float = live(quantity(
-        'm/s2', 'noise of the accelerometer per reading, likewise', default=0.05, above=0.0,
-        maximum=10.0))
-    frame_prefix: str = frame_prefix()
-    imu_frame: str = frame('imu')
-
-
-@dataclass(frozen=True)
-class EmulatedRobotSettings(Settings):
-    """Parameters of the node ``emulated_robot``."""
-
-    hardware: str = fixed('the emulated drive is made with it', file_in(
-        'hardware', 'gimball_odrive', 'hardware file',
-        ', whose protocol and baud rate the drive has'))
-    firmware: str = fixed('the emulated drive is made with it', text(
-        'generation that the drive is of, `0.5` or `0.6` for an ODrive; empty for the only or '
-        'oldest one', default=''))
-    scene: str = fixed('the world is built of it', file_in('scenes', 'doorstep'))
-    link: str = fixed('the device is there already', text(
-        'symbolic link to keep pointing to the serial device', default='/tmp/ballbot_motor'))
-    publish_odom: bool = fixed('the topic is made at the start', flag(
-        'publish the true odom, 83 times a second, for a bridge whose odom_rate is 0',
-        default=False))
-    imu_link: str = fixed('the device is made at the start', text(
-        'symbolic link to the serial device of an emulated WitMotion sensor, in place of the '
-        'topic imu; empty for the topic', default=''))
-    imu_rate: float = live(rate_of('imu', 250.0, minimum=10.0, maximum=1000.0))
-    gyro_sd: float = live(quantity(
-        'rad/s', 'noise of the gyro per reading', default=0.005, minimum=0.0, maximum=10.0))
-    gyro_bias: float = live(quantity(
-        'rad/s', 'constant error of the gyro', default=0.005, minimum=-1.0, maximum=1.0))
-    force_sd: float = live(quantity(
-        'm/s2', 'noise of the accelerometer per reading', default=0.1, minimum=0.0, maximum=10.0))
-    frame_prefix: str = frame_prefix()
-    odom_frame: str = frame('odom')
-    base_frame: str = frame('base')
-    imu_frame: str = frame('imu')

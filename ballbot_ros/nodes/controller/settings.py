@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of the node: name, unit, range, default and meaning."""
+from dataclasses import dataclass, replace
+from typing import Tuple
+
+from ballbot_ros.config.fields import count, fixed, live, quantity
+from ballbot_ros.control import ControlTuning, load_tuning, Supervision
+from ballbot_ros.ros.setting_fields import file_in, numbers_in, Settings
+
+
+@dataclass(frozen=True)
+class ControllerSettings(Settings):
+    """Parameters of the node ``controller``."""
+
+    robot: str = fixed('the laws are made for it', file_in('robots', 'gimball'))
+    tuning: str = live(file_in('tunings', 'published'))
+    torque_limit: float = live(quantity(
+        'N m', 'largest torque asked for; 0 takes that of the tuning', default=0.0, minimum=0.0,
+        maximum=1e6))
+    rate: float = live(quantity(
+        'Hz', 'rate of joint_states that the loop is checked for, and must then have',
+        default=500.0, minimum=1.0, maximum=100000.0))
+    delay: int = live(count(
+        'samples between a state and the torque that answers it; 0 fits the simulator, which '
+        'applies the answer to the very period that the state begins', default=0, maximum=10))
+    state_timeout: float = live(quantity(
+        's', 'wall time without a joint state after which the torque is set to 0', default=0.1,
+        minimum=0.005, maximum=10.0))
+    set_point_timeout: float = live(quantity(
+        's', 'age of a set-point, on the clock of the joint states, after which the pendulum is '
+        'let down; 0 for never', default=0.5, minimum=0.0, maximum=3600.0))
+    lockstep_set_point_period: float = live(quantity(
+        's', 'answer a state only with the set-point of its own period of this length, for runs '
+        'that are repeatable to the bit; 0 to take what is there', default=0.0, minimum=0.0,
+        maximum=10.0))
+    gains: ControlTuning = numbers_in('tuning', ControlTuning, load_tuning, 'gains.')
+
+    @property
+    def loop(self) -> Tuple[ControlTuning, float, int]:
+        """Return the gains under the torque limit in force, rate [Hz] and delay [samples]."""
+        limit = self.torque_limit
+        gains = self.gains if limit == 0.0 else replace(self.gains, torque_limit=limit)
+        return gains, self.rate, self.delay
+
+    @property
+    def supervision(self) -> Supervision:
+        """Return what is expected of those that publish."""
+        return Supervision(set_point_timeout=self.set_point_timeout,
+                           set_point_period=self.lockstep_set_point_period)
