@@ -149,7 +149,7 @@ def test_an_imu_is_read_along_other_axes(start):
     node = start(ImuNode)
     assert changed(node, axes='-y x z', gyro_sd=0.01) == ''
     assert "got 'up'" in changed(node, axes='up') or changed(node, axes='up')
-    assert 'the sensor is told it when it is found' in changed(node, rate=100)
+    assert 'the sensor is configured when it is found' in changed(node, rate=100)
 
 
 def test_an_emulated_robot_measures_worse_from_now_on(start):
