@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Time sweeps of growing size on all cores: the cost of a case must not grow with them."""
-from concurrent.futures import ProcessPoolExecutor
-import multiprocessing
 import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
 import time
 
-from ballbot_ros.cli.sweep import follow
 from ballbot_ros.physics import load_robot
+from ballbot_ros.studies.parallel_map import worker_pool
 from ballbot_ros.studies.sweep import run_block, run_sweep
 from ballbot_ros.studies.sweep_plan import SweepPlan
 
@@ -35,8 +33,7 @@ def measure():
     """Yield name, unit, values and target of each measurement."""
     cores = os.cpu_count() or 1
     times = {size: [] for size in SIZES}
-    with TemporaryDirectory() as folder, ProcessPoolExecutor(
-            cores, multiprocessing.get_context('fork'), follow, (os.getpid(),)) as pool:
+    with TemporaryDirectory() as folder, worker_pool(cores) as (pool, _):
         def spent(size):
             plan = planned(size)
             begin = time.perf_counter()

@@ -149,3 +149,12 @@ def read_rules(arguments: argparse.Namespace) -> Any:
     if arguments.over != 'clear':
         raise ConfigurationError(f'--clearance goes with --over clear, not {arguments.over}')
     return Rules(arguments.attempts, over=arguments.over, clearance=arguments.clearance)
+
+
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    """Add where a parallel map runs."""
+    parser.add_argument('--workers', type=int, metavar='N',
+                        help='number of processes on this machine (default: one per core)')
+    parser.add_argument('--dask', metavar='ADDRESS',
+                        help='run on a Dask cluster: address of its scheduler, such as '
+                        'tcp://host:8786')

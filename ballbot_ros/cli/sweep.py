@@ -1,15 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verb ``sweep``: crossings over any numbers, on all cores or a cluster."""
 import argparse
-from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager
-import multiprocessing
-import os
 from pathlib import Path
-import signal
-from threading import Thread
-from time import perf_counter, sleep
-from typing import Any, Iterator, Mapping, Tuple
+from time import perf_counter
+from typing import Any, Mapping, Tuple
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE, INTERRUPTED, print_error
@@ -43,11 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_actuation(parser)
     options.add_site(parser)
     options.add_rules(parser)
-    parser.add_argument('--workers', type=int, metavar='N',
-                        help='number of processes on this machine (default: one per core)')
-    parser.add_argument('--dask', metavar='ADDRESS',
-                        help='let a Dask cluster do the work: address of its scheduler, such as '
-                        'tcp://host:8786')
+    options.add_workers(parser)
     options.add_quiet(parser)
 
 
@@ -55,6 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Plan, run and say what was done."""
     robot = options.read_robot(arguments)
     from ballbot_ros.cli.progress import watched
+    from ballbot_ros.studies.parallel_map import worker_pool
     from ballbot_ros.studies.sweep import load_arrow, refuse_foreign, run_sweep
     from ballbot_ros.studies.sweep_plan import SweepPlan
     varied = dict(given(word, '--vary') for word in arguments.vary)
@@ -74,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_new_file(arguments.out, arguments.overwrite)
     begin = perf_counter()
     try:
-        with workers(arguments) as (pool, number), \
+        with worker_pool(arguments.workers, arguments.dask) as (pool, number), \
                 watched(plan.size, arguments.quiet, 'sweeping', 'cases') as progress:
             found = run_sweep(plan, arguments.out, pool, number, progress)
     except KeyboardInterrupt:
@@ -107,53 +98,3 @@ def question(arguments: argparse.Namespace, robot: Any, values: Mapping[str, Val
         options.ask_speeds(arguments, 'speed', values['speed'])
     if 'height' in values:
         options.ask(arguments, ask_height(robot, max(values['height']), 'to be tried'))
-
-
-@contextmanager
-def workers(arguments: argparse.Namespace) -> Iterator[Tuple[Executor, int]]:
-    """
-    Give a pool of processes or of a cluster, and how many work in it.
-
-    Raises
-    ------
-    ConfigurationError
-        If dask is missing, the cluster does not answer, or there are to be no workers.
-
-    """
-    if arguments.dask is None:
-        number = (os.cpu_count() or 1) if arguments.workers is None else arguments.workers
-        if number < 1:
-            raise ConfigurationError(f'--workers must be at least 1, got {number}')
-        pool = ProcessPoolExecutor(
-            number, multiprocessing.get_context('fork'), follow, (os.getpid(),))
-        try:
-            yield pool, number
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
-        return
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise ConfigurationError(
-            '--dask needs dask: pip install "dask[distributed]"') from error
-    try:
-        client = Client(arguments.dask, timeout=10)
-    except (OSError, ValueError) as error:
-        raise ConfigurationError(
-            f'--dask {arguments.dask}: no scheduler answers there: {error}') from error
-    with client:
-        number = sum(client.nthreads().values())
-        if number == 0:
-            raise ConfigurationError(f'--dask {arguments.dask}: the cluster has no workers')
-        yield client.get_executor(), number
-
-
-def follow(parent: int) -> None:
-    """Leave Ctrl-C to the process that shares out the work, and end when it is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            sleep(0.5)
-        os._exit(1)
-    Thread(target=watch, daemon=True).start()

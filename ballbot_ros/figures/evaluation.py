@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the evaluation of the decision found; see `studies.evaluation`."""
+"""Results of the evaluation of the decision; see `studies.evaluation`."""
 from typing import Any, Dict
 
 from matplotlib.axes import Axes
@@ -14,7 +14,7 @@ BAD = {'fell': canvas.VERMILION, 'hit': canvas.ORANGE, 'ran away': canvas.PURPLE
 
 def evaluation(report: Dict[str, Any]) -> Figure:
     """
-    Draw reliability, what went wrong, and crossings by room.
+    Draw reliability, failures, and crossings by room.
 
     Parameters
     ----------
@@ -29,8 +29,8 @@ def evaluation(report: Dict[str, Any]) -> Figure:
         draw_reliability(left, planners)
         draw_failures(middle, planners)
         draw_rooms(right, planners)
-        for axes, title in ((left, 'Promised and kept'), (middle, 'Went wrong, per 1,000'),
-                            (right, 'Crossed of what 23 of 24 robots can')):
+        for axes, title in ((left, 'Predicted and observed'), (middle, 'Failures per 1,000'),
+                            (right, 'Success rate on crossable steps')):
             axes.set_title(title, loc='left', fontsize=9.5, weight='bold')
             axes.grid(color=canvas.SOIL, lw=0.5)
             axes.set_axisbelow(True)
@@ -41,24 +41,24 @@ def evaluation(report: Dict[str, Any]) -> Figure:
 
 
 def draw_reliability(axes: Axes, planners: Dict[str, Any]) -> None:
-    """Draw how often a promised probability of getting over was kept."""
+    """Draw the observed success rate over the predicted one."""
     axes.plot([0.4, 1.0], [0.4, 1.0], color=canvas.GREY, lw=0.8, ls='--')
     for one, colour in zip(planners.values(), COLOURS):
         parts = [part for part in one['reliability'] if part['attempts']]
         if not parts:
             continue
-        promised, share = ([part[key] for part in parts] for key in ('promised', 'kept'))
-        errors = [[max(0.0, part['kept'] - part['interval'][0]) for part in parts],
-                  [max(0.0, part['interval'][1] - part['kept']) for part in parts]]
-        axes.errorbar(promised, share, errors, fmt='o', ms=4, lw=1.0, color=colour)
+        predicted, share = ([part[key] for part in parts] for key in ('predicted', 'observed'))
+        errors = [[max(0.0, part['observed'] - part['interval'][0]) for part in parts],
+                  [max(0.0, part['interval'][1] - part['observed']) for part in parts]]
+        axes.errorbar(predicted, share, errors, fmt='o', ms=4, lw=1.0, color=colour)
     axes.set_xlim(0.4, 1.01)
     axes.set_ylim(0.4, 1.01)
-    axes.set_xlabel('promised probability of getting over')
-    axes.set_ylabel('kept, with 95 % intervals')
+    axes.set_xlabel('predicted success rate')
+    axes.set_ylabel('observed success rate, 95 % intervals')
 
 
 def draw_failures(axes: Axes, planners: Dict[str, Any]) -> None:
-    """Draw what went wrong per thousand approaches."""
+    """Draw the failures per thousand approaches."""
     names = list(planners)
     before = [0.0] * len(names)
     for outcome, colour in BAD.items():
@@ -69,7 +69,7 @@ def draw_failures(axes: Axes, planners: Dict[str, Any]) -> None:
     axes.tick_params(axis='y', labelsize=7.5)
     axes.set_xlim(0.0, 1.7 * max(1.0, *before))  # room for the legend
     axes.legend(fontsize=7.5, frameon=False, loc='center right')
-    axes.set_xlabel('approaches of 1,000, hidden faces included')
+    axes.set_xlabel('approaches of 1,000')
 
 
 def draw_rooms(axes: Axes, planners: Dict[str, Any]) -> None:
@@ -81,4 +81,4 @@ def draw_rooms(axes: Axes, planners: Dict[str, Any]) -> None:
                   'o-', ms=3.5, color=colour, label=name)
     axes.set_ylim(-0.03, 1.03)
     axes.set_xlabel('room before the step [m]')
-    axes.set_ylabel('part that was crossed')
+    axes.set_ylabel('part crossed')

@@ -1,17 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Run a plan on many cores and keep every block that is done.
+Run a plan on many cores or a cluster; an interrupted run resumes.
 
-Blocks are written one file each, whole or not at all, into a folder beside the result; a sweep
-that is killed goes on with those that are missing.  At the end they become one Parquet file with
-units and provenance in its metadata, and the folder goes.
+The finished blocks are Parquet files in a folder beside the result, see `parallel_map`.  At the
+end they become one file with units and provenance in its metadata, and the folder is removed.
 """
-from concurrent.futures import Executor, FIRST_COMPLETED, Future, wait
-from itertools import islice
+from concurrent.futures import Executor
 import json
 from pathlib import Path
 import shutil
-from typing import Any, Callable, Dict, List, Mapping, Optional, Set, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 import numpy as np
 
@@ -20,14 +18,14 @@ from ballbot_ros.crossing.table import Crossings, TOLERANCE
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.values import FINISHED
-from ballbot_ros.results.files import replacing, write_text
+from ballbot_ros.results.files import replacing
+from ballbot_ros.studies.parallel_map import checkpointed_map
 from ballbot_ros.studies.progress import ignore
 from ballbot_ros.studies.sweep_plan import NUMBERS, SweepPlan
 
-BLOCK = 1000  # cases between two files
-AHEAD = 3     # blocks handed out for each worker
+BLOCK = 1000  # cases in a file
 TRIED = {'passes': '1', 'score': 'm2/s2'}
-NOTE = b'ballbot_sweep'  # in the metadata of a result: what it was made from
+NOTE = b'ballbot_sweep'  # key of the provenance in the metadata
 SEARCHED = {'max_height': 'm', 'error': 'm'}
 Result = Tuple[Any, Any, Optional[str]]  # two of these, or why there are none
 
@@ -42,8 +40,8 @@ def run_block(plan: SweepPlan, first: int, behind: int) -> Dict[str, List[Any]]:
     """
     Run the cases from one number to before another.
 
-    A case that cannot be made, or whose simulation cannot go on, says why in the column
-    ``failure``; its results are empty.
+    The column ``failure`` has the reason of a case that cannot be made or simulated; its results
+    are empty.
     """
     rows = plan.block(first, behind)
     crossings, heights, prepared = plan.crossings(rows)
@@ -54,7 +52,7 @@ def run_block(plan: SweepPlan, first: int, behind: int) -> Dict[str, List[Any]]:
         for place, result in ran:
             results[place] = result
     for place, values in enumerate(rows.tolist()):
-        # By itself is what cannot be prepared or go on: there it is said why.
+        # Cases that failed in the table run again one by one, for their error.
         if results[place] is None:
             results[place] = _run_alone(plan, dict(zip(plan.names, values)))
     units = columns(plan)
@@ -94,7 +92,7 @@ def _run_alone(plan: SweepPlan, values: Mapping[str, float]) -> Result:
 def run_sweep(plan: SweepPlan, out: Path, pool: Executor, workers: int,
               progress: Callable[[float], None] = ignore, block: int = BLOCK) -> int:
     """
-    Run a plan into a Parquet file, going on with what an earlier run has left.
+    Run a plan into a Parquet file, resuming an interrupted run.
 
     Parameters
     ----------
@@ -103,65 +101,53 @@ def run_sweep(plan: SweepPlan, out: Path, pool: Executor, workers: int,
     pool : Executor
         Of processes, or of a cluster.
     workers : int
-        That the pool has.
+        Number of workers in the pool.
     progress : callable, optional
-        Called with the number of cases done.
+        Called with the number of finished cases.
     block : int
-        Cases per file; that of the first run counts.
+        Cases per file.
 
     Returns
     -------
     int
-        Cases that were found done.
+        Number of cases that a previous run had finished.
 
     Raises
     ------
     ConfigurationError
-        If pyarrow is missing, a file cannot be written, `out` is there and is no result of a
-        sweep, or the folder beside it is that of another sweep.
+        If pyarrow is missing, a file cannot be written, `out` exists and is not the result of a
+        sweep, or the folder beside it belongs to another sweep.
 
     """
     arrow = load_arrow()
     refuse_foreign(arrow, out)
     folder = out.with_name(out.name + '.blocks')
-    block = _open(plan, folder, block)
-    starts = range(0, plan.size, block)
-    left = [first for first in starts if not _part(folder, first).is_file()]
-    found = done = plan.size - sum(min(block, plan.size - first) for first in left)
-    waiting: Set[Future[Any]] = set()
-    pending = iter(left)
-    progress(done)
-    while True:
-        waiting |= {pool.submit(run_block, plan, first, min(first + block, plan.size))
-                    for first in islice(pending, AHEAD * workers - len(waiting))}
-        if not waiting:
-            break
-        ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-        for future in ready:
-            table = future.result()
-            first = table['case'][0]
-            write_parquet(arrow, plan, table, _part(folder, first))
-            done += len(table['case'])
-            progress(done)
-    _join(arrow, plan, [_part(folder, first) for first in starts], out)
+    blocks = {}
+    for first in range(0, plan.size, block):
+        behind = min(first + block, plan.size)
+        blocks[f'{first:010d}-{behind:010d}.parquet'] = behind - first, (plan, first, behind)
+    found = checkpointed_map(run_block, blocks, folder, plan.digest, pool, workers,
+                             lambda table, path: write_parquet(arrow, plan, table, path), progress)
+    _join(arrow, plan, [folder / name for name in blocks], out)
     shutil.rmtree(folder)
     return found
 
 
 def load_arrow() -> Any:
-    """Return pyarrow with its Parquet part, or say how to get it."""
+    """Return pyarrow with its Parquet part, or raise an error with the way to install it."""
     try:
         import pyarrow
         import pyarrow.parquet
     except ImportError as error:
         raise ConfigurationError(
-            'a sweep writes Parquet files and needs pyarrow: pip install pyarrow') from error
+            'a sweep writes Parquet files and needs pyarrow: pip install pyarrow',
+            'not_installed', 'pyarrow') from error
     return pyarrow
 
 
 def refuse_foreign(arrow: Any, out: Path) -> None:
     """
-    Refuse to take the place of a file that no sweep has written.
+    Refuse to replace a file that no sweep has written.
 
     Raises
     ------
@@ -177,31 +163,8 @@ def refuse_foreign(arrow: Any, out: Path) -> None:
         ours = False
     if not ours:
         raise ConfigurationError(
-            f'{out} is there and is not the result of a sweep; move it away or choose another '
-            'file to write to')
-
-
-def _part(folder: Path, first: int) -> Path:
-    return folder / f'{first:010d}.parquet'
-
-
-def _open(plan: SweepPlan, folder: Path, block: int) -> int:
-    """Make the folder of the blocks, or check that it is of this plan; return their size."""
-    note = folder / 'plan.json'
-    if not note.is_file():
-        write_text(json.dumps({'digest': plan.digest, 'block': block}), note)
-        return block
-    try:
-        known = json.loads(note.read_text(encoding='utf-8'))
-        digest, size = known['digest'], int(known['block'])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ConfigurationError(
-            f'{note}: is damaged; remove {folder} to begin anew') from error
-    if digest != plan.digest:
-        raise ConfigurationError(
-            f'{folder} holds another sweep that is not done; go on with that one, remove the '
-            'folder, or choose another file to write to')
-    return size
+            f'{out} exists and is not the result of a sweep; move it away or choose another file '
+            'with --out', 'inconsistent', 'out')
 
 
 def _schema(arrow: Any, plan: SweepPlan) -> Any:

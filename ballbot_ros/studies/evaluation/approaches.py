@@ -1,28 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Approaches, drawn: a robot from its ranges, a ground, a sensor, a start.
+Approaches: a robot drawn from its ranges, a terrain, a sensor, and a start.
 
-Approach number n of a seed is the same whatever else is drawn.
+Approach number n of a seed does not depend on the other approaches.
 """
 from dataclasses import dataclass
 import math
-from typing import Optional
+from typing import Optional, Sequence, Tuple
 
 import numpy as np
 
 from ballbot_ros.control import load_tuning
+from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.physics.model.named_parameters import with_parameters
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.uncertainty import changed, independent, uncertain
-from ballbot_ros.studies.evaluation.grounds import draw_shape, Ground, lay, STEEPEST
-from ballbot_ros.studies.evaluation.sensors import draw_flaws, Flaws
+from ballbot_ros.studies.evaluation.search import limit_at, set_robots
+from ballbot_ros.studies.evaluation.sensors import draw_sensor, SensorModel
+from ballbot_ros.studies.evaluation.terrains import draw_shape, Ground, lay, Shape, STEEPEST
 
-# Behind the room that is known to be free, this much more floor is there, and then none [m].
-BRINK = 0.35
-
-SLIPPERY = 0.15  # part of the floors with less friction than anybody would count on
+SLIPPERY = 0.2             # part of the floors with the lowest friction
+UNSEEN_ROOM = 0.65         # floor behind each edge, where the user grants it [m]
+CROSSABLE_ROOM = (0.15, 2.5)    # front of the ball to the step [m]
+CROSSABLE_HEIGHT = (0.008, 0.06)  # [m]
 
 
 @dataclass(frozen=True)
@@ -34,13 +36,13 @@ class Approach:
     ----------
     seed, number : int
     robot : Robot
-        As it truly is.
+        The true one.
     ground : Ground
-    flaws : Flaws
+    sensor : SensorModel
     speed : float
         At the start [m/s].
-    room_behind : float
-        As the decision is told [m].
+    room_behind, unseen_room : float
+        Of the decision tuning; the ground has them [m].
 
     """
 
@@ -48,58 +50,97 @@ class Approach:
     number: int
     robot: Robot
     ground: Ground
-    flaws: Flaws
+    sensor: SensorModel
     speed: float
     room_behind: float
+    unseen_room: float
 
     @property
-    def words(self) -> str:
-        """Return what it is, for people."""
+    def description(self) -> str:
         robot = self.robot
-        return (f'approach {self.number} of seed {self.seed}: {self.ground.words}, foot at '
+        return (f'approach {self.number} of seed {self.seed}: {self.ground.description}, foot at '
                 f'{self.ground.foot:.3f} m; from {self.speed:.2f} m/s with '
-                f'{self.room_behind:.2f} m behind; {self.flaws.words}; M2 '
-                f'{robot.pendulum_mass:.2f} kg, J1 {robot.ball_inertia:.3f} kg m2, friction '
-                f'{robot.surface_friction:.2f}, of edges {robot.edge_friction:.2f}')
+                f'{self.room_behind:.2f} m behind, unseen_room {self.unseen_room:.2f} m; '
+                f'{self.sensor.description}; M2 {robot.pendulum_mass:.2f} kg, J1 '
+                f'{robot.ball_inertia:.3f} kg m2, friction {robot.surface_friction:.2f}, of edges '
+                f'{robot.edge_friction:.2f}')
 
 
 def draw_robot(robot: Robot, random: np.random.Generator) -> Robot:
-    """Return a robot from the ranges of the file, with other frictions than it says."""
+    """Return a robot from the ranges of its file, with other coefficients of friction."""
     free = independent(uncertain(robot))
     parts = random.random(len(free))
     drawn = changed(robot, {name: low + part * (high - low)
                             for part, (name, (low, high)) in zip(parts, free.items())})
     slippery = random.random() < SLIPPERY
-    share = random.uniform(0.35, 0.6) if slippery else random.uniform(0.6, 1.3)
+    share = random.uniform(0.3, 0.6) if slippery else random.uniform(0.6, 1.3)
     return with_parameters(drawn, {
         'surface_friction': float(robot.surface_friction * share),
         'edge_friction': float(robot.edge_friction * random.uniform(0.6, 1.3))})
 
 
 def draw_approach(nominal: Robot, tuning: DecisionTuning, seed: int, number: int,
-                  kind: Optional[str] = None) -> Approach:
-    """Return approach `number` of a seed; on a ground of one kind, if one is given."""
+                  kind: Optional[str] = None, sensor: Optional[str] = None) -> Approach:
+    """
+    Return approach `number` of a seed.
+
+    Parameters
+    ----------
+    nominal : Robot
+    tuning : DecisionTuning
+    seed, number : int
+    kind : str, optional
+        Of the terrain, see `terrains.KINDS`.
+    sensor : str, optional
+        Kind of sensor, see `sensors.KINDS`; terrains that it cannot detect get another.
+
+    """
     random = np.random.default_rng([seed, number])
-    name, shape = draw_shape(random, kind)
+    room = UNSEEN_ROOM if random.random() < 0.5 else 0.0
+    name, shape = draw_shape(random, room, kind)
     random = np.random.default_rng([seed, number, 1])
     robot = draw_robot(nominal, random)
-    flaws = draw_flaws(random, shape.sensors)
+    model = draw_sensor(random, shape.sensors, sensor)
     slope = float(random.uniform(-STEEPEST, STEEPEST)) if random.random() < 0.6 else 0.0
+    if shape.slope is not None:
+        slope = float(random.uniform(*shape.slope))
     speed = round(float(random.uniform(0.1, 0.6)), 2) if random.random() < 0.4 else 0.0
-    # Nobody is started where he cannot stop any more.
+    # No approach starts where the ball cannot stop any more.
+    grip = 0.8 * robot.surface_friction
+    slope = max(slope, -math.atan(grip) + 0.01)
     braking = Braking(nominal, tuning, load_tuning('published'))
-    late = speed * flaws.faults.latency + braking.distance(speed, min(0.0, slope), emergency=True)
-    room = late + float(random.uniform(0.2, 2.2))
+    slide = speed**2 / (2.0 * robot.gravity * (grip + math.tan(min(0.0, slope))))
+    before = (speed * (model.faults.latency + model.reordering)
+              + max(slide, braking.distance(speed, min(0.0, slope), emergency=True))
+              + float(random.uniform(0.2, 2.2)))
     behind = round(float(random.uniform(0.3, 1.5)), 2) if random.random() < 0.5 else 0.0
-    brink = random.random() < 0.5
-    foot = nominal.ball_radius + room
-    back = behind + nominal.ball_radius + BRINK if brink else None
-    return Approach(seed, number, robot, lay(
-        name, shape, round(foot, 4), slope, back, robot.surface_friction), flaws, speed, behind)
+    # The floor behind the start ends exactly where room_behind ends, or is long.
+    back = max(behind, nominal.ball_radius) if random.random() < 0.5 else None
+    foot = round(nominal.ball_radius + before, 4)
+    ground = lay(name, shape, foot, slope, back, robot.surface_friction)
+    return Approach(seed, number, robot, ground, model, speed, behind,
+                    room if ground.shortest_floor >= room - 1e-6 else 0.0)
 
 
-def balanced_angle(robot: Robot, slope: float) -> float:
-    """Return the pendulum angle of a ball that rolls steadily on a slope [rad]."""
-    share = (robot.total_mass * robot.ball_radius * math.sin(slope)
-             / (robot.pendulum_mass * robot.pendulum_length))
-    return math.asin(min(max(share, -1.0), 1.0))
+def crossable_approach(nominal: Robot, limits: Sequence[Tuple[float, float]], seed: int,
+                       number: int) -> Approach:
+    """
+    Return approach `number` of a seed to a step that most robots cross, with a perfect sensor.
+
+    A single step on level ground; the robot is one of those of `search.limit_of_most`.
+    """
+    random = np.random.default_rng([seed, number, 2])
+    robots = set_robots(nominal)
+    radius = nominal.ball_radius
+    while True:
+        room = float(random.uniform(*CROSSABLE_ROOM))
+        behind = round(float(random.uniform(0.0, 1.5)), 2)
+        height = round(float(random.uniform(*CROSSABLE_HEIGHT)), 4)
+        robot = robots[int(random.integers(len(robots)))]
+        run_up = room + radius + behind - touch_distance(radius, height)
+        if height <= limit_at(limits, run_up):
+            break
+    shape = Shape(f'step of {1e3 * height:.1f} mm', [(0.0, height)], 0.0)
+    ground = lay('crossable', shape, round(radius + room, 4), 0.0, max(behind, radius), math.nan)
+    return Approach(seed, number, robot, ground, SensorModel(('terrain', 'step')[number % 2]),
+                    0.0, behind, UNSEEN_ROOM)

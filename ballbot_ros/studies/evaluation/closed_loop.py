@@ -1,27 +1,135 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plant and law (11) for one approach, run in compiled code; see `control.periods`."""
+"""
+The closed loop of one approach in compiled code.
+
+Law (11) is sampled and held, the motor follows its torque-speed line, the plant is the full model:
+the same as a `plant.Plant` that a `PendulumController` drives, to the bit, but all periods between
+two observations are one call into compiled code.
+"""
 import math
 from typing import Tuple
 
 import numpy as np
 
-from ballbot_ros.control.periods import advance_periods, Script
 from ballbot_ros.control.tuning import ControlTuning
+from ballbot_ros.jit import compiled, unlocked
+from ballbot_ros.physics.mechanics.laws import available_torque, limited, position_torque
+from ballbot_ros.physics.model.parameters import Actuator, Parameters, System, TORQUE
 from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.physics.model.state import State
+from ballbot_ros.physics.model.state import (
+    BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, State, VELOCITY_X, X, Y)
 from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.physics.simulation.failures import failure
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.solver import Solver
+from ballbot_ros.physics.solvers.integrate import integrate
 from ballbot_ros.physics.solvers.values import (
-    AUTOMATIC, FINISHED, NO_OUTPUT, Options, Workspace)
+    AUTOMATIC, FINISHED, NO_OUTPUT, Options, Output, PackedWorkspace, status_at, unpacked,
+    Workspace)
+from ballbot_ros.studies.evaluation.terrains import FACE_HEIGHT, FACE_SLOPE
 
 PERIOD = 0.002  # of control [s]
 SOLVER = Solver('adaptive', tolerance=1e-7)
 BUDGET = 50_000_000  # right-hand sides of one approach
 
-# A face is steeper than this, and at least so high: what is less is no obstacle.
-STEEP, LEAST = math.tan(math.radians(25.0)), 0.005  # [1], [m]
+# Number of the first period, how many, length of each [s].
+Span = Tuple[int, int, float]
+# Set angle [rad], gain on the speed error [rad s/m], set speed [m/s], largest set angle [rad];
+# position [m] from which on another set angle [rad] holds.
+Script = Tuple[float, float, float, float, float, float]
+# Gains of law (11), gravity torque and torque limit; then the four of `Robot.motor_line`.
+Drive = Tuple[float, float, float, float, float, float, float, float]
+
+# Columns of the watched pieces, a row for each straight piece of a face: both ends [m], whether
+# the ball touches it, horizontal speed towards it at the last touch [m/s], and its period.
+AX, AY, BX, BY, TOUCHED, TOUCH_SPEED, TOUCH_PERIOD = range(7)
+
+SEPARATION = 0.03  # a ball that was farther away than this makes a new contact [m]
+
+
+# Periods, set angles, law and motor, system, options, state (13,), watched pieces (n, 7), output
+# without rows, workspace.
+Call = Tuple[Span, Script, Drive, Tuple[Tuple[float, ...], Array],
+             Tuple[float, float, int, int, bool, bool], Array, Array,
+             Tuple[Array, float, float, int], PackedWorkspace]
+
+
+@compiled
+def gap_to(piece: Array, x: float, y: float) -> Tuple[float, bool]:
+    """Return how far a point is from a piece of a face [m], and whether on its lower side."""
+    along_x, along_y = piece[BX] - piece[AX], piece[BY] - piece[AY]
+    share = ((x - piece[AX]) * along_x + (y - piece[AY]) * along_y) / (
+        along_x * along_x + along_y * along_y)
+    share = min(max(share, 0.0), 1.0)
+    near_x, near_y = piece[AX] + share * along_x, piece[AY] + share * along_y
+    below = x < piece[BX] if along_y > 0.0 else x > piece[AX]
+    return math.hypot(near_x - x, near_y - y), below
+
+
+@compiled
+def watch_touches(watched: Array, before: float, state: Array, radius: float, period: int) -> None:
+    """Record which pieces of faces the ball has reached from below, and at what speed."""
+    for row in range(len(watched)):
+        piece = watched[row]
+        gap, below = gap_to(piece, state[X], state[Y])
+        if gap > radius + SEPARATION:
+            piece[TOUCHED] = 0.0
+            continue
+        towards = before if piece[BY] > piece[AY] else -before
+        if gap <= radius and below and towards > 0.0 and piece[TOUCHED] == 0.0:
+            piece[TOUCHED] = 1.0
+            piece[TOUCH_SPEED] = towards
+            piece[TOUCH_PERIOD] = period
+
+
+@compiled
+def scripted_angle(state: Array, script: Script) -> float:
+    """Return the set angle of the pendulum [rad]."""
+    angle, gain, speed, lean, swing_position, swing_angle = script
+    if state[X] >= swing_position:
+        return swing_angle
+    missing: float = speed - state[VELOCITY_X]
+    return min(max(angle + gain * missing, -lean), lean)
+
+
+@unlocked
+def advance_periods(call: Call) -> Tuple[int, int, float]:
+    """
+    Advance a state in place by some control periods.
+
+    Returns
+    -------
+    outcome : int
+        FINISHED, or why it could not go on; see `solvers.values`.
+    done : int
+        Periods.
+    torque : float
+        In the last period [N m].
+
+    """
+    span, script, drive, packed, solving, state, watched, rows, arrays = call
+    first, count, period = span
+    kp, kd, gravity_torque, most, stall, back, supply, maximum = drive
+    parameters, ground = Parameters(*packed[0]), packed[1]
+    options, output = Options(*solving), Output(*rows)
+    workspace = unpacked(arrays)
+    torque = 0.0
+    for number in range(first, first + count):
+        wanted = limited(position_torque(state[PENDULUM_ANGLE], state[PENDULUM_RATE],
+                                         scripted_angle(state, script), kp, kd,
+                                         gravity_torque), most)
+        lowest, highest = available_torque(
+            state[PENDULUM_RATE] - state[BALL_RATE], stall, back, supply, maximum)
+        torque = min(max(wanted, lowest), highest)
+        system = System(parameters, ground,
+                        Actuator(TORQUE, torque, 0.0, 0.0, 0.0, maximum, 0.0, 0.0))
+        before = state[VELOCITY_X]
+        after = integrate(status_at(number * period), number * period + period, state, system,
+                          options, output, workspace)
+        if after.outcome != FINISHED:
+            return after.outcome, number - first, torque
+        watch_touches(watched, before, state, parameters.radius, number + 1)
+    return FINISHED, count, torque
 
 
 class ClosedLoop:
@@ -31,10 +139,10 @@ class ClosedLoop:
     Parameters
     ----------
     robot : Robot
-        As it truly is.
+        The true one.
     terrain : Terrain
     nominal : Robot
-        As the controller believes it to be.
+        Assumed by the controller.
     gains : ControlTuning
     speed, pendulum_angle : float
         At x = 0 [m/s], [rad].
@@ -43,13 +151,12 @@ class ClosedLoop:
     ----------
     model : Model
     watched : (n, 7) array
-        The pieces of the faces; columns as in `control.periods`.
+        The straight pieces of the faces; columns `AX` to `TOUCH_PERIOD`.
 
     """
 
     def __init__(self, robot: Robot, terrain: Terrain, nominal: Robot, gains: ControlTuning,
                  speed: float, pendulum_angle: float, x: float = 0.0):
-        """Put the ball on the ground, rolling."""
         self.model = Model(robot, terrain, solver=SOLVER)
         self._vector = np.array(self.model.at_rest(x, speed, pendulum_angle)[1:])
         gravity = nominal.largest_gravity_torque if gains.gravity_compensation else 0.0
@@ -73,12 +180,12 @@ class ClosedLoop:
         return State(self.time, *self._vector.tolist())
 
     def advance(self, set_angle: float, periods: int) -> None:
-        """Advance by some periods under one set angle [rad]; see `follow`."""
+        """Advance by some periods under one set angle [rad]."""
         self.follow((set_angle, 0.0, 0.0, math.inf, math.inf, 0.0), periods)
 
     def follow(self, script: Script, periods: int) -> None:
         """
-        Advance by some periods with set angles by a script, see `control.periods`.
+        Advance by some periods with set angles by a script.
 
         Raises
         ------
@@ -95,13 +202,14 @@ class ClosedLoop:
 
 
 def watched_pieces(terrain: Terrain) -> Array:
-    """Return the straight pieces of all faces as `control.periods` watches them."""
-    pieces = [(*one, *other, 0.0, 0.0, 0.0) for face in terrain.faces(STEEP, LEAST)
+    """Return the straight pieces of all faces as `advance_periods` watches them."""
+    pieces = [(*one, *other, 0.0, 0.0, 0.0) for face in terrain.faces(FACE_SLOPE, FACE_HEIGHT)
               for one, other in zip(face[:-1].tolist(), face[1:].tolist())]
     return np.array(pieces).reshape(-1, 7)
 
 
-def true_faces(terrain: Terrain) -> Tuple[Tuple[float, float, float, float], ...]:
-    """Return x and y of the left end, width and height of each face, from left to right [m]."""
-    return tuple((float(face[0, 0]), float(face[0, 1]), float(face[-1, 0] - face[0, 0]),
-                  float(face[-1, 1] - face[0, 1])) for face in terrain.faces(STEEP, LEAST))
+def balanced_angle(robot: Robot, slope: float) -> float:
+    """Return the pendulum angle of a ball that rolls steadily on a slope [rad]."""
+    share = (robot.total_mass * robot.ball_radius * math.sin(slope)
+             / (robot.pendulum_mass * robot.pendulum_length))
+    return math.asin(min(max(share, -1.0), 1.0))

@@ -1,36 +1,40 @@
 # SPDX-License-Identifier: Apache-2.0
 """The report as a page in Markdown, and as a few lines."""
-from typing import Any, Dict, List, Sequence
+from typing import Any, Dict, List, Mapping, Sequence
 
-from ballbot_ros.studies.evaluation.judge import OUTCOMES
+from ballbot_ros.studies.evaluation.approaches import UNSEEN_ROOM
+from ballbot_ros.studies.evaluation.outcome import OUTCOMES
 from ballbot_ros.studies.evaluation.report import BAD, LISTED
+from ballbot_ros.studies.evaluation.terrains import KINDS
 
 Report = Dict[str, Any]
 
-ASKED = 5000  # approaches
+APPROACHES = 5000  # of a complete evaluation
 
 INTRODUCTION = """\
-# The decision in closed loop
+# Evaluation of the decision in closed loop
 
-Written by this command, which goes on where it was killed; do not edit it:
+This command writes the page and resumes an interrupted run; do not edit the page:
 
 ```
 {command}
 ```
 
-`--planners {first} --seed {seed} --crossable 0 --only n` shows approach number n with all its
-decisions and why they were made. The decisions of an approach with `{first}` took {cost:.1f} s of
-processor time in the mean: 5,000 of them are more than some minutes of two cores.
+It ran on {workers} processes for {spent:.0f} s. `--planners {first} --seed {seed} --crossable 0
+--only n` prints the decisions of approach number n with their reasons.
 
-Each approach is a robot drawn from the ranges of its file, with friction of 0.35 to 1.3 of what
-the file says, on a drawn ground (steps, thresholds, stairs, drops, walls, bevels, ramps, grooves,
-carpets, cords, slopes of -4 to 4 degrees, a drop or a wall behind a step) behind a drawn sensor
-(step or terrain sensor; noise reported and not, bias, losses, latency up to 0.5 s, short sight,
-heights that grow on approach). The plant is the full model at 500 Hz with the motor's line, under
-law (11) with the published gains; observations come at 50 Hz. The decision believes the nominal
-robot file. What each outcome is exactly: `ballbot_ros/studies/evaluation/judge.py`.
+Each approach is a robot drawn from the ranges of its file, with friction of 0.3 to 1.3 of the
+file's, on a drawn terrain: {kinds}; on slopes of -4 to 4 degrees. The sensor is a step sensor, a
+terrain sensor with equally spaced points or a camera with rays at equal angles (eye 0 to 0.4 m
+above the ball's centre), ideal, degraded (noise, bias, losses, latency up to 0.5 s, short range),
+with up to 10 % outliers, with reordered messages, or frozen with advancing stamps. In half of the
+approaches `unseen_room` is {unseen:g} m and the terrain has at least this floor behind each edge;
+otherwise it is 0. In half of them the floor behind the start ends in a drop exactly at
+`room_behind`. The plant is the full model at 500 Hz with the motor's torque-speed line, under law
+(11) with the published gains; observations arrive at 50 Hz. The decision assumes the nominal
+robot file. `ballbot_ros/studies/evaluation/outcome.py` defines the outcomes.
 
-![Reliability, what went wrong, crossings by room](figures/decision_evaluation.png)
+![Reliability, failures, crossings by room](figures/decision_evaluation.png)
 
 *Drawn by `ballbot evaluate-decision`.*
 """
@@ -58,10 +62,10 @@ def table_of_targets(lines: Sequence[Dict[str, Any]]) -> List[str]:
               for line in lines)]
 
 
-def table_of_planners(planners: Dict[str, Any]) -> List[str]:
-    """Return what came of the approaches, per thousand, a line for each planner."""
+def table_of_planners(planners: Mapping[str, Any]) -> List[str]:
+    """Return the outcomes of each planner per thousand approaches."""
     lines = head('planner', 'approaches', *(f'{name} per 1,000' for name in (*OUTCOMES[:2], *BAD)),
-                 'crossed of the crossable', 'ms per decision', 'ms of the first')
+                 'crossed of the crossable steps', 'mean ms per decision', 'worst ms')
     for name, one in planners.items():
         total = max(one['approaches'], 1)
         cost = one['cost']
@@ -71,38 +75,46 @@ def table_of_planners(planners: Dict[str, Any]) -> List[str]:
             *(f'{one["per thousand"][outcome]:.1f}' for outcome in BAD),
             f'{one["crossable"]["outcomes"].get("over", 0)} of {one["crossable"]["approaches"]}',
             *('-' if cost[key] is None else f'{cost[key]:.2f}' for key in (
-                'mean_ms', 'first_ms'))))
+                'mean_ms', 'worst_ms'))))
     return lines
 
 
-def table_of_kinds(one: Dict[str, Any]) -> List[str]:
-    """Return what came of the approaches to each kind of ground."""
-    names = [name for name in (*OUTCOMES, 'raised') if name in one['outcomes']]
-    return [*head('ground', *names),
-            *(row(kind, *(found.get(name, 0) for name in names))
-              for kind, found in one['kinds'].items())]
+def table_of_groups(title: str, groups: Mapping[str, Any]) -> List[str]:
+    """Return the figures by kind of terrain, sensor or condition."""
+    names = [name for name in (*OUTCOMES, 'raised')
+             if any(name in one['outcomes'] for one in groups.values())]
+    lines = head(title, 'approaches', *names, 'attempts', 'predicted', 'observed',
+                 'same plan again', 'more than 2 changes', 'crossed of possible')
+    for name, one in groups.items():
+        rates = ('-' if one[key] is None else f'{one[key]:.3f}'
+                 for key in ('predicted', 'observed'))
+        lines.append(row(
+            name, one['approaches'], *(one['outcomes'].get(key, 0) for key in names),
+            one['attempts'], *rates, one['same'], one['changes'],
+            f'{one["crossed"]} of {one["possible"]}' if one['possible'] else '-'))
+    return lines
 
 
-def table_of_reliability(one: Dict[str, Any]) -> List[str]:
-    """Return promised probabilities and what was kept."""
-    lines = head('promised', 'attempts', 'mean promise', 'kept', '95 % interval')
+def table_of_reliability(one: Mapping[str, Any]) -> List[str]:
+    """Return predicted and observed success rates."""
+    lines = head('predicted', 'attempts', 'mean prediction', 'observed', '95 % interval')
     for part in one['reliability']:
         if part['attempts']:
             low, high = part['interval']
             lines.append(row(f'{part["from"]:g} to {min(part["to"], 1.0):g}', part['attempts'],
-                             f'{part["promised"]:.3f}', f'{part["kept"]:.3f}',
+                             f'{part["predicted"]:.3f}', f'{part["observed"]:.3f}',
                              f'{low:.3f} to {high:.3f}'))
-    return lines if len(lines) > 2 else ['Nothing was promised.']
+    return lines if len(lines) > 2 else ['No predictions.']
 
 
-def wrong(one: Dict[str, Any]) -> List[str]:
-    """Return the numbers of the approaches that went wrong."""
+def failures(one: Mapping[str, Any]) -> List[str]:
+    """Return the numbers of the failed approaches."""
     return [f'* {name}: {", ".join(map(str, numbers))}'
             + (' ...' if len(numbers) == LISTED else '')
             for name, numbers in one['numbers'].items() if numbers]
 
 
-def page(report: Report, command: str) -> str:
+def page(report: Report, command: str, workers: int, spent: float) -> str:
     """
     Return the report as Markdown.
 
@@ -112,43 +124,47 @@ def page(report: Report, command: str) -> str:
         As `report.report` returns it.
     command : str
         That made it.
+    workers : int
+        Number of processes.
+    spent : float
+        Time that the last run of the command took [s].
 
     """
     planners = report['planners']
     first, one = next(iter(planners.items()))
-    missed, hidden = one['missed'], one['hidden']
-    cost = 1e-3 * (one['cost']['per_approach_ms'] or 0.0)
-    parts = [INTRODUCTION.format(command=command, first=first, seed=report['seed'], cost=cost),
-             f'## Targets, with `{first}`\n',
-             *table_of_targets(one['targets']), '']
-    if one['approaches'] < ASKED:
-        parts += [f'These are {one["approaches"]} approaches; {ASKED:,} are asked for.\n']
-    if hidden:
-        parts += ['Not counted above, for a sensor that sees the next face only cannot show it: '
-                  + ', '.join(f'{count} {name}' for name, count in hidden.items())
-                  + ', at a face less than `unseen_room` of the decision tuning behind another.\n']
+    missed = one['missed']
+    kinds = ', '.join(name.replace('_', ' ') for name in KINDS)
+    parts = [INTRODUCTION.format(command=command, first=first, seed=report['seed'], kinds=kinds,
+                                 unseen=UNSEEN_ROOM, workers=workers, spent=spent),
+             f'## Targets, with `{first}`\n', *table_of_targets(one['targets']), '']
+    if one['approaches'] < APPROACHES:
+        parts += [f'This run has {one["approaches"]} approaches; a complete one has '
+                  f'{APPROACHES:,}.\n']
     if one['bumps']:
-        parts += [f'Nor are {one["bumps"]} bumps: faces of up to 8 mm that the ball touched '
-                  'on its way without a plan.\n']
+        parts += [f'Not counted as hits: {one["bumps"]} faces of up to 8 mm that the ball touched '
+                  'without a plan.\n']
     parts += ['## Planners on the same approaches\n', *table_of_planners(planners), '']
-    parts += [f'## By ground, with `{first}`\n', *table_of_kinds(one), '',
-              f'## Promises of `{first}`\n', *table_of_reliability(one), '']
+    for title, key in (('terrain', 'kinds'), ('sensor', 'sensors'), ('condition', 'conditions')):
+        parts += [f'## By {title}, with `{first}`\n', *table_of_groups(title, one[key]), '']
+    parts += [f'## Predicted and observed success rate of `{first}`\n',
+              *table_of_reliability(one), '']
     if missed['searched']:
         parts += [
-            '## Missed opportunities\n',
-            f'Of {missed["searched"]} approaches to something that could be passed, a search with '
-            f'the true robot found a way over {missed["possible"]} (touch at 1.15 m/s or less, '
-            f'best start allowed). `{first}` crossed {missed["crossed"]} of them and missed '
+            '## False refusals\n',
+            f'Of {missed["searched"]} approaches to an obstacle that may be crossed, a search '
+            f'with the true robot crosses {missed["possible"]} (touch at 1.15 m/s or less, best '
+            f'start allowed). `{first}` crossed {missed["crossed"]} of them and not '
             f'{missed["missed"]}: '
             + ', '.join(f'{count} {kind}' for kind, count in missed['by kind'].items())
-            + '. The search knows which robot it has and what lies ahead; the decision has to be '
-            'sure for all that may be.\n']
+            + '. The search knows the robot and the terrain; the decision has to be safe for all '
+            'that are possible.\n']
     if report['limits']:
-        parts += ['## What 23 of 24 robots cross\n', *head('run-up [m]', 'step [mm]'),
+        parts += ['## Maximum step height of 23 of 24 robots\n',
+                  *head('run-up [m]', 'step [mm]'),
                   *(row(f'{run_up:g}', f'{1e3 * height:.1f}')
                     for run_up, height in report['limits']),
-                  '', 'All in the same way, from rest, touching at 1.15 m/s or less.\n']
-    parts += [f'## Approaches that went wrong with `{first}`\n', *(wrong(one) or ['None.'])]
+                  '', 'All with the same manoeuvre, from rest, touching at 1.15 m/s or less.\n']
+    parts += [f'## Failed approaches of `{first}`\n', *(failures(one) or ['None.'])]
     if one['crossable']['missed']:
         parts += [f'* crossable, not crossed (`--crossable 1 --only n`): '
                   f'{", ".join(map(str, one["crossable"]["missed"]))}']
@@ -156,7 +172,7 @@ def page(report: Report, command: str) -> str:
 
 
 def summary(report: Report) -> str:
-    """Return what matters most, for a terminal."""
+    """Return the main figures, for a terminal."""
     lines = []
     for name, one in report['planners'].items():
         counts = ', '.join(f'{count} {outcome}' for outcome, count in one['outcomes'].items())

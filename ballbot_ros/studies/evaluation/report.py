@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Counts what came of the approaches, beside the targets."""
+"""Counts the outcomes of approaches and compares them with the targets."""
 from collections import Counter
 import math
 from typing import Any, Dict, List, Optional, Sequence, Tuple
@@ -7,19 +7,22 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 from scipy.stats import beta
 
-from ballbot_ros.studies.evaluation.judge import OUTCOMES
-
-Row = Dict[str, Any]
+from ballbot_ros.studies.evaluation.evaluation import Evaluation, Row
+from ballbot_ros.studies.evaluation.outcome import OUTCOMES
+from ballbot_ros.studies.evaluation.sensors import KINDS as SENSORS
 
 GENTLE = math.radians(3.0)  # slopes on which no fall is allowed
-WITHIN = 0.02               # of a promise
-# Promises, and the probabilities that are counted to each.
-PROMISES = ((0.9, 0.875, 0.925), (0.95, 0.925, 0.97), (0.99, 0.97, 1.0 + 1e-9))
+TOLERANCE = 0.02            # of a predicted probability
+# Predicted probabilities, and the range that is counted to each.
+PREDICTIONS = ((0.9, 0.875, 0.925), (0.95, 0.925, 0.97), (0.99, 0.97, 1.0 + 1e-9))
 EDGES = (0.0, 0.5, 0.7, 0.8, 0.875, 0.925, 0.97, 1.0 + 1e-9)  # of the reliability diagram
-MOST_CHANGES = 2
+HITS = 1e-3                 # allowed per approach
+CHANGES, CHANGES_RUNS = 2, 0.99  # allowed in this part of the runs
 CROSSED, OF = 150, 160
+SEARCH_PART = 0.8           # of the crossings that the search with the true robot finds
+CORRELATION = 0.8           # of predicted with true margin
 ROOMS = (0.15, 0.4, 0.65, 1.0, 1.5, 2.5)  # before the step [m]
-LISTED = 20  # numbers of approaches that went wrong
+LISTED = 20  # numbers of failed approaches
 BAD = ('fell', 'hit', 'ran away', 'stuck', 'idle', 'undecided', 'raised')
 
 
@@ -30,15 +33,15 @@ def interval(good: int, total: int, level: float = 0.95) -> Tuple[float, float]:
             float(beta.ppf(high, good + 1, total - good)) if good < total else 1.0)
 
 
-def kept(rows: Sequence[Row], low: float, high: float) -> Dict[str, Any]:
-    """Return how many attempts were promised a probability in a range, and how many got over."""
+def success(rows: Sequence[Row], low: float, high: float) -> Dict[str, Any]:
+    """Return number, predicted and observed success rate of attempts in a range of predictions."""
     attempts = [one for row in rows for one in row['attempts']
                 if one['probability'] is not None and low <= one['probability'] < high]
     total, over = len(attempts), sum(one['over'] for one in attempts)
     found: Dict[str, Any] = {'attempts': total, 'over': over}
     if total:
-        found['promised'] = float(np.mean([one['probability'] for one in attempts]))
-        found['kept'] = over / total
+        found['predicted'] = float(np.mean([one['probability'] for one in attempts]))
+        found['observed'] = over / total
         found['interval'] = interval(over, total)
     return found
 
@@ -48,43 +51,77 @@ def target(name: str, wanted: str, found: str, met: Optional[bool]) -> Dict[str,
     return {'figure': name, 'target': wanted, 'found': found, 'met': met}
 
 
+def gentle_falls(rows: Sequence[Row]) -> List[Row]:
+    """Return the falls on slopes on which none is allowed."""
+    return [row for row in rows if row['outcome'] == 'fell' and abs(row['slope']) <= GENTLE]
+
+
 def targets(rows: Sequence[Row], crossable: Sequence[Row]) -> List[Dict[str, Any]]:
-    """Return the figures of the planner that is to be proven, beside their targets."""
-    total = len(rows)
-    falls = [row for row in rows if row['outcome'] == 'fell']
-    gentle = [row for row in falls if abs(row['slope']) <= GENTLE and not row['hidden']]
+    """Return the figures of the first planner and their targets."""
+    every = [*rows, *crossable]
     slopes = sum(abs(row['slope']) <= GENTLE for row in rows)
-    hits = [row for row in rows if row['outcome'] == 'hit' and not row['hidden']]
+    falls, hits = len(gentle_falls(rows)), sum(row['outcome'] == 'hit' for row in rows)
     lines = [
-        target('falls from a drop, slopes within 3 degrees', '0',
-               f'{len(gentle)} of {slopes}', not gentle),
-        target('hits above 0.1 m/s while not crossing', '1 in 1,000',
-               f'{len(hits)} of {total}', len(hits) <= 1e-3 * total)]
-    for promise, low, high in PROMISES:
-        found = kept([*rows, *crossable], low, high)
-        words = 'no such promise' if not found['attempts'] else (
-            f'promised {found["promised"]:.3f}, kept {found["kept"]:.3f} '
-            f'({found["interval"][0]:.3f} to {found["interval"][1]:.3f}; {found["over"]} of '
-            f'{found["attempts"]})')
-        met = None if not found['attempts'] else abs(found['kept'] - found['promised']) <= WITHIN
-        lines.append(target(f'promised {promise:g}: kept', 'within 2 %', words, met))
+        target('falls, slopes within 3 degrees', '0', f'{falls} of {slopes}', not falls),
+        target('hits above 0.1 m/s while not crossing', '1 in 1,000', f'{hits} of {len(rows)}',
+               hits <= HITS * len(rows))]
+    for sensor in SENSORS:
+        lines += predictions(sensor, [row for row in every if row['sensor'] == sensor])
     crossed = sum(row['outcome'] == 'over' for row in crossable)
     lines.append(target(
-        'crossings of what 23 of 24 robots can cross (<= 1.15 m/s, best start allowed)',
+        'crossings of steps that 23 of 24 robots can cross (<= 1.15 m/s, best start allowed)',
         f'{CROSSED} of {OF}', f'{crossed} of {len(crossable)}',
         crossed * OF >= CROSSED * len(crossable) if crossable else None))
-    again = sum(one['same'] for row in [*rows, *crossable] for one in row['attempts'])
+    for kind in ('step_down', 'trench'):
+        one = missed([row for row in rows if row['kind'] == kind])
+        lines.append(target(
+            f'{kind}: crossed of those that the search with the true robot crosses', '80 %',
+            f'{one["crossed"]} of {one["possible"]}',
+            one['crossed'] >= SEARCH_PART * one['possible'] if one['possible'] else None))
+    again = sum(one['same'] for row in every for one in row['attempts'])
     lines.append(target('same plan again after a failure', 'never', str(again), again == 0))
-    changes = [row['changes'] for row in [*rows, *crossable]]
-    more = sum(count > MOST_CHANGES for count in changes)
+    counts = [row['changes'] for row in every]
+    more = sum(count > CHANGES for count in counts)
     lines.append(target(
-        'changes of mind per approach without news', 'at most 2',
-        f'at most {max(changes, default=0)}; more than 2 in {more} of {len(changes)}', more == 0))
+        f'runs with more than {CHANGES} decision changes without news', '1 in 100',
+        f'{more} of {len(counts)}; at most {max(counts, default=0)}',
+        more <= (1.0 - CHANGES_RUNS) * len(counts)))
+    number, correlation = margin_correlation(rows)
+    lines.append(target(
+        'correlation of height_margin with the true margin', 'above 0.8',
+        f'{correlation:.2f} of {number}' if number > 2 else 'not measured',
+        correlation > CORRELATION if number > 2 else None))
     return lines
 
 
+def predictions(sensor: str, rows: Sequence[Row]) -> List[Dict[str, Any]]:
+    """Return predicted and observed success rates with a kind of sensor."""
+    lines = []
+    for prediction, low, high in PREDICTIONS:
+        found = success(rows, low, high)
+        text, met = 'no such prediction', None
+        if found['attempts']:
+            text = (f'predicted {found["predicted"]:.3f}, observed {found["observed"]:.3f} '
+                    f'({found["interval"][0]:.3f} to {found["interval"][1]:.3f}; {found["over"]} '
+                    f'of {found["attempts"]})')
+            met = abs(found['observed'] - found['predicted']) <= TOLERANCE
+        lines.append(target(f'{sensor} sensor, predicted {prediction:g}: observed', 'within 2 %',
+                            text, met))
+    return lines
+
+
+def margin_correlation(rows: Sequence[Row]) -> Tuple[int, float]:
+    """Return the number of attempts with both margins, and the correlation of the margins."""
+    pairs = [(one['height_margin'], one['true_margin']) for row in rows
+             for one in row['attempts']
+             if one.get('height_margin') is not None and one.get('true_margin') is not None]
+    if len(pairs) < 3 or min(np.ptp(pairs, axis=0)) == 0.0:
+        return len(pairs), math.nan
+    return len(pairs), float(np.corrcoef(np.transpose(pairs))[0, 1])
+
+
 def missed(rows: Sequence[Row]) -> Dict[str, Any]:
-    """Return what was not crossed though some way would have led over."""
+    """Return how many obstacles the search crosses, and how many of these the planner missed."""
     searched = [row for row in rows if 'possible' in row]
     could = [row for row in searched if row['possible']]
     refused = [row for row in could if row['outcome'] != 'over']
@@ -95,7 +132,7 @@ def missed(rows: Sequence[Row]) -> Dict[str, Any]:
 
 
 def outcomes(rows: Sequence[Row]) -> Dict[str, int]:
-    """Return how often each outcome came."""
+    """Return the number of each outcome."""
     found = Counter(row['outcome'] for row in rows)
     return {name: found[name] for name in (*OUTCOMES, 'raised') if found[name]}
 
@@ -110,58 +147,73 @@ def by_room(rows: Sequence[Row], radius: float) -> List[Dict[str, Any]]:
     return found
 
 
-def of_planner(rows: Sequence[Row], crossable: Sequence[Row], radius: float) -> Dict[str, Any]:
+def group_counts(rows: Sequence[Row]) -> Dict[str, Any]:
+    """Return the figures of one kind of terrain, sensor or condition."""
+    attempts = [one for row in rows for one in row['attempts']]
+    predicted = [one for one in attempts if one['probability'] is not None]
+    found = missed(rows)
+    return {
+        'approaches': len(rows), 'outcomes': outcomes(rows), 'falls': len(gentle_falls(rows)),
+        'attempts': len(attempts),
+        'predicted': float(np.mean([one['probability'] for one in predicted])) if predicted
+        else None,
+        'observed': float(np.mean([one['over'] for one in predicted])) if predicted else None,
+        'same': sum(one['same'] for one in attempts),
+        'changes': sum(row['changes'] > CHANGES for row in rows),
+        'possible': found['possible'], 'crossed': found['crossed']}
+
+
+def by(rows: Sequence[Row], key: str) -> Dict[str, Any]:
+    """Return the figures of the groups of rows with equal values of a key."""
+    return {name: group_counts([row for row in rows if row[key] == name])
+            for name in sorted({row[key] for row in rows})}
+
+
+def planner_figures(rows: Sequence[Row], crossable: Sequence[Row],
+                    radius: float) -> Dict[str, Any]:
     """Return the figures of one planner."""
     total = max(len(rows), 1)
-    kinds = sorted({row['kind'] for row in rows})
-    costs = [row['mean_ms'] for row in rows if row.get('decisions')]
-    whole = [row['mean_ms'] * row['decisions'] for row in rows if row.get('decisions')]
-    firsts = [row['first_ms'] for row in rows if row.get('decisions')]
+    decided = [row for row in rows if row.get('decisions')]
+    every = [*rows, *crossable]
     return {
         'approaches': len(rows), 'outcomes': outcomes(rows),
         'per thousand': {name: 1e3 * sum(row['outcome'] == name for row in rows) / total
                          for name in BAD},
         'bumps': sum(row.get('bumps', 0) for row in rows),
-        'hidden': dict(Counter(row['outcome'] for row in rows if row.get('hidden'))),
-        'kinds': {kind: outcomes([row for row in rows if row['kind'] == kind])
-                  for kind in kinds},
+        'kinds': by(rows, 'kind'), 'sensors': by(rows, 'sensor'),
+        'conditions': by(rows, 'condition'),
         'numbers': {name: [row['number'] for row in rows if row['outcome'] == name][:LISTED]
                     for name in BAD},
-        'changes': {'more than 2': sum(row['changes'] > MOST_CHANGES for row in rows),
-                    'most': max((row['changes'] for row in rows), default=0)},
-        'attempts': sum(len(row['attempts']) for row in rows),
-        'over': sum(bool(one['over']) for row in rows for one in row['attempts']),
-        'reliability': [{'from': low, 'to': high, **kept([*rows, *crossable], low, high)}
+        'reliability': [{'from': low, 'to': high, **success(every, low, high)}
                         for low, high in zip(EDGES[:-1], EDGES[1:])],
         'crossable': {'approaches': len(crossable), 'outcomes': outcomes(crossable),
                       'by room': by_room(crossable, radius),
                       'missed': [row['number'] for row in crossable
                                  if row['outcome'] != 'over'][:LISTED]},
-        'cost': {'mean_ms': float(np.mean(costs)) if costs else None,
-                 'first_ms': float(np.median(firsts)) if firsts else None,
-                 'per_approach_ms': float(np.mean(whole)) if whole else None}}
+        'cost': {name: float(function([row[name] for row in decided])) if decided else None
+                 for name, function in (('mean_ms', np.mean), ('worst_ms', np.max))},
+        'targets': targets(rows, crossable), 'missed': missed(rows)}
 
 
-def report(campaign: Any, rows: Sequence[Row]) -> Dict[str, Any]:
+def report(evaluation: Evaluation, rows: Sequence[Row]) -> Dict[str, Any]:
     """
-    Return all figures of a campaign, as JSON takes them.
+    Return all figures of an evaluation, as JSON values.
 
     Parameters
     ----------
-    campaign : Campaign
+    evaluation : Evaluation
     rows : sequence of dict
-        What `run_campaign` returns.
+        As `run_evaluation` returns them.
 
     """
-    radius = campaign.believer().robot.ball_radius
+    radius = evaluation.nominal().robot.ball_radius
     ordered = sorted(rows, key=lambda row: row['number'])
     planners = {}
-    for name in dict.fromkeys(planner for planner, _, _ in campaign.parts):
-        mine = [row for row in ordered if row['planner'] == name]
-        drawn = [row for row in mine if row['group'] == 'drawn']
-        crossable = [row for row in mine if row['group'] == 'crossable']
-        planners[name] = {**of_planner(drawn, crossable, radius),
-                          'targets': targets(drawn, crossable), 'missed': missed(drawn)}
-    return {'seed': campaign.seed, 'kind': campaign.kind, 'sensor': campaign.sensor,
-            'required_probability': campaign.required_probability,
-            'limits': [list(pair) for pair in campaign.limits], 'planners': planners}
+    for name in dict.fromkeys(planner for planner, _, _ in evaluation.parts):
+        own = [row for row in ordered if row['planner'] == name]
+        planners[name] = planner_figures(
+            [row for row in own if row['group'] == 'drawn'],
+            [row for row in own if row['group'] == 'crossable'], radius)
+    return {'seed': evaluation.seed, 'kind': evaluation.kind, 'sensor': evaluation.sensor,
+            'required_probability': evaluation.required_probability,
+            'limits': [list(pair) for pair in evaluation.limits], 'planners': planners}

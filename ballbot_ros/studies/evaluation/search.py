@@ -1,34 +1,42 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What a robot could have crossed: ways over an obstacle, tried one by one with the full model.
+What the true robot can cross: manoeuvres tried one by one with the full model.
 
-A *way* is a run-up from rest to a speed, and a swing of the pendulum some time before the touch.
-The decision does not know which robot it has; this search does.
+A *manoeuvre* is a run-up from rest to a speed, and a swing of the pendulum some time before the
+touch.  The decision does not know which robot it has; this search does.
 """
+from concurrent.futures import Executor
+import json
 import math
+from pathlib import Path
 from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
-from ballbot_ros.control.periods import Script, TOUCH_PERIOD, TOUCH_SPEED
-from ballbot_ros.control.tuning import ControlTuning
+from ballbot_ros.control.tuning import ControlTuning, load_tuning
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.errors import SimulationError
-from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.physics.model.terrain import Terrain
+from ballbot_ros.physics.model.robot import load_robot, Robot
 from ballbot_ros.physics.model.uncertainty import draw
-from ballbot_ros.studies.evaluation.approaches import Approach, balanced_angle
-from ballbot_ros.studies.evaluation.closed_loop import ClosedLoop, true_faces
+from ballbot_ros.results.files import write_text
+from ballbot_ros.studies.evaluation.closed_loop import (
+    balanced_angle, ClosedLoop, Script, TOUCH_PERIOD, TOUCH_SPEED)
+from ballbot_ros.studies.evaluation.terrains import Ground, lay, Shape, true_faces
+from ballbot_ros.studies.progress import ignore, Progress
 
+Limits = Tuple[Tuple[float, float], ...]
+
+FILE = 'crossable.json'
 FASTEST = 1.15         # touch [m/s]
 GAIN, LEAN = 4.0, 1.2  # of the run-up [rad s/m], [rad]
-CHUNK, LONGEST = 50, 8.0  # control periods between two looks, [s]
+CHUNK, TIME_LIMIT = 50, 8.0  # control periods between two checks, [s]
+EDGE_GAP = 0.05        # from the end of the room behind to the start [m]
 ROBOTS, MOST = 24, 23
 KNOTS = (0.05, 0.15, 0.3, 0.5, 0.8, 1.2, 1.8)  # run-ups [m]
 LOWEST, HIGHEST, FINE = 0.006, 0.09, 0.0005  # heights that are searched [m]
 
 
-class Way(NamedTuple):
+class Manoeuvre(NamedTuple):
     """A run-up and a swing."""
 
     speed: float  # of the run-up [m/s]
@@ -36,32 +44,33 @@ class Way(NamedTuple):
     angle: float  # of the swing [rad]
 
 
-WAYS: Tuple[Way, ...] = tuple(
-    Way(speed, lead, angle) for speed in (0.3, 0.5, 0.7, 0.9, 1.0, 1.1)
+MANOEUVRES: Tuple[Manoeuvre, ...] = tuple(
+    Manoeuvre(speed, lead, angle) for speed in (0.3, 0.5, 0.7, 0.9, 1.0, 1.1)
     for lead, angle in [(-1.0, 0.0), *((lead, angle) for lead in (0.0, 0.15, 0.3, 0.45, 0.6)
                                        for angle in (1.57, 2.1, 2.6))])
 
 
-def gets_over(loop: ClosedLoop, way: Way, touch: float, goal: float, level_angle: float) -> bool:
+def gets_over(loop: ClosedLoop, manoeuvre: Manoeuvre, touch: float, goal: float,
+              level_angle: float) -> bool:
     """
-    Return whether a ball gets over in a way, without touching a face faster than allowed.
+    Return whether a manoeuvre gets a ball over without touching a face faster than `FASTEST`.
 
     Parameters
     ----------
     loop : ClosedLoop
         At the begin of the run-up.
-    way : Way
+    manoeuvre : Manoeuvre
     touch, goal : float
         Where the centre is at the first touch, and where the ball is over [m].
     level_angle : float
         Pendulum angle at which the ball keeps its speed [rad].
 
     """
-    swing = touch - way.lead * way.speed if way.lead >= 0.0 else math.inf
-    script: Script = (level_angle, GAIN, way.speed, LEAN, swing, way.angle)
+    swing = touch - manoeuvre.lead * manoeuvre.speed if manoeuvre.lead >= 0.0 else math.inf
+    script: Script = (level_angle, GAIN, manoeuvre.speed, LEAN, swing, manoeuvre.angle)
     best, since = -math.inf, 0.0
     try:
-        while loop.time < LONGEST:
+        while loop.time < TIME_LIMIT + (goal - touch) / manoeuvre.speed:
             loop.follow(script, CHUNK)
             x = loop.state.x
             if any(loop.watched[:, TOUCH_SPEED] > FASTEST):
@@ -77,27 +86,36 @@ def gets_over(loop: ClosedLoop, way: Way, touch: float, goal: float, level_angle
     return False
 
 
-def possible(approach: Approach, nominal: Robot, gains: ControlTuning) -> bool:
-    """Return whether some way of `WAYS` gets the true robot over, from its best start."""
-    ground, robot = approach.ground, approach.robot
+def possible(robot: Robot, ground: Ground, room_behind: float, nominal: Robot,
+             gains: ControlTuning) -> bool:
+    """Return whether one of `MANOEUVRES` gets the true robot over, from its best start."""
     faces = [face for face in true_faces(ground.terrain) if face[0] > 0.0]
     height = max(faces[0][3], 0.0) if faces else 0.0
     touch = ground.foot - touch_distance(robot.ball_radius, height)
     angle = balanced_angle(robot, ground.slope)
     return any(gets_over(
-        ClosedLoop(robot, ground.terrain, nominal, gains, 0.0, angle, -approach.room_behind),
-        way, touch, ground.goal + 0.5 * robot.ball_radius, angle) for way in WAYS)
+        ClosedLoop(robot, ground.terrain, nominal, gains, 0.0, angle,
+                   min(0.0, EDGE_GAP - room_behind)),
+        manoeuvre, touch, ground.goal + 0.5 * robot.ball_radius, angle)
+        for manoeuvre in MANOEUVRES)
 
 
 def height_limit(robot: Robot, nominal: Robot, gains: ControlTuning, run_up: float,
-                 way: Way) -> float:
-    """Return the highest step that a robot crosses in a way from rest at a run-up [m]."""
+                 manoeuvre: Manoeuvre, slope: float = 0.0) -> float:
+    """
+    Return the maximum step height that a robot crosses with a manoeuvre [m].
+
+    From rest at a run-up [m] before the touch, on a slope [rad].
+    """
     low, high = 0.0, HIGHEST
     trial = LOWEST
+    angle = balanced_angle(robot, slope)
     while high - low > FINE:
         touch = -touch_distance(robot.ball_radius, trial)
-        loop = ClosedLoop(robot, Terrain.step(trial), nominal, gains, 0.0, 0.0, touch - run_up)
-        if gets_over(loop, way, touch, 0.5 * robot.ball_radius, 0.0):
+        ground = lay('step', Shape('', [(0.0, trial)], 0.5 * robot.ball_radius), 0.0, slope, None,
+                     robot.surface_friction)
+        loop = ClosedLoop(robot, ground.terrain, nominal, gains, 0.0, angle, touch - run_up)
+        if gets_over(loop, manoeuvre, touch, ground.goal, angle):
             low = trial
         else:
             high = trial
@@ -106,28 +124,53 @@ def height_limit(robot: Robot, nominal: Robot, gains: ControlTuning, run_up: flo
 
 
 def set_robots(nominal: Robot) -> List[Robot]:
-    """Return the robots that the limit of most is for."""
+    """Return the robots of the limit of most."""
     return draw(nominal, ROBOTS, seed=0)
 
 
-def limit_of_most(nominal: Robot, gains: ControlTuning, run_up: float) -> float:
+def limit_of_most(robot: str, gains: str, run_up: float) -> float:
     """
-    Return the highest step that `MOST` of `ROBOTS` drawn robots cross, all in the same way [m].
+    Return the maximum step height that `MOST` of `ROBOTS` drawn robots cross [m].
 
-    From rest at a run-up [m]; of the ways with one speed, the one is tried with all that is best
-    for the nominal robot.
+    All with the same manoeuvre, from rest at a run-up [m]; for each speed, only the best
+    manoeuvre of the nominal robot is tried.  Robot and tuning are names or files.
     """
-    of_nominal = {way: height_limit(nominal, nominal, gains, run_up, way) for way in WAYS}
-    best = [max((way for way in WAYS if way.speed == speed), key=of_nominal.__getitem__)
-            for speed in {way.speed for way in WAYS}]
-    return max(sorted(height_limit(robot, nominal, gains, run_up, way)
-                      for robot in set_robots(nominal))[ROBOTS - MOST] for way in best)
+    nominal, tuning = load_robot(robot), load_tuning(gains)
+    heights = {one: height_limit(nominal, nominal, tuning, run_up, one) for one in MANOEUVRES}
+    best = [max((one for one in MANOEUVRES if one.speed == speed), key=heights.__getitem__)
+            for speed in sorted({one.speed for one in MANOEUVRES})]
+    return max(sorted(height_limit(drawn, nominal, tuning, run_up, one)
+                      for drawn in set_robots(nominal))[ROBOTS - MOST] for one in best)
+
+
+def limits_of_most(robot: str, gains: str, folder: Path, pool: Executor,
+                   progress: Progress = ignore) -> Limits:
+    """
+    Return the limit of most by run-up; kept in a file of the folder.
+
+    Progress is reported as the finished part.
+    """
+    path, key = folder / FILE, load_robot(robot).digest
+    try:
+        known = json.loads(path.read_text(encoding='utf-8'))
+        if known['robot'] == key:
+            return tuple((float(knot), float(limit)) for knot, limit in known['limits'])
+    except (OSError, ValueError, KeyError, TypeError):
+        pass
+    parts = [pool.submit(limit_of_most, robot, gains, knot) for knot in reversed(KNOTS)]
+    found = []
+    for number, part in enumerate(parts, 1):
+        found.append(part.result())
+        progress(number / len(parts))
+    limits = tuple(zip(KNOTS, reversed(found)))
+    write_text(json.dumps({'robot': key, 'limits': limits}), path)
+    return limits
 
 
 def limit_at(limits: Sequence[Tuple[float, float]], run_up: float) -> float:
-    """Return the limit of most at a run-up, from that at the `KNOTS` [m]; 0 below the first."""
+    """Return the limit of most at a run-up, interpolated [m]; 0 below the first of `KNOTS`."""
     if run_up < limits[0][0]:
         return 0.0
     knots, heights = np.array(limits).T
-    # Whoever has more room may begin with less.
+    # With more room the run-up may still be short.
     return float(np.interp(run_up, knots, np.maximum.accumulate(heights)))

@@ -1,37 +1,59 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sensors that look ahead, and all that is wrong with them."""
-from dataclasses import dataclass
-from typing import List, Union
+"""Simulated terrain sensors with noise, faults, outliers, reordered and frozen messages."""
+from dataclasses import dataclass, replace
+import heapq
+import math
+from typing import List, Optional, Tuple, Union
 
 import numpy as np
 
 from ballbot_ros.decision.values import StepObservation, TerrainObservation
-from ballbot_ros.physics.model.terrain import Terrain
-from ballbot_ros.plant import Latency, Sensor, SensorFaults, TerrainSensor
+from ballbot_ros.physics.model.terrain import Array, Terrain
+from ballbot_ros.plant import Sensor, SensorFaults, TerrainSensor
 
 Observation = Union[StepObservation, TerrainObservation]
 Random = np.random.Generator
 
-FULL_REACH = 3.0  # [m]
+KINDS = ('step', 'terrain', 'camera')
+FULL_REACH = 3.0              # [m]
+HIGHEST_RAY = math.radians(10.0)  # of a camera, above the horizon [rad]
+RESOLUTION = 0.0005           # smallest standard deviation that a camera reports [m]
+NOISE_RANGE = 1.5             # distance at which the noise of a camera has doubled [m]
+TERRAIN_OUTLIER = 0.3         # largest error of an outlier of a terrain sensor or camera [m]
+STEP_OUTLIER = 0.15           # largest height of a phantom step [m]
+ENDLESS = 1e4                 # the first and last segment of a terrain continue to here [m]
 
 
 @dataclass(frozen=True)
-class Flaws:
+class SensorModel:
     """
-    A sensor with what is wrong with it; as made, nothing is.
+    A sensor with its faults; without arguments, a perfect step sensor.
 
     Attributes
     ----------
     kind : str
-        ``step`` (sees the next face) or ``terrain`` (sees a polyline).
+        ``step`` (the next face only), ``terrain`` (points equally spaced along the ground) or
+        ``camera`` (points on rays at equal angles from an eye).
     distance_sd, height_sd : float
-        White noise [m]; of a terrain sensor that of the heights alone.
+        White noise [m]; of a terrain sensor that of the heights, of a camera that along the ray
+        at the ball.
     distance_bias : float
         Constant error of all distances [m].
     reach : float
-        How far it sees from the centre of the ball [m].
+        Range from the ball's centre [m].
     spacing : float
         Between the points of a terrain sensor [m].
+    eye_height, lowest_ray : float
+        Of a camera: height of the eye above the ball's centre [m], and its steepest ray below the
+        horizon [rad].
+    rays : int
+        Of a camera.
+    outliers : float
+        Probability of a gross error, of a point or of a reported step.
+    reordering : float
+        Largest random additional delay of a message [s]; messages may overtake each other.
+    frozen_from : float
+        From this time on the sensor repeats its last content with advancing stamps [s].
     faults : SensorFaults
 
     """
@@ -42,16 +64,38 @@ class Flaws:
     distance_bias: float = 0.0
     reach: float = FULL_REACH
     spacing: float = 0.015
+    eye_height: float = 0.0
+    lowest_ray: float = math.radians(80.0)
+    rays: int = 256
+    outliers: float = 0.0
+    reordering: float = 0.0
+    frozen_from: float = math.inf
     faults: SensorFaults = SensorFaults()
 
     @property
-    def words(self) -> str:
-        """Return what is wrong, for people."""
+    def condition(self) -> str:
+        """Return its most severe fault in one word."""
+        if math.isfinite(self.frozen_from):
+            return 'frozen'
+        if self.outliers:
+            return 'outliers'
+        if self.reordering:
+            return 'reordered'
+        ideal = SensorModel(self.kind, spacing=self.spacing, eye_height=self.eye_height,
+                            lowest_ray=self.lowest_ray, rays=self.rays)
+        return 'ideal' if self == ideal else 'degraded'
+
+    @property
+    def description(self) -> str:
+        """Return kind and faults as text."""
         faults = self.faults
-        found = [f'{self.kind} sensor']
+        found = [f'{self.kind} sensor' if self.kind != 'camera' else
+                 f'camera {self.eye_height:.2f} m above the centre, {self.rays} rays from '
+                 f'{math.degrees(self.lowest_ray):.0f} degrees below the horizon']
         if self.height_sd:
             found.append(f'noise {1e3 * self.height_sd:.1f} mm in height, '
-                         f'{1e3 * self.distance_sd:.0f} mm in distance, told {faults.told:g}')
+                         f'{1e3 * self.distance_sd:.0f} mm in distance, {faults.told:g} of it '
+                         'reported')
         if self.distance_bias:
             found.append(f'distance {1e3 * self.distance_bias:+.0f} mm')
         for name, unit, factor in (
@@ -61,72 +105,187 @@ class Flaws:
                 found.append(f'{name} {factor * getattr(faults, name):.3g}{unit}')
         if self.reach < FULL_REACH:
             found.append(f'reach {self.reach:.2f} m')
+        if self.outliers:
+            found.append(f'{100.0 * self.outliers:.1f} % outliers')
+        if self.reordering:
+            found.append(f'messages reordered within {self.reordering:.2f} s')
+        if math.isfinite(self.frozen_from):
+            found.append(f'frozen from {self.frozen_from:.2f} s')
         return ', '.join(found)
 
 
-def draw_flaws(random: Random, kinds: str) -> Flaws:
-    """Return a sensor with some flaws; `kinds` as in `grounds.Shape.sensors`."""
-    kind = 'terrain' if kinds == 'terrain' or random.random() < 0.6 else 'step'
+def draw_sensor(random: Random, sensors: str, kind: Optional[str] = None) -> SensorModel:
+    """
+    Return a sensor with faults.
+
+    Parameters
+    ----------
+    random : Generator
+    sensors : str
+        Sensors that can detect the obstacle; see `terrains.Shape.sensors`.
+    kind : str, optional
+        One of `KINDS`, where it can detect the obstacle; by default any of these.
+
+    """
+    drawn = str(random.choice(KINDS, p=(0.4, 0.25, 0.35)))
+    wanted = kind or drawn
+    if sensors == 'terrain' and wanted == 'step':
+        wanted = 'camera' if random.random() < 0.5 else 'terrain'
     noisy, biased, lossy, late, short, growing = (
         random.random(6) < (0.5, 0.3, 0.25, 0.4, 0.2, 0.15)).tolist()
-    even = random.random(11).tolist()
-    polyline = kind == 'terrain'
-    return Flaws(
-        kind=kind,
-        distance_sd=0.003 + 0.015 * even[0] if noisy and not polyline else 0.0,
+    even = random.random(20).tolist()
+    points = wanted != 'step'
+    frozen, outliers, reordered = even[11] < 0.08, 0.08 <= even[11] < 0.2, 0.2 <= even[11] < 0.3
+    noisy = noisy or frozen
+    return SensorModel(
+        kind=wanted,
+        distance_sd=0.003 + 0.015 * even[0] if noisy and not points else 0.0,
         height_sd=0.0005 + 0.003 * even[1] if noisy else 0.0,
         distance_bias=0.03 * (even[2] - 0.5) if biased else 0.0,
-        reach=1.0 + 0.8 * even[3] if short else FULL_REACH,
+        # A frozen sensor has noise and the obstacle in sight: otherwise its content is that of an
+        # intact sensor above a plain floor.
+        reach=1.0 + 0.8 * even[3] if short and not frozen else FULL_REACH,
         spacing=0.005 + 0.015 * even[4],
+        eye_height=0.4 * even[12], lowest_ray=math.radians(60.0 + 25.0 * even[13]),
+        rays=128 + int(384.0 * even[14]),
+        outliers=0.1 * even[15] if outliers else 0.0,
+        reordering=0.04 + 0.16 * even[16] if reordered else 0.0,
+        frozen_from=0.3 + 2.7 * even[17] if frozen else math.inf,
         faults=SensorFaults(
             told=(1.0, 0.0, 0.5)[int(3.0 * even[5])] if noisy else 1.0,
             bias=0.004 * (even[6] - 0.5) if biased else 0.0,
-            tilt=0.008 * (even[7] - 0.5) if biased and polyline else 0.0,
-            growth=0.02 + 0.13 * even[8] if growing else 0.0,
+            tilt=0.008 * (even[7] - 0.5) if biased and points else 0.0,
+            growth=0.02 + 0.13 * even[8] if growing and wanted != 'camera' else 0.0,
             dropout=0.5 * even[9] if lossy else 0.0,
-            holes=0.3 * even[9] if lossy and polyline else 0.0,
+            holes=0.3 * even[9] if lossy and points else 0.0,
             latency=0.02 * round(25.0 * even[10]) if late else 0.0))
 
 
-class Looks:
+class Camera:
     """
-    What a sensor says on the way, look by look, each when it arrives.
+    Rays at equal angles from an eye above the ball's centre, as of a depth camera.
+
+    Points become sparse with distance; edges hide what lies behind them, and the camera does not
+    see the ground below and behind its steepest ray.  Noise acts along the ray and grows with the
+    square of the distance.
+    """
+
+    def __init__(self, terrain: Terrain, model: SensorModel, seed: int):
+        ends = np.array([[-ENDLESS], [ENDLESS]]) + terrain.vertices[[0, -1], 0][:, None]
+        self._vertices = np.vstack([
+            np.column_stack([ends[:1], terrain.height(ends[0])]), terrain.vertices,
+            np.column_stack([ends[1:], terrain.height(ends[1])])])
+        self._model, self._seed = model, seed
+        angles = np.linspace(-model.lowest_ray, HIGHEST_RAY, model.rays)
+        self._rays = np.column_stack([np.cos(angles), np.sin(angles)])
+
+    def sample(self, x: float, y: float, number: int) -> Optional[Tuple[Array, Array, Array]]:
+        """Return x, z and reported standard deviations of points relative to the centre [m]."""
+        model, faults = self._model, self._model.faults
+        random = np.random.default_rng([self._seed, number])
+        if random.random() < faults.dropout:
+            return None
+        distance = self._distances(np.array([x, y + model.eye_height]))
+        noise = random.standard_normal(model.rays)
+        kept = (distance * self._rays[:, 0] <= model.reach) & (
+            random.random(model.rays) >= faults.holes)
+        if np.count_nonzero(kept) < 2:
+            return None
+        distance, rays = distance[kept], self._rays[kept]
+        deviation = model.height_sd * (1.0 + (distance / NOISE_RANGE) ** 2)
+        distance = distance + deviation * noise[kept]
+        # A driver publishes points in the order of the rays, whose x must not decrease.
+        ahead = np.maximum.accumulate(distance * rays[:, 0])
+        up = distance * rays[:, 1] + model.eye_height + math.tan(faults.tilt) * ahead
+        reported = faults.told * np.maximum(deviation * np.abs(rays[:, 1]), RESOLUTION)
+        return ahead, up, reported
+
+    def _distances(self, eye: Array) -> Array:
+        """Return the distance along each ray to the ground [m], infinite for none."""
+        xs = self._vertices[:, 0]
+        first = max(0, int(np.searchsorted(xs, eye[0])) - 1)
+        behind = int(np.searchsorted(xs, eye[0] + self._model.reach, side='right'))
+        corners = self._vertices[first:behind + 1]
+        begin, along = corners[:-1] - eye, np.diff(corners, axis=0)
+        across = (self._rays[:, :1] * along[:, 1] - self._rays[:, 1:] * along[:, 0])
+        with np.errstate(divide='ignore', invalid='ignore'):
+            distance = (begin[:, 0] * along[:, 1] - begin[:, 1] * along[:, 0]) / across
+            share = (begin[:, 0] * self._rays[:, 1:] - begin[:, 1] * self._rays[:, :1]) / across
+        hit = (distance > 0.0) & (share >= -1e-12) & (share <= 1.0 + 1e-12)
+        found: Array = np.where(hit, distance, np.inf).min(axis=1)
+        return found
+
+
+class SimulatedSensor:
+    """
+    Samples the terrain and delivers the observations when they arrive.
 
     Parameters
     ----------
     terrain : Terrain
-    flaws : Flaws
+    model : SensorModel
     seed : int
 
     """
 
-    def __init__(self, terrain: Terrain, flaws: Flaws, seed: int):
-        """Look at nothing yet."""
-        self._flaws = flaws
-        self._late: Latency[Observation] = Latency(flaws.faults.latency)
-        self._step = Sensor(terrain, flaws.reach, flaws.distance_sd, flaws.height_sd, seed,
-                            flaws.faults)
-        self._polyline = TerrainSensor(terrain, flaws.reach, flaws.height_sd, seed, flaws.faults,
-                                       spacing=flaws.spacing)
+    def __init__(self, terrain: Terrain, model: SensorModel, seed: int):
+        self._model, self._seed = model, seed
+        self._queue: List[Tuple[float, int, Observation]] = []
+        self._last: Optional[Observation] = None
+        self._step = Sensor(terrain, model.reach, model.distance_sd, model.height_sd, seed,
+                            model.faults)
+        self._points = TerrainSensor(terrain, model.reach, model.height_sd, seed, model.faults,
+                                     spacing=model.spacing)
+        self._camera = Camera(terrain, model, seed)
 
-    def look(self, number: int, stamp: float, x: float, y: float) -> None:
-        """Look from the ball's centre [m] at a time [s]; number counts from 0."""
-        off = self._flaws.distance_bias
-        if self._flaws.kind == 'step':
-            sight = self._step.look(x, number)
-            if sight is not None and sight.detected:
-                self._late.put(stamp, StepObservation(
-                    stamp, True, max(0.0, sight.distance + off), sight.height,
-                    self._step.distance_sd, self._step.height_sd))
-            elif sight is not None:
-                self._late.put(stamp, StepObservation(stamp, False))
+    def sample(self, number: int, stamp: float, x: float, y: float) -> None:
+        """Take sample `number`, counted from 0, from the ball's centre [m] at a time [s]."""
+        model = self._model
+        if stamp < model.frozen_from:
+            self._last = self._observe(number, stamp, x, y)
+        if self._last is None:
             return
-        seen = self._polyline.look(x, y, number)
-        if seen is not None:
-            self._late.put(stamp, TerrainObservation(
-                stamp, tuple(place + off for place in seen.x), seen.z, seen.z_sd,
-                seen.x_min + off, seen.x_max + off))
+        random = np.random.default_rng([self._seed, number, 1])
+        arrival = stamp + model.faults.latency + model.reordering * float(random.random())
+        heapq.heappush(self._queue, (arrival, number, replace(self._last, stamp=stamp)))
+
+    def _observe(self, number: int, stamp: float, x: float, y: float) -> Optional[Observation]:
+        """Return what the sensor detects, None for a lost sample."""
+        model = self._model
+        random = np.random.default_rng([self._seed, number, 2])
+        if model.kind == 'step':
+            sight = self._step.look(x, number)
+            if sight is None:
+                return None
+            if random.random() < model.outliers:
+                return StepObservation(
+                    stamp, True, float(random.uniform(0.05, model.reach)),
+                    float(random.uniform(-STEP_OUTLIER, STEP_OUTLIER)),
+                    self._step.distance_sd, self._step.height_sd)
+            if not sight.detected:
+                return StepObservation(stamp, False)
+            return StepObservation(
+                stamp, True, max(0.0, sight.distance + model.distance_bias), sight.height,
+                self._step.distance_sd, self._step.height_sd)
+        if model.kind == 'camera':
+            seen = self._camera.sample(x, y, number)
+            if seen is None:
+                return None
+            ahead, up, deviation = seen
+        else:
+            polyline = self._points.look(x, y, number)
+            if polyline is None:
+                return None
+            ahead, up, deviation = map(np.array, (polyline.x, polyline.z, polyline.z_sd))
+        wrong = random.random(len(up)) < model.outliers
+        up = up + wrong * random.uniform(-TERRAIN_OUTLIER, TERRAIN_OUTLIER, len(up))
+        ahead = ahead + model.distance_bias
+        return TerrainObservation(stamp, tuple(ahead.tolist()), tuple(up.tolist()),
+                                  tuple(deviation.tolist()), float(ahead[0]), float(ahead[-1]))
 
     def arrived(self, now: float) -> List[Observation]:
-        """Return what has arrived by now [s], oldest first."""
-        return self._late.due(now)
+        """Return the observations that have arrived by now [s], in the order of arrival."""
+        found = []
+        while self._queue and self._queue[0][0] <= now + 1e-9:
+            found.append(heapq.heappop(self._queue)[2])
+        return found

@@ -1,26 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Approaches are drawn by their numbers, run, judged on the truth, and kept."""
+"""Approaches are drawn by their numbers, run, monitord by the true state, and kept."""
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 import json
 
+import numpy as np
 import pytest
+from refusals import refused
 
 from ballbot_ros.decision import Decision, Kind, Reason
-from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.plant import SensorFaults
-from ballbot_ros.studies.evaluation.approaches import draw_approach
-from ballbot_ros.studies.evaluation.campaign import Campaign, FILE, read_rows, run_campaign
+from ballbot_ros.studies.evaluation.approaches import draw_approach, UNSEEN_ROOM
 from ballbot_ros.studies.evaluation.closed_loop import ClosedLoop
-from ballbot_ros.studies.evaluation.grounds import Ground, KINDS
-from ballbot_ros.studies.evaluation.judge import Judge
-from ballbot_ros.studies.evaluation.loop import Believer
-from ballbot_ros.studies.evaluation.replay import replay
-from ballbot_ros.studies.evaluation.sensors import Flaws, Looks
+from ballbot_ros.studies.evaluation.evaluation import Evaluation, FOLDER, run_evaluation
+from ballbot_ros.studies.evaluation.outcome import OutcomeMonitor
+from ballbot_ros.studies.evaluation.run import NominalModel, run_with_log
+from ballbot_ros.studies.evaluation.sensors import Camera, SensorModel, SimulatedSensor
+from ballbot_ros.studies.evaluation.terrains import Ground, KINDS, true_faces
 
-BELIEVER = Believer()
-SMALL = Campaign((('cubic', 'drawn', 6),), sensor='step', kind='step')
+NOMINAL = NominalModel()
+SMALL = Evaluation((('cubic', 'drawn', 12),), sensor='step', kind='step')
 
 
 def timeless(row):
@@ -31,59 +31,63 @@ def timeless(row):
 def an_approach(*vertices, goal=float('inf'), speed=0.4):
     """Return an approach on a ground, with a perfect sensor."""
     ground = Ground('', '', Terrain(vertices), 1.0, goal, 0.0, 'any')
-    return replace(draw_approach(BELIEVER.robot, BELIEVER.tuning, 0, 0), robot=BELIEVER.robot,
-                   ground=ground, flaws=Flaws(), speed=speed, room_behind=0.0)
+    return replace(draw_approach(NOMINAL.robot, NOMINAL.tuning, 0, 0), robot=NOMINAL.robot,
+                   ground=ground, sensor=SensorModel(), speed=speed, room_behind=0.0)
 
 
 def judged(approach, kind, angle=0.0, distance=1.0, limit=8.0):
     """Return the verdict of a ball that rolls on while a decision stands."""
-    loop = ClosedLoop(approach.robot, approach.ground.terrain, BELIEVER.robot, BELIEVER.gains,
+    loop = ClosedLoop(approach.robot, approach.ground.terrain, NOMINAL.robot, NOMINAL.gains,
                       approach.speed, 0.0)
-    judge = Judge(approach, loop, BELIEVER.tuning)
+    monitor = OutcomeMonitor(approach, loop, NOMINAL.tuning)
     while loop.time < limit:
         before, x = loop.time, loop.state.x
         loop.advance(angle, 10)
-        if judge.look(before, Decision(kind, Reason.COMMITTED, 0.4, '', distance=distance - x)):
+        decision = Decision(kind, Reason.COMMITTED, 0.4, '', distance=distance - x)
+        if monitor.update(before, decision):
             break
     else:
-        judge.finish(loop.state)
-    return judge.verdict
+        monitor.finish(loop.state)
+    return monitor.verdict
 
 
 @pytest.mark.parametrize('kind', KINDS)
 def test_each_kind_of_ground_can_be_rolled_on_and_seen(kind):
     for number in range(5):
-        approach = draw_approach(BELIEVER.robot, BELIEVER.tuning, 1, number, kind)
+        approach = draw_approach(NOMINAL.robot, NOMINAL.tuning, 1, number, kind)
         ground = approach.ground
-        loop = ClosedLoop(approach.robot, ground.terrain, BELIEVER.robot, BELIEVER.gains,
+        loop = ClosedLoop(approach.robot, ground.terrain, NOMINAL.robot, NOMINAL.gains,
                           approach.speed, 0.0)
         loop.advance(0.1, 10)
         assert -0.1 < loop.state.x < 0.1
         assert ground.foot > approach.robot.ball_radius
-        looks = Looks(ground.terrain, replace(approach.flaws, faults=SensorFaults()), 0)
-        looks.look(0, 0.0, 0.0, loop.state.y)
-        assert len(looks.arrived(0.0)) == 1
+        model = replace(approach.sensor, faults=SensorFaults(), reordering=0.0)
+        sensor = SimulatedSensor(ground.terrain, model, 0)
+        sensor.sample(0, 0.0, 0.0, loop.state.y)
+        assert len(sensor.arrived(0.0)) == 1
 
 
 def test_an_approach_depends_on_its_seed_and_number_alone():
-    one = draw_approach(BELIEVER.robot, BELIEVER.tuning, 3, 7)
-    draw_approach(BELIEVER.robot, BELIEVER.tuning, 3, 8)
-    again = draw_approach(BELIEVER.robot, BELIEVER.tuning, 3, 7)
-    other = draw_approach(BELIEVER.robot, BELIEVER.tuning, 4, 7)
-    assert (one.words, one.robot, one.flaws) == (again.words, again.robot, again.flaws)
+    one = draw_approach(NOMINAL.robot, NOMINAL.tuning, 3, 7)
+    draw_approach(NOMINAL.robot, NOMINAL.tuning, 3, 8)
+    again = draw_approach(NOMINAL.robot, NOMINAL.tuning, 3, 7)
+    other = draw_approach(NOMINAL.robot, NOMINAL.tuning, 4, 7)
+    assert (one.description, one.robot, one.sensor) == (
+        again.description, again.robot, again.sensor)
     assert one.robot != other.robot
 
 
-def test_messages_arrive_late_by_the_latency_and_keep_their_stamp():
-    looks = Looks(Terrain.step(0.02, 1.0), Flaws(faults=SensorFaults(latency=0.1)), 0)
-    looks.look(0, 5.0, 0.0, 0.226)
-    assert looks.arrived(5.08) == []
-    seen, = looks.arrived(5.1)
+def test_messages_arrive_delayed_by_the_latency_and_keep_their_stamp():
+    model = SensorModel(faults=SensorFaults(latency=0.1))
+    sensor = SimulatedSensor(Terrain.step(0.02, 1.0), model, 0)
+    sensor.sample(0, 5.0, 0.0, 0.226)
+    assert sensor.arrived(5.08) == []
+    seen, = sensor.arrived(5.1)
     assert (seen.stamp, seen.distance, seen.height) == (5.0, 1.0, 0.02)
-    assert looks.arrived(5.2) == []
+    assert sensor.arrived(5.2) == []
 
 
-def test_a_ball_that_rolls_off_a_drop_that_nobody_took_fell():
+def test_a_ball_that_rolls_off_a_drop_without_crossing_it_fell():
     drop = an_approach([-9.0, 0.0], [0.5, 0.0], [0.5, -0.02], [9.0, -0.02])
     found = judged(drop, Kind.STOP)
     assert (found.outcome, found.depth) == ('fell', pytest.approx(0.02))
@@ -121,31 +125,98 @@ def test_a_ball_that_rolls_back_over_unknown_ground_ran_away():
     assert judged(flat, Kind.BACK_OFF, angle=-0.5).outcome == 'ran away'
 
 
-def test_a_campaign_goes_on_where_it_was_killed(tmp_path):
+def test_a_cord_that_is_rolled_over_is_no_fall():
+    cord = an_approach([-9.0, 0.0], [0.5, 0.0], [0.5, 0.007], [0.51, 0.007], [0.51, 0.0],
+                       [9.0, 0.0], goal=0.51, speed=0.6)
+    found = judged(cord, Kind.CLEAR)
+    assert (found.outcome, found.bumps) == ('over', 1)
+
+
+def test_a_ball_that_crosses_a_step_down_makes_an_attempt():
+    down = an_approach([-9.0, 0.0], [0.5, 0.0], [0.5, -0.02], [9.0, -0.02], goal=0.5)
+    attempt, = judged(down, Kind.CROSS, distance=0.5).attempts
+    assert attempt.over and attempt.face == 0.5
+
+
+def test_granted_floor_is_there_and_the_floor_behind_ends_where_it_says():
+    granted = exact = 0
+    for number in range(60):
+        approach = draw_approach(NOMINAL.robot, NOMINAL.tuning, 2, number)
+        ahead = [face for face in true_faces(approach.ground.terrain) if face[0] > 0.0]
+        for before, after in zip(ahead, ahead[1:]):
+            assert after[0] - before[0] - before[2] >= approach.unseen_room - 1e-6
+        behind = [face for face in true_faces(approach.ground.terrain) if face[0] < 0.0]
+        for face in behind:
+            assert -face[0] == pytest.approx(
+                max(approach.room_behind, NOMINAL.robot.ball_radius))
+        granted += approach.unseen_room == UNSEEN_ROOM
+        exact += bool(behind)
+    assert granted > 10 and exact > 10
+
+
+def camera_points(terrain, **numbers):
+    """Return the points of a camera above the start."""
+    found = Camera(terrain, SensorModel('camera', **numbers), 0).sample(0.0, 0.226, 0)
+    return found[0], found[1]
+
+
+def test_a_camera_samples_at_equal_angles_and_edges_hide_the_floor():
+    x, z = camera_points(Terrain([[-9.0, 0.0], [1.0, 0.0], [1.0, -0.2], [9.0, -0.2]]),
+                         eye_height=0.2)
+    angles = np.degrees(np.arctan2(z - 0.2, x))
+    assert np.ptp(np.diff(angles)) < 1e-6
+    on_floor, beyond = x < 1.0, x > 1.0
+    assert np.allclose(z[on_floor], -0.226) and np.allclose(z[beyond], -0.426)
+    assert x[beyond].min() > 1.4  # behind the shadow of the edge
+
+
+def test_a_frozen_sensor_repeats_its_content_with_new_stamps():
+    sensor = SimulatedSensor(Terrain.step(0.02, 1.0), SensorModel(frozen_from=0.05), 0)
+    for number in range(6):
+        sensor.sample(number, 0.02 * number, 0.1 * number, 0.226)
+    found = sensor.arrived(1.0)
+    assert [one.stamp for one in found] == pytest.approx([0.02 * number for number in range(6)])
+    assert [one.distance for one in found] == pytest.approx([1.0, 0.9, 0.8, 0.8, 0.8, 0.8])
+
+
+def test_reordered_messages_overtake_each_other():
+    sensor = SimulatedSensor(Terrain.step(0.02, 1.0), SensorModel(reordering=0.2), 0)
+    for number in range(30):
+        sensor.sample(number, 0.02 * number, 0.0, 0.226)
+    stamps = [one.stamp for one in sensor.arrived(2.0)]
+    assert len(stamps) == 30 and stamps != sorted(stamps)
+
+
+def test_outliers_are_gross_errors_of_some_points():
+    sensor = SimulatedSensor(Terrain.flat(), SensorModel('terrain', outliers=0.1), 0)
+    sensor.sample(0, 0.0, 0.0, 0.226)
+    seen, = sensor.arrived(0.0)
+    wrong = np.abs(np.array(seen.z) + 0.226) > 1e-6
+    assert 0.02 < wrong.mean() < 0.25
+
+
+def test_an_evaluation_resumes_where_it_was_interrupted(tmp_path):
     with ThreadPoolExecutor(1) as pool:
-        whole = run_campaign(SMALL, tmp_path / 'whole', pool, 1)
-        path = tmp_path / 'cut' / FILE
-        path.parent.mkdir()
-        lines = (tmp_path / 'whole' / FILE).read_text().splitlines(keepends=True)
-        path.write_text(''.join(lines[:4]) + lines[4][:20])
+        whole = run_evaluation(SMALL, tmp_path, pool, 1)
+        first, _ = sorted((tmp_path / FOLDER).glob('cubic-*'))
+        first.unlink()
         seen = []
-        resumed = run_campaign(SMALL, tmp_path / 'cut', pool, 1, seen.append)
-    assert seen[0] == 3 and seen[-1] == 6
+        resumed = run_evaluation(SMALL, tmp_path, pool, 1, seen.append)
+    assert seen == [2, 12]
     assert sorted(map(timeless, resumed)) == sorted(map(timeless, whole))
-    assert len(read_rows(path)) == 6
 
 
-def test_results_of_another_campaign_are_not_mixed_in(tmp_path):
+def test_results_of_another_evaluation_are_not_mixed_in(tmp_path):
     with ThreadPoolExecutor(1) as pool:
-        run_campaign(replace(SMALL, parts=(('cubic', 'drawn', 1),)), tmp_path, pool, 1)
-        with pytest.raises(ConfigurationError, match='another seed'):
-            run_campaign(replace(SMALL, seed=1), tmp_path, pool, 1)
-        (tmp_path / FILE).write_text('something else')
-        with pytest.raises(ConfigurationError, match='damaged'):
-            run_campaign(SMALL, tmp_path, pool, 1)
+        run_evaluation(replace(SMALL, parts=(('cubic', 'drawn', 1),)), tmp_path, pool, 1)
+        with refused('inconsistent', str(tmp_path / FOLDER)):
+            run_evaluation(replace(SMALL, seed=1), tmp_path, pool, 1)
+        (tmp_path / FOLDER / 'blocks.json').write_text('something else')
+        with refused('unreadable'):
+            run_evaluation(SMALL, tmp_path, pool, 1)
 
 
-def test_a_replay_says_what_was_decided_and_what_came_of_it():
-    lines, row = replay(SMALL, 'cubic', 'drawn', 2)
+def test_the_log_has_the_decisions_and_the_outcome():
+    lines, row = run_with_log(SMALL.approach('drawn', 2), 'cubic', NOMINAL)
     text = '\n'.join(lines)
     assert 'true faces' in text and row['outcome'] in text and 'approach 2 of seed 0' in text

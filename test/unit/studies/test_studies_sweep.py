@@ -13,6 +13,7 @@ import time
 
 import numpy as np
 import pytest
+from refusals import refused
 
 from ballbot_ros.cli import main
 from ballbot_ros.crossing import held_at, max_step_height, rolling, Site, try_step
@@ -100,7 +101,7 @@ def test_the_file_has_all_cases_with_units_and_provenance(tmp_path):
     assert frame[frame.passes].height.mean() < frame[~frame.passes].height.mean()
 
 
-def test_the_size_of_blocks_and_how_often_it_was_begun_change_nothing(tmp_path):
+def test_the_size_of_blocks_changes_nothing(tmp_path):
     plan = SweepPlan(GIMBALL, design='random', cases=90, ranges=RANGES)
     sweep(plan, tmp_path / 'a.parquet', block=7)
     sweep(plan, tmp_path / 'b.parquet', block=40)
@@ -108,7 +109,7 @@ def test_the_size_of_blocks_and_how_often_it_was_begun_change_nothing(tmp_path):
         tmp_path / 'b.parquet')
 
 
-def test_a_killed_sweep_goes_on_and_loses_nothing(tmp_path):
+def test_a_killed_sweep_resumes_and_loses_nothing(tmp_path):
     words = ['--vary', 'speed=0.3:1.2', '--vary', 'height=0.003:0.06', '--design', 'sobol',
              '--workers', '2']
     cases, killed, whole = 4000, tmp_path / 'killed.parquet', tmp_path / 'whole.parquet'
@@ -139,15 +140,12 @@ def test_a_killed_sweep_goes_on_and_loses_nothing(tmp_path):
     assert parquet.read_table(killed) == parquet.read_table(whole)
 
 
-def test_workers_end_with_who_gave_them_work(tmp_path):
-    script = ('import os, sys, time\n'
-              'from concurrent.futures import ProcessPoolExecutor\n'
-              'import multiprocessing\n'
-              'from ballbot_ros.cli.sweep import follow\n'
-              'pool = ProcessPoolExecutor(1, multiprocessing.get_context("fork"), follow, '
-              '(os.getpid(),))\n'
-              'print(pool.submit(os.getpid).result(), flush=True)\n'
-              'time.sleep(60)\n')
+def test_workers_end_with_their_parent():
+    script = ('import os, time\n'
+              'from ballbot_ros.studies.parallel_map import worker_pool\n'
+              'with worker_pool(1) as (pool, _):\n'
+              '    print(pool.submit(os.getpid).result(), flush=True)\n'
+              '    time.sleep(60)\n')
     process = subprocess.Popen([sys.executable, '-c', script], stdout=subprocess.PIPE, text=True,
                                cwd=Path(__file__).resolve().parents[3])
     worker = int(process.stdout.readline())
@@ -161,7 +159,7 @@ def test_workers_end_with_who_gave_them_work(tmp_path):
 
 
 def _alive(process):
-    """Tell whether a process runs; one that nobody has buried does not."""
+    """Return whether a process runs; a zombie does not."""
     try:
         os.kill(process, 0)
         state = Path(f'/proc/{process}/stat').read_text().rsplit(')', 1)[1].split()[0]
@@ -174,12 +172,12 @@ def test_another_sweep_in_the_same_place_is_refused(tmp_path):
     out = tmp_path / 'x.parquet'
     blocks = tmp_path / 'x.parquet.blocks'
     blocks.mkdir()
-    (blocks / 'plan.json').write_text('{"digest": "other", "block": 10}')
+    (blocks / 'blocks.json').write_text('{"digest": "other"}')
     plan = SweepPlan(GIMBALL, design='sobol', cases=10, ranges=RANGES)
-    with pytest.raises(ConfigurationError, match='holds another sweep'):
+    with refused('inconsistent', str(blocks)):
         sweep(plan, out)
-    (blocks / 'plan.json').write_text('{')
-    with pytest.raises(ConfigurationError, match='is damaged'):
+    (blocks / 'blocks.json').write_text('{')
+    with refused('unreadable', str(blocks)):
         sweep(plan, out)
 
 
@@ -195,10 +193,10 @@ def test_only_the_result_of_a_sweep_is_overwritten(tmp_path, capsys):
     (tmp_path / 'notes.txt').write_text('mine')
     for path in (foreign, tmp_path / 'notes.txt'):
         before = path.read_bytes()
-        with pytest.raises(ConfigurationError, match='is not the result of a sweep'):
+        with refused('inconsistent', 'out'):
             sweep(plan, path)
         assert main(['sweep', '--vary', 'speed=0.5', '--out', str(path)]) == 2
-        assert f'{path.name} is there and is not the result' in capsys.readouterr().err
+        assert f'{path.name} exists' in capsys.readouterr().err
         assert path.read_bytes() == before
     assert not list(tmp_path.glob('*.blocks'))
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from ballbot_ros.control import JointReadings, load_tuning, Mode, PendulumController, SetPoint
-from ballbot_ros.control.periods import TOUCH_PERIOD, TOUCH_SPEED
 from ballbot_ros.physics import Actuation, load_robot
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.scene import Initial, Run, Scene
 from ballbot_ros.plant import Plant
-from ballbot_ros.studies.evaluation.closed_loop import ClosedLoop, SOLVER
+from ballbot_ros.studies.evaluation.closed_loop import (
+    ClosedLoop, SOLVER, TOUCH_PERIOD, TOUCH_SPEED)
 
 ROBOT, GAINS = load_robot('gimball'), load_tuning('published')
 STEP = Terrain([[-2.0, 0.0], [0.5, 0.0], [0.5, 0.02], [3.0, 0.02]])

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Runs thousands of approaches on many cores or a cluster; an interrupted run resumes.
+
+Results are kept in blocks of JSON files, see `parallel_map`.
+"""
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+import hashlib
+import json
+import math
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Tuple
+
+from ballbot_ros import __version__
+from ballbot_ros.crossing.rules import touch_distance
+from ballbot_ros.results.files import write_text
+from ballbot_ros.studies.evaluation.approaches import Approach, crossable_approach, draw_approach
+from ballbot_ros.studies.evaluation.run import heading, NominalModel, run_approach
+from ballbot_ros.studies.evaluation.search import height_limit, Manoeuvre, possible
+from ballbot_ros.studies.parallel_map import checkpointed_map
+from ballbot_ros.studies.progress import ignore, Progress
+
+BLOCK = 10  # approaches in a file
+FOLDER = 'approaches'
+# Range of run-ups [m] and smallest speed [m/s] of a manoeuvre for the true margin.
+RUN_UPS, SLOWEST = (0.05, 3.0), 0.1
+
+# Exceptions of a decision that are defects, not refused input; they are counted.
+DEFECTS = (ArithmeticError, AssertionError, AttributeError, LookupError, RuntimeError,
+           TypeError, ValueError)
+
+Row = Dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """
+    Which approaches to run, with which planners; equal evaluations are equal approaches.
+
+    Attributes
+    ----------
+    parts : tuple of (str, str, int)
+        Planner, group (``drawn`` or ``crossable``), and number of approaches: the first ones.
+    seed : int
+    kind, sensor : str or None
+        Of all terrains and sensors, if given; see `terrains.KINDS` and `sensors.KINDS`.
+    required_probability : float or None
+        Instead of that of the decision tuning.
+    limits : tuple of (float, float)
+        Run-ups and the steps that most robots cross from there, see `search.limit_of_most`; only
+        needed for the group ``crossable``.
+    searched : int
+        Of the first planner: number of approaches for which the true robot is searched for a
+        manoeuvre that crosses, and for the true margin of each attempt at a step.
+
+    """
+
+    parts: Tuple[Tuple[str, str, int], ...]
+    seed: int = 0
+    kind: Optional[str] = None
+    sensor: Optional[str] = None
+    required_probability: Optional[float] = None
+    limits: Tuple[Tuple[float, float], ...] = ()
+    searched: int = 0
+
+    @property
+    def size(self) -> int:
+        """Return the number of runs."""
+        return sum(count for _, _, count in self.parts)
+
+    @property
+    def digest(self) -> str:
+        """Return a digest of all that the rows depend on besides their numbers."""
+        same = {name: value for name, value in asdict(self).items()
+                if name not in ('parts', 'limits', 'searched')}
+        nominal = self.nominal()
+        known = (nominal.robot.digest, nominal.curve, nominal.tuning, nominal.gains)
+        return hashlib.sha256(repr((_sources(), known, same)).encode()).hexdigest()[:16]
+
+    def nominal(self) -> NominalModel:
+        """Return what the decision assumes."""
+        return _nominal(self.required_probability)
+
+    def approach(self, group: str, number: int) -> Approach:
+        """Return one of its approaches."""
+        nominal = self.nominal()
+        if group == 'crossable':
+            return crossable_approach(nominal.robot, self.limits, self.seed, number)
+        return draw_approach(nominal.robot, nominal.tuning, self.seed, number, self.kind,
+                             self.sensor)
+
+
+@lru_cache(maxsize=1)
+def _sources() -> str:
+    """Return a digest of the sources: rows of different versions of the code must not be mixed."""
+    package = Path(__file__).resolve().parents[2]
+    digest = hashlib.sha256(__version__.encode())
+    for folder in ('control', 'crossing', 'decision', 'physics', 'plant', 'studies/evaluation'):
+        for source in sorted((package / folder).rglob('*.py')):
+            digest.update(source.read_bytes())
+    return digest.hexdigest()
+
+
+@lru_cache(maxsize=4)
+def _nominal(required_probability: Optional[float]) -> NominalModel:
+    changes: Dict[str, Any] = {} if required_probability is None else {
+        'required_probability': required_probability}
+    return NominalModel(**changes)
+
+
+def run_block(evaluation: Evaluation, planner: str, group: str, first: int, behind: int,
+              search: bool) -> List[Row]:
+    """Run some approaches; a defect of the decision fails its approach only."""
+    return [_run(evaluation, planner, group, number, search) for number in range(first, behind)]
+
+
+def _run(evaluation: Evaluation, planner: str, group: str, number: int, search: bool) -> Row:
+    nominal = evaluation.nominal()
+    approach = evaluation.approach(group, number)
+    try:
+        row = run_approach(approach, planner, nominal)
+    except DEFECTS as error:
+        row = {**heading(approach, planner), 'outcome': 'raised', 'attempts': [], 'changes': 0,
+               'failure': f'{type(error).__name__}: {error}'}
+    row['group'] = group
+    if not search or row['kind'] == 'nothing':
+        return row
+    if row['crossable']:
+        row['possible'] = row['outcome'] == 'over' or possible(
+            approach.robot, approach.ground, approach.room_behind, nominal.robot, nominal.gains)
+    if row['kind'] == 'step':
+        for attempt in row['attempts']:
+            attempt['true_margin'] = true_margin(approach, attempt, nominal)
+    return row
+
+
+def true_margin(approach: Approach, attempt: Dict[str, Any], nominal: NominalModel) -> float:
+    """Return how much higher a step the true robot crosses with the plan of an attempt [m]."""
+    robot, slope = approach.robot, approach.ground.slope
+    face: float = attempt['face']
+    height = float(approach.ground.terrain.height(face + 1e-6)) - math.tan(slope) * face
+    touch = face - touch_distance(robot.ball_radius, height)
+    start, speed, swing, angle = attempt['plan'] if len(attempt['plan']) == 4 else (
+        None, attempt['plan'][0], None, 0.0)
+    speed = max(float(speed), SLOWEST)
+    run_up = RUN_UPS[1] if start is None else min(max(touch - start, RUN_UPS[0]), RUN_UPS[1])
+    lead = -1.0 if swing is None else max(0.0, (touch - swing) / speed)
+    return height_limit(robot, nominal.robot, nominal.gains, run_up,
+                        Manoeuvre(speed, lead, angle), slope) - height
+
+
+def run_evaluation(evaluation: Evaluation, folder: Path, pool: Executor, workers: int,
+                   progress: Progress = ignore) -> List[Row]:
+    """
+    Run an evaluation, resuming an interrupted one.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+    folder : Path
+        The blocks are in its subfolder `FOLDER`.
+    pool : Executor
+        Of processes, or of a cluster.
+    workers : int
+        Number of workers in the pool.
+    progress : callable, optional
+        Called with the number of finished runs.
+
+    Returns
+    -------
+    list of dict
+        The row of each run.
+
+    Raises
+    ------
+    ConfigurationError
+        If the folder is of another evaluation, or cannot be written.
+
+    """
+    blocks = {}
+    for planner, group, count in evaluation.parts:
+        for first in range(0, count, BLOCK):
+            behind = min(first + BLOCK, count)
+            search = (planner == evaluation.parts[0][0] and group == 'drawn'
+                      and first < evaluation.searched)
+            blocks[f'{planner}-{group}-{first:07d}-{behind:07d}{"-searched" * search}.json'] = (
+                behind - first, (evaluation, planner, group, first, behind, search))
+    target = folder / FOLDER
+    checkpointed_map(run_block, blocks, target, evaluation.digest, pool, workers,
+                     lambda rows, path: write_text(json.dumps(rows), path), progress)
+    rows: List[Row] = []
+    for name in blocks:
+        rows += json.loads((target / name).read_text(encoding='utf-8'))
+    return rows

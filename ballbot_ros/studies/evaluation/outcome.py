@@ -1,0 +1,311 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The outcome of an approach, from the true state and terrain.
+
+A face is *being crossed* while the decision in force is CROSS and the last edge of its plan
+(without a plan: the step that it names) is not before that face.
+
+``over``       the centre has passed all that is to be passed, and 0.25 m more
+``fell``       the ball went down, by more than 5 mm below the edge, a drop that it was not
+               crossing when the centre passed its edge; or one of more than 60 mm in any case.
+               The far side of an obstacle narrower than 50 mm, such as a cord, is no drop
+``hit``        it touched a face of 5 mm or more faster than 0.1 m/s, that it was not crossing then
+               nor within the 0.1 s before; a face of up to 8 mm that it touches while the decision
+               is CLEAR or CROSS is a *bump*, and counted apart
+``stopped``    it stood for 1 s and the decision was to stop or to go round
+``ran away``   it was 0.25 m behind the room that is free, or faster than 1.5 times the highest
+               speed
+``stuck``      it stood for 4 s, or the time was up, and it touched a face
+``idle``       it stood for 4 s, and the decision was to move
+``undecided``  the time was up
+"""
+from collections import deque
+from dataclasses import asdict, dataclass, field
+import math
+from typing import Any, Deque, Dict, List, Optional, Tuple
+
+import numpy as np
+
+from ballbot_ros.decision.tuning import DecisionTuning
+from ballbot_ros.decision.values import Decision, Kind
+from ballbot_ros.physics.model.state import State
+from ballbot_ros.studies.evaluation.approaches import Approach
+from ballbot_ros.studies.evaluation.closed_loop import (
+    AX, AY, BX, BY, ClosedLoop, PERIOD, TOUCH_PERIOD, TOUCH_SPEED)
+from ballbot_ros.studies.evaluation.terrains import true_faces
+
+OUTCOMES = ('over', 'stopped', 'fell', 'hit', 'ran away', 'stuck', 'idle', 'undecided')
+
+GOAL_MARGIN = 0.25         # behind the goal [m]
+FALL, DEEPEST = 0.005, 0.06  # of a drop that counts, and of one that may be crossed [m]
+CORD_WIDTH = 0.05          # of an obstacle without a drop on its far side [m]
+PENETRATION = 0.003        # of a ball into the ground that it rolls on, at most [m]
+HIT, BUMP = 0.1, 0.008     # [m/s], [m]
+CANCELLED = 0.1            # a crossing counts for this time after its cancellation [s]
+RESTING, STANDING, WAITING = 0.01, 1.0, 4.0  # [m/s], [s], [s]
+ASTRAY, RACING = 0.25, 1.5  # [m], over the highest speed
+SAME_FACE = 0.06           # position error of a face [m]
+BACK = 0.03                # an attempt has failed this far before its touch [m]
+AFTERMATH = 2.0            # a crossing may still end badly for this time [s]
+
+
+@dataclass
+class Attempt:
+    """An executed crossing; all as it was when the ball touched the face."""
+
+    time: float
+    x: float           # [m]
+    face: float        # [m]
+    speed: float       # [m/s]
+    strategy: str
+    probability: float  # predicted; NaN for none
+    edge: float        # last one of the plan [m]
+    plan: Tuple[float, ...]  # start, speed, swing position and angle; or the set speed
+    height_margin: float = math.nan  # predicted [m]
+    same: bool = False  # same plan as one that has failed at this face
+    over: Optional[bool] = None
+    settled: float = 0.0  # time when `over` was known [s]
+
+
+def last_edge(decision: Decision, x: float) -> float:
+    """Return the last edge that a crossing takes [m]; the ball is at x."""
+    if decision.plan is not None and math.isfinite(decision.plan.edge):
+        return decision.plan.edge
+    return x + decision.distance
+
+
+def crosses(decision: Decision, x: float, face: float) -> bool:
+    """Return whether a decision made at x intends to cross a face [m]."""
+    return decision.kind is Kind.CROSS and last_edge(decision, x) >= face - SAME_FACE
+
+
+def same_plan(one: Attempt, other: Attempt) -> bool:
+    """Return whether two attempts at a face are the same plan."""
+    if abs(one.face - other.face) > SAME_FACE or one.strategy != other.strategy:
+        return False
+    if len(one.plan) == 1:
+        return abs(one.plan[0] - other.plan[0]) < 0.05
+    tolerances = (0.1, 0.05, 0.03, 0.1)
+    return all(a == b or abs(a - b) < within
+               for a, b, within in zip(one.plan, other.plan, tolerances))
+
+
+@dataclass
+class Verdict:
+    """The outcome of an approach, with all that the report counts."""
+
+    outcome: str = 'undecided'
+    time: float = 0.0
+    x: float = 0.0
+    gap: float = math.nan       # at rest: front to the next face, or centre to a drop [m]
+    hit_speed: float = 0.0      # [m/s]
+    depth: float = 0.0          # of the drop that it fell [m]
+    bumps: int = 0              # low faces that it rolled over without a plan
+    changes: int = 0            # of the decision, without news
+    attempts: List[Attempt] = field(default_factory=list)
+
+    @property
+    def row(self) -> Dict[str, Any]:
+        """Return it as JSON values: null for numbers that are not finite."""
+        return asdict(self, dict_factory=lambda items: {
+            name: finite_or_none(value) for name, value in items})
+
+
+def finite_or_none(value: Any) -> Any:
+    """Return a value, or a tuple of them, with None for numbers that are not finite."""
+    if isinstance(value, tuple):
+        return [finite_or_none(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+class OutcomeMonitor:
+    """
+    Determines the outcome of one approach.
+
+    Parameters
+    ----------
+    approach : Approach
+    loop : ClosedLoop
+    tuning : DecisionTuning
+
+    Attributes
+    ----------
+    verdict : Verdict
+
+    """
+
+    def __init__(self, approach: Approach, loop: ClosedLoop, tuning: DecisionTuning):
+        self._approach, self._loop, self._tuning = approach, loop, tuning
+        self._radius = approach.robot.ball_radius
+        self._faces = true_faces(approach.ground.terrain)
+        self._decisions: Deque[Tuple[float, float, Decision]] = deque()
+        self._passed: Dict[float, bool] = {}  # edges of drops, and whether it was crossing them
+        self._resting_since = math.inf
+        self._x = loop.state.x
+        self.verdict = Verdict()
+        self.news = 0.0  # time of the last event that justifies another decision [s]
+
+    def update(self, before: float, decision: Decision) -> bool:
+        """
+        Evaluate the state after some periods; return whether the approach has ended.
+
+        Parameters
+        ----------
+        before : float
+            Time at the begin of these periods [s].
+        decision : Decision
+            In force during these periods.
+
+        """
+        state = self._loop.state
+        self._decisions.append((before, self._x, decision))
+        while self._decisions[0][0] < before - CANCELLED - 1e-9:
+            self._decisions.popleft()
+        self._settle_attempt(state)
+        ended = self._falls(state) or self._hits() or self._ends(state, decision)
+        self._x = state.x
+        if ended:
+            self.verdict.time, self.verdict.x = state.time, state.x
+            self._close()
+        return ended
+
+    def finish(self, state: State) -> None:
+        """Close at the end of the time."""
+        verdict = self.verdict
+        verdict.outcome = 'stuck' if self._gap(state) < 0.005 else 'undecided'
+        verdict.time, verdict.x, verdict.gap = state.time, state.x, self._gap(state)
+        self._close()
+
+    def _crossing(self, face: float, long: float = 0.0) -> bool:
+        """Return whether a face is being crossed, or was within the last seconds [s]."""
+        now = self._decisions[-1][0]
+        return any(crosses(decision, x, face) for when, x, decision in self._decisions
+                   if when >= now - long - 1e-9)
+
+    def _is_low(self, x: float) -> bool:
+        """Return whether the face at x is no more than a bump."""
+        return all(abs(height) <= BUMP for left, _, width, height in self._faces
+                   if left - 1e-6 <= x <= left + width + 1e-6)
+
+    def _floor_before(self, edge: float, top: float, side: float) -> float:
+        """Return the lowest floor within `CORD_WIDTH` before an edge [m], at most its top."""
+        xs = edge - side * np.linspace(0.0, CORD_WIDTH, 11)[1:]
+        return min(top, float(self._approach.ground.terrain.height(xs).min()))
+
+    def _gap(self, state: State) -> float:
+        """Return how far the ball is from the next face, its centre from a drop [m]."""
+        ahead = [left - (self._radius if height > 0.0 else 0.0)
+                 for left, _, width, height in self._faces if left + width > state.x]
+        return ahead[0] - state.x if ahead else math.inf
+
+    def _falls(self, state: State) -> bool:
+        """Return whether the ball has gone down a drop that it was not crossing."""
+        slope = self._approach.ground.slope
+        for left, low, width, height in self._faces:
+            if height < 0.0:
+                edge, top, side = left, low, 1.0
+            elif left + width < 0.0:  # the brink behind the start
+                edge, top, side = left + width, low + height, -1.0
+            else:
+                continue
+            if side * (state.x - edge) <= 0.0:
+                self._passed.pop(edge, None)
+                continue
+            if edge not in self._passed:
+                crossing = side > 0.0 and -height <= DEEPEST and self._crossing(edge)
+                self._passed[edge] = crossing
+                self.news = state.time
+                if crossing:
+                    self._begin(state.time, edge, state.velocity_x)
+            floor = self._floor_before(edge, top, side) + math.tan(slope) * (state.x - edge)
+            if not self._passed[edge] and state.y < floor + self._radius / math.cos(
+                    slope) - FALL - PENETRATION:
+                self.verdict.outcome, self.verdict.depth = 'fell', abs(height)
+                return True
+        return False
+
+    def _hits(self) -> bool:
+        """Return whether the ball has hit a face; begin an attempt if it was crossing."""
+        for piece in self._loop.watched:
+            if piece[TOUCH_PERIOD] == 0.0:
+                continue
+            when, speed = float(piece[TOUCH_PERIOD]) * PERIOD, float(piece[TOUCH_SPEED])
+            piece[TOUCH_PERIOD] = 0.0
+            face = float(piece[AX] if piece[BY] > piece[AY] else piece[BX])
+            self.news = when
+            if self._crossing(face):
+                self._begin(when, face, speed)
+            elif speed > HIT and not self._crossing(face, CANCELLED):
+                if self._is_low(face) and self._decisions[-1][2].kind in (Kind.CLEAR, Kind.CROSS):
+                    self.verdict.bumps += 1
+                    continue
+                self.verdict.outcome, self.verdict.hit_speed = 'hit', speed
+                return True
+        return False
+
+    def _begin(self, when: float, face: float, speed: float) -> None:
+        """Record a new attempt, unless one is under way."""
+        attempts = self.verdict.attempts
+        if attempts and attempts[-1].over is None:
+            return
+        _, x, decision = self._decisions[-1]
+        plan, outlook = decision.plan, decision.outlook
+        attempt = Attempt(
+            when, self._loop.state.x, face, speed, plan.strategy.value if plan else '',
+            outlook.probability if outlook else math.nan, float(last_edge(decision, x)),
+            (plan.start, plan.speed, plan.swing_position, plan.swing_angle) if plan
+            else (decision.set_speed,), decision.height_margin)
+        attempt.same = any(same_plan(attempt, other) for other in attempts if other.over is False)
+        attempts.append(attempt)
+
+    def _settle_attempt(self, state: State) -> None:
+        """Settle the attempt under way."""
+        if not self.verdict.attempts or self.verdict.attempts[-1].over is not None:
+            return
+        attempt = self.verdict.attempts[-1]
+        if state.x > max(attempt.edge, attempt.face) + 0.5 * self._radius:
+            attempt.over = True
+        elif state.x < attempt.x - BACK:
+            attempt.over = False
+        else:
+            return
+        self.news = attempt.settled = state.time
+
+    def _ends(self, state: State, decision: Decision) -> bool:
+        """Return whether the ball is over, at rest or astray."""
+        verdict, goal = self.verdict, self._approach.ground.goal
+        if not math.isfinite(goal):
+            last = max((left + width for left, _, width, _ in self._faces), default=0.0)
+            goal = max(last, self._approach.ground.foot) + GOAL_MARGIN
+        if state.x > goal + GOAL_MARGIN:
+            verdict.outcome = 'over'
+            return True
+        if (state.x < -self._approach.room_behind - ASTRAY
+                or abs(state.velocity_x) > RACING * self._tuning.highest_speed):
+            verdict.outcome = 'ran away'
+            return True
+        if abs(state.velocity_x) > RESTING:
+            self._resting_since = math.inf
+            return False
+        if self._resting_since == math.inf:
+            self._resting_since = state.time
+        rest = state.time - self._resting_since
+        verdict.gap = self._gap(state)
+        if rest >= STANDING and decision.kind in (Kind.STOP, Kind.GO_ROUND):
+            verdict.outcome = 'stopped'
+            return True
+        if rest >= WAITING:
+            verdict.outcome = 'stuck' if verdict.gap < 0.005 else 'idle'
+            return True
+        return False
+
+    def _close(self) -> None:
+        """Settle an attempt at the end; one that ended badly later did not get over."""
+        verdict = self.verdict
+        if verdict.attempts:
+            last = verdict.attempts[-1]
+            # A ball that stays between the edges of its plan has not got over.
+            bad = (verdict.outcome in ('fell', 'hit')
+                   and (last.over is None or verdict.time < last.settled + AFTERMATH))
+            beyond = verdict.x > max(last.edge, last.face)
+            last.over = (beyond if last.over is None else last.over) and not bad

@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One approach in closed loop, with the decision as the node ``obstacle_decision`` uses it."""
+from dataclasses import replace
+import math
+from time import thread_time
+from typing import Any, Callable, Dict, List, Optional, Tuple
+
+from ballbot_ros.control.tuning import ControlTuning, load_tuning
+from ballbot_ros.decision import (
+    check_decision, Decider, Decision, Knowledge, load_curve, load_decision_tuning, Motion)
+from ballbot_ros.errors import SimulationError
+from ballbot_ros.physics.model.robot import load_robot, Robot
+from ballbot_ros.physics.model.state import State
+from ballbot_ros.studies.evaluation.approaches import Approach
+from ballbot_ros.studies.evaluation.baselines import BASELINES
+from ballbot_ros.studies.evaluation.closed_loop import balanced_angle, ClosedLoop, PERIOD
+from ballbot_ros.studies.evaluation.outcome import OutcomeMonitor
+from ballbot_ros.studies.evaluation.sensors import SimulatedSensor
+from ballbot_ros.studies.evaluation.terrains import true_faces
+
+OBSERVATION_PERIODS = 10  # control periods between two observations
+ODOMETRY_PERIODS = 5      # between two odometry messages
+TIME_LIMIT = 16.0         # of an approach, without the time for a long obstacle [s]
+SLOWEST = 0.2             # speed that the time limit allows over a long obstacle [m/s]
+NEWS_TIME = 0.3           # a decision may change for this time after news [s]
+LOG_PERIOD = 0.5          # longest time between two lines of the log [s]
+
+# Called with time, state, decision, set angle and decider.
+Listener = Callable[[float, State, Decision, float, Decider], None]
+
+
+class NominalModel:
+    """
+    What the decision assumes: the nominal robot, curve and tunings, loaded and checked.
+
+    Parameters
+    ----------
+    robot, curve, tuning, gains : str
+        Names or files.
+    changes : mapping, optional
+        Other values of the decision tuning.
+
+    """
+
+    def __init__(self, robot: str = 'gimball', curve: str = 'gimball_down',
+                 tuning: str = 'decision_default', gains: str = 'published',
+                 **changes: Any):
+        self.names = robot, gains
+        self.robot: Robot = load_robot(robot)
+        self.curve = load_curve(curve)
+        self.tuning = replace(load_decision_tuning(tuning), **changes)
+        self.gains: ControlTuning = load_tuning(gains)
+        check_decision(self.robot, self.curve, self.tuning)
+
+    def knowledge(self, approach: Approach) -> Knowledge:
+        """Return the inputs of the decision for an approach."""
+        tuning = replace(self.tuning, room_behind=approach.room_behind,
+                         unseen_room=approach.unseen_room)
+        return Knowledge(self.robot, self.curve, tuning, self.gains, approach.number)
+
+
+class DecisionChanges:
+    """Counts changes of kind or strategy that follow no news."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._last: Optional[Tuple[object, object]] = None
+        self._known = 0
+
+    def update(self, now: float, decision: Decision, monitor: OutcomeMonitor,
+               decider: Decider) -> None:
+        """Take the decision of a time [s]."""
+        faces = decider.profile.faces if decider.profile else ()
+        known = max((face.number for face in faces), default=0)
+        if known > self._known:
+            self._known, monitor.news = known, now
+        selected = (decision.kind, decision.plan.strategy if decision.plan else None)
+        if (self._last is not None and selected != self._last
+                and now > monitor.news + NEWS_TIME):
+            self.count += 1
+        self._last = selected
+
+
+def heading(approach: Approach, planner: str) -> Dict[str, Any]:
+    """Return what a row contains about an approach before it is run."""
+    ground, sensor = approach.ground, approach.sensor
+    return {'number': approach.number, 'seed': approach.seed, 'planner': planner,
+            'kind': ground.kind, 'description': ground.description, 'slope': ground.slope,
+            'sensor': sensor.kind, 'condition': sensor.condition,
+            'friction': approach.robot.surface_friction, 'latency': sensor.faults.latency,
+            'foot': ground.foot, 'crossable': math.isfinite(ground.goal),
+            'room_behind': approach.room_behind, 'unseen_room': approach.unseen_room}
+
+
+def run_approach(approach: Approach, planner: str, nominal: NominalModel,
+                 listener: Optional[Listener] = None) -> Dict[str, Any]:
+    """
+    Run an approach to its end.
+
+    Parameters
+    ----------
+    approach : Approach
+    planner : str
+    nominal : NominalModel
+    listener : callable, optional
+        Called with each decision.
+
+    Returns
+    -------
+    dict
+        A row of the report, of JSON values.
+
+    """
+    ground = approach.ground
+    loop = ClosedLoop(approach.robot, ground.terrain, nominal.robot, nominal.gains,
+                      approach.speed, balanced_angle(approach.robot, ground.slope))
+    knowledge = nominal.knowledge(approach)
+    decider = Decider(knowledge, BASELINES.get(planner, planner))
+    sensor = SimulatedSensor(ground.terrain, approach.sensor, approach.number)
+    monitor = OutcomeMonitor(approach, loop, knowledge.tuning)
+    changes = DecisionChanges()
+    spent: List[float] = []
+    failure = ''
+    state = loop.state
+    length = ground.goal - ground.foot if math.isfinite(ground.goal) else 0.0
+    limit = TIME_LIMIT + length / SLOWEST
+    try:
+        for number in range(round(limit / (OBSERVATION_PERIODS * PERIOD))):
+            now = loop.time
+            sensor.sample(number, now, state.x, state.y)
+            begin = thread_time()
+            decider.move(Motion(now, state.x, state.velocity_x))
+            for observation in sensor.arrived(now):
+                decider.observe(observation)
+            answer = decider.decide()
+            spent.append(thread_time() - begin)
+            if listener is not None:
+                listener(now, state, answer.decision, answer.set_angle, decider)
+            changes.update(now, answer.decision, monitor, decider)
+            loop.advance(answer.set_angle, ODOMETRY_PERIODS)
+            middle = loop.state
+            decider.move(Motion(loop.time, middle.x, middle.velocity_x))
+            loop.advance(answer.set_angle, OBSERVATION_PERIODS - ODOMETRY_PERIODS)
+            state = loop.state
+            if monitor.update(now, answer.decision):
+                break
+        else:
+            monitor.finish(state)
+    except SimulationError as error:
+        failure = str(error)
+    monitor.verdict.changes = changes.count
+    return {**heading(approach, planner), **monitor.verdict.row, 'failure': failure,
+            'mean_ms': 1e3 * sum(spent) / max(len(spent), 1),
+            'worst_ms': 1e3 * max(spent, default=0.0),
+            'decisions': len(spent)}
+
+
+class DecisionLog:
+    """
+    Collects a line for each change of the decision, and some between.
+
+    Attributes
+    ----------
+    lines : list of str
+
+    """
+
+    def __init__(self, every: float = LOG_PERIOD):
+        self.lines: List[str] = []
+        self._every, self._due = every, 0.0
+        self._last: Optional[Tuple[Any, ...]] = None
+
+    def update(self, now: float, state: State, decision: Decision, set_angle: float,
+               decider: Decider) -> None:
+        """Take the decision of a time; see `Listener`."""
+        plan = decision.plan
+        selected = (decision.kind, decision.reason, plan.strategy if plan else None)
+        if selected == self._last and now < self._due - 1e-9:
+            return
+        self._last, self._due = selected, now + self._every
+        profile = decider.profile
+        observed = ', '.join(
+            f'{1e3 * face.height:+.1f}({1e3 * face.height_sd:.1f}) mm at '
+            f'{face.position:.3f}({1e3 * face.position_sd:.0f} mm)' for face in (
+                profile.faces if profile else ()))
+        if profile and profile.rejection:
+            observed += f' [{profile.rejection.value}: {profile.explanation}]'
+        if profile and math.isfinite(profile.slope):
+            observed += f' slope {math.degrees(profile.slope):+.1f} deg'
+        text = (f'{now:6.2f} s  x {state.x:+.3f} m  v {state.velocity_x:+.3f} m/s  pendulum '
+                f'{math.degrees(state.pendulum_angle):+4.0f} -> {math.degrees(set_angle):+4.0f} '
+                f'deg  {decision.kind.value}/{decision.reason.value}: {decision.explanation}')
+        if plan:
+            text += (f'\n          plan {plan.strategy.value}: from {plan.start:.2f} m at '
+                     f'{plan.speed:.2f} m/s, swing {math.degrees(plan.swing_angle):.0f} deg at '
+                     f'{plan.swing_position:.2f} m, edge {plan.edge:.2f} m, then '
+                     f'{plan.after.value}, stand at {plan.stop_position:.2f} m')
+        if decision.outlook:
+            outlook = decision.outlook
+            text += (f'\n          over {outlook.probability:.3f} stuck {outlook.stuck:.3f} falls '
+                     f'{outlook.falls:.3f} touch {outlook.touch_speed:.2f} m/s, '
+                     f'{outlook.attempts} attempts; braking room {outlook.braking_room:.2f} m')
+        self.lines.append(text + (f'\n          observed {observed}' if observed else ''))
+
+
+def _number(value: Optional[float]) -> str:
+    return '-' if value is None else f'{value:.3f}'
+
+
+def run_with_log(approach: Approach, planner: str, nominal: NominalModel,
+                 every: float = LOG_PERIOD) -> Tuple[List[str], Dict[str, Any]]:
+    """
+    Run one approach and log its decisions.
+
+    Returns
+    -------
+    lines : list of str
+        Description, decisions with their reasons, and outcome.
+    row : dict
+        As `run_approach` returns it.
+
+    """
+    log = DecisionLog(every)
+    row = run_approach(approach, planner, nominal, log.update)
+    faces = '; '.join(f'{1e3 * height:+.1f} mm at {left:.3f} m' for left, _, _, height in
+                      true_faces(approach.ground.terrain))
+    ending = [f'{row["outcome"]} at {row["time"]:.2f} s, x {row["x"]:.3f} m, gap '
+              f'{_number(row["gap"])} m, hit at {row["hit_speed"]:.2f} m/s, {row["changes"]} '
+              f'decision changes; {row["decisions"]} decisions of {row["mean_ms"]:.2f} ms']
+    ending += [
+        f'attempt at {one["time"]:.2f} s on {one["face"]:.3f} m: {one["strategy"] or planner} at '
+        f'{one["speed"]:.2f} m/s, predicted {_number(one["probability"])}, '
+        + ('over' if one['over'] else 'not over') + (', same plan again' if one['same'] else '')
+        for one in row['attempts']]
+    if row['failure']:
+        ending.append(row['failure'])
+    return [approach.description, f'true faces: {faces or "none"}', *log.lines, *ending], row

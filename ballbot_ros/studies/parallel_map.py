@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A parallel map that keeps every finished block on disk, so that an interrupted run resumes.
+
+Sweeps and evaluations share it.  The blocks run in processes of this machine or on a Dask
+cluster; this process writes the result of each block to a file of its own, whole or not at all.
+"""
+from concurrent.futures import Executor, FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from itertools import islice
+import json
+import multiprocessing
+import os
+from pathlib import Path
+import signal
+from threading import Thread
+from time import sleep
+from typing import Any, Callable, Dict, Iterator, Mapping, Optional, Set, Tuple
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.results.files import write_text
+from ballbot_ros.studies.progress import ignore, Progress
+
+QUEUED_PER_WORKER = 3  # blocks; results wait on disk, not in memory
+HEAD = 'blocks.json'
+
+
+def checkpointed_map(function: Callable[..., Any],
+                     blocks: Mapping[str, Tuple[int, Tuple[Any, ...]]],
+                     folder: Path, digest: str, pool: Executor, workers: int,
+                     write: Callable[[Any, Path], None], progress: Progress = ignore) -> int:
+    """
+    Call a function for each block whose file is missing, and write the file.
+
+    Parameters
+    ----------
+    function : callable
+        At the top level of a module, so that it can be pickled.
+    blocks : mapping
+        File name -> number of cases in the block, arguments of `function`.
+    folder : Path
+        Of the files; a previous, interrupted run may have left some.
+    digest : str
+        Of all that the results depend on besides the file name.
+    pool : Executor
+        Of processes, or of a cluster.
+    workers : int
+        Number of workers in the pool.
+    write : callable
+        Called in this process with a result and the path of its file; must replace the file
+        atomically.
+    progress : callable, optional
+        Called with the number of finished cases.
+
+    Returns
+    -------
+    int
+        Number of cases that a previous run had finished.
+
+    Raises
+    ------
+    ConfigurationError
+        If the folder holds blocks of another run, is damaged, or cannot be written.
+
+    """
+    _claim(folder, digest)
+    missing = {name: block for name, block in blocks.items() if not (folder / name).is_file()}
+    found = done = sum(cases for name, (cases, _) in blocks.items() if name not in missing)
+    progress(done)
+    pending = iter(missing.items())
+    running: Dict[Future[Any], Tuple[str, int]] = {}
+    while True:
+        for name, (cases, arguments) in islice(pending,
+                                               QUEUED_PER_WORKER * workers - len(running)):
+            running[pool.submit(function, *arguments)] = name, cases
+        if not running:
+            return found
+        ready: Set[Future[Any]] = wait(running, return_when=FIRST_COMPLETED)[0]
+        for future in ready:
+            name, cases = running.pop(future)
+            write(future.result(), folder / name)
+            done += cases
+            progress(done)
+
+
+def _claim(folder: Path, digest: str) -> None:
+    """Mark a new folder with the digest, or check that of an existing one."""
+    head = folder / HEAD
+    if not head.is_file():
+        write_text(json.dumps({'digest': digest}), head)
+        return
+    try:
+        known = json.loads(head.read_text(encoding='utf-8'))['digest']
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ConfigurationError(
+            f'{head}: damaged; remove {folder} to start again', 'unreadable',
+            str(folder)) from error
+    if known != digest:
+        raise ConfigurationError(
+            f'{folder} holds the unfinished blocks of a run with other settings or of another '
+            'version of the code; finish that run, remove the folder, or write elsewhere with '
+            '--out', 'inconsistent', str(folder))
+
+
+@contextmanager
+def worker_pool(workers: Optional[int] = None,
+                scheduler: Optional[str] = None) -> Iterator[Tuple[Executor, int]]:
+    """
+    Provide a pool of local processes or of a Dask cluster, and its number of workers.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Local processes; by default one per core.
+    scheduler : str, optional
+        Address of a Dask scheduler, such as ``tcp://host:8786``; then the cluster does the work.
+
+    Raises
+    ------
+    ConfigurationError
+        If Dask is not installed, no scheduler answers, or there are no workers.
+
+    """
+    if scheduler is None:
+        number = (os.cpu_count() or 1) if workers is None else workers
+        if number < 1:
+            raise ConfigurationError(
+                f'--workers must be at least 1, got {number}', 'out_of_range', 'workers')
+        pool = ProcessPoolExecutor(
+            number, multiprocessing.get_context('fork'), _end_with_parent, (os.getpid(),))
+        try:
+            yield pool, number
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+        return
+    try:
+        from distributed import Client  # type: ignore[import-not-found,unused-ignore]
+    except ImportError as error:
+        raise ConfigurationError(
+            '--dask needs dask: pip install "dask[distributed]"', 'not_installed',
+            'dask') from error
+    try:
+        client = Client(scheduler, timeout=10)
+    except (OSError, ValueError) as error:
+        raise ConfigurationError(
+            f'--dask {scheduler}: no scheduler answers at this address: {error}', 'unreadable',
+            'dask') from error
+    with client:
+        number = sum(client.nthreads().values())
+        if number == 0:
+            raise ConfigurationError(
+                f'--dask {scheduler}: the cluster has no workers; start some with dask worker',
+                'missing', 'dask')
+        yield client.get_executor(), number
+
+
+def _end_with_parent(parent: int) -> None:
+    """Ignore Ctrl-C, which the parent handles, and exit when the parent has gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            sleep(0.5)
+        os._exit(1)
+    Thread(target=watch, daemon=True).start()
