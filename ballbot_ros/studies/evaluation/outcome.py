@@ -50,7 +50,7 @@ AFTERMATH = 2.0            # a crossing may still end badly for this time [s]
 
 
 @dataclass
-class Attempt:
+class ObservedAttempt:
     """An executed crossing; all as it was when the ball touched the face."""
 
     time: float
@@ -79,7 +79,7 @@ def crosses(decision: Decision, x: float, face: float) -> bool:
     return decision.kind is Kind.CROSS and last_edge(decision, x) >= face - SAME_FACE
 
 
-def same_plan(one: Attempt, other: Attempt) -> bool:
+def same_plan(one: ObservedAttempt, other: ObservedAttempt) -> bool:
     """Return whether two attempts at a face are the same plan."""
     if abs(one.face - other.face) > SAME_FACE or one.strategy != other.strategy:
         return False
@@ -102,7 +102,7 @@ class Verdict:
     depth: float = 0.0          # of the drop that it fell [m]
     bumps: int = 0              # low faces that it rolled over without a plan
     changes: int = 0            # of the decision, without news
-    attempts: List[Attempt] = field(default_factory=list)
+    attempts: List[ObservedAttempt] = field(default_factory=list)
 
     @property
     def row(self) -> Dict[str, Any]:
@@ -250,7 +250,7 @@ class OutcomeMonitor:
             return
         _, x, decision = self._decisions[-1]
         plan, outlook = decision.plan, decision.outlook
-        attempt = Attempt(
+        attempt = ObservedAttempt(
             when, self._loop.state.x, face, speed, plan.strategy.value if plan else '',
             outlook.probability if outlook else math.nan, float(last_edge(decision, x)),
             (plan.start, plan.speed, plan.swing_position, plan.swing_angle) if plan
