@@ -31,7 +31,7 @@ LAYERS = {
     # Between commands and a real motor.
     'black_box': ('errors', 'config', 'physics', 'control', 'estimation', 'plant', 'drives',
                   'bridge', 'results'),
-    'bridge': ('errors', 'config', 'physics', 'control', 'estimation', 'plant', 'drives',
+    'bridge': ('errors', 'config', 'physics', 'control', 'estimation', 'plant', 'drives', 'imus',
                'black_box'),
 }
 RUNTIME = tuple(LAYERS)

@@ -2,6 +2,7 @@
 """What is done to a drive: measured, armed, given torque, stopped, lost and found again."""
 from collections import Counter
 import logging
+import math
 from typing import Callable, Optional, Tuple
 
 from ballbot_ros.black_box.ring import EVENT, FAULT, Witness
@@ -56,6 +57,7 @@ class DriveControl:
         self.sensing = Sensing(hardware, robot)
         self.monitor = ConditionMonitor(hardware)
         self.power, self._pacer = Power(), Pacer(period)
+        self._period, self._watched, self._unconfirmed = period, -math.inf, 0.0
         self.counts: Counter[str] = Counter()
         self.refusal = self.unconfirmed = ''
 
@@ -178,9 +180,21 @@ class DriveControl:
         silence = self.sensing.silence(now)
         if silence > LOST:
             raise DriveError('silent', f'the drive has not answered for {LOST:g} s')
-        observed = self.power.observe(telemetry, silence)
+        observed = self.power.observe(telemetry, silence, self._status_age(telemetry, now))
         if observed is not None and self.line.driver is not None:
             self._begin_stop(self.line.driver, *observed)
+
+    def _status_age(self, telemetry: Telemetry, now: float) -> float:
+        """
+        Return for how long the status of the drive could have been confirmed and was not [s].
+
+        Time in which this process was preempted does not count: the drive had no request then.
+        """
+        confirmed = max(telemetry.status_time or 0.0, self.power.since)
+        elapsed = min(now - self._watched, DECIDED * self._period)
+        self._unconfirmed = 0.0 if confirmed > self._watched else self._unconfirmed + elapsed
+        self._watched = now
+        return self._unconfirmed
 
     def _watch_imu(self, now: float) -> None:
         """Forget what was commanded while an IMU that is required is silent."""

@@ -13,6 +13,8 @@ from ballbot_ros.drives.contract import Telemetry
 
 # Without a measurement for so long there is no torque [s].
 SILENCE = 0.1
+# Without a confirmed status of an armed drive for so long the e-stop engages [s].
+STATUS_TIMEOUT = 0.2
 # After so long without an answer the drive is looked for anew: it may have been switched off and
 # on [s].
 LOST = 0.3
@@ -35,6 +37,7 @@ class Event(Enum):
     NOT_ARMED = 'not_armed'  # it was to be, and the drive did not confirm it
     WITHDRAWN = 'withdrawn'  # there is to be no power any more
     SILENT = 'silent'  # the drive did not answer under power; it may have been off and on
+    UNCONFIRMED = 'unconfirmed'  # the drive answered, but did not report that it is armed
     DISARMED_BY_DRIVE = 'disarmed_by_drive'
     STOPPED = 'stopped'  # the drive confirmed the stop
     LOST = 'links_lost'  # the line failed, or the drive did not answer for long
@@ -62,6 +65,7 @@ TRANSITIONS: Mapping[Tuple[MotorState, Event], Transition] = MappingProxyType({
     (MotorState.DISARMED, Event.CLOSED): Transition(MotorState.DISCONNECTED),
     (MotorState.ARMED, Event.WITHDRAWN): Transition(MotorState.STOPPING),
     (MotorState.ARMED, Event.SILENT): Transition(MotorState.STOPPING, fault=True),
+    (MotorState.ARMED, Event.UNCONFIRMED): Transition(MotorState.STOPPING, fault=True),
     (MotorState.ARMED, Event.DISARMED_BY_DRIVE): Transition(MotorState.STOPPING, fault=True),
     (MotorState.ARMED, Event.LOST): Transition(MotorState.DISCONNECTED, fault=True),
     (MotorState.STOPPING, Event.STOPPED): Transition(MotorState.DISARMED),
@@ -84,7 +88,8 @@ class Power(NamedTuple):
         """Return whether the e-stop is to engage with an event."""
         return TRANSITIONS[self.state, event].fault
 
-    def observe(self, telemetry: Telemetry, silence: float) -> Optional[Tuple[Event, str]]:
+    def observe(self, telemetry: Telemetry, silence: float, status_age: float
+                ) -> Optional[Tuple[Event, str]]:
         """
         Return what a drive that answers has done by itself, and in words; None for nothing.
 
@@ -93,12 +98,17 @@ class Power(NamedTuple):
         telemetry : Telemetry
         silence : float
             How long it has owed an answer [s].
+        status_age : float
+            Time in which its status could have been confirmed and was not [s].
 
         """
         if self.state is not MotorState.ARMED:
             return None
         if silence > SILENCE:
             return Event.SILENT, f'the drive fell silent for {SILENCE:g} s'
+        if status_age > STATUS_TIMEOUT:
+            return Event.UNCONFIRMED, (
+                f'the drive has not reported for {STATUS_TIMEOUT:g} s whether it is armed')
         is_new = telemetry.status_time is not None and telemetry.status_time > self.since
         if is_new and (telemetry.faults or telemetry.armed is False):
             return Event.DISARMED_BY_DRIVE, 'the drive disarmed the motor: ' + (

@@ -8,12 +8,15 @@ from ballbot_ros.bridge.imu_watch import ImuWatch
 from ballbot_ros.bridge.motor_state import SILENCE
 from ballbot_ros.bridge.supervisor import PendulumMotion
 from ballbot_ros.drives.contract import Telemetry
-from ballbot_ros.errors import EstimateLostError
+from ballbot_ros.errors import EstimateLostError, MessageError
 from ballbot_ros.estimation import (
     Estimate, Fusion, ImuReading, OdometryFilter, OdometryState)
+from ballbot_ros.imus.plausibility import EXPLANATIONS, ImuPlausibility
 from ballbot_ros.physics.model.robot import Robot
 
 
+# The pendulum may overshoot its angle limits by so much together [rad].
+SWING_OVERSHOOT = 0.8
 # A speed from before this is not told any more where there is a newer one [s].
 FELT_LONG_AGO = 0.03
 
@@ -26,6 +29,8 @@ class Sensing:
     ----------
     fusion : Fusion
     imu_watch : ImuWatch
+    imu_fault : str
+        Why the IMU is not plausible; empty while it is.
     odometry : OdometryState or None
         Of the last estimate; goes on from where it was when the drive was lost.
     expecting : bool
@@ -39,6 +44,9 @@ class Sensing:
         self._imu_required = hardware.connection.imu_required
         self.fusion = Fusion(robot, hardware.imu, hardware.estimate, hardware.joint.encoder_zero)
         self.imu_watch = ImuWatch()
+        self._plausibility, self.imu_fault = ImuPlausibility(), ''
+        self._gravity = robot.gravity
+        self._largest_swing = 2.0 * hardware.limits.angle_limit + SWING_OVERSHOOT
         self._rolling = OdometryFilter(robot, hardware.odometry)
         self.odometry: Optional[OdometryState] = None
         self._felt: Optional[OdometryState] = None  # the last one after an IMU reading
@@ -127,10 +135,19 @@ class Sensing:
         Raises
         ------
         MessageError
-            As `ImuWatch.check` and `Fusion.imu` do.
+            As `ImuWatch.check` and `Fusion.imu` do, and with the reason codes of
+            `imus.plausibility.EXPLANATIONS`.
 
         """
         self.imu_watch.check(reading.stamp, now)
+        estimate = self.fusion.estimate
+        self._plausibility = self._plausibility.after(
+            reading.stamp, reading.turn_rate, reading.forward, reading.upward, self._gravity,
+            None if estimate is None else estimate.readings.joint_angle, self._largest_swing)
+        fault = self._plausibility.fault
+        self.imu_fault = EXPLANATIONS[fault] if fault else ''
+        if fault:
+            raise MessageError(fault, self.imu_fault)
         self.fusion.imu(reading)
         self.imu_watch.heard(reading.stamp, now)
 

@@ -7,6 +7,7 @@ It sleeps only where a driver waits for an answer: in `configure`, `deactivate`,
 """
 from collections import Counter
 from enum import auto, Enum
+import math
 import threading
 import time
 from typing import Callable, NamedTuple, Optional, Tuple
@@ -93,6 +94,9 @@ class Session:
         self.hardware, self.robot, self.clock, self.law = hardware, robot, clock, law
         self.witness = witness
         self.set_points_refused: Counter[str] = Counter()
+        limits = hardware.limits
+        self._largest = {Mode.HOLD: limits.angle_limit, Mode.DRIVE: limits.speed_limit,
+                         Mode.SPEED: limits.speed_limit * robot.ball_radius}
         self.control = DriveControl(hardware, robot, connect, clock, witness, law)
         self.line, self.supervisor = self.control.line, self.control.supervisor
         self._sensing = self.control.sensing
@@ -158,7 +162,8 @@ class Session:
         Raises
         ------
         MessageError
-            As `OnBoard.give`, and with reason ``direct`` in direct control.
+            As `OnBoard.give`, with reason ``out_of_range`` beyond the limits of the hardware
+            file, and with ``direct`` in direct control.
 
         """
         if self.law is None:
@@ -167,13 +172,24 @@ class Session:
                 'from a node controller for instance, or start the bridge with control:=onboard')
         with self.lock:
             self.witness.set_point(set_point)
+            largest = self._largest.get(set_point.mode, math.inf)
+            if abs(set_point.value) > largest:
+                raise MessageError(
+                    'out_of_range', f'set-point of {set_point.in_words} refused: it must be '
+                    f'within +-{largest:.3g} by angle_limit and speed_limit of the hardware file',
+                    set_point.mode.value)
             self.law.give(set_point, self.clock(), bool(self.supervisor.e_stop))
 
     def imu(self, reading: ImuReading) -> None:
-        """Take an IMU reading; raises as `Sensing.imu` does."""
+        """Take an IMU reading; raises as `Sensing.imu` does.  An implausible one stops."""
         with self.lock:
             self.witness.imu(reading)
-            self._sensing.imu(reading, self.clock())
+            try:
+                self._sensing.imu(reading, self.clock())
+            finally:
+                if self._sensing.imu_fault and not self.supervisor.e_stop:
+                    self.supervisor.trigger(self._sensing.imu_fault)
+                    self.control.withdraw()
 
     def engage(self, reason: str) -> None:
         """Engage the e-stop; the motor loses its power at once."""
@@ -207,6 +223,8 @@ class Session:
             return self.control.monitor.condition.stop
         if self.control.power.state is MotorState.STOPPING:
             return 'the drive has not confirmed the stop yet'
+        if self._sensing.imu_fault:
+            return self._sensing.imu_fault
         if self._sensing.needs_imu(now):
             return (f'no IMU reading arrives, or none did in the last {STEADY:g} s without a gap, '
                     'and without one the pendulum angle is a guess; publish imu, or set '

@@ -74,6 +74,6 @@ class TorqueCheck(NamedTuple):
         if self.contradicted_for < CONTRADICTION_TIME:
             return ''
         return (f'the joint does not follow its torque: {self.commanded:.2f} N m were commanded '
-                f'and {self.unexplained:.2f} N m are unexplained, so the encoder is frozen or '
-                'counts backwards, or the joint is blocked; look at encoder, coupling and '
-                '`direction` of the hardware file')
+                f'and {self.unexplained:.2f} N m are unexplained, so encoder or IMU are '
+                'frozen, reversed or in other units, or the joint is blocked; look at both '
+                'sensors, the coupling and `direction` of the hardware file')

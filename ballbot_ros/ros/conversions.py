@@ -59,6 +59,10 @@ def _joint_value(message: JointState, joint: str, values: Sequence[float], what:
         raise MessageError(
             'unknown_joint', f'joint {joint!r} is missing, the message names '
             f'{list(message.name)}')
+    if message.name.count(joint) > 1:
+        raise MessageError(
+            'duplicate_joint', f'joint {joint!r} is named {message.name.count(joint)} times: name '
+            'it once, with one value', joint)
     if len(values) != len(message.name):
         raise MessageError(
             'wrong_length', f'{what} has {len(values)} entries for {len(message.name)} joints')

@@ -95,7 +95,8 @@ class VirtualRobot(MemoryLine):
         self.plant = HeldShell() if held else Plant(read_scene(
             {'robot': 'gimball', 'initial': {'x': 0.0}, 'duration': 1.0,
              'terrain': terrain or [{'flat': {'length': 10.0}}]}, 'test', 'test'), 500.0)
-        self._imu = Imu(9.81) if imu else None
+        # A little noise: no sensor that measures repeats a reading.
+        self._imu = Imu(9.81, gyro_sd=1e-6, force_sd=1e-6, seed=1) if imu else None
         self.temperature = self.device.sensed.temperature
         self.stop_switch = 0.0  # 1 pulls that of the drive itself
         self.encoder_jump = 0.0  # of the motor shaft [rad]
@@ -146,7 +147,7 @@ class VirtualRobot(MemoryLine):
             self.torques.append(motor)
             self.history[round(self.now / STEP)] = state
             if self._imu is not None:
-                sample = self._imu.sample(before, state, 0)
+                sample = self._imu.sample(before, state, round(self.now / STEP))
                 reading = self.reading(ImuReading(self.now, *sample[1:]))
                 if reading is not None:
                     try:

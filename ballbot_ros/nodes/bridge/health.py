@@ -31,8 +31,8 @@ VALUES: Mapping[str, str] = {
     'commands_accepted': 'joint_commands that were accepted: fresh and in order',
     'commands_refused': 'joint_commands that were refused',
     'refused_REASON': 'those refused for one reason: `stale`, `not_finite`, `out_of_order`, '
-                      '`from_the_future`, `unknown_joint`, `wrong_length`, `unsupported`, '
-                      '`onboard`, `other_sender`, `several_publishers`',
+                      '`from_the_future`, `unknown_joint`, `duplicate_joint`, `wrong_length`, '
+                      '`unsupported`, `onboard`, `other_sender`, `several_publishers`',
     'imu_silences': 'times that the IMU fell silent',
     'imu_refused': 'IMU readings that were not used',
     'control': '`onboard` or `direct`',
@@ -40,8 +40,9 @@ VALUES: Mapping[str, str] = {
     'set_value': 'set value of that law [rad], [rad/s] or [m/s]',
     'set_points_refused': 'messages on set_point and cmd_vel that were refused',
     'set_points_REASON': 'those refused for one reason: `stale`, `from_the_future`, `not_finite`, '
-                         '`e_stop`, `direct`, `contradictory`, `unknown_joint`, `wrong_length`, '
-                         '`other_sender`, `several_publishers`, `other_axes`',
+                         '`out_of_range`, `e_stop`, `direct`, `contradictory`, `unknown_joint`, '
+                         '`duplicate_joint`, `wrong_length`, `other_sender`, '
+                         '`several_publishers`, `other_axes`',
     'timeouts': 'times that commands came and then timed out',
     'e_stops': 'times that the e-stop engaged after the start',
     'limited_torque': 'times that torque_limit cut a torque',

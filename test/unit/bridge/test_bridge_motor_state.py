@@ -5,12 +5,13 @@ from itertools import product
 from hypothesis import given, strategies
 import pytest
 
-from ballbot_ros.bridge.motor_state import Event, MotorState, Power, SILENCE, TRANSITIONS
+from ballbot_ros.bridge.motor_state import (
+    Event, MotorState, Power, SILENCE, STATUS_TIMEOUT, TRANSITIONS)
 from ballbot_ros.drives.contract import Telemetry
 
 DISCONNECTED, DISARMED, ARMED, STOPPING = MotorState
 # What a drive, or the lack of one, may do at any moment.
-UNASKED = {Event.SILENT, Event.DISARMED_BY_DRIVE, Event.LOST}
+UNASKED = {Event.SILENT, Event.UNCONFIRMED, Event.DISARMED_BY_DRIVE, Event.LOST}
 
 
 def ways(to=None, by=None):
@@ -69,9 +70,9 @@ def test_after_any_events_power_began_with_the_last_of_them_that_counted(events)
 WELL = Telemetry(status_time=11.0, armed=True)
 
 
-def observed(silence=0.0, state=ARMED, **told):
+def observed(silence=0.0, state=ARMED, status_age=0.0, **told):
     """Return the event that a power since 10 s observes, None for none."""
-    found = Power(state, 10.0).observe(WELL._replace(**told), silence)
+    found = Power(state, 10.0).observe(WELL._replace(**told), silence, status_age)
     return None if found is None else found[0]
 
 
@@ -96,6 +97,11 @@ def test_a_drive_that_owes_an_answer_for_long_is_silent_whatever_it_said_before(
     assert observed(SILENCE + 1e-6, armed=False) is Event.SILENT
 
 
+def test_a_status_that_is_not_confirmed_for_long_is_a_fault():
+    assert observed(status_age=STATUS_TIMEOUT) is None
+    assert observed(status_age=STATUS_TIMEOUT + 1e-6) is Event.UNCONFIRMED
+
+
 @pytest.mark.parametrize('state', [DISCONNECTED, DISARMED, STOPPING])
 def test_without_power_there_is_nothing_to_lose(state):
     assert observed(1.0, state, armed=False, faults=('HOT',)) is None
@@ -103,6 +109,6 @@ def test_without_power_there_is_nothing_to_lose(state):
 
 def test_the_faults_are_named_and_their_lack_too():
     def why(**told):
-        return Power(ARMED).observe(WELL._replace(armed=False, **told), 0.0)[1]
+        return Power(ARMED).observe(WELL._replace(armed=False, **told), 0.0, 0.0)[1]
     assert 'HOT, OVER_CURRENT' in why(faults=('HOT', 'OVER_CURRENT'))
     assert why() != why(faults=('HOT',)) and why().strip(': ') == why()
