@@ -143,7 +143,7 @@ def add_record(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('-a', '--all', action='store_true',
                         help='record all topics, including those that appear later')
     parser.add_argument('-o', '--output', type=Path, metavar='DIR',
-                        help='new folder for the bag (default: bag_ and the date and time)')
+                        help='new folder for the bag (default: bag_DATE_TIME)')
     parser.add_argument('-d', '--duration', type=float, default=float('inf'), metavar='SECONDS',
                         help='end after this time (default: at Ctrl-C)')
 
