@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# Each target prepares what it needs; scripts/bootstrap.py does the work and says what it does.
+# Each target installs what it needs by scripts/bootstrap.py, which prints its stages.
 PYTHON ?= python3
 ARGS ?=
 
@@ -8,32 +8,41 @@ help:
 	@echo 'make demo-hardware  the same through an emulated motor controller and a serial line;'
 	@echo '                    ARGS="--protocol vesc"'
 	@echo 'make test    all tests; ARGS are passed to pytest'
+	@echo 'make test-quick  the unit tests that take less than about 10 s each'
 	@echo 'make bench   measure speed and accuracy'
 	@echo 'make docs    the documentation as a site, in build/site'
+	@echo 'make time-demo  where the seconds of the first demo of a fresh clone go'
 	@echo 'make extremes  20,000 cases at the extremes, each judged; some minutes'
 	@echo 'make fuzz    the serial protocols, guided by coverage; some minutes'
 	@echo 'make mutants  mutation tests of one package, with cosmic-ray; ARGS=control'
 	@echo 'make lint    style and types only'
-	@echo 'make setup   prepare .venv and do nothing more'
+	@echo 'make setup   prepare .venv for all targets but bench and fuzz'
 	@echo 'make clean   remove .venv and everything built'
 
-setup:
+setup: setup-test
+
+setup-%:
 	@command -v $(PYTHON) >/dev/null || { \
 	  echo '$(PYTHON) is missing: sudo apt-get install python3 python3-venv python3-dev' \
 	       'build-essential' >&2; exit 1; }
-	@$(PYTHON) scripts/bootstrap.py
+	@$(PYTHON) scripts/bootstrap.py $*
 
-demo: setup
+demo: setup-run
 	@.venv/bin/ballbot demo $(ARGS)
 
-demo-hardware: setup
+demo-hardware: setup-run
 	@.venv/bin/ballbot demo --hardware $(ARGS)
 
 test: setup
 	@.venv/bin/python -m pytest -n 2 --dist loadfile test $(ARGS)
 
-bench: setup
-	@$(PYTHON) scripts/extra.py peers
+test-quick: setup
+	@.venv/bin/python -m pytest -n 2 --dist loadfile -m "not slow" test/unit test/test_layers.py $(ARGS)
+
+time-demo:
+	@$(PYTHON) scripts/time_demo.py
+
+bench: setup-bench
 	@.venv/bin/python bench/run.py $(ARGS)
 
 docs: setup
@@ -42,12 +51,10 @@ docs: setup
 extremes: setup
 	@.venv/bin/python extremes/run.py $(ARGS)
 
-fuzz: setup
-	@$(PYTHON) scripts/extra.py fuzz
+fuzz: setup-fuzz
 	@.venv/bin/python fuzz/run.py $(ARGS)
 
-mutants: setup
-	@$(PYTHON) scripts/extra.py mutants
+mutants: setup-mutants
 	@.venv/bin/python scripts/mutants.py $(ARGS)
 
 lint: setup
@@ -56,4 +63,4 @@ lint: setup
 clean:
 	rm -rf .venv .venv-old build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
-.PHONY: help setup demo demo-hardware test bench docs extremes fuzz mutants lint clean
+.PHONY: help setup demo demo-hardware test test-quick time-demo bench docs extremes fuzz mutants lint clean

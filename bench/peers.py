@@ -22,7 +22,7 @@ from ballbot_ros.physics.model.terrain import (
 MOTION = 8
 SCIPY = ('RK45', 'DOP853', 'LSODA', 'Radau', 'BDF')
 PLAIN = ('RK45', 'LSODA')  # also with the NumPy right-hand side: it only costs more
-HOW_TO_INSTALL = '.venv/bin/python -m pip install -r requirements/peers.txt'
+HOW_TO_INSTALL = '.venv/bin/python -m pip install -r requirements/bench.txt'
 
 try:
     from sksundae.cvode import CVODE

@@ -2,16 +2,22 @@
 """
 Prepare .venv so that `.venv/bin/ballbot` and `import ballbot_ros.msg` simply work.
 
+    python3 scripts/bootstrap.py [run|test|bench|fuzz|mutants]
+
+`run` is all that the demo and the nodes need; `test` (the default) adds what the tests, the
+documentation and the optional features need; the others add their own packages to that.
+
 The stages: find a Python and the system tools, make the virtual environment, install the pinned
-packages, mend the include paths in the ROS wheels, build interfaces that have no wheel and the
-messages with colcon. A stage that is finished leaves a stamp with a hash of its inputs; a stage
-whose stamp matches is skipped, so the second run costs nothing and an interrupted one goes on
-where it was.
+packages, correct the include paths in the ROS wheels, build the messages with colcon and compile
+the kernels of the nodes meanwhile. A finished stage leaves a stamp with a hash of its inputs, and
+a stage whose stamp matches is skipped: the second run costs nothing, and an interrupted one
+continues where it was.
 
-Where a ROS 2 installation is sourced, it takes the place of the wheels and of those interfaces.
+Where a ROS 2 installation is sourced, it takes the place of the wheels and of interfaces/.
 
-Standard library only, and readable by old interpreters: it is what tells them they are too old.
+Standard library only, and readable by old interpreters, which it refuses with a message.
 """
+import ast
 import fcntl
 import json
 import os
@@ -23,13 +29,15 @@ import sys
 import time
 
 from host import check_tools, choose_python, Problem, sourced_ros
-from stages import digest, done, ROOT, stage, STAMPS, VENV
+from stages import digest, ROOT, run_together, Stage, table, VENV
 
 PYTHON = VENV / 'bin' / 'python'
 INTERFACES = ROOT / 'interfaces'
-LOCK = ROOT / 'requirements' / 'lock.txt'
+LOCKS = ROOT / 'requirements'
 PACKAGE = 'ballbot_ros'
-
+GROUPS = ('run', 'test', 'bench', 'fuzz', 'mutants')
+UV = 'uv==0.13.9'
+PIP = [PYTHON, '-m', 'pip', '--disable-pip-version-check', 'install', '--no-input']
 # The loader reads LD_LIBRARY_PATH at process start only, hence a new start. The wheels bring the
 # same trick; this one is for a sourced ROS 2 installation, which knows nothing of .venv/lib.
 LIBRARY_PATH_HOOK = """\
@@ -46,27 +54,29 @@ if library not in known:
 
 # --- The stages -----------------------------------------------------------------------------
 
-def make_venv(python, ros, key):
-    """Make an empty virtual environment, in place of whatever this script made before."""
-    old = ROOT / '.venv-old'
-    if VENV.exists():
-        if not (VENV / 'made-by-bootstrap').exists():
-            raise Problem('%s was not made by this script. Move it away, then run again.' % VENV)
-        VENV.rename(old)  # At once, so that an interruption leaves no half of it behind
-    shutil.rmtree(str(old), ignore_errors=True)
-    VENV.mkdir()
-    (VENV / 'made-by-bootstrap').touch()
-    with stage('venv', 'Python %d.%d, %s' % (*python['version'], ros or 'ROS 2 from wheels'),
-               key) as command:
-        command(python['executable'], '-m', 'venv',
-                *(['--system-site-packages'] if ros else []), VENV)
-    site = site_packages()
-    # The checkout itself comes first, so that an edit takes effect without a build. The build
-    # folder holds the metadata by which the executables in lib/ballbot_ros find their modules.
-    (site / (PACKAGE + '.pth')).write_text('%s\n%s\n' % (ROOT, VENV / 'build' / PACKAGE))
-    if ros:
-        (site / '_ballbot_ros_library_path.py').write_text(LIBRARY_PATH_HOOK)
-        (site / '_ballbot_ros_library_path.pth').write_text('import _ballbot_ros_library_path\n')
+def make_venv(python, ros):
+    """Return the work that makes an empty .venv in place of the one that this script made."""
+    def work(stage):
+        old = ROOT / '.venv-old'
+        if VENV.exists():
+            if not (VENV / 'made-by-bootstrap').exists():
+                raise Problem(
+                    '%s was not made by this script. Move it away, then run again.' % VENV)
+            VENV.rename(old)  # Immediately, so that an interruption leaves no half of it behind
+        shutil.rmtree(str(old), ignore_errors=True)
+        VENV.mkdir()
+        (VENV / 'made-by-bootstrap').touch()
+        stage.command(python['executable'], '-m', 'venv',
+                      *(['--system-site-packages'] if ros else []), VENV)
+        site = site_packages()
+        # The checkout itself comes first, so that an edit takes effect without a build. The build
+        # folder holds the metadata by which the executables in lib/ballbot_ros find their modules.
+        (site / (PACKAGE + '.pth')).write_text('%s\n%s\n' % (ROOT, VENV / 'build' / PACKAGE))
+        if ros:
+            (site / '_ballbot_ros_library_path.py').write_text(LIBRARY_PATH_HOOK)
+            (site / '_ballbot_ros_library_path.pth').write_text(
+                'import _ballbot_ros_library_path\n')
+    return work
 
 
 def site_packages():
@@ -74,9 +84,9 @@ def site_packages():
     return next(VENV.glob('lib/python3*/site-packages'))
 
 
-def missing_packages():
-    """Return what a sourced ROS 2 lacks, and pins that leave alone what it has."""
-    # Reversed, because of two versions the first on the path is the one that is imported.
+def missing_packages(names):
+    """Return the packages of .in files that a sourced ROS 2 lacks, and pins for all others."""
+    # Reversed: of two versions, Python imports the first on the path.
     installed = json.loads(subprocess.check_output([str(PYTHON), '-c', (
         'import importlib.metadata as m, json, re\n'
         'print(json.dumps({re.sub("[-_.]+", "-", d.metadata["Name"]).lower(): d.version'
@@ -87,40 +97,107 @@ def missing_packages():
 
     if shutil.which('cmake'):
         installed.setdefault('cmake', '')
-    wanted = [line for file in ('app.in', 'build.in')
-              for line in (LOCK.parent / file).read_text().splitlines() if line[:1].isalnum()]
-    pins = [line for line in LOCK.read_text().splitlines()
+    wanted = [line for file in names
+              for line in (LOCKS / file).read_text().splitlines() if line[:1].isalnum()]
+    pins = [line for file in ('run.txt', 'test.txt')
+            for line in (LOCKS / file).read_text().splitlines()
             if line[:1].isalnum() and name(line) not in installed]
     pins += ['%s==%s' % item for item in installed.items() if item[1]]
     return [line for line in wanted if name(line) not in installed], pins
 
 
-def install_packages(ros, key):
-    """Install everything pinned, or only what the sourced ROS 2 lacks."""
-    # pip writes INSTALLER last: without it an interruption has left the package half installed,
-    # and pip would take it for complete.
+def install_pinned(stage, lock, *options):
+    """Install the packages of a file that pins each of them."""
+    lines = [line for line in lock.read_text().splitlines() if line[:1].isalnum()]
+    tools = [line for line in lines if line.startswith(('packaging==', 'setuptools==', 'wheel=='))]
+    # Isolated, a source package among them (empy) would fetch tools without a pin.
+    steps = [['--no-deps', *tools]] if tools else []
+    install(stage, steps + [['--no-deps', '--no-build-isolation', *options, '-r', lock]])
+
+
+def install(stage, steps):
+    """
+    Run installations given by their options, with uv where it can be had, otherwise with pip.
+
+    uv takes a fifth of the time of pip. It does not read the settings of pip, so those that name
+    package indexes are handed over.
+    """
+    uv = shutil.which('uv') or shutil.which(str(VENV / 'bin' / 'uv'))
+    if not uv and stage.command(*PIP, '--no-deps', '--only-binary', ':all:', UV, check=False):
+        uv = VENV / 'bin' / 'uv'
+    if uv:
+        settings = pip_settings()
+        env = dict(os.environ)
+        if 'cert' in settings:
+            env.setdefault('SSL_CERT_FILE', settings['cert'])
+        indexes = ['--index-strategy', 'unsafe-best-match']
+        for name in ('index-url', 'extra-index-url', 'find-links'):
+            for value in settings.get(name, '').split():
+                indexes += ['--' + name, value]
+        if all(stage.command(uv, 'pip', 'install', '--python', PYTHON, *indexes, *step, env=env,
+                             check=False) for step in steps):
+            return
+    for step in steps:
+        stage.command(*PIP, '--no-compile', *step,
+                      hint='If this was the network, run again: what is installed is kept.')
+
+
+def pip_settings():
+    """Return the settings of pip by their names."""
+    lines = subprocess.check_output([str(PYTHON), '-m', 'pip', 'config', 'list']).decode()
+    found = {}
+    # The environment overrides the section of the command, and that one the global section.
+    for key, value in sorted((line.partition('=')[::2] for line in lines.splitlines()),
+                             key=lambda item: (item[0].startswith(':env:'), item[0])):
+        section, _, name = key.rpartition('.')
+        if section in ('global', 'install', ':env:'):
+            found[name] = ast.literal_eval(value)
+    return found
+
+
+def install_run_packages(ros):
+    """Return the work that installs the run group, or only what the sourced ROS 2 lacks."""
+    def work(stage):
+        remove_half_installed()
+        if not ros:
+            install_pinned(stage, LOCKS / 'run.txt')
+            mend_include_paths()
+            return
+        install_missing(stage, 'run.in', 'build.in')
+    return work
+
+
+def install_test_packages(ros):
+    """Return the work that installs the test group beyond the run group."""
+    def work(stage):
+        remove_half_installed()
+        if ros:
+            install_missing(stage, 'test.in')
+        else:
+            install_pinned(stage, LOCKS / 'test.txt')
+    return work
+
+
+def install_docs_packages(stage):
+    """Install what builds the site beside the packages of .venv, not among them."""
+    install_pinned(stage, LOCKS / 'docs.txt', '--target', VENV / 'docs')
+
+
+def install_missing(stage, *names):
+    """Install what a sourced ROS 2 lacks, with pins that leave its own packages as they are."""
+    lacking, pins = missing_packages(names)
+    if lacking:
+        constraints = VENV / ('pins_%s.txt' % stage.name)
+        constraints.write_text('\n'.join(pins) + '\n')
+        stage.command(*PIP, '-c', constraints, *lacking,
+                      hint='If this was the network, run again: what is installed is kept.')
+
+
+def remove_half_installed():
+    """Remove what an interrupted pip has left: it writes INSTALLER last."""
     for info in site_packages().glob('*.dist-info'):
         if not (info / 'INSTALLER').exists():
             shutil.rmtree(str(info))
-    hint = 'If this was the network, run again: what is installed is kept.'
-    pip = [PYTHON, '-m', 'pip', '--disable-pip-version-check', 'install', '--no-input']
-    if ros:
-        lacking, pins = missing_packages()
-        if lacking:
-            (VENV / 'pins.txt').write_text('\n'.join(pins) + '\n')
-            with stage('packages', '%d that ROS 2 lacks' % len(lacking), key) as command:
-                command(*pip, '-c', VENV / 'pins.txt', *lacking, hint=hint)
-        return
-    lines = [line for line in LOCK.read_text().splitlines() if line[:1].isalnum()]
-    tools = [line for line in lines if line.startswith(('packaging==', 'setuptools==', 'wheel=='))]
-    with stage('packages', '%d pinned, a minute or so' % len(lines), key) as command:
-        # Isolated, the one source package among them (empy) would fetch tools without a pin.
-        command(*pip, '--no-deps', *tools, hint=hint)
-        # pip would compile the modules one after the other, this does it on all processors.
-        command(*pip, '--no-deps', '--no-build-isolation', '--no-compile', '-r', LOCK, hint=hint)
-        command(PYTHON, '-c', 'import compileall, sys; '
-                'compileall.compile_dir(sys.argv[1], quiet=2, workers=0)', site_packages())
-        mend_include_paths()
 
 
 def mend_include_paths():
@@ -134,6 +211,7 @@ def mend_include_paths():
         new = re.sub(r'/opt/(?:python|_internal)/[^;"\s]*/include/python3\.\d+', lambda _: python,
                      new)
         if new != old:
+            path.unlink()  # It may be a hard link into the cache of uv
             path.write_text(new)
 
 
@@ -145,85 +223,122 @@ def remove_built(package):
             shutil.rmtree(str(path)) if path.is_dir() else path.unlink()
 
 
-def colcon(command, ros, build, *paths):
+def colcon(stage, ros, build, *paths):
     """Build packages into .venv itself, which serves as their install prefix."""
-    env = dict(os.environ, PATH='%s%s%s' % (PYTHON.parent, os.pathsep, os.environ['PATH']))
-    # colcon would have make wait while other work loads the machine.
+    env = dict(os.environ, PATH='%s%s%s' % (PYTHON.parent, os.pathsep, os.environ['PATH']),
+               BALLBOT_MESSAGES_PYTHON_ONLY='ON')
+    # Without a number of jobs, colcon limits make by the load of the machine.
     env.setdefault('MAKEFLAGS', '-j%d' % (os.cpu_count() or 1))
     for name in ('PYTHONPATH', 'COLCON_PREFIX_PATH', 'AMENT_PREFIX_PATH', 'CMAKE_PREFIX_PATH'):
         if not ros:
             env.pop(name, None)
     for name in ('AMENT_PREFIX_PATH', 'CMAKE_PREFIX_PATH'):
         env[name] = os.pathsep.join(filter(None, [str(VENV), env.get(name)]))
-    command(PYTHON, '-c', 'import sys; from colcon_core.command import main; sys.exit(main())',
-            '--log-base', VENV / 'log' / 'colcon', 'build', '--paths', *paths,
-            '--build-base', build, '--install-base', VENV,
-            '--merge-install', '--symlink-install', '--event-handlers', 'console_direct+',
-            '--cmake-args', '-DPython3_EXECUTABLE=%s' % PYTHON, '-DBUILD_TESTING=OFF', env=env)
+    stage.command(
+        PYTHON, '-c', 'import sys; from colcon_core.command import main; sys.exit(main())',
+        '--log-base', VENV / 'log' / ('colcon_' + stage.name), 'build', '--paths', *paths,
+        '--build-base', build, '--install-base', VENV,
+        '--merge-install', '--symlink-install', '--event-handlers', 'console_direct+',
+        '--cmake-args', '-DPython3_EXECUTABLE=%s' % PYTHON, '-DBUILD_TESTING=OFF', env=env)
 
 
-def build_interfaces(key):
-    """Build the packages of interfaces/ that no wheel has brought."""
-    build = VENV / 'build-interfaces'
-    lacking = []
-    for path in sorted(INTERFACES.glob('*/package.xml')):
-        package = path.parent.name
-        if (build / package).exists():  # Made by this script before
-            shutil.rmtree(str(build / package))
+def build_interface(package):
+    """Return the work that builds a package of interfaces/, unless a wheel has brought it."""
+    def work(stage):
+        build = VENV / ('build_' + package)
+        if build.exists():  # Made by this script before
+            shutil.rmtree(str(build))
             remove_built(package)
         if not any(VENV.glob('lib/python3*/site-packages/%s' % package)):
-            lacking.append(path.parent)
-    with stage('interfaces', '%d that have no wheel, half a minute' % len(lacking),
-               key) as command:
-        if lacking:
-            colcon(command, '', build, *lacking)
-            command(PYTHON, '-c', 'import ' + ', '.join(path.name for path in lacking))
+            colcon(stage, '', build, INTERFACES / package)
+            stage.command(PYTHON, '-c', 'import ' + package)
+    return work
 
 
-def build_messages(ros, key):
-    """Build the messages of the package itself."""
-    if not done('messages', key):
+def build_messages(ros):
+    """Return the work that builds the messages of the package itself, and those of /tf."""
+    def work(stage):
+        built = [PACKAGE]
+        paths = [ROOT]
+        tf = 'tf2_msgs'
+        if (VENV / 'build' / tf).exists():  # Made by this script before
+            built.append(tf)
         shutil.rmtree(str(VENV / 'build'), ignore_errors=True)
-    remove_built(PACKAGE)
-    with stage('messages', 'built with colcon, up to a minute', key) as command:
-        colcon(command, ros, VENV / 'build', ROOT)
-        command(PYTHON, '-c', 'import rclpy, %s.msg, %s.srv, %s.action' % ((PACKAGE,) * 3))
+        for package in built:
+            remove_built(package)
+        if not ros and not any(VENV.glob('lib/python3*/site-packages/%s' % tf)):
+            paths.append(INTERFACES / tf)
+        colcon(stage, ros, VENV / 'build', *paths)
+        stage.command(PYTHON, '-c', 'import rclpy, %s.msg, %s.srv, %s.action' % ((PACKAGE,) * 3))
+    return work
 
 
-def set_up():
-    """Bring .venv up to date; return whether anything had to be done."""
+def compile_kernels(nodes):
+    """Return the work that compiles the kernels of some nodes of the demo."""
+    def work(stage):
+        stage.command(PYTHON, '-m', 'ballbot_ros.demo.prepare', *nodes)
+    return work
+
+
+def files(folder, pattern='*.*'):
+    """Return the files below a folder, in order."""
+    return sorted(path for path in (ROOT / folder).rglob(pattern) if path.is_file())
+
+
+def set_up(group):
+    """Bring .venv up to date for a group; return the stages that ran."""
     ros = sourced_ros()
     python = choose_python(ros)
-    venv_key = digest(str(VENV), python['executable'], str(python['version']), ros,
-                      ros and str(python['rclpy']), LOCK, LOCK.parent / 'app.in',
-                      LOCK.parent / 'build.in')
-    sources = [ROOT / 'package.xml', ROOT / 'setup.py', ROOT / 'setup.cfg', Path(__file__)]
-    for folder in ('msg', 'srv', 'action', 'cmake_msgs'):
-        sources += sorted(path for path in (ROOT / folder).iterdir() if path.is_file())
-    messages_key = digest(venv_key, *sources)
-    interfaces_key = digest(venv_key, Path(__file__), *sorted(
-        path for path in INTERFACES.rglob('*.*') if path.is_file()))
+    this = [Path(__file__), Path(__file__).with_name('stages.py')]
+    venv = digest(str(VENV), python['executable'], str(python['version']), ros,
+                  ros and str(python['rclpy']))
+    pins = digest(venv, *[LOCKS / name for name in ('run.txt', 'run.in', 'build.in')])
+
+    def key(*sources):
+        return digest(pins, *this, *sources)
+    messages = [ROOT / name for name in ('package.xml', 'setup.py', 'setup.cfg')]
+    for folder in ('msg', 'srv', 'action', 'cmake_msgs', 'interfaces/tf2_msgs'):
+        messages += files(folder)
     # Of these only the names matter: they are installed as links.
-    links_key = digest(*sorted(str(path) for folder in ('config', 'launch')
-                               for path in (ROOT / folder).rglob('[!._]*.*')))
-    interfaces = bool(ros) or done('interfaces', interfaces_key)
-    if interfaces and done('messages', messages_key) and done('links', links_key):
-        return False
-    check_tools(python)
-    if not done('venv', venv_key):
-        make_venv(python, ros, venv_key)
-    if not done('packages', venv_key):
-        install_packages(ros, venv_key)
-    if not (ros or done('interfaces', interfaces_key)):
-        build_interfaces(interfaces_key)
-    if not (done('messages', messages_key) and done('links', links_key)):
-        build_messages(ros, messages_key)
-    (STAMPS / 'links').write_text(links_key)
-    return True
+    links = [str(path) for folder in ('config', 'launch') for path in files(folder, '[!._]*.*')]
+    cache = os.environ.get('XDG_CACHE_HOME', '')
+    sources = files(PACKAGE, '*.py')
+    steps = [
+        [Stage('venv', 'Python %d.%d, %s' % (
+            python['version'][0], python['version'][1], ros or 'ROS 2 from wheels'),
+            venv, make_venv(python, ros))],
+        [Stage('packages', 'pinned ones that the nodes import', pins, install_run_packages(ros))],
+        [Stage('messages', 'of this package, built with colcon', key(*(messages + links)),
+               build_messages(ros)),
+         # Of one node each: a process compiles on one processor.
+         Stage('kernels', 'of the decision, compiled for this processor', key(cache, *sources),
+               compile_kernels(['decision'])),
+         Stage('kernels_2', 'of simulator and controller, likewise', key(cache, *sources),
+               compile_kernels(['simulator', 'controller']))]]
+    if group != 'run':
+        tests = Stage('tests', 'packages that only the tests import',
+                      digest(pins, LOCKS / 'test.txt', LOCKS / 'test.in'),
+                      install_test_packages(ros))
+        if not ros:
+            name = 'simulation_interfaces'
+            steps += [[tests, Stage('interfaces', name + ', built with colcon',
+                                    key(*files(INTERFACES / name)), build_interface(name))]]
+        else:
+            steps += [[tests]]
+        steps += [[Stage('docs', 'Sphinx and its theme', digest(pins, LOCKS / 'docs.txt'),
+                         install_docs_packages)]]
+    if group in ('bench', 'fuzz', 'mutants'):
+        lock = LOCKS / (group + '.txt')
+        steps += [[Stage(group, 'packages for make ' + group, digest(pins, lock),
+                         lambda stage: install(stage, [[
+                             '-r', lock, '-c', LOCKS / 'run.txt', '-c', LOCKS / 'test.txt']]))]]
+    if not all(stage.done for step in steps for stage in step):
+        check_tools(python)
+    return [stage for step in steps for stage in run_together(*step)]
 
 
-def main():
-    """Set up, one process at a time."""
+def main(group):
+    """Set up for a group, one process at a time."""
     start = time.monotonic()
     try:
         with open(__file__) as lock:
@@ -232,16 +347,19 @@ def main():
             except OSError:
                 print('waiting for another set-up of this checkout', flush=True)
                 fcntl.flock(lock, fcntl.LOCK_EX)
-            if set_up():
-                print('ready in %.0f s' % (time.monotonic() - start))
+            ran = set_up(group)
+            if ran:
+                print(table(ran, time.monotonic() - start))
     except Problem as problem:
         print(problem, file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print('interrupted; run the same again to go on', file=sys.stderr)
+        print('interrupted; run the same command again to continue', file=sys.stderr)
         return 130
     return 0
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    if sys.argv[1:] not in [[]] + [[name] for name in GROUPS]:
+        sys.exit('usage: bootstrap.py [%s]' % '|'.join(GROUPS))
+    sys.exit(main((sys.argv[1:] or ['test'])[0]))

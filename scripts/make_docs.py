@@ -1,32 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Build the documentation site: install Sphinx into .venv/docs, then run it; a warning is an error.
+Build the documentation site with the Sphinx of .venv/docs; a warning is an error.
 
     .venv/bin/python scripts/make_docs.py [FOLDER]        # build/site by default
 """
-import importlib.util
 import os
 from pathlib import Path
 import subprocess
 import sys
 
-from host import Problem
-from stages import digest, done, ROOT, stage, VENV
+from stages import ROOT, VENV
 
-PACKAGES = VENV / 'docs'
-REQUIREMENTS = ROOT / 'requirements' / 'docs.txt'
-NEEDED = ('sphinx', 'myst_parser', 'furo', 'sphinxarg', 'sphinx_copybutton')
-
-
-def install():
-    """Install what builds the site, beside the packages of .venv and not among them."""
-    key = digest(REQUIREMENTS, sys.version)
-    if done('docs', key):
-        return
-    with stage('docs', 'Sphinx and its theme, half a minute', key) as command:
-        command(sys.executable, '-m', 'pip', '--disable-pip-version-check', 'install',
-                '--no-input', '--no-deps', '--upgrade', '--target', PACKAGES, '-r', REQUIREMENTS,
-                hint='If this was the network, run again: what is installed is kept.')
+PACKAGES = VENV / 'docs'  # of scripts/bootstrap.py
 
 
 def build(folder):
@@ -39,13 +24,8 @@ def build(folder):
 
 
 def main():
-    """Install, unless Sphinx is there already, and build."""
+    """Build and return the exit code."""
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else ROOT / 'build' / 'site').resolve()
-    try:
-        if not all(importlib.util.find_spec(name) for name in NEEDED):
-            install()
-    except Problem as problem:
-        sys.exit(str(problem))
     code = build(folder)
     if code == 0:
         print(f'the site is {folder / "index.html"}')

@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Stages of the set-up: each shown in one line, logged, and stamped with a hash of its inputs.
+Stages of the set-up: logged, timed, and stamped with a hash of their inputs.
 
-It must stay readable by old interpreters, as the rest of the set-up.
+This file must stay readable by old interpreters, as the rest of the set-up.
 """
-import contextlib
 import hashlib
+import os
 from pathlib import Path
+import resource
 import subprocess
 import sys
+import threading
 import time
 
 from host import Problem
@@ -16,6 +18,7 @@ from host import Problem
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / '.venv'
 STAMPS = VENV / 'stamps'
+INTERRUPTED = threading.Event()
 
 
 def digest(*parts):
@@ -28,49 +31,96 @@ def digest(*parts):
     return total.hexdigest()[:16]
 
 
-def done(stage, key):
-    """Say whether a stage has finished with these inputs before."""
-    stamp = STAMPS / stage
-    return stamp.exists() and stamp.read_text() == key
+class Stage:
+    """A part of the set-up; a stamp with the hash of its inputs marks it as finished."""
 
+    def __init__(self, name, text, key, work):
+        """Take the function that does the work: it receives the stage, to run commands with."""
+        self.name, self.text, self.key, self._work = name, text, key, work
+        self.seconds = self.processor_seconds = 0.0
+        self.problem = None
 
-@contextlib.contextmanager
-def stage(name, text, key):
-    """Show a stage in one line with its seconds, and stamp it once its body is through."""
-    label = '%-9s %s ... ' % (name, text)
-    print(label, end='', flush=True)
-    start = time.monotonic()
-    if STAMPS.exists():
-        with contextlib.suppress(FileNotFoundError):
-            (STAMPS / name).unlink()
-    try:
-        yield lambda *command, **more: run(name, label, start, command, **more)
-    except BaseException:
-        print(flush=True)
-        raise
-    STAMPS.mkdir(exist_ok=True)
-    (STAMPS / name).write_text(key)
-    print('%s%.1f s' % ('\r' + label if sys.stdout.isatty() else '', time.monotonic() - start))
+    @property
+    def done(self):
+        """Return whether the stage has finished with these inputs before."""
+        stamp = STAMPS / self.name
+        return stamp.exists() and stamp.read_text() == self.key
 
-
-def run(name, label, start, command, env=None, hint=''):
-    """Run a command into a log file, counting seconds on a terminal; raise Problem on failure."""
-    log = VENV / 'log' / (name + '.txt')
-    log.parent.mkdir(parents=True, exist_ok=True)
-    with log.open('a') as out:
-        out.write('$ %s\n' % ' '.join(map(str, command)))
-        out.flush()
-        process = subprocess.Popen([str(word) for word in command], cwd=str(ROOT), env=env,
-                                   stdout=out, stderr=subprocess.STDOUT)
+    def run(self):
+        """Do the work and stamp it; a failure is kept in `problem`."""
+        start = time.monotonic()
+        stamp = STAMPS / self.name
+        if stamp.exists():
+            stamp.unlink()
         try:
-            while process.poll() is None:
-                time.sleep(0.05)
+            self._work(self)
+        except Problem as problem:
+            self.problem = problem
+        self.seconds = time.monotonic() - start
+        if not self.problem:
+            STAMPS.mkdir(exist_ok=True)
+            stamp.write_text(self.key)
+
+    def command(self, *words, **options):
+        """
+        Run a command into the log file of the stage.
+
+        Raises Problem where it fails, with the end of the log and the given hint; `check=False`
+        returns whether it succeeded instead. `env` is the environment.
+        """
+        if INTERRUPTED.is_set():
+            raise Problem('interrupted')
+        log = VENV / 'log' / (self.name + '.txt')
+        log.parent.mkdir(parents=True, exist_ok=True)
+        with log.open('a') as out:
+            out.write('$ %s\n' % ' '.join(map(str, words)))
+            out.flush()
+            process = subprocess.Popen([str(word) for word in words], cwd=str(ROOT),
+                                       env=options.get('env'), stdout=out,
+                                       stderr=subprocess.STDOUT)
+            _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = status  # so that Popen does not wait for it again
+        self.processor_seconds += usage.ru_utime + usage.ru_stime
+        if status and options.get('check', True):
+            tail = log.read_text(errors='replace').splitlines()[-25:]
+            raise Problem('\n'.join(
+                ['%s failed. The end of %s:' % (self.name, log)] + ['  ' + line for line in tail]
+                + ([options['hint']] if 'hint' in options else [])))
+        return not status
+
+
+def run_together(*stages):
+    """Run the stages that are not done, at the same time; return them, or raise a Problem."""
+    stages = [stage for stage in stages if not stage.done]
+    threads = [threading.Thread(target=stage.run) for stage in stages]
+    start = time.monotonic()
+    for stage, thread in zip(stages, threads):
+        print('%-10s %s' % (stage.name, stage.text), flush=True)
+        thread.start()
+    try:
+        for thread in threads:
+            while thread.is_alive():
+                thread.join(0.2)
                 if sys.stdout.isatty():
-                    print('\r%s%d s' % (label, time.monotonic() - start), end='', flush=True)
-        except KeyboardInterrupt:
-            process.wait()  # The terminal has told the child as well
-            raise
-    if process.returncode:
-        tail = log.read_text(errors='replace').splitlines()[-25:]
-        raise Problem('\n'.join(['%s failed. The end of %s:' % (name, log)]
-                                + ['  ' + line for line in tail] + ([hint] if hint else [])))
+                    print('\r%d s ' % (time.monotonic() - start), end='', flush=True)
+    except KeyboardInterrupt:
+        INTERRUPTED.set()
+        raise
+    finally:
+        if sys.stdout.isatty():
+            print('\r\033[K', end='')
+    for stage in stages:
+        if stage.problem:
+            raise stage.problem
+    return stages
+
+
+def table(stages, seconds):
+    """Return a table of the seconds of the stages."""
+    own = resource.getrusage(resource.RUSAGE_SELF)
+    lines = ['%-12s %8s %8s' % ('set-up', 'wall s', 'CPU s')]
+    lines += ['%-12s %8.1f %8.1f' % (stage.name, stage.seconds, stage.processor_seconds)
+              for stage in stages]
+    lines.append('%-12s %8.1f %8.1f' % ('together', seconds, own.ru_utime + own.ru_stime + sum(
+        stage.processor_seconds for stage in stages)))
+    return '\n'.join(lines)

@@ -3,6 +3,7 @@
 from collections import Counter
 import os
 from pathlib import Path
+import re
 import sys
 
 # Before numpy is imported: two workers whose matrix products take all cores wait for each other.
@@ -52,8 +53,42 @@ def pytest_xdist_make_scheduler(config, log):
     return Lanes(config, log)
 
 
+def pytest_addoption(parser):
+    """Add the list of skips that are no failure."""
+    parser.addoption('--allowed-skips', metavar='FILE', type=Path, help=(
+        'fail where a test is skipped for a reason that no line of FILE matches; a line is a '
+        'regular expression, and what follows two spaces and a # says why the skip is accepted'))
+
+
+def unexpected_skips(patterns, skips):
+    """Return the (test, reason) of all skips whose reason no pattern matches."""
+    return sorted({(test, reason) for test, reason in skips
+                   if not any(re.search(pattern, reason) for pattern in patterns)})
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session):
+    """With --allowed-skips, fail where a test was skipped for another reason."""
+    path = session.config.getoption('--allowed-skips')
+    reporter = session.config.pluginmanager.get_plugin('terminalreporter')
+    if path is None or reporter is None or hasattr(session.config, 'workerinput'):
+        return
+    patterns = [line.split('  #')[0].strip() for line in path.read_text().splitlines()
+                if line.strip() and not line.startswith('#')]
+    session.config.unexpected_skips = unexpected_skips(patterns, (
+        (report.nodeid, report.longrepr[2] if isinstance(report.longrepr, (tuple, list)) else '')
+        for report in reporter.stats.get('skipped', ())))
+    if session.config.unexpected_skips and session.exitstatus == 0:
+        session.exitstatus = 1
+
+
 def pytest_terminal_summary(terminalreporter, config):
-    """With --durations, say what each file of test/ and each folder below it took."""
+    """Print unexpected skips and, with --durations, the seconds of each folder of tests."""
+    unexpected = getattr(config, 'unexpected_skips', ())
+    if unexpected:
+        terminalreporter.section(f'skipped, and not in {config.getoption("--allowed-skips")}')
+        for test, reason in unexpected:
+            terminalreporter.write_line(f'{test}: {reason}')
     if config.getoption('durations') is None:
         return
     seconds = Counter()

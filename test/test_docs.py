@@ -13,7 +13,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / 'docs'
-# `make docs` installs Sphinx there.
+# `make setup` installs Sphinx there.
 PACKAGES = ROOT / '.venv' / 'docs'
 HAS_SPHINX = importlib.util.find_spec('sphinx') or (PACKAGES / 'sphinx').is_dir()
 
@@ -22,7 +22,7 @@ HAS_SPHINX = importlib.util.find_spec('sphinx') or (PACKAGES / 'sphinx').is_dir(
 def site(tmp_path_factory):
     """Return the folder of the built site."""
     if not HAS_SPHINX:
-        pytest.skip('Sphinx is not installed; "make docs" does it')
+        pytest.skip('Sphinx is not installed; "make setup" installs it')
     folder = tmp_path_factory.mktemp('docs') / 'site'
     done = subprocess.run([sys.executable, str(ROOT / 'scripts' / 'make_docs.py'), str(folder)],
                           capture_output=True, text=True)
@@ -94,7 +94,7 @@ def test_links_that_leave_the_folder_of_the_documents_stay_in_the_site(site):
 def test_the_settings_are_found_from_another_folder_as_rosdoc2_runs_them(tmp_path):
     """Rosdoc2 executes docs/conf.py from within a file of its own, in a folder of its own."""
     if not HAS_SPHINX:
-        pytest.skip('Sphinx is not installed; "make docs" does it')
+        pytest.skip('Sphinx is not installed; "make setup" installs it')
     script = f'__file__ = {str(tmp_path / "conf.py")!r}; ' \
         f'exec(open({str(DOCS / "conf.py")!r}).read()); print(ROOT, project, html_theme)\n' \
         'assert "index.rst" in exclude_patterns  # rosdoc2 writes one'

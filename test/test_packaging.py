@@ -138,11 +138,11 @@ def test_colcon_test_finds_that_pytest_is_wanted():
 def test_the_lists_of_python_dependencies_agree():
     setup = (ROOT / 'setup.py').read_text()
     required = ast.literal_eval(re.search(r'install_requires=(\[.*?\])', setup, re.S).group(1))
-    listed = (ROOT / 'requirements' / 'app.in').read_text().lower().split('\n')
-    locked = (ROOT / 'requirements' / 'lock.txt').read_text()
+    listed = (ROOT / 'requirements' / 'run.in').read_text().lower().split('\n')
+    locked = (ROOT / 'requirements' / 'run.txt').read_text()
     for name in map(str.lower, required):
         assert name in listed
-        assert re.search(rf'^{name}==', locked, re.M), f'{name} has no pin in lock.txt'
+        assert re.search(rf'^{name}==', locked, re.M), f'{name} has no pin in run.txt'
 
 
 # --- What colcon makes of it ----------------------------------------------------------------

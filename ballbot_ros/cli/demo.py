@@ -61,7 +61,10 @@ def run(arguments: argparse.Namespace) -> int:
     """
     check(arguments)
     try:
-        from ballbot_ros.demo import own_acts, page_beside, run_demo, run_hardware_demo
+        from ballbot_ros.demo.demo import run_demo
+        from ballbot_ros.demo.hardware import run_hardware_demo
+        from ballbot_ros.demo.own_act import own_acts
+        from ballbot_ros.demo.page import page_beside
     except ImportError as error:
         raise ConfigurationError(
             f'the demo needs ROS 2, and {error.name or error} cannot be imported; source '

@@ -83,7 +83,7 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
     lockstep_period = 0.0 if real_time else 1.0 / CAMERA['terrain_rate']
     how = 'in real time' if real_time else (
         f'in lockstep, {"at most in real time" if watched else "as fast as it goes"}')
-    prepare()  # before anything is waited for
+    prepare(('simulator', 'controller', 'decision'))  # before anything is waited for
     if not quiet:
         print(f'Three nodes on ROS domain {own_domain()}, {how}.', flush=True)
 

@@ -77,7 +77,7 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
             graph.nodes.start('obstacle_decision', decision)
             return graph.run(GetGoing(graph.node).poll, timeout, math.inf)
 
-    prepare()  # before anything is waited for
+    prepare(('simulator', 'bridge', 'decision'))  # before anything is waited for
     if not quiet:
         imu = ', its IMU on another serial line' if serial_imu else ''
         print(f'An emulated {f"{protocol} {firmware}".strip()} drive, '

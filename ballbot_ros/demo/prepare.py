@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Compile what the nodes call, so that the first run is like all others.
+Compile the kernels of the nodes before they start; no ROS is needed.
 
-Each node does so itself, before it is ready; here it is done once, and before all of them do it
-at the same time.
+Each node compiles its own kernels before it is ready. Compiled here, once, they are not compiled
+by several nodes at the same time. As a program, ``python -m ballbot_ros.demo.prepare NODE ...``
+does so for the named nodes.
 """
+import sys
+from typing import Callable, Mapping, Sequence
+
 from ballbot_ros.bridge.warm_up import warm_up as warm_up_bridge
 from ballbot_ros.control import checked_controller, load_tuning
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
@@ -13,13 +17,21 @@ from ballbot_ros.physics import load_scene
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.plant import Plant
 
+NODES: Mapping[str, Callable[[], object]] = {
+    'simulator': lambda: Plant(load_scene('doorstep'), 500.0),
+    'controller': lambda: checked_controller(
+        load_robot('gimball'), load_tuning('published'), 500.0, 0),
+    'bridge': lambda: warm_up_bridge(load_robot('gimball')),
+    'decision': lambda: warm_up_decision(
+        Knowledge(load_robot('gimball'), load_curve('gimball_down'),
+                  load_decision_tuning('decision_default'), load_tuning('published')), 'rollout')}
 
-def prepare() -> None:
-    """Compile what is not compiled yet; some time at first, and none later."""
-    robot, tuning = load_robot('gimball'), load_tuning('published')
-    Plant(load_scene('doorstep'), 500.0)
-    checked_controller(robot, tuning, 500.0, 0)
-    warm_up_bridge(robot)
-    warm_up_decision(
-        Knowledge(robot, load_curve('gimball_down'), load_decision_tuning('decision_default'),
-                  tuning), 'rollout')
+
+def prepare(nodes: Sequence[str]) -> None:
+    """Compile the kernels of some of `NODES`, unless the cache has them."""
+    for node in nodes:
+        NODES[node]()
+
+
+if __name__ == '__main__':
+    prepare(sys.argv[1:])

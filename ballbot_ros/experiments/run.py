@@ -113,12 +113,13 @@ def _prepare(plan: Experiment) -> None:
     """Compile before anything is waited for."""
     try:
         from ballbot_ros.demo.prepare import prepare
+        import ballbot_ros.experiments.lockstep_run  # noqa: F401
     except ImportError as error:
         raise ConfigurationError(
             f'an experiment needs ROS 2, and {error.name or error} cannot be imported; source '
             '/opt/ros/jazzy/setup.bash, or use the .venv of a checkout (make setup)') from error
     if 'obstacle_decision' in plan.nodes:  # the others are ready soon
-        prepare()
+        prepare(('simulator', 'controller', 'decision'))
 
 
 def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict[str, Any]:

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A run as moving pictures: GIF, or MP4 where ffmpeg is installed."""
+from contextlib import suppress
+from importlib.util import find_spec
 import math
 from pathlib import Path
 import shutil
 import subprocess
-from typing import Any, Iterator, NamedTuple
+from typing import Any, Iterator, NamedTuple, Optional
 
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrow
@@ -76,14 +78,25 @@ def check_animation(path: PathLike, duration: float, playback: float = 1.0) -> N
     if not 0.01 <= playback <= 1000.0:
         raise ConfigurationError(
             f'playback must be at least 0.01 and at most 1000, got {playback:g}')
-    if kind == '.mp4' and shutil.which('ffmpeg') is None:
+    if kind == '.mp4' and ffmpeg() is None:
         raise ConfigurationError(
-            f'{path}: MP4 needs ffmpeg, which is not installed: "sudo apt-get install ffmpeg", '
+            f'{path}: MP4 needs ffmpeg, which is not installed: "sudo apt-get install ffmpeg" or '
+            '"pip install imageio-ffmpeg", '
             'or choose a file ending in .gif')
     if kind == '.gif' and duration / playback > LONGEST_GIF:
         raise ConfigurationError(
             f'{path}: a GIF of {duration / playback:g} s is too long, {LONGEST_GIF:g} s are the '
             f'most: choose a playback of {math.ceil(duration / LONGEST_GIF)} or more, or .mp4')
+
+
+def ffmpeg() -> Optional[str]:
+    """Return the program ffmpeg: that on PATH, or that of the package imageio-ffmpeg."""
+    found = shutil.which('ffmpeg')
+    if found is None and find_spec('imageio_ffmpeg') is not None:
+        from imageio_ffmpeg import get_ffmpeg_exe
+        with suppress(RuntimeError):  # its wheel has no program for this platform
+            found = get_ffmpeg_exe()
+    return found
 
 
 def animate(trajectory: Trajectory, path: PathLike, title: str = '', playback: float = 1.0,
@@ -266,7 +279,7 @@ def _write_mp4(pictures: Iterator[Picture], path: str) -> None:
     """Hand pictures to ffmpeg; a session of its own keeps Ctrl-C from it."""
     first = next(pictures)
     height, width, _ = first.shape
-    command = ['ffmpeg', '-loglevel', 'error', '-y', '-f', 'rawvideo', '-pix_fmt', 'rgb24', '-s',
+    command = [ffmpeg(), '-loglevel', 'error', '-y', '-f', 'rawvideo', '-pix_fmt', 'rgb24', '-s',
                f'{width}x{height}', '-r', f'{FRAME_RATE:g}', '-i', '-', '-an', '-pix_fmt',
                'yuv420p', '-movflags', '+faststart', '-f', 'mp4', path]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE,

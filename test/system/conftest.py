@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from ballbot_ros.config.files import config_folder
-from ballbot_ros.demo.prepare import prepare
+from ballbot_ros.demo.prepare import NODES, prepare
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.physics import load_scene
@@ -70,7 +70,7 @@ def compiled_once():
     """Compile what the nodes call before the first of them is waited for."""
     with open(Path(tempfile.gettempdir()) / 'ballbot_ros_test_compile.lock', 'w') as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        prepare()
+        prepare(NODES)
 
 
 @pytest.fixture(autouse=True)

@@ -5,7 +5,8 @@ import sys
 
 import pytest
 
-from ballbot_ros.demo import page, page_beside
+from ballbot_ros.demo import page
+from ballbot_ros.demo.page import page_beside
 from ballbot_ros.errors import ConfigurationError
 
 

@@ -2,7 +2,7 @@
 """
 The drives in software in conversation with independent implementations of their protocols.
 
-PyVESC and basicmicro are optional (requirements/peers.txt). ODrive's own tools do not speak
+PyVESC and basicmicro are optional (requirements/test.txt). ODrive's own tools do not speak
 ASCII; its maker's test of that protocol is in test_emulator_devices.py.
 """
 from hypothesis import given, strategies as st
@@ -46,7 +46,7 @@ class Port:
 def roboclaw():
     """Return basicmicro's controller, connected to a RoboClaw in software."""
     basicmicro = pytest.importorskip(
-        'basicmicro', reason='pip install -r requirements/peers.txt')
+        'basicmicro', reason='pip install -r requirements/test.txt')
     controller = basicmicro.Basicmicro('none', 115200)
     controller._port, controller._connected = Port(), True
     return controller
@@ -79,8 +79,8 @@ def test_basicmicro_drives_the_emulated_roboclaw(roboclaw):
 @pytest.fixture(scope='module')
 def pyvesc():
     """Return PyVESC."""
-    pytest.importorskip('PyCRC', reason='pip install -r requirements/peers.txt')
-    return pytest.importorskip('pyvesc', reason='pip install -r requirements/peers.txt')
+    pytest.importorskip('PyCRC', reason='pip install -r requirements/test.txt')
+    return pytest.importorskip('pyvesc', reason='pip install -r requirements/test.txt')
 
 
 @given(payload=st.binary(min_size=1, max_size=400))

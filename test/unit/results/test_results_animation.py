@@ -2,7 +2,6 @@
 """An animation shows the run: so many frames, that long, the ball where it was."""
 from dataclasses import replace
 import math
-import shutil
 import subprocess
 
 import numpy as np
@@ -10,7 +9,8 @@ from PIL import Image
 import pytest
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.figures.animation import animate, check_animation, frame_samples
+from ballbot_ros.figures import animation
+from ballbot_ros.figures.animation import animate, check_animation, ffmpeg, frame_samples
 from ballbot_ros.figures.contact_forces import mean_forces
 from ballbot_ros.physics import load_scene
 
@@ -132,17 +132,17 @@ def test_an_end_on_the_way_leaves_no_file(run, tmp_path):
     def stop(done):
         raise KeyboardInterrupt
 
-    for kind in ('gif', 'mp4') if shutil.which('ffmpeg') else ('gif',):
+    for kind in ('gif', 'mp4') if ffmpeg() else ('gif',):
         with pytest.raises(KeyboardInterrupt):
             animate(run, tmp_path / f'run.{kind}', progress=stop)
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.skipif(shutil.which('ffmpeg') is None, reason='ffmpeg is not installed')
+@pytest.mark.skipif(ffmpeg() is None, reason='ffmpeg is not installed')
 def test_an_mp4_has_the_frames_of_the_run(run, tmp_path):
     animate(run, tmp_path / 'run.mp4')
     answer = subprocess.run(
-        ['ffmpeg', '-loglevel', 'error', '-i', tmp_path / 'run.mp4', '-f', 'rawvideo', '-pix_fmt',
+        [ffmpeg(), '-loglevel', 'error', '-i', tmp_path / 'run.mp4', '-f', 'rawvideo', '-pix_fmt',
          'gray', '-s', '8x8', '-'], capture_output=True, check=True)
     assert len(answer.stdout) // 64 == len(frame_samples(run['time'], 1.0))
 
@@ -158,6 +158,6 @@ def test_what_cannot_be_written_is_refused_with_the_remedy(name, duration, playb
 
 
 def test_without_ffmpeg_an_mp4_is_refused_with_the_remedy(monkeypatch, tmp_path):
-    monkeypatch.setenv('PATH', str(tmp_path))
+    monkeypatch.setattr(animation, 'ffmpeg', lambda: None)
     with pytest.raises(ConfigurationError, match='apt-get install ffmpeg'):
         check_animation('run.mp4', 1.0)
