@@ -76,7 +76,7 @@ def pytest_sessionfinish(session):
     patterns = [line.split('  #')[0].strip() for line in path.read_text().splitlines()
                 if line.strip() and not line.startswith('#')]
     session.config.unexpected_skips = unexpected_skips(patterns, (
-        (report.nodeid, report.longrepr[2] if isinstance(report.longrepr, (tuple, list)) else '')
+        (report.nodeid, str(report.longrepr[2]).removeprefix('Skipped: '))
         for report in reporter.stats.get('skipped', ())))
     if session.config.unexpected_skips and session.exitstatus == 0:
         session.exitstatus = 1

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The set-up says what is missing, all at once, and what to do about it."""
+"""The set-up names all missing tools and their remedy, and repeats no finished stage."""
 import ast
 import importlib
 from pathlib import Path
+import re
 import sys
+import threading
 
 import pytest
 
@@ -71,6 +73,69 @@ def test_a_machine_without_wheels_is_told_to_source_ros(host, monkeypatch):
     monkeypatch.setattr(host.platform, 'machine', lambda: 'aarch64')
     with pytest.raises(host.Problem, match='aarch64.*(\n.*)*source'):
         host.choose_python('')
+
+
+@pytest.fixture
+def stages(monkeypatch, tmp_path, host):
+    """Return scripts/stages.py as a module, with stamps and logs in an empty folder."""
+    module = importlib.import_module('stages')
+    monkeypatch.setattr(module, 'VENV', tmp_path)
+    monkeypatch.setattr(module, 'STAMPS', tmp_path / 'stamps')
+    return module
+
+
+def test_a_finished_stage_runs_again_only_after_a_change_of_its_inputs(stages):
+    ran = []
+    for key in ('a', 'a', 'b'):
+        stages.run_together(stages.Stage('name', '', key, lambda stage: ran.append(stage.key)))
+    assert ran == ['a', 'b']
+
+
+def test_a_failed_stage_shows_the_end_of_its_log_and_does_not_count_as_finished(stages, host):
+    def work(stage):
+        stage.command(sys.executable, '-c', 'print("no space left"); raise SystemExit(3)',
+                      hint='make space')
+    stage, other = (stages.Stage('name', '', 'a', work),
+                    stages.Stage('other', '', 'a', lambda stage: None))
+    with pytest.raises(host.Problem, match='no space left\nmake space'):
+        stages.run_together(stage, other)
+    assert not stage.done and other.done
+
+
+def test_stages_of_one_step_run_at_the_same_time(stages):
+    meeting = threading.Barrier(2, timeout=60.0)
+    stages.run_together(*(stages.Stage(name, '', 'a', lambda stage: meeting.wait())
+                          for name in ('left', 'right')))
+
+
+def test_the_settings_of_pip_are_read_and_its_environment_comes_first(host, monkeypatch):
+    bootstrap = importlib.import_module('bootstrap')
+    monkeypatch.setattr(bootstrap, 'PYTHON', sys.executable)
+    monkeypatch.setattr(bootstrap.subprocess, 'check_output', lambda command: (
+        b":env:.index-url='https://a/simple'\n"
+        b"global.extra-index-url='\\nhttps://b\\nhttps://c'\nglobal.index-url='https://d'\n"))
+    settings = bootstrap.pip_settings()
+    assert settings['index-url'] == 'https://a/simple'
+    assert settings['extra-index-url'].split() == ['https://b', 'https://c']
+
+
+def test_a_package_has_one_pin_in_all_groups_and_each_wanted_one_has_it():
+    pins = {}
+    for name in ('run.txt', 'test.txt', 'bench.txt', 'fuzz.txt'):
+        for line in lines(name):
+            package = re.match(r'[\w.-]+', line).group().lower()
+            assert '==' in line and package not in pins, f'{name}: {line}'
+            pins[package] = line
+    for name in ('run.in', 'build.in', 'ros.in', 'test.in'):
+        for line in lines(name):
+            package = re.match(r'[\w.-]+', line).group().lower()
+            assert {package, package.replace('_', '-')} & set(pins), f'{name}: {line}'
+
+
+def lines(name):
+    """Return the lines of a file of requirements/ that name a package."""
+    text = (SCRIPTS.parent / 'requirements' / name).read_text()
+    return [line for line in text.splitlines() if line[:1].isalnum()]
 
 
 def test_the_set_up_needs_nothing_outside_the_standard_library():

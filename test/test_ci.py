@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What runs for every change: the workflow, the hooks before a commit, and the changelog."""
+import os
 from pathlib import Path
 import re
 import shlex
@@ -62,6 +63,20 @@ def test_a_hook_calls_a_tool_that_is_there_and_refuses_what_lint_refuses(hook, t
     else:
         files = [word for word in shlex.split(hook['entry']) if word.endswith('.py')]
         assert files and all((ROOT / name).is_file() for name in files)
+
+
+def test_a_skip_for_a_reason_that_is_not_listed_fails_the_run(tmp_path):
+    (tmp_path / 'conftest.py').write_text((ROOT / 'test' / 'conftest.py').read_text())
+    (tmp_path / 'skips.txt').write_text('^no wheel of  # a registry lacks it\n')
+    test = tmp_path / 'test_some.py'
+    for reason, code in (('no wheel of launch_ros', 0), ('dask is not installed', 1)):
+        test.write_text(f'import pytest\n\n\ndef test_some():\n    pytest.skip("{reason}")\n')
+        done = subprocess.run(
+            [sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', '--rootdir', tmp_path,
+             '--allowed-skips', tmp_path / 'skips.txt', test], capture_output=True, text=True,
+            cwd=tmp_path, env={**os.environ, 'PYTHONPATH': str(ROOT)})
+        assert done.returncode == code, done.stdout + done.stderr
+        assert (f'test_some: {reason}' in done.stdout) is bool(code)
 
 
 def test_the_changelog_is_well_formed_and_has_a_place_for_what_comes():
