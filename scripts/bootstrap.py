@@ -309,13 +309,14 @@ def set_up(group):
             venv, make_venv(python, ros))],
         [Stage('packages', 'pinned ones that the nodes import', pins, install_run_packages(ros))],
         [Stage('messages', 'of this package, built with colcon', key(*(messages + links)),
-               build_messages(ros)),
-         # Of one node each: a process compiles on one processor.
-         Stage('kernels', 'of the decision, compiled for this processor', key(cache, *sources),
-               compile_kernels(['decision'])),
-         Stage('kernels_2', 'of simulator and controller, likewise', key(cache, *sources),
-               compile_kernels(['simulator', 'controller']))]]
-    if group != 'run':
+               build_messages(ros))]]
+    if group == 'run':  # The tests compile what they call; a process uses one processor
+        steps[2] += [
+            Stage('kernels', 'of the decision, compiled for this processor', key(cache, *sources),
+                  compile_kernels(['decision'])),
+            Stage('kernels_2', 'of simulator and controller, likewise', key(cache, *sources),
+                  compile_kernels(['simulator', 'controller']))]
+    else:
         tests = Stage('tests', 'packages that only the tests import',
                       digest(pins, LOCKS / 'test.txt', LOCKS / 'test.in'),
                       install_test_packages(ros))

@@ -152,7 +152,7 @@ def test_somebody_who_looks_on_sees_it_in_real_time_at_most_and_slower_where_tha
 
     def graph(folder, topics, timeline, metadata):
         raise Started(metadata)
-    monkeypatch.setattr(demo, 'prepare', lambda: None)
+    monkeypatch.setattr(demo, 'prepare', lambda nodes: None)
     monkeypatch.setattr(demo, 'recorded_graph', graph)
     monkeypatch.setattr(demo, 'bag_metadata', lambda name, simulator, *_: simulator)
     with pytest.raises(Started) as started:
