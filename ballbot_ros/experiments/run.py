@@ -113,7 +113,7 @@ def _prepare(plan: Experiment) -> None:
     """Compile before anything is waited for."""
     try:
         from ballbot_ros.demo.prepare import prepare
-        import ballbot_ros.experiments.lockstep_run  # noqa: F401
+        import ballbot_ros.experiments.lockstep  # noqa: F401
     except ImportError as error:
         raise ConfigurationError(
             f'an experiment needs ROS 2, and {error.name or error} cannot be imported; source '

@@ -279,9 +279,9 @@ def _write_mp4(pictures: Iterator[Picture], path: str) -> None:
     """Hand pictures to ffmpeg; a session of its own keeps Ctrl-C from it."""
     first = next(pictures)
     height, width, _ = first.shape
-    command = [ffmpeg(), '-loglevel', 'error', '-y', '-f', 'rawvideo', '-pix_fmt', 'rgb24', '-s',
-               f'{width}x{height}', '-r', f'{FRAME_RATE:g}', '-i', '-', '-an', '-pix_fmt',
-               'yuv420p', '-movflags', '+faststart', '-f', 'mp4', path]
+    command = [ffmpeg() or 'ffmpeg', '-loglevel', 'error', '-y', '-f', 'rawvideo',
+               '-pix_fmt', 'rgb24', '-s', f'{width}x{height}', '-r', f'{FRAME_RATE:g}', '-i', '-',
+               '-an', '-pix_fmt', 'yuv420p', '-movflags', '+faststart', '-f', 'mp4', path]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE,
                           start_new_session=True) as process:
         assert process.stdin is not None and process.stderr is not None
