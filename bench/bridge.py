@@ -34,7 +34,7 @@ from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.physics import load_scene
 from ballbot_ros.ros.conversions import command_message, set_point_message
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription
-from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.rclpy_compat import new_executor
 
 SETTLE, WINDOW = 2.0, 8.0  # wall time before and of the measurement [s]
 REPEATS = 3

@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import to_seconds
-from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.rclpy_compat import new_executor
 
 PATIENCE = 120.0  # wall time until the loop runs, and until a change is in force [s]
 WINDOW = 6.0  # wall time without a change [s]

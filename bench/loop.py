@@ -17,7 +17,7 @@ from ballbot_ros.bags.writer import stamp_of
 from ballbot_ros.demo.processes import environment, NodeProcesses, own_domain, parameter_arguments
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.endpoints import create_subscription
-from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.rclpy_compat import new_executor
 
 SETTLE = 2.0  # wall time before the measurement, for discovery and caches [s]
 WINDOW = 6.0  # wall time of the measurement [s]

@@ -14,6 +14,7 @@ from ballbot_ros.bags.message_stamps import stamp_of, stamp_reader, StampOf
 from ballbot_ros.bags.storage import bag_writer
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.ros.rclpy_compat import take_all
 from ballbot_ros.ros.topics import message_class, Qos, TOPICS
 
 
@@ -125,10 +126,8 @@ class BagRecorder:
         """
         with self._taking:
             for subscription, write in self._subscriptions:
-                handle, kind = subscription.handle, subscription.msg_type
-                with handle:
-                    while (taken := handle.take_message(kind, True)) is not None:
-                        write(taken[0])
+                for data in take_all(subscription):
+                    write(data)
 
     def record_in_thread(self) -> None:
         """

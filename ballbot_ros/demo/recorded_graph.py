@@ -19,7 +19,7 @@ from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.demo.timeline import Timeline
 from ballbot_ros.msg import BallState, StepDecision
 from ballbot_ros.ros import discovery
-from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.rclpy_compat import new_executor
 
 # So often what was recorded is looked at, and the nodes are [s].
 TAKE_AGAIN = 0.01

@@ -15,7 +15,7 @@ from ballbot_ros.demo.demo import ending_by_signal
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.ros import discovery
-from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.rclpy_compat import new_executor
 from ballbot_ros.srv import Step
 
 # Wall time after which a paused simulator is reset again, to publish its state [s].

@@ -15,12 +15,12 @@ from rclpy.publisher import Publisher
 from rclpy.qos import qos_check_compatible, QoSCompatibility, QoSProfile
 from rclpy.service import Service
 from rclpy.subscription import Subscription
-from rclpy.task import Future
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_srvs.srv import Trigger
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.ros import qos
+from ballbot_ros.ros.rclpy_compat import answer_later
 from ballbot_ros.ros.topics import message_class, TOPICS
 
 CLOCK = '/clock'
@@ -67,20 +67,6 @@ def create_service(node: Node, kind: Any, name: str,
     server = node.create_service(kind, name, callback)
     answer_later(server)
     return server
-
-
-def answer_later(server: Service) -> None:
-    """Let the callback of a service return a future of the response, to answer later."""
-    send = server.send_response
-
-    def send_response(response: Any, header: Any) -> None:
-        if isinstance(response, Future):
-            response.add_done_callback(lambda done: send(done.result(), header))
-        else:
-            send(response, header)
-
-    # A coroutine would do for one executor of rclpy, and not for the other.
-    server.send_response = send_response
 
 
 def create_trigger(node: Node, name: str, act: Callable[[], str]) -> Service:

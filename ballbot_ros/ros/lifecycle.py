@@ -13,6 +13,9 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
+from ballbot_ros.ros.rclpy_compat import (
+    available_transitions, change_state_service, state_label, transition_label)
+
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 # How often a start is tried that has not worked yet [s].
 START_AGAIN = 1.0
@@ -36,7 +39,8 @@ class ManagedNode(LifecycleNode):
         """Take the place of the service callback that may raise."""
         super().__init__(name, **kwargs)
         self.managed = False
-        serve: Serve = self._service_change_state.callback
+        service = change_state_service(self)
+        serve: Serve = service.callback
 
         def served(request: ChangeState.Request, response: ChangeState.Response
                    ) -> ChangeState.Response:
@@ -45,18 +49,17 @@ class ManagedNode(LifecycleNode):
             else:
                 response.success = False
                 self.get_logger().error(
-                    f'{request.transition.label or self._name_of(request.transition.id)} is not '
-                    f'possible: the node is {self.state_label}, from where it can go by '
-                    + (', '.join(label for _, label in self._ways) or 'nothing'))
+                    f'{request.transition.label or transition_label(self, request.transition.id)}'
+                    f' is not possible: the node is {self.state_label}, with the transitions '
+                    + (', '.join(label for _, label in available_transitions(self)) or 'none'))
             self.managed = self.managed or response.success
             return response
-        self._service_change_state.callback = served
+        service.callback = served
 
     @property
     def state_label(self) -> str:
         """Return the state that it is in, as rclpy calls it."""
-        label: str = self._state_machine.current_state[1]
-        return label
+        return state_label(self)
 
     def start(self) -> bool:
         """Configure and activate, as far as that is still to be done; return whether it is."""
@@ -64,22 +67,10 @@ class ManagedNode(LifecycleNode):
             return False
         return self.state_label == INACTIVE and self.trigger_activate() is SUCCESS
 
-    @property
-    def _ways(self) -> list[tuple[int, str]]:
-        """Return number and name of each transition that is possible now."""
-        return [(number, label) for number, label, *_ in self._state_machine.available_transitions]
-
     def _possible(self, wanted: Transition) -> bool:
         """Say whether a transition is possible now: by its name if it has one, else its number."""
         return any(wanted.label == label if wanted.label else wanted.id == number
-                   for number, label in self._ways)
-
-    def _name_of(self, number: int) -> str:
-        """Return what a transition of this node is called."""
-        for known, label, *_ in self._state_machine.transition_graph:
-            if known == number:
-                return str(label)
-        return f'transition {number}'
+                   for number, label in available_transitions(self))
 
 
 class Autostart:

@@ -8,7 +8,7 @@ from rclpy.timer import Timer
 from ballbot_ros.control import checked_rate, ControlTuning, SupervisedController, Supervision
 from ballbot_ros.control.aside import aside
 from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.ros.parameter_changes import Commit
+from ballbot_ros.ros.parameters.changes import Commit
 
 
 class LoopNumbers(NamedTuple):

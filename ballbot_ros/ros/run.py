@@ -9,8 +9,8 @@ import time
 from typing import Any, Callable, List, Optional, Sequence
 
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
+from rclpy.executors import Executor
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -19,8 +19,8 @@ from rclpy.utilities import remove_ros_args
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.jit import hear_of_first_calls
 from ballbot_ros.ros import discovery
-from ballbot_ros.ros.executor import new_executor, spin, Stop
 from ballbot_ros.ros.logs import forward_logs
+from ballbot_ros.ros.rclpy_compat import new_executor, RCLError
 
 # Longest delay of the reaction to a stop signal, or to the failure of a node [s].
 POLL_PERIOD = 0.1
@@ -31,6 +31,62 @@ END_TIMEOUT = 20.0
 CLOCK_TIMEOUT, CLOCK_WARNING_PERIOD = 3.0, 10.0
 
 REFUSED = 2  # exit code when the node does not accept its configuration
+
+
+class Stop:
+    """
+    Ends the work of an executor, from a signal handler or a callback; a future to the executor.
+
+    A future of rclpy has a lock, for which a signal handler might wait forever.
+
+    Attributes
+    ----------
+    given : bool
+
+    """
+
+    def __init__(self) -> None:
+        self.given = False
+        self._wake: Optional[Callable[[Any], None]] = None
+
+    def give(self) -> None:
+        """End the work, even before it has begun."""
+        self.given = True
+        if self._wake is not None:
+            self._wake(self)
+
+    def done(self) -> bool:
+        """Return whether it was given."""
+        return self.given
+
+    def cancelled(self) -> bool:
+        """Return False: it is given or not."""
+        return False
+
+    def add_done_callback(self, wake: Callable[[Any], None]) -> None:
+        """Register the callback of the one executor."""
+        self._wake = wake
+        if self.given:
+            wake(self)
+
+    def remove_done_callback(self, wake: Callable[[Any], None]) -> None:
+        """Forget the callback."""
+        self._wake = None
+
+
+def spin(executor: Executor, stop: Stop, longest: float) -> None:
+    """
+    Let an executor work until `stop` is given, or for a time.
+
+    Parameters
+    ----------
+    executor : Executor
+    stop : Stop
+    longest : float
+        [s]; longer while there is work.
+
+    """
+    executor.spin_until_future_complete(stop, timeout_sec=longest)  # type: ignore[arg-type]
 
 
 class _Stopped(BaseException):

@@ -21,7 +21,7 @@ from ballbot_ros.errors import ConfigurationError, RefusedError
 from ballbot_ros.ros import cmd_vel, discovery, qos
 from ballbot_ros.ros.conversions import PENDULUM
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription
-from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.rclpy_compat import new_executor
 from ballbot_ros.ros.topics import message_class, TOPICS
 from ballbot_ros.srv import Step
 

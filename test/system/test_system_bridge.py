@@ -24,7 +24,7 @@ from ballbot_ros.msg import MotorStatus
 from ballbot_ros.nodes.bridge.node import Bridge
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import command_message, to_time
-from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.rclpy_compat import new_executor
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

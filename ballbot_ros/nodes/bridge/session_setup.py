@@ -16,7 +16,7 @@ from ballbot_ros.nodes.bridge.black_box_topic import black_box
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros.endpoints import publisher_names
-from ballbot_ros.ros.parameter_changes import Commit
+from ballbot_ros.ros.parameters.changes import Commit
 
 
 def new_session(node: Node, settings: BridgeSettings) -> Session:

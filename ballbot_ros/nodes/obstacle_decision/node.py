@@ -18,8 +18,8 @@ from ballbot_ros.nodes.obstacle_decision.standstill import Standstill
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import exact, motion, observation, terrain_observation, to_seconds
 from ballbot_ros.ros.endpoints import create_subscription
-from ballbot_ros.ros.parameter_changes import Commit
-from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.parameters.changes import Commit
+from ballbot_ros.ros.parameters.declare import declare
 from ballbot_ros.ros.run import run
 
 # Where observations come more slowly, set-points are published with the odometry in between [s].

@@ -13,7 +13,7 @@ from rclpy.signals import SignalHandlerOptions
 from ballbot_ros.config.fields import suggestion
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.ros import discovery
-from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.rclpy_compat import new_executor
 
 # A graph that has not changed for so long is taken to be known [s], and one in which nobody else
 # has appeared after the longer time to be empty: who is there is known within half a second,

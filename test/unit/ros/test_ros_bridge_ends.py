@@ -8,7 +8,7 @@ from std_msgs.msg import Bool
 
 from ballbot_ros.nodes.bridge.node import Bridge
 from ballbot_ros.ros import qos
-from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.rclpy_compat import new_executor
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from ballbot_ros.plant import Plant
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import to_seconds, to_time
 from ballbot_ros.ros.endpoints import mismatches
-from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.rclpy_compat import new_executor
 
 TOPICS = (('joint_states', JointState), ('odom', Odometry), ('ball_state', BallState),
           ('step_observation', StepObservation))

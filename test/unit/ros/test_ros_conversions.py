@@ -18,7 +18,8 @@ from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics import load_robot, Model, State, Terrain
 from ballbot_ros.plant import TerrainSensor
-from ballbot_ros.ros import conversions, parameters
+from ballbot_ros.ros import conversions
+from ballbot_ros.ros.parameters.declare import describe
 
 GIMBALL = load_robot('gimball')
 
@@ -109,7 +110,7 @@ def test_every_decision_has_its_number_in_the_message(kind, reason):
                                  DecisionSettings])
 def test_every_parameter_is_described_and_every_number_has_its_range(cls):
     for name, item in cls.described().items():
-        descriptor = parameters.describe(item.metadata, why_fixed(item.metadata))
+        descriptor = describe(item.metadata, why_fixed(item.metadata))
         assert len(descriptor.description) > 10, name
         assert descriptor.read_only == ('Can change' not in descriptor.description), name
         if item.metadata['kind'] is not str and item.metadata['kind'] is not bool:

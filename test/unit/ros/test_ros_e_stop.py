@@ -12,7 +12,7 @@ from ballbot_ros.nodes.obstacle_decision.node import ObstacleDecision
 from ballbot_ros.nodes.simulator.node import Simulator
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.endpoints import mismatches
-from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.rclpy_compat import new_executor
 
 NODES = {
     Simulator: ({'control': 'onboard', 'start_paused': True},

@@ -7,7 +7,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.nodes.obstacle_decision.gain_watch import GainWatch
-from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.rclpy_compat import new_executor
 
 
 @pytest.fixture

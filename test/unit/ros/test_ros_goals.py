@@ -16,7 +16,7 @@ from ballbot_ros.nodes.controller.node import Controller
 from ballbot_ros.nodes.obstacle_decision.node import ObstacleDecision
 from ballbot_ros.nodes.simulator.node import Simulator
 from ballbot_ros.ros import qos
-from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.rclpy_compat import new_executor
 
 PATIENCE = 120.0  # for a machine that is busy; nothing waits this long on a quiet one [s]
 

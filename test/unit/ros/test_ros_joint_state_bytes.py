@@ -15,10 +15,10 @@ from ballbot_ros.control import JointReadings
 from ballbot_ros.ros import joint_state_bytes
 from ballbot_ros.ros.conversions import command_message, JOINTS, to_time
 from ballbot_ros.ros.endpoints import create_publisher
-from ballbot_ros.ros.executor import new_executor
 from ballbot_ros.ros.joint_state_bytes import (
     CommandBytes, JointStateBytes, JointStateReader, ReceivedJointState, same,
     subscribe_joint_states)
+from ballbot_ros.ros.rclpy_compat import new_executor
 
 numbers = strategies.floats(-1e100, 1e100)
 BYTES = JointStateBytes()

@@ -7,8 +7,8 @@ from lifecycle_msgs.srv import ChangeState
 import pytest
 from rclpy.node import Node
 
-from ballbot_ros.ros.executor import new_executor
 from ballbot_ros.ros.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
+from ballbot_ros.ros.rclpy_compat import new_executor
 
 # What a client may ask for, shutdown left out; and what no client ever should.
 TRANSITIONS = (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP,
@@ -58,9 +58,9 @@ def test_a_refusal_says_what_is_possible(machine, capfd):
     assert ask(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
     assert not ask(Transition.TRANSITION_CONFIGURE)
     told = capfd.readouterr().err
-    assert ('activate is not possible: the node is unconfigured, from where it can go by '
+    assert ('activate is not possible: the node is unconfigured, with the transitions '
             'configure, shutdown') in told
-    assert 'configure is not possible: the node is finalized, from where it can go by nothing' \
+    assert 'configure is not possible: the node is finalized, with the transitions none' \
         in told
 
 

@@ -8,7 +8,7 @@ from rclpy.node import Node
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.nodes.bridge.motor import Clocks, MotorOutputs
 from ballbot_ros.ros import qos
-from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.rclpy_compat import new_executor
 
 
 @pytest.mark.parametrize('unconfirmed', ['', 'the stop was not confirmed: the cable is out'])

@@ -13,7 +13,7 @@ from ballbot_ros.physics import load_scene
 from ballbot_ros.plant import Plant
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.endpoints import create_subscription
-from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.rclpy_compat import new_executor
 
 MADE = {'ball_state_message': BallState, 'odometry_message': Odometry}
 

@@ -8,7 +8,7 @@ from rclpy.node import Node
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.nodes.controller.settings import ControllerSettings
-from ballbot_ros.ros.parameters import declare
+from ballbot_ros.ros.parameters.declare import declare
 
 FILE = """
 /**:

@@ -13,9 +13,9 @@ from rclpy.parameter import Parameter
 from ballbot_ros.config.fields import count, fixed, flag, live, quantity, text
 from ballbot_ros.control import ControlTuning, load_tuning
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.ros.executor import new_executor
-from ballbot_ros.ros.parameters import declare
-from ballbot_ros.ros.setting_fields import file_in, numbers_in, Settings
+from ballbot_ros.ros.parameters.declare import declare
+from ballbot_ros.ros.parameters.fields import file_in, numbers_in, Settings
+from ballbot_ros.ros.rclpy_compat import new_executor
 
 # A number so small that ros2cli sends it as text.
 TINY = 1e-5
@@ -43,7 +43,7 @@ class Owner:
     def __init__(self, make_node, **overrides):
         self.node = make_node(Node, 'example', **overrides)
         self.threads = set()
-        self.settings = declare(self.node, Example, self.prepare)
+        self.settings = declare(self.node, Example, lambda wanted: self.prepare(wanted))
 
     def prepare(self, wanted):
         self.threads.add(threading.current_thread())
@@ -154,9 +154,9 @@ def test_a_number_given_at_the_start_stands_above_that_of_the_file(make_node):
 
 def messages(owner, names=None):
     """Return all parameters as `ros2 param load` sends them, from what `ros2 param dump` wrote."""
-    import yaml
     from rcl_interfaces.msg import Parameter as Message
     from rclpy.parameter import get_parameter_value
+    import yaml
     names = names or owner.node.list_parameters([], 0).names
     dump = yaml.dump({name: owner.node.get_parameter(name).value for name in names})
     return [Message(name=name, value=get_parameter_value(str(value)))
@@ -189,7 +189,7 @@ def test_by_service_a_change_is_checked_aside_and_made_between_two_callbacks(own
     def watched(wanted):
         commit = prepare(wanted)
         return lambda: (seen.append(threading.current_thread()), commit())
-    owner.node.set_parameters_atomically.__self__._prepare = watched
+    owner.prepare = watched
     result = ask(SetParametersAtomically, 'set_parameters_atomically', [
         Parameter('gain', value=4.0).to_parameter_msg(),
         Parameter('steps', value=4).to_parameter_msg()]).result
@@ -226,7 +226,7 @@ def test_a_dump_of_another_time_is_gone_back_to(owner, ask):
 def test_a_check_that_breaks_is_answered_all_the_same(owner, ask):
     def broken(wanted):
         raise ZeroDivisionError('by nought')
-    owner.node.set_parameters_atomically.__self__._prepare = broken
+    owner.prepare = broken
     result, = ask(SetParameters, 'set_parameters', [
         Parameter('gain', value=4.0).to_parameter_msg()]).results
     assert not result.successful and 'by nought' in result.reason

@@ -9,8 +9,8 @@ from rclpy.node import Node
 from ballbot_ros.config.fields import count, fixed, flag, live, quantity, text
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
-from ballbot_ros.ros.parameters import declare
-from ballbot_ros.ros.setting_fields import Settings
+from ballbot_ros.ros.parameters.declare import declare
+from ballbot_ros.ros.parameters.fields import Settings
 
 
 @dataclass(frozen=True)

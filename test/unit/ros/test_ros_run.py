@@ -6,16 +6,16 @@ import sys
 
 import pytest
 
-from ballbot_ros.ros.executor import Stop
+from ballbot_ros.ros.run import Stop
 
 NODE = """
 import sys
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from ballbot_ros.errors import DriveError
-from ballbot_ros.ros import executor, run
+from ballbot_ros.ros import rclpy_compat, run
 if sys.argv[1] == 'older':
-    executor.EventsExecutor = SingleThreadedExecutor
+    rclpy_compat.EventsExecutor = SingleThreadedExecutor
 
 class Failing(Node):
     failure = None
@@ -77,9 +77,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import Bool
 from ballbot_ros.errors import DriveError
-from ballbot_ros.ros import executor, run
+from ballbot_ros.ros import rclpy_compat, run
 if sys.argv[1] == 'older':
-    executor.EventsExecutor = SingleThreadedExecutor
+    rclpy_compat.EventsExecutor = SingleThreadedExecutor
 
 class Busy(Node):
     failure = None

@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import Mode
 from ballbot_ros.ros.conversions import set_point_message, to_time
-from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.rclpy_compat import new_executor
 from ballbot_ros.ros.set_points import SetPoints
 
 # What was asked for and is not followed.

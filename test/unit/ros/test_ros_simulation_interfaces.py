@@ -6,7 +6,7 @@ import pytest
 from rclpy.action import ActionClient
 
 from ballbot_ros.nodes.simulator.node import Simulator
-from ballbot_ros.ros.executor import new_executor
+from ballbot_ros.ros.rclpy_compat import new_executor
 
 srv = pytest.importorskip('simulation_interfaces.srv')
 msg = pytest.importorskip('simulation_interfaces.msg')

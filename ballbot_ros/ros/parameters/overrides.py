@@ -8,24 +8,18 @@ together: which section a name comes from is looked up in the files themselves.
 """
 from pathlib import Path
 import sys
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, Sequence, Set, Tuple
+from typing import Any, Iterable, Iterator, List, Mapping, Sequence, Set, Tuple
 
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 import yaml
 
 from ballbot_ros.config.fields import suggestion
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.ros.rclpy_compat import parameter_overrides
 
 # Parameters that rclpy itself declares.  Those named qos_overrides are not among them: no
 # publisher or subscriber here asks for them, so they would have no effect.
 BUILT_IN = ('use_sim_time', 'start_type_description_service')
-
-
-def overrides(node: Node) -> Dict[str, Parameter]:
-    """Return what was given by command line and files; rclpy has no public way to ask."""
-    found: Dict[str, Parameter] = node._parameter_overrides
-    return found
 
 
 def refuse_unknown_overrides(node: Node, known: Iterable[str]) -> None:
@@ -35,7 +29,7 @@ def refuse_unknown_overrides(node: Node, known: Iterable[str]) -> None:
     One that only a section for many nodes gives is left to those, with a warning.
     """
     names = sorted({*known, *BUILT_IN})
-    unknown = [name for name in overrides(node) if name not in names]
+    unknown = [name for name in parameter_overrides(node) if name not in names]
     if not unknown:
         return
     for_many, for_one = _given(sys.argv, node.get_fully_qualified_name())

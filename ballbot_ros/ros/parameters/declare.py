@@ -14,9 +14,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ballbot_ros.config.fields import allowed, check_value, READ_AT_START, why_fixed
-from ballbot_ros.ros.overrides import overrides, refuse_unknown_overrides
-from ballbot_ros.ros.parameter_changes import Changes, Prepare
-from ballbot_ros.ros.setting_fields import S
+from ballbot_ros.ros.parameters.changes import Changes, Prepare
+from ballbot_ros.ros.parameters.fields import S
+from ballbot_ros.ros.parameters.overrides import refuse_unknown_overrides
+from ballbot_ros.ros.rclpy_compat import parameter_overrides
 
 
 def describe(metadata: Mapping[str, Any], why: str) -> ParameterDescriptor:
@@ -50,9 +51,9 @@ def declare(node: Node, cls: Type[S], prepare: Optional[Prepare[S]] = None) -> S
     cls : type
         The settings, whose fields all have defaults.
     prepare : callable, optional
-        Takes settings that somebody wants while the node runs; raises `BallbotError` if they
-        cannot work, or returns what puts them in force.  See `parameter_changes.Changes`.
-        Without it none can change.
+        Takes settings that are wanted while the node runs; raises `BallbotError` if they cannot
+        work, or returns a function that puts them in force.  See `changes.Changes`.  Without it no
+        parameter can change.
 
     Returns
     -------
@@ -69,12 +70,12 @@ def declare(node: Node, cls: Type[S], prepare: Optional[Prepare[S]] = None) -> S
     described = cls.described()
     refuse_unknown_overrides(node, described)
     given = {}
-    for name, parameter in overrides(node).items():
+    for name, parameter in parameter_overrides(node).items():
         if name in described:
             # Checked before rclpy sees it: its own message would name neither value nor range.
             given[name] = check_value(name, parameter.value, described[name].metadata,
                                       f'node {node.get_name()}')
-            overrides(node)[name] = Parameter(name, value=given[name])
+            parameter_overrides(node)[name] = Parameter(name, value=given[name])
     settings = cls.of(given)
     for name, item in described.items():
         why = why_fixed(item.metadata) if prepare else READ_AT_START

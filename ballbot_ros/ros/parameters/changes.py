@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Parameters that change while a node runs: all values of a request, or none.
+
+Settings are immutable values.  A change makes other settings, has them checked as a whole by the
+node, and then hands them over, in rclpy's pre-set, on-set and post-set callbacks.  A check may
+take long (the stability of the laws takes a tenth of a second or more), so for a request by
+service it runs in a thread of its own, and the callbacks use its result between two periods.
+"""
+from contextlib import contextmanager
+import sys
+import threading
+from typing import Any, Callable, Dict, Generic, Iterator, List, NamedTuple, Optional, Sequence
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.task import Future
+import yaml
+
+from ballbot_ros.config.fields import check_value, READ_AT_START, suggestion, why_fixed
+from ballbot_ros.errors import BallbotError, ConfigurationError
+from ballbot_ros.ros.parameters.fields import Described, S
+from ballbot_ros.ros.rclpy_compat import answer_later, parameter_services
+
+# Puts settings in force, in the thread of the executor; must not fail.
+Commit = Callable[[], None]
+Prepare = Callable[[S], Commit]
+# Period at which a request that waits for the executor checks that there still is one [s].
+EXECUTOR_CHECK_PERIOD = 0.2
+# Longest time that a check keeps other threads from running [s].
+SWITCH_INTERVAL = 5e-4
+
+
+class Change(NamedTuple):
+    """The effect of a request."""
+
+    refusal: str = ''  # why it has none
+    parameters: Sequence[Parameter] = ()  # that change, also those of a file that is named
+    settings: Any = None
+    commit: Commit = lambda: None
+    text: str = ''  # what changes, for the log
+
+
+class Changes(Generic[S]):
+    """
+    Serves requests to set parameters.
+
+    The pre-set callback computes the change: it converts numbers, adds the parameters that a named
+    file gives, and leaves out those that keep their value, so that the dump of a node can be
+    loaded although it holds read-only parameters.  The on-set callback refuses, the post-set
+    callback commits.
+
+    Parameters
+    ----------
+    node : Node
+    settings : Settings
+        In force.
+    prepare : callable, optional
+        See `declare.declare`.  It may be called from any thread, one at a time.
+
+    """
+
+    def __init__(self, node: Node, settings: S, prepare: Optional[Prepare[S]]):
+        self._node, self._settings = node, settings
+        self._prepare = prepare
+        self._described: Dict[str, Described] = settings.described()
+        self._change = Change()
+        self._ahead: Optional[Change] = None  # computed for the request that comes next
+        self._busy = threading.Lock()
+        node.add_pre_set_parameters_callback(self._pre_set)
+        node.add_on_set_parameters_callback(self._on_set)
+        node.add_post_set_parameters_callback(self._post_set)
+        for service, atomically in parameter_services(node):
+            self._serve_in_thread(service, atomically)
+
+    # Callbacks of rclpy
+
+    def _pre_set(self, parameters: List[Parameter]) -> List[Parameter]:
+        self._change, self._ahead = self._ahead or self._computed(parameters), None
+        # rclpy takes no empty list; a value that stays keeps the request alive up to _on_set.
+        return list(self._change.parameters) or [self._node.get_parameter(self._live_name)]
+
+    def _on_set(self, parameters: List[Parameter]) -> SetParametersResult:
+        return SetParametersResult(
+            successful=not self._change.refusal, reason=self._change.refusal)
+
+    def _post_set(self, parameters: List[Parameter]) -> None:
+        change, self._change = self._change, Change()
+        if change.text:
+            self._settings = change.settings
+            change.commit()
+            self._node.get_logger().info(f'changed: {change.text}')
+
+    @property
+    def _live_name(self) -> str:
+        """Return the name of a parameter that is not read-only, and no other node watches."""
+        for name, item in self._described.items():
+            if not item.part and item.metadata['kind'] is not str and not self._why_fixed(item):
+                return name
+        return 'use_sim_time'
+
+    # Requests by service
+
+    def _serve_in_thread(self, service: Any, atomically: bool) -> None:
+        answer_later(service)
+
+        def serve(request: Any, response: Any) -> Future:
+            parameters = [Parameter.from_parameter_msg(one) for one in request.parameters]
+            answer = Future()
+            threading.Thread(
+                target=self._serve, args=(parameters, atomically, response, answer), daemon=True,
+                name='change of parameters').start()
+            return answer
+        service.callback = serve
+
+    def _serve(self, parameters: List[Parameter], atomically: bool, response: Any,
+               answer: Future) -> None:
+        """Compute the change, let rclpy make it in the executor, and answer."""
+        with self._busy, _yielding():
+            batches = [parameters] if atomically else [[one] for one in parameters]
+            results = [self._set(batch) for batch in batches]
+        if atomically:
+            response.result = results[0]
+        else:
+            response.results = results
+        self._in_executor(lambda: answer.set_result(response))
+
+    def _set(self, parameters: List[Parameter]) -> SetParametersResult:
+        if not parameters:
+            return SetParametersResult(successful=True)
+        change = self._computed(parameters)
+
+        def act() -> SetParametersResult:
+            self._ahead = change
+            return self._node.set_parameters_atomically(parameters)
+        return self._in_executor(act)
+
+    def _in_executor(self, act: Callable[[], Any]) -> Any:
+        """Return the result of `act` between two callbacks of the node."""
+        done, results = threading.Event(), []
+
+        def run() -> None:
+            results.append(act())
+            done.set()
+        executor = self._node.executor
+        if executor is not None:
+            executor.create_task(run)
+            while not done.wait(EXECUTOR_CHECK_PERIOD) and self._node.context.ok():
+                pass
+        return results[0] if results else SetParametersResult(
+            successful=False, reason='the node ends')
+
+    # The effect of a request
+
+    def _computed(self, parameters: Sequence[Parameter]) -> Change:
+        try:
+            return self._compute(parameters)
+        except BallbotError as error:
+            return Change(str(error))
+        except Exception as error:  # noqa: BLE001 whatever it is, a request is answered
+            return Change(f'it cannot be checked: {error!r}')
+
+    def _compute(self, parameters: Sequence[Parameter]) -> Change:
+        """Return the change; raise `BallbotError` if a part of it is refused."""
+        where = f'node {self._node.get_name()}'
+        values: Dict[str, Any] = {}
+        foreign = []
+        for one in parameters:
+            item = self._described.get(one.name)
+            if item is not None:
+                self._add_value(values, one, item, where)
+            elif not self._node.has_parameter(one.name):
+                raise ConfigurationError(
+                    f'{one.name!r} is not a parameter of {where}'
+                    + suggestion(one.name, self._described), 'unknown_name', one.name)
+            elif self._node.get_parameter(one.name).value != one.value:
+                foreign.append(one)
+        wanted = self._settings.changed(values) if values else self._settings
+        changed = {name: item.value(wanted) for name, item in self._described.items()
+                   if item.value(wanted) != item.value(self._settings)}
+        for name in changed:
+            self._refuse_fixed(name, changed[name], where)
+        text = ', '.join(f'{name} {self._described[name].value(self._settings)!r} -> {value!r}'
+                         for name, value in changed.items())
+        commit = self._prepare(wanted) if changed and self._prepare else (lambda: None)
+        own = [Parameter(name, value=value) for name, value in changed.items()]
+        return Change('', [*foreign, *own], wanted, commit, text)
+
+    def _add_value(self, values: Dict[str, Any], one: Parameter, item: Described, where: str
+                   ) -> None:
+        """Add the value of a parameter, unless it is the one in force."""
+        if not same(item.value(self._settings), one.value):
+            self._refuse_fixed(one.name, one.value, where)
+            values[one.name] = check_value(
+                one.name, _number(one.value, item.metadata['kind']), item.metadata, where)
+
+    def _refuse_fixed(self, name: str, value: Any, where: str) -> None:
+        why = self._why_fixed(self._described[name])
+        if why:
+            text = str(value).lower() if isinstance(value, bool) else value
+            raise ConfigurationError(
+                f'{where}: {name} cannot change while the node runs: {why}; start it again with '
+                f'-p {name}:={text}', 'fixed', name)
+
+    def _why_fixed(self, item: Described) -> str:
+        return why_fixed(item.metadata) if self._prepare else READ_AT_START
+
+
+@contextmanager
+def _yielding() -> Iterator[None]:
+    """Let no other thread wait long for this one, which computes."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(min(before, SWITCH_INTERVAL))
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)
+
+
+def same(now: Any, wanted: Any) -> bool:
+    """
+    Return whether a value is the one in force, as ros2cli writes and reads it.
+
+    It sends the text ``0.5`` of a file as the number 0.5, and the number 1e-05 as text.
+    """
+    if isinstance(now, str) and not isinstance(wanted, str):
+        try:
+            return bool(yaml.safe_load(now) == wanted)
+        except yaml.YAMLError:
+            return False
+    return bool(_number(wanted, type(now)) == now) and (
+        isinstance(now, bool) == isinstance(wanted, bool))
+
+
+def _number(value: Any, kind: type) -> Any:
+    """Return the number of a text where a number is wanted: YAML 1.1 reads 1e-5 as text."""
+    if kind in (float, int) and isinstance(value, str):
+        try:
+            return float(value)
+        except ValueError:
+            return value
+    return value
