@@ -11,7 +11,7 @@ import time
 import numpy as np
 from random_scenes import DURATION, random_scene
 
-from ballbot_ros.physics.simulation.accuracy import simulate_accurately
+from ballbot_ros.physics.simulation.run import simulate
 
 LEVELS = (1e-3, 1e-4, 1e-5, 1e-6)
 SCENES = 1000
@@ -23,13 +23,13 @@ def measure():
     chaotic = 0
     for seed in range(SCENES):
         model, start, actuation = random_scene(seed)
-        exact = simulate_accurately(model, start, actuation, DURATION, 1e-9)
+        exact = simulate(model, start, actuation, DURATION, accuracy=1e-9)
         if exact.assurance.horizon < 0.5 * DURATION:
             chaotic += 1
             continue
         for level in LEVELS:
             begin = time.perf_counter()
-            found = simulate_accurately(model, start, actuation, DURATION, level)
+            found = simulate(model, start, actuation, DURATION, accuracy=level)
             spent[level].append(1e3 * (time.perf_counter() - begin))
             until = min(found.assurance.horizon, exact.assurance.horizon) + 1e-9
             held = found['time'] <= until

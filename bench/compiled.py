@@ -22,7 +22,7 @@ import peers
 from precision import LEVELS
 from precision_scenes import cases
 
-from ballbot_ros.physics.simulation.accuracy import simulate_accurately
+from ballbot_ros.physics.simulation.run import simulate
 
 TOLERANCES = tuple(10.0**(-power / 3.0) for power in range(39, 5, -1))
 FIRST_LOOKS, FIRST_LOOK = 40, 0.05  # at each tolerance, to choose one; at all of them [s]
@@ -105,7 +105,8 @@ def least_times(runs, hopeless=HOPELESS):
 
 def measured(case, rates):
     """Yield error, and least time [s], tolerance and right-hand sides of each solver by name."""
-    exact = simulate_accurately(case.model, case.start, case.actuation, case.duration, 1e-9)
+    exact = simulate(case.model, case.start, case.actuation, case.duration,
+                     accuracy=1e-9)
     end, found = (exact['x'][-1], exact['y'][-1]), solvers(case, rates)
     keeping = {name: kept(run, end) for name, run in found.items()}
     for level in LEVELS:

@@ -33,7 +33,7 @@ class Ours:
         model, method = case.model, METHODS['adaptive']
         actuator = case.actuation.actuator(model.robot, 0.0, case.start.joint_angle)
         self.kernel, self.duration = method.advance, case.duration
-        self.options = Options(1e-9, model.solver.step, method.steps, 2**62, flight)
+        self.options = Options(1e-9, model.solver_in_use.step, method.steps, 2**62, flight)
         if 'ledger' in Options._fields:
             self.options = self.options._replace(ledger=ledger)
         self.workspace = Workspace.of(len(model.profile))

@@ -55,7 +55,7 @@ def right_hand_side(actuation):
 def one_second():
     """Return the time of one simulated second with RK4 at 1e-4 s, several times over [s]."""
     model, start = crossing()
-    integrator = Integrator(model.parameters, model.profile, model.solver)
+    integrator = Integrator(model.parameters, model.profile, model.solver_in_use)
     actuator = Actuation().actuator(model.robot)
     output = Output(np.empty((1000, 2 + SIZE)), 0.0, 1e-3)
 

@@ -20,7 +20,7 @@ from precision_scenes import shipped
 from ballbot_ros.config.files import shipped_files
 from ballbot_ros.jit import compiled as compile_kernel
 from ballbot_ros.physics.mechanics import contact
-from ballbot_ros.physics.simulation.steps import simulate
+from ballbot_ros.physics.simulation.run import simulate
 from ballbot_ros.physics.solvers.flight import has_closed_form
 from ballbot_ros.physics.solvers.values import Options
 
@@ -48,7 +48,7 @@ def search_often(repeats, places, radius, ground, contacts):
 def search_time(case):
     """Return what one search for contacts takes on the way of a run [s]."""
     run = simulate(replace(case.model, solver=replace(
-        case.model.solver, method='adaptive', tolerance=1e-9)), case.start, case.actuation,
+        case.model.solver_in_use, method='adaptive', tolerance=1e-9)), case.start, case.actuation,
         case.duration, case.duration / LOOKS)
     places = np.column_stack([run['x'], run['y']])
     arguments = (places, case.model.robot.ball_radius, case.model.profile,

@@ -2,7 +2,7 @@
 """
 Weigh error against time: our solvers, those of SciPy and SUNDIALS, and MuJoCo.
 
-The error is that of the end position against a run by `simulate_accurately` at 1e-9 m, for
+The error is that of the end position against a run to an accuracy of 1e-9 m, for
 MuJoCo against MuJoCo at its finest step.  Timed is one whole run, warm: of ours
 one call into the compiled kernel, of the others one call of their own function.  Runs are
 interleaved and repeated; a ratio is one of times within the same repetition.  With ``--write`` all
@@ -23,9 +23,8 @@ from ballbot_ros.paper import mujoco_check
 from ballbot_ros.paper.cases import Case
 from ballbot_ros.physics import Actuation
 from ballbot_ros.physics.model.state import X, Y
-from ballbot_ros.physics.simulation.accuracy import simulate_accurately
 from ballbot_ros.physics.simulation.integrator import Integrator
-from ballbot_ros.physics.simulation.steps import simulate
+from ballbot_ros.physics.simulation.run import simulate
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.physics.solvers.values import EVALUATIONS, FINISHED, Status
 
@@ -39,7 +38,7 @@ TOLERANCES = tuple(10.0**-power for power in range(3, 14))
 
 def integrator_of(model):
     """Return what advances a model."""
-    return Integrator(model.parameters, model.profile, model.solver)
+    return Integrator(model.parameters, model.profile, model.solver_in_use)
 
 
 def fixed(case, method):
@@ -116,7 +115,8 @@ def mujoco(case, method):
 
 def curves_of(case):
     """Return the work-precision curve of every solver on a scene, and the reference."""
-    exact = simulate_accurately(case.model, case.start, case.actuation, case.duration, 1e-9)
+    exact = simulate(case.model, case.start, case.actuation, case.duration,
+                     accuracy=1e-9)
     end, curves, todo = (exact['x'][-1], exact['y'][-1]), {}, []
     for name, run, settings in solvers(case):
         aim, curve = getattr(run, 'exact', end), []

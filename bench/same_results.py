@@ -23,7 +23,6 @@ from ballbot_ros.crossing import cruising, held_at, max_step_height, rolling, Ru
 from ballbot_ros.errors import SimulationError
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Model, simulate, Solver, Terrain)
-from ballbot_ros.physics.simulation.accuracy import simulate_accurately
 from ballbot_ros.physics.solvers.registry import METHODS
 
 RANDOM_SCENES = 40
@@ -78,12 +77,12 @@ def scenes():
         heard = []
         model = replace(scene.model, solver=Solver('adaptive'))
         yield f'{name}, with progress', outcome(lambda: simulate(
-            model, scene.start, scene.actuation, scene.run.duration, 1e-3, heard.append))
+            model, scene.start, scene.actuation, scene.run.duration, 1e-3, progress=heard.append))
         yield f'{name}, progress', [value.hex() for value in heard]
         for models in ('auto', 'full'):
             model = replace(scene.model, solver=Solver(models=models))
-            yield f'{name}, to 1e-4 m, {models}', outcome(lambda: simulate_accurately(
-                model, scene.start, scene.actuation, scene.run.duration, 1e-4))
+            yield f'{name}, to 1e-4 m, {models}', outcome(lambda: simulate(
+                model, scene.start, scene.actuation, scene.run.duration, accuracy=1e-4))
 
 
 def random_scenes():

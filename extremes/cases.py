@@ -222,7 +222,7 @@ def control_period(draw):
     case = meeting(draw, robot, terrain=Terrain.flat(), judged='loop', rate=rate, tuning=tuning)
     law = str(draw.choice(['position', 'velocity']))
     model = replace(case.model, solver=replace(
-        case.model.solver, step=min(0.1, 1.0 / rate), work_budget=BUDGET // 10))
+        case.model.solver_in_use, step=min(0.1, 1.0 / rate), work_budget=BUDGET // 10))
     return replace(case, model=model, duration=min(0.5, 300.0 / rate) + 1.0 / rate,
                    actuation=Actuation(law, set_angle=float(draw.uniform(-2, 2)),
                                        set_rate=float(draw.uniform(-6, 6))))

@@ -9,8 +9,7 @@ from unittest import mock
 
 from ballbot_ros.config.files import config_folder
 from ballbot_ros.physics import load_scene, simulate, Solver
-from ballbot_ros.physics.simulation import accuracy
-from ballbot_ros.physics.simulation.simulate import simulate_once
+from ballbot_ros.physics.simulation import run
 
 LEVELS = (1e-4, 1e-6)
 REPEATS = 15
@@ -19,14 +18,14 @@ REPEATS = 15
 def to_accuracy(scene, level):
     """Return the evaluations of a run to an accuracy, without the second looks and with."""
     def work():
-        return accuracy.simulate_accurately(
-            scene.model, scene.start, scene.actuation, scene.run.duration, level,
-            scene.run.output_step).effort.evaluations
+        return simulate(
+            scene.model, scene.start, scene.actuation, scene.run.duration, scene.run.output_step,
+            accuracy=level).effort.evaluations
     after = work()
     with contextlib.ExitStack() as without:
         for where, what, instead in (
-                (accuracy, 'SAFETY', 1.0), (accuracy, 'RUNAWAY', math.inf),
-                (accuracy._Runs, 'confirmed', lambda _, fine, assured: assured)):
+                (run, 'SAFETY', 1.0), (run, 'RUNAWAY', math.inf),
+                (run._Runs, 'confirmed', lambda _, fine, assured: assured)):
             without.enter_context(mock.patch.object(where, what, instead))
         return work(), after
 
@@ -34,7 +33,7 @@ def to_accuracy(scene, level):
 def with_steps(scene, method):
     """Return the time of a run with steps of 0.1 ms, without the check and with it [s]."""
     model = replace(scene.model, solver=Solver(method, 1e-4))
-    least = {simulate_once: float('inf'), simulate: float('inf')}
+    least = {run.run_once: float('inf'), simulate: float('inf')}
     for _ in range(REPEATS):
         for way in least:
             begin = time.process_time()

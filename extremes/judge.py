@@ -19,8 +19,7 @@ from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import simulate, State
 from ballbot_ros.physics.mechanics.laws import position_torque, velocity_torque
 from ballbot_ros.physics.model.parameters import Actuator, TORQUE
-from ballbot_ros.physics.simulation.accuracy import FINEST_TOLERANCE, simulate_accurately
-from ballbot_ros.physics.simulation.simulate import simulate_once
+from ballbot_ros.physics.simulation.run import FINEST_TOLERANCE, run_once
 
 GOOD, CHAOTIC, REFUSED, WRONG = 'good', 'chaotic', 'refused', 'WRONG'
 ACCURACY = 1e-4        # asked for, of the radius
@@ -89,8 +88,8 @@ def apart(one, other, until):
 def accurate(case):
     """Judge a run that was asked for an accuracy."""
     accuracy, output_step = accuracy_of(case), case.output_step or 0.02 * case.duration
-    run = simulate_accurately(case.model, case.start, case.actuation, case.duration, accuracy,
-                              output_step)
+    run = simulate(case.model, case.start, case.actuation, case.duration, output_step,
+                   accuracy=accuracy)
     fault, ledger = unsound(run)
     if fault:
         return WRONG, fault, ledger
@@ -99,8 +98,8 @@ def accurate(case):
     if said.tolerance <= FINEST_TOLERANCE:
         return verdict, f'horizon {said.horizon:.3g} s', ledger
     strict = replace(case.model, solver=replace(
-        case.model.solver, tolerance=max(FINEST_TOLERANCE, STRICTER * said.tolerance),
-        work_budget=10 * case.model.solver.work_budget))
+        case.model.solver_in_use, tolerance=max(FINEST_TOLERANCE, STRICTER * said.tolerance),
+        work_budget=10 * case.model.solver_in_use.work_budget))
     try:
         check = simulate(strict, case.start, case.actuation, case.duration, output_step)
     except SimulationError as error:
@@ -118,15 +117,15 @@ def fixed(case):
     if fault:
         return WRONG, fault, ledger
     model = replace(case.model, solver=replace(
-        case.model.solver, method='adaptive', work_budget=5 * BUDGET))
+        case.model.solver_in_use, method='adaptive', work_budget=5 * BUDGET))
     try:
-        exact = simulate_accurately(model, case.start, case.actuation, case.duration,
-                                    accuracy_of(case), case.output_step)
+        exact = simulate(model, case.start, case.actuation, case.duration, case.output_step,
+                         accuracy=accuracy_of(case))
         horizon = exact.assurance.horizon
     except SimulationError:  # too stiff for it: then much shorter steps have to confirm
-        finer = replace(case.model.solver, step=0.1 * case.model.solver.step,
-                        work_budget=10 * case.model.solver.work_budget)
-        exact = simulate_once(replace(case.model, solver=finer), case.start, case.actuation,
+        finer = replace(case.model.solver_in_use, step=0.1 * case.model.solver_in_use.step,
+                        work_budget=10 * case.model.solver_in_use.work_budget)
+        exact = run_once(replace(case.model, solver=finer), case.start, case.actuation,
                               case.duration, case.output_step)
         horizon = case.duration
     length = float(np.sum(np.hypot(np.diff(exact['x']), np.diff(exact['y']))))
@@ -140,7 +139,7 @@ def fixed(case):
 def sampled(case, tolerance):
     """Return the states at the control periods of a loop."""
     robot, tuning, law = case.model.robot, case.tuning, case.actuation.law
-    model = replace(case.model, solver=replace(case.model.solver, tolerance=tolerance))
+    model = replace(case.model, solver=replace(case.model.solver_in_use, tolerance=tolerance))
     gravity = robot.largest_gravity_torque
     state, states = case.start, [case.start]
     for _ in range(int(case.duration * case.rate)):

@@ -15,7 +15,6 @@ from ballbot_ros.figures.canvas import drawing, INK, save
 from ballbot_ros.physics import Actuation, Model, simulate, Solver, State, Terrain
 from ballbot_ros.physics.mechanics.laws import position_torque
 from ballbot_ros.physics.model.parameters import Actuator, TORQUE
-from ballbot_ros.physics.simulation.accuracy import simulate_accurately
 
 ACCURATE, STABLE, REFUSED = range(3)
 COLOURS = ('#5BB5A2', '#F2D98B', '#C9685B')  # told apart in grey, too: middle, light, dark
@@ -58,7 +57,7 @@ def step_map(values, steps, robot_of, start_of):
     for column, value in enumerate(values):
         model = Model(robot_of(value), Terrain.flat(), solver=Solver('adaptive'))
         start = start_of(model)
-        exact = simulate_accurately(model, start, Actuation(), DURATION, 1e-6, 1e-4)
+        exact = simulate(model, start, Actuation(), DURATION, 1e-4, accuracy=1e-6)
         for method in METHODS:
             for row, step in enumerate(steps):
                 fixed = replace(model, solver=Solver(method, float(step)))

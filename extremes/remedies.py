@@ -34,7 +34,7 @@ class Remedy:
 def solver_with(case, **changes):
     """Return a case with another solver."""
     return replace(case, model=replace(
-        case.model, solver=replace(case.model.solver, **changes)))
+        case.model, solver=replace(case.model.solver_in_use, **changes)))
 
 
 def robot_with(case, **changes):
@@ -45,7 +45,7 @@ def robot_with(case, **changes):
 
 def with_budget(case, factor, _):
     return solver_with(case, work_budget=min(10**15, round(
-        case.model.solver.work_budget * factor)))
+        case.model.solver_in_use.work_budget * factor)))
 
 
 def with_method(case, factor, _):
@@ -54,7 +54,7 @@ def with_method(case, factor, _):
 
 
 def with_step(case, factor, _):
-    solver = case.model.solver
+    solver = case.model.solver_in_use
     return solver_with(case, step=solver.step / (2.0 * factor),
                        work_budget=round(2 * factor) * solver.work_budget)
 
@@ -80,7 +80,7 @@ def with_gains(case, factor, _):
 
 
 def with_tolerance(case, factor, _):
-    return solver_with(case, tolerance=min(1e-3, case.model.solver.tolerance * factor))
+    return solver_with(case, tolerance=min(1e-3, case.model.solver_in_use.tolerance * factor))
 
 
 def with_slowness(case, factor, _):

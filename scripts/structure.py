@@ -40,6 +40,12 @@ def task():
 }
 
 
+# Imports inside a method of what lies above: shortcuts of `Trajectory` for Python users.
+LATE = {('ballbot_ros.physics.simulation.trajectory', name) for name in (
+    'ballbot_ros.results.summary.summarise', 'ballbot_ros.results.files.write_trajectory',
+    'ballbot_ros.figures.canvas', 'ballbot_ros.figures.panels')}
+
+
 def modules(root=ROOT):
     """Return {dotted name: path} of each module of the package in a checkout."""
     found = {}
@@ -61,6 +67,11 @@ def imports(module, text, is_package=False):
                 above = parts[:len(parts) - node.level + is_package]
                 base = '.'.join([*above, *filter(None, [base])])
             yield from ((node.lineno, f'{base}.{alias.name}') for alias in node.names)
+        elif isinstance(node, ast.Call) and node.args:
+            # import_module('a.b'): an import that hides from the rules above.
+            name = getattr(node.func, 'attr', getattr(node.func, 'id', ''))
+            if name == 'import_module' and isinstance(node.args[0], ast.Constant):
+                yield node.lineno, str(node.args[0].value)
 
 
 def edges(root=ROOT):
@@ -69,7 +80,8 @@ def edges(root=ROOT):
     graph = {}
     for module, path in found.items():
         names = (name for _, name in imports(module, path.read_text(encoding='utf-8'),
-                                             path.name == '__init__.py'))
+                                             path.name == '__init__.py')
+                 if (module, name) not in LATE)
         # A name out of a module counts as an import of the module.
         ours = {name if name in found else name.rpartition('.')[0] for name in names}
         graph[module] = sorted((ours & set(found)) - {module, NAME})

@@ -36,16 +36,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--output-step', type=float, metavar='SECONDS',
                         help='time between samples that are kept, instead of that of the scene')
     parser.add_argument('--step', type=float, metavar='SECONDS',
-                        help='integration step, instead of that of the scene')
+                        help='integration step of fixed-step methods (rk4 if none is named), in '
+                        'place of an accuracy')
     parser.add_argument('--method', metavar='NAME',
-                        help='integrator, instead of that of the scene: adaptive, '
-                        'explicit, implicit, trapezoidal, rk4 or semi_implicit; or paper, for the '
-                        'one of the paper')
+                        help='integrator, in place of an accuracy: adaptive, explicit, implicit, '
+                        'trapezoidal, or rk4 and semi_implicit with fixed steps; or paper, for '
+                        'that of the paper')
     parser.add_argument('--tolerance', type=float, metavar='METRES',
                         help='local error per step of a method that chooses its steps, instead of '
                         'that of the scene')
     parser.add_argument('--accuracy', type=float, metavar='METRES',
-                        help='largest error of position; the solver is then chosen for you')
+                        help='largest error of position, which chooses the solver (default: '
+                        '1e-5, where the scene names no solver)')
     parser.add_argument('--models', choices=('auto', 'full'),
                         help='auto lets a method that chooses its steps compute flights in closed '
                         'form, full does not (default: what the scene says)')
@@ -214,7 +216,7 @@ def read_scene(arguments: argparse.Namespace) -> Any:
 
     from ballbot_ros.config.fields import check_value, suggestion
     from ballbot_ros.physics.simulation.scene import load_scene
-    from ballbot_ros.physics.simulation.solver import PRESETS
+    from ballbot_ros.physics.simulation.solver import ACCURACY, PRESETS, Solver
     from ballbot_ros.physics.solvers.registry import METHODS
     scene = load_scene(arguments.scene)
 
@@ -230,13 +232,16 @@ def read_scene(arguments: argparse.Namespace) -> Any:
             f'--method must be one of {", ".join(known)}, got {arguments.method!r}'
             + suggestion(arguments.method, known, listing=False))
     names = ('step', 'tolerance', 'models')
+    asked = any(getattr(arguments, name) is not None for name in ('method', 'step', 'tolerance'))
+    solver, run = scene.model.solver, change(scene.run, 'duration', 'accuracy', 'output_step')
     if arguments.method in PRESETS:
         solver = change(PRESETS[arguments.method], *names)
-    else:
-        solver = change(scene.model.solver, 'method', *names)
-    model = replace(scene.model, solver=solver)
-    scene = replace(scene, model=model, run=change(
-        scene.run, 'duration', 'accuracy', 'output_step'))
+    elif asked or solver is not None:
+        solver = change(scene.model.solver_in_use, 'method', *names)
+    elif arguments.models is not None:
+        solver, run = change(Solver('adaptive'), 'models'), replace(
+            run, accuracy=run.accuracy or ACCURACY)
+    scene = replace(scene, model=replace(scene.model, solver=solver), run=run)
     refuse_idle(arguments, scene)
     return scene
 
@@ -258,6 +263,8 @@ def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
                 raise ConfigurationError(
                     f'--{name} changes nothing where an accuracy is asked for '
                     f'({scene.run.accuracy:g} m), which chooses the solver; leave one of them out')
+        return
+    if scene.model.solver is None:
         return
     method = scene.model.solver.method
     for name, use in (('step', 'step'), ('tolerance', 'tolerance'), ('models', 'flies')):

@@ -29,8 +29,8 @@ from ballbot_ros.physics.model.state import (
     BALL_ANGLE, BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y)
 from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.physics.simulation.model import Model
+from ballbot_ros.physics.simulation.run import simulate
 from ballbot_ros.physics.simulation.solver import Solver
-from ballbot_ros.physics.simulation.steps import simulate
 from ballbot_ros.studies.comparators import highest_passed
 
 try:

@@ -22,7 +22,7 @@ from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.physics.simulation.model import Model
-from ballbot_ros.physics.simulation.simulate import simulate_once
+from ballbot_ros.physics.simulation.run import run_once
 from ballbot_ros.physics.simulation.solver import Solver
 
 STEP = 2e-4  # of the integration [s]
@@ -232,7 +232,7 @@ def run_to_the_end(model: Model, start: State, actuation: Actuation, touch: floa
     pieces: list[Array] = []
     state = start
     while state.time < LIMIT:
-        run = simulate_once(model, state, actuation, PIECE, OUTPUT)
+        run = run_once(model, state, actuation, PIECE, OUTPUT)
         rows = run.rows
         pieces.append(rows if not pieces else rows[1:])
         over = is_over(rows[:, x], rows[:, y], 0.0, height, model.robot.ball_radius)

@@ -43,9 +43,9 @@ from ballbot_ros.physics.model.robot import load_robot, Robot
 from ballbot_ros.physics.model.state import Energies, State, Touch
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.physics.simulation.model import Model
+from ballbot_ros.physics.simulation.run import simulate
 from ballbot_ros.physics.simulation.scene import load_scene, Scene
 from ballbot_ros.physics.simulation.solver import Solver
-from ballbot_ros.physics.simulation.steps import simulate
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 
 __all__ = [

@@ -9,10 +9,9 @@ from ballbot_ros.physics.mechanics.laws import available_torque, limited
 from ballbot_ros.physics.model.parameters import Actuator, TORQUE
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.model.terrain import Terrain
-from ballbot_ros.physics.simulation.accuracy import solvers_for
 from ballbot_ros.physics.simulation.model import Model
+from ballbot_ros.physics.simulation.run import solvers_for, steps_in
 from ballbot_ros.physics.simulation.scene import Scene
-from ballbot_ros.physics.simulation.simulate import steps_in
 from ballbot_ros.plant.error_monitor import ErrorMonitor
 
 
@@ -57,12 +56,12 @@ class Plant:
         self.model: Model = scene.model
         self._monitor: Optional[ErrorMonitor] = None
         if accuracy is not None:
-            coarse, fine = solvers_for(accuracy, scene.model.solver.step)
+            coarse, fine = solvers_for(accuracy, scene.model.solver_in_use.step)
             self.model = replace(scene.model, solver=fine)
             self._monitor = ErrorMonitor(
                 replace(scene.model, solver=coarse), scene.start, accuracy)
         self.period = 1.0 / control_rate
-        self._steps = steps_in(self.period, scene.model.solver.step,
+        self._steps = steps_in(self.period, scene.model.solver_in_use.step,
                                f'a control period (control_rate {control_rate:g} Hz)')
         self._line = scene.model.robot.motor_line
         self.limit_torque(torque_limit)

@@ -25,7 +25,7 @@ def digest(value: Any) -> str:
 def scene_digests(scene: Scene) -> Mapping[str, str]:
     """Return digests of the robot, and of all else that decides how a plant of a scene moves."""
     model = scene.model
-    return {'robot': digest(model.robot),
+    return {'robot': model.robot.digest,
             'scene': digest((model.terrain, model.options, scene.initial))}
 
 

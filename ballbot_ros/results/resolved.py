@@ -22,7 +22,7 @@ def resolved(run: Trajectory) -> Iterator[Trajectory]:
     step is integrated again, from its own samples; without a scene its samples are all there is.
     """
     gap = run.scene.run.output_step if run.scene is not None else 0.0
-    solver = run.model.solver
+    solver = run.model.solver_in_use
     parts = round(gap / solver.step) if METHODS[solver.method].fixed else math.ceil(
         gap / EVENT_STEP - 1e-9)
     if gap <= EVENT_STEP * (1.0 + 1e-9) or len(run) < 2 or not np.isfinite(run.rows).all():

@@ -28,9 +28,8 @@ def find_warnings(trajectory: Trajectory, expected: int, residual: Optional[floa
     contact with full sliding.
     """
     model, assured = trajectory.model, trajectory.assurance
-    robot, solver = model.robot, model.solver
+    robot, solver = model.robot, model.solver_in_use
     if trajectory.scene is not None:
-        solver = trajectory.scene.model.solver
         yield from questions(trajectory.scene)
     finer = (f'a smaller step than {solver.step:g} s' if METHODS[solver.method].fixed
              else f'a smaller tolerance than {solver.tolerance:g} m')

@@ -257,7 +257,7 @@ class _Search:
 
 def solver_of(scene: Scene) -> Optional[Solver]:
     """Return what a run of a scene is made with; None where an accuracy chooses it."""
-    return scene.model.solver if scene.run.accuracy is None else None
+    return scene.model.solver_in_use if scene.run.accuracy is None else None
 
 
 def _roughness(values: Array, gap: Array) -> float:

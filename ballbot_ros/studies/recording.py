@@ -126,7 +126,7 @@ def replay(scene: Scene, recording: Recording, use_torque: bool, solver: Solver 
     """
     model = Model(scene.model.robot, scene.model.terrain, scene.model.options, solver)
     if use_torque:
-        rows = _driven(model, scene, recording)
+        rows = _driven(model, scene, recording, solver)
     else:
         rows = simulate(model, scene.initial.state(model), scene.actuation,
                         recording.duration + 2.0 * grid, grid).rows
@@ -139,13 +139,13 @@ def replay(scene: Scene, recording: Recording, use_torque: bool, solver: Solver 
             for name, (times, _) in recording.channels.items()}
 
 
-def _driven(model: Model, scene: Scene, recording: Recording) -> Array:
+def _driven(model: Model, scene: Scene, recording: Recording, solver: Solver) -> Array:
     """Return rows of a run under the recorded torque, one per sample of it."""
     if recording.torque is None:
         raise ConfigurationError('recording: there is no torque to replay')
     state = scene.initial.state(model)
     vector, status = np.array(state[1:]), Status(FINISHED, state.time)
-    integrator = Integrator(model.parameters, model.profile, model.solver)
+    integrator = Integrator(model.parameters, model.profile, solver)
     times, torques = recording.torque
     rows = [[*state, 0.0]]
     for moment, torque in zip(times.tolist(), torques.tolist()):
@@ -155,6 +155,6 @@ def _driven(model: Model, scene: Scene, recording: Recording) -> Array:
             # The torque jumps: the step goes on, the rates do not.
             Actuator(TORQUE, torque), vector, status._replace(begun=False), moment)
         if status.outcome != FINISHED:
-            raise failure(status.outcome, status.time, vector, model.solver)
+            raise failure(status.outcome, status.time, vector, solver)
         rows.append([moment, *vector.tolist(), torque])
     return np.array(rows)

@@ -3,7 +3,7 @@
 from typing import Mapping, NamedTuple, Tuple
 
 from ballbot_ros.config.files import shipped_files
-from ballbot_ros.physics.simulation.accuracy import LARGEST
+from ballbot_ros.physics.simulation.solver import LARGEST
 from ballbot_ros.view.ground import step_ahead
 from ballbot_ros.view.laws import bounds_of, laws_of, UNITS
 from ballbot_ros.view.scene_run import SceneRun

@@ -11,8 +11,8 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.parameters import Actuator
 from ballbot_ros.physics.model.robot import load_robot, Robot
 from ballbot_ros.physics.model.state import State
-from ballbot_ros.physics.simulation.accuracy import solvers_for
 from ballbot_ros.physics.simulation.model import Model
+from ballbot_ros.physics.simulation.run import solvers_for
 from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.plant.error_monitor import ErrorMonitor
 from ballbot_ros.view.frame import ContactForce, EnergyShares, Frame
@@ -55,8 +55,8 @@ class SceneRun:
         """Start at the start of the scene."""
         self.scene, self.accuracy, self.e_stop = scene, scene.run.accuracy, False
         self.law = MotorLaw.of_scene(scene.model.robot, scene.actuation)
-        self._steps = max(1, round(PERIOD / scene.model.solver.step))
-        self.period = self._steps * scene.model.solver.step
+        self._steps = max(1, round(PERIOD / scene.model.solver_in_use.step))
+        self.period = self._steps * scene.model.solver_in_use.step
         self.state, self._periods = scene.start, 0
         self._take(scene.model, None)
 
@@ -180,9 +180,9 @@ class SceneRun:
         if begin is None:
             begin = self.scene.initial.state(model)
         if self.accuracy is None:
-            solver = self.scene.model.solver
+            solver = self.scene.model.solver_in_use
         else:
-            coarse, solver = solvers_for(self.accuracy, self.scene.model.solver.step)
+            coarse, solver = solvers_for(self.accuracy, self.scene.model.solver_in_use.step)
             monitor = ErrorMonitor(replace(model, solver=coarse), begin, self.accuracy)
         self._model, self._monitor, self.state = replace(model, solver=solver), monitor, begin
         if state is None:

@@ -12,7 +12,7 @@ import numpy as np
 from ballbot_ros.crossing import Rules, Site
 from ballbot_ros.crossing.attempt import place, RETREAT
 from ballbot_ros.physics import Actuation, ContactOptions, Model, Solver, State
-from ballbot_ros.physics.simulation.simulate import simulate_once
+from ballbot_ros.physics.simulation.run import run_once
 
 # A run that has not ended by then is made again, longer, up to the time limit [s].
 PATIENCE = (0.5, 1.5)
@@ -27,7 +27,7 @@ def crosses(robot, speed, height, actuation=Actuation(), pendulum_angle=0.0,
     limit = int(rules.time_limit / solver.step) * solver.step
     for duration in (*PATIENCE, limit):
         # Near the highest step next to nothing decides: `simulate` would refuse these steps.
-        run = simulate_once(
+        run = run_once(
             model, State(0.0, *vector), actuation, min(duration, limit), solver.step)
         goal, behind = rules.beyond * robot.ball_radius, math.tan(site.slope_behind)
         over = (run['x'] > goal) & (run['y'] > height + goal * behind + 0.5 * robot.ball_radius)

@@ -2,6 +2,7 @@
 """A model advances the state of the ball as a pure function."""
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Optional
 
 import numpy as np
 
@@ -30,24 +31,33 @@ class Model:
     A robot on a terrain: the full model, eqs. (3)-(10) and (13).
 
     Immutable; `advance` maps a state to a later one.
+
+    Without a solver a run is made to an accuracy, see `simulate`, and `advance` takes the fixed
+    steps of ``Solver()``: the same cost in every control period.
     """
 
     robot: Robot
     terrain: Terrain
     options: ContactOptions = ContactOptions()
-    solver: Solver = Solver()
+    solver: Optional[Solver] = None
 
     def __post_init__(self) -> None:
         """Take the name or the file of a robot for the robot, too."""
         object.__setattr__(self, 'robot', load_robot(self.robot))
 
-    def __reduce__(self) -> tuple[type['Model'], tuple[Robot, Terrain, ContactOptions, Solver]]:
+    def __reduce__(self) -> tuple[
+            type['Model'], tuple[Robot, Terrain, ContactOptions, Optional[Solver]]]:
         """Copy and unpickle without the work arrays of the solver."""
         return type(self), (self.robot, self.terrain, self.options, self.solver)
 
     def __repr__(self) -> str:
         """Return robot and solver, not all numbers of the ground."""
         return f'Model({self.robot!r}, {self.solver!r})'
+
+    @property
+    def solver_in_use(self) -> Solver:
+        """Return the solver, or that of `advance` where none is given."""
+        return Solver() if self.solver is None else self.solver
 
     @cached_property
     def parameters(self) -> Parameters:
@@ -146,20 +156,21 @@ class Model:
             is used up, or (fixed steps) the energy ledger does not close.
 
         """
-        vector, fixed = np.array(state[1:]), METHODS[self.solver.method].fixed
+        solver = self.solver_in_use
+        vector, fixed = np.array(state[1:]), METHODS[solver.method].fixed
         if fixed:
-            check_work(self.solver, steps)
+            check_work(solver, steps)
             ledger = Ledger(self.parameters, self.profile, vector)
         status = self._integrator.advance(
             actuator, vector, Status(FINISHED, state.time),
-            state.time + steps * self.solver.step)
+            state.time + steps * solver.step)
         if status.outcome != FINISHED:
-            raise failure(status.outcome, status.time, vector, self.solver)
+            raise failure(status.outcome, status.time, vector, solver)
         if fixed:
             # Other methods look after their error themselves.
             missing, _ = ledger.missing(vector[None])
             if missing > LEDGER_BOUND:
-                raise out_of_balance(status.time, missing, self.solver)
+                raise out_of_balance(status.time, missing, solver)
         return State(status.time, *vector.tolist())
 
     # Arrays of the kernels: overwritten at each call, never read across calls.
@@ -169,7 +180,7 @@ class Model:
 
     @cached_property
     def _integrator(self) -> Integrator:
-        return Integrator(self.parameters, self.profile, self.solver)
+        return Integrator(self.parameters, self.profile, self.solver_in_use)
 
     def torque(self, state: State, actuator: Actuator) -> float:
         """Return the torque of the pendulum motor [N m]."""

@@ -15,10 +15,9 @@ from ballbot_ros.physics.model.robot import load_robot, Robot
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.physics.model.terrain_file import read_terrain
-from ballbot_ros.physics.simulation.accuracy import LARGEST, simulate_accurately, SMALLEST
 from ballbot_ros.physics.simulation.model import Model
-from ballbot_ros.physics.simulation.solver import PRESETS, Solver
-from ballbot_ros.physics.simulation.steps import simulate
+from ballbot_ros.physics.simulation.run import simulate
+from ballbot_ros.physics.simulation.solver import ACCURACY, LARGEST, PRESETS, SMALLEST, Solver
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 
 
@@ -56,8 +55,8 @@ class Run(Checked):
     duration: float = quantity('s', 'simulated time', above=0.0, maximum=86400.0)
     output_step: float = quantity('s', 'time between samples', default=1e-3, above=0.0)
     accuracy: Optional[float] = quantity(
-        'm', 'largest error of position; chooses the solver', minimum=SMALLEST, maximum=LARGEST,
-        optional=True)
+        'm', f'largest error of position; {ACCURACY:g} if neither this nor a solver is given',
+        minimum=SMALLEST, maximum=LARGEST, optional=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +70,8 @@ class SceneFile(Run):
     initial: Any = section('how it starts', default=None)
     actuation: Any = section('what the motor does', default=None)
     solver: Any = section(
-        'the integrator; or a name: paper, for that of the paper', default=None)
+        'the integrator, in place of an accuracy; or a name: paper, for that of the paper',
+        default=None)
     contact: Any = section('choices in the contact law', default=None)
 
 
@@ -111,8 +111,7 @@ class Scene:
         Parameters
         ----------
         duration, accuracy, output_step : float, optional
-            In place of those of the scene; see `Run`.  With an accuracy see
-            `accuracy.simulate_accurately`, else `simulation.simulate`.
+            In place of those of the scene; see `Run` and `run.simulate`.
         progress : callable, optional
             Called with the simulated time since the start [s].
 
@@ -129,13 +128,8 @@ class Scene:
             name: value for name, value in given.items() if value is not None})
         scene = replace(self, run=run)
         try:
-            if run.accuracy is not None:
-                trajectory = simulate_accurately(
-                    self.model, self.start, self.actuation, run.duration, run.accuracy,
-                    run.output_step, progress)
-            else:
-                trajectory = simulate(self.model, self.start, self.actuation, run.duration,
-                                      run.output_step, progress)
+            trajectory = simulate(self.model, self.start, self.actuation, run.duration,
+                                  run.output_step, accuracy=run.accuracy, progress=progress)
         except SimulationError as error:
             if error.trajectory is not None:
                 error.trajectory = replace(error.trajectory, scene=scene)
@@ -228,9 +222,11 @@ def read_scene(content: Mapping[str, Any], where: str, name: str) -> Scene:
     return Scene(name, model, initial, actuation, Run.from_mapping(timing, where))
 
 
-def _read_solver(content: Mapping[str, Any], where: str) -> Solver:
-    """Return the solver of a scene: one with a name, or described."""
-    section = content.get('solver', {})
+def _read_solver(content: Mapping[str, Any], where: str) -> Optional[Solver]:
+    """Return the solver of a scene: one with a name, or described; None if it asks for none."""
+    if 'solver' not in content:
+        return None
+    section = content['solver']
     if not isinstance(section, str):
         return Solver.from_mapping(section, where)
     if section not in PRESETS:

@@ -6,6 +6,8 @@ from ballbot_ros.config.fields import Checked, count, quantity, text
 from ballbot_ros.physics.solvers.registry import METHODS
 
 MODELS = ('auto', 'full')
+# Largest error of position [m]: the default, and what can be asked for.
+ACCURACY, SMALLEST, LARGEST = 1e-5, 1e-9, 0.1
 
 
 @dataclass(frozen=True, repr=False)

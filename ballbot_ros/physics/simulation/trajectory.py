@@ -143,7 +143,8 @@ class Trajectory:
 
         It does not depend on the output step.
         """
-        return import_module('ballbot_ros.results.summary').summarise(self)
+        from ballbot_ros.results.summary import summarise
+        return summarise(self)
 
     def to_pandas(self) -> Any:
         """
@@ -200,8 +201,8 @@ class Trajectory:
             If the ending is another, or the file cannot be written.
 
         """
-        # What is above physics is found when asked for: it knows the files, physics does not.
-        import_module('ballbot_ros.results.files').write_trajectory(self, path)
+        from ballbot_ros.results.files import write_trajectory
+        write_trajectory(self, path)
 
     def plot(self, path: Union[str, Path, None] = None) -> Any:
         """
@@ -213,11 +214,12 @@ class Trajectory:
             If the file cannot be written.
 
         """
+        from ballbot_ros.figures import canvas, panels
         robot = self.model.robot.name
         title = f'{self.scene.name}, robot {robot}' if self.scene is not None else robot
-        figure = import_module('ballbot_ros.figures.panels').time_series(self, title)
+        figure = panels.time_series(self, title)
         if path is not None:
-            import_module('ballbot_ros.figures.canvas').save(figure, path)
+            canvas.save(figure, path)
         return figure
 
     def __len__(self) -> int:

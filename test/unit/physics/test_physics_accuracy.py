@@ -9,8 +9,8 @@ import pytest
 
 from ballbot_ros.config.files import config_folder
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics import Actuation, load_robot, load_scene, Model, Solver, State, Terrain
-from ballbot_ros.physics.simulation.accuracy import simulate_accurately
+from ballbot_ros.physics import (
+    Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
 
 # The generator of random scenes that bench/accuracy.py measures the promise with.
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'bench'))
@@ -21,8 +21,8 @@ def test_random_scenes_keep_the_accuracy_that_was_asked_for(accuracy):
     from random_scenes import DURATION, random_scene
     for seed in range(60):
         model, start, actuation = random_scene(seed)
-        exact = simulate_accurately(model, start, actuation, DURATION, 1e-9)
-        found = simulate_accurately(model, start, actuation, DURATION, accuracy)
+        exact = simulate(model, start, actuation, DURATION, accuracy=1e-9)
+        found = simulate(model, start, actuation, DURATION, accuracy=accuracy)
         held = found['time'] <= min(found.assurance.horizon, exact.assurance.horizon) + 1e-9
         gap = np.hypot(found['x'] - exact['x'], found['y'] - exact['y'])[held]
         assert np.max(gap) <= accuracy, f'seed {seed}'
@@ -67,8 +67,8 @@ def test_chaotic_motion_is_said_to_be_so_with_a_horizon_that_holds():
     robot = replace(load_robot('shellball'), contact_damping=0.0, rolling_friction=0.0,
                     surface_friction=0.0, edge_friction=0.0)
     model, start = Model(robot, Terrain(saw)), State(x=0.003, y=0.2)
-    fine = simulate_accurately(model, start, Actuation(), 8.0, 1e-6)
-    coarse = simulate_accurately(model, start, Actuation(), 8.0, 1e-3)
+    fine = simulate(model, start, Actuation(), 8.0, accuracy=1e-6)
+    coarse = simulate(model, start, Actuation(), 8.0, accuracy=1e-3)
     assert not fine.assurance.complete and 1.0 < fine.assurance.horizon < 8.0
     assert fine.assurance.horizon <= coarse.assurance.horizon < 8.0
     held = coarse['time'] <= fine.assurance.horizon
@@ -79,4 +79,22 @@ def test_chaotic_motion_is_said_to_be_so_with_a_horizon_that_holds():
 def test_an_accuracy_that_cannot_be_had_is_refused_with_the_range(accuracy):
     scene = load_scene('fig7_top')
     with pytest.raises(ConfigurationError, match='accuracy must be at least 1e-09'):
-        simulate_accurately(scene.model, scene.start, scene.actuation, 0.1, accuracy)
+        simulate(scene.model, scene.start, scene.actuation, 0.1, accuracy=accuracy)
+
+
+@pytest.mark.parametrize('run', [0, 1])
+def test_an_interruption_ends_a_run_to_an_accuracy_with_what_there_is(run):
+    scene, ended = load_scene('household'), []
+
+    def stop(elapsed):
+        ended.extend([elapsed] if elapsed >= scene.run.duration else [])
+        if len(ended) == run and elapsed >= 1.0:
+            raise KeyboardInterrupt
+    found = scene.simulate(progress=stop)
+    assert 1.0 <= found['time'][-1] < scene.run.duration
+    assert (found.assurance is None) == (run == 0)
+
+
+def test_an_accuracy_is_the_default_and_a_solver_goes_without():
+    assert load_scene('flat').simulate(0.1).assurance.accuracy == 1e-5
+    assert load_scene('flat', solver=Solver('rk4')).simulate(0.1).assurance is None

@@ -40,7 +40,7 @@ def test_period_of_the_pendulum_about_a_fixed_pivot(amplitude_deg):
                     contact_damping=1e10, joint_friction=0.0, rolling_friction=0.0)
     model = Model(heavy, Terrain.flat())
     amplitude = math.radians(amplitude_deg)
-    run = simulate(model, model.at_rest(0.0, 0.0, -amplitude), FREE, 8.0)
+    run = simulate(model, model.at_rest(0.0, 0.0, -amplitude), FREE, 8.0, accuracy=1e-7)
     moment = heavy.pendulum_mass * heavy.pendulum_length
     inertia = heavy.pendulum_inertia + moment * heavy.pendulum_length
     period = 4.0 * math.sqrt(inertia / (moment * heavy.gravity)) * ellipk(
@@ -162,7 +162,7 @@ def test_weight_presses_the_ball_in_by_mg_over_k(robot):
     start = model.at_rest(0.3)
     assert start.y == pytest.approx(robot.ball_radius - depth, abs=1e-15)
     # From above it falls and settles there.
-    run = simulate(model, start._replace(y=start.y + 0.01), FREE, 4.0)
+    run = simulate(model, start._replace(y=start.y + 0.01), FREE, 4.0, accuracy=1e-8)
     assert run['penetration'][-1] == pytest.approx(depth, rel=1e-6)
     assert run['contact_force_y'][-1] == pytest.approx(robot.weight, rel=1e-6)
 

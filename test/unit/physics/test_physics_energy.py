@@ -10,7 +10,7 @@ import pytest
 from ballbot_ros.config.files import config_folder
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Model, simulate, Solver, Terrain)
-from ballbot_ros.physics.simulation.steps import TooLongSteps
+from ballbot_ros.physics.simulation.run import TooLongSteps
 
 ROBOTS = {name: load_robot(name) for name in ('gimball', 'shellball')}
 LOSSES = ('contact_loss', 'friction_loss', 'rolling_loss', 'joint_loss')

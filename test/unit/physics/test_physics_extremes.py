@@ -13,10 +13,9 @@ from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics import (
     Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
 from ballbot_ros.physics.mechanics.equations import X
-from ballbot_ros.physics.simulation.accuracy import simulate_accurately
 from ballbot_ros.physics.simulation.failures import out_of_balance
 from ballbot_ros.physics.simulation.integrator import Integrator
-from ballbot_ros.physics.simulation.simulate import simulate_once
+from ballbot_ros.physics.simulation.run import run_once
 from ballbot_ros.physics.solvers.values import FINISHED, Status
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'extremes'))
@@ -239,10 +238,10 @@ def methods_asked(monkeypatch, told):
 
     def watched(model, *rest):
         methods.append(model.solver.method)
-        return told(simulate(model, *rest), methods)
-    monkeypatch.setattr('ballbot_ros.physics.simulation.accuracy.simulate_once', watched)
-    found = simulate_accurately(
-        scene.model, scene.start, scene.actuation, 0.5, 1e-4, 0.01)
+        return told(run_once(model, *rest), methods)
+    monkeypatch.setattr('ballbot_ros.physics.simulation.run.run_once', watched)
+    found = simulate(
+        scene.model, scene.start, scene.actuation, 0.5, 0.01, accuracy=1e-4)
     assert found.assurance.complete and found.assurance.runs == len(methods)
     return methods
 
@@ -287,16 +286,16 @@ def test_what_explicit_steps_shake_out_of_balance_is_simulated_with_implicit_one
 
     def watched(model, *rest):
         tried.append(model.solver.method)
-        run = simulate_once(model, *rest)
+        run = run_once(model, *rest)
         if tried[-1] != 'implicit':
             error = out_of_balance(0.1, 0.2, model.solver)
             error.trajectory = run
             raise error
         return run
-    monkeypatch.setattr('ballbot_ros.physics.simulation.steps.simulate_once', watched)
+    monkeypatch.setattr('ballbot_ros.physics.simulation.run.run_once', watched)
     run = simulate(case.model, case.start, case.actuation, case.duration, 0.04)
     assert tried == ['adaptive', 'implicit'] and run.model is case.model
-    alone = simulate_once(replace(case.model, solver=replace(
+    alone = run_once(replace(case.model, solver=replace(
         case.model.solver, method='implicit')), case.start, case.actuation, case.duration, 0.04)
     assert (run.rows == alone.rows).all() and run.effort.steps > alone.effort.steps
     explicit = replace(case.model, solver=replace(case.model.solver, method='explicit'))

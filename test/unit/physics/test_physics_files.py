@@ -233,7 +233,7 @@ def test_malformed_terrain_sections_are_refused(section, words):
 
 
 def test_output_step_that_is_no_multiple_names_two_that_are(tmp_path):
-    path = write(tmp_path, SCENE + 'output_step: 2.5e-4\n')
+    path = write(tmp_path, SCENE + 'output_step: 2.5e-4\nsolver: {method: rk4}\n')
     with pytest.raises(ConfigurationError, match='0.0002 s and 0.0003 s are'):
         load_scene(path).simulate()
 

@@ -9,11 +9,11 @@ import pytest
 from ballbot_ros.errors import BallbotError, ConfigurationError, SimulationError
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
-from ballbot_ros.physics.simulation.simulate import CHUNK
+from ballbot_ros.physics.simulation.run import CHUNK
 from ballbot_ros.physics.simulation.trajectory import UNITS
 
 GIMBALL = load_robot('gimball')
-MODEL = Model(GIMBALL, Terrain.step(0.03, at=1.0))
+MODEL = Model(GIMBALL, Terrain.step(0.03, at=1.0), solver=Solver())
 START = MODEL.at_rest(0.7, 0.8, 0.3)
 LAW = Actuation('velocity', set_rate=3.0, velocity_ki=2.0)
 DRIVE = LAW.actuator(GIMBALL)
@@ -132,7 +132,7 @@ def test_at_rest_with_the_printed_lever_has_no_slip_of_the_printed_kind():
 def failure_of(model, start, actuation=Actuation(), duration=1.0, output_step=None):
     """Return the error of a run that must fail, checked for its parts."""
     with pytest.raises(SimulationError) as caught:
-        simulate(model, start, actuation, duration, output_step or model.solver.step)
+        simulate(model, start, actuation, duration, output_step or model.solver_in_use.step)
     error = caught.value
     assert isinstance(error, BallbotError)
     assert f't = {error.time:.6g} s' in str(error)
@@ -172,7 +172,8 @@ def test_gains_too_stiff_for_the_step_are_named_as_a_remedy():
 
 
 def test_numbers_that_overflow_are_named():
-    error = failure_of(Model(GIMBALL, Terrain.flat()), State(y=9.0, pendulum_rate=1e200))
+    model = Model(GIMBALL, Terrain.flat(), solver=Solver())
+    error = failure_of(model, State(y=9.0, pendulum_rate=1e200))
     assert 'stopped being finite' in error.quantity
     assert 'velocity_x' in error.quantity and 'ball_rate' not in error.quantity
     assert '0.0001 s' in error.remedy and 'gains' in error.remedy

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from ballbot_ros.physics import Actuation, load_robot, load_scene, Model, simulate, Solver, Terrain
-from ballbot_ros.physics.simulation.accuracy import simulate_accurately
 
 MOVING = ('fig7_top', 'fig7_middle', 'fig7_bottom', 'household', 'ramp_release',
           'shellball_drop', 'voltage_start')
@@ -63,5 +62,5 @@ def test_a_law_without_closed_form_flies_in_the_full_model():
 def test_an_accurate_run_passes_the_choice_on(models, flies):
     scene = load_scene('shellball_drop')
     model = replace(scene.model, solver=Solver(models=models))
-    found = simulate_accurately(model, scene.start, scene.actuation, 3.0, 1e-4)
+    found = simulate(model, scene.start, scene.actuation, 3.0, accuracy=1e-4)
     assert found.assurance.complete and (found.effort.flights > 0) == flies

@@ -1,0 +1,419 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Run a model from a state for a while: `simulate`, to an accuracy unless a solver is asked for.
+
+**To an accuracy**: a run is repeated with ever smaller tolerances of the adaptive method until two
+successive runs agree to within the accuracy at all times that are kept.  Their difference is the
+error of the *coarser* of the two; the finer one is returned, so that the estimate errs on the safe
+side.  That holds where both saw the same motion.  Two runs that met another number of kinks of the
+contact law did not, and may agree by chance; then a third, by another method, has to agree, too.
+And no run is coarser than what friction and contact need to be resolved at all.  Motion with many
+bounces is chaotic: errors grow until no tolerance helps.  The `Assurance` of such a run states the
+time up to which the accuracy holds.
+
+**With fixed steps**, for those who need a constant cost or the recipe of the paper: they can be
+stable, in balance, and yet too long to be right, as where a ball bounces a little too early.  So
+such a run is compared with the adaptive method, which takes a small part of its time; where that
+one cannot go on, with steps of half the length.
+"""
+from dataclasses import replace
+import math
+from typing import Callable, Optional
+
+import numpy as np
+
+from ballbot_ros.errors import ConfigurationError, SimulationError
+from ballbot_ros.physics.model.actuation import Actuation
+from ballbot_ros.physics.model.state import SIZE, State, X, Y
+from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.simulation.failures import (
+    check_start, check_work, failure, Ledger, LEDGER_BOUND, out_of_balance, OutOfBalance)
+from ballbot_ros.physics.simulation.integrator import Integrator
+from ballbot_ros.physics.simulation.model import Model
+from ballbot_ros.physics.simulation.solver import ACCURACY, LARGEST, SMALLEST, Solver
+from ballbot_ros.physics.simulation.trajectory import Assurance, Effort, Trajectory
+from ballbot_ros.physics.solvers.controller import MEMORY
+from ballbot_ros.physics.solvers.registry import METHODS
+from ballbot_ros.physics.solvers.values import FINISHED, Output, PAUSED, Status
+
+# Rows per call into compiled code: progress is reported, and Ctrl-C handled, in between. The run
+# is the same whatever their number.
+CHUNK = 500
+
+# The tolerance is one of a step; over a crossing errors grow by one or two orders.
+FIRST_TOLERANCE = 1e-2  # times the accuracy, for the first, coarser run
+REFINEMENT = 0.03
+# Two runs may be wrong in the same way: they have to agree better than was asked for.
+SAFETY = 0.1
+# A tolerance is to resolve the slip at which friction sets in, and how deep the ball sinks in, by
+# so much: two runs that cannot see these are wrong alike, whatever their methods.  In a hard
+# contact the ball vibrates by less than it sinks in, which long implicit steps damp.
+RESOLVED_SLIP, RESOLVED_PENETRATION = 0.3, 0.2
+EARTH = 9.81  # [m/s2]: a ball without weight sinks in where it strikes
+# A run with a tolerance finer by `REFINEMENT` takes twice the work.  Where it takes so much more,
+# the tolerance is not what limits the steps: rounding is, or what the coarser run has missed.
+# Then a still finer one has to agree, too.
+RUNAWAY = 5
+# Work of the run that confirms, over that of the one to be confirmed.
+CONFIRMING_WORK = 10
+# Below this, rounding is what is left [m].
+FINEST_TOLERANCE = 1e-14
+
+# Largest error of fixed steps, over the radius or the path, whichever is more.  They promise no
+# accuracy; but beyond this the run is of another motion.
+STEP_BOUND = 0.08
+CHECK = 0.1        # of that: the accuracy of the run that they are compared with
+LEAST_WORK = 20_000  # right-hand sides for that run, where the other one took fewer
+
+
+class TooLongSteps(SimulationError):
+    """A run with fixed steps is stable and in balance, and yet somewhere else."""
+
+
+def simulate(model: Model, start: State, actuation: Actuation, duration: float,
+             output_step: float = 1e-3, *, accuracy: Optional[float] = None,
+             progress: Optional[Callable[[float], None]] = None) -> Trajectory:
+    """
+    Simulate a model.
+
+    Parameters
+    ----------
+    model : Model
+    start : State
+        Its time counts on.
+    actuation : Actuation
+        Held for the whole run.
+    duration : float
+        [s], rounded up to a whole number of output steps.
+    output_step : float
+        Time between samples [s]; a whole number of solver steps, where these are fixed.
+    accuracy : float, optional
+        Largest error of the position of the centre at any sample [m]; of the solver of the model
+        only `models` and its work budget, for each run, are used then.  By default the solver of
+        the model is used as it is; `ACCURACY` holds for a model that has none.
+    progress : callable, optional
+        Called now and then with the simulated time since the start [s].  May raise
+        KeyboardInterrupt to end the run early.
+
+    Returns
+    -------
+    Trajectory
+        The start is its first sample.  After a KeyboardInterrupt it ends early.  With an accuracy
+        its ``assurance`` states what was reached, and its ``effort`` counts all runs.
+
+    Raises
+    ------
+    SimulationError
+        If the run cannot go on, or if fixed steps were too long to be right; its attribute
+        ``trajectory`` holds what there is.
+    ConfigurationError
+        If steps and durations do not fit together, or the accuracy is out of range.
+
+    """
+    given = start, actuation, duration, output_step, progress
+    if accuracy is not None or model.solver is None:
+        return _to_accuracy(model, ACCURACY if accuracy is None else accuracy, *given)
+    try:
+        run = run_once(model, *given)
+    except OutOfBalance as error:
+        if model.solver.method != 'adaptive':
+            raise
+        # Where the tolerance is coarser than the ball sinks in, explicit steps may shake it out of
+        # its ground and in again.  Implicit ones damp that.
+        calm = run_once(
+            replace(model, solver=replace(model.solver, method='implicit')), *given)
+        tried = error.trajectory.effort if error.trajectory else Effort()
+        run = replace(calm, model=model, effort=Effort(*map(sum, zip(tried, calm.effort))))
+    complete = len(run) > output_steps(duration, output_step)
+    if METHODS[model.solver.method].fixed and complete:
+        check_steps(run, actuation, duration, output_step)
+    return run
+
+
+def steps_in(duration: float, step: float, what: str) -> int:
+    """
+    Return how many steps make up a duration.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is not a whole number of them; the message names durations that are.
+
+    """
+    steps = round(duration / step)
+    if steps < 1 or abs(steps * step - duration) > 1e-6 * duration:
+        below = max(1, int(duration / step))
+        raise ConfigurationError(
+            f'{what} must be a whole number of steps of {step:g} s, got {duration:g} s; '
+            f'{below * step:g} s and {(below + 1) * step:g} s are')
+    return steps
+
+
+def output_steps(duration: float, output_step: float) -> int:
+    """Return how many output steps a run takes; its duration is rounded up to them."""
+    return int(np.ceil(duration / output_step - 1e-9))
+
+
+def run_once(model: Model, start: State, actuation: Actuation, duration: float,
+                  output_step: float = 1e-3,
+                  progress: Optional[Callable[[float], None]] = None) -> Trajectory:
+    """Run the solver of a model once; only the energy balance of the run is checked."""
+    if not duration > 0.0 or not np.isfinite(duration):
+        raise ConfigurationError(f'duration must be above 0 s and finite, got {duration!r}')
+    solver = model.solver_in_use
+    method, count = METHODS[solver.method], output_steps(duration, output_step)
+    tick, every = output_step, 1
+    if method.fixed:
+        tick, every = solver.step, steps_in(output_step, solver.step, 'output_step')
+        check_work(solver, count * every)
+    actuator = actuation.actuator(model.robot, start.time, start.joint_angle)
+    vector = np.array(start[1:])
+    check_start(start.time, vector, model.robot.ball_radius, model.profile)
+    rows = np.empty((1 + count, 2 + SIZE))
+    rows[0] = [*start, model.torque(start, actuator)]
+    end, status = start.time + count * every * tick, Status(FINISHED, start.time)
+    integrator = Integrator(model.parameters, model.profile, solver,
+                            flight=solver.models != 'full')
+    ledger = Ledger(model.parameters, model.profile, vector)
+
+    def so_far(samples: int) -> Trajectory:
+        return Trajectory(
+            model, rows[:samples], Effort(*integrator.workspace.statistics[:5].tolist()))
+    try:
+        while True:
+            before = status.filled
+            status = integrator.advance(
+                actuator, vector, status, end,
+                Output(rows[1:], start.time, output_step, before + CHUNK),
+                solver.work_budget)
+            done = status.filled
+            if status.outcome not in (FINISHED, PAUSED):
+                error = failure(status.outcome, start.time + (done + 1) * output_step, vector,
+                                solver)
+                error.trajectory = so_far(1 + done)
+                raise error
+            missing, where = ledger.missing(rows[1 + before:1 + done, 1:-1])
+            if missing > LEDGER_BOUND:
+                bad = 1 + before + where
+                balance = out_of_balance(float(rows[bad, 0]), missing, solver)
+                balance.trajectory = so_far(bad)
+                raise balance
+            if progress is not None:
+                progress(done * output_step)
+            if status.outcome == FINISHED:
+                break
+    except KeyboardInterrupt:
+        if status.filled == 0:
+            raise
+    return so_far(1 + status.filled)
+
+
+def solvers_for(accuracy: float, step: float = 1e-4) -> tuple[Solver, Solver]:
+    """
+    Return the solvers of the first, coarser and of the second, finer run for an accuracy [m].
+
+    Raises
+    ------
+    ConfigurationError
+        If the accuracy is out of range.
+
+    """
+    if not SMALLEST <= accuracy <= LARGEST:
+        raise ConfigurationError(
+            f'accuracy must be at least {SMALLEST:g} m and at most {LARGEST:g} m, '
+            f'got {accuracy!r}')
+    coarse = max(FINEST_TOLERANCE, FIRST_TOLERANCE * accuracy)
+    fine = max(FINEST_TOLERANCE, REFINEMENT * coarse)
+    return Solver('adaptive', step, coarse), Solver('adaptive', step, fine)
+
+
+def _to_accuracy(model: Model, accuracy: float, start: State, actuation: Actuation,
+                 duration: float, output_step: float,
+                 progress: Optional[Callable[[float], None]] = None) -> Trajectory:
+    """Simulate a model to an accuracy [m]."""
+    runs = _Runs(model, start, actuation, duration, output_step, progress)
+    first, solver = (replace(item, work_budget=model.solver_in_use.work_budget,
+                             models=model.solver_in_use.models)
+                     for item in _resolving(model, *solvers_for(accuracy)))
+    coarse, needed = runs.run(first), 1
+    if coarse is not None and runs.interrupted:
+        return coarse
+    while True:
+        fine, finest = runs.run(solver), solver.tolerance <= FINEST_TOLERANCE
+        if coarse is not None and fine is not None:
+            assured = _compare(coarse, fine, accuracy)
+            same = coarse.effort.events == fine.effort.events
+            if _agree(assured) and not (same or finest):
+                assured = runs.confirmed(fine, assured)
+                # Two runs did agree by chance: here that happens, and may again.
+                needed = needed if _agree(assured) else 2
+            if fine.effort.evaluations > RUNAWAY * coarse.effort.evaluations:
+                needed = 2
+            needed -= _agree(assured)
+            if needed <= 0 or finest or runs.interrupted:
+                return replace(fine, effort=runs.effort, assurance=assured._replace(
+                    runs=runs.count))
+        elif fine is not None and finest:
+            raise SimulationError(
+                start.time, 'only the finest tolerance keeps the energy: nothing confirms the run',
+                'use a larger slip_threshold, a softer contact_stiffness or softer gains')
+        coarse = fine
+        solver = replace(solver, tolerance=max(FINEST_TOLERANCE, REFINEMENT * solver.tolerance))
+
+
+def _resolving(model: Model, first: Solver, second: Solver) -> tuple[Solver, Solver]:
+    """Return the solvers, finer where they would not see how a robot slips or sinks in."""
+    robot = model.robot
+    detail = min(RESOLVED_SLIP * robot.slip_threshold * MEMORY,
+                 RESOLVED_PENETRATION * robot.total_mass * EARTH / robot.contact_stiffness)
+    finer = min(1.0, detail / first.tolerance)
+    return (replace(first, tolerance=max(FINEST_TOLERANCE, finer * first.tolerance)),
+            replace(second, tolerance=max(FINEST_TOLERANCE, finer * second.tolerance)))
+
+
+class _Runs:
+    """The runs of one model with several solvers, and their cost."""
+
+    def __init__(self, model: Model, start: State, actuation: Actuation, duration: float,
+                 output_step: float, progress: Optional[Callable[[float], None]]) -> None:
+        self._model, self._given = model, (start, actuation, duration, output_step, progress)
+        self.effort, self.count, self.interrupted = Effort(), 0, False
+
+    def run(self, solver: Solver) -> Optional[Trajectory]:
+        """Return a run, or nothing where its energy does not balance."""
+        self.count += 1
+        try:
+            run = run_once(replace(self._model, solver=solver), *self._given)
+        except OutOfBalance:
+            # The position may be right, but only a finer run can confirm it.
+            if solver.tolerance <= FINEST_TOLERANCE:
+                raise
+            return None
+        self.effort = Effort(*map(sum, zip(self.effort, run.effort)))
+        duration, output_step = self._given[2:4]
+        self.interrupted = len(run) <= output_steps(duration, output_step)
+        return run
+
+    def confirmed(self, fine: Trajectory, assured: Assurance) -> Assurance:
+        """Return the assurance of a run after another method has run, too."""
+        solver = fine.model.solver_in_use
+        budget = min(solver.work_budget, CONFIRMING_WORK * fine.effort.evaluations)
+        try:
+            other = self.run(replace(solver, method='implicit', work_budget=budget))
+        except SimulationError:
+            other = None
+        if other is None:
+            return assured._replace(complete=False)
+        again = _compare(other, fine, assured.accuracy)
+        return again._replace(estimate=max(assured.estimate, again.estimate))
+
+
+def centres(run: Trajectory) -> Array:
+    """Return the centre at each sample, an (n, 2) array, with nothing else computed."""
+    where: Array = run.rows[:, 1 + X:1 + Y + 1]
+    return where
+
+
+def _agree(assured: Assurance) -> bool:
+    """Return whether two runs were close enough together to be trusted."""
+    return assured.complete and assured.estimate <= SAFETY * assured.accuracy
+
+
+def _compare(coarse: Trajectory, fine: Trajectory, accuracy: float) -> Assurance:
+    """Return the assurance that follows from the difference of two runs."""
+    samples = min(len(coarse), len(fine))
+    gap = np.hypot(*(centres(coarse)[:samples] - centres(fine)[:samples]).T)
+    times = fine.rows[:samples, 0]
+    beyond = np.flatnonzero(~(gap <= accuracy))
+    good = int(beyond[0]) if len(beyond) else samples
+    estimate = float(np.max(gap[:good])) if good else math.nan
+    return Assurance(accuracy, estimate, float(times[max(good - 1, 0)]), good == len(fine),
+                     fine.model.solver_in_use.tolerance, 2)
+
+
+def check_steps(run: Trajectory, actuation: Actuation, duration: float,
+                output_step: float) -> None:
+    """
+    Check that fixed steps were short enough.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Made with them.
+    actuation, duration, output_step
+        See `simulate`.
+
+    Raises
+    ------
+    TooLongSteps
+        If the run is off by more than `STEP_BOUND`, or if nothing confirms it.
+
+    """
+    start, solver = run.state(0), run.model.solver_in_use
+    path = float(np.sum(np.hypot(*np.diff(centres(run), axis=0).T)))
+    bound = STEP_BOUND * max(run.model.robot.ball_radius, path)
+    try:
+        exact = _adaptive(run, start, actuation, duration, output_step, CHECK * bound)
+        gap, horizon = _apart(run, exact), exact.assurance.horizon if exact.assurance else 0.0
+        # Beyond the horizon the comparison means nothing.
+        gap = gap[run.rows[:len(gap), 0] <= horizon]
+        remedy = f'{_shorter(solver.step)}, or the adaptive method'
+    except SimulationError:
+        # Too stiff for it.  The error goes with the step, or faster: half of it is what halving
+        # the step takes away.
+        gap = 2.0 * _apart(run, _halved(run, start, actuation, duration, output_step))
+        remedy = (f'{_shorter(solver.step)}, a softer contact_stiffness or a larger '
+                  'slip_threshold')
+    beyond = np.flatnonzero(~(gap <= bound))
+    if len(beyond):
+        error = TooLongSteps(
+            float(run.rows[beyond[0], 0]),
+            f'steps of {solver.step:g} s are stable, but the ball is {gap[beyond[0]]:.3g} m from '
+            'where shorter ones have it', remedy)
+        error.trajectory = replace(run, rows=run.rows[:1 + int(beyond[0])])
+        raise error
+
+
+def _shorter(step: float) -> str:
+    """Advise a step [s] that is likely to be short enough: errors go with it, or faster."""
+    return (f'use a smaller step than {step:g} s (solver), for instance '
+            f'{0.05 * step:g} s')
+
+
+def _apart(run: Trajectory, other: Trajectory) -> Array:
+    """Return the distance of two runs at the samples that both have [m]."""
+    count = min(len(run), len(other))
+    gap: Array = np.hypot(*(centres(run)[:count] - centres(other)[:count]).T)
+    return gap
+
+
+def _adaptive(run: Trajectory, start: State, actuation: Actuation, duration: float,
+              output_step: float, accuracy: float) -> Trajectory:
+    """Return the run of the adaptive method, within about the work that the run took."""
+    solver = run.model.solver_in_use
+    work = min(solver.work_budget, max(LEAST_WORK, run.effort.evaluations))
+    model = replace(run.model, solver=replace(solver, method='adaptive', work_budget=work))
+    return _to_accuracy(model, min(max(accuracy, SMALLEST), LARGEST), start, actuation, duration,
+                        output_step)
+
+
+def _halved(run: Trajectory, start: State, actuation: Actuation, duration: float,
+            output_step: float) -> Trajectory:
+    """
+    Return the run with steps of half the length.
+
+    Raises
+    ------
+    TooLongSteps
+        If there is none.
+
+    """
+    solver = run.model.solver_in_use
+    half = replace(solver, step=0.5 * solver.step, work_budget=10**15)
+    try:
+        return run_once(replace(run.model, solver=half), start, actuation, duration,
+                             output_step)
+    except (SimulationError, ConfigurationError) as error:
+        raise TooLongSteps(
+            start.time, f'nothing confirms steps of {solver.step:g} s: with half of it {error}',
+            _shorter(solver.step)) from error
