@@ -134,8 +134,10 @@ class Plant:
         """Return whether nothing has happened since the start, or the last reset."""
         return self.periods == self._begun
 
-    def reset(self) -> State:
-        """Go back to the start of the scene; time goes on."""
+    def reset(self, time: bool = False) -> State:
+        """Return to the start of the scene, and to its time where `time` is true."""
+        if time:
+            self.periods = 0
         self.put(self._start)
         self._begun = self.periods
         return self.state

@@ -4,8 +4,9 @@ The coordinate frames of a robot by their names; importable without ROS.
 
 The tree, in which each frame hangs from the one before it::
 
-    odom ── base_footprint ── base_link ── ball_link ── pendulum_link
-                                               └─────── imu_link
+    odom ── base_link ── ball_link ── pendulum_link
+                │            └─────── imu_link
+                └─────── base_footprint
 
 ``odom`` stands still; the joint ``shell`` turns ``ball_link``, the joint ``pendulum`` turns
 ``pendulum_link`` in it; everything else is level.
@@ -61,8 +62,8 @@ FRAMES = Frames()
 WHY = 'others have looked it up already'
 _DOCS = {
     'odom': 'frame of reference of the odometry: it stands still',
-    'footprint': 'level frame at the lowest point of the ball, which hangs from odom_frame',
-    'base': 'level frame at the centre of the ball, which does not roll',
+    'footprint': 'level frame at the lowest point of the ball',
+    'base': 'level frame at the centre of the ball, which does not roll; a child of odom_frame',
     'imu': 'frame of the inertial sensor, which rolls with the shell'}
 
 

@@ -24,9 +24,9 @@ class OdometryTopics:
     """
     The topics ``odom`` and ``/tf``, and what else a viewer needs to show the robot.
 
-    Odometry moves the footprint in the frame ``odom``. What hangs from it is told by
+    Odometry moves the base in the frame ``odom``.  The frames below the base are published by
     robot_state_publisher, or by this class in its place: ``robot_description``, ``/tf_static``,
-    and on ``/tf`` the links that turn.  These are told without odometry, too.
+    and on ``/tf`` the links that turn; these are published without odometry, too.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class OdometryTopics:
             self._static = create_publisher(node, '/tf_static')
             header = Header()  # what never changes needs no stamp
             self._static.publish(TFMessage(transforms=[
-                _transform(header, self.frames.footprint, self.frames.base, up=self._radius),
+                _transform(header, self.frames.base, self.frames.footprint, up=-self._radius),
                 _transform(header, self.frames.ball, self.frames.imu)]))
 
     def publish(self, make: Callable[[], Odometry], ball_angle: float, joint_angle: float) -> None:
@@ -106,8 +106,8 @@ class OdometryTopics:
         publisher = self._odometry
         if publisher is not None:
             at = message.pose.pose.position
-            transforms.insert(0, _transform(message.header, self.frames.odom,
-                                            self.frames.footprint, at.x, at.z - self._radius))
+            transforms.insert(0, _transform(
+                message.header, self.frames.odom, message.child_frame_id, at.x, at.z))
             yield publisher, message
         if self._transforms is not None and transforms:
             yield self._transforms, TFMessage(transforms=transforms)

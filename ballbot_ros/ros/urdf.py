@@ -43,9 +43,10 @@ def robot_description(robot: Robot, frames: Frames = FRAMES) -> str:
     tree = Xml.Element('robot', name=robot.name)
     for name, colour in COLOURS.items():
         Xml.SubElement(Xml.SubElement(tree, 'material', name=name), 'color', rgba=_row(colour))
-    Xml.SubElement(tree, 'link', name=frames.footprint)
     Xml.SubElement(tree, 'link', name=frames.base)
-    _joint(tree, 'base', 'fixed', frames.footprint, frames.base, (0.0, 0.0, robot.ball_radius))
+    Xml.SubElement(tree, 'link', name=frames.footprint)
+    _joint(tree, 'footprint', 'fixed', frames.base, frames.footprint,
+           (0.0, 0.0, -robot.ball_radius))
     tree.append(_ball(robot, frames.ball))
     shell = _joint(tree, SHELL, 'continuous', frames.base, frames.ball)
     Xml.SubElement(shell, 'dynamics', damping=_number(robot.rolling_friction))

@@ -113,7 +113,7 @@ class Simulator(Node):
 
     def _reset(self) -> str:
         self._scheduler.reset()
-        return (f'back at the start of the scene; time goes on, now t = {self._plant.time:.3f} s'
+        return (f'at the start of the scene, t = {self._plant.time:.3f} s'
                 + (', paused' if self._scheduler.paused else ''))
 
     def _on_step(self, request: Step.Request, response: Step.Response

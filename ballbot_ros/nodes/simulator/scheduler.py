@@ -270,11 +270,32 @@ class Scheduler:
         self._restart()
         return done
 
-    def reset(self) -> None:
-        """Put the plant back to its start; time goes on."""
-        self.failure = None
+    @property
+    def makes_time(self) -> bool:
+        """Return whether time is made here, not by the clock of another simulator."""
+        return self._clock is None
+
+    def reset(self, state: bool = True, time: bool = True) -> None:
+        """
+        Return to the start of the scene.
+
+        Parameters
+        ----------
+        state : bool
+            Reset the state of the robot, and forget failure and commands.
+        time : bool
+            Reset the simulated time; a time that another simulator makes goes on.
+
+        """
+        time = time and self.makes_time
         self._gate.clear()
-        self._plant.reset()
+        if state:
+            self.failure = None
+            self._plant.reset(time)
+        elif time:
+            self._plant.periods = 0
+            self._plant.put(self._plant.state)
+        self._restart()
         self._publish(everything=True)
 
     def put(self, state: State) -> None:

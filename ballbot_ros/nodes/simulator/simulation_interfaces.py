@@ -2,8 +2,7 @@
 """
 The services and the action of simulation_interfaces, where that package is installed.
 
-Stopped is paused at the start of the scene.  Simulated time never goes back, so a reset of time,
-which is part of the default reset, is answered as unsupported.
+Stopped is paused at the start of the scene.
 """
 import math
 import re
@@ -95,13 +94,14 @@ class Interfaces:
         named = SimulatorFeatures
         response.features.features = [
             named.ENTITY_CATEGORIES, named.ENTITY_STATE_GETTING, named.ENTITY_STATE_SETTING,
-            named.SIMULATION_RESET, named.SIMULATION_RESET_STATE, named.SIMULATION_STATE_GETTING,
-            named.SIMULATION_STATE_SETTING, named.SIMULATION_STATE_PAUSE,
+            named.SIMULATION_RESET, named.SIMULATION_RESET_STATE, named.SIMULATION_RESET_TIME,
+            named.SIMULATION_STATE_GETTING, named.SIMULATION_STATE_SETTING,
+            named.SIMULATION_STATE_PAUSE,
             named.STEP_SIMULATION_SINGLE, named.STEP_SIMULATION_MULTIPLE,
             named.STEP_SIMULATION_ACTION]
         response.features.custom_info = (
             'One robot in a vertical plane; a step is a control period of '
-            f'{self._plant.period:g} s; time never goes back.')
+            f'{self._plant.period:g} s.')
 
     @property
     def _state(self) -> int:
@@ -140,11 +140,13 @@ class Interfaces:
             self._scheduler.pause()
 
     def _reset(self, request: Any, _: Any) -> None:
-        if request.scope != ResetSimulation.Request.SCOPE_STATE:
+        scope = request.scope or request.SCOPE_ALL  # 0 is the default, which is all
+        if scope == request.SCOPE_TIME and not self._scheduler.makes_time:
             raise Refusal(Result.RESULT_FEATURE_UNSUPPORTED,
-                          f'scope {request.scope} is more than the state: time never goes back, '
-                          'and nothing is spawned; ask for SCOPE_STATE (2)')
-        self._scheduler.reset()
+                          'the time is that of another simulator: reset that one')
+        if scope != request.SCOPE_SPAWNED:  # nothing can be spawned
+            self._scheduler.reset(bool(scope & request.SCOPE_STATE),
+                                  bool(scope & request.SCOPE_TIME))
 
     # Steps
 

@@ -73,7 +73,8 @@ def test_what_moves_has_the_stamp_of_odometry_and_hangs_from_it(make_node, gimba
     publish(make_node, gimball)
     stamps = [transform.header.stamp for transform in published['/tf'].transforms]
     assert stamps == [published['odom'].header.stamp] * 3
-    assert tree(published)['base_footprint'].header.frame_id == 'odom'
+    odometry = tree(published)[published['odom'].child_frame_id]
+    assert odometry.header.frame_id == published['odom'].header.frame_id == 'odom'
 
 
 def test_the_links_of_the_description_are_the_frames_of_the_tree(make_node, robot, published):
@@ -86,7 +87,7 @@ def test_the_links_of_the_description_are_the_frames_of_the_tree(make_node, robo
 def test_beside_robot_state_publisher_only_odometry_moves_a_frame(make_node, gimball, published):
     publish(make_node, gimball, publish_description=False)
     assert set(published) == {'odom', '/tf'}
-    assert set(tree(published)) == {'base_footprint'}
+    assert set(tree(published)) == {'base_link'}
 
 
 def test_a_prefix_stands_before_every_frame_but_not_in_the_description(make_node, gimball,

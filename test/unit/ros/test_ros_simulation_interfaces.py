@@ -77,7 +77,7 @@ def client(context, make_node, simulator):
 def test_features_are_those_that_are_served(client):
     features = client.ask(srv.GetSimulatorFeatures).features
     assert SimulatorFeatures.STEP_SIMULATION_ACTION in features.features
-    assert SimulatorFeatures.SIMULATION_RESET_TIME not in features.features
+    assert SimulatorFeatures.SIMULATION_RESET_TIME in features.features
     assert not features.spawn_formats
 
 
@@ -102,15 +102,28 @@ def test_steps_run_exactly_and_none_is_refused(client, simulator):
     assert client.code(srv.StepSimulation, steps=0) == FAILED
 
 
-def test_the_state_can_be_reset_and_time_cannot(client, simulator):
+@pytest.mark.parametrize('scope, state, time', [
+    ('SCOPE_DEFAULT', True, True), ('SCOPE_ALL', True, True), ('SCOPE_STATE', True, False),
+    ('SCOPE_TIME', False, True), ('SCOPE_SPAWNED', False, False)])
+def test_a_reset_covers_its_scope(client, simulator, scope, state, time):
+    start = simulator._plant.state
+    moved = start._replace(x=start.x + 1.0)
+    simulator._scheduler.put(moved)
     client.ask(srv.StepSimulation, steps=5)
-    asked = srv.ResetSimulation.Request
-    assert client.code(srv.ResetSimulation, scope=asked.SCOPE_STATE) == OK
-    assert client.state() == STOPPED and simulator._plant.periods == 5
-    for scope in (asked.SCOPE_DEFAULT, asked.SCOPE_TIME, asked.SCOPE_SPAWNED, asked.SCOPE_ALL):
-        response = client.ask(srv.ResetSimulation, scope=scope)
-        assert response.result.result == UNSUPPORTED and 'SCOPE_STATE' in \
-            response.result.error_message
+    code = client.code(srv.ResetSimulation, scope=getattr(srv.ResetSimulation.Request, scope))
+    assert code == OK
+    assert (abs(simulator._plant.state.x - start.x) < 0.5) is state
+    assert simulator._plant.periods == (0 if time else 5)
+    assert simulator._plant.state.time == pytest.approx(simulator._plant.time)
+    assert (client.state() == STOPPED) is state
+
+
+def test_after_a_reset_a_run_is_repeated_to_the_bit(client, simulator):
+    def run():
+        assert client.code(srv.ResetSimulation) == OK
+        client.ask(srv.StepSimulation, steps=20)
+        return simulator._plant.state
+    assert run() == run()
 
 
 def test_the_action_tells_how_far_it_is_and_can_be_canceled(client, simulator):

@@ -64,7 +64,7 @@ def described(robot, **names):
 def posed(robot, state):
     """Return the transforms of the links in a state of the model, as joint_states tells it."""
     return stand(described(robot), {'shell': state.ball_angle, 'pendulum': state.joint_angle},
-                 (state.x, 0.0, state.y - robot.ball_radius))
+                 (state.x, 0.0, state.y))
 
 
 def centre_of_mass(tree, name, frames):
@@ -146,12 +146,12 @@ def test_a_ball_without_a_pendulum_has_no_joint_for_it(shellball):
     assert 'pendulum_link' not in {link.get('name') for link in tree.findall('link')}
 
 
-def test_every_link_hangs_from_the_footprint_once(robot):
+def test_every_link_but_the_base_has_one_parent(robot):
     tree = described(robot)
     children = [joint.find('child').get('link') for joint in tree.findall('joint')]
     links = [link.get('name') for link in tree.findall('link')]
     assert len(set(children)) == len(children) and len(set(links)) == len(links)
-    assert set(links) - set(children) == {'base_footprint'}
+    assert set(links) - set(children) == {'base_link'}
 
 
 def test_links_are_named_as_the_frames_are(gimball):
