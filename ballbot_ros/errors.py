@@ -23,7 +23,7 @@ Each message says what was wrong, the value, what is allowed and what to do.
     ...     print(str(error)[:32])
     there is no robot named 'gimbal'
 """
-from typing import Any
+from typing import Any, Sequence
 
 
 class BallbotError(Exception):
@@ -61,9 +61,14 @@ class ConfigurationError(BallbotError, ValueError):
     reason : str
         ``'unknown_name'``, ``'missing'``, ``'wrong_type'``, ``'not_a_choice'``,
         ``'out_of_range'``, ``'not_finite'``, ``'inconsistent'`` (with another value),
-        ``'unreadable'`` (a file or its syntax), ``'not_installed'``, or ``'invalid'``.
+        ``'unreadable'`` (a file or its syntax), ``'wrong_kind'`` (of a file),
+        ``'not_installed'``, or ``'invalid'``.
+    problems : tuple of ConfigurationError
+        Each of several in a file; empty for a single one.
 
     """
+
+    problems: tuple['ConfigurationError', ...] = ()
 
     def __init__(self, explanation: str, reason: str = 'invalid', field: str = ''):
         super().__init__(explanation)
@@ -72,7 +77,22 @@ class ConfigurationError(BallbotError, ValueError):
 
     def at(self, place: str) -> 'ConfigurationError':
         """Return the error with a place, a file for instance, in front of its message."""
+        if self.problems:
+            return ConfigurationError.of([problem.at(place) for problem in self.problems])
         return ConfigurationError(f'{place}: {self}', self.reason, self.field)
+
+    @classmethod
+    def of(cls, problems: Sequence['ConfigurationError']) -> 'ConfigurationError':
+        """Return one error for several; reason and field are those of the first one."""
+        if len(problems) == 1:
+            return problems[0]
+        error = cls('; '.join(map(str, problems)), problems[0].reason, problems[0].field)
+        error.problems = tuple(problems)
+        return error
+
+
+class PlausibilityWarning(UserWarning):
+    """A value is allowed but contradicts physics; names the unit that was likely meant."""
 
 
 class SimulationError(BallbotError, ArithmeticError):

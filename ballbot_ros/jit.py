@@ -96,6 +96,11 @@ class _Patience:
 _patience = _Patience()
 
 
+def compile_time() -> float:
+    """Return the time that this process has spent compiling so far [s]."""
+    return _patience.spent
+
+
 def _cache_folder() -> str:
     """Return the folder for the machine code of this very source, made if need be."""
     here = Path(__file__).resolve().parent

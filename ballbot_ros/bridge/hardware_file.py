@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motor of one real robot: which drive, on which port, and what joins it to the pendulum."""
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Mapping, Optional
 
@@ -9,7 +8,7 @@ from ballbot_ros.bridge.battery import Battery
 from ballbot_ros.bridge.derating import Thermal
 from ballbot_ros.config.fields import (
     build, Checked, count, expect_mapping, flag, quantity, refuse_missing, refuse_unknown, text)
-from ballbot_ros.config.files import find_config, read_yaml
+from ballbot_ros.config.files import read_config
 from ballbot_ros.config.provenance import Provenance, read_values
 from ballbot_ros.drives import driver_class, DRIVES, read_options
 from ballbot_ros.drives.contract import DriveOptions
@@ -233,5 +232,5 @@ def load_hardware(name_or_path: str) -> Hardware:
         Naming file, section, field, value and allowed range.
 
     """
-    path: Path = find_config('hardware', name_or_path)
-    return read_hardware(read_yaml(path), str(path))
+    path, content = read_config('hardware', name_or_path)
+    return read_hardware(content, str(path))

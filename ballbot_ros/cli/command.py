@@ -13,13 +13,15 @@ from difflib import get_close_matches
 from importlib import import_module
 import logging
 import os
+import re
 import signal
 import sys
 from threading import current_thread, Event, main_thread
 from typing import Any, Callable, Iterator, NamedTuple, NoReturn, Optional, Sequence
+import warnings
 
 from ballbot_ros import __version__
-from ballbot_ros.errors import BallbotError, ConfigurationError
+from ballbot_ros.errors import BallbotError, ConfigurationError, PlausibilityWarning
 
 
 class Verb(NamedTuple):
@@ -98,6 +100,9 @@ class Parser(argparse.ArgumentParser):
         hints = [f'{word}: did you mean {near[0]}?' for word in dict.fromkeys(words)
                  if word.startswith('--') and word not in known
                  and (near := get_close_matches(word, known, n=1))]
+        number = re.search(r"invalid (?:float|int) value: '(-?[0-9]+,[0-9]+)'", message)
+        if number:
+            hints.append(f'a decimal comma; write {number[1].replace(",", ".")}')
         raise ConfigurationError(
             '; '.join([message, *hints, f'see {(self.of_verb or self).prog} --help']), 'usage',
             next((word for word in words if word.startswith('--')), ''))
@@ -175,8 +180,8 @@ def _interruption() -> Iterator[Event]:
 
 def print_refusal(error: BallbotError) -> None:
     """Print an error of this package; each of several in a file on a line of its own."""
-    for message in getattr(error, 'messages', None) or (str(error),):
-        print_error(message)
+    for problem in getattr(error, 'problems', ()) or (error,):
+        print_error(str(problem))
 
 
 def print_error(message: str) -> None:
@@ -212,19 +217,30 @@ def _run(words: list[str]) -> int:
     if arguments.verb is None:
         parser.print_help()
         return MISUSED
-    with _warnings_off(getattr(arguments, 'quiet', False)):
+    with _warnings(getattr(arguments, 'quiet', False)):
         code: int = load_verb(arguments.verb).run(arguments)
     return code
 
 
 @contextmanager
-def _warnings_off(quiet: bool) -> Iterator[None]:
-    """Limit the log of the package, compile notices included, to errors if quiet."""
+def _warnings(quiet: bool) -> Iterator[None]:
+    """Print plausibility warnings as lines; if quiet, log and print errors only."""
     log = logging.getLogger('ballbot_ros')
     level = log.level
     if quiet:
         log.setLevel(logging.ERROR)
+
+    def show(message: Any, category: type[Warning], *rest: Any, **options: Any) -> None:
+        if not issubclass(category, PlausibilityWarning):
+            python_show(message, category, *rest, **options)
+        elif not quiet:
+            print(f'Warning: {message}', file=sys.stderr, flush=True)
+
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.simplefilter('once', PlausibilityWarning)
+            python_show = warnings.showwarning
+            warnings.showwarning = show
+            yield
     finally:
         log.setLevel(level)

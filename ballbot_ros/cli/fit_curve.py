@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.results.files import write_text
     from ballbot_ros.studies.curve_fit import fit_curve, heights_for, Request
     speeds = read_range(arguments.speed, '--speed')
-    options.ask_speeds(arguments, '--speed', speeds)
+    options.warn_speeds(arguments, '--speed', speeds)
     request = Request(lowest_speed=speeds[0], highest_speed=speeds[-1], points=len(speeds), **{
         name: getattr(arguments, name) for name in ('accuracy', 'samples', 'seed')})
     refuse_foreign(arguments.out)

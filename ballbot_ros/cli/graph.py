@@ -42,7 +42,7 @@ def note(sentence: str) -> None:
 
 def note_once(sentence: str) -> Callable[[], None]:
     """Return a function that prints a note when it is called for the first time."""
-    printed = []
+    printed: list[str] = []
 
     def print_it() -> None:
         if not printed:

@@ -94,16 +94,16 @@ def read_robot(arguments: argparse.Namespace) -> Any:
     return load_robot(arguments.robot)
 
 
-def ask(arguments: argparse.Namespace, questions: Iterable[str]) -> None:
+def warn(arguments: argparse.Namespace, questions: Iterable[str]) -> None:
     """Print what was hardly meant on standard error, unless it is to be quiet."""
     for question in () if getattr(arguments, 'quiet', False) else questions:
         print(f'Warning: {question}', file=sys.stderr, flush=True)
 
 
-def ask_speeds(arguments: argparse.Namespace, option: str, speeds: Iterable[float]) -> None:
+def warn_speeds(arguments: argparse.Namespace, option: str, speeds: Iterable[float]) -> None:
     """Question the fastest of several speeds [m/s]."""
-    from ballbot_ros.results.questions import ask_speed
-    ask(arguments, ask_speed(max(speeds, key=abs), option))
+    from ballbot_ros.results.plausibility import speed_warnings
+    warn(arguments, speed_warnings(max(speeds, key=abs), option))
 
 
 def read_law(arguments: argparse.Namespace) -> Any:
@@ -120,8 +120,8 @@ def read_law(arguments: argparse.Namespace) -> Any:
         if not abs(angle) <= 180.0:
             raise ConfigurationError(
                 f'--angle-deg must be at least -180 and at most 180 degrees, got {angle:g}')
-        from ballbot_ros.results.questions import ask_angle
-        ask(arguments, ask_angle(angle))
+        from ballbot_ros.results.plausibility import angle_warnings
+        warn(arguments, angle_warnings(angle))
         return held_at(math.radians(angle))
     if law == 'voltage':
         return Actuation(law, voltage=arguments.voltage or 0.0)

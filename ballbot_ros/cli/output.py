@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What several verbs write and print."""
+"""Output of the verbs: JSON, tables, figures, folders and files."""
 import json
 from pathlib import Path
 import sys
@@ -9,7 +9,7 @@ from ballbot_ros.errors import ConfigurationError
 
 
 def print_json(content: Any) -> None:
-    """Print values as JSON, which knows no NaN."""
+    """Print values as JSON, without NaN."""
     json.dump(content, sys.stdout, indent=2, allow_nan=False)
     print()
 
@@ -36,25 +36,25 @@ def save_figure(figure: Any, folder: Path, name: str, kind: str = 'both') -> lis
 def result_folder(given: Optional[Path], default: Path, names: Sequence[str],
                   overwrite: bool) -> Path:
     """
-    Return the folder that a verb writes to: one with no results in it, unless that is asked for.
+    Return the folder that a verb writes to: without results in it, unless these are replaced.
 
-    Nothing is made.
+    No folder is created; a missing one above a given folder is reported.
 
     Parameters
     ----------
     given : Path or None
-        What the command line says.
+        From the command line.
     default : Path
-        Taken where it says nothing; with ``_2``, ``_3``, ... while results are there.
+        Without it; with ``_2``, ``_3``, ... while it contains results.
     names : sequence of str
-        What the verb writes.
+        Files that the verb writes.
     overwrite : bool
-        Results that are there are to be replaced.
+        Replace existing results.
 
     Raises
     ------
     ConfigurationError
-        If results are in the folder that the command line names, or it cannot be written.
+        If the given folder contains results, or cannot be written.
 
     """
     from ballbot_ros.results.files import check_writable
@@ -70,26 +70,35 @@ def result_folder(given: Optional[Path], default: Path, names: Sequence[str],
     check_writable(folder / names[0])
     if there(folder) and not overwrite:
         raise ConfigurationError(
-            f'{folder} holds results ({", ".join(there(folder)[:3])}); add --overwrite to '
-            'replace them, or choose another folder with --out')
+            f'{folder} contains results ({", ".join(there(folder)[:3])}); add --overwrite to '
+            'replace them, or choose another folder with --out', 'exists', '--out')
+    if given is not None:
+        report_new_folders(folder)
     return folder
+
+
+def report_new_folders(path: Path) -> None:
+    """Report on standard error that folders above a path do not exist and will be created."""
+    missing = [folder for folder in path.absolute().parents if not folder.exists()]
+    if missing:
+        print(f'Note: {path.parent} does not exist and will be created', file=sys.stderr,
+              flush=True)
 
 
 def check_new_file(path: Path, overwrite: bool, option: str = '--out') -> None:
     """
-    Refuse a file that is there, unless it is to be replaced, and one that cannot be written.
+    Refuse a file that exists, unless it is replaced, and one that cannot be written.
 
-    Raises
-    ------
-    ConfigurationError
-        Naming the file and what to do.
+    A missing folder is reported.
 
     """
     from ballbot_ros.results.files import check_writable
     check_writable(path)
     if path.exists() and not overwrite:
         raise ConfigurationError(
-            f'{path} is there; add --overwrite to replace it, or choose another {option}')
+            f'{path} exists; add --overwrite to replace it, or choose another {option}', 'exists',
+            option)
+    report_new_folders(path)
 
 
 def figure_files(names: Iterable[str], kind: str = 'both') -> list[str]:

@@ -76,22 +76,23 @@ def run(arguments: argparse.Namespace) -> int:
     scene = read_scene(arguments)
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.errors import SimulationError
+    from ballbot_ros.jit import compile_time
     folder = result_folder(arguments.out, DEFAULT_FOLDER / scene.name, ALL_FILES,
                            arguments.overwrite)
     animation = animation_asked(arguments, scene, folder)
     check_size(scene, folder, arguments.quiet or arguments.json)
     failure: Optional[SimulationError] = None
-    begin = perf_counter()
+    begin, compiled = perf_counter(), compile_time()
     try:
         load_machine_code(scene)
-        begin = perf_counter()
+        begin, compiled = perf_counter(), compile_time()
         with watched(scene.run.duration, arguments.quiet or arguments.json) as progress:
             trajectory = scene.simulate(progress=progress)
     except SimulationError as error:
         trajectory, failure = getattr(error, 'trajectory', None), error
         if trajectory is None:
             raise
-    wall_time = perf_counter() - begin
+    wall_time = perf_counter() - begin - (compile_time() - compiled)
     from ballbot_ros.results import summarise
     summary = summarise(trajectory, wall_time)
     files = write_all(trajectory, summary, folder, arguments)

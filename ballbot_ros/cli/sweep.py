@@ -93,8 +93,8 @@ def given(word: str, option: str) -> Tuple[str, Values]:
 
 def question(arguments: argparse.Namespace, robot: Any, values: Mapping[str, Values]) -> None:
     """Question the fastest speed and the highest step."""
-    from ballbot_ros.results.questions import ask_height
+    from ballbot_ros.results.plausibility import height_warnings
     if 'speed' in values:
-        options.ask_speeds(arguments, 'speed', values['speed'])
+        options.warn_speeds(arguments, 'speed', values['speed'])
     if 'height' in values:
-        options.ask(arguments, ask_height(robot, max(values['height']), 'to be tried'))
+        options.warn(arguments, height_warnings(robot, max(values['height']), 'to be tried'))

@@ -14,10 +14,11 @@ description::
     # ConfigurationError: my.yaml: 'stifness' is not a field of Spring; did you mean
     # 'stiffness'?
 """
+from contextlib import contextmanager
 from dataclasses import dataclass, Field, field, fields, MISSING
 from difflib import get_close_matches
 import math
-from typing import Any, Iterable, Mapping, Type, TypeVar
+from typing import Any, Iterable, Iterator, Mapping, Type, TypeVar
 
 from ballbot_ros.errors import ConfigurationError
 
@@ -183,14 +184,44 @@ def suggestion(name: str, known: Iterable[str], listing: bool = True) -> str:
     return f'; known are {", ".join(names)}' if names and listing else ''
 
 
+class Problems:
+    """
+    Collects refusals, so that all errors of a file are reported together.
+
+    ::
+
+        problems = Problems()
+        for name in names:
+            with problems.collected():
+                check(name)
+        problems.refuse()
+    """
+
+    def __init__(self) -> None:
+        self._found: list[ConfigurationError] = []
+
+    @contextmanager
+    def collected(self) -> Iterator[None]:
+        """Keep a `ConfigurationError` that the block raises."""
+        try:
+            yield
+        except ConfigurationError as error:
+            self._found += error.problems or (error,)
+
+    def refuse(self) -> None:
+        """Raise `ConfigurationError` if there is any problem."""
+        if self._found:
+            raise ConfigurationError.of(self._found)
+
+
 def refuse_unknown(mapping: Mapping[str, Any], known: Iterable[str], where: str) -> None:
-    """Raise `ConfigurationError` for the first key of `mapping` that is not `known`."""
+    """Raise `ConfigurationError` for the keys of `mapping` that are not `known`."""
     names = set(known)
-    for key in mapping:
-        if key not in names:
-            raise ConfigurationError(
-                f'{where}: {key!r} is not known here{suggestion(key, names)}',
-                'unknown_name', str(key))
+    problems = [ConfigurationError(
+        f'{where}: {key!r} is not known here{suggestion(key, names)}', 'unknown_name', str(key))
+        for key in mapping if key not in names]
+    if problems:
+        raise ConfigurationError.of(problems)
 
 
 @dataclass(frozen=True)
@@ -249,23 +280,33 @@ def checked_values(cls: Type[Checked], entries: Mapping[str, Any],
     Raises
     ------
     ConfigurationError
-        For anything missing, unknown, of the wrong type or out of range.
+        Naming all entries that are missing, unknown, of the wrong type or out of range.
 
     """
-    values = given_values(cls, entries, where)
-    refuse_missing([(cls, entries, where)])
+    problems, values = Problems(), {}
+    with problems.collected():
+        refuse_missing([(cls, entries, where)])
+    with problems.collected():
+        values = given_values(cls, entries, where)
+    problems.refuse()
     return values
 
 
 def given_values(cls: Type[Checked], entries: Mapping[str, Any], where: str) -> dict[str, Any]:
     """Return `entries`, each checked; what is missing or unknown is left to `refuse_missing`."""
-    return {item.name: check_value(item.name, entries[item.name], item.metadata, where)
-            for item in fields(cls) if item.name in entries}
+    problems, values = Problems(), {}
+    for item in fields(cls):
+        if item.name in entries:
+            with problems.collected():
+                values[item.name] = check_value(
+                    item.name, entries[item.name], item.metadata, where)
+    problems.refuse()
+    return values
 
 
 def refuse_missing(parts: Iterable[tuple[Type[Checked], Mapping[str, Any], str]]) -> None:
     """
-    Refuse entries that are unknown, then name all that is missing, in all parts of a file at once.
+    Refuse unknown and missing entries in all parts of a file.
 
     Parameters
     ----------
@@ -274,20 +315,26 @@ def refuse_missing(parts: Iterable[tuple[Type[Checked], Mapping[str, Any], str]]
     Raises
     ------
     ConfigurationError
-        Naming each field that is missing, what it means and its range.
+        Naming each entry that is unknown, and each that is missing with its meaning and range.
 
     """
-    lacking = []
+    problems = Problems()
     for cls, entries, where in parts:
         described = {item.name: item for item in fields(cls) if 'kind' in item.metadata}
-        refuse_unknown(entries, described, where)
+        with problems.collected():
+            refuse_unknown(entries, described, where)
+        # A misspelt key is not missing, too.
+        misspelt = {get_close_matches(key, described, 1, 0.6)[0] for key in entries
+                    if key not in described and get_close_matches(key, described, 1, 0.6)}
+        lacking = [name for name, item in described.items()
+                   if name not in entries and item.default is MISSING and name not in misspelt]
         words = [f'{name} is missing ({item.metadata["doc"]}'
                  + (f', {allowed(item.metadata)})' if 'unit' in item.metadata else ')')
-                 for name, item in described.items()
-                 if name not in entries and item.default is MISSING]
-        lacking += [f'{where}: {"; ".join(words)}'] if words else []
-    if lacking:
-        raise ConfigurationError('; '.join(lacking), 'missing')
+                 for name, item in described.items() if name in lacking]
+        with problems.collected():
+            if words:
+                raise ConfigurationError(f'{where}: {"; ".join(words)}', 'missing', lacking[0])
+    problems.refuse()
 
 
 def expect_mapping(value: Any, where: str) -> Mapping[str, Any]:

@@ -125,8 +125,39 @@ def load_config(cls: Type[T], kind: str, name_or_path: Union[str, Path]) -> T:
         Naming file, field, value and allowed range.
 
     """
+    path, content = read_config(kind, name_or_path)
+    return cls.from_mapping(content, str(path))
+
+
+# Keys by which a file of each kind is recognised.
+SIGNATURES: Mapping[str, set[str]] = {
+    'robots': {'ball_mass', 'ball_radius', 'ball_inertia'},
+    'scenes': {'robot', 'duration', 'terrain', 'initial', 'actuation', 'robot_changes'},
+    'hardware': {'connection', 'joint', 'limits', 'drive'},
+    'experiments': {'scene', 'seeds', 'simulator'},
+    'curves': {'coefficients', 'lowest_speed', 'highest_speed'}}
+
+
+def read_config(kind: str, name_or_path: Union[str, Path]) -> tuple[Path, Mapping[str, Any]]:
+    """
+    Return the path and the content of a file, see `find_config`.
+
+    Raises
+    ------
+    ConfigurationError
+        Also if it is a file of another kind.
+
+    """
     path = find_config(kind, name_or_path)
-    return cls.from_mapping(read_yaml(path), str(path))
+    content = read_yaml(path)
+    found = max(SIGNATURES, key=lambda other: len(SIGNATURES[other] & content.keys()))
+    common = len(SIGNATURES[found] & content.keys())
+    if common > len(SIGNATURES.get(kind, set()) & content.keys()):
+        what, wanted = found.removesuffix('s'), kind.removesuffix('s')
+        raise ConfigurationError(
+            f'{path} is a {what} file, not a {wanted} file; give a {wanted} file or a name',
+            'wrong_kind', wanted)
+    return path, content
 
 
 def read_yaml(path: Path) -> Mapping[str, Any]:

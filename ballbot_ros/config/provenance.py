@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the numbers of a file come from, and how sure they are."""
+"""Source and uncertainty of the parameters in a file."""
 import copyreg
 from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import Any, Mapping, Optional, Type
 
 from ballbot_ros.config.fields import (
-    allowed, check_value, Checked, given_values, refuse_missing, refuse_unknown)
+    allowed, check_value, Checked, given_values, Problems, refuse_missing, refuse_unknown)
 from ballbot_ros.errors import ConfigurationError
 
 
@@ -25,15 +25,15 @@ SOURCES = ('published', 'repaired', 'derived', 'assumed', 'measured')
 @dataclass(frozen=True)
 class Provenance:
     """
-    Where a number comes from and how sure it is.
+    Source and uncertainty of a parameter.
 
-    ``published``: printed in the paper.  ``repaired``: printed there, damaged in the copy at hand
-    and restored.  ``derived``: computed from other statements of the paper.  ``assumed``: chosen
-    here, nothing is published.  ``measured``: on one's own robot.
+    ``published``: printed in the paper.  ``repaired``: printed there, damaged in the available
+    copy and restored.  ``derived``: computed from other statements of the paper.  ``assumed``:
+    chosen here, not published.  ``measured``: on the robot itself.
     """
 
     source: str  # one of these
-    low: Optional[float] = None  # range that the true value is believed to lie in, SI units
+    low: Optional[float] = None  # range of the true value, SI units
     high: Optional[float] = None
     note: str = ''
 
@@ -41,7 +41,7 @@ class Provenance:
 def read_values(cls: Type[Checked], content: Mapping[str, Any],
                 where: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """
-    Return what `read_given` does, where nothing is missing.
+    Return the values and provenance of `read_given`; refuse unknown and missing entries.
 
     Raises
     ------
@@ -49,8 +49,14 @@ def read_values(cls: Type[Checked], content: Mapping[str, Any],
         Naming place, field, value and allowed range.
 
     """
-    values, provenance = read_given(cls, content, where)
-    refuse_missing([(cls, content, where)])
+    problems = Problems()
+    values: dict[str, Any] = {}
+    provenance: dict[str, Any] = {}
+    with problems.collected():
+        refuse_missing([(cls, content, where)])
+    with problems.collected():
+        values, provenance = read_given(cls, content, where)
+    problems.refuse()
     return values, provenance
 
 
@@ -70,14 +76,17 @@ def read_given(cls: Type[Checked], content: Mapping[str, Any],
 
     """
     described = {item.name: item.metadata for item in fields(cls) if 'kind' in item.metadata}
-    refuse_unknown(content, described, where)
-    plain, provenance = {}, {}
+    problems, plain, provenance, values = Problems(), {}, {}, {}
     for name, entry in content.items():
-        if isinstance(entry, dict):
-            plain[name], provenance[name] = _read_entry(name, entry, described[name], where)
-        else:
-            plain[name] = entry
-    return given_values(cls, plain, where), provenance
+        with problems.collected():
+            if isinstance(entry, dict) and name in described:
+                plain[name], provenance[name] = _read_entry(name, entry, described[name], where)
+            else:
+                plain[name] = entry
+    with problems.collected():
+        values = given_values(cls, plain, where)
+    problems.refuse()
+    return values, provenance
 
 
 def _read_entry(name: str, entry: Mapping[str, Any], metadata: Mapping[str, Any],
@@ -86,16 +95,18 @@ def _read_entry(name: str, entry: Mapping[str, Any], metadata: Mapping[str, Any]
     place = f'{where}: {name}'
     refuse_unknown(entry, ('value', 'unit', 'source', 'range', 'note'), place)
     if 'value' not in entry:
-        raise ConfigurationError(f'{place}: value is missing ({metadata["doc"]})')
+        raise ConfigurationError(
+            f'{place}: value is missing ({metadata["doc"]})', 'missing', name)
     unit = entry.get('unit', metadata.get('unit'))
     if unit != metadata.get('unit'):
         raise ConfigurationError(
             f'{place}: unit must be {metadata.get("unit")!r} (SI), got {unit!r}; '
-            'convert the value')
+            'convert the value', 'not_a_choice', name)
     source = entry.get('source', 'published')
     if source not in SOURCES:
         raise ConfigurationError(
-            f'{place}: source must be one of {", ".join(SOURCES)}, got {source!r}')
+            f'{place}: source must be one of {", ".join(SOURCES)}, got {source!r}',
+            'not_a_choice', name)
     value = check_value(name, entry['value'], metadata, where)
     low = high = None
     if 'range' in entry:
@@ -105,8 +116,9 @@ def _read_entry(name: str, entry: Mapping[str, Any], metadata: Mapping[str, Any]
         except (TypeError, ValueError) as error:
             raise ConfigurationError(
                 f'{place}: range must be two numbers [low, high], {allowed(metadata)}, '
-                f'got {entry["range"]!r}') from error
+                f'got {entry["range"]!r}', 'wrong_type', name) from error
         if not low <= value <= high:
             raise ConfigurationError(
-                f'{place}: value {value:g} lies outside its own range [{low:g}, {high:g}]')
+                f'{place}: value {value:g} lies outside its own range [{low:g}, {high:g}]',
+                'inconsistent', name)
     return value, Provenance(source, low, high, str(entry.get('note', '')))

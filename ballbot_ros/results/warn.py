@@ -6,7 +6,7 @@ import numpy as np
 
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.physics.solvers.registry import METHODS
-from ballbot_ros.results.questions import questions
+from ballbot_ros.results.plausibility import scene_warnings
 
 # An energy ledger that is off by more than this share asks for a smaller step.
 RESIDUAL = 1e-5
@@ -30,7 +30,7 @@ def find_warnings(trajectory: Trajectory, expected: int, residual: Optional[floa
     model, assured = trajectory.model, trajectory.assurance
     robot, solver = model.robot, model.solver_in_use
     if trajectory.scene is not None:
-        yield from questions(trajectory.scene)
+        yield from scene_warnings(trajectory.scene)
     finer = (f'a smaller step than {solver.step:g} s' if METHODS[solver.method].fixed
              else f'a smaller tolerance than {solver.tolerance:g} m')
     if assured is not None:

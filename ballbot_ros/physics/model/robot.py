@@ -6,12 +6,14 @@ import math
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Mapping, Optional, Union
+import warnings
 
 from ballbot_ros.config.fields import (
-    build, Checked, checked_values, expect_mapping, quantity, refuse_missing, text)
+    build, Checked, checked_values, expect_mapping, Problems, quantity, text)
 from ballbot_ros.config.files import load_config
-from ballbot_ros.config.provenance import Provenance, read_given
-from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.config.provenance import Provenance, read_values
+from ballbot_ros.errors import ConfigurationError, PlausibilityWarning
+from ballbot_ros.physics.model.plausibility import implausible
 
 @dataclass(frozen=True)
 class Motor(Checked):
@@ -94,20 +96,23 @@ class Robot(Checked):
         """Check each value, then that they fit together."""
         super().__post_init__()
         if self.consistent:
+            for sentence in implausible(self):
+                warnings.warn(sentence, PlausibilityWarning, stacklevel=3)
             return
         if self.pendulum_mass == 0.0:
             for name in ('pendulum_inertia', 'pendulum_length', 'joint_friction'):
                 if getattr(self, name) != 0.0:
                     raise ConfigurationError(
                         f'Robot: {name} must be 0 for a robot without a pendulum '
-                        f'(pendulum_mass is 0), got {getattr(self, name)!r}')
+                        f'(pendulum_mass is 0), got {getattr(self, name)!r}', 'inconsistent',
+                        name)
         if self.pendulum_length > self.ball_radius:
             raise ConfigurationError(
                 f'Robot: pendulum_length must be at most ball_radius ({self.ball_radius:g} m), '
-                f'got {self.pendulum_length!r}')
+                f'got {self.pendulum_length!r}', 'inconsistent', 'pendulum_length')
         raise ConfigurationError(
             'Robot: a pendulum needs a pendulum_inertia or a pendulum_length above 0: '
-            'with both 0 nothing resists the motor')
+            'with both 0 nothing resists the motor', 'inconsistent', 'pendulum_inertia')
 
     @classmethod
     def from_mapping(cls, mapping: Any, where: str) -> 'Robot':
@@ -115,15 +120,17 @@ class Robot(Checked):
         content = dict(expect_mapping(mapping, where))
         motor = content.pop('motor', None)
         part = f'{where}: motor'
-        values, provenance = read_given(cls, content, where)
-        parts: list[tuple[type[Checked], Any, str]] = [(cls, content, where)]
+        problems = Problems()
+        values: dict[str, Any] = {}
+        provenance: dict[str, Any] = {}
+        with problems.collected():
+            values, provenance = read_values(cls, content, where)
         if motor is not None:
-            given, sources = read_given(Motor, expect_mapping(motor, part), part)
-            provenance.update({f'motor.{key}': item for key, item in sources.items()})
-            parts.append((Motor, given, part))
-        refuse_missing(parts)
-        if motor is not None:
-            values['motor'] = Motor(**given)
+            with problems.collected():
+                given, sources = read_values(Motor, expect_mapping(motor, part), part)
+                provenance.update({f'motor.{key}': item for key, item in sources.items()})
+                values['motor'] = build(Motor, given, part)
+        problems.refuse()
         return build(cls, {**values, 'provenance': MappingProxyType(provenance)}, where)
 
     def replace(self, where: str = 'Robot.replace', /, **changes: Any) -> 'Robot':

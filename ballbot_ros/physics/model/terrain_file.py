@@ -21,7 +21,8 @@ from typing import Any, Callable, Mapping
 
 import numpy as np
 
-from ballbot_ros.config.fields import check_value, expect_mapping, quantity, refuse_unknown
+from ballbot_ros.config.fields import (
+    check_value, expect_mapping, Problems, quantity, refuse_unknown)
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.terrain import Terrain
 
@@ -45,20 +46,21 @@ def _flat(length: float) -> Strides:
 
 def _step(height: float) -> Strides:
     if height == 0.0:
-        raise ConfigurationError('height must not be 0; use a flat')
+        raise ConfigurationError('height must not be 0; use a flat', 'out_of_range', 'height')
     return [(0.0, height)]
 
 
 def _slope(length: float, rise: float = math.nan, angle_deg: float = math.nan) -> Strides:
     if math.isnan(rise) == math.isnan(angle_deg):
-        raise ConfigurationError('give either rise or angle_deg')
+        raise ConfigurationError('give either rise or angle_deg', 'inconsistent', 'angle_deg')
     return [(length, length * math.tan(math.radians(angle_deg)) if math.isnan(rise) else rise)]
 
 
 def _threshold(height: float, width: float, bevel: float = 0.0) -> Strides:
     if 2.0 * bevel >= width:
         raise ConfigurationError(
-            f'bevel must be less than half the width of {width:g} m, got {bevel:g} m')
+            f'bevel must be less than half the width of {width:g} m, got {bevel:g} m',
+            'inconsistent', 'bevel')
     return [(bevel, height), (width - 2.0 * bevel, 0.0), (bevel, -height)]
 
 
@@ -77,7 +79,8 @@ def _cord(diameter: float) -> Strides:
 def _carpet(thickness: float, length: float) -> Strides:
     if 2.0 * thickness >= length:
         raise ConfigurationError(
-            f'length must be more than two thicknesses, {2.0 * thickness:g} m, got {length:g} m')
+            f'length must be more than two thicknesses, {2.0 * thickness:g} m, got {length:g} m',
+            'inconsistent', 'length')
     quarter = 0.5 * math.pi
     return [*_arc(thickness, math.pi, quarter), (length - 2.0 * thickness, 0.0),
             *_arc(thickness, quarter, 0.0)]
@@ -117,27 +120,25 @@ def read_terrain(section: Any, where: str) -> Terrain:
             names = ('vertices', 'surface_friction', 'edge_friction')
             refuse_unknown(section, names, where)
             if 'vertices' not in section:
-                raise ConfigurationError('vertices is missing: a list of [x, y] pairs [m]')
+                raise ConfigurationError(
+                    'vertices is missing: a list of [x, y] pairs [m]', 'missing', 'vertices')
             return Terrain(section['vertices'], *(section.get(name) for name in names[1:]))
         if not isinstance(section, list) or not section:
             raise ConfigurationError(
-                f'expected a list of pieces or a mapping with vertices, got {section!r}')
+                f'expected a list of pieces or a mapping with vertices, got {section!r}',
+                'wrong_type', 'terrain')
         return _join(_read_pieces(section, where))
     except ConfigurationError as error:
-        raise error if str(error).startswith(where) else ConfigurationError(
-            f'{where}: {error}') from None
+        raise error if str(error).startswith(where) else error.at(where) from None
 
 
 def _read_pieces(section: list[Any], where: str) -> list[tuple[Strides, float, float]]:
-    """Return all pieces; what is wrong with any of them is named at once."""
-    pieces, wrong = [], []
+    """Return all pieces; the errors of all of them are reported together."""
+    pieces, problems = [], Problems()
     for number, piece in enumerate(section, 1):
-        try:
+        with problems.collected():
             pieces.append(_read_piece(piece, f'{where}: piece {number}'))
-        except ConfigurationError as error:
-            wrong.append(str(error))
-    if wrong:
-        raise ConfigurationError('; '.join(wrong))
+    problems.refuse()
     return pieces
 
 
@@ -145,17 +146,19 @@ def _read_piece(piece: Any, where: str) -> tuple[Strides, float, float]:
     """Return the strides of a piece, its surface friction and its edge friction."""
     expect_mapping(piece, where)
     if len(piece) != 1:
-        raise ConfigurationError(f'{where}: expected one name with its values, got {piece!r}')
+        raise ConfigurationError(
+            f'{where}: expected one name with its values, got {piece!r}', 'wrong_type', 'terrain')
     (name, values), = piece.items()
     refuse_unknown({name: None}, PIECES, where)
     make, described, optional = PIECES[name]
     place = f'{where} ({name})'
     given = dict(expect_mapping(values, place))
     refuse_unknown(given, {**described, **_COMMON}, place)
-    missing = [f'{key} is missing ({item.metadata["doc"]} [{item.metadata["unit"]}])'
-               for key, item in described.items() if key not in given and key not in optional]
+    missing = {key: f'{key} is missing ({item.metadata["doc"]} [{item.metadata["unit"]}])'
+               for key, item in described.items() if key not in given and key not in optional}
     if missing:
-        raise ConfigurationError(f'{place}: {"; ".join(missing)}')
+        raise ConfigurationError(
+            f'{place}: {"; ".join(missing.values())}', 'missing', next(iter(missing)))
     checked = {key: check_value(key, value, {**described, **_COMMON}[key].metadata, place)
                for key, value in given.items()}
     friction = checked.pop('friction', math.nan)
@@ -163,7 +166,7 @@ def _read_piece(piece: Any, where: str) -> tuple[Strides, float, float]:
     try:
         strides = make(**checked)
     except ConfigurationError as error:
-        raise ConfigurationError(f'{place}: {error}') from None
+        raise error.at(place) from None
     return [stride for stride in strides if stride != (0.0, 0.0)], friction, edge_friction
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, Callable, Mapping, Optional, Type, Union
 
 from ballbot_ros.config.fields import (
-    Checked, expect_mapping, quantity, refuse_missing, section, T, text)
-from ballbot_ros.config.files import find_config, read_yaml
+    Checked, expect_mapping, given_values, Problems, quantity, refuse_missing, section, T, text)
+from ballbot_ros.config.files import read_config
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics.model.actuation import Actuation, set_rate_for_speed, SET_VALUES
 from ballbot_ros.physics.model.contact_options import ContactOptions
@@ -174,10 +174,9 @@ def load_scene(name_or_path: Union[str, Path, Scene],
         if robot is not None:
             scene = replace(scene, model=replace(scene.model, robot=load_robot(robot)))
     else:
-        path = find_config('scenes', name_or_path)
-        content = dict(read_yaml(path))
+        path, content = read_config('scenes', name_or_path)
         if robot is not None:
-            content['robot'] = robot
+            content = {**content, 'robot': robot}
         scene = read_scene(content, str(path), Path(path).stem)
     if solver is None:
         return scene
@@ -199,27 +198,49 @@ def read_scene(content: Mapping[str, Any], where: str, name: str) -> Scene:
         Of the scene.
 
     """
-    refuse_missing([(SceneFile, content, where)])
-    if not isinstance(content.get('robot'), (str, Path, Robot)):
+    problems = Problems()
+    with problems.collected():
+        refuse_missing([(SceneFile, content, where)])
+    terrain, contact = Terrain.flat(), ContactOptions()
+    solver: Optional[Solver] = None
+    initial, actuation = Initial(), Actuation()
+    robot: Optional[Robot] = None
+    if 'robot' in content:
+        with problems.collected():
+            robot = _read_robot(content, where)
+    with problems.collected():
+        if 'terrain' in content:
+            terrain = read_terrain(content['terrain'], f'{where}: terrain')
+    with problems.collected():
+        contact = _section(ContactOptions, content, 'contact', where)
+    with problems.collected():
+        solver = _read_solver(content, f'{where}: solver')
+    with problems.collected():
+        initial = _section(Initial, content, 'initial', where)
+    with problems.collected():
+        timing = given_values(Run, content, where)
+    if robot is not None:
+        with problems.collected():
+            actuation = _read_actuation(
+                content.get('actuation', {}), robot, f'{where}: actuation')
+    problems.refuse()
+    assert robot is not None  # else refused
+    return Scene(name, Model(robot, terrain, contact, solver), initial, actuation, Run(**timing))
+
+
+def _read_robot(content: Mapping[str, Any], where: str) -> Robot:
+    """Return the robot of a scene with its changes."""
+    if not isinstance(content['robot'], (str, Path, Robot)):
         raise ConfigurationError(
-            f'{where}: robot must be the name or the file of a robot, '
-            f'got {content.get("robot")!r}')
+            f'{where}: robot must be the name or the file of a robot, got {content["robot"]!r}',
+            'wrong_type', 'robot')
     try:
         robot = load_robot(content['robot'])
     except ConfigurationError as error:
         raise error.at(f'{where}: robot') from error
     place = f'{where}: robot_changes'
     changes = content.get('robot_changes') or {}
-    robot = robot.replace(place, **expect_mapping(changes, place)) if changes else robot
-    terrain = (read_terrain(content['terrain'], f'{where}: terrain')
-               if 'terrain' in content else Terrain.flat())
-    model = Model(robot, terrain, _section(ContactOptions, content, 'contact', where),
-                  _read_solver(content, f'{where}: solver'))
-    initial = _section(Initial, content, 'initial', where)
-    actuation = _read_actuation(content.get('actuation', {}), robot, f'{where}: actuation')
-    timing = {key: content[key] for key in ('duration', 'output_step', 'accuracy')
-              if key in content}
-    return Scene(name, model, initial, actuation, Run.from_mapping(timing, where))
+    return robot.replace(place, **expect_mapping(changes, place)) if changes else robot
 
 
 def _read_solver(content: Mapping[str, Any], where: str) -> Optional[Solver]:
@@ -231,7 +252,8 @@ def _read_solver(content: Mapping[str, Any], where: str) -> Optional[Solver]:
         return Solver.from_mapping(section, where)
     if section not in PRESETS:
         raise ConfigurationError(
-            f'{where}: must be one of {", ".join(PRESETS)}, or a mapping, got {section!r}')
+            f'{where}: must be one of {", ".join(PRESETS)}, or a mapping, got {section!r}',
+            'not_a_choice', 'solver')
     return PRESETS[section]
 
 
@@ -243,26 +265,30 @@ def _read_actuation(section: Any, robot: Robot, where: str) -> Actuation:
     """Return the actuation, with its angle in degrees and its speed in m/s made SI rates."""
     entries = dict(expect_mapping(section, where))
     if 'set_angle' in entries:
-        raise ConfigurationError(f'{where}: set_angle is not known here; give set_angle_deg')
+        raise ConfigurationError(
+            f'{where}: set_angle is not known here; give set_angle_deg', 'unknown_name',
+            'set_angle')
     human = {'set_angle_deg': ('set_angle', math.radians),
              'set_speed': ('set_rate', lambda speed: set_rate_for_speed(robot, speed))}
     for name, (target, convert) in human.items():
         if name not in entries:
             continue
         if target in entries:
-            raise ConfigurationError(f'{where}: give either {name} or {target}, not both')
+            raise ConfigurationError(
+                f'{where}: give either {name} or {target}, not both', 'inconsistent', name)
         value = entries.pop(name)
         if isinstance(value, bool) or not isinstance(value, (int, float)) \
                 or not math.isfinite(value):
             raise ConfigurationError(
                 f'{where}: {name} must be a finite number '
-                f'[{HUMAN[name].metadata["unit"]}], got {value!r}')
+                f'[{HUMAN[name].metadata["unit"]}], got {value!r}', 'wrong_type', name)
         entries[target] = convert(value)
     for name, law in SET_VALUES.items():
         if name in entries and entries.get('law', 'free') != law:
             raise ConfigurationError(
                 f'{where}: {name} belongs to law {law}, and the law here is '
-                f'{entries.get("law", "free")}, which would ignore it; write law: {law}')
+                f'{entries.get("law", "free")}, which would ignore it; write law: {law}',
+                'inconsistent', name)
     actuation = Actuation.from_mapping(entries, where)
     try:
         actuation.actuator(robot)  # refuses what this robot cannot do, before the run

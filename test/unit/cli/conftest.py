@@ -2,7 +2,7 @@
 """The command as tests call it."""
 import pytest
 
-from ballbot_ros.cli import main
+from ballbot_ros.cli import command, main
 
 
 @pytest.fixture
@@ -13,4 +13,26 @@ def error_of(capsys):
         out, err = capsys.readouterr()
         assert out == '' and err.startswith('ballbot: error: ') and err.count('\n') == 1
         return err
+    return call
+
+
+@pytest.fixture
+def refusal(capsys, monkeypatch):
+    """Return a function that calls a verb and returns the error with which it refuses."""
+    caught = []
+    monkeypatch.setattr(command, 'print_refusal', caught.append)
+
+    def call(*words):
+        assert main([str(word) for word in words]) == 2
+        assert capsys.readouterr().out == ''
+        return caught.pop()
+    return call
+
+
+@pytest.fixture
+def refuses(refusal):
+    """Return a function that checks with which reason and field a call is refused."""
+    def call(reason, field, *words):
+        error = refusal(*words)
+        assert (error.reason, error.field) == (reason, field), error
     return call

@@ -29,7 +29,7 @@ def test_a_folder_with_results_is_refused_before_the_work_unless_they_may_go(
     assert main([*FLAT, *out]) == 0
     before = (tmp_path / 'mine' / 'trajectory.csv').read_text()
     line = error_of('simulate', 'flat', '--duration', '0.04', '--no-figures', *out)
-    assert 'holds results (summary.txt, ' in line and 'add --overwrite' in line
+    assert 'contains results (summary.txt, ' in line and 'add --overwrite' in line
     assert (tmp_path / 'mine' / 'trajectory.csv').read_text() == before
     (tmp_path / 'mine' / 'strip.png').write_text('of the run that is replaced')
     (tmp_path / 'mine' / 'notes.txt').write_text('mine')
@@ -70,7 +70,7 @@ def test_nothing_is_made_for_work_that_is_given_up(tmp_path):
 def test_a_file_that_is_there_is_refused_unless_it_may_go(tmp_path):
     check_new_file(tmp_path / 'new', False)
     (tmp_path / 'old').touch()
-    with pytest.raises(ConfigurationError, match='old is there; add --overwrite .* another --log'):
+    with pytest.raises(ConfigurationError, match='old exists; add --overwrite .* another --log'):
         check_new_file(tmp_path / 'old', False, '--log')
     check_new_file(tmp_path / 'old', True)
 

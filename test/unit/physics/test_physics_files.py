@@ -124,7 +124,7 @@ def test_files_that_are_no_mapping_are_refused(tmp_path, load, text, words):
 @pytest.mark.parametrize('old, new, words', [
     ('robot: gimball', '', ['robot is missing', 'name or file of a robot']),
     ('robot: gimball', 'robot: 3', ['robot', 'name or the file', 'got 3']),
-    ('robot: gimball', 'robot: gimbal', ["'gimbal'", 'known are', 'gimball', 'shellball']),
+    ('robot: gimball', 'robot: gimbal', ["'gimbal'", "did you mean 'gimball'", 'ballbot robots']),
     ('robot: gimball', 'robot: gimball\nrobot_changes: {ball_mass: -1}',
      ['robot_changes', 'ball_mass', 'more than 0 kg', '-1']),
     ('robot: gimball', 'robot: gimball\nrobot_changes: {bal_mass: 1}',

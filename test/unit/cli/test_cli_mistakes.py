@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mistakes that would give a wrong result without an error are recognised and explained."""
+import pytest
+
+from ballbot_ros.cli import main, simulate
+from ballbot_ros.config.files import shipped_files
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics import load_robot, load_scene
+
+SCENE = """
+robot: {robot}
+duration: -1.0
+terrain: [{{flat: {{lenght: 1.0}}}}]
+initial: {{speed: fast, x: .nan}}
+actuation: {{law: position, voltage: 3.0}}
+wheels: 4
+"""
+
+
+def test_all_errors_of_a_file_are_reported_together(tmp_path, refusal, capsys, monkeypatch):
+    (tmp_path / 'hall.yaml').write_text(SCENE.format(robot='gimball'))
+    error = refusal('simulate', tmp_path / 'hall.yaml')
+    assert [(item.reason, item.field) for item in error.problems] == [
+        ('unknown_name', 'wheels'), ('unknown_name', 'lenght'), ('not_finite', 'x'),
+        ('wrong_type', 'speed'), ('out_of_range', 'duration'), ('inconsistent', 'voltage')]
+    monkeypatch.undo()
+    assert main(['simulate', str(tmp_path / 'hall.yaml')]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 6 and all(
+        line.startswith(f'ballbot: error: {tmp_path}/hall.yaml: ') for line in lines)
+
+
+def test_all_errors_of_a_robot_are_reported_together_and_a_misspelt_key_once(tmp_path):
+    (tmp_path / 'mine.yaml').write_text(
+        'name: mine\nball_mas: 3.0\nball_radius: {value: 22, unit: cm}\nsurface_friction: -1\n'
+        'motor: {gear_ratio: 0, weight: 1}\n')
+    with pytest.raises(ConfigurationError) as caught:
+        load_robot(tmp_path / 'mine.yaml')
+    found = {(item.reason, item.field) for item in caught.value.problems}
+    assert found == {
+        ('unknown_name', 'ball_mas'), ('missing', 'ball_inertia'), ('not_a_choice', 'ball_radius'),
+        ('out_of_range', 'surface_friction'), ('unknown_name', 'weight'),
+        ('missing', 'gear_efficiency'), ('out_of_range', 'gear_ratio')}
+    assert 'ball_mass is missing' not in str(caught.value)
+
+
+@pytest.mark.parametrize('words, kind, wanted', [
+    (['max-step-height', '--speed', '0.5', '--robot'], 'scenes', 'robot'),
+    (['robots'], 'hardware', 'robot'), (['robots'], 'curves', 'robot'),
+    (['simulate'], 'robots', 'scene'), (['simulate'], 'experiments', 'scene'),
+    (['calibrate-motor', '--out', 'x.yaml', '--hardware'], 'robots', 'hardware')])
+def test_a_file_of_another_kind_is_recognised(words, kind, wanted, refusal):
+    for path in shipped_files(kind):
+        error = refusal(*words, path)
+        assert (error.reason, error.field) == ('wrong_kind', wanted)
+        assert f'is a {kind.removesuffix("s")} file, not a {wanted} file' in str(error)
+
+
+@pytest.mark.parametrize('kind, load', [('robots', load_robot), ('scenes', load_scene)])
+def test_every_shipped_file_is_of_its_kind(kind, load):
+    for path in shipped_files(kind):
+        load(path)
+
+
+@pytest.mark.parametrize('words, written', [
+    (['max-step-height', '--speed', '0,8'], 'write 0.8, or 0.0,8 for two values'),
+    (['max-step-height', '--speed', '0,2:1,2:11'], 'write 0.2:1.2:11'),
+    (['sweep', '--vary', 'speed=0,5', '--out', 'x.parquet'], 'write 0.5'),
+    (['fit-curve', '--speed', '0,2:0,8:6', '--out', 'x.yaml'], 'write 0.2:0.8:6')])
+def test_a_decimal_comma_is_explained(words, written, refusal, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    error = refusal(*words)
+    assert error.reason == 'decimal_comma' and written in str(error)
+
+
+def test_a_decimal_comma_of_a_single_number_is_explained(refusal):
+    error = refusal('simulate', 'flat', '--duration', '0,5')
+    assert error.reason == 'usage' and 'a decimal comma; write 0.5' in str(error)
+
+
+def test_a_missing_folder_is_reported_before_it_is_created(tmp_path, capsys):
+    words = ['simulate', 'flat', '--duration', '0.02', '--no-figures', '--quiet', '--out']
+    assert main([*words, str(tmp_path / 'resluts' / 'flat')]) == 0
+    assert f'{tmp_path}/resluts does not exist and will be created' in capsys.readouterr().err
+    assert main([*words, str(tmp_path / 'resluts' / 'again')]) == 0
+    assert capsys.readouterr().err == ''
+
+
+def test_the_real_time_factor_excludes_compilation(tmp_path, monkeypatch):
+    """The clock stands still but for compilation, which takes 100 s."""
+    seconds = {'now': 0.0, 'compiling': 0.0}
+    monkeypatch.setattr('ballbot_ros.jit.compile_time', lambda: seconds['compiling'])
+    monkeypatch.setattr(simulate, 'perf_counter', lambda: seconds['now'])
+    original = load_scene('flat').__class__.simulate
+
+    def compiling(scene, *rest, **options):
+        seconds['compiling'] += 100.0
+        seconds['now'] += 100.5
+        return original(scene, *rest, **options)
+    monkeypatch.setattr('ballbot_ros.physics.simulation.scene.Scene.simulate', compiling)
+    written = []
+    monkeypatch.setattr('ballbot_ros.results.summarise',
+                        lambda trajectory, wall_time: written.append(wall_time) or exit(3))
+    with pytest.raises(SystemExit):
+        main(['simulate', 'flat', '--duration', '0.02', '--out', str(tmp_path / 'x')])
+    assert written == [pytest.approx(0.5)]

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Implausible values are questioned; a run that writes gigabytes warns before it starts."""
+import argparse
+from dataclasses import replace
+import re
+
+import pytest
+
+from ballbot_ros.cli import main, simulate
+from ballbot_ros.cli.options import read_law
+from ballbot_ros.config.files import config_folder
+from ballbot_ros.errors import ConfigurationError, PlausibilityWarning
+from ballbot_ros.physics import load_robot, load_scene
+from ballbot_ros.physics.model.plausibility import implausible
+from ballbot_ros.physics.simulation.scene import read_scene
+from ballbot_ros.results.plausibility import scene_warnings
+
+
+def warned(**sections):
+    """Return the warnings of a scene of GimBall."""
+    scene = read_scene({'robot': 'gimball', 'duration': 1.0, **sections}, 'a', 'a')
+    return list(scene_warnings(scene))
+
+
+@pytest.mark.parametrize('sections, told', [
+    ({'terrain': [{'flat': {'length': 1.0}}, {'step': {'height': 31}}]}, '31 mm are 0.031'),
+    ({'terrain': [{'flat': {'length': 1.0}}, {'step': {'height': 0.5}}]}, 'higher than the ball'),
+    ({'initial': {'speed': 78}}, '281 km/h'),
+    ({'initial': {'pendulum_angle_deg': 200}}, '-160 is the same angle'),
+    ({'actuation': {'law': 'position', 'set_angle_deg': 120}}, '90 is horizontal')])
+def test_what_is_impossible_for_people_is_questioned(sections, told):
+    question, = warned(**sections)
+    assert told in question
+
+
+@pytest.mark.parametrize('name', ['fig7_top', 'fig7_bottom', 'household', 'doorstep'])
+def test_what_comes_with_the_package_raises_no_question(name):
+    assert list(scene_warnings(load_scene(name))) == []
+
+
+@pytest.mark.parametrize('changes, words', [
+    ({'ball_inertia': 1800.0}, ['ball_inertia is 1800 kg m2', '1800 kg cm2 would be 0.18 kg m2']),
+    ({'ball_inertia': 0.5}, ['above']),
+    ({'ball_mass': 1800.0}, ['above that of lead', '1800 g would be 1.8 kg']),
+    ({'ball_radius': 226.0}, ['below that of air', '226 mm would be 0.226 m']),
+    ({'pendulum_inertia': 350.0}, ['does not fit into the ball', 'g cm2']),
+    ({'contact_stiffness': 65.0}, ['of its radius: contact_stiffness is 65 N/m', '65 N/mm']),
+    ({'gravity': 9810.0}, ['9810 mm/s2 would be 9.81 m/s2'])])
+def test_a_robot_that_contradicts_physics_is_questioned_in_python(changes, words):
+    with pytest.warns(PlausibilityWarning) as warned_about:
+        robot = load_robot('gimball').replace(**changes)
+    text = '\n'.join(str(item.message) for item in warned_about)
+    assert all(word in text for word in words), text
+    assert set(text.splitlines()) == set(implausible(robot))
+
+
+@pytest.mark.parametrize('words', [
+    ['max-step-height', '--speed', '0.5', '--robot'], ['robots'], ['simulate'],
+    ['view', '--no-browser', '--duration', '0.1'],
+    ['sweep', '--vary', 'speed=0.5', '--out', 'a.parquet', '--robot'],
+    ['fit-curve', '--out', 'a.yaml', '--robot'], ['new', 'robot', 'b.yaml', '--robot'],
+    ['test-bench', '--robot']])
+def test_a_robot_that_contradicts_physics_is_questioned_in_every_verb(
+        words, tmp_path, monkeypatch, capsys):
+    def work(*_, **__):
+        raise ConfigurationError('the work begins')
+    for place in ('crossing.max_step_heights', 'studies.curve_fit.fit_curve',
+                  'studies.sweep.load_arrow', 'physics.simulation.scene.Scene.simulate',
+                  'cli.listing.print_table', 'paper.procedure.run_tests', 'view.page.Page'):
+        monkeypatch.setattr(f'ballbot_ros.{place}', work)
+    monkeypatch.chdir(tmp_path)
+    text = (config_folder() / 'robots' / 'shellball.yaml').read_text(encoding='utf-8')
+    file = 'heavy.yaml'
+    (tmp_path / file).write_text(re.sub('ball_mass: {value: 1.1', 'ball_mass: {value: 1100', text))
+    if words[0] in ('simulate', 'view'):
+        (tmp_path / 'scene.yaml').write_text('robot: ./heavy.yaml\nduration: 0.1\n')
+        file = 'scene.yaml'
+    main([*words, file])
+    err = capsys.readouterr().err
+    assert 'Warning: the mean density of robot' in err and '1100 g would be 1.1 kg' in err
+
+
+@pytest.mark.parametrize('words, told', [
+    (['max-step-height', '--speed', '0.5,78'], '--speed is 78 m/s, 281 km/h'),
+    (['fit-curve', '--speed', '0.2:78:6', '--out', 'a.yaml'], '--speed is 78 m/s, 281 km/h'),
+    (['sweep', '--vary', 'speed=0.5,78', '--out', 'a.parquet'], 'speed is 78 m/s, 281 km/h'),
+    (['sweep', '--fix', 'speed=0.5', '--vary', 'height=0.01,31', '--out', 'a.parquet'],
+     'the step of 31 m to be tried is higher than the ball')])
+def test_numbers_of_the_command_line_are_questioned_before_the_work(
+        words, told, tmp_path, monkeypatch, capsys):
+    def work(*_, **__):
+        raise ConfigurationError('the work begins')
+    for place in ('crossing.max_step_heights', 'studies.curve_fit.fit_curve',
+                  'studies.sweep.load_arrow'):
+        monkeypatch.setattr(f'ballbot_ros.{place}', work)
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    asked_first, refused = capsys.readouterr().err.splitlines()
+    assert told in asked_first and asked_first.startswith('Warning: ')
+    assert 'the work begins' in refused
+
+
+def test_an_angle_beyond_the_top_is_refused_and_one_above_level_is_questioned(capsys):
+    def law(angle):
+        return read_law(argparse.Namespace(actuation='held', angle_deg=angle, voltage=None))
+    with pytest.raises(ConfigurationError, match='-180 and at most 180 degrees, got 270'):
+        law(270.0)
+    law(120.0)
+    assert 'Warning: the pendulum is held at 120 degrees' in capsys.readouterr().err
+    law(90.0)
+    assert capsys.readouterr().err == ''
+
+
+def test_a_run_of_gigabytes_says_so_first_and_offers_a_coarser_step(tmp_path, capsys, monkeypatch):
+    scene = load_scene('flat')
+    long = replace(scene, run=replace(scene.run, duration=86400.0, output_step=0.01))
+    simulate.check_size(long, tmp_path / 'new', False)
+    err = capsys.readouterr().err
+    assert 'this run writes about 8.6 GB' in err and '--output-step 1 makes it 0.086 GB' in err
+    simulate.check_size(long, tmp_path / 'new', True)
+    simulate.check_size(scene, tmp_path / 'new', False)
+    assert capsys.readouterr().err == '' and not list(tmp_path.iterdir())
+    monkeypatch.setattr(simulate.shutil, 'disk_usage',
+                        lambda _: argparse.Namespace(free=10**9))
+    with pytest.raises(ConfigurationError, match='has no room for it'):
+        simulate.check_size(long, tmp_path / 'new', False)
