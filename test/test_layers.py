@@ -31,8 +31,7 @@ LAYERS = {
     # Between commands and a real motor.
     'black_box': ('errors', 'config', 'physics', 'control', 'estimation', 'plant', 'drives',
                   'bridge', 'results'),
-    'bridge': ('errors', 'config', 'physics', 'control', 'estimation', 'plant', 'drives', 'imus',
-               'black_box'),
+    'bridge': ('errors', 'config', 'physics', 'control', 'estimation', 'plant', 'drives', 'imus'),
 }
 RUNTIME = tuple(LAYERS)
 # Offline: what runs of the model teach, its files and its pictures. No node imports them.

@@ -1,2 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recorder of the last minutes before a fault of the bridge: writing, reading and reports."""
+"""
+The last ten minutes of a session, as an MCAP file after a fault.
+
+``ring`` keeps MCAP messages in memory, ``dump`` writes them to a file, ``read`` reads it, and
+``report`` makes text and tables of it.  Foxglove opens the file, too.
+"""

@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Callable, Tuple
 
-from ballbot_ros.black_box.ring import Witness
 from ballbot_ros.bridge.hardware_file import Hardware
+from ballbot_ros.bridge.observer import SessionObserver
 from ballbot_ros.drives import open_driver, open_line
 from ballbot_ros.drives.capture import Recorder, ShownToAll
 from ballbot_ros.drives.contract import Identity, Setting
@@ -12,7 +12,7 @@ from ballbot_ros.drives.driver import Driver
 from ballbot_ros.errors import ConfigurationError
 
 
-def connector(hardware: Hardware, capture: str = '', witness: Witness = Witness()
+def connector(hardware: Hardware, capture: str = '', observer: SessionObserver = SessionObserver()
               ) -> Callable[[], Driver]:
     """
     Return a function that opens the line and puts a driver on it.
@@ -23,7 +23,7 @@ def connector(hardware: Hardware, capture: str = '', witness: Witness = Witness(
     capture : str
         File for a copy of the raw traffic, of all lines that are opened one after the other;
         empty for none.
-    witness : Witness
+    observer : SessionObserver
         Is shown that traffic, too.
 
     Raises
@@ -33,7 +33,7 @@ def connector(hardware: Hardware, capture: str = '', witness: Witness = Witness(
 
     """
     connection, options = hardware.connection, hardware.options()
-    recorder = ShownToAll(Recorder(Path(capture)), witness) if capture else witness
+    recorder = ShownToAll(Recorder(Path(capture)), observer) if capture else observer
 
     def connect() -> Driver:
         line = open_line(

@@ -5,11 +5,11 @@ import logging
 import math
 from typing import Callable, Optional, Tuple
 
-from ballbot_ros.black_box.ring import EVENT, FAULT, Witness
 from ballbot_ros.bridge.condition import ConditionMonitor
 from ballbot_ros.bridge.drive_line import DriveLine, HANDSHAKE
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.motor_state import Event, LOST, MotorState, Power
+from ballbot_ros.bridge.observer import Level, SessionObserver
 from ballbot_ros.bridge.onboard import OnBoard
 from ballbot_ros.bridge.pacer import DECIDED, Pacer
 from ballbot_ros.bridge.sensing import Sensing
@@ -47,9 +47,9 @@ class DriveControl:
     """
 
     def __init__(self, hardware: Hardware, robot: Robot, connect: Callable[[], Driver],
-                 clock: Callable[[], float], witness: Witness, law: Optional[OnBoard] = None):
-        """Start without a line."""
-        self._witness = witness
+                 clock: Callable[[], float], observer: SessionObserver,
+                 law: Optional[OnBoard] = None):
+        self._observer = observer
         self._hardware, self._clock, self.law = hardware, clock, law
         period = 1.0 / hardware.connection.loop_rate
         self.line = DriveLine(connect, clock)
@@ -207,7 +207,7 @@ class DriveControl:
             supervisor.trigger(IMU_SILENT)
         if pulled:
             LOG.warning('%s', IMU_SILENT)
-            self._witness.tell(IMU_SILENT, FAULT)
+            self._observer.event(IMU_SILENT, Level.FAULT)
         self._forget()
 
     def _forget(self) -> None:
@@ -278,8 +278,8 @@ class DriveControl:
     def _change(self, event: Event, why: str = '') -> None:
         """Change the state of the motor; a command from before is not followed after it."""
         is_fault = self.power.is_fault(event)
-        self._witness.tell(f'{event.in_words}{why and ": "}{why}',
-                           FAULT if is_fault or event is Event.LOST else EVENT)
+        self._observer.event(f'{event.in_words}{why and ": "}{why}',
+                           Level.FAULT if is_fault or event is Event.LOST else Level.EVENT)
         if is_fault:
             if not self._hardware.limits.rearm:
                 self.supervisor.trigger(why)

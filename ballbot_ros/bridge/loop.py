@@ -4,7 +4,7 @@ import threading
 from time import sleep
 from typing import Callable, Optional
 
-from ballbot_ros.black_box.ring import FAULT
+from ballbot_ros.bridge.observer import Level
 from ballbot_ros.bridge.pacer import Periods
 from ballbot_ros.bridge.realtime import Scheduling
 from ballbot_ros.bridge.session import Report, Session
@@ -84,6 +84,6 @@ class Loop:
                     return
         except Exception as error:  # noqa: BLE001 whatever it is, the owner must know it
             self.failure = error
-            self._session.witness.tell(f'the loop ended: {error!r}', FAULT)
+            self._session.observer.event(f'the loop ended: {error!r}', Level.FAULT)
         finally:
             self._session.close()

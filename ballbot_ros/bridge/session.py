@@ -12,12 +12,12 @@ import threading
 import time
 from typing import Callable, NamedTuple, Optional, Tuple
 
-from ballbot_ros.black_box.ring import Witness
 from ballbot_ros.bridge.condition import Condition
 from ballbot_ros.bridge.drive_control import DriveControl
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.imu_watch import STEADY
 from ballbot_ros.bridge.motor_state import MotorState, SILENCE
+from ballbot_ros.bridge.observer import SessionObserver
 from ballbot_ros.bridge.onboard import OnBoard
 from ballbot_ros.bridge.warm_up import warm_up
 from ballbot_ros.control import Mode, SetPoint
@@ -64,8 +64,8 @@ class Session:
         Opens the line and returns a driver on it; called again after the line was lost.
     clock : callable
         Gives seconds and never goes back.
-    witness : Witness
-        Is told what happens.
+    observer : SessionObserver
+        Receives what happens.
     law : OnBoard, optional
         Makes the torque from set-points; without it, commands from outside do: direct control.
 
@@ -88,16 +88,16 @@ class Session:
 
     def __init__(self, hardware: Hardware, robot: Robot, connect: Callable[[], Driver],
                  clock: Callable[[], float] = time.monotonic,
-                 witness: Witness = Witness(), law: Optional[OnBoard] = None):
+                 observer: SessionObserver = SessionObserver(), law: Optional[OnBoard] = None):
         """Start without a line, not active, the e-stop engaged; see `warm_up`."""
         warm_up(robot)
         self.hardware, self.robot, self.clock, self.law = hardware, robot, clock, law
-        self.witness = witness
+        self.observer = observer
         self.set_points_refused: Counter[str] = Counter()
         limits = hardware.limits
         self._largest = {Mode.HOLD: limits.angle_limit, Mode.DRIVE: limits.speed_limit,
                          Mode.SPEED: limits.speed_limit * robot.ball_radius}
-        self.control = DriveControl(hardware, robot, connect, clock, witness, law)
+        self.control = DriveControl(hardware, robot, connect, clock, observer, law)
         self.line, self.supervisor = self.control.line, self.control.supervisor
         self._sensing = self.control.sensing
         self.fusion: Fusion = self._sensing.fusion
@@ -150,7 +150,7 @@ class Session:
                 'set_point or cmd_vel, or start the bridge with control:=direct')
         with self.lock:
             now = self.clock()
-            self.witness.command(torque, stamp)
+            self.observer.command(torque, stamp)
             self.supervisor.offer(torque, stamp, now)
             if self._wanted is Wanted.ACTIVE and not self.supervisor.e_stop:
                 self.control.follow(now)
@@ -171,7 +171,7 @@ class Session:
                 'direct', 'set-points are not followed in direct control: send joint_commands, '
                 'from a node controller for instance, or start the bridge with control:=onboard')
         with self.lock:
-            self.witness.set_point(set_point)
+            self.observer.set_point(set_point)
             largest = self._largest.get(set_point.mode, math.inf)
             if abs(set_point.value) > largest:
                 raise MessageError(
@@ -183,7 +183,7 @@ class Session:
     def imu(self, reading: ImuReading) -> None:
         """Take an IMU reading; raises as `Sensing.imu` does.  An implausible one stops."""
         with self.lock:
-            self.witness.imu(reading)
+            self.observer.imu(reading)
             try:
                 self._sensing.imu(reading, self.clock())
             finally:
@@ -194,7 +194,7 @@ class Session:
     def engage(self, reason: str) -> None:
         """Engage the e-stop; the motor loses its power at once."""
         with self.lock:
-            self.witness.wished(reason)
+            self.observer.requested_stop(reason)
             self.supervisor.trigger(reason)
             self.control.withdraw()
 
@@ -206,9 +206,9 @@ class Session:
             try:
                 self.supervisor.reset(self.clock(), self._inhibit())
             except RefusedError as error:
-                self.witness.tell(str(error))
+                self.observer.event(str(error))
                 raise
-            self.witness.tell('e-stop released')
+            self.observer.event('e-stop released')
 
     def _inhibit(self) -> str:
         """Return what inhibits the release of the e-stop; empty for nothing."""
@@ -253,7 +253,7 @@ class Session:
             if self.control.power.state is not MotorState.DISARMED:
                 raise RefusedError('the motor is under power, or its stop is not confirmed yet')
             left = self.control.clear_faults(driver)
-            self.witness.tell(f'faults cleared, left: {", ".join(left) or "none"}')
+            self.observer.event(f'faults cleared, left: {", ".join(left) or "none"}')
         if left:
             raise RefusedError(f'the drive still names {", ".join(left)}; remove the cause')
         return 'the drive names no fault any more'
@@ -310,7 +310,7 @@ class Session:
             commanded = commanded and set_point.mode is not Mode.IDLE
         now, state = self.clock(), self.control.power.state
         telemetry = Telemetry() if driver is None else driver.telemetry
-        self.witness.period(now, estimate, supervisor, telemetry, state)
+        self.observer.period(now, estimate, supervisor, telemetry, state)
         return Report(now, estimate, supervisor.torque, telemetry, state, supervisor.e_stop,
                       timed_out, commanded, set_point, self.control.monitor.condition,
                       self._sensing.needs_imu(now))

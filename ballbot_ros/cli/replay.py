@@ -38,7 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay a bag or a black box, whichever it is."""
-    if is_bag(arguments.file):
+    from ballbot_ros.black_box.read import find_black_box
+    path = find_black_box(arguments.file)
+    if path is None and is_bag(arguments.file):
         if arguments.before is not None:
             raise ConfigurationError(f'--before goes with a black box; {arguments.file} is a bag')
         return run_bag(arguments)
@@ -47,24 +49,27 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(
             f'{given[0]} goes with a bag (a folder with metadata.yaml, a file ending in .mcap or '
             f'.db3); {arguments.file} is none')
-    return run_black_box(arguments)
+    if path is None and arguments.file.is_dir():
+        raise ConfigurationError(
+            f'{arguments.file}: holds neither a file of a black box nor a bag; the bridge writes '
+            'one after a fault, see its parameter black_box')
+    return run_black_box(path or arguments.file, arguments)
 
 
-def run_black_box(arguments: argparse.Namespace) -> int:
+def run_black_box(path: Path, arguments: argparse.Namespace) -> int:
     """Print what happened, and write what is asked for; 1 if the file is damaged."""
     before = BEFORE if arguments.before is None else arguments.before
     if not 0.0 < before <= LONGEST:
         raise ConfigurationError(
             f'--before must be above 0 and at most {LONGEST:g} s, got {before:g}')
-    path = newest(arguments.file)
-    from ballbot_ros.black_box.reader import read_black_box
-    from ballbot_ros.black_box.wording import in_words, write_tables
+    from ballbot_ros.black_box.read import read_black_box
+    from ballbot_ros.black_box.report import summary, write_tables
     if arguments.out is not None:
         result_folder(arguments.out, arguments.out, ('period.csv', 'black_box.png',
                                                      'black_box.svg'), arguments.overwrite)
     recording = read_black_box(path)
     if not arguments.quiet:
-        print(f'{path}\n\n{in_words(recording)}')
+        print(f'{path}\n\n{summary(recording)}')
     if arguments.out is not None:
         files = [file.name for file in write_tables(recording, arguments.out)]
         files += draw(recording, before, arguments)
@@ -78,19 +83,6 @@ def draw(recording: Any, before: float, arguments: argparse.Namespace) -> list[s
     from ballbot_ros.figures.black_box import around_fault
     return save_figure(around_fault(recording, before), arguments.out, 'black_box',
                        arguments.format)
-
-
-def newest(path: Path) -> Path:
-    """Return a file, or the newest one in a folder; `ConfigurationError` if it has none."""
-    if not path.is_dir():
-        return path
-    from ballbot_ros.black_box.file import ENDING
-    files = sorted(path.glob(f'*{ENDING}'))
-    if not files:
-        raise ConfigurationError(
-            f'{path}: holds no file of a black box (*{ENDING}), and no bag; the bridge writes one '
-            'after a fault, see its parameter black_box')
-    return files[-1]
 
 
 class Replayed(NamedTuple):

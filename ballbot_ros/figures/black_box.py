@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The time around a fault, as the black box of the bridge has kept it."""
+"""The time around a fault, from the black box of the bridge."""
 import math
 from typing import Any, List, Sequence, Tuple
 
@@ -7,26 +7,18 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 import numpy as np
 
-from ballbot_ros.black_box.reader import BlackBoxRecording, Happening
-from ballbot_ros.black_box.ring import FAULT, NOTE, TORQUE
-from ballbot_ros.black_box.wording import gaps, told_once, window
+from ballbot_ros.black_box.read import BlackBoxRecording, date, RecordedEvent
+from ballbot_ros.black_box.report import gaps, merge_repeated, window
+from ballbot_ros.black_box.ring import TORQUE
+from ballbot_ros.bridge.observer import Level
 from ballbot_ros.figures import canvas
 from ballbot_ros.figures.panels import Panel, Series
-from ballbot_ros.studies.progress import ignore, Progress
-from ballbot_ros.studies.pulled_plug import pulled_plug
 
 _WIDTH, _LEFT, _RIGHT, _TOP, _BOTTOM, _GAP = 9.6, 0.85, 1.9, 0.75, 0.55, 0.14  # [in]
 LINE = 0.17  # height of a line of the list of events [in]
 MOST_LINES = 14
 # Wider than this a text is cut [characters].
 WIDEST = 118
-
-
-def black_box(progress: Progress = ignore) -> Figure:
-    """Show what a black box keeps, of a plug that is pulled while the pendulum swings."""
-    figure = around_fault(pulled_plug(progress), 1.5)
-    progress(1.0)
-    return figure
 
 
 def around_fault(recording: BlackBoxRecording, before: float = 5.0) -> Figure:
@@ -42,7 +34,7 @@ def around_fault(recording: BlackBoxRecording, before: float = 5.0) -> Figure:
     """
     begin, end = window(recording, before, None)
     fault = recording.fault_time
-    events = chosen([event for event in told_once(recording.events)
+    events = chosen([event for event in merge_repeated(recording.events)
                      if begin <= event.time <= end])
     panels = list(_panels(recording))
     bottom = _BOTTOM + LINE * (len(events) + 1)
@@ -69,21 +61,21 @@ def around_fault(recording: BlackBoxRecording, before: float = 5.0) -> Figure:
             figure.text(_LEFT / _WIDTH, LINE * (len(events) - number + 0.5) / total,
                         _cut(text, WIDEST), fontsize=7.5,
                         va='top', color=_colour(event))
-        about = recording.head['about']
+        about = recording.about
         origin = ', '.join(filter(None, (
             about.get('hardware', ''), about.get('made', ''),
-            f'fault at {recording.wall_clock(fault):%Y-%m-%d %H:%M:%S} UTC')))
+            f'fault at {date(fault):%Y-%m-%d %H:%M:%S} UTC')))
         for text, size, style, place in (
-                (_cut(f'Black box: {recording.head["reason"]}', 78), 11, 'bold', 0.26),
+                (_cut(f'Black box: {recording.reason}', 78), 11, 'bold', 0.26),
                 (origin, 7.5, 'normal', 0.42)):
             figure.text(0.012, 1.0 - place / total, text, fontsize=size, weight=style,
                         color=canvas.INK if size > 8 else canvas.GREY)
     return figure
 
 
-def chosen(events: Sequence[Happening]) -> List[Happening]:
-    """Return the events that there is room for: faults first, lines of the log last, in order."""
-    ranked = sorted(events, key=lambda event: (-event.weight, abs(event.time)))
+def chosen(events: Sequence[RecordedEvent]) -> List[RecordedEvent]:
+    """Return at most `MOST_LINES` events, faults before lines of the log, in order of time."""
+    ranked = sorted(events, key=lambda event: (-event.level, abs(event.time)))
     return sorted(ranked[:MOST_LINES], key=lambda event: event.time)
 
 
@@ -91,15 +83,16 @@ def _cut(text: str, length: int) -> str:
     return text if len(text) <= length else f'{text[:length]} ...'
 
 
-def _colour(event: Happening) -> str:
-    return {FAULT: canvas.VERMILION, NOTE: canvas.GREY}.get(event.weight, canvas.INK)
+def _colour(event: RecordedEvent) -> str:
+    return {Level.FAULT: canvas.VERMILION, Level.LOG: canvas.GREY}.get(
+        Level(event.level), canvas.INK)
 
 
 def _panels(recording: BlackBoxRecording) -> List[Tuple[Panel, List[Any]]]:
     """Return the panels from top to bottom, with the times of each of their lines."""
     period, drive = recording.tables['period'], recording.tables['drive']
     command = recording.tables['command']
-    torques = command['what'] == TORQUE
+    torques = command['kind'] == TORQUE
     moved = np.isfinite(period['pendulum_angle'])
     time, slow = period['time'], drive['time']
     ends, lengths = gaps(time)
@@ -151,14 +144,14 @@ def _draw(axes: Any, panel: Panel, times: Sequence[Any], begin: float) -> None:
                     handlelength=1.6, borderaxespad=0.0, labelspacing=0.3)
 
 
-def _mark(axes: Any, events: Sequence[Happening], fault: float, labelled: bool) -> None:
+def _mark(axes: Any, events: Sequence[RecordedEvent], fault: float, labelled: bool) -> None:
     """Draw a line for each event; those of the first panel have the number of the list."""
     last, level = -math.inf, 0
     left, right = (min((event.time for event in events), default=0.0),
                    max((event.time for event in events), default=0.0))
     for number, event in enumerate(events):
         axes.axvline(event.time - fault, color=_colour(event), lw=0.7,
-                     ls='-' if event.weight == FAULT else ':', zorder=0.5)
+                     ls='-' if event.level == Level.FAULT else ':', zorder=0.5)
         if labelled:
             level = level + 1 if event.time - last < 0.02 * (right - left) else 0
             last = event.time

@@ -4,12 +4,12 @@ from typing import Callable, Mapping
 
 from matplotlib.figure import Figure
 
-from ballbot_ros.figures import black_box, command_loss
-from ballbot_ros.paper import design, figures as paper
+from ballbot_ros.figures import command_loss
+from ballbot_ros.paper import design, figures as paper, pulled_plug
 
 # Name -> what draws it; it reports a progress from 0 to 1.
 FIGURES: Mapping[str, Callable[..., Figure]] = {
     'fig5': paper.figure_5, 'fig6': paper.figure_6, 'fig7': paper.figure_7,
     'fig8': paper.figure_8, 'tornado': design.tornado, 'probability': design.probability,
     'design': design.design, 'slope': design.slope, 'over': design.over,
-    'on_timeout': command_loss.on_timeout, 'black_box': black_box.black_box}
+    'on_timeout': command_loss.on_timeout, 'black_box': pulled_plug.black_box}

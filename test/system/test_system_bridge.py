@@ -17,8 +17,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from ballbot_ros.black_box.reader import read_black_box
-from ballbot_ros.cli.replay import newest
+from ballbot_ros.black_box.read import find_black_box, read_black_box
 from ballbot_ros.emulator.control import obey
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.nodes.bridge.node import Bridge
@@ -76,9 +75,9 @@ def test_unplugging_ends_in_a_stop_and_service_comes_back(driving, motor):
     run.pull()
     assert run.graph.log('bridge').count('looking for the drive') < 5
     assert run.graph.end('bridge') == 0  # writes what has not been written yet
-    file = newest(run.graph.processes.log('bridge').parent / 'ballbot')
+    file = find_black_box(run.graph.processes.log('bridge').parent / 'ballbot')
     found = read_black_box(file)
-    assert not found.damage and 'drive lost: the line was lost' in found.head['reason']
+    assert not found.damage and 'drive lost: the line was lost' in found.reason
     told = '\n'.join(event.text for event in found.events)
     assert 'looking for the drive' in told  # a line of the log
     assert len(found.traffic) > 100 and len(found.tables['command']['time']) > 0

@@ -72,7 +72,7 @@ class MotorInputs:
             self._session.give(given if not given.stamp else replace(
                 given, stamp=self._clocks.steady(given.stamp)))
         except MessageError as error:
-            self._session.witness.refused('set-point', error)
+            self._session.observer.refused('set-point', error)
             raise
 
     def _on_imu(self, message: Imu) -> None:
@@ -83,7 +83,7 @@ class MotorInputs:
             self._refused('IMU reading', error)
 
     def _refused(self, what: str, error: MessageError) -> None:
-        self._session.witness.refused(what, error)
+        self._session.observer.refused(what, error)
         self._logger.warning(f'{what} refused: {error}', throttle_duration_sec=1.0)
 
     def _on_e_stop(self, engaged: bool) -> None:

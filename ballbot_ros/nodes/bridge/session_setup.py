@@ -12,7 +12,7 @@ from ballbot_ros.bridge.onboard import OnBoard
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import Supervision
 from ballbot_ros.control.aside import aside
-from ballbot_ros.nodes.bridge.black_box_topic import black_box
+from ballbot_ros.nodes.bridge.black_box import black_box
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros.endpoints import publisher_names
@@ -44,9 +44,9 @@ def new_session(node: Node, settings: BridgeSettings) -> Session:
             partial(publisher_names, node))
     else:
         check_feasible(hardware, robot, tuning, settings.delay)
-    witness = black_box(settings.black_box, hardware)
-    return Session(hardware, robot, connector(hardware, settings.capture, witness),
-                   witness=witness, law=law)
+    observer = black_box(settings.black_box, hardware)
+    return Session(hardware, robot, connector(hardware, settings.capture, observer),
+                   observer=observer, law=law)
 
 
 def prepare_session(session: Session, now: BridgeSettings, wanted: BridgeSettings) -> Commit:
@@ -76,5 +76,5 @@ def prepare_session(session: Session, now: BridgeSettings, wanted: BridgeSetting
         with session.lock:
             law.retune(wanted.gains, expected)
         if wanted.gains != now.gains:
-            session.witness.tell('other gains are in force')
+            session.observer.event('other gains are in force')
     return commit

@@ -5,9 +5,9 @@ import time
 
 import pytest
 
-from ballbot_ros.black_box.ring import Witness
 from ballbot_ros.bridge import loop as loop_module
 from ballbot_ros.bridge.loop import Loop
+from ballbot_ros.bridge.observer import SessionObserver
 
 RATE = 100.0
 PATIENCE = 20.0  # with a busy machine [s]
@@ -16,7 +16,7 @@ PATIENCE = 20.0  # with a busy machine [s]
 class FakeSession:
     """A session that counts what is asked of it."""
 
-    clock, witness = staticmethod(time.monotonic), Witness()
+    clock, observer = staticmethod(time.monotonic), SessionObserver()
 
     def __init__(self):
         self.ticks, self.waits, self.closed = [], [], 0

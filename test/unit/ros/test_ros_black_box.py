@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The black box of a node: where its files are, and whose lines of the log it takes."""
+"""The black box of a node: where its files are, and which lines of the log it records."""
 import logging
 from pathlib import Path
 
 import pytest
 
-from ballbot_ros.black_box.ring import BlackBox, NOTE
+from ballbot_ros.black_box.ring import BlackBox
 from ballbot_ros.bridge.hardware_file import load_hardware
-from ballbot_ros.nodes.bridge.black_box_topic import black_box, LOGGER, place
+from ballbot_ros.nodes.bridge.black_box import black_box, LOGGER, resolve_folder
 from ballbot_ros.ros.logs import DeferredLogs
 
 
@@ -19,7 +19,7 @@ def test_the_default_folder_is_that_of_ros(folder, home, found, monkeypatch):
     monkeypatch.delenv('ROS_HOME', raising=False)
     if home:
         monkeypatch.setenv('ROS_HOME', home)
-    assert place(folder) == found
+    assert resolve_folder(folder) == found
 
 
 def test_what_the_bridge_logs_is_kept_when_it_is_logged_and_not_when_it_is_printed(
@@ -32,7 +32,7 @@ def test_what_the_bridge_logs_is_kept_when_it_is_logged_and_not_when_it_is_print
     box = black_box(str(tmp_path), load_hardware('gimball_odrive'))
     logging.getLogger(f'{LOGGER}.session').warning('the %s is on fire', 'motor')
     block, = box.snapshot()
-    assert bytes(block).endswith(b'the motor is on fire') and block[9] == NOTE
+    assert bytes(block).endswith(b'the motor is on fire\0')
 
 
 def test_without_a_folder_nothing_is_kept():

@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What a black box keeps of a plug that is pulled: an example, in memory and in no time.
+The black box of a simulated session whose plug is pulled: the example of the documents.
 
-The full model of GimBall behind an emulated ODrive; the session of the bridge drives it, on a
-clock that only this module moves.
+The full model of GimBall behind an emulated ODrive, driven by the session of the bridge, on a
+clock that this module advances.
 """
 import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from ballbot_ros.black_box.file import header, write_file
-from ballbot_ros.black_box.reader import BlackBoxRecording, read_black_box
+from matplotlib.figure import Figure
+
+from ballbot_ros.black_box.dump import write_file
+from ballbot_ros.black_box.read import BlackBoxRecording, read_black_box
 from ballbot_ros.black_box.ring import BlackBox
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.session import Session
@@ -20,6 +22,7 @@ from ballbot_ros.drives.memory_line import MemoryLine
 from ballbot_ros.emulator.ball import Ball, settings_for
 from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import ImuReading
+from ballbot_ros.figures.black_box import around_fault
 from ballbot_ros.physics.simulation.scene import load_scene
 from ballbot_ros.studies.progress import ignore, Progress
 
@@ -28,7 +31,7 @@ PULLED, ENDS = 3.0, 4.0  # after the start [s]
 SWING, FREQUENCY = 0.5, 0.7  # of the commands [N m, Hz]
 
 
-class WitnessedLine(MemoryLine):
+class RecordedLine(MemoryLine):
     """A line in memory with an emulated drive and a ball behind it, and a black box beside it."""
 
     def __init__(self) -> None:
@@ -83,12 +86,12 @@ class WitnessedLine(MemoryLine):
                     self.session.command(
                         SWING * math.sin(math.tau * FREQUENCY * self.now), self.now)
                 except MessageError:
-                    pass  # the black box has been told
+                    pass  # in the black box
 
 
 def pulled_plug(progress: Progress = ignore) -> BlackBoxRecording:
-    """Return what is kept when the plug is pulled while the pendulum swings."""
-    line = WitnessedLine()
+    """Return the recording of a plug that is pulled while the pendulum swings."""
+    line = RecordedLine()
     line.session.configure()
     line.run(line.now + 0.2)
     line.session.activate()
@@ -106,4 +109,11 @@ def pulled_plug(progress: Progress = ignore) -> BlackBoxRecording:
     about = {'hardware': line.hardware.name, 'made': 'simulated with the full model'}
     with TemporaryDirectory() as folder:
         return read_black_box(write_file(
-            Path(folder), line.box.snapshot(), header(line.box, *fault, about)))
+            Path(folder), line.box, *fault, about))
+
+
+def black_box(progress: Progress = ignore) -> Figure:
+    """Draw the last second before the plug is pulled while the pendulum swings, and the next."""
+    figure = around_fault(pulled_plug(progress), 1.5)
+    progress(1.0)
+    return figure

@@ -1,41 +1,42 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the file of a black box says, in words and as files for other programs."""
+"""A black box as text, and as tables for other programs."""
 import math
 from pathlib import Path
 from typing import Iterator, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ballbot_ros.black_box.reader import BlackBoxRecording, Happening
-from ballbot_ros.black_box.ring import COMMANDED, COMMANDS, E_STOP, FAULT, NOTE, TIMED_OUT
+from ballbot_ros.black_box.read import BlackBoxRecording, date, RecordedEvent
+from ballbot_ros.black_box.ring import CHANNELS, COMMANDS, STATES
+from ballbot_ros.bridge.observer import Level
 from ballbot_ros.drives.capture import HEADER
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.results.files import PathLike, replacing, write_text
 
-# What is told of the time before a fault, and how many of its events [s].
+# Time before a fault that the summary covers [s], and how many events it lists.
 BEFORE = 1.0
 MOST_EVENTS = 25
-# An event that comes again so soon is told once [s].
-AGAIN = 1.0
-# Torque below this is none [N m].
-NOTHING = 1e-6
+# An event that is repeated within this is listed once [s].
+REPETITION_TIME = 1.0
+# Torque below this counts as zero [N m].
+ZERO_TORQUE = 1e-6
 
 
-def in_words(recording: BlackBoxRecording) -> str:
-    """Return a summary: what it holds, and what happened around the fault."""
-    rows = [*_what_it_is(recording), ('', ''), *_before(recording)]
+def summary(recording: BlackBoxRecording) -> str:
+    """Return a text: the content, and what happened around the fault."""
+    rows = [*_origin(recording), ('', ''), *_before(recording)]
     width = max(len(label) for label, _ in rows)
     lines = [f'{label:<{width}}  {text}'.rstrip() for label, text in rows]
     lines += ['', f'Events from {BEFORE:g} s before the fault on', *_events(recording)]
     return '\n'.join([*lines, *(f'Damaged: {text}' for text in recording.damage)])
 
 
-def _what_it_is(recording: BlackBoxRecording) -> Iterator[Tuple[str, str]]:
-    """Yield where it is from and how much there is."""
-    about, (begin, end) = recording.head['about'], recording.span
+def _origin(recording: BlackBoxRecording) -> Iterator[Tuple[str, str]]:
+    """Yield hardware, fault and amount of data."""
+    about, (begin, end) = recording.about, recording.span
     yield 'hardware', ', '.join(f'{name} {value}' for name, value in about.items())
-    yield 'fault', str(recording.head['reason'])
-    yield 'at', f'{recording.wall_clock(recording.fault_time):%Y-%m-%d %H:%M:%S.%f} UTC'
+    yield 'fault', recording.reason
+    yield 'at', f'{date(recording.fault_time):%Y-%m-%d %H:%M:%S.%f} UTC'
     yield 'kept', (f'{recording.fault_time - begin:.1f} s before it and '
                    f'{end - recording.fault_time:.1f} s after: '
                    + ', '.join(f'{len(table["time"])} of {name}'
@@ -44,7 +45,7 @@ def _what_it_is(recording: BlackBoxRecording) -> Iterator[Tuple[str, str]]:
 
 
 def _before(recording: BlackBoxRecording) -> Iterator[Tuple[str, str]]:
-    """Yield what the last second before the fault was like."""
+    """Yield motion, torque and traffic of the last second before the fault."""
     fault = recording.fault_time
     periods = _cut(recording, 'period', fault - BEFORE, fault)
     yield f'In the last {BEFORE:g} s', ''
@@ -77,7 +78,7 @@ def _before(recording: BlackBoxRecording) -> Iterator[Tuple[str, str]]:
 
 
 def _slow(recording: BlackBoxRecording, periods: dict[str, Array]) -> Iterator[Tuple[str, str]]:
-    """Yield what drive and supply reported."""
+    """Yield the reports of drive and supply."""
     fault = recording.fault_time
     drive = _cut(recording, 'drive', fault - BEFORE, fault)
     for label, values, unit in (
@@ -93,27 +94,27 @@ def _slow(recording: BlackBoxRecording, periods: dict[str, Array]) -> Iterator[T
 def _events(recording: BlackBoxRecording) -> Iterator[str]:
     """Yield a line for each event around the fault."""
     fault = recording.fault_time
-    events = [event for event in told_once(recording.events) if event.time >= fault - BEFORE]
+    events = [event for event in merge_repeated(recording.events) if event.time >= fault - BEFORE]
     for event in events[:MOST_EVENTS]:
-        mark = {NOTE: 'log  ', FAULT: 'FAULT'}.get(event.weight, '     ')
+        mark = {Level.LOG: 'log  ', Level.FAULT: 'FAULT'}.get(Level(event.level), '     ')
         yield f'{event.time - fault:+9.3f} s  {mark}  {event.text}'
     if len(events) > MOST_EVENTS:
         yield f'{"":13}and {len(events) - MOST_EVENTS} more'
 
 
-def told_once(events: Sequence[Happening]) -> List[Happening]:
+def merge_repeated(events: Sequence[RecordedEvent]) -> List[RecordedEvent]:
     """
     Return events without repetition.
 
-    A line of the log that only says what the event before has said is left out; what comes again
-    within a second is told once, with how often it came.
+    A line of the log that repeats the text of the event before is left out; an event that is
+    repeated within `REPETITION_TIME` is listed once, with its number.
     """
-    kept: List[Happening] = []
+    kept: List[RecordedEvent] = []
     times: List[List[float]] = []  # of each that is kept
     places: dict[str, int] = {}
     for event in events:
         place = places.get(event.text)
-        if place is not None and event.time - times[place][-1] < AGAIN:
+        if place is not None and event.time - times[place][-1] < REPETITION_TIME:
             times[place].append(event.time)
         elif not any(event.text in other.text for other in kept[-3:]
                      if event.time - other.time < 0.05):
@@ -151,7 +152,7 @@ def _last_command(commands: dict[str, Array], fault: float) -> str:
     """Return how many commands there were, and the last one."""
     if not len(commands['time']):
         return 'none'
-    what, unit = COMMANDS[int(commands['what'][-1])]
+    what, unit = COMMANDS[int(commands['kind'][-1])]
     return (f'{len(commands["time"])}, the last {_ago(fault - commands["time"][-1])}: {what} '
             f'{commands["value"][-1]:.3f} {unit}'.rstrip())
 
@@ -160,7 +161,7 @@ def _zero_after(after: dict[str, Array], fault: float) -> str:
     """Return when the torque was at zero for good."""
     if not len(after['time']):
         return 'nothing was recorded after the fault'
-    pushing = np.abs(after['torque']) > NOTHING
+    pushing = np.abs(after['torque']) > ZERO_TORQUE
     if not pushing.any():
         return 'when the fault was noticed'
     last = int(np.flatnonzero(pushing)[-1])
@@ -205,17 +206,20 @@ def write_tables(recording: BlackBoxRecording, folder: PathLike) -> List[Path]:
     files = []
     for name, table in recording.tables.items():
         files.append(target / f'{name}.csv')
-        units = recording.units[name]
-        flags = _flag_columns(table['flags'], recording) if 'flags' in table else {}
+        units = {'time': 's', **{title: unit for kind in CHANNELS.values() if kind.name == name
+                                 for _, title, unit in kind.fields}}
+        columns = {**table, 'time': table['time'] - fault}
+        if 'state' in table:
+            columns['state'] = np.array([state.name for state in STATES])[
+                np.minimum(table['state'].astype(int), len(STATES) - 1)]
         with replacing(files[-1]) as stream:
-            titles = [f'{title} [{units.get(title, "")}]' for title in (*table, *flags)]
-            stream.write((','.join(titles) + '\n').encode())
-            columns = [table['time'] - fault, *list(table.values())[1:], *flags.values()]
-            for row in zip(*(column.tolist() for column in columns)):
+            stream.write((','.join(f'{title} [{units[title]}]' for title in columns)
+                          + '\n').encode())
+            for row in zip(*(column.tolist() for column in columns.values())):
                 stream.write((','.join(map(str, row)) + '\n').encode())
     files.append(target / 'events.csv')
-    write_text('time [s],weight [],text\n' + ''.join(
-        f'{event.time - fault:.6f},{event.weight},"{_quoted(event.text)}"\n'
+    write_text('time [s],level [],text\n' + ''.join(
+        f'{event.time - fault:.6f},{event.level},"{_quoted(event.text)}"\n'
         for event in recording.events), files[-1])
     files.append(target / 'traffic.txt')
     begin = recording.traffic[0].time if recording.traffic else 0.0
@@ -223,15 +227,6 @@ def write_tables(recording: BlackBoxRecording, folder: PathLike) -> List[Path]:
         f'{item.time - begin:.6f} {item.direction} {item.data.hex()}\n'
         for item in recording.traffic), files[-1])
     return files
-
-
-def _flag_columns(flags: Array, recording: BlackBoxRecording) -> dict[str, Array]:
-    """Return the flags of each period as columns of their own."""
-    bits = flags.astype(int)
-    states = np.array(list(recording.head['states']) or [''])
-    return {'state': states[np.minimum(bits & 3, len(states) - 1)],
-            **{name: (bits & bit > 0).astype(int) for name, bit in (
-                ('e_stop', E_STOP), ('timed_out', TIMED_OUT), ('commanded', COMMANDED))}}
 
 
 def _quoted(text: str) -> str:

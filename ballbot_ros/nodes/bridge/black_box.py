@@ -1,55 +1,55 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The black box of a node: what its session tells and its layers log, with files after a fault."""
+"""The black box of the node: the events of its session, its log, and a file after each fault."""
 import atexit
 import logging
 import os
 from pathlib import Path
 
 from ballbot_ros import __version__
-from ballbot_ros.black_box.file import BlackBoxFiles
-from ballbot_ros.black_box.ring import BlackBox, NOTE, Witness
+from ballbot_ros.black_box.dump import BlackBoxFiles
+from ballbot_ros.black_box.ring import BlackBox
 from ballbot_ros.bridge.hardware_file import Hardware
+from ballbot_ros.bridge.observer import Level, SessionObserver
 
 LOGGER = 'ballbot_ros.bridge'
-ROS_HOME = '~/.ros'  # where the environment names no other
+ROS_HOME = '~/.ros'  # the default of the environment variable
 
 
-def place(folder: str) -> Path:
-    """Return the path of a folder, in ROS_HOME where it is said to be in its default."""
+def resolve_folder(folder: str) -> Path:
+    """Return the path of a folder, its default moved to ROS_HOME where that is set."""
     path, home = Path(folder), os.environ.get('ROS_HOME')
     if home and path.is_relative_to(ROS_HOME):
         return Path(home) / path.relative_to(ROS_HOME)
     return path.expanduser()
 
 
-class NoteHandler(logging.Handler):
-    """Puts the lines of a log into a black box, each when it was logged."""
+class LogRecorder(logging.Handler):
+    """Puts the lines of a log into a black box, with the time of each."""
 
     def __init__(self, box: BlackBox):
-        """Take records from INFO on."""
         super().__init__(logging.INFO)
         self._box = box
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Take a line."""
-        self._box.tell(record.getMessage(), NOTE)
+        """Record a line."""
+        self._box.event(record.getMessage(), Level.LOG)
 
 
-def black_box(folder: str, hardware: Hardware) -> Witness:
+def black_box(folder: str, hardware: Hardware) -> SessionObserver:
     """
-    Return who is to be told what happens to the hardware.
+    Return the observer of a session.
 
-    Files go to a folder; without one nothing is kept.  What is due when the process ends is
+    Files go to a folder; without one nothing is recorded.  What is due when the process ends is
     written then.
     """
     if not folder:
-        return Witness()
+        return SessionObserver()
     connection = hardware.connection
     box = BlackBox(period=1.0 / connection.loop_rate)
-    files = BlackBoxFiles(box, place(folder), {
+    files = BlackBoxFiles(box, resolve_folder(folder), {
         'hardware': hardware.name, 'robot': hardware.robot, 'protocol': connection.protocol,
         'port': connection.port, 'loop_rate': f'{connection.loop_rate:g}',
         'torque_limit': f'{hardware.limits.torque_limit:g}', 'version': __version__})
     atexit.register(files.close)
-    logging.getLogger(LOGGER).addHandler(NoteHandler(box))
+    logging.getLogger(LOGGER).addHandler(LogRecorder(box))
     return box

@@ -1,20 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the file of a black box is turned into: words, tables, a capture, one figure."""
+"""Text, tables, capture and figure of the file of a black box."""
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from ballbot_ros.black_box.file import header, write_file
-from ballbot_ros.black_box.reader import Happening
-from ballbot_ros.black_box.ring import BlackBox, EVENT, FAULT, NOTE
-from ballbot_ros.black_box.wording import _printable, in_words, told_once, write_tables
+from ballbot_ros.black_box.dump import write_file
+from ballbot_ros.black_box.read import RecordedEvent
+from ballbot_ros.black_box.report import _printable, merge_repeated, summary, write_tables
+from ballbot_ros.black_box.ring import BlackBox
+from ballbot_ros.bridge.observer import Level
 from ballbot_ros.cli import main
 from ballbot_ros.drives import open_driver
 from ballbot_ros.drives.capture import read_capture, Replay
 from ballbot_ros.drives.odrive.ascii.driver import ODrive
 from ballbot_ros.figures.black_box import around_fault, chosen, MOST_LINES
-from ballbot_ros.studies import pulled_plug
+from ballbot_ros.paper import pulled_plug
 
 
 @pytest.fixture(scope='module')
@@ -30,18 +31,18 @@ def recording():
 def file(tmp_path):
     """Return a file of a black box that has seen next to nothing."""
     box = BlackBox()
-    box.tell('a fault')
-    return write_file(tmp_path / 'box', box.snapshot(), header(box, box.clock(), 'why', {}))
+    box.event('a fault')
+    return write_file(tmp_path / 'box', box, box.clock(), 'why', {})
 
 
 def test_the_second_before_the_fault_is_put_into_words(recording):
-    words = in_words(recording)
+    text = summary(recording)
     for expected in ('drive lost: the line was lost: the cable is out', 'pendulum angle',
                      'torque asked      -0.5 to', 'longest 2.0 ms', '2.0 ms before: torque',
                      'when the fault was noticed', '+0.000 s  FAULT', '24 to 24 V'):
-        assert expected in words
-    assert 'Damaged' not in words and 'nan' not in words
-    assert 'Damaged: a block' in in_words(replace(recording, damage=('a block',)))
+        assert expected in text
+    assert 'Damaged' not in text and 'nan' not in text
+    assert 'Damaged: a block' in summary(replace(recording, damage=('a block',)))
 
 
 def test_a_torque_that_went_on_after_the_fault_is_told(recording):
@@ -50,9 +51,9 @@ def test_a_torque_that_went_on_after_the_fault_is_told(recording):
     period['torque'] = np.where(
         later & (period['time'] < recording.fault_time + 0.0501), 0.3, 0.0)
     tables = {**recording.tables, 'period': period}
-    assert 'torque at zero    52.0 ms after it' in in_words(replace(recording, tables=tables))
+    assert 'torque at zero    52.0 ms after it' in summary(replace(recording, tables=tables))
     period['torque'] = np.where(later, 0.3, 0.0)
-    assert 'not in the time that was recorded' in in_words(replace(recording, tables=tables))
+    assert 'not in the time that was recorded' in summary(replace(recording, tables=tables))
 
 
 def test_tables_have_times_from_the_fault_on(recording, tmp_path):
@@ -63,8 +64,8 @@ def test_tables_have_times_from_the_fault_on(recording, tmp_path):
         'state []', 'e_stop []', 'timed_out []', 'commanded []']
     rows = [line.split(',') for line in lines[1:]]
     before = [row for row in rows if float(row[0]) < -0.5 and row[-4] == 'ARMED']
-    assert before and all(row[-3:] == ['0', '0', '1'] for row in before[10:])
-    assert rows[-1][-4:-2] == ['DISCONNECTED', '1']
+    assert before and all(row[-3:] == ['0.0', '0.0', '1.0'] for row in before[10:])
+    assert rows[-1][-4:-2] == ['DISCONNECTED', '1.0']
     assert len(rows) == len(recording.tables['period']['time'])
     assert 'FAULT' not in (tmp_path / 'events.csv').read_text()
     assert ',2,"drive lost: the line was lost: the cable is out"' in (
@@ -92,24 +93,25 @@ def test_the_figure_has_a_panel_for_each_quantity_and_a_line_for_each_fault(reco
 
 
 def test_events_without_end_leave_room_for_the_faults():
-    events = [Happening(float(number), NOTE, str(number)) for number in range(100)]
-    events[50] = Happening(50.0, EVENT, 'this')
+    events = [RecordedEvent(float(number), Level.LOG, str(number)) for number in range(100)]
+    events[50] = RecordedEvent(50.0, Level.EVENT, 'this')
     kept = chosen(events)
     assert len(kept) == MOST_LINES and events[50] in kept
     assert kept == sorted(kept, key=lambda event: event.time)
 
 
 def test_a_line_of_the_log_that_repeats_an_event_is_left_out():
-    said = Happening(1.0, EVENT, 'drive lost: the cable is out')
-    again, later = Happening(1.01, NOTE, 'the cable is out'), Happening(2.0, NOTE, 'the cable')
-    assert told_once([said, again, later]) == [said, later]
+    first = RecordedEvent(1.0, Level.EVENT, 'drive lost: the cable is out')
+    repeated = RecordedEvent(1.01, Level.LOG, 'the cable is out')
+    later = RecordedEvent(2.0, Level.LOG, 'the cable')
+    assert merge_repeated([first, repeated, later]) == [first, later]
 
 
 def test_what_comes_again_and_again_is_told_once_with_how_often():
-    often = [Happening(0.3 * number, FAULT, 'cannot arm') for number in range(8)]
-    between = [Happening(0.3 * number + 0.1, EVENT, 'stopped') for number in range(8)]
-    late = Happening(9.0, FAULT, 'cannot arm')
-    told = told_once(sorted([*often, *between, late], key=lambda event: event.time))
+    often = [RecordedEvent(0.3 * number, Level.FAULT, 'cannot arm') for number in range(8)]
+    between = [RecordedEvent(0.3 * number + 0.1, Level.EVENT, 'stopped') for number in range(8)]
+    late = RecordedEvent(9.0, Level.FAULT, 'cannot arm')
+    told = merge_repeated(sorted([*often, *between, late], key=lambda event: event.time))
     assert [event.text for event in told] == [
         'cannot arm (8 times in 2.1 s)', 'stopped (8 times in 2.1 s)', 'cannot arm']
 
@@ -132,12 +134,12 @@ def test_replay_prints_and_writes(file, tmp_path, capsys):
 def test_replay_of_a_damaged_file_gives_what_is_left_and_fails(file, capsys):
     file.write_bytes(file.read_bytes()[:-20])
     assert main(['replay', str(file)]) == 1
-    assert 'Damaged: the file was cut off' in capsys.readouterr().out
+    assert 'Damaged: the file is damaged or was cut off' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize('words, complaint', [
-    (['{folder}/empty'], 'holds no file of a black box'),
-    (['{folder}/missing'], 'cannot be read'), (['{folder}/text'], 'no file of a black box'),
+    (['{folder}/empty'], 'holds neither a file of a black box nor a bag'),
+    (['{folder}/missing'], 'cannot be read'), (['{folder}/text'], 'is not a file of a black box'),
     (['{file}', '--before', '0'], '--before must be above 0')])
 def test_replay_refuses_in_one_line(words, complaint, file, tmp_path, capsys):
     (tmp_path / 'empty').mkdir()

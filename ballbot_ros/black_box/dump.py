@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Files of a black box: MCAP, written by a thread of its own, so that the loop waits for no disk.
+
+The blocks of the ring are the chunks of the file, so that a dump computes next to nothing beside
+the loop: they are compressed, without Python's lock, and written.
+"""
+from contextlib import suppress
+from datetime import datetime, timezone
+import logging
+import os
+from pathlib import Path
+import threading
+import time
+from typing import List, Mapping
+import zlib
+
+import lz4.frame
+from mcap.data_stream import RecordBuilder
+from mcap.records import Channel, Chunk, DataEnd, Footer, Header, McapRecord, Metadata, Schema
+from mcap.writer import MCAP0_MAGIC
+
+from ballbot_ros.black_box.ring import BlackBox, CHANNELS, MESSAGE, OUTSIDE_LENGTH, SPAN
+
+LOG = logging.getLogger(__name__)
+
+LIBRARY = 'ballbot_ros black box'
+ENDING, NAME = '.mcap', 'ballbot-%Y%m%dT%H%M%S.%fZ'
+# The file covers this time after a fault, too [s].
+AFTERMATH = 1.0
+# Time between two files [s]; doubled each time that the fault is the same again.
+SHORTEST_PAUSE = 10.0
+# The oldest file is deleted when there are more.
+MOST_FILES = 10
+# A draft that has not been written to for so long is of a process that was killed [s].
+STALE_DRAFT = 60.0
+NICENESS = 10
+# Longest wait for the last file, at the end of the process [s].
+CLOSE_TIMEOUT = 10.0
+
+
+class BlackBoxFiles:
+    """
+    Writes the content of a black box to a folder after each fault.
+
+    Parameters
+    ----------
+    box : BlackBox
+    folder : Path
+        Made when the first file is written.
+    about : mapping of str to str
+        Metadata for a reader: hardware, robot, protocol.
+    shortest_pause, aftermath : float
+        See `SHORTEST_PAUSE` and `AFTERMATH` [s].
+
+    Attributes
+    ----------
+    failure : str
+        Why the last file could not be written; empty if it could.
+    written : int
+        Files.
+
+    """
+
+    def __init__(self, box: BlackBox, folder: Path, about: Mapping[str, str],
+                 shortest_pause: float = SHORTEST_PAUSE, aftermath: float = AFTERMATH):
+        self._box, self._folder, self._about = box, folder.expanduser(), about
+        self._shortest_pause, self._aftermath = shortest_pause, aftermath
+        self._reason, self._last, self._pause = '', -SPAN, shortest_pause
+        self.failure, self.written = '', 0
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='black box', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Write what is due, and end; a second time does no harm."""
+        self._ending.set()
+        self._box.faulted.set()
+        self._thread.join(CLOSE_TIMEOUT)
+
+    def _run(self) -> None:
+        with suppress(OSError):  # behind everything else in this process
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
+        # A fault that came during the last dump is written, too.
+        while not self._ending.is_set() or self._box.faulted.is_set():
+            self._box.faulted.wait()
+            self._ending.wait(max(
+                self._aftermath, self._last + self._pause - time.monotonic()))
+            fault = self._box.take_fault()
+            if fault is not None:
+                self._dump(*fault)
+
+    def _dump(self, when: float, reason: str) -> None:
+        self._pause = min(2.0 * self._pause, SPAN) if reason == self._reason \
+            else self._shortest_pause
+        self._reason, self._last = reason, time.monotonic()
+        try:
+            path = write_file(self._folder, self._box, when, reason, self._about)
+        except OSError as error:
+            self.failure = str(error)
+            LOG.warning('the black box cannot be written: %s', error)
+            return
+        self.failure = ''
+        self.written += 1
+        LOG.info('the last minutes are in %s; see them with: ballbot replay %s', path, path)
+
+
+def write_file(folder: Path, box: BlackBox, when: float, reason: str,
+               about: Mapping[str, str]) -> Path:
+    """
+    Write a file, whole or not at all, delete the oldest ones, and return its path.
+
+    Parameters
+    ----------
+    folder : Path
+    box : BlackBox
+    when : float
+        Of the fault, by the clock of the box [s].
+    reason : str
+    about : mapping of str to str
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f'{datetime.now(timezone.utc):{NAME}}{ENDING}'
+    draft = path.with_name(f'.{path.name}.part')
+    try:
+        with open(draft, 'wb') as stream:
+            stream.write(MCAP0_MAGIC)
+            stream.write(_packed(Header('', LIBRARY), Metadata('fault', {
+                'reason': reason, 'time': repr(when + box.clock_offset)}),
+                Metadata('about', dict(about)), *_channels()))
+            for block in box.snapshot():
+                stream.write(_packed(_chunk(block)))
+            stream.write(_packed(DataEnd(0), Footer(0, 0, 0)))
+            stream.write(MCAP0_MAGIC)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(draft, path)
+    finally:
+        draft.unlink(missing_ok=True)
+    for old in sorted(folder.glob(f'ballbot-*{ENDING}'))[:-MOST_FILES]:
+        old.unlink(missing_ok=True)
+    for old in folder.glob(f'.ballbot-*{ENDING}.part'):
+        with suppress(OSError):
+            if old.stat().st_mtime < time.time() - STALE_DRAFT:
+                old.unlink()
+    return path
+
+
+def _channels() -> List[McapRecord]:
+    """Return a schema and a channel for each kind of message."""
+    found: List[McapRecord] = []
+    for number, kind in CHANNELS.items():
+        found += [
+            Schema(number, kind.schema.encode(), 'ros2msg',
+                   f'ballbot_ros/msg/BlackBox{kind.name.title().replace("_", "")}'),
+            Channel(number, f'/black_box/{kind.name}', 'cdr', {}, number)]
+    return found
+
+
+def _chunk(block: memoryview) -> Chunk:
+    """Return a block of messages as a chunk, with its earliest and latest time."""
+    at, stamps = 0, []
+    while at < len(block):
+        _, length, _, _, stamp, _, _ = MESSAGE.unpack_from(block, at)
+        stamps.append(stamp)
+        at += OUTSIDE_LENGTH + length
+    return Chunk('lz4', lz4.frame.compress(block), max(stamps), min(stamps), zlib.crc32(block),
+                 len(block))
+
+
+def _packed(*records: McapRecord) -> bytes:
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    data: bytes = builder.end()
+    return data

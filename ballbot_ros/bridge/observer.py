@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The interface by which a session reports what happens; `black_box.ring` records it."""
+from enum import IntEnum
+from typing import Optional
+
+from ballbot_ros.bridge.motor_state import MotorState
+from ballbot_ros.bridge.supervisor import Supervisor
+from ballbot_ros.control import SetPoint
+from ballbot_ros.drives.contract import Telemetry
+from ballbot_ros.errors import MessageError
+from ballbot_ros.estimation import Estimate, ImuReading
+
+
+class Level(IntEnum):
+    """Of an event: a line of the log, a change of state, or a fault, which is dumped to a file."""
+
+    LOG = 0
+    EVENT = 1
+    FAULT = 2
+
+
+class SessionObserver:
+    """Receives what happens in a session, from any thread; this one drops it."""
+
+    def period(self, now: float, estimate: Optional[Estimate], supervisor: Supervisor,
+               telemetry: Telemetry, state: MotorState) -> None:
+        """Receive the result of a period of the loop."""
+
+    def command(self, torque: float, stamp: float) -> None:
+        """Receive a torque command [N m]."""
+
+    def set_point(self, given: SetPoint) -> None:
+        """Receive a set-point."""
+
+    def imu(self, reading: ImuReading) -> None:
+        """Receive an IMU reading."""
+
+    def record(self, direction: str, data: bytes) -> None:
+        """Receive traffic of the line, as `drives.capture.Recorder` does."""
+
+    def event(self, text: str, level: Level = Level.EVENT) -> None:
+        """Receive an event."""
+
+    def refused(self, what: str, error: MessageError) -> None:
+        """Receive a message that was refused, and why."""
+
+    def requested_stop(self, reason: str) -> None:
+        """Receive the reason of an e-stop that a person requests: it is not a fault."""
