@@ -17,7 +17,7 @@ RATE, LOOK_EVERY = 500, 10  # periods per second, periods from one look ahead to
 
 
 def main() -> None:
-    """Drive towards a door-step, and say each time another decision is made."""
+    """Drive towards a step and print each change of the decision."""
     scene = load_scene('doorstep')
     robot, tuning = scene.model.robot, load_decision_tuning('decision_default')
     curve = load_curve('gimball_down')

@@ -41,7 +41,7 @@ def base(draw, pendulum=None):
     return ROBOTS[str(name)]
 
 
-def patience(robot, speed):
+def duration_limit(robot, speed):
     """Return a duration in which much happens [s]: some swings, some turns."""
     swing = math.sqrt(robot.ball_radius / robot.gravity) if robot.gravity > 0.0 else 1.0
     return min(2.0, 8.0 * swing, 30.0 * robot.ball_radius / max(speed, 1e-3))
@@ -59,7 +59,7 @@ def meeting(draw, robot, speed=None, terrain=None, options=ContactOptions(), **c
     if draw.random() < 0.3:
         start = start._replace(y=start.y + float(draw.uniform(0, 1)) * radius,
                                ball_rate=float(draw.uniform(-2, 2)) * speed / radius)
-    return Case(model, start, driven(draw, robot), patience(robot, speed), **changes)
+    return Case(model, start, driven(draw, robot), duration_limit(robot, speed), **changes)
 
 
 def driven(draw, robot, gain=1.0):
@@ -75,7 +75,7 @@ def driven(draw, robot, gain=1.0):
 
 
 def with_ratio(robot, ratio):
-    """Return a robot whose pendulum has so many times the mass of the ball, the sum kept."""
+    """Return a robot with a given ratio of pendulum mass to ball mass and the same sum."""
     total, ball = robot.total_mass, robot.total_mass / (1.0 + ratio)
     return replace(
         robot, ball_mass=ball, pendulum_mass=total - ball,
@@ -171,7 +171,7 @@ def penetration(draw):
 
 
 def combined(draw):
-    """Return a case in which about half of all parameters are extreme at once."""
+    """Return a case in which about half of all parameters are extreme together."""
     robot = base(draw)
     if draw.random() < 0.5:
         robot = of_radius(robot, decades(draw, 1e-3, 100.0), draw.random() < 0.2)
@@ -253,7 +253,7 @@ def hour(draw):
                 output_step=1.0)
 
 
-# Each class, and its share of all cases; a whole number is that many, whatever is asked for.
+# Each class, and its share of all cases; a whole number is that many for any total.
 CLASSES = {
     stiffness: 0.05, damping: 0.05, friction: 0.05, slip_threshold: 0.05, mass_ratio: 0.05,
     pendulum_length: 0.04, radius: 0.05, speed: 0.05, gravity: 0.04, slope: 0.05, step: 0.05,

@@ -179,7 +179,7 @@ def loop(case):
         return CHAOTIC, 'the loop is declared unstable', ledger
     if np.max(gaps) <= accuracy:
         return GOOD, '', ledger
-    # The tolerance has to grow by so much to be seen; what was before is to be explained.
+    # The tolerance must grow by this factor; an earlier difference must be explained.
     if amplified(case, law, fine[:np.argmax(gaps > accuracy)]) > math.log(1.0 / LOOP):
         return CHAOTIC, 'the loop is declared unstable where it slips, flies or swings', ledger
     return WRONG, f'{np.max(gaps):.3g} m off', ledger
@@ -191,7 +191,7 @@ def amplified(case, law, states):
     for state in (State(*row) for row in states.tolist()):
         slip = abs(state.velocity_x + robot.ball_radius * state.ball_rate)
         rolls = state.y < robot.ball_radius and slip < robot.slip_threshold
-        # A held pendulum is where it is told to be: it is declared stable at any angle.
+        # A held pendulum is at its set angle: it counts as stable at any angle.
         angle = 0.0 if law == 'hold' else round(math.remainder(
             state.pendulum_angle, 2.0 * math.pi), 1)
         if (angle, rolls) not in known:

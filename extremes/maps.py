@@ -17,7 +17,7 @@ from ballbot_ros.physics.mechanics.laws import position_torque
 from ballbot_ros.physics.model.parameters import Actuator, TORQUE
 
 ACCURATE, STABLE, REFUSED = range(3)
-COLOURS = ('#5BB5A2', '#F2D98B', '#C9685B')  # told apart in grey, too: middle, light, dark
+COLOURS = ('#5BB5A2', '#F2D98B', '#C9685B')  # distinct in grey: middle, light, dark
 LABELS = ('accurate: within a thousandth of the radius', 'stable: the ledger closes to 5 %',
           'refused: SimulationError')
 SIZE = 54
@@ -44,7 +44,7 @@ def graded(model, start, exact, step):
 
 
 class Samples(dict):
-    """Columns that know how many samples they have."""
+    """Columns with their number of samples."""
 
     def __len__(self):
         """Return the number of samples."""

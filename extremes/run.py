@@ -6,7 +6,7 @@ Push the simulator to its extremes and judge every case.
     make extremes ARGS='--class slope --cases 500'
     make extremes ARGS='--only combined:17'        # one case again, with its story
     make extremes ARGS='--seed 5000000 --cases 200000 --resume FILE'  # stop and go on at will
-    make extremes ARGS='--remedies 500'            # whether what so many refusals name helps
+    make extremes ARGS='--remedies 500'            # whether the remedies that 500 refusals name work
     make extremes ARGS=--cost                      # what the second looks cost
     make extremes ARGS=--maps                      # the pictures of docs/extremes.md
 
@@ -43,7 +43,7 @@ def main():
     parser.add_argument('--only', metavar='CLASS:SEED', help='one case again')
     parser.add_argument('--json', type=Path, metavar='FILE', help='write every verdict here')
     parser.add_argument('--resume', type=Path, metavar='FILE',
-                        help='add every verdict to FILE at once; run no case that is in it')
+                        help='append every verdict to FILE immediately; skip the cases in it')
     parser.add_argument('--jobs', type=int, default=os.cpu_count(), metavar='N',
                         help='processes; default: one per core')
     parser.add_argument('--remedies', type=int, metavar='N', help='try what N refusals name')

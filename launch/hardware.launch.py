@@ -12,7 +12,7 @@ ARGUMENTS = (
 
 
 def start(given):
-    """Return the nodes; real motors go by real time."""
+    """Return the nodes, without use_sim_time: real motors run in real time."""
     nodes = [given.node('bridge', {
         'hardware': given['hardware'], 'port': given['port'], 'tuning': given['tuning'],
         'control': given['control'], **given.frames()})]

@@ -14,7 +14,7 @@ ARGUMENTS = (
 
 
 def record(context):
-    """Return the recorder; a topic that nobody publishes yet is recorded once somebody does."""
+    """Return the recorder; it adds topics when their publishers appear."""
     bag, namespace, simulated = (
         LaunchConfiguration(name).perform(context) for name, *_ in ARGUMENTS)
     inside = f'/{namespace.strip("/")}/' if namespace.strip('/') else '/'

@@ -17,7 +17,7 @@ ARGUMENTS = (
 def start(given):
     """Return both nodes, and what shows the robot."""
     return [
-        # The simulator makes the time that the others go by, so it must not wait for it.
+        # The simulator publishes /clock, so it must not wait for it.
         given.node('simulator', {
             'use_sim_time': False, 'robot': given['robot'], 'scene': given['scene'],
             'lockstep': given.flag('lockstep'), 'start_paused': given.flag('start_paused'),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draw the pictures of the documentation afresh: ``python scripts/draw_docs.py [FOLDER]``."""
+"""Redraw the pictures of the documentation: ``python scripts/draw_docs.py [FOLDER]``."""
 import math
 from pathlib import Path
 import sys

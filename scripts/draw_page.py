@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Draw the picture of the live page afresh: ``python scripts/draw_page.py [FILE]``.
+Redraw the picture of the live page: ``python scripts/draw_page.py [FILE]``.
 
 It opens the page in a Chromium without a window, as the tests of the page do.
 """
@@ -26,7 +26,7 @@ OPTIONS = ('--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshad
            '--ignore-gpu-blocklist')
 WIDTH, HEIGHT = 1280, 720
 WEBGL = "() => document.createElement('canvas').getContext('webgl2') !== null"
-PATIENCE = 60e3  # [ms]
+PAGE_TIMEOUT = 60e3  # [ms]
 
 
 class NoBrowser(RuntimeError):
@@ -65,7 +65,7 @@ def standing(name):
 
 @contextmanager
 def served(source):
-    """Give the page of a source, with nobody looking yet."""
+    """Return the page of a source, without a browser yet."""
     page = Page(source, PageServer(LOOPBACK, free_port(LOOPBACK, None)))
     try:
         page.start()
@@ -76,7 +76,7 @@ def served(source):
 
 def look(tab, url):
     """Open the page in a tab and wait until it is drawn."""
-    tab.set_default_timeout(PATIENCE)
+    tab.set_default_timeout(PAGE_TIMEOUT)
     tab.goto(url)
     tab.wait_for_selector('#ballbot-title')
     tab.wait_for_selector('canvas')

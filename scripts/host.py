@@ -3,7 +3,7 @@
 Find a Python that will do, and the system tools that the set-up needs.
 
 Run as a program it describes the interpreter that runs it, as JSON. It must stay readable by old
-interpreters, for it is what tells them that they are too old.
+interpreters, because it reports that they are too old.
 """
 import importlib.util
 import json

@@ -84,7 +84,7 @@ def can_drivers():
 
 
 def driver_table(line, size, bauds, unit):
-    """Return the table of the drivers on one kind of line, which goes by so many bytes."""
+    """Return the table of the drivers on one kind of line."""
     lines = [f'| protocol | makes the torque by | {size} | '
              + ' | '.join(f'rate at {baud}' for baud in bauds) + ' |', '|---|---|---|---|---|---|']
     for name in sorted(name for name in DRIVES if line_of(name) is line):
