@@ -6,7 +6,7 @@ Push the simulator to its extremes and judge every case.
     make extremes ARGS='--class slope --cases 500'
     make extremes ARGS='--only combined:17'        # one case again, with its story
     make extremes ARGS='--seed 5000000 --cases 200000 --resume FILE'  # stop and go on at will
-    make extremes ARGS='--remedies 500'            # whether the remedies that 500 refusals name work
+    make extremes ARGS='--remedies 500'            # try the remedies of 500 refusals
     make extremes ARGS=--cost                      # what the second looks cost
     make extremes ARGS=--maps                      # the pictures of docs/extremes.md
 

@@ -39,7 +39,7 @@ GROUPS = ('run', 'test', 'bench', 'fuzz', 'mutants')
 UV = 'uv==0.13.9'
 PIP = [PYTHON, '-m', 'pip', '--disable-pip-version-check', 'install', '--no-input']
 # The loader reads LD_LIBRARY_PATH at process start only, hence a new start. The wheels bring the
-# same trick; this one is for a sourced ROS 2 installation, which does not have .venv/lib on its path.
+# same trick; this one is for a sourced ROS 2 installation, without .venv/lib on its path.
 LIBRARY_PATH_HOOK = """\
 import os
 import sys
