@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``fit-curve``: the file from which the node ``obstacle_decision`` knows a robot."""
+"""The verb ``fit-curve``: the height curve of a robot for the node ``obstacle_decision``."""
 import argparse
 from pathlib import Path
+from typing import Any, Optional
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.command import DONE
@@ -23,9 +24,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='collision speeds to fit, which are also the range of the curve '
                         '[m/s] (default: %(default)s)')
     options.add_accuracy(parser, 2e-6, 'a simulated height')
-    parser.add_argument('--samples', type=int, default=256, metavar='N',
-                        help='number of robots to draw from the ranges of derived numbers, for '
-                        'the band; 0 for no band (default: %(default)s)')
+    parser.add_argument('--samples', type=int, metavar='N',
+                        help='number of robots to draw from the ranges of uncertain parameters, '
+                        'for the band; 0 for no band (default: 256, or 0 for a robot without '
+                        'ranges)')
     parser.add_argument('--seed', type=int, default=0, metavar='N',
                         help='seed of the draw of robots (default: %(default)s)')
     options.add_quiet(parser)
@@ -35,7 +37,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Simulate, fit and write."""
     law = options.read_law(arguments)
     if arguments.out.suffix not in ('.yaml', '.yml'):
-        raise ConfigurationError(f'--out must end in .yaml, got {str(arguments.out)!r}')
+        raise ConfigurationError(
+            f'--out must end in .yaml, got {str(arguments.out)!r}', 'not_a_choice', 'out')
     robot = options.read_robot(arguments)
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.decision.planning.curve_file import curve_text
@@ -43,8 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.studies.curve_fit import fit_curve, heights_for, Request
     speeds = read_range(arguments.speed, '--speed')
     options.warn_speeds(arguments, '--speed', speeds)
-    request = Request(lowest_speed=speeds[0], highest_speed=speeds[-1], points=len(speeds), **{
-        name: getattr(arguments, name) for name in ('accuracy', 'samples', 'seed')})
+    request = Request(speeds[0], speeds[-1], len(speeds), arguments.accuracy,
+                      read_samples(arguments, robot), arguments.seed)
     refuse_foreign(arguments.out)
     check_new_file(arguments.out, arguments.overwrite)
     wording = {'free': 'pendulum free, motor detached',
@@ -63,9 +66,31 @@ def run(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def read_samples(arguments: argparse.Namespace, robot: Any) -> int:
+    """
+    Return the number of robots of the band.
+
+    Raises
+    ------
+    ConfigurationError
+        If robots are to be drawn, and no parameter of the robot has a range.
+
+    """
+    from ballbot_ros.physics.model.uncertainty import uncertain
+    given: Optional[int] = arguments.samples
+    if uncertain(robot):
+        return 256 if given is None else given
+    if given:
+        raise ConfigurationError(
+            f'--samples {given}: no parameter of {robot.name} has a range, so there is no band; '
+            'give a parameter of the robot file a range, or leave --samples out', 'inconsistent',
+            'samples')
+    return 0
+
+
 def refuse_foreign(path: Path) -> None:
     """
-    Refuse to take the place of a file that is no curve.
+    Refuse to replace a file that is not a curve.
 
     Raises
     ------
@@ -79,5 +104,5 @@ def refuse_foreign(path: Path) -> None:
             load_curve(str(path))
     except ConfigurationError:
         raise ConfigurationError(
-            f'{path} is there and is not a height curve; move it away or choose another file to '
-            'write to') from None
+            f'{path} exists and is not a height curve; move it away or choose another file with '
+            '--out', 'inconsistent', 'out') from None

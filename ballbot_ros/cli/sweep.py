@@ -43,6 +43,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Plan, run and say what was done."""
+    if arguments.out.suffix != '.parquet':
+        raise ConfigurationError(
+            f'--out must end in .parquet, got {str(arguments.out)!r}: a sweep writes a Parquet '
+            'file; pandas converts it, pandas.read_parquet(FILE).to_csv(...)', 'not_a_choice',
+            'out')
     robot = options.read_robot(arguments)
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.studies.parallel_map import worker_pool

@@ -24,6 +24,7 @@ PathLike = Union[str, Path]
 # Rows turned into text at a time, to keep the memory of a long run in bounds.
 _BLOCK = 20000
 
+_DECIMAL_COMMA = re.compile(r'^\s*[-+]?\d+,\d+\s*$')
 _HEADER = re.compile(r'^(?P<name>\w+) \[(?P<unit>[^\]]*)\]$')
 
 
@@ -238,23 +239,53 @@ def _read(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
         raise ConfigurationError(
             f'{path}: reading it needs pyarrow, which is not installed: pip install pyarrow'
             ) from error
+    except ConfigurationError as error:
+        raise ConfigurationError(f'{path}: {error}', error.reason, error.field) from error
     except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise ConfigurationError(f'{path}: is not a trajectory: {error}') from error
+        raise ConfigurationError(
+            f'{path}: is not a trajectory: {error}', 'unreadable') from error
 
 
 def _read_csv(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
-    with open(path, encoding='utf-8', newline='') as stream:
+    """Return columns and units; the errors name line and column."""
+    with open(path, encoding='utf-8-sig', newline='') as stream:
         rows = csv.reader(stream)
+        titles = next(rows, [])
         units = {}
-        for title in next(rows, []):
-            match = _HEADER.match(title)
+        for title in titles:
+            match = _HEADER.match(title.strip())
             if match is None:
-                raise ValueError(f'column {title!r} has no name with a unit, as in "x [m]"')
+                raise ConfigurationError(
+                    'line 1: ' + ('semicolons separate the columns; export the file with commas '
+                                  'between the columns and decimal points' if ';' in title else
+                                  f'column {title!r} has no name with a unit, such as "x [m]"'),
+                    'unreadable', title)
             units[match['name']] = match['unit']
-        table = np.array([[float(word) for word in row] for row in rows])
-    if not units or table.ndim != 2 or table.shape[1] != len(units):
-        raise ValueError(f'expected rows of {len(units)} numbers, got {table.shape}')
-    return dict(zip(units, table.T)), units
+        if not units:
+            raise ConfigurationError('line 1: no columns', 'unreadable')
+        table = [_numbers(row, titles, rows.line_num) for row in rows if row]
+    if not table:
+        raise ConfigurationError('no rows of numbers below the names of the columns', 'unreadable')
+    return dict(zip(units, np.array(table).T)), units
+
+
+def _numbers(row: list[str], titles: list[str], line: int) -> list[float]:
+    """Return the numbers of a line of a CSV file."""
+    if len(row) != len(titles):
+        hint = ': decimal commas? Write decimal points' if len(row) == 2 * len(titles) else ''
+        raise ConfigurationError(
+            f'line {line} has {len(row)} values, line 1 names {len(titles)} columns{hint}',
+            'unreadable')
+    numbers = []
+    for title, word in zip(titles, row):
+        try:
+            numbers.append(float(word))
+        except ValueError:
+            hint = '; write a decimal point' if _DECIMAL_COMMA.match(word) else ''
+            raise ConfigurationError(
+                f'line {line}, column "{title}": {word!r} is not a number{hint}', 'unreadable',
+                title) from None
+    return numbers
 
 
 def _read_npz(path: Path) -> tuple[dict[str, Array], dict[str, str]]:

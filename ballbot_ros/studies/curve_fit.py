@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Simulate highest steps and fit the cubics that the decision works with.
+Simulate maximum step heights and fit the cubics of the decision.
 
 **Fit**: least squares, and nowhere flatter than `LEAST_SLOPE`.  **Conservative**: as high as it
 can be without exceeding any of the simulated heights less their errors, which are taken so
@@ -55,7 +55,8 @@ class Request(Checked):
                 f'Request: highest_speed must be more than lowest_speed '
                 f'({self.lowest_speed:g} m/s), got {self.highest_speed:g} m/s')
         if self.samples == 1:
-            raise ConfigurationError('Request: samples must be 0, or at least 2, got 1')
+            raise ConfigurationError(
+                'Request: samples must be 0, or at least 2, got 1', 'out_of_range', 'samples')
 
 
 def dense_points(request: Request) -> int:

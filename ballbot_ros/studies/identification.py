@@ -1,35 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Estimate numbers of a robot from a recorded run: least squares, and what the data leave open.
+Estimate parameters of a robot from a recorded run by least squares, with confidence intervals.
 
 The run is simulated from a scene; samples of all channels are compared, each divided by the
 noise of its channel.  That noise is first guessed from second differences, and then taken from
 the residuals, with which the fit is repeated.
 
 Intervals come from the Jacobian at the solution.  Its singular values, for relative changes of
-the numbers, say how well each combination of numbers is determined: a combination that may
-change by more than `VAGUE` (or its starting value, for a number that may be 0) without the
-residuals showing it is not determined, and neither is a number that takes part in it.  What else
-an interval has to cover, and when there is none, stands in `fit_quality`.
+the parameters, measure how well each combination of parameters is determined: a combination that
+may change by more than `VAGUE` (or its starting value, for a parameter that may be 0) without a
+change of the residuals is not determined, and neither are its parameters.  `fit_quality` describes
+what else an interval covers, and when there is none.
 """
 from dataclasses import replace
 import math
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence
+from operator import attrgetter
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy.optimize import least_squares, OptimizeResult
 from scipy.stats import chi2, qmc
 
+from ballbot_ros.config.fields import suggestion
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.physics import Scene
+from ballbot_ros.physics.model.named_parameters import described, MOTOR, ROBOT, with_parameters
 from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.simulation.scene import Initial
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.physics.solvers.registry import METHODS
+from ballbot_ros.results.units import UNDERSTOOD
 from ballbot_ros.studies.fit_quality import (
     channel_fit, ChannelFit, CONFIDENCE, judge, ParameterEstimate)
 from ballbot_ros.studies.progress import ignore
-from ballbot_ros.studies.recording import GRID, Recording, replay, SOLVER
-from ballbot_ros.studies.scene_numbers import bounds, check_known, NUMBERS, present, with_values
+from ballbot_ros.studies.recording import CHANNELS, GRID, Recording, replay, SOLVER
+
+# Parameters that can be estimated: of the robot, its motor and the start.
+INITIAL = described(Initial, 'initial.')
+NUMBERS = {**ROBOT, **MOTOR, **INITIAL}
 
 STEP = 1e-4   # relative, for the Jacobian
 STARTS, REACH = 8, 0.5  # beside the given numbers: how many, and how far away, relative
@@ -38,15 +46,20 @@ FITS = 1 + STARTS + 2  # from the guess, from around it, and twice with the nois
 FAR = 1e3     # sigmas that a sample counts as where a trial cannot be simulated
 
 
+# Unit of a channel -> unit of values that are often labelled with it.
+MISLABELLED = {'m': 'mm', 'm/s': 'mm/s', 'rad': 'deg', 'rad/s': 'deg/s'}
+UNIT_TOLERANCE = 0.3  # of the logarithm of the factor between two units
+
+
 class Identification(NamedTuple):
     """
-    What was found.
+    Result of an identification.
 
-    ``vague`` lists combinations that the data do not determine, each as relative changes
-    that belong together; ``singular_values`` are those of the scaled Jacobian.  ``rivals`` are
-    other numbers that explain the run as well, found from other starts, each once.  Where a
-    channel is explained poorly no number is determined.  ``interrupted`` says that Ctrl-C ended
-    the search; the numbers are then the best that it had found.
+    ``vague`` lists combinations that are not identifiable from the data, each as relative changes
+    of the parameters; ``singular_values`` are those of the scaled Jacobian.  ``rivals`` are other
+    values that fit the run as well, found from other starts, each once.  Where the fit of a
+    channel is poor no parameter is determined.  ``interrupted``: Ctrl-C ended the search; the
+    values are then the best until there.
     """
 
     estimates: List[ParameterEstimate]
@@ -63,14 +76,14 @@ class Identification(NamedTuple):
 def identify(scene: Scene, recording: Recording, names: Sequence[str], use_torque: bool = False,
              progress: Callable[[float], None] = ignore) -> Identification:
     """
-    Estimate numbers of a scene from a recording.
+    Estimate parameters of a scene from a recording.
 
-    Ctrl-C ends the search; what it has found by then is returned.
+    Ctrl-C ends the search and returns the best values until then.
 
     Parameters
     ----------
     scene : Scene
-        What was run, with the best guess of all numbers.
+        The scene of the recording, with the best guess of all parameters.
     recording : Recording
     names : sequence of str
         Fields of the robot, ``motor.`` or ``initial.`` and a field of those.
@@ -82,15 +95,15 @@ def identify(scene: Scene, recording: Recording, names: Sequence[str], use_torqu
     Raises
     ------
     ConfigurationError
-        If a number is unknown, or is estimated twice.
+        If a parameter is unknown or named twice, or a channel is in another unit.
     SimulationError
         If the scene itself cannot be simulated.
 
     """
     if not names or len(set(names)) < len(names):
-        raise ConfigurationError('identify: name the numbers to estimate, each of them once')
-    for name in names:
-        check_known(scene, name)
+        raise ConfigurationError(
+            'identify: name the parameters to estimate, each of them once', 'inconsistent')
+    check_known(scene, names)
     search = _Search(scene, recording, names, use_torque, progress)
     search.start()
     interrupted = False
@@ -151,8 +164,9 @@ class _Search:
             diff_step=STEP, max_nfev=100)
 
     def start(self) -> None:
-        """Guess the noise; raises where the scene itself is at fault."""
+        """Guess the noise; raises where the scene or a unit of the recording is at fault."""
         first = self.differences(self.best)
+        check_units(self.recording, first)
         self.rough = {name: _roughness(values, 0.0 * values)
                       for name, (_, values) in self.recording.channels.items()}
         self.noise = {name: _roughness(values, first[name])
@@ -255,6 +269,33 @@ class _Search:
         return found
 
 
+def check_units(recording: Recording, differences: Mapping[str, Array]) -> None:
+    """
+    Refuse channels whose range is that of the simulation times the factor of another unit.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the channel and the likely unit.
+
+    """
+    problems, suspects = [], []
+    for name, (_, values) in recording.channels.items():
+        measured, simulated = np.ptp(values), np.ptp(values + differences[name])
+        unit = CHANNELS[name]
+        other = MISLABELLED[unit]
+        factor = 1.0 / UNDERSTOOD[other][1]
+        if measured > 0.0 < simulated and abs(
+                math.log(measured / simulated / factor)) < UNIT_TOLERANCE:
+            suspects.append(name)
+            problems.append(
+                f'{name} varies by {measured:.3g} {unit}, in the simulation by {simulated:.3g} '
+                f'{unit}, a factor of about {factor:.3g}; is the column in {other}? Then label it '
+                f'"{name} [{other}]"')
+    if problems:
+        raise ConfigurationError('recording: ' + '; '.join(problems), 'out_of_range', suspects[0])
+
+
 def solver_of(scene: Scene) -> Optional[Solver]:
     """Return what a run of a scene is made with; None where an accuracy chooses it."""
     return scene.model.solver_in_use if scene.run.accuracy is None else None
@@ -264,3 +305,54 @@ def _roughness(values: Array, gap: Array) -> float:
     """Return a first guess of the noise of a channel, from second differences."""
     rough = np.median(np.abs(np.diff(values, 2))) / (0.6745 * math.sqrt(6.0))
     return max(float(rough), 1e-6 * float(np.ptp(values)), 1e-3 * float(np.std(gap)), 1e-12)
+
+
+def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
+    """
+    Return a scene with other parameters of robot, motor and start.
+
+    Raises
+    ------
+    ConfigurationError
+        If a parameter is unknown or out of range.
+
+    """
+    check_known(scene, list(values))
+    robot = with_parameters(scene.model.robot, values)
+    start: Dict[str, Any] = {
+        name[len('initial.'):]: value for name, value in values.items() if name in INITIAL}
+    return replace(scene, model=replace(scene.model, robot=robot),
+                   initial=replace(scene.initial, **start))
+
+
+def check_known(scene: Scene, names: Sequence[str]) -> None:
+    """Refuse parameters that are unknown, or that the robot does not have; name all of them."""
+    unknown = [name for name in names if name not in NUMBERS]
+    if unknown:
+        raise ConfigurationError(
+            'identify: ' + '; '.join(f'{name!r} is not a parameter that can be estimated'
+                                     f'{suggestion(name, NUMBERS)}' for name in unknown),
+            'unknown_name', unknown[0])
+    motor = [name for name in names if name in MOTOR]
+    if motor and scene.model.robot.motor is None:
+        raise ConfigurationError(
+            f'identify: robot {scene.model.robot.name!r} has no motor, so it has no '
+            f'{", ".join(motor)}', 'inconsistent', motor[0])
+
+
+def present(scene: Scene, name: str) -> float:
+    """Return the value of a parameter in a scene."""
+    owner = scene if name in INITIAL else scene.model.robot
+    return float(attrgetter(name)(owner) or 0.0)
+
+
+def bounds(names: Sequence[str], starts: Array, scales: Array) -> Tuple[Array, Array]:
+    """Return the bounds of each parameter, as relative changes."""
+    low, high = [], []
+    for name, start, scale in zip(names, starts, scales):
+        item = NUMBERS[name]
+        least = max(item['minimum'], item['above'] + 1e-6 * scale)
+        low.append(max((least - start) / scale, -1e6))
+        high.append(min((item['maximum'] - start) / scale, 1e6))
+    # A start on its bound would leave no room for a first step.
+    return np.minimum(np.array(low), -1e-9), np.maximum(np.array(high), 1e-9)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was measured during a run, each channel at its own times."""
+"""Measurements of a run, each channel at its own times."""
 from dataclasses import dataclass
 from typing import Any, Dict, Mapping, Optional, Tuple
 
@@ -18,7 +18,7 @@ CHANNELS: Mapping[str, str] = {
     'x': 'm', 'y': 'm', 'velocity_x': 'm/s', 'velocity_y': 'm/s', 'ball_angle': 'rad',
     'ball_rate': 'rad/s', 'pendulum_angle': 'rad', 'pendulum_rate': 'rad/s',
     'joint_angle': 'rad', 'joint_rate': 'rad/s'}
-MOST_SAMPLES = 2000  # of a channel; of more, every n-th is used
+FEWEST_SAMPLES, MOST_SAMPLES = 8, 2000  # of a channel; of more, every n-th is used
 SOLVER = Solver('adaptive', 1e-3, 1e-9)
 GRID = 1e-3  # [s]: between samples of the simulation, which are interpolated
 
@@ -49,11 +49,14 @@ class Recording:
         """Check all channels, and thin out long ones."""
         if not self.channels:
             raise ConfigurationError(
-                'recording: nothing in it can be compared; known are ' + ', '.join(CHANNELS))
+                'recording: it has no channel that can be compared; known are '
+                + ', '.join(CHANNELS), 'missing')
         checked = {}
         for name, (times, values) in self.channels.items():
             if name not in CHANNELS:
-                raise ConfigurationError(f'recording: channel {name!r} is not known')
+                raise ConfigurationError(
+                    f'recording: channel {name!r} is not known; known are ' + ', '.join(CHANNELS),
+                    'unknown_name', name)
             times, values = _series(name, times, values)
             stride = -(-len(times) // MOST_SAMPLES)
             checked[name] = times[::stride], values[::stride]
@@ -67,19 +70,19 @@ class Recording:
         return max(float(times[-1]) for times, _ in self.channels.values())
 
     def only(self, names: Any) -> 'Recording':
-        """Return a recording of some channels; refuse those that there are not."""
-        for name in names:
-            if name not in self.channels:
-                raise ConfigurationError(
-                    f'recording: there is no channel {name!r}; there are '
-                    + ', '.join(self.channels))
+        """Return a recording of some channels; `ConfigurationError` for those it does not have."""
+        missing = [name for name in names if name not in self.channels]
+        if missing:
+            raise ConfigurationError(
+                f'recording: there is no channel {", ".join(missing)}; there are '
+                + ', '.join(self.channels), 'unknown_name', missing[0])
         return Recording({name: self.channels[name] for name in names}, self.torque)
 
     @classmethod
     def of_columns(cls, columns: Mapping[str, Array]) -> 'Recording':
         """Return the recording in the columns of a trajectory file."""
         if 'time' not in columns:
-            raise ConfigurationError('recording: there is no column time')
+            raise ConfigurationError('recording: there is no column time', 'missing', 'time')
         times = columns['time'] - columns['time'][0]
         torque = columns.get('pendulum_torque')
         return cls({name: (times, columns[name]) for name in CHANNELS if name in columns},
@@ -89,13 +92,26 @@ class Recording:
 def _series(name: str, times: Any, values: Any) -> Tuple[Array, Array]:
     """Return checked times and values."""
     moments, numbers = np.array(times, dtype=float), np.array(values, dtype=float)
-    if len(moments) != len(numbers) or len(moments) < 8:
+    if len(moments) != len(numbers) or len(moments) < FEWEST_SAMPLES:
         raise ConfigurationError(
-            f'recording: {name} needs at least 8 samples, got {len(numbers)}')
-    if not (np.isfinite(moments).all() and np.isfinite(numbers).all()):
-        raise ConfigurationError(f'recording: {name} must be finite all over')
-    if moments[0] < 0.0 or not (np.diff(moments) > 0.0).all():
-        raise ConfigurationError(f'recording: the times of {name} must rise from 0 s on')
+            f'recording: {name} needs at least {FEWEST_SAMPLES} samples, got {len(numbers)}',
+            'out_of_range', name)
+    for column, series in (('time', moments), (name, numbers)):
+        wrong = np.flatnonzero(~np.isfinite(series))
+        if len(wrong):
+            raise ConfigurationError(
+                f'recording: column {column}: {series[wrong[0]]} in row {wrong[0] + 1}; remove '
+                'the row or the column', 'not_finite', column)
+    falls = np.flatnonzero(np.diff(moments) <= 0.0)
+    if len(falls):
+        row = int(falls[0]) + 2
+        raise ConfigurationError(
+            f'recording: the times of {name} must increase; row {row} has {moments[row - 1]:g} s '
+            f'after {moments[row - 2]:g} s', 'inconsistent', 'time')
+    if moments[0] < 0.0:
+        raise ConfigurationError(
+            f'recording: the times of {name} must start at 0 s or later, got {moments[0]:g} s',
+            'out_of_range', 'time')
     return moments, numbers
 
 
@@ -142,7 +158,8 @@ def replay(scene: Scene, recording: Recording, use_torque: bool, solver: Solver 
 def _driven(model: Model, scene: Scene, recording: Recording, solver: Solver) -> Array:
     """Return rows of a run under the recorded torque, one per sample of it."""
     if recording.torque is None:
-        raise ConfigurationError('recording: there is no torque to replay')
+        raise ConfigurationError(
+            'recording: there is no column pendulum_torque to apply', 'missing', 'pendulum_torque')
     state = scene.initial.state(model)
     vector, status = np.array(state[1:]), Status(FINISHED, state.time)
     integrator = Integrator(model.parameters, model.profile, solver)

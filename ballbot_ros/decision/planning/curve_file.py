@@ -15,8 +15,9 @@ m and m/s.  Valid between the two speeds only: outside, the cubic means nothing 
 down again.
 
 The coefficients called conservative are those of a cubic that is nowhere above the simulation.
-The band holds the highest steps of robots drawn from the ranges of the derived numbers.
 """
+BAND = 'The band has the maximum step heights of robots drawn from the ranges of the derived ' \
+    'parameters.\n'
 
 
 def curve_text(curve: HeightCurve, what: str, writer: str) -> str:
@@ -32,8 +33,8 @@ def curve_text(curve: HeightCurve, what: str, writer: str) -> str:
         What wrote it.
 
     """
-    text = HEADER.format(what=what) + f'\nWritten by {writer}: re-simulated, the paper prints ' \
-        'its cubic in a figure only.'
+    text = HEADER.format(what=what) + (BAND if curve.band else '') + (
+        f'\nWritten by {writer}: re-simulated, the paper prints its cubic in a figure only.')
     comment = '\n#\n'.join('# ' + '\n# '.join(textwrap.wrap(part, 95))
                            for part in text.split('\n\n'))
     content = {name: value for name, value in asdict(curve).items() if value not in (None, ())}

@@ -4,6 +4,7 @@ import csv
 
 import numpy as np
 import pytest
+from refusals import refused
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_scene
@@ -93,3 +94,18 @@ def test_a_file_of_another_kind_is_refused(tmp_path, name, content):
 def test_a_missing_file_is_named():
     with pytest.raises(ConfigurationError, match='nowhere.csv: cannot be read'):
         read_columns('nowhere.csv')
+
+
+@pytest.mark.parametrize('text, field, words', [
+    ('time [s];x [m]\n0,0;1,5\n', 'time [s];x [m]', ('line 1', 'semicolons')),
+    ('time [s],x\n0,1\n', 'x', ('line 1', "'x'")),
+    ('time [s],x [m]\n0,1\n0.1,one\n', 'x [m]', ('line 3', '"x [m]"', "'one'")),
+    ('time [s],x [m]\n0,1\n"0,1",2\n', 'time [s]', ('line 3', 'decimal point')),
+    ('time [s],x [m]\n0,1,0,5\n', '', ('line 2', '4 values', 'decimal commas')),
+    ('time [s],x [m]\n0\n', '', ('line 2', '1 values')),
+    ('time [s],x [m]\n', '', ('no rows',)), ('', '', ('line 1', 'no columns'))])
+def test_an_unreadable_csv_file_is_refused_with_line_and_column(tmp_path, text, field, words):
+    (tmp_path / 'run.csv').write_text(text)
+    with refused('unreadable', field) as error:
+        read_columns(tmp_path / 'run.csv')
+    assert all(word in str(error.value) for word in ('run.csv', *words))

@@ -132,7 +132,14 @@ def test_the_probability_of_passing_is_the_part_of_the_robots_that_pass():
             assert band.probability_of_passing(speed, height) == pytest.approx(counted, abs=0.08)
 
 
-def test_what_is_written_is_read_again(tmp_path, capsys):
+def test_a_curve_without_a_band_does_not_mention_one(tmp_path):
+    path = tmp_path / 'mine.yaml'
+    assert main(['fit-curve', '--robot', 'shellball', '--out', str(path), '--speed', '0.2:0.6:6',
+                 '--accuracy', '1e-4', '--quiet']) == 0
+    assert load_curve(str(path)).band is None and 'band' not in path.read_text()
+
+
+def test_a_written_curve_is_read_again(tmp_path, capsys):
     path = tmp_path / 'mine.yaml'
     assert main(['fit-curve', '--robot', 'gimball', '--actuation', 'velocity', '--out', str(path),
                  '--samples', '2', '--speed', '0.2:0.6:6', '--quiet']) == 0
@@ -154,8 +161,9 @@ def test_what_is_written_is_read_again(tmp_path, capsys):
     (['--out', 'x.yaml', '--speed', '0.2:1.2:3'], 'points must be at least 6'),
     (['--out', 'x.yaml', '--speed', '0.2:0.1:21'], 'the last must be above the first'),
     (['--out', 'x.yaml', '--speed', '0.2,0.4'], '--speed must be FIRST:LAST:COUNT'),
-    (['--out', 'x.yaml', '--points', '9'], "it is now '--speed FIRST:LAST:COUNT'"),
     (['--out', 'x.yaml', '--samples', '1'], 'samples must be 0, or at least 2'),
+    (['--out', 'x.yaml', '--robot', 'shellball', '--samples', '8'],
+     '--samples 8: no parameter of shellball has a range'),
     (['--out', 'x.yaml', '--angle-deg', '3'], '--angle-deg goes with')])
 def test_a_curve_that_cannot_be_made_is_refused(capsys, tmp_path, monkeypatch, words, told):
     monkeypatch.chdir(tmp_path)

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from refusals import refused
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
@@ -14,9 +15,8 @@ from ballbot_ros.cli import main
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.results import read_columns, read_units, write_csv
-from ballbot_ros.studies.identification import identify
+from ballbot_ros.studies.identification import identify, present, with_values
 from ballbot_ros.studies.recording import MOST_SAMPLES, Recording, replay
-from ballbot_ros.studies.scene_numbers import present, with_values
 
 SWING = {'robot': 'gimball', 'initial': {'pendulum_angle_deg': 60.0}, 'duration': 2.0,
          'solver': {'method': 'adaptive'}, 'output_step': 0.01}
@@ -89,7 +89,7 @@ def test_a_recorded_torque_is_replayed():
     exact = replay(driven, recording, False)
     for name, values in replay(free, recording, True).items():
         np.testing.assert_allclose(values, exact[name], atol=1e-5)
-    with pytest.raises(ConfigurationError, match='no torque to replay'):
+    with pytest.raises(ConfigurationError, match='pendulum_torque'):
         replay(free, Recording(recording.channels), True)
 
 
@@ -252,20 +252,30 @@ def test_long_channels_are_thinned_out():
 TIMES = np.linspace(0.0, 1.0, 20)
 
 
-@pytest.mark.parametrize('channels, told', [
-    ({}, 'nothing in it can be compared'), ({'z': (TIMES, TIMES)}, "'z' is not known"),
-    ({'x': (TIMES[:5], TIMES[:5])}, 'at least 8 samples'),
-    ({'x': (TIMES, TIMES * math.nan)}, 'must be finite'),
-    ({'x': (TIMES[::-1], TIMES)}, 'must rise'), ({'x': (TIMES - 0.5, TIMES)}, 'must rise')])
-def test_a_recording_that_makes_no_sense_is_refused(channels, told):
-    with pytest.raises(ConfigurationError, match=told):
+@pytest.mark.parametrize('channels, reason, field', [
+    ({}, 'missing', ''), ({'z': (TIMES, TIMES)}, 'unknown_name', 'z'),
+    ({'x': (TIMES[:5], TIMES[:5])}, 'out_of_range', 'x'),
+    ({'x': (TIMES, TIMES * math.nan)}, 'not_finite', 'x'),
+    ({'x': (TIMES[::-1], TIMES)}, 'inconsistent', 'time'),
+    ({'x': (TIMES - 0.5, TIMES)}, 'out_of_range', 'time')])
+def test_a_recording_that_makes_no_sense_is_refused(channels, reason, field):
+    with refused(reason, field):
         Recording(channels)
 
 
-@pytest.mark.parametrize('names, told', [
-    ([], 'each of them once'), (['joint_friction'] * 2, 'each of them once'),
-    (['joint_frction'], "did you mean 'joint_friction'"),
-    (['motor.colour'], "'motor.colour' is no number")])
-def test_what_cannot_be_estimated_is_refused(names, told):
-    with pytest.raises(ConfigurationError, match=told):
+@pytest.mark.parametrize('names, reason, field', [
+    ([], 'inconsistent', ''), (['joint_friction'] * 2, 'inconsistent', ''),
+    (['motor.colour', 'joint_frction'], 'unknown_name', 'motor.colour')])
+def test_parameters_that_cannot_be_estimated_are_refused(names, reason, field):
+    with refused(reason, field) as error:
         identify(TRUTH, recorded(TRUTH, 0), names)
+    assert all(name in str(error.value) for name in set(names) - {'joint_friction'})
+
+
+def test_values_in_another_unit_than_their_label_are_refused_with_the_likely_unit():
+    run = recorded(TRUTH, 0)
+    times, values = run.channels['joint_angle']
+    with refused('out_of_range', 'joint_angle') as error:
+        identify(TRUTH, Recording({'joint_angle': (times, np.degrees(values))}),
+                 ['joint_friction'])
+    assert '"joint_angle [deg]"' in str(error.value)

@@ -190,8 +190,8 @@ def test_only_the_result_of_a_sweep_is_overwritten(tmp_path, capsys):
     assert out.read_bytes() != before
     foreign = tmp_path / 'mine.parquet'
     parquet.write_table(parquet.read_table(out).replace_schema_metadata({}), foreign)
-    (tmp_path / 'notes.txt').write_text('mine')
-    for path in (foreign, tmp_path / 'notes.txt'):
+    (tmp_path / 'notes.parquet').write_text('mine')
+    for path in (foreign, tmp_path / 'notes.parquet'):
         before = path.read_bytes()
         with refused('inconsistent', 'out'):
             sweep(plan, path)
@@ -232,6 +232,7 @@ def test_an_angle_may_be_in_degrees_and_its_column_says_so():
 
 @pytest.mark.parametrize('words, told', [
     (['--vary', 'speed=1,2', '--workers', '0'], '--workers must be at least 1'),
+    (['--vary', 'speed=1,2', '--out', 'x.csv'], 'must end in .parquet'),
     (['--vary', 'sped=1,2'], "did you mean 'speed'"),
     (['--vary', 'speed=1', '--vary', 'set_angle=0:90:3'], 'write set_angle_deg='),
     (['--vary', 'speed=1,2', '--fix', 'height=1:2'], '--fix height: give one value')])
