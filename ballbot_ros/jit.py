@@ -19,11 +19,13 @@ import logging
 import os
 from pathlib import Path
 import shutil
+import sys
 import tempfile
 from time import monotonic
-from typing import Any, Callable, cast, List, TypeVar
+from typing import Any, Callable, cast, get_type_hints, List, Tuple, Type, TypeVar
 
 F = TypeVar('F', bound=Callable[..., Any])
+T = TypeVar('T')
 
 try:
     if os.environ.get('BALLBOT_UNCOMPILED', '0') not in ('', '0'):
@@ -162,6 +164,65 @@ def inlined(function: F) -> F:
     In the innermost calls, handing on the arguments costs more than the mechanics.
     """
     return _compile(function, inline='always')
+
+
+def in_python(kernel: F) -> F:
+    """Return a kernel as the Python function that it is compiled from."""
+    return cast(F, getattr(kernel, 'py_func', kernel))
+
+
+def row_reader(cls: Type[T]) -> Callable[[Any, int], T]:
+    """Return a kernel ``read(row, first)`` of the fields of a NamedTuple of numbers in a row."""
+    kinds = get_type_hints(cls)
+    items = ', '.join(f'int(row[first + {place}])' if kinds[name] is int else
+                      f'row[first + {place}]' for place, name in enumerate(_fields(cls)))
+    return cast(Callable[[Any, int], T], _generated(
+        cls, 'read', f'read(row, first): return {cls.__name__}({items})', [cls]))
+
+
+def unpacker(cls: Type[T]) -> Callable[[Any], T]:
+    """Return a kernel that makes a NamedTuple of plain tuples, nested as its fields are."""
+    return cast(Callable[[Any], T], _generated(
+        cls, 'unpack', f'unpack(plain): return {_unpacking(cls, "plain")}', _nested(cls)))
+
+
+def packer(cls: Type[T]) -> Callable[[T], Any]:
+    """Return a kernel that makes plain tuples of a NamedTuple, nested as its fields are."""
+    return cast(Callable[[T], Any], _generated(
+        cls, 'pack', f'pack(value): return {_packing(cls, "value")}', []))
+
+
+def _fields(cls: Any) -> Tuple[str, ...]:
+    return cast(Tuple[str, ...], getattr(cls, '_fields', ()))
+
+
+def _nested(cls: Any) -> List[Any]:
+    """Return a NamedTuple class with all that its fields are made of."""
+    return [cls] + [item for kind in get_type_hints(cls).values() if _fields(kind)
+                    for item in _nested(kind)]
+
+
+def _unpacking(cls: Any, source: str) -> str:
+    kinds = get_type_hints(cls)
+    return f'{cls.__name__}(' + ', '.join(
+        _unpacking(kinds[name], f'{source}[{place}]') if _fields(kinds[name])
+        else f'{source}[{place}]' for place, name in enumerate(_fields(cls))) + ')'
+
+
+def _packing(cls: Any, source: str) -> str:
+    kinds = get_type_hints(cls)
+    return '(' + ', '.join(
+        _packing(kinds[name], f'{source}.{name}') if _fields(kinds[name])
+        else f'{source}.{name}' for name in _fields(cls)) + ',)'
+
+
+def _generated(cls: Any, verb: str, source: str, names: List[Any]) -> Any:
+    """Return a kernel of one line of source that belongs to a class; cached with its module."""
+    name = f'{verb}_{cls.__name__}'
+    space = {'__name__': cls.__module__, **{item.__name__: item for item in names}}
+    file = sys.modules[cls.__module__].__file__
+    exec(compile(f'def {name}{source[len(verb):]}', str(file), 'exec'), space)
+    return compiled(cast(Any, space[name]))
 
 
 def direct(kernel: F) -> F:

@@ -14,15 +14,15 @@ from ballbot_ros.config.columns import table
 from ballbot_ros.crossing.attempt import attempt, Course, Crossing, OVER, VERTICES
 from ballbot_ros.crossing.rules import Rules, Site
 from ballbot_ros.crossing.search import find
-from ballbot_ros.jit import compiled, direct, unlocked
+from ballbot_ros.jit import compiled, direct, row_reader, unlocked
 from ballbot_ros.physics.mechanics.modes import IntArray
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.contact_options import ContactOptions
-from ballbot_ros.physics.model.parameters import Actuator, Parameters, System
+from ballbot_ros.physics.model.parameters import Parameters, read_actuator, read_parameters, System
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.solvers.values import Output, PackedWorkspace, unpacked, Workspace
+from ballbot_ros.physics.solvers.values import Output, Packed, unpacked, Workspace
 
 TOLERANCE = 1e-7  # of a step that is tried [m]
 NEVER = 2**62  # rows of output that would interrupt a run
@@ -34,7 +34,13 @@ PASSES, SCORE, TRIED = range(3)  # whether, by how much [m2/s2], outcome
 LOW, HIGH, ERROR, FINE, FOUND = range(5)
 
 # Arrays of `Crossing`: state, before, last, spent, rows of the output, workspace.
-PackedDesk = tuple[Array, Array, Array, IntArray, Array, PackedWorkspace]
+PackedDesk = tuple[Array, Array, Array, IntArray, Array, Packed]
+
+
+read_course = row_reader(Course)
+# Where the fields of each begin in a row.
+PARAMETERS = len(Course._fields)
+ACTUATOR = PARAMETERS + len(Parameters._fields)
 
 
 @compiled
@@ -42,12 +48,8 @@ def crossing_of(row: Array, ground: Array, desk: PackedDesk) -> Crossing:
     """Return the crossing of a row, on its ground (4, 7), with the arrays of a desk."""
     state, before, last, spent, rows, workspace = desk
     return Crossing(
-        Course(row[0], row[1], row[2], row[3], row[4], row[5]),
-        System(Parameters(row[6], row[7], row[8], row[9], row[10], row[11], row[12], row[13],
-                          row[14], row[15], row[16], row[17], row[18], row[19], row[20]),
-               ground,
-               Actuator(int(row[21]), row[22], row[23], row[24], row[25], row[26], row[27],
-                        row[28])),
+        read_course(row, 0),
+        System(read_parameters(row, PARAMETERS), ground, read_actuator(row, ACTUATOR)),
         BUDGET, state, before, Output(rows, 0.0, 1.0, NEVER), unpacked(workspace), spent, last)
 
 
@@ -59,7 +61,7 @@ def try_rows(rows: Array, grounds: Array, heights: Array, tolerance: float, resu
 
     Parameters
     ----------
-    rows : (n, 29) array
+    rows : array
         Fields of Course, Parameters and Actuator, one behind the other.
     grounds : (n, 4, 7) array
         Written: the heights.
@@ -120,7 +122,7 @@ DESK = Desk()
 class Crossings(NamedTuple):
     """Any number of crossings, in the way that the kernels read them."""
 
-    rows: Array  # (n, 29)
+    rows: Array  # (n, ...), see `try_rows`
     grounds: Array  # (n, 4, 7)
 
     @classmethod

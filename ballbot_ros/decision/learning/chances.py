@@ -26,7 +26,7 @@ from ballbot_ros.decision.learning.particles import (
 from ballbot_ros.jit import unlocked
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.contact_options import ContactOptions
-from ballbot_ros.physics.model.parameters import Actuator, Parameters, System
+from ballbot_ros.physics.model.parameters import Actuator, Parameters, read_parameters, System
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.state import BALL_RATE
 from ballbot_ros.physics.model.terrain import (
@@ -108,10 +108,7 @@ def write_scores(begin: int, end: int, rows: Array, heights: Array, frictions: A
         for vertex in range(len(ground)):
             ground[vertex, SURFACE_COLUMN] = frictions[i, 0]
             ground[vertex, EDGE_COLUMN] = frictions[i, 1]
-        robot = Parameters(
-            rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4], rows[i, 5], rows[i, 6],
-            rows[i, 7], rows[i, 8], rows[i, 9], rows[i, 10], rows[i, 11], rows[i, 12],
-            rows[i, 13], rows[i, 14])
+        robot = read_parameters(rows[i], 0)
         motor = Actuator(old.law, old.set_value, old.kp, old.kd_or_ki,
                          robot.pendulum_moment * robot.gravity, old.limit, 0.0, 0.0)
         _, score, outcome = attempt(heights[i], tolerance, Crossing(

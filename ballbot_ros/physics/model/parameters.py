@@ -3,6 +3,7 @@
 import math
 from typing import NamedTuple
 
+from ballbot_ros.jit import row_reader
 from ballbot_ros.physics.model.contact_options import ContactOptions
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array
@@ -55,6 +56,10 @@ class Actuator(NamedTuple):
     limit: float = math.inf  # of the torque [N m]
     start_time: float = 0.0  # of the set-point, for the integral of eq. (12)
     start_joint_angle: float = 0.0
+
+
+# Kernels that read the parameters of a robot, or a law, from a row of numbers.
+read_parameters, read_actuator = row_reader(Parameters), row_reader(Actuator)
 
 
 class System(NamedTuple):

@@ -26,7 +26,7 @@ NAMES = ('ball_angle', 'pendulum_angle', 'x', 'y', 'ball_rate', 'pendulum_rate',
 
 # What the ledger of a state holds [J]: kinetic and potential energy, that in the springs of the
 # contacts; lost to dampers and frictions, and work of the motor, since the start.  A plain tuple:
-# it goes to Python and back, see `solvers.values.PackedStatus`.
+# it goes to Python and back, see `solvers.values.Packed`.
 Energy = tuple[float, float, float, float, float]
 
 

@@ -8,7 +8,7 @@ from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.physics.solvers.values import (
-    EVALUATIONS, NO_OUTPUT, Options, Output, SEARCH, Status, Workspace)
+    EVALUATIONS, NO_OUTPUT, Options, Output, SEARCH, Status, status_of, Workspace)
 
 
 class Integrator:
@@ -70,6 +70,6 @@ class Integrator:
             budget = self.work + solver.work_budget
         options = Options(
             solver.tolerance, solver.step, self._method.steps, budget, self._flight)
-        return Status.of(direct(self._method.advance)((
+        return status_of(direct(self._method.advance)((
             status.plain, end, state, (self._parameters, self._ground, actuator[:]), options[:],
             output[:], self._workspace)))

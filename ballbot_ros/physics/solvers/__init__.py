@@ -4,7 +4,7 @@ From one state to a later one: methods, step sizes, events.
 
 **A solver is a file with one function**::
 
-    advance(call) -> PackedStatus
+    advance(call) -> status
 
 ``values.named(call)`` gives its status, end, state, system, options, output and workspace.  It
 takes `state`, a (13,) array at ``status.time``, to the time `end` in place; fills those rows of

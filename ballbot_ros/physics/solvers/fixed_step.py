@@ -10,7 +10,7 @@ from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.dense import write_row
 from ballbot_ros.physics.solvers.values import (
-    EVALUATIONS, FINISHED, NOT_FINITE, Options, Output, packed, PackedStatus, PENETRATED, Status,
+    EVALUATIONS, FINISHED, NOT_FINITE, Options, Output, Packed, packed, PENETRATED, Status,
     STEPS, Workspace)
 
 
@@ -30,7 +30,7 @@ def stretches(status: Status, end: float, options: Options,
 
 
 @compiled
-def moved(status: Status, outcome: int, time: float, filled: int) -> PackedStatus:
+def moved(status: Status, outcome: int, time: float, filled: int) -> Packed:
     """Return the status of a run that has come to another time."""
     return packed(Status(outcome, time, filled, status.controller, status.rate, status.begun,
                          status.ready, status.may_fly, status.before))

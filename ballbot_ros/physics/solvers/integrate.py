@@ -32,8 +32,8 @@ from ballbot_ros.physics.solvers.rows import MOTION, WIDTH
 from ballbot_ros.physics.solvers.step_methods import end_step, prepare_dense, STAGES, take_step
 from ballbot_ros.physics.solvers.touch_down import fly_to_touch, is_let_go, SHORT_FLIGHT
 from ballbot_ros.physics.solvers.values import (
-    BUDGET_EXCEEDED, Call, EVALUATIONS, EventRate, EVENTS, EXPLICIT, FINISHED, JACOBIAN, named,
-    NOT_FINITE, NOTHING, Options, Output, packed, PackedStatus, PAUSED, PENETRATED, RATES,
+    BUDGET_EXCEEDED, EVALUATIONS, EventRate, EVENTS, EXPLICIT, FINISHED, JACOBIAN, named,
+    NOT_FINITE, NOTHING, Options, Output, Packed, packed, PAUSED, PENETRATED, RATES,
     REJECTED, SEARCH, Status, STEP_TOO_SMALL, STEPS, Workspace)
 
 PASSED = 100.0      # tolerances that a step may begin otherwise than its rates say; most do by few
@@ -181,6 +181,6 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
 
 
 @outlined
-def advance(call: Call) -> PackedStatus:
+def advance(call: Packed) -> Packed:
     """Advance a state in place; see the contract in `solvers`."""
     return packed(integrate(*named(call)))

@@ -4,13 +4,13 @@ from typing import Callable, NamedTuple
 
 from ballbot_ros.physics.solvers import integrate, rk4, semi_implicit, trapezoidal
 from ballbot_ros.physics.solvers.values import (
-    AUTOMATIC, Call, EXPLICIT, IMPLICIT, PackedStatus)
+    AUTOMATIC, EXPLICIT, IMPLICIT, Packed)
 
 
 class Method(NamedTuple):
     """A method, and what users choose it by."""
 
-    advance: Callable[[Call], PackedStatus]  # see `solvers`
+    advance: Callable[[Packed], Packed]  # see `solvers`
     order: int
     evaluations: int = 0  # of the right-hand side in each step, where all are of one length
     steps: int = AUTOMATIC  # which steps `integrate` takes

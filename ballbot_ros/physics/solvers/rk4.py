@@ -11,7 +11,7 @@ from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.fixed_step import end_stretch, moved, outcome_of, stretches
 from ballbot_ros.physics.solvers.values import (
-    Call, FINISHED, named, PackedStatus, PAUSED, Workspace)
+    FINISHED, named, Packed, PAUSED, Workspace)
 
 ORDER = 4
 EVALUATIONS = 4  # of the right-hand side, for each step
@@ -37,7 +37,7 @@ def step(time: float, state: Array, size: float, system: System, workspace: Work
 
 
 @outlined
-def advance(call: Call) -> PackedStatus:
+def advance(call: Packed) -> Packed:
     """Advance a state in place; see the contract in `solvers`."""
     status, end, state, system, options, output, workspace = named(call)
     start, count, steps = stretches(status, end, options, output)

@@ -29,7 +29,7 @@ from ballbot_ros.physics.solvers.elimination import invert
 from ballbot_ros.physics.solvers.rodas5p import solve
 from ballbot_ros.physics.solvers.rows import MOTION
 from ballbot_ros.physics.solvers.values import (
-    BUDGET_EXCEEDED, Call, EVALUATIONS, FINISHED, named, NOT_FINITE, packed, PackedStatus, PAUSED,
+    BUDGET_EXCEEDED, EVALUATIONS, FINISHED, named, NOT_FINITE, Packed, packed, PAUSED,
     PENETRATED, REJECTED, Status, STEP_TOO_SMALL, STEPS, Workspace)
 
 # Rows of the stages: f0, and that of the step before.
@@ -118,7 +118,7 @@ def factor(error: float, tolerance: float) -> float:
 
 
 @outlined
-def advance(call: Call) -> PackedStatus:
+def advance(call: Packed) -> Packed:
     """Advance a state in place; see the contract in `solvers`."""
     status, end, state, system, options, output, workspace = named(call)
     statistics, stages, tolerance = workspace.statistics, workspace.stages, options.tolerance

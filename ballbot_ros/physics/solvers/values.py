@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What travels through a solver: options, arrays to work in, output, controller, status."""
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ballbot_ros.jit import compiled
+from ballbot_ros.jit import compiled, in_python, packer, unpacker
 from ballbot_ros.physics.mechanics.jacobian import jacobian_table
 from ballbot_ros.physics.mechanics.modes import ContactMode, IntArray
-from ballbot_ros.physics.model.parameters import Actuator, Parameters, System
+from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import rows
@@ -81,31 +81,20 @@ class Status(NamedTuple):
     may_fly: bool = True  # not just after a flight that was not worth it
     before: float = 0.0  # the step before, for a method that looks back [s]
 
-    @classmethod
-    def of(cls, packed: 'PackedStatus') -> 'Status':
-        """Return what a solver returned to Python."""
-        outcome, time, filled, controller, rate, begun, ready, may_fly, before = packed
-        return cls(outcome, time, filled, StepController(*controller), EventRate(*rate), begun,
-                   ready, may_fly, before)
-
     @property
-    def plain(self) -> 'PackedStatus':
+    def plain(self) -> 'Packed':
         """Return it as a solver takes it."""
-        return (*self[:3], self.controller[:], self.rate[:], *self[5:])
+        return _pack_status(self)
 
 
 # Between Python and a solver all tuples are plain. numba takes half a microsecond to recognise a
 # named one, of which there are ten; and it makes one by calling its class, which is Python code,
-# where a Ctrl-C that has arrived meanwhile raises, and numba crashes.
-PackedStatus = tuple[int, float, int, tuple[float, bool, bool, float, int, int],
-                     tuple[int, int, int], bool, int, bool, float]
-# A slice of a named tuple, ``options[:]``, is plain.
-PackedSystem = tuple[tuple[float, ...], Array,
-                     tuple[int, float, float, float, float, float, float, float]]
-PackedWorkspace = tuple[tuple[IntArray, Array], Array, Array, Array, IntArray, IntArray]
-# Status, end [s], state, system, options, output and workspace; see `solvers`.
-Call = tuple[PackedStatus, float, Array, PackedSystem, tuple[float, float, int, int, bool, bool],
-             tuple[Array, float, float, int], PackedWorkspace]
+# where a Ctrl-C that has arrived meanwhile raises, and numba crashes.  A slice of a named tuple,
+# ``options[:]``, is plain, too.
+Packed = tuple[Any, ...]
+packed = packer(Status)
+_pack_status = in_python(packed)
+status_of = in_python(unpacker(Status))  # what a solver returned to Python
 
 
 @compiled
@@ -113,17 +102,6 @@ def status_at(time: float) -> Status:
     """Return the status where a run begins, at a time [s]."""
     return Status(FINISHED, time, 0, StepController(0.0, False, False, 0.0, 0, 0),
                   EventRate(0, 0, 0), False, NOTHING, True, 0.0)
-
-
-@compiled
-def packed(status: Status) -> PackedStatus:
-    """Return a status as a solver returns it."""
-    now, rate = status.controller, status.rate
-    return (status.outcome, status.time, status.filled,
-            (now.step, now.implicit, now.on_trial, now.explicit_step, now.stiff_steps,
-             now.patience),
-            (rate.chattering, rate.crowded, rate.stuck), status.begun, status.ready,
-            status.may_fly, status.before)
 
 
 @compiled
@@ -155,7 +133,7 @@ class Workspace(NamedTuple):
         """Return the workspace for a ground with so many vertices."""
         work = np.zeros(rows.ROWS)
         # In Python: a kernel must not return arrays, see `compiled`.
-        rates, y_new, error, dense, probe = getattr(views, 'py_func', views)(work)
+        rates, y_new, error, dense, probe = in_python(views)(work)
         return cls(
             ContactMode.of(vertices), work, rates, y_new, error, dense, probe,
             np.zeros((STAGES, SIZE)), jacobian_table(),
@@ -163,32 +141,58 @@ class Workspace(NamedTuple):
             np.zeros(6, dtype=np.int64))
 
     @property
-    def plain(self) -> 'PackedWorkspace':
+    def plain(self) -> Packed:
         """Return it as a solver takes it: without the views, since each array costs time."""
         return (self.mode[:], self.work, self.stages, self.jacobian, self.violated,
                 self.statistics)
 
 
-@compiled
-def unpacked(workspace: PackedWorkspace) -> Workspace:
-    """Return the workspace that Python hands to a solver."""
-    mode, work, stages, jacobian, violated, statistics = workspace
-    rates, y_new, error, dense, probe = views(work)
-    return Workspace(ContactMode(*mode), work, rates, y_new, error, dense, probe, stages, jacobian,
-                     violated, statistics)
+class Arrays(NamedTuple):
+    """A workspace without its views."""
+
+    mode: ContactMode
+    work: Array
+    stages: Array
+    jacobian: Array
+    violated: IntArray
+    statistics: IntArray
+
+
+class Call(NamedTuple):
+    """What Python hands to a solver, as plain tuples; see `solvers`."""
+
+    status: Status
+    end: float  # [s]
+    state: Array
+    system: System
+    options: Options
+    output: Output
+    arrays: Arrays
+
+
+unpack_arrays, unpack_call = unpacker(Arrays), unpacker(Call)
 
 
 @compiled
-def named(call: Call) -> tuple[Status, float, Array, System, Options, Output, Workspace]:
+def workspace_of(arrays: Arrays) -> Workspace:
+    """Return a workspace with its views."""
+    rates, y_new, error, dense, probe = views(arrays.work)
+    return Workspace(arrays.mode, arrays.work, rates, y_new, error, dense, probe, arrays.stages,
+                     arrays.jacobian, arrays.violated, arrays.statistics)
+
+
+@compiled
+def unpacked(arrays: Packed) -> Workspace:
+    """Return the workspace that Python hands to a kernel; see `Workspace.plain`."""
+    return workspace_of(unpack_arrays(arrays))
+
+
+@compiled
+def named(plain: Packed) -> tuple[Status, float, Array, System, Options, Output, Workspace]:
     """Return with their names what Python hands to a solver."""
-    status, end, state, system, options, output, workspace = call
-    outcome, time, filled, controller, rate, begun, ready, may_fly, before = status
-    parameters, ground, actuator = system
-    return (Status(outcome, time, filled, StepController(*controller), EventRate(*rate), begun,
-                   ready, may_fly, before),
-            end, state, System(Parameters(*parameters), ground, Actuator(*actuator)),
-            Options(*options), Output(*output),
-            unpacked(workspace))
+    call = unpack_call(plain)
+    return (call.status, call.end, call.state, call.system, call.options, call.output,
+            workspace_of(call.arrays))
 
 
 NO_OUTPUT = Output(np.zeros((0, 2 + SIZE)), 0.0, 1.0)

@@ -24,7 +24,7 @@ from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.physics.solvers.integrate import integrate
 from ballbot_ros.physics.solvers.values import (
-    AUTOMATIC, FINISHED, NO_OUTPUT, Options, Output, PackedWorkspace, status_at, unpacked,
+    AUTOMATIC, FINISHED, NO_OUTPUT, Options, Output, Packed, status_at, unpacked,
     Workspace)
 from ballbot_ros.studies.evaluation.terrains import FACE_HEIGHT, FACE_SLOPE
 
@@ -51,7 +51,7 @@ SEPARATION = 0.03  # a ball that was farther away than this makes a new contact 
 # without rows, workspace.
 Call = Tuple[Span, Script, Drive, Tuple[Tuple[float, ...], Array],
              Tuple[float, float, int, int, bool, bool], Array, Array,
-             Tuple[Array, float, float, int], PackedWorkspace]
+             Tuple[Array, float, float, int], Packed]
 
 
 @compiled

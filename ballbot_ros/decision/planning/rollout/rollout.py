@@ -19,7 +19,7 @@ from ballbot_ros.decision.planning.rollout.layout import (
 from ballbot_ros.decision.planning.rollout.rolling import PERIOD, push, roll, Rolling, torque_of
 from ballbot_ros.jit import compiled, outlined, unlocked
 from ballbot_ros.physics.mechanics.contact import first_segment
-from ballbot_ros.physics.model.parameters import Parameters
+from ballbot_ros.physics.model.parameters import Parameters, read_parameters
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, SIZE, VELOCITY_X, VELOCITY_Y, X, Y)
 from ballbot_ros.physics.model.terrain import (
@@ -106,14 +106,6 @@ PATIENCE = 3.0  # a contact that lasts longer is not going to end well [s]
 IDLE = 0.6  # nor is one in which the ball gets no farther for so long [s]
 LATE = 0.02  # after the edge the ball is stopped [s]
 GAP = 0.04  # between the standing ball and what it must not reach [m]
-
-
-@compiled
-def parameters_of(draw: Array) -> Parameters:
-    """Return the robot of a draw."""
-    return Parameters(
-        draw[0], draw[1], draw[2], draw[3], draw[4], draw[5], draw[6], draw[7], draw[8], draw[9],
-        draw[10], draw[11], draw[12], draw[13], draw[14])
 
 
 @compiled
@@ -283,7 +275,7 @@ def run(start: Rolling, plan: Array, draw: Array, raised: float, drive: Drive, s
 
     """
     ground, state = scratch.ground, scratch.state
-    robot = parameters_of(draw)
+    robot = read_parameters(draw, 0)
     fill_ground(shape, draw, raised, start.position, ground)
     now = start
     if plan[START] < start.position:
