@@ -11,6 +11,8 @@ from ballbot_ros.bridge.session import Report, Session
 
 # How long the end of the thread is waited for; a handshake may be under way [s].
 JOIN = 3.0
+# A larger part of missed periods is reported.
+MISSED_MAX = 0.01
 # The end is looked for so often at least [s].
 LONGEST_SLEEP = 0.02
 
@@ -41,6 +43,7 @@ class Loop:
         """Start at once."""
         self._session, self._publish, self._scheduling = session, publish, scheduling
         self._periods = Periods(1.0 / rate, session.clock())
+        self._checked = (session.clock(), 0)  # at the last call of `delayed`
         self._ending = False
         self.failure: Optional[Exception] = None
         self._thread = threading.Thread(target=self._run, name='motor loop', daemon=True)
@@ -50,6 +53,16 @@ class Loop:
     def running(self) -> bool:
         """Return whether the thread is alive."""
         return self._thread.is_alive()
+
+    def delayed(self) -> str:
+        """Return that other programs delay the loop, if so since the last call; else empty."""
+        now, late = self._session.clock(), self._periods.late
+        (then, before), self._checked = self._checked, (now, late)
+        missed, periods = late - before, (now - then) / self._periods.period
+        if missed <= MISSED_MAX * periods:
+            return ''
+        return (f'the machine delays the loop, {missed} of {periods:.0f} periods were missed; it '
+                f'runs {self._scheduling.in_words}: see docs/realtime.md')
 
     @property
     def late(self) -> int:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A processor for the loop whenever it wants one, where the system allows it: docs/realtime.md.
+Real-time priority for the loop, where the system permits it: docs/realtime.md.
 
-Python lets one thread of a process run at a time.  A loop that goes before all others would still
-wait for a thread of its own process that holds the interpreter and is not let run by busy
-programs.  So the other threads get a priority, too, one less.
+Python runs one thread of a process at a time.  A loop with priority would still wait for a thread
+of its own process that holds the interpreter and is preempted by busy programs.  So the other
+threads get a priority, too, one less.
 """
 import ctypes
 import errno
@@ -20,6 +20,10 @@ LOG = logging.getLogger(__name__)
 
 NAME = 'motor loop'  # of the thread, for ps and top
 PAGE = 'see docs/realtime.md'
+# Below the interrupt threads of a PREEMPT_RT kernel, which have 50.
+DEFAULT_PRIORITY = 20
+PERMIT = ("to permit it: echo '@dialout - rtprio 50' | sudo tee "
+          f'/etc/security/limits.d/ballbot.conf, then log in again; {PAGE}')
 
 # <sys/mman.h>: what is mapped now and later stays in memory once it has been touched.
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
@@ -34,7 +38,7 @@ class Scheduling(NamedTuple):
     Attributes
     ----------
     priority : int
-        Of SCHED_FIFO, 1 to 99; 0 for none.
+        Of SCHED_FIFO, 1 to 99; 0 for none, -1 for `DEFAULT_PRIORITY` where the system permits it.
     cpu : int
         The processor that it runs on; -1 for any.
     lock_memory : bool
@@ -58,6 +62,12 @@ class Scheduling(NamedTuple):
             With what the system does not allow, and what to do.
 
         """
+        if self.priority < 0:
+            permitted = permits(DEFAULT_PRIORITY)
+            if not permitted:
+                LOG.warning('the loop has no real-time priority, so a busy machine may delay it '
+                            'and engage the e-stop; %s', PERMIT)
+            return self._replace(priority=DEFAULT_PRIORITY if permitted else 0).prepared()
         allowed = sorted(os.sched_getaffinity(0))
         if self.cpu >= 0 and self.cpu not in allowed:
             raise ConfigurationError(
@@ -89,6 +99,17 @@ class Scheduling(NamedTuple):
             'without real-time priority',
             f'on processor {self.cpu}' if self.cpu >= 0 else 'on any processor',
             'its memory locked' if self.lock_memory else 'its memory not locked'))
+
+
+def permits(priority: int) -> bool:
+    """Return whether the system permits a real-time priority; tries it for the calling thread."""
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except OSError:
+        return False
+    os.sched_setscheduler(0, policy, parameters)
+    return True
 
 
 def _set_priority(thread: int, priority: int) -> None:

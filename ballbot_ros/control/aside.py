@@ -5,6 +5,7 @@ A calculation in a process of its own, so that a loop in this one is not disturb
 Threads of one Python process wait for each other: beside a thread that computes, a controller
 answers half of what comes at 500 Hz.  To ask for another process costs a loop a millisecond.
 """
+from concurrent.futures import ThreadPoolExecutor
 import os
 import pickle
 import subprocess
@@ -34,12 +35,18 @@ def aside(function: Callable[..., R], *arguments: Any) -> R:
 
     """
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
+
     # A session of its own, or Ctrl-C would be for it, too.
-    try:
-        done = subprocess.run(
+    def run() -> 'subprocess.CompletedProcess[bytes]':
+        return subprocess.run(
             [sys.executable, '-c', ANSWER], input=pickle.dumps((function, arguments)),
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment, timeout=PATIENCE,
             start_new_session=True, check=False)
+    try:
+        # A process inherits the priority of the thread that starts it, and its first 0.4 s are
+        # imports: a thread without real-time priority starts it.
+        with ThreadPoolExecutor(1, initializer=_without_priority) as starter:
+            done = starter.submit(run).result()
     except subprocess.TimeoutExpired:
         raise RefusedError(
             f'{function.__name__} was not done within {PATIENCE:g} s in a process of its own, so '
@@ -58,13 +65,17 @@ def aside(function: Callable[..., R], *arguments: Any) -> R:
     return value
 
 
-def answer() -> None:
-    """Calculate what is asked for on the standard input; the other end of `aside`."""
-    try:  # a loop's priority is not for this
+def _without_priority() -> None:
+    """Give the calling thread, and what it starts, no real-time priority."""
+    try:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-        os.nice(5)
     except (AttributeError, OSError):
         pass
+
+
+def answer() -> None:
+    """Calculate what is asked for on the standard input; the other end of `aside`."""
+    os.nice(5)
     function, arguments = pickle.load(sys.stdin.buffer)
     output, sys.stdout = sys.stdout.buffer, sys.stderr
     value: Any = None

@@ -8,6 +8,7 @@ from typing import Callable, Iterator, List, Mapping, NamedTuple, Optional, Tupl
 
 from ballbot_ros.bridge.connect import connector
 from ballbot_ros.bridge.hardware_file import Hardware, load_hardware
+from ballbot_ros.bridge.realtime import DEFAULT_PRIORITY, PERMIT, permits
 from ballbot_ros.drives import (
     driver_class, DRIVES, line_of, open_driver, open_line, read_options, SERIAL)
 from ballbot_ros.drives.contract import DriveOptions, SerialLine
@@ -97,6 +98,14 @@ def look_at_latency(device: str, system: Path = Path('/sys')) -> Iterator[Findin
         yield Finding(WRONG, f'{device}: its latency timer is {latency} ms, so no loop is faster '
                       f'than {1000.0 / latency:.0f} Hz',
                       f'echo 1 | sudo tee {path}, or install config/udev/99-ballbot.rules')
+
+
+def look_at_scheduling() -> Finding:
+    """Return whether the loop of the bridge can have real-time priority."""
+    if permits(DEFAULT_PRIORITY):
+        return Finding(OK, f'real-time priority {DEFAULT_PRIORITY} is permitted')
+    return Finding(NOTE, 'real-time priority is not permitted: a busy machine may delay the loop '
+                   'of the bridge and engage the e-stop', PERMIT)
 
 
 def look_at_ros(environment: Mapping[str, str]) -> Iterator[Finding]:
@@ -238,4 +247,5 @@ def examine(hardware_name: str, port: str, environment: Mapping[str, str],
         yield from look_at_drive(load_hardware(hardware_name).at(port), progress)
     except BallbotError as error:
         yield Finding(WRONG, str(error))
+    yield look_at_scheduling()
     yield from look_at_ros(environment)

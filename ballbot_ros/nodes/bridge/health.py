@@ -112,10 +112,12 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
     if loop is None:
         return diagnostics.WARN, ': '.join(
             filter(None, ('not configured', session.line.trouble))), values
+    delayed = loop.delayed()
     if driver is None:
         return diagnostics.ERROR, f'looking for the drive: {session.line.trouble}', values
     if supervisor.e_stop:
-        return diagnostics.WARN, f'e-stop: {supervisor.e_stop}', values
+        return diagnostics.WARN, '; '.join(
+            filter(None, (f'e-stop: {supervisor.e_stop}', delayed))), values
     if faults:
         return diagnostics.ERROR, f'the drive reports {faults}', values
     if session.control.refusal:
@@ -125,6 +127,8 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
     if sensing.needs_imu(now):
         return diagnostics.ERROR, (
             f'no IMU, and no torque until one has come for {STEADY:g} s without a gap'), values
+    if delayed:
+        return diagnostics.WARN, delayed, values
     if supervisor.timed_out:
         return diagnostics.WARN, 'commands timed out', values
     if session.law is not None and session.law.let_down:

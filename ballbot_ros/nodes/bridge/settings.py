@@ -45,8 +45,8 @@ class BridgeSettings(Settings):
         '`~/.ros` is `ROS_HOME` where that is set; empty for none', default='~/.ros/ballbot'))
     status_rate: float = live(rate_of('motor_status', 10.0, minimum=0.1, maximum=100.0))
     realtime_priority: int = fixed('the loop begins with it', count(
-        'SCHED_FIFO priority of the loop (other threads have one less); 0 for none', default=0,
-        maximum=99))
+        'SCHED_FIFO priority of the loop (other threads have one less); 0 for none, -1 for 20 '
+        'where the system permits it', default=-1, minimum=-1, maximum=99))
     cpu: int = fixed('the loop begins with it', count(
         'processor that the loop runs on; -1 for any', default=-1, minimum=-1, maximum=1023))
     lock_memory: bool = fixed('the loop begins with it', flag(

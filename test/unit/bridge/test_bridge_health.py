@@ -15,7 +15,7 @@ pytest.importorskip('rclpy')
 from ballbot_ros.nodes.bridge.health import health, VALUES
 from ballbot_ros.ros import diagnostics
 
-LOOP = SimpleNamespace(late=7)
+LOOP = SimpleNamespace(late=7, delayed=lambda: '')
 DOCUMENT = Path(__file__).resolve().parents[3] / 'docs' / 'nodes.md'
 
 

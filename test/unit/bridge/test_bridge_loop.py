@@ -131,3 +131,12 @@ def test_it_does_not_keep_a_process_alive():
     thread, = (each for each in threading.enumerate() if each.name == 'motor loop')
     assert thread.daemon
     loop.end()
+
+
+def test_a_loop_that_misses_periods_reports_the_scheduling():
+    session = FakeSession()
+    loop = Loop(session, RATE, lambda report: time.sleep(0.05))
+    assert session.ticked.wait(PATIENCE)
+    delayed = loop.delayed()
+    loop.end()
+    assert 'the machine delays the loop' in delayed and 'without real-time priority' in delayed

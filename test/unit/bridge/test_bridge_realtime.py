@@ -70,6 +70,17 @@ assert os.sched_getscheduler(0) == os.SCHED_OTHER
 """
 
 
+@pytest.mark.parametrize('permitted', [True, False])
+def test_the_default_is_a_priority_where_the_system_permits_it(permitted, monkeypatch, caplog):
+    given = []
+    monkeypatch.setattr(realtime, 'permits', lambda priority: permitted)
+    monkeypatch.setattr(realtime, '_set_priority', lambda thread, priority: given.append(priority))
+    priority = realtime.DEFAULT_PRIORITY if permitted else 0
+    assert Scheduling(-1).prepared() == Scheduling(priority)
+    assert (priority in given) is permitted
+    assert ('limits.d' in caplog.text) is not permitted
+
+
 def may_use_realtime():
     """Return whether this process may have a real-time priority."""
     return subprocess.run(['chrt', '-f', '20', 'true'], capture_output=True).returncode == 0

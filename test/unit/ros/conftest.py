@@ -17,6 +17,12 @@ def context():
     rclpy.try_shutdown(context=context)
 
 
+@pytest.fixture(autouse=True)
+def ordinary_priority(monkeypatch):
+    """Give no node real-time priority: it would be that of the whole test process."""
+    monkeypatch.setattr('ballbot_ros.bridge.realtime.permits', lambda priority: False)
+
+
 @pytest.fixture
 def make_node(context):
     """Return a function that makes nodes with parameter overrides."""
