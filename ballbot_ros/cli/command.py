@@ -105,7 +105,7 @@ class Parser(argparse.ArgumentParser):
             hints.append(f'a decimal comma; write {number[1].replace(",", ".")}')
         raise ConfigurationError(
             '; '.join([message, *hints, f'see {(self.of_verb or self).prog} --help']), 'usage',
-            next((word for word in words if word.startswith('--')), ''))
+            next(iter(re.findall(r'--[\w-]+|(?<=required: )[\w-]+', message)), ''))
 
 
 def main(argv: Optional[Sequence[str]] = None) -> int:

@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(
             f'the demo needs ROS 2, and {error.name or error} cannot be imported; source '
             '/opt/ros/jazzy/setup.bash, or run "make demo" in a checkout.  "ballbot simulate" '
-            'works without ROS') from error
+            'works without ROS', 'not_installed', 'ROS') from error
     from ballbot_ros.results.files import check_writable
     folder = 'demo_hardware' if arguments.hardware else 'demo'
     default = Path('ballbot_output') / folder
@@ -99,15 +99,17 @@ def check(arguments: argparse.Namespace) -> None:
         value = getattr(arguments, option)
         if value is not None and not 0.0 < value < float('inf'):
             raise ConfigurationError(
-                f'--{option} must be more than 0 s and finite, got {value!r}')
+                f'--{option} must be more than 0 s and finite, got {value!r}',
+                'out_of_range', f'--{option}')
     if arguments.protocol is not None and not arguments.hardware:
-        raise ConfigurationError('--protocol goes with --hardware')
+        raise ConfigurationError('--protocol goes with --hardware', 'inconsistent', '--protocol')
     if arguments.serial_imu and not arguments.hardware:
-        raise ConfigurationError('--serial-imu goes with --hardware')
+        raise ConfigurationError(
+            '--serial-imu goes with --hardware', 'inconsistent', '--serial-imu')
     for option in (*OWN, 'duration'):
         if getattr(arguments, option) is not None and arguments.hardware:
             raise ConfigurationError(f'--{option} goes without --hardware, whose demo is one of '
-                                     'the bridge on its own scene')
+                                     'the bridge on its own scene', 'inconsistent', f'--{option}')
     for option in OWN:
         if getattr(arguments, option) is not None:
             find_config(f'{option}s', getattr(arguments, option))
@@ -116,4 +118,5 @@ def check(arguments: argparse.Namespace) -> None:
     if arguments.firmware and (not arguments.hardware or arguments.firmware not in known):
         raise ConfigurationError(
             f'--firmware goes with --hardware, and must be {" or ".join(known) or "left out"} '
-            f'with --protocol {protocol}, got {arguments.firmware!r}')
+            f'with --protocol {protocol}, got {arguments.firmware!r}',
+            'not_a_choice', '--firmware')

@@ -45,10 +45,11 @@ def run(arguments: argparse.Namespace) -> int:
         value = getattr(arguments, name)
         if not 0.0 < value <= SPEED_MAX:
             raise ConfigurationError(f'--{name.replace("_", "-")} must be above 0 and at most '
-                                     f'{SPEED_MAX:g} m/s, got {value:g}')
+                                     f'{SPEED_MAX:g} m/s, got {value:g}',
+                                     'out_of_range', f'--{name.replace("_", "-")}')
     if arguments.step > arguments.max_speed:
         raise ConfigurationError(f'--step {arguments.step:g} is more than --max-speed '
-                                 f'{arguments.max_speed:g}')
+                                 f'{arguments.max_speed:g}', 'inconsistent', '--step')
     from ballbot_ros.cli.gamepad import open_gamepad
     from ballbot_ros.cli.graph import note, tool
     from ballbot_ros.cli.keyboard import Keyboard

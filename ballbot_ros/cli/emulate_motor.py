@@ -95,7 +95,8 @@ def make_emulator(arguments: argparse.Namespace, make: Any) -> Any:
     from ballbot_ros.errors import ConfigurationError
     from ballbot_ros.physics.simulation.scene import load_scene
     if arguments.baud < 1:
-        raise ConfigurationError(f'--baud must be at least 1, got {arguments.baud}')
+        raise ConfigurationError(
+            f'--baud must be at least 1, got {arguments.baud}', 'out_of_range', '--baud')
     scene = load_scene(arguments.scene, robot=arguments.robot)
     given = {} if arguments.watchdog is None else {'watchdog': arguments.watchdog}
     settings = settings_for(scene.model.robot, firmware=arguments.firmware,

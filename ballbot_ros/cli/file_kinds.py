@@ -127,7 +127,8 @@ def hardware_file(name: str, robot: str = 'gimball', protocol: str = 'odrive') -
     """Return the sections of a hardware file, with the numbers of the one that is shipped."""
     if protocol not in DRIVES:
         raise ConfigurationError(
-            f'--protocol must be one of {", ".join(sorted(DRIVES))}, got {protocol!r}')
+            f'--protocol must be one of {", ".join(sorted(DRIVES))}, got {protocol!r}',
+            'not_a_choice', '--protocol')
     shipped = [load_hardware(path.stem) for path in shipped_files('hardware')]
     known = next(item for item in shipped if item.connection.protocol == protocol)
     own = described(driver_class(protocol).Options, FOLLOWING)

@@ -34,7 +34,7 @@ def open_gamepad() -> Any:
             return reader(import_module(module))
         except ImportError:
             continue
-    raise ConfigurationError(MISSING)
+    raise ConfigurationError(MISSING, 'not_installed', 'evdev')
 
 
 def centred(part: float) -> float:
@@ -64,7 +64,7 @@ class EvdevGamepad:
                     and codes.BTN_SOUTH in able.get(codes.EV_KEY, ()):
                 break
         else:
-            raise ConfigurationError(NONE_THERE)
+            raise ConfigurationError(NONE_THERE, 'unavailable', 'gamepad')
         self._device = device
         # A: stop, B: e-stop.  The button to release it is a key on purpose.
         self._buttons = {codes.BTN_SOUTH: 'space', codes.BTN_EAST: 'e'}
@@ -101,7 +101,7 @@ class PygameGamepad:
         pygame.display.init()  # its events need that, not a window
         pygame.joystick.init()
         if not pygame.joystick.get_count():
-            raise ConfigurationError(NONE_THERE)
+            raise ConfigurationError(NONE_THERE, 'unavailable', 'gamepad')
         self._stick = pygame.joystick.Joystick(0)
         self._stick.init()
 

@@ -71,7 +71,8 @@ class Keyboard:
         except (AttributeError, OSError, ValueError, termios.error) as error:
             raise ConfigurationError(
                 'the keyboard is read from a terminal, and standard input is none: run it in a '
-                'terminal, or publish cmd_vel from a program') from error
+                'terminal, or publish cmd_vel from a program',
+                'unavailable', 'terminal') from error
         self.gone = False
 
     def __enter__(self) -> 'Keyboard':

@@ -47,12 +47,14 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.results.files import write_text
     path, (_, takes, follow) = arguments.file, KINDS[arguments.kind]
     if path.suffix not in ('.yaml', '.yml'):
-        raise ConfigurationError(f'FILE must end in .yaml, got {str(path)!r}')
+        raise ConfigurationError(
+            f'FILE must end in .yaml, got {str(path)!r}', 'not_a_choice', 'FILE')
     given = {}
     for option in ('robot', 'scene', 'protocol'):
         value = getattr(arguments, option)
         if value is not None and option not in takes:
-            raise ConfigurationError(f'--{option} does not go with {arguments.kind}')
+            raise ConfigurationError(
+                f'--{option} does not go with {arguments.kind}', 'inconsistent', f'--{option}')
         if value is not None:
             given[option] = value
             if option != 'protocol':

@@ -114,12 +114,14 @@ def read_law(arguments: argparse.Namespace) -> Any:
     for option, owner in (('angle_deg', 'held'), ('voltage', 'voltage')):
         if getattr(arguments, option) is not None and law != owner:
             raise ConfigurationError(
-                f'--{option.replace("_", "-")} goes with --actuation {owner}, not {law}')
+                f'--{option.replace("_", "-")} goes with --actuation {owner}, not {law}',
+                'inconsistent', f'--{option.replace("_", "-")}')
     if law == 'held':
         angle = arguments.angle_deg or 0.0
         if not abs(angle) <= 180.0:
             raise ConfigurationError(
-                f'--angle-deg must be at least -180 and at most 180 degrees, got {angle:g}')
+                f'--angle-deg must be at least -180 and at most 180 degrees, got {angle:g}',
+                'out_of_range', '--angle-deg')
         from ballbot_ros.results.plausibility import angle_warnings
         warn(arguments, angle_warnings(angle))
         return held_at(math.radians(angle))
@@ -136,7 +138,8 @@ def read_site(arguments: argparse.Namespace) -> Any:
         if not abs(angle) <= STEEPEST:
             raise ConfigurationError(
                 f'--{option.replace("_", "-")} must be at least -{STEEPEST:g} and at most '
-                f'{STEEPEST:g} degrees, got {angle:g}')
+                f'{STEEPEST:g} degrees, got {angle:g}',
+                'out_of_range', f'--{option.replace("_", "-")}')
     return Site(math.radians(arguments.slope_before_deg), math.radians(arguments.slope_behind_deg),
                 arguments.friction_before, arguments.friction_edge, arguments.friction_behind)
 
@@ -147,7 +150,9 @@ def read_rules(arguments: argparse.Namespace) -> Any:
     if arguments.clearance is None:
         return Rules(arguments.attempts, over=arguments.over)
     if arguments.over != 'clear':
-        raise ConfigurationError(f'--clearance goes with --over clear, not {arguments.over}')
+        raise ConfigurationError(
+            f'--clearance goes with --over clear, not {arguments.over}',
+            'inconsistent', '--clearance')
     return Rules(arguments.attempts, over=arguments.over, clearance=arguments.clearance)
 
 

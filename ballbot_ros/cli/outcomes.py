@@ -43,9 +43,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.file is None:
         raise ConfigurationError(
             f'{arguments.action} needs a FILE: the parameter outcome_log of obstacle_decision '
-            'says where the robot keeps its outcomes')
+            'says where the robot keeps its outcomes', 'missing', 'FILE')
     if not arguments.file.is_file():
-        raise ConfigurationError(f'{arguments.file} does not exist')
+        raise ConfigurationError(f'{arguments.file} does not exist', 'missing', 'FILE')
     if arguments.action == 'reset':
         return reset(arguments.file, arguments.quiet)
     outcomes = read(arguments.file)
@@ -64,7 +64,7 @@ def read(path: Path) -> Sequence[Any]:
     if reading.refusal:
         raise ConfigurationError(
             f'{reading.refusal}; "ballbot outcomes reset {path}" begins another log and keeps '
-            'this one')
+            'this one', 'unreadable', 'FILE')
     return reading.outcomes
 
 
@@ -93,7 +93,8 @@ def export(outcomes: Sequence[Any], out: Any, overwrite: bool = False) -> int:
         print(_csv(rows), end='')
         return DONE
     if out.suffix not in ('.csv', '.json'):
-        raise ConfigurationError(f'--out must end in .csv or .json, got {str(out)!r}')
+        raise ConfigurationError(
+            f'--out must end in .csv or .json, got {str(out)!r}', 'not_a_choice', '--out')
     check_new_file(out, overwrite)
     out.write_text(_csv(rows) if out.suffix == '.csv' else json.dumps(rows, indent=2) + '\n',
                    encoding='utf-8')
@@ -144,7 +145,7 @@ def print_learned(outcomes: Sequence[Any], robot: Any) -> int:
     if foreign:
         raise ConfigurationError(
             f'the log is of another robot (digest {foreign[0].robot}) than {robot.name} '
-            f'({robot.digest}); name its file with --robot')
+            f'({robot.digest}); name its file with --robot', 'inconsistent', '--robot')
     before = Particles.of(robot, DecisionTuning().height_bias_sd)
     after = learned(before, outcomes)
     print(f'{"":18} {"assumed":>19} {f"after {after.outcomes} outcomes":>19}')
@@ -160,7 +161,8 @@ def show_learning(arguments: argparse.Namespace) -> int:
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.studies.learning import CASES, study, told
     if arguments.robots < 1 or arguments.attempts < 1:
-        raise ConfigurationError('--robots and --attempts must be at least 1')
+        raise ConfigurationError(
+            '--robots and --attempts must be at least 1', 'out_of_range', '--robots')
     robot = options.read_robot(arguments)
     with watched(len(CASES) * arguments.robots, arguments.quiet, 'learning',
                  'robots') as progress:

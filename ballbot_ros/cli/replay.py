@@ -42,17 +42,19 @@ def run(arguments: argparse.Namespace) -> int:
     path = find_black_box(arguments.file)
     if path is None and is_bag(arguments.file):
         if arguments.before is not None:
-            raise ConfigurationError(f'--before goes with a black box; {arguments.file} is a bag')
+            raise ConfigurationError(
+                f'--before goes with a black box; {arguments.file} is a bag',
+                'wrong_kind', '--before')
         return run_bag(arguments)
     given = [f'--{name}' for name in BAG_OPTIONS if getattr(arguments, name)]
     if given:
         raise ConfigurationError(
             f'{given[0]} goes with a bag (a folder with metadata.yaml, a file ending in .mcap or '
-            f'.db3); {arguments.file} is none')
+            f'.db3); {arguments.file} is none', 'wrong_kind', given[0])
     if path is None and arguments.file.is_dir():
         raise ConfigurationError(
             f'{arguments.file}: holds neither a file of a black box nor a bag; the bridge writes '
-            'one after a fault, see its parameter black_box')
+            'one after a fault, see its parameter black_box', 'missing', 'FILE')
     return run_black_box(path or arguments.file, arguments)
 
 
@@ -61,7 +63,8 @@ def run_black_box(path: Path, arguments: argparse.Namespace) -> int:
     before = BEFORE if arguments.before is None else arguments.before
     if not 0.0 < before <= LONGEST:
         raise ConfigurationError(
-            f'--before must be above 0 and at most {LONGEST:g} s, got {before:g}')
+            f'--before must be above 0 and at most {LONGEST:g} s, got {before:g}',
+            'out_of_range', '--before')
     from ballbot_ros.black_box.read import read_black_box
     from ballbot_ros.black_box.report import summary, write_tables
     if arguments.out is not None:
@@ -123,7 +126,8 @@ def parameters_of(arguments: argparse.Namespace, known: dict[str, Any]) -> Any:
     for words in arguments.set or ():
         name, sign, text = words.partition('=')
         if not sign:
-            raise ConfigurationError(f'--set takes NAME=VALUE, got {words!r}')
+            raise ConfigurationError(
+                f'--set takes NAME=VALUE, got {words!r}', 'wrong_type', '--set')
         given[name] = yaml.safe_load(text)
     given.update({name: getattr(arguments, name) for name in ('scene', 'robot')
                   if getattr(arguments, name)})
@@ -131,7 +135,7 @@ def parameters_of(arguments: argparse.Namespace, known: dict[str, Any]) -> Any:
         raise ConfigurationError(
             f'{arguments.file} does not say which scene it is of: give it, --scene NAME, and '
             'where they are not the defaults --robot NAME and --set NAME=VALUE for parameters of '
-            'the simulator')
+            'the simulator', 'missing', '--scene')
     return SimulatorSettings.from_mapping(given, 'parameters of the simulator')
 
 
@@ -333,7 +337,7 @@ def replay_robot(arguments: argparse.Namespace, run: Any, metadata: Any) -> Repl
     elif 'pendulum_torque' not in columns:
         raise ConfigurationError(
             f'{arguments.file}: its joint_states have no effort; --by commands takes what was '
-            'commanded')
+            'commanded', 'missing', 'effort')
     content = scene_content(arguments.scene or 'flat', robot, columns, from_scene=True)
     scene = read_scene(content, 'scene of the recording', 'recording')
     series = driven_series(scene, columns)
@@ -354,11 +358,12 @@ def refuse(arguments: argparse.Namespace) -> None:
     """Refuse options that only a bag of the simulator takes."""
     if arguments.set:
         raise ConfigurationError(
-            f'--set is for a bag of the simulator; {arguments.file} is of a real robot')
+            f'--set is for a bag of the simulator; {arguments.file} is of a real robot',
+            'wrong_kind', '--set')
     if arguments.by == SET_POINTS:
         raise ConfigurationError(
             '--by set-points is for a bag of the simulator with control:=onboard: a real robot '
-            'was driven by its own estimate of its state; take torques')
+            'was driven by its own estimate of its state; take torques', 'wrong_kind', '--by')
 
 
 def robot_of(metadata: Any, arguments: argparse.Namespace) -> str:

@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
         from ballbot_ros.config.fields import suggestion
         near = suggestion(target, NODES)
         raise ConfigurationError(f'there is no node {target!r}{near}; an experiment is the path '
-                                 'of a YAML file')
+                                 'of a YAML file', 'unknown_name', target)
     begin = next((place for place, word in enumerate(arguments.rest) if word not in NODES),
                  len(arguments.rest))
     names, rest = [target, *arguments.rest[:begin]], arguments.rest[begin:]
@@ -52,7 +52,7 @@ def _together(names: list[str], rest: list[str]) -> int:
         what = f'{alone[0]} runs in a process of its own' if alone else 'each can be there once'
         raise ConfigurationError(
             f'cannot run {" and ".join(names)} in one process: {what}; several of '
-            f'{", ".join(TOGETHER)} can share one')
+            f'{", ".join(TOGETHER)} can share one', 'inconsistent', 'NODE')
     modules = [from_ros(f'ballbot_ros.nodes.{name}.node') for name in names]
     classes = [getattr(module, name.title().replace('_', ''))
                for module, name in zip(modules, names)]

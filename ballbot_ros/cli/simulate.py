@@ -163,7 +163,8 @@ def animation_asked(arguments: argparse.Namespace, scene: Any, folder: Path) -> 
     """
     if arguments.animate is None:
         if arguments.playback is not None:
-            raise ConfigurationError('--playback goes with --animate')
+            raise ConfigurationError(
+                '--playback goes with --animate', 'inconsistent', '--playback')
         return None
     from ballbot_ros.figures.run import check_animation
     path: Path = folder / 'animation.gif' if arguments.animate == Path() else arguments.animate
@@ -231,7 +232,7 @@ def read_scene(arguments: argparse.Namespace) -> Any:
     if arguments.method is not None and arguments.method not in known:
         raise ConfigurationError(
             f'--method must be one of {", ".join(known)}, got {arguments.method!r}'
-            + suggestion(arguments.method, known, listing=False))
+            + suggestion(arguments.method, known, listing=False), 'not_a_choice', '--method')
     names = ('step', 'tolerance', 'models')
     asked = any(getattr(arguments, name) is not None for name in ('method', 'step', 'tolerance'))
     solver, run = scene.model.solver, change(scene.run, 'duration', 'accuracy', 'output_step')
@@ -263,7 +264,8 @@ def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
             if getattr(arguments, name) is not None:
                 raise ConfigurationError(
                     f'--{name} changes nothing where an accuracy is asked for '
-                    f'({scene.run.accuracy:g} m), which chooses the solver; leave one of them out')
+                    f'({scene.run.accuracy:g} m), which chooses the solver; leave one of them out',
+                    'inconsistent', f'--{name}')
         return
     if scene.model.solver is None:
         return
@@ -272,7 +274,7 @@ def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
         methods = [item for item, described in METHODS.items() if getattr(described, use)]
         if getattr(arguments, name) is not None and method not in methods:
             raise ConfigurationError(f'--{name} goes with --method {", ".join(methods)}, '
-                                     f'not {method}')
+                                     f'not {method}', 'inconsistent', f'--{name}')
 
 
 def write_all(trajectory: Any, summary: Any, folder: Path,

@@ -72,7 +72,8 @@ def other_source(arguments: argparse.Namespace) -> Optional[object]:
         except ImportError as error:
             raise ConfigurationError(
                 f'--live needs ROS 2, and {error.name or error} cannot be imported; source '
-                '/opt/ros/jazzy/setup.bash, or run it in the .venv of a checkout') from error
+                '/opt/ros/jazzy/setup.bash, or run it in the .venv of a checkout',
+                'not_installed', 'ROS') from error
         return LiveSource(arguments.namespace, arguments.robot)
     if path.suffix == '.mcap' or path.is_dir():
         try:
@@ -80,13 +81,13 @@ def other_source(arguments: argparse.Namespace) -> Optional[object]:
         except ImportError as error:
             raise ConfigurationError(
                 f'a bag needs the package rosbags, and {error.name or error} cannot be imported; '
-                'install it with: pip install rosbags') from error
+                'install it with: pip install rosbags', 'not_installed', 'rosbags') from error
         return BagSource(path, arguments.namespace, arguments.robot, paused=True)
     for option in ('namespace', 'robot'):
         if getattr(arguments, option):
             raise ConfigurationError(
                 f'--{option} goes with a bag or --live; the page has a choice of robots for a '
-                'scene')
+                'scene', 'inconsistent', f'--{option}')
     return None
 
 
@@ -102,14 +103,16 @@ def check(arguments: argparse.Namespace) -> None:
     """
     from importlib.util import find_spec
     if arguments.port is not None and not 0 <= arguments.port <= 65535:
-        raise ConfigurationError(f'--port must be from 0 to 65535, got {arguments.port}')
+        raise ConfigurationError(
+            f'--port must be from 0 to 65535, got {arguments.port}', 'out_of_range', '--port')
     if arguments.duration is not None and not 0.0 < arguments.duration < math.inf:
         raise ConfigurationError(
-            f'--duration must be more than 0 s and finite, got {arguments.duration:g}')
+            f'--duration must be more than 0 s and finite, got {arguments.duration:g}',
+            'out_of_range', '--duration')
     if find_spec('viser') is None:
         raise ConfigurationError(
             'the page needs the package viser, which is not installed; install it with: '
-            'pip install "ballbot_ros[view]", or pip install viser')
+            'pip install "ballbot_ros[view]", or pip install viser', 'not_installed', 'viser')
 
 
 def serve(source: object, arguments: argparse.Namespace, begin: bool) -> int:

@@ -341,5 +341,6 @@ def expect_mapping(value: Any, where: str) -> Mapping[str, Any]:
     """Return `value` if it is a mapping with text keys; raise `ConfigurationError` if not."""
     if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
         raise ConfigurationError(
-            f'{where}: expected a mapping of names to values, got {value!r}', 'wrong_type')
+            f'{where}: expected a mapping of names to values, got {value!r}', 'wrong_type',
+            where.rsplit(': ', 1)[-1])
     return value

@@ -38,7 +38,7 @@ def shipped_folder(name: str) -> Path:
     raise ConfigurationError(
         f'the folder {name}/ of ballbot_ros was not found; looked in '
         + ', '.join(str(candidate) for candidate in candidates)
-        + '. Install the package again.')
+        + '. Install the package again.', 'not_installed', name)
 
 
 def config_folder() -> Path:
@@ -135,7 +135,7 @@ SIGNATURES: Mapping[str, set[str]] = {
     'scenes': {'robot', 'duration', 'terrain', 'initial', 'actuation', 'robot_changes'},
     'hardware': {'connection', 'joint', 'limits', 'drive'},
     'experiments': {'scene', 'seeds', 'simulator'},
-    'curves': {'coefficients', 'lowest_speed', 'highest_speed'}}
+    'curves': {'coefficients', 'actuation', 'source'}}
 
 
 def read_config(kind: str, name_or_path: Union[str, Path]) -> tuple[Path, Mapping[str, Any]]:
@@ -150,9 +150,11 @@ def read_config(kind: str, name_or_path: Union[str, Path]) -> tuple[Path, Mappin
     """
     path = find_config(kind, name_or_path)
     content = read_yaml(path)
+    if kind not in SIGNATURES:
+        return path, content
     found = max(SIGNATURES, key=lambda other: len(SIGNATURES[other] & content.keys()))
     common = len(SIGNATURES[found] & content.keys())
-    if common > len(SIGNATURES.get(kind, set()) & content.keys()):
+    if common > len(SIGNATURES[kind] & content.keys()):
         what, wanted = found.removesuffix('s'), kind.removesuffix('s')
         raise ConfigurationError(
             f'{path} is a {what} file, not a {wanted} file; give a {wanted} file or a name',
@@ -173,7 +175,9 @@ def read_yaml(path: Path) -> Mapping[str, Any]:
     try:
         content = yaml.load(path.read_text(encoding='utf-8'), Loader=_StrictLoader)
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f'{path}: cannot be read: {error}') from error
+        raise ConfigurationError(
+            f'{path}: cannot be read: {error}', 'unreadable', str(path)) from error
     except yaml.YAMLError as error:
-        raise ConfigurationError(f'{path}: is not valid YAML: {error}') from error
+        raise ConfigurationError(
+            f'{path}: is not valid YAML: {error}', 'unreadable', str(path)) from error
     return expect_mapping(content, str(path))

@@ -55,7 +55,8 @@ def load_experiment(path: Path) -> Experiment:
 
     """
     if not path.is_file():
-        raise ConfigurationError(f'{path}: there is no such file of an experiment')
+        raise ConfigurationError(
+            f'{path}: there is no such file of an experiment', 'missing', 'experiment')
     plan = Experiment.from_mapping(read_yaml(path), str(path))
     seeds = plan.seeds
     whole = isinstance(seeds, list) and seeds and all(
@@ -63,7 +64,7 @@ def load_experiment(path: Path) -> Experiment:
         for seed in seeds)
     if not whole or len(set(seeds)) < len(seeds):
         raise ConfigurationError(f'{path}: seeds must be a list of different whole numbers from 0 '
-                                 f'to {2**31 - 1}, got {seeds!r}')
+                                 f'to {2**31 - 1}, got {seeds!r}', 'not_a_choice', 'seeds')
     beside = path.resolve().parent
     plan = replace(plan, scene=_place(beside, plan.scene), robot=_place(beside, plan.robot))
     nodes, period = _nodes(plan, path, beside)
@@ -74,7 +75,7 @@ def load_experiment(path: Path) -> Experiment:
             or abs(whole_number - round(whole_number)) > 1e-6:
         raise ConfigurationError(
             f'{path}: duration must be a whole number of periods of {step:g} s, '
-            f'got {plan.duration:g}')
+            f'got {plan.duration:g}', 'inconsistent', 'duration')
     return plan
 
 
@@ -101,7 +102,8 @@ def _nodes(plan: Experiment, path: Path, beside: Path
         entries = dict(expect_mapping(given or {}, place))
         for key, why in OWN.items():
             if key in entries:
-                raise ConfigurationError(f'{place}: {key} cannot be set here: {why}')
+                raise ConfigurationError(
+                    f'{place}: {key} cannot be set here: {why}', 'not_settable', key)
         for key in set(FILES) & set(entries):
             if isinstance(entries[key], str):
                 entries[key] = _place(beside, entries[key])
@@ -117,7 +119,8 @@ def _nodes(plan: Experiment, path: Path, beside: Path
     if len(rates) != 1:
         raise ConfigurationError(
             f'{path}: simulator: in lockstep the decision judges each observation: one of '
-            'terrain_rate and observation_rate must be above 0 Hz, and the other one 0')
+            'terrain_rate and observation_rate must be above 0 Hz, and the other one 0',
+            'inconsistent', 'observation_rate')
     return nodes, 1.0 / rates[0]
 
 
@@ -134,7 +137,9 @@ def freeze(plan: Experiment) -> Dict[str, str]:
         target = f'config/{kind}/{source.name}'
         content = source.read_text(encoding='utf-8')
         if files.get(target, content) != content:
-            raise ConfigurationError(f'two files are named {source.name}: {source} is one of them')
+            raise ConfigurationError(
+                f'two files are named {source.name}: {source} is one of them',
+                'inconsistent', kind)
         files[target] = content
         return f'./{target}'
     robot = plan.robot or str(read_yaml(find_config('scenes', plan.scene)).get('robot', ''))

@@ -44,16 +44,19 @@ def run_experiment(target: str, out: Optional[Path], quiet: bool, timeout: float
     """
     if not 0.0 < timeout < float('inf'):
         raise ConfigurationError(
-            f'--timeout must be more than 0 s and finite, got {timeout!r}')
+            f'--timeout must be more than 0 s and finite, got {timeout!r}',
+            'out_of_range', '--timeout')
     say = (lambda *_: None) if quiet else _say
     path = Path(target)
     if path.is_dir():
         if out is not None:
             raise ConfigurationError(
                 f'--out goes with the file of an experiment; {path} is a folder, which is run '
-                'again in its place')
+                'again in its place', 'inconsistent', '--out')
         if not (path / FILE).is_file():
-            raise ConfigurationError(f'{path}: holds no {FILE}: it is no folder of an experiment')
+            raise ConfigurationError(
+                f'{path}: holds no {FILE}: it is no folder of an experiment',
+                'wrong_kind', 'experiment')
         folder, plan = path, load_experiment(path / FILE)
         if all(_done(folder, seed) for seed in plan.seeds):
             return _again(folder, plan, timeout, say)
@@ -82,7 +85,7 @@ def _begin(plan: Experiment, folder: Path) -> Experiment:
                 not place.is_file() or place.read_text(encoding='utf-8') != text):
             raise ConfigurationError(
                 f'{folder}: holds another experiment ({name} differs); choose another folder with '
-                '--out, or remove that one')
+                '--out, or remove that one', 'exists', '--out')
     for name, text in sorted(files.items(), key=lambda item: item[0] == FILE):
         write_text(text, folder / name)
     return load_experiment(folder / FILE)
@@ -117,7 +120,8 @@ def _prepare(plan: Experiment) -> None:
     except ImportError as error:
         raise ConfigurationError(
             f'an experiment needs ROS 2, and {error.name or error} cannot be imported; source '
-            '/opt/ros/jazzy/setup.bash, or use the .venv of a checkout (make setup)') from error
+            '/opt/ros/jazzy/setup.bash, or use the .venv of a checkout (make setup)',
+            'not_installed', 'ROS') from error
     if 'obstacle_decision' in plan.nodes:  # the others are ready soon
         prepare(('simulator', 'controller', 'decision'))
 

@@ -57,7 +57,7 @@ def replacing(path: PathLike) -> Iterator[BinaryIO]:
     except OSError as error:
         raise ConfigurationError(
             f'{target}: cannot be written: {error.strerror or error}; choose another folder or '
-            'make room') from error
+            'make room', 'not_writable', str(path)) from error
 
 
 def check_writable(path: PathLike) -> None:
@@ -79,7 +79,8 @@ def check_writable(path: PathLike) -> None:
                else '' if os.access(folder, os.W_OK | os.X_OK)
                else f'no permission for {folder}')
     if problem:
-        raise ConfigurationError(f'{path}: cannot be written: {problem}; choose another')
+        raise ConfigurationError(
+            f'{path}: cannot be written: {problem}; choose another', 'not_writable', str(path))
 
 
 def write_text(text: str, path: PathLike) -> None:
@@ -119,7 +120,8 @@ def write_parquet(trajectory: Trajectory, path: PathLike) -> None:
         from pyarrow import parquet
     except ImportError as error:
         raise ConfigurationError(
-            'Parquet files need pyarrow, which is not installed: pip install pyarrow') from error
+            'Parquet files need pyarrow, which is not installed: pip install pyarrow',
+            'not_installed', 'pyarrow') from error
     columns = trajectory.columns
     table = pyarrow.table(
         [pyarrow.array(values) for values in columns.values()], schema=pyarrow.schema(
@@ -144,7 +146,7 @@ def write_trajectory(trajectory: Trajectory, path: PathLike) -> None:
     if ending not in writers:
         raise ConfigurationError(
             f'{path}: a trajectory is written to a file ending in {", ".join(writers)}, '
-            f'got {ending!r}')
+            f'got {ending!r}', 'not_a_choice', 'path')
     writers[ending](trajectory, path)
 
 
@@ -207,7 +209,7 @@ def read_columns(path: PathLike) -> dict[str, Array]:
     try:
         return {name: in_si(name, values, units[name]) for name, values in columns.items()}
     except ConfigurationError as error:
-        raise ConfigurationError(f'{path}: {error}') from error
+        raise error.at(str(path)) from error
 
 
 def read_units(path: PathLike) -> dict[str, str]:
@@ -229,21 +231,21 @@ def _read(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
     if path.suffix not in readers:
         raise ConfigurationError(
             f'{path}: a trajectory is kept in a file ending in .csv, .npz or .parquet, '
-            f'got {path.suffix!r}')
+            f'got {path.suffix!r}', 'not_a_choice', 'path')
     try:
         return readers[path.suffix](path)
     except OSError as error:
         raise ConfigurationError(
-            f'{path}: cannot be read: {error.strerror or error}') from error
+            f'{path}: cannot be read: {error.strerror or error}', 'unreadable', 'path') from error
     except ImportError as error:
         raise ConfigurationError(
-            f'{path}: reading it needs pyarrow, which is not installed: pip install pyarrow'
-            ) from error
+            f'{path}: reading it needs pyarrow, which is not installed: pip install pyarrow',
+            'not_installed', 'pyarrow') from error
     except ConfigurationError as error:
-        raise ConfigurationError(f'{path}: {error}', error.reason, error.field) from error
+        raise error.at(str(path)) from error
     except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise ConfigurationError(
-            f'{path}: is not a trajectory: {error}', 'unreadable') from error
+            f'{path}: is not a trajectory: {error}', 'unreadable', 'path') from error
 
 
 def _read_csv(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
@@ -262,10 +264,11 @@ def _read_csv(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
                     'unreadable', title)
             units[match['name']] = match['unit']
         if not units:
-            raise ConfigurationError('line 1: no columns', 'unreadable')
+            raise ConfigurationError('line 1: no columns', 'unreadable', 'line 1')
         table = [_numbers(row, titles, rows.line_num) for row in rows if row]
     if not table:
-        raise ConfigurationError('no rows of numbers below the names of the columns', 'unreadable')
+        raise ConfigurationError(
+            'no rows of numbers below the names of the columns', 'unreadable', 'line 2')
     return dict(zip(units, np.array(table).T)), units
 
 
@@ -275,7 +278,7 @@ def _numbers(row: list[str], titles: list[str], line: int) -> list[float]:
         hint = ': decimal commas? Write decimal points' if len(row) == 2 * len(titles) else ''
         raise ConfigurationError(
             f'line {line} has {len(row)} values, line 1 names {len(titles)} columns{hint}',
-            'unreadable')
+            'unreadable', f'line {line}')
     numbers = []
     for title, word in zip(titles, row):
         try:

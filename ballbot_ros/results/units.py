@@ -52,5 +52,5 @@ def in_si(name: str, values: Array, unit: str) -> Array:
         known = [word for word, (other, _) in UNDERSTOOD.items() if other == wanted]
         raise ConfigurationError(
             f'column {name} must be in {" or ".join(known)}, got [{unit}]; correct the heading, '
-            'or convert the column')
+            'or convert the column', 'not_a_choice', name)
     return values * factor

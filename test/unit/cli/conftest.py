@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command as tests call it."""
+import sys
+from types import SimpleNamespace
+
 import pytest
 
 from ballbot_ros.cli import command, main
@@ -36,3 +39,13 @@ def refuses(refusal):
         error = refusal(*words)
         assert (error.reason, error.field) == (reason, field), error
     return call
+
+
+@pytest.fixture
+def replace_demo(monkeypatch):
+    """Return a function that replaces functions of the demo, which needs ROS."""
+    def replace(**functions):
+        for module in ('demo', 'hardware', 'own_act', 'page'):
+            monkeypatch.setitem(
+                sys.modules, f'ballbot_ros.demo.{module}', SimpleNamespace(**functions))
+    return replace

@@ -2,9 +2,12 @@
 """Mistakes that would give a wrong result without an error are recognised and explained."""
 import pytest
 
+from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.cli import main, simulate
 from ballbot_ros.config.files import shipped_files
+from ballbot_ros.decision import load_curve
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.experiments.file import load_experiment
 from ballbot_ros.physics import load_robot, load_scene
 
 SCENE = """
@@ -56,10 +59,12 @@ def test_a_file_of_another_kind_is_recognised(words, kind, wanted, refusal):
         assert f'is a {kind.removesuffix("s")} file, not a {wanted} file' in str(error)
 
 
-@pytest.mark.parametrize('kind, load', [('robots', load_robot), ('scenes', load_scene)])
+@pytest.mark.parametrize('kind, load', [
+    ('robots', load_robot), ('scenes', load_scene), ('hardware', load_hardware),
+    ('curves', load_curve), ('experiments', load_experiment)])
 def test_every_shipped_file_is_of_its_kind(kind, load):
     for path in shipped_files(kind):
-        load(path)
+        load(path if kind == 'experiments' else str(path))
 
 
 @pytest.mark.parametrize('words, written', [

@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Results are never replaced unless somebody says so."""
 from pathlib import Path
-import sys
 import types
 
 import pytest
+from refusals import refused
 
 from ballbot_ros.cli import main
 from ballbot_ros.cli.output import check_new_file, result_folder
-from ballbot_ros.errors import ConfigurationError
 
 FLAT = ['simulate', 'flat', '--duration', '0.02', '--no-figures', '--quiet']
 
@@ -24,12 +23,11 @@ def test_each_run_gets_a_folder_of_its_own(tmp_path, monkeypatch):
 
 
 def test_a_folder_with_results_is_refused_before_the_work_unless_they_may_go(
-        tmp_path, monkeypatch, error_of, capsys):
+        tmp_path, monkeypatch, refuses, capsys):
     out = ['--out', str(tmp_path / 'mine')]
     assert main([*FLAT, *out]) == 0
     before = (tmp_path / 'mine' / 'trajectory.csv').read_text()
-    line = error_of('simulate', 'flat', '--duration', '0.04', '--no-figures', *out)
-    assert 'contains results (summary.txt, ' in line and 'add --overwrite' in line
+    refuses('exists', '--out', 'simulate', 'flat', '--duration', '0.04', '--no-figures', *out)
     assert (tmp_path / 'mine' / 'trajectory.csv').read_text() == before
     (tmp_path / 'mine' / 'strip.png').write_text('of the run that is replaced')
     (tmp_path / 'mine' / 'notes.txt').write_text('mine')
@@ -45,7 +43,7 @@ def test_a_folder_with_other_things_in_it_is_taken(tmp_path):
     assert main([*FLAT, '--out', str(tmp_path)]) == 0
 
 
-def test_three_demos_leave_three_folders(tmp_path, monkeypatch):
+def test_three_demos_leave_three_folders(tmp_path, monkeypatch, replace_demo):
     monkeypatch.chdir(tmp_path)
     folders = []
 
@@ -55,8 +53,8 @@ def test_three_demos_leave_three_folders(tmp_path, monkeypatch):
         return 0
 
     act = types.SimpleNamespace(scene='doorstep')
-    monkeypatch.setitem(sys.modules, 'ballbot_ros.demo', types.SimpleNamespace(
-        run_demo=run_demo, run_hardware_demo=None, own_acts=lambda *_: [act], page_beside=None))
+    replace_demo(
+        run_demo=run_demo, run_hardware_demo=None, own_acts=lambda *_: [act], page_beside=None)
     for _ in range(3):
         assert main(['demo', '--quiet']) == 0
     assert [folder.name for folder in folders] == ['demo', 'demo_2', 'demo_3']
@@ -70,7 +68,7 @@ def test_nothing_is_made_for_work_that_is_given_up(tmp_path):
 def test_a_file_that_is_there_is_refused_unless_it_may_go(tmp_path):
     check_new_file(tmp_path / 'new', False)
     (tmp_path / 'old').touch()
-    with pytest.raises(ConfigurationError, match='old exists; add --overwrite .* another --log'):
+    with refused('exists', '--log'):
         check_new_file(tmp_path / 'old', False, '--log')
     check_new_file(tmp_path / 'old', True)
 

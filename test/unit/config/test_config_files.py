@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """One helper reads a checked dataclass from a file, and names the file in every refusal."""
+import ast
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
+from refusals import refused
 
+import ballbot_ros
 from ballbot_ros.config.fields import Checked, quantity
 from ballbot_ros.config.files import load_config
 from ballbot_ros.config.provenance import Provenance, read_values
@@ -20,7 +24,8 @@ class Range(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.low > self.high:
-            raise ConfigurationError(f'Range: low must be at most high, got {self.low:g}')
+            raise ConfigurationError(
+                f'Range: low must be at most high, got {self.low:g}', 'inconsistent', 'low')
 
 
 def test_a_file_of_ones_own_is_read_by_its_path(tmp_path):
@@ -29,16 +34,30 @@ def test_a_file_of_ones_own_is_read_by_its_path(tmp_path):
     assert load_config(Range, 'ranges', str(path)) == Range(0.1, 1.0)
 
 
-@pytest.mark.parametrize('content, complaint', [
-    ('low: 2.0', 'low must be at most high, got 2'), ('low: -1', 'low must be at least 0 m'),
-    ('high: 2', 'low is missing'), ('low: 0\nhihg: 1', "did you mean 'high'"),
-    ('low: 0\nlow: 1', "'low' is given twice"), ('low: [', 'not valid YAML')])
-def test_every_refusal_names_the_file_and_what_is_wrong(tmp_path, content, complaint):
+@pytest.mark.parametrize('content, reason, field', [
+    ('low: 2.0', 'inconsistent', 'low'), ('low: -1', 'out_of_range', 'low'),
+    ('high: 2', 'missing', 'low'), ('low: 0\nhihg: 1', 'unknown_name', 'hihg'),
+    ('low: true', 'wrong_type', 'low'), ('low: .inf', 'not_finite', 'low'),
+    ('low: {value: 1, unit: mm}', 'wrong_type', 'low'),
+    ('low: 0\nlow: 1', 'unreadable', None), ('low: [', 'unreadable', None)])
+def test_every_refusal_names_the_file_and_what_is_wrong(tmp_path, content, reason, field):
     path = tmp_path / 'mine.yaml'
     path.write_text(content)
-    with pytest.raises(ConfigurationError, match=complaint) as refusal:
+    with refused(reason, str(path) if field is None else field) as refusal:
         load_config(Range, 'ranges', str(path))
     assert str(refusal.value).startswith(str(path))
+
+
+def test_every_refusal_of_these_folders_has_a_reason_and_a_field():
+    package = Path(ballbot_ros.__file__).parent
+    lacking = [
+        f'{path.relative_to(package)}:{call.lineno}'
+        for folder in ('config', 'results', 'experiments')
+        for path in (package / folder).rglob('*.py')
+        for call in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
+        if isinstance(call, ast.Call) and getattr(call.func, 'id', '') == 'ConfigurationError'
+        and len(call.args) < 3]
+    assert not lacking
 
 
 def test_a_value_carries_where_it_comes_from():

@@ -77,7 +77,7 @@ def test_interrupted_writing_keeps_the_old_file_and_leaves_no_other(tmp_path, in
 
 def test_a_folder_that_cannot_be_made_is_named(trajectory, tmp_path):
     (tmp_path / 'taken').write_text('')
-    with pytest.raises(ConfigurationError, match='taken.*choose another folder'):
+    with refused('not_writable', str(tmp_path / 'taken' / 'run.csv')):
         write_csv(trajectory, tmp_path / 'taken' / 'run.csv')
 
 
@@ -87,12 +87,12 @@ def test_a_folder_that_cannot_be_made_is_named(trajectory, tmp_path):
     ('run.parquet', 'none')])
 def test_a_file_of_another_kind_is_refused(tmp_path, name, content):
     (tmp_path / name).write_text(content)
-    with pytest.raises(ConfigurationError, match=name):
+    with refused('not_a_choice' if name == 'run.txt' else 'unreadable'):
         read_columns(tmp_path / name)
 
 
 def test_a_missing_file_is_named():
-    with pytest.raises(ConfigurationError, match='nowhere.csv: cannot be read'):
+    with refused('unreadable', 'path'):
         read_columns('nowhere.csv')
 
 
@@ -101,9 +101,9 @@ def test_a_missing_file_is_named():
     ('time [s],x\n0,1\n', 'x', ('line 1', "'x'")),
     ('time [s],x [m]\n0,1\n0.1,one\n', 'x [m]', ('line 3', '"x [m]"', "'one'")),
     ('time [s],x [m]\n0,1\n"0,1",2\n', 'time [s]', ('line 3', 'decimal point')),
-    ('time [s],x [m]\n0,1,0,5\n', '', ('line 2', '4 values', 'decimal commas')),
-    ('time [s],x [m]\n0\n', '', ('line 2', '1 values')),
-    ('time [s],x [m]\n', '', ('no rows',)), ('', '', ('line 1', 'no columns'))])
+    ('time [s],x [m]\n0,1,0,5\n', 'line 2', ('line 2', '4 values', 'decimal commas')),
+    ('time [s],x [m]\n0\n', 'line 2', ('line 2', '1 values')),
+    ('time [s],x [m]\n', 'line 2', ('no rows',)), ('', 'line 1', ('line 1', 'no columns'))])
 def test_an_unreadable_csv_file_is_refused_with_line_and_column(tmp_path, text, field, words):
     (tmp_path / 'run.csv').write_text(text)
     with refused('unreadable', field) as error:

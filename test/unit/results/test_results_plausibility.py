@@ -5,6 +5,7 @@ from dataclasses import replace
 import re
 
 import pytest
+from refusals import refused
 
 from ballbot_ros.cli import main, simulate
 from ballbot_ros.cli.options import read_law
@@ -103,7 +104,7 @@ def test_numbers_of_the_command_line_are_questioned_before_the_work(
 def test_an_angle_beyond_the_top_is_refused_and_one_above_level_is_questioned(capsys):
     def law(angle):
         return read_law(argparse.Namespace(actuation='held', angle_deg=angle, voltage=None))
-    with pytest.raises(ConfigurationError, match='-180 and at most 180 degrees, got 270'):
+    with refused('out_of_range', '--angle-deg'):
         law(270.0)
     law(120.0)
     assert 'Warning: the pendulum is held at 120 degrees' in capsys.readouterr().err
@@ -122,5 +123,5 @@ def test_a_run_of_gigabytes_says_so_first_and_offers_a_coarser_step(tmp_path, ca
     assert capsys.readouterr().err == '' and not list(tmp_path.iterdir())
     monkeypatch.setattr(simulate.shutil, 'disk_usage',
                         lambda _: argparse.Namespace(free=10**9))
-    with pytest.raises(ConfigurationError, match='has no room for it'):
+    with refused('out_of_range', '--output-step'):
         simulate.check_size(long, tmp_path / 'new', False)
