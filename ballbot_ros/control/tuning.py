@@ -22,17 +22,21 @@ class ControlTuning(Checked):
     """
 
     position_kp: float = quantity(
-        'N m/rad', 'proportional gain of the position law (11)', minimum=0.0, default=40.0)
+        'N m/rad', 'proportional gain of the position law (11)', minimum=0.0,
+        maximum=1000.0, default=40.0)
     position_kd: float = quantity(
-        'N m s/rad', 'derivative gain of the position law (11)', minimum=0.0, default=10.0)
+        'N m s/rad', 'derivative gain of the position law (11)', minimum=0.0,
+        maximum=200.0, default=10.0)
     velocity_kp: float = quantity(
-        'N m s/rad', 'proportional gain of the velocity law (12)', minimum=0.0, default=10.0)
+        'N m s/rad', 'proportional gain of the velocity law (12)', minimum=0.0,
+        maximum=200.0, default=10.0)
     velocity_ki: float = quantity(
-        'N m/rad', 'integral gain of the velocity law (12)', minimum=0.0, default=0.0)
+        'N m/rad', 'integral gain of the velocity law (12)', minimum=0.0,
+        maximum=1000.0, default=0.0)
     gravity_compensation: bool = flag(
         'add M2 g e sin(theta1 + theta2), as the paper does', default=True)
     torque_limit: float = quantity(
-        'N m', 'largest torque that is ever asked for', above=0.0, default=4.0)
+        'N m', 'largest torque that is ever asked for', above=0.0, maximum=1000.0, default=4.0)
     speed_gain: float = quantity(
         '1/s', 'acceleration per speed error that the speed law wants', above=0.0, maximum=100.0,
         default=2.0)

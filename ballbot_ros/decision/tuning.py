@@ -30,25 +30,26 @@ class DecisionTuning(Checked):
     """
 
     cruise_speed: float = quantity(
-        'm/s', 'speed where nothing is in the way', above=0.0, default=0.4)
+        'm/s', 'speed where nothing is in the way', above=0.0, maximum=10.0, default=0.4)
     highest_speed: float = quantity(
-        'm/s', 'speed that is never asked for more', above=0.0, default=1.1)
+        'm/s', 'speed that is never asked for more', above=0.0, maximum=10.0, default=1.1)
     acceleration: float = quantity(
-        'm/s2', 'acceleration that can be counted on', above=0.0, default=0.46)
+        'm/s2', 'acceleration that can be counted on', above=0.0, maximum=20.0, default=0.46)
     deceleration: float = quantity(
-        'm/s2', 'deceleration that can be counted on', above=0.0, default=0.4)
+        'm/s2', 'deceleration that can be counted on', above=0.0, maximum=20.0, default=0.4)
     reaction_time: float = quantity(
         's', 'time until a set angle is given and the pendulum begins to follow', above=0.0,
-        default=0.2)
+        maximum=5.0, default=0.2)
     speed_margin: float = quantity(
         '1', 'part by which the required speed is raised', minimum=0.0, maximum=1.0,
         default=0.08)
     height_margin: float = quantity(
-        'm', 'added to the height of a step', minimum=0.0, default=0.002)
+        'm', 'added to the height of a step', minimum=0.0, maximum=0.5, default=0.002)
     sigma_margin: float = quantity(
-        '1', 'standard deviations of the height added to it', minimum=0.0, default=2.0)
+        '1', 'standard deviations of the height added to it', minimum=0.0,
+        maximum=10.0, default=2.0)
     stop_gap: float = quantity(
-        'm', 'front of the resting ball to the step', minimum=0.0, default=0.25)
+        'm', 'front of the resting ball to the step', minimum=0.0, maximum=10.0, default=0.25)
     largest_lean: float = quantity(
         'rad', 'largest pendulum angle', above=0.0, maximum=1.5, default=0.7)
     emergency_lean: float = quantity(
@@ -58,9 +59,10 @@ class DecisionTuning(Checked):
         'rad', 'largest pendulum angle of a swing before or on a step', minimum=0.0, maximum=3.1,
         default=2.6)
     observation_timeout: float = quantity(
-        's', 'age at which an observation is worth nothing', above=0.0, default=0.6)
+        's', 'age at which an observation is worth nothing', above=0.0, maximum=60.0, default=0.6)
     contradiction_sigma: float = fixed(SEEN, quantity(
-        '1', 'deviations at which an observation contradicts', above=0.0, default=5.0))
+        '1', 'deviations at which an observation contradicts', above=0.0,
+        maximum=100.0, default=5.0))
     forget_after: int = fixed(SEEN, count(
         'observations in a row after which the newest are believed instead', minimum=1,
         default=5))
@@ -70,19 +72,19 @@ class DecisionTuning(Checked):
         maximum=0.999, default=0.9)
     room_behind: float = fixed('it is of the place where the ball started', quantity(
         'm', 'ground known to be free behind the place where the ball started', minimum=0.0,
-        default=0.0))
+        maximum=1000.0, default=0.0))
     unseen_room: float = quantity(
         'm', 'floor taken for granted behind an edge that a sensor does not see beyond',
-        minimum=0.0, default=0.65)
+        minimum=0.0, maximum=100.0, default=0.65)
     actuation_delay: float = quantity(
         's', 'time from an odometry message until its answer acts', minimum=0.0, maximum=0.5,
         default=0.0)
     height_bias_sd: float = fixed(SEEN, quantity(
         'm', 'standard deviation of what a sensor of heights is off by all the time',
-        minimum=0.0, default=0.0005))
+        minimum=0.0, maximum=0.1, default=0.0005))
     untold_bias_sd: float = fixed(SEEN, quantity(
         'm', 'height_bias_sd of a sensor that does not report its standard deviation', minimum=0.0,
-        default=0.002))
+        maximum=0.1, default=0.002))
 
     def __post_init__(self) -> None:
         """Check each value, then that the speeds agree."""

@@ -16,7 +16,7 @@ class ControllerSettings(Settings):
     tuning: str = live(file_in('tunings', 'published'))
     torque_limit: float = live(quantity(
         'N m', 'largest torque asked for; 0 takes that of the tuning', default=0.0, minimum=0.0,
-        maximum=1e6))
+        maximum=1000.0))
     rate: float = live(quantity(
         'Hz', 'rate of joint_states that the loop is checked for, and must then have',
         default=500.0, minimum=1.0, maximum=100000.0))

@@ -61,7 +61,7 @@ class SimulatorSettings(Settings):
         minimum=1e-3, maximum=10.0))
     torque_limit: float = live(quantity(
         'N m', 'largest torque at the pendulum, where the motor could give more; 0 for none but '
-        'that of the motor', default=0.0, minimum=0.0, maximum=1e6))
+        'that of the motor', default=0.0, minimum=0.0, maximum=1000.0))
     publish_clock: bool = fixed('who makes the time is said at the start', flag(
         'make the time of the graph and publish it as /clock; false to follow the /clock of '
         'another simulator', default=True))

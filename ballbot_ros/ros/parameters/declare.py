@@ -29,10 +29,9 @@ def describe(metadata: Mapping[str, Any], why: str) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(description=text, read_only=bool(why))
     if metadata['kind'] is float:
         descriptor.additional_constraints = allowed(metadata)
-        bottom = max(metadata['minimum'], metadata['above'])
-        if bottom > float('-inf') and metadata['maximum'] < float('inf'):
-            descriptor.floating_point_range = [FloatingPointRange(
-                from_value=float(bottom), to_value=float(metadata['maximum']))]
+        descriptor.floating_point_range = [FloatingPointRange(
+            from_value=float(max(metadata['minimum'], metadata['above'])),
+            to_value=float(metadata['maximum']))]
     elif metadata['kind'] is int:
         descriptor.integer_range = [IntegerRange(
             from_value=int(metadata['minimum']), to_value=int(metadata['maximum']), step=1)]
