@@ -36,7 +36,7 @@ class ControlTuning(Checked):
     gravity_compensation: bool = flag(
         'add M2 g e sin(theta1 + theta2), as the paper does', default=True)
     torque_limit: float = quantity(
-        'N m', 'largest torque that is ever asked for', above=0.0, maximum=1000.0, default=4.0)
+        'N m', 'largest torque that is ever asked for', above=0.0, maximum=1e6, default=4.0)
     speed_gain: float = quantity(
         '1/s', 'acceleration per speed error that the speed law wants', above=0.0, maximum=100.0,
         default=2.0)

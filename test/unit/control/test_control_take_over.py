@@ -12,7 +12,7 @@ from ballbot_ros.physics import load_robot
 
 GIMBALL = load_robot('gimball')
 # Without gravity and limits (11) is kp (angle - phi) - kd phi', and (12) kp (rate - theta2').
-PLAIN = ControlTuning(position_kp=6.0, position_kd=0.8, velocity_kp=0.8, torque_limit=1e9,
+PLAIN = ControlTuning(position_kp=6.0, position_kd=0.8, velocity_kp=0.8, torque_limit=1e6,
                       gravity_compensation=False, blend_time=0.1)
 
 
