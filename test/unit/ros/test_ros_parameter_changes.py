@@ -102,7 +102,8 @@ def test_a_whole_number_and_a_number_as_text_are_floats_at_run_time_too(owner):
     ({'quiet': True}, ('it says how to begin', 'with -p quiet:=true')),
     ({'version': 0.6}, ('it is read once, at the start', '-p version:=0.6')),
     ({'gain': 7.0}, ('it diverges at a gain of 7; take 6',)),
-    ({'gains__position_kp': -1.0}, ('gains.position_kp must be at least 0 and at most 1000 N m/rad, got -1',)),
+    ({'gains__position_kp': -1.0}, ('gains.position_kp must be at least 0', 'got -1')),
+    ({'gains__position_kp': 4000.0}, ('at most 1000 N m/rad, got 4000',)),
     ({'tuning': 'gentel'}, ("no tuning named 'gentel'", 'gentle')),
 ])
 def test_refused_with_a_sentence_that_helps(owner, values, sayings):
