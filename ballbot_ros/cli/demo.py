@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``demo``: all ROS nodes together, on scenes of ours or on one's own."""
+"""The verb ``demo``: all ROS nodes together, on shipped scenes or on other ones."""
 import argparse
 from contextlib import nullcontext
 from pathlib import Path
@@ -9,41 +9,42 @@ from ballbot_ros.cli.output import result_folder
 from ballbot_ros.drives import DRIVES
 from ballbot_ros.errors import ConfigurationError
 
-# What may be one's own: a name, or a YAML file.
+# Options that take a name or a YAML file.
 OWN = {'scene': 'scene, a name or a YAML file, instead of the two of the demo',
        'robot': 'robot, a name or a YAML file, instead of the one of the scene',
-       'curve': 'height curve that the decision counts on, made by "ballbot fit-curve"',
+       'curve': 'height curve of the decision, made by "ballbot fit-curve"',
        'tuning': 'gains of the controller, a name or a YAML file (default: published)'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add output, nodes and time."""
     parser.add_argument('--out', type=Path, metavar='DIR',
-                        help='folder for what it records (default: ballbot_output/demo, or '
-                        'ballbot_output/demo_hardware; where results are in it demo_2, ...)')
+                        help='folder for the recording (default: ballbot_output/demo, or '
+                        'ballbot_output/demo_hardware; demo_2, ... if it contains results)')
     add_overwrite(parser)
     parser.add_argument('--real-time', action='store_true',
                         help='run in real time instead of as fast as possible')
     parser.add_argument('--view', action='store_true',
-                        help='open the live page in a browser beside it, and run no faster than '
-                        'real time')
+                        help='open the live page in a browser, and run at most in real time')
     parser.add_argument('--hardware', action='store_true',
-                        help='run the bridge with an emulated motor controller on a serial line, '
-                        'in real time')
+                        help='run the bridge with an emulated motor controller on a serial '
+                        'link, in real time')
     parser.add_argument('--protocol', choices=tuple(DRIVES),
                         help='protocol of that motor controller (default: odrive)')
     parser.add_argument('--firmware', default='', metavar='GENERATION',
                         help='firmware of an odrive: 0.5 (default) or 0.6')
     parser.add_argument('--serial-imu', action='store_true',
-                        help='put the IMU on a serial line of its own, too, which the node imu '
-                        'reads')
+                        help='connect the emulated IMU by a serial link of its own to the node '
+                        'imu')
     for option, what in OWN.items():
         parser.add_argument(f'--{option}', metavar='NAME', help=what)
+    parser.add_argument('--planner', metavar='NAME',
+                        help="planner of the decision: rollout, or cubic for the paper's rule "
+                        '(default: rollout)')
     parser.add_argument('--duration', type=float, metavar='SECONDS',
-                        help='simulated time after which the robot has had its chance '
-                        '(default: 30)')
+                        help='end of the run, in simulated time (default: 30)')
     parser.add_argument('--timeout', type=float, default=60.0, metavar='SECONDS',
-                        help='give up after this long (default: %(default)g)')
+                        help='longest wall time of an act (default: %(default)g)')
     add_quiet(parser)
 
 
@@ -75,7 +76,8 @@ def run(arguments: argparse.Namespace) -> int:
     default = Path('ballbot_output') / folder
     check_writable((arguments.out or default) / 'crossing.png')  # before scenes are loaded
     acts = [] if arguments.hardware else own_acts(
-        arguments.scene, arguments.robot, arguments.curve, arguments.tuning, arguments.duration)
+        arguments.scene, arguments.robot, arguments.curve, arguments.tuning, arguments.duration,
+        arguments.planner or 'rollout')
     names: tuple[str, ...] = ('crossing.png', 'bag', 'logs')
     if not arguments.hardware:
         names = tuple(f'{Path(act.scene).stem}/{name}' for act in acts for name in names)
@@ -106,7 +108,7 @@ def check(arguments: argparse.Namespace) -> None:
     if arguments.serial_imu and not arguments.hardware:
         raise ConfigurationError(
             '--serial-imu goes with --hardware', 'inconsistent', '--serial-imu')
-    for option in (*OWN, 'duration'):
+    for option in (*OWN, 'planner', 'duration'):
         if getattr(arguments, option) is not None and arguments.hardware:
             raise ConfigurationError(f'--{option} goes without --hardware, whose demo is one of '
                                      'the bridge on its own scene', 'inconsistent', f'--{option}')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``new``: a commented template of a file, which loads as it is written."""
+"""The verb ``new``: a commented template of a file, which loads unchanged."""
 import argparse
 from pathlib import Path
 import textwrap
@@ -11,7 +11,7 @@ from ballbot_ros.errors import ConfigurationError
 
 # Kind -> what it is, the option that it takes, and what to do with the file.
 KINDS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
-    'robot': ('the numbers of a robot', ('robot',), 'ballbot robots {file}'),
+    'robot': ('the parameters of a robot', ('robot',), 'ballbot robots {file}'),
     'scene': ('a robot, a ground and how it starts', ('robot',), 'ballbot simulate {file}'),
     'hardware': ('the motor of a real robot', ('robot', 'protocol'),
                  'ballbot doctor --hardware {file}'),
@@ -20,7 +20,14 @@ KINDS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
                'ballbot run controller --ros-args -p tuning:={file}'),
     'decision': ('margins of the decision', (),
                  'ballbot run obstacle_decision --ros-args -p tuning:={file}')}
-COLUMN, WIDTH = 32, 99  # where comments begin, and end
+COLUMN, WIDTH = 32, 99  # first and last column of comments
+SCALING = (
+    ' The values are those of an existing robot. For a ball of another size change all of them, '
+    'not only mass and radius: a robot that is larger by a factor s and moves alike, at speeds '
+    'larger by s^0.5, has lengths larger by s, masses by s^3, inertias by s^5, contact_stiffness '
+    'by s^2, contact_damping by s^2.5, rolling_friction and joint_friction by s^4.5, '
+    'slip_threshold by s^0.5 and torques of the motor by s^4; coefficients of friction and '
+    'gravity stay.')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,15 +69,15 @@ def run(arguments: argparse.Namespace) -> int:
     check_new_file(path, arguments.overwrite, 'FILE')
     sections = file_kinds.KINDS[arguments.kind](path.stem, **given)
     write_text(template(arguments.kind, sections), path)
-    print(f'{path}: change what is not so, then: {follow.format(file=path)}')
+    print(f'{path}: edit the values, then run: {follow.format(file=path)}')
     return DONE
 
 
 def template(kind: str, sections: list[Any]) -> str:
-    """Return the text of a file: what is given, and as comments all that may be."""
+    """Return the text of a file: the given values, and all others as comments."""
     what = KINDS[kind][0]
     head = f'# {what[0].upper()}{what[1:]}. Units are SI. A line that begins with # shows the ' \
-        'default: take the # away to change it.'
+        f'default: remove the # to change it.{SCALING if kind == "robot" else ""}'
     parts = [textwrap.fill(head, WIDTH, subsequent_indent='# ') + '\n']
     for section in sections:
         parts.append(section.text or ''.join(f'{line}\n' for line in _lines(section)))

@@ -48,6 +48,7 @@ class Act(NamedTuple):
     curve: str = CURVE
     tuning: str = TUNING
     longest: float = LONGEST
+    planner: str = 'rollout'
 
 
 TWO_STEPS = Act('The ball stands before a door-step, and behind that is a higher one.',
@@ -92,7 +93,8 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
             'scene': act.scene, 'robot': act.robot, 'control_rate': CONTROL_RATE,
             'lockstep': not real_time, **CAMERA,
             'real_time_factor': 1.0 if real_time or watched else 0.0, 'start_paused': True}
-        decision = {'robot': act.robot, 'curve': act.curve, 'control_tuning': act.tuning}
+        decision = {'robot': act.robot, 'curve': act.curve, 'control_tuning': act.tuning,
+                    'planner': act.planner}
         metadata = bag_metadata(
             SIMULATOR, simulator, load_scene(act.scene, act.robot), decision)
         with recorded_graph(folder, (*TOPICS, *ALSO), timeline, metadata) as graph:

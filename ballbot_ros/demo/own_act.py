@@ -2,12 +2,14 @@
 """An act of the demo with one's own robot, scene, curve or gains."""
 from typing import Optional, Sequence
 
+from ballbot_ros.config.fields import check_value
 from ballbot_ros.config.files import find_config, read_yaml, shipped_files
 from ballbot_ros.control import checked_controller, load_tuning
 from ballbot_ros.decision import load_curve, load_decision_tuning
 from ballbot_ros.decision.tuning import check_decision
 from ballbot_ros.demo.demo import Act, ACTS, CONTROL_RATE, LONGEST, TUNING
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
 from ballbot_ros.physics import load_scene, Robot
 from ballbot_ros.physics.model.robot import load_robot
 
@@ -16,7 +18,7 @@ DECISION = 'decision_default'
 
 def own_acts(scene: Optional[str] = None, robot: Optional[str] = None,
              curve: Optional[str] = None, tuning: Optional[str] = None,
-             longest: Optional[float] = None) -> Sequence[Act]:
+             longest: Optional[float] = None, planner: str = 'rollout') -> Sequence[Act]:
     """
     Return the acts of a demo, checked as their nodes will check them.
 
@@ -26,7 +28,9 @@ def own_acts(scene: Optional[str] = None, robot: Optional[str] = None,
         Names, or files of one's own; by default the scenes of the demo, the robot of the scene, a
         curve that was made for that robot, and the published gains.
     longest : float, optional
-        Simulated time after which the robot has had its chance [s].
+        End of the run, in simulated time [s].
+    planner : str
+        That of the decision, see `decision.planning.planners`.
 
     Raises
     ------
@@ -34,9 +38,12 @@ def own_acts(scene: Optional[str] = None, robot: Optional[str] = None,
         Naming what does not exist or does not belong together, and what to run for it.
 
     """
-    patience = LONGEST if longest is None else longest
+    check_value('planner', planner, DecisionSettings.__dataclass_fields__['planner'].metadata,
+                'demo')
+    duration = LONGEST if longest is None else longest
     if not (robot or curve or tuning):
-        known = [act._replace(longest=patience) for act in ACTS if scene in (None, act.scene)]
+        known = [act._replace(longest=duration, planner=planner) for act in ACTS
+                 if scene in (None, act.scene)]
         if known:
             return known
     scene = scene or ACTS[0].scene
@@ -46,7 +53,7 @@ def own_acts(scene: Optional[str] = None, robot: Optional[str] = None,
     tuning = tuning or TUNING
     checked_controller(kind, load_tuning(tuning), CONTROL_RATE, 0.0)
     return [Act(f'{kind.name} on the scene {scene}.', scene, None, name,
-                fitting_curve(kind, name, curve), tuning, patience)]
+                fitting_curve(kind, name, curve), tuning, duration, planner)]
 
 
 def fitting_curve(robot: Robot, name: str, curve: Optional[str]) -> str:
@@ -64,4 +71,4 @@ def fitting_curve(robot: Robot, name: str, curve: Optional[str]) -> str:
     raise ConfigurationError(
         f'no height curve here was made for the robot {name}, and the decision needs one: make '
         f'it with "ballbot fit-curve --robot {name} --actuation held --out my_curve.yaml", then '
-        f'give --curve my_curve.yaml')
+        f'give --curve my_curve.yaml', 'missing', '--curve')

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Templates load as they are written, and say of every key what it may be."""
 from dataclasses import fields
+import re
 
 import pytest
 import yaml
@@ -9,6 +10,7 @@ from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.cli import file_kinds
 from ballbot_ros.cli.command import main
 from ballbot_ros.control import ControlTuning, load_tuning
+from ballbot_ros.crossing import max_step_height
 from ballbot_ros.decision import DecisionTuning, load_decision_tuning
 from ballbot_ros.drives import DRIVES
 from ballbot_ros.physics import load_robot, load_scene
@@ -83,3 +85,24 @@ def test_a_file_that_is_there_is_kept(tmp_path, capsys):
     assert path.read_text() == 'mine'
     assert main(['new', 'robot', str(path), '--overwrite']) == 0
     assert load_robot(str(path)).name == 'mine'
+
+
+def test_the_scaling_in_the_template_of_a_robot_gives_a_similar_motion(tmp_path):
+    path = tmp_path / 'mine.yaml'
+    assert main(['new', 'robot', str(path)]) == 0
+    head = ' '.join(path.read_text().replace('#', ' ').split())
+    powers = {'lengths': 1.0, 'masses': 3.0, 'inertias': 5.0, 'contact_stiffness': 2.0,
+              'contact_damping': 2.5, 'joint_friction': 4.5, 'slip_threshold': 0.5}
+    for words, power in powers.items():
+        assert re.search(rf'{words}( larger)? by s(\^{power:g})?[ ,.]', head), words
+    robot, scale = load_robot(str(path)), 0.5
+    fields = {
+        'lengths': ('ball_radius', 'pendulum_length'), 'masses': ('ball_mass', 'pendulum_mass'),
+        'inertias': ('ball_inertia', 'pendulum_inertia'), 'joint_friction': (
+            'joint_friction', 'rolling_friction')}
+    small = robot.replace(**{
+        name: getattr(robot, name) * scale**power for words, power in powers.items()
+        for name in fields.get(words, (words,))})
+    height = max_step_height(robot, 0.6, scan=0).height
+    assert max_step_height(small, 0.6 * scale**0.5, scan=0).height \
+        == pytest.approx(scale * height, abs=1e-4)

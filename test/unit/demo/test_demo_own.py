@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
+from refusals import refused
 
 from ballbot_ros.config.files import config_folder
 from ballbot_ros.demo import demo, hardware, own_act
@@ -19,6 +20,9 @@ from ballbot_ros.ros.conversions import to_time
 
 def test_with_nothing_of_ones_own_the_acts_are_those_of_the_readme():
     assert list(own_acts()) == list(ACTS)
+    assert {act.planner for act in own_acts(planner='cubic')} == {'cubic'}
+    with refused('not_a_choice', 'planner'):
+        own_acts(planner='cubik')
     act, = own_acts('doorstep', longest=12.0)
     assert act == ACTS[0]._replace(longest=12.0)
 
