@@ -55,18 +55,21 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the approaches, or one of them, and print the outcomes."""
     evaluation = read_evaluation(arguments)
     from ballbot_ros.results.files import check_writable
+    from ballbot_ros.studies.evaluation.evaluation import run_block, run_evaluation
     from ballbot_ros.studies.parallel_map import worker_pool
     if arguments.only is None:
         check_writable(arguments.out / f'{NAME}.md')
     begin = perf_counter()
     try:
         with worker_pool(arguments.workers, arguments.dask) as (pool, workers):
+            if arguments.dask is None:
+                # Local workers inherit the kernels that this process has loaded.
+                run_block(evaluation, evaluation.parts[0][0], 'drawn', 0, 1, False)
             evaluation = with_limits(arguments, evaluation, pool)
             if arguments.only is not None:
                 print_one(arguments, evaluation)
                 return DONE
             from ballbot_ros.cli.progress import watched
-            from ballbot_ros.studies.evaluation.evaluation import run_evaluation
             with watched(evaluation.size, arguments.quiet, 'evaluating', 'approaches') as progress:
                 rows = run_evaluation(evaluation, arguments.out, pool, workers, progress)
     except KeyboardInterrupt:

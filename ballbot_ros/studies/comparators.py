@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Simpler models of how high a step a ball gets over, in closed form.
+Simpler models of the maximum step height of a ball, in closed form.
 
-These are the models of the paper's section 2, and the two that it names as further work.  None
+These are models of the paper's section 2, and the two that it names as further work.  None
 of them integrates an equation of motion.  `rigid_impact` has the one that does: rigid impacts with
 restitution and friction, and flight between them.
 
@@ -20,7 +20,7 @@ from ballbot_ros.physics.model.robot import Robot
 
 def quasi_static(robot: Robot) -> float:
     """
-    Return the highest step that the ball climbs without any speed [m].
+    Return the maximum step height without speed [m].
 
     Eq. (1), of Halme et al. [4]: the level pendulum brings the common centre of mass, M2 e / M
     ahead of the centre of the ball, to the vertical through the edge.  Holds for a ball that
@@ -28,43 +28,6 @@ def quasi_static(robot: Robot) -> float:
     """
     offset = robot.pendulum_mass * robot.pendulum_length / robot.total_mass
     return robot.ball_radius - math.sqrt(robot.ball_radius**2 - offset**2)
-
-
-def wind_driven(radius: float, weight: float, wind_speed: float, air_density: float,
-                drag_coefficient: float) -> float:
-    """
-    Return the highest step that wind pushes a resting ball over [m].
-
-    Eq. (2), of Antol et al. [31] for the Tumbleweed rovers: the torques of drag and weight about
-    the edge balance.  Holds for a ball that stands at the step in a steady wind.
-
-    Parameters
-    ----------
-    radius : float
-        Of the ball [m].
-    weight : float
-        m g [N], with the gravity of the place.
-    wind_speed : float
-        [m/s]
-    air_density : float
-        [kg/m3]; some 0.02 on Mars, 1.2 on Earth.
-    drag_coefficient : float
-        Of the ball in that wind.
-
-    Raises
-    ------
-    ConfigurationError
-        If radius or weight is not above 0, or another value is negative.
-
-    """
-    for name, value, least in (
-            ('radius', radius, 1e-300), ('weight', weight, 1e-300), ('wind_speed', wind_speed, 0),
-            ('air_density', air_density, 0), ('drag_coefficient', drag_coefficient, 0)):
-        if not (math.isfinite(value) and value >= least):
-            raise ConfigurationError(
-                f'{name} must be finite and {"above" if least else "at least"} 0, got {value!r}')
-    drag = drag_coefficient * math.pi * radius**2 * 0.5 * air_density * wind_speed**2
-    return radius * (1.0 - weight / math.hypot(drag, weight))
 
 
 def slope_limit(robot: Robot, with_friction: bool = True) -> float:
@@ -82,7 +45,7 @@ def slope_limit(robot: Robot, with_friction: bool = True) -> float:
 
 def energy(robot: Robot, speed: float) -> float:
     """
-    Return the height at which the energy of rolling is used up [m].
+    Return the height at which the rolling energy is used up [m].
 
     M g h = M v^2 / 2 + J1 (v/R)^2 / 2, the idea of Kolacinski and Quinn [32], which the paper
     describes in words; whether they count the energy of rotation is not known.  An upper bound
@@ -94,7 +57,7 @@ def energy(robot: Robot, speed: float) -> float:
 
 def energy_with_held_pendulum(robot: Robot, speed: float, pendulum_angle: float) -> float:
     """
-    Return the height at which energy of rolling and work of the motor are used up [m].
+    Return the height at which rolling energy and motor work are used up [m].
 
     The motor holds the pendulum at an absolute angle with the torque M2 g e sin(phi), while the
     ball turns by beta about the edge: M g h = E + M2 g e sin(phi) beta.  Derived here.  An upper
@@ -109,7 +72,7 @@ def energy_with_held_pendulum(robot: Robot, speed: float, pendulum_angle: float)
 
 def plastic_impulse(robot: Robot, speed: float) -> float:
     """
-    Return the highest step after a plastic impact on the edge, without slip [m].
+    Return the maximum step height after a plastic impact on the edge, without slip [m].
 
     Angular momentum about the edge is kept at the impact, energy after it:
     v^2 = 2 g h (1 + kappa) / (kappa + cos beta)^2.  A textbook result; for a solid sphere and
@@ -128,7 +91,7 @@ def plastic_impulse(robot: Robot, speed: float) -> float:
 def plastic_impulse_with_held_pendulum(robot: Robot, speed: float,
                                        pendulum_angle: float) -> float:
     """
-    Return the highest step after a plastic impact, while the motor holds the pendulum [m].
+    Return the maximum step height after a plastic impact, while the motor holds the pendulum [m].
 
     The impact of `plastic_impulse`, then the climb of `energy_with_held_pendulum`.  Derived
     here; the momentum model for the driven ball.
@@ -144,7 +107,7 @@ def plastic_impulse_with_held_pendulum(robot: Robot, speed: float,
 
 def free_pendulum_impulse(robot: Robot, speed: float, pendulum_angle: float = 0.0) -> float:
     """
-    Return the highest step after a plastic impact of a ball whose pendulum is free [m].
+    Return the maximum step height after a plastic impact of a ball whose pendulum is free [m].
 
     The momentum model that the paper leaves as further work.  No impulse passes the free joint,
     so that the momentum of the swing, the second row of A in eq. (6), is kept.  With it
@@ -189,7 +152,7 @@ def inertia_ratio(robot: Robot) -> float:
 
 
 def check(robot: Robot, speed: float) -> None:
-    """Refuse what has no highest step."""
+    """Refuse a speed or gravity for which there is no maximum step height."""
     if not (math.isfinite(speed) and speed >= 0.0):
         raise ConfigurationError(f'speed must be finite and at least 0 m/s, got {speed!r}')
     check_gravity(robot)
@@ -205,7 +168,7 @@ def _lifts(robot: Robot, available: float, pendulum_angle: float, height: float)
 def highest_passed(passes: Callable[[float], bool], robot: Robot, speed: float,
                    tolerance: float) -> float:
     """
-    Return the highest step that is passed, up to the radius of the ball and to a tolerance [m].
+    Return the maximum step height that is passed, up to the ball radius and a tolerance [m].
 
     The paper's ascending bracketing: the height doubles until the ball fails, then the bracket is
     halved.

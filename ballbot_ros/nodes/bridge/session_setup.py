@@ -11,8 +11,8 @@ from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.onboard import OnBoard
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import Supervision
-from ballbot_ros.control.aside import aside
 from ballbot_ros.nodes.bridge.black_box import black_box
+from ballbot_ros.nodes.bridge.separate_process import run_in_process
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros.endpoints import publisher_names
@@ -62,13 +62,13 @@ def prepare_session(session: Session, now: BridgeSettings, wanted: BridgeSetting
     hardware, law = session.hardware, session.law
     if law is None:
         if (wanted.gains, wanted.delay) != (now.gains, now.delay):
-            aside(check_feasible, hardware, session.robot, wanted.gains, wanted.delay)
+            run_in_process(check_feasible, hardware, session.robot, wanted.gains, wanted.delay)
         return lambda: None
     check_joint_state_rate(hardware, wanted.joint_state_rate)
     lowest = law.controller.expected.lowest_rate
     if wanted.gains != now.gains:
-        lowest = aside(check_feasible, hardware, session.robot, wanted.gains, 0,
-                       onboard_lag(hardware))
+        lowest = run_in_process(check_feasible, hardware, session.robot, wanted.gains, 0,
+                                onboard_lag(hardware))
     expected = replace(law.controller.expected, lowest_rate=lowest,
                        set_point_timeout=wanted.set_point_timeout)
 

@@ -183,7 +183,7 @@ def ask(request, owner, context):
     executor.shutdown()
 
 
-def test_by_service_a_change_is_checked_aside_and_made_between_two_callbacks(owner, ask):
+def test_a_change_by_service_is_made_between_two_callbacks(owner, ask):
     seen = []
     prepare = owner.prepare
 

@@ -47,24 +47,6 @@ def test_from_a_stand_the_full_model_lies_between_torque_balance_and_energy():
     assert not crosses(grippy, 1e-3, 1.2 * most, held_at(LEVEL), LEVEL)
 
 
-def test_wind_that_equals_the_weight_lifts_the_ball_over_the_known_part_of_its_radius():
-    # D = m g: h = r (1 - 1 / sqrt 2).
-    weight = 0.5 * 1.225 * 10.0**2 * 0.47 * math.pi * 3.0**2
-    assert comparators.wind_driven(3.0, weight, 10.0, 1.225, 0.47) == pytest.approx(
-        3.0 * (1.0 - math.sqrt(0.5)), rel=1e-12)
-    assert comparators.wind_driven(3.0, weight, 0.0, 1.225, 0.47) == 0.0
-
-
-@pytest.mark.parametrize('name, value', [
-    ('radius', 0.0), ('weight', -1.0), ('wind_speed', math.nan), ('air_density', -0.1),
-    ('drag_coefficient', math.inf)])
-def test_an_impossible_wind_is_refused_by_name(name, value):
-    given = {'radius': 3.0, 'weight': 70.0, 'wind_speed': 10.0, 'air_density': 0.02,
-             'drag_coefficient': 0.5, name: value}
-    with pytest.raises(ConfigurationError, match=name):
-        comparators.wind_driven(**given)
-
-
 def test_slope_limits_are_those_of_laplante():
     # M2 e / (M R) = 0.1336 gives 7.68 degrees; mu = 0.2 gives 11.31, and not 48.
     ball = replace(GIMBALL, pendulum_length=0.1336 * 5.4 * 0.226 / 1.6)

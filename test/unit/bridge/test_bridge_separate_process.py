@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Results and refusals of a separate process are those of the function."""
+from dataclasses import replace
+import time
+
+import pytest
+
+from ballbot_ros.bridge.feasibility import check_feasible, onboard_lag
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.control import check_loop, load_tuning, Mode
+from ballbot_ros.errors import RefusedError, UnstableLoopError
+from ballbot_ros.nodes.bridge import separate_process
+from ballbot_ros.nodes.bridge.separate_process import run_in_process
+
+
+def test_a_refusal_comes_back_as_it_was_raised(gimball):
+    wild = replace(load_tuning('published'), position_kd=40.0)
+    with pytest.raises(UnstableLoopError, match='run it at 1101 Hz or more or lower position_kd'):
+        run_in_process(check_loop, gimball, wild, Mode.HOLD, 500.0, 0)
+
+
+def test_a_hardware_file_can_be_sent(gimball):
+    hardware = load_hardware('gimball_odrive')
+    lowest = run_in_process(check_feasible, hardware, gimball, load_tuning('gentle'), 0,
+                   onboard_lag(hardware))
+    assert 0.0 < lowest < hardware.connection.loop_rate
+
+
+def test_an_unexpected_error_is_reported_in_one_line():
+    with pytest.raises(RefusedError, match='divmod failed .*: ZeroDivisionError: '):
+        run_in_process(divmod, 1, 0)
+
+
+def test_a_calculation_beyond_the_time_limit_is_ended_and_refused(monkeypatch):
+    monkeypatch.setattr(separate_process, 'TIME_LIMIT', 0.05)
+    with pytest.raises(RefusedError, match='sleep did not finish within 0.05 s .*nothing has cha'):
+        run_in_process(time.sleep, 60.0)
