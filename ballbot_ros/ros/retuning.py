@@ -6,9 +6,9 @@ from typing import NamedTuple
 from rclpy.timer import Timer
 
 from ballbot_ros.control import checked_rate, ControlTuning, SupervisedController, Supervision
-from ballbot_ros.control.aside import aside
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.ros.parameters.changes import Commit
+from ballbot_ros.ros.separate_process import run_in_process
 
 
 class LoopNumbers(NamedTuple):
@@ -38,7 +38,7 @@ def prepare_laws(controller: SupervisedController, robot: Robot, now: LoopNumber
         As `control.checked_controller`.
 
     """
-    lowest = controller.expected.lowest_rate if wanted == now else aside(
+    lowest = controller.expected.lowest_rate if wanted == now else run_in_process(
         checked_rate, robot, *wanted)
 
     def commit() -> None:

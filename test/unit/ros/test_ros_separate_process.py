@@ -9,8 +9,8 @@ from ballbot_ros.bridge.feasibility import check_feasible, onboard_lag
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.control import check_loop, load_tuning, Mode
 from ballbot_ros.errors import RefusedError, UnstableLoopError
-from ballbot_ros.nodes.bridge import separate_process
-from ballbot_ros.nodes.bridge.separate_process import run_in_process
+from ballbot_ros.ros import separate_process
+from ballbot_ros.ros.separate_process import run_in_process
 
 
 def test_a_refusal_comes_back_as_it_was_raised(gimball):
