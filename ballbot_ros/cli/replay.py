@@ -198,7 +198,7 @@ def write(found: Replayed, folder: Path, title: str, kind: str) -> list[str]:
     import yaml
 
     from ballbot_ros.bags.departures import UNITS
-    from ballbot_ros.figures.departures import departure_figure
+    from ballbot_ros.figures.residuals import departure_figure
     from ballbot_ros.results.files import write_columns, write_text
     write_text(json.dumps(found.content, indent=2, allow_nan=False) + '\n',
                folder / 'replay.json')

@@ -6,18 +6,19 @@ from pathlib import Path
 import signal
 import sys
 import time
-from typing import Any, Callable, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
+from rclpy.node import Node
+from std_srvs.srv import Trigger
 
 from ballbot_ros.bags.check import also_recorded, verdict
 from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
-from ballbot_ros.demo.account import account
+from ballbot_ros.bags.writer import BagRecorder
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.demo.recorded_graph import recorded_graph, RecordedGraph
-from ballbot_ros.demo.synchronized_start import SynchronizedStart
-from ballbot_ros.demo.timeline import Expected, NAMES, Passage, Timeline
+from ballbot_ros.demo.timeline import account, Expected, NAMES, Passage, Timeline
 from ballbot_ros.figures.film import Mark, strip
 from ballbot_ros.figures.run import save
 from ballbot_ros.physics import load_scene, Scene, Trajectory
@@ -214,3 +215,43 @@ def _trajectory(scene: Scene, timeline: Timeline) -> Trajectory:
                    state.velocity_y)
         row[13:] = state.motor_work, state.pendulum_torque
     return Trajectory(scene.model, rows)
+
+
+# Wall time after which a paused simulator is reset again, to publish its state [s].
+AGAIN = 0.2
+
+
+class SynchronizedStart:
+    """
+    Resumes a paused simulator as soon as a recorder has received every topic.
+
+    Each reset makes the simulator publish its first state, and whoever receives it answers.
+    That a topic has a publisher would not do: it may not have discovered the recorder yet.
+
+    Parameters
+    ----------
+    node : Node
+    bag : BagRecorder
+    topics : iterable of str
+        That it must have recorded.
+
+    """
+
+    def __init__(self, node: Node, bag: BagRecorder, topics: Iterable[str]):
+        """Create the clients of the simulator."""
+        self._reset = node.create_client(Trigger, 'simulator/reset')
+        self._resume = node.create_client(Trigger, 'simulator/resume')
+        self._bag = bag
+        self._topics = set(topics)
+        self._next = 0.0
+        self._done = False
+
+    def poll(self) -> None:
+        """Do what can be done now; to be called often."""
+        now = time.monotonic()
+        if self._done or now < self._next or not (
+                self._reset.service_is_ready() and self._resume.service_is_ready()):
+            return
+        self._done = self._topics <= self._bag.recorded.keys()
+        (self._resume if self._done else self._reset).call_async(Trigger.Request())
+        self._next = now + AGAIN

@@ -5,13 +5,19 @@ Frames out of messages, as nodes publish them or a bag has them.
 A message is whatever has the fields of its type: this module knows no ROS.
 """
 import math
-from typing import Any, Mapping, Optional
+from typing import Any, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
+import numpy as np
+
+from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.decision.planning.curve import HeightCurve, load_curve
 from ballbot_ros.decision.values import Kind, Reason
-from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.physics.model.terrain import Terrain
+from ballbot_ros.errors import BallbotError, ConfigurationError
+from ballbot_ros.physics.model.robot import load_robot, Robot
+from ballbot_ros.physics.model.terrain import Array, Terrain
+from ballbot_ros.physics.simulation.scene import load_scene
 from ballbot_ros.view.frame import ContactForce, DecisionSign, EnergyShares, Frame
-from ballbot_ros.view.seen_ground import SeenGround
+from ballbot_ros.view.source import Source
 
 # Numbers of StepDecision in their order, from 1 on; a test compares them with the message.
 KINDS = (Kind.CLEAR, Kind.CROSS, Kind.STOP, Kind.GO_ROUND, Kind.BACK_OFF)
@@ -21,15 +27,11 @@ REASONS = (
     Reason.NOT_LIKELY, Reason.LANDING, Reason.STEEP, Reason.FAILED_BEFORE, Reason.RUN_UP,
     Reason.STUCK, Reason.WALL, Reason.LIKELY, Reason.GOAL)
 
-# Topics by the last part of their names.
-TOPICS = ('ball_state', 'joint_states', 'odom', 'step_decision', 'step_observation',
-          'terrain_observation', 'motor_status', 'e_stop')
+# The true state replaces the estimated one until so long after its last message [s].
+TRUE_STATE_TIMEOUT = 0.5
 
-# The true state goes before what is estimated for so long after its last message [s].
-TRUSTED = 0.5
-
-# Between two looks at ground that nobody knows, at least [s]: the page redraws it.
-LOOK_AGAIN = 0.2
+# Shortest time between two updates of observed terrain [s]: the page redraws it each time.
+TERRAIN_PERIOD = 0.2
 
 
 def stamp_of(message: Any) -> float:
@@ -40,34 +42,33 @@ def stamp_of(message: Any) -> float:
 
 class FrameAssembly:
     """
-    Takes messages in the order of their coming and makes frames.
+    Makes frames from messages, in the order of their arrival.
 
-    Where ``ball_state`` comes, each of it is a frame; else each of ``joint_states`` is, with the
-    newest ``odom``.
+    Each ``ball_state`` makes a frame; where there is none, each ``joint_states`` does, with the
+    latest ``odom``.
 
     Parameters
     ----------
     robot : Robot
     terrain : Terrain, optional
-        The ground, where it is known; what sensors see, where it is not.
+        The ground, where it is known; otherwise the observed terrain.
 
     """
 
     def __init__(self, robot: Robot, terrain: Optional[Terrain] = None):
-        """Know nothing yet."""
         self.robot = robot
         self._given = terrain
         self.restart()
 
     def restart(self) -> None:
-        """Forget all messages: time begins again."""
-        self._ground = SeenGround(self.robot.ball_radius)
+        """Forget all messages: time restarts."""
+        self._ground = ObservedTerrain(self.robot.ball_radius)
         self._decision: Optional[DecisionSign] = None
         self._e_stop: Optional[bool] = None
         self._odom: Optional[Any] = None
         self._torque: Optional[float] = None
         self._state_at = -math.inf
-        self._looked_at = -math.inf
+        self._observed_at = -math.inf
 
     @property
     def terrain(self) -> Optional[Terrain]:
@@ -80,7 +81,7 @@ class FrameAssembly:
         return self._decision
 
     def take(self, topic: str, message: Any) -> Optional[Frame]:
-        """Take a message of a topic in `TOPICS`; return a frame where it makes one."""
+        """Take a message of one of `TOPICS`; return a frame where it makes one."""
         frame: Optional[Frame] = getattr(self, f'_take_{topic}')(message)
         return frame
 
@@ -97,7 +98,7 @@ class FrameAssembly:
 
     def _take_joint_states(self, message: Any) -> Optional[Frame]:
         time = stamp_of(message)
-        if 0.0 <= time - self._state_at < TRUSTED:
+        if 0.0 <= time - self._state_at < TRUE_STATE_TIMEOUT:
             return None
         joints = list(message.name)
         angles, rates, torques = (
@@ -121,31 +122,35 @@ class FrameAssembly:
         self._e_stop = bool(message.e_stop)
 
     def _take_step_observation(self, message: Any) -> None:
-        place = self._place_to_look_from(message)
-        if place is not None:
-            self._ground.see_step(place.x, place.z, message.distance,
+        ball = self._position_of(message)
+        if ball is not None:
+            self._ground.add_step(ball.x, ball.z, message.distance,
                                   message.height if message.detected else 0.0)
 
     def _take_terrain_observation(self, message: Any) -> None:
-        place = self._place_to_look_from(message)
-        if place is not None and len(message.x) > 1:
-            self._ground.see_profile(place.x, place.z, message.x, message.z)
+        ball = self._position_of(message)
+        if ball is not None and len(message.x) > 1:
+            self._ground.add_profile(ball.x, ball.z, message.x, message.z)
 
-    def _place_to_look_from(self, message: Any) -> Optional[Any]:
-        """Return where the ball is; None where it is not known, or the ground is."""
+    def _position_of(self, message: Any) -> Optional[Any]:
+        """Return the position of the ball; None where unknown, or where the ground is known."""
         time = stamp_of(message)
         if self._given is not None or self._odom is None \
-                or 0.0 <= time - self._looked_at < LOOK_AGAIN:
+                or 0.0 <= time - self._observed_at < TERRAIN_PERIOD:
             return None
-        self._looked_at = time
+        self._observed_at = time
         return self._odom.pose.pose.position
 
     def _take_step_decision(self, message: Any) -> None:
         self._decision = decision_sign(message)
 
 
+# The topics that make frames, by the last part of their names.
+TOPICS = tuple(name[len('_take_'):] for name in vars(FrameAssembly) if name.startswith('_take_'))
+
+
 def decision_sign(message: Any) -> DecisionSign:
-    """Return what a StepDecision says."""
+    """Return the content of a StepDecision."""
     kind, reason = (names[number - 1].value if 1 <= number <= len(names) else 'unknown'
                     for names, number in ((KINDS, message.decision), (REASONS, message.reason)))
     ahead = kind != 'clear' and reason != 'nothing_ahead'
@@ -166,7 +171,7 @@ def contact_force(contact: Any) -> ContactForce:
 
 
 def known(value: float) -> Optional[float]:
-    """Return a number, None for one that nobody knows."""
+    """Return a number, None for one that is not finite: unknown."""
     return float(value) if math.isfinite(value) else None
 
 
@@ -174,3 +179,197 @@ def total(joints: Mapping[str, Optional[float]]) -> Optional[float]:
     """Return the absolute angle or rate of the pendulum from those of the joints."""
     shell, pendulum = joints.get('shell'), joints.get('pendulum')
     return None if shell is None or pendulum is None else shell + pendulum
+
+
+# A scan that differs by less changes nothing [m]: noise would redraw the page all the time.
+SAME_TERRAIN = 1e-3
+
+
+class ObservedTerrain:
+    """
+    Scans of the terrain joined to one polyline; the latest scan replaces older ones in its range.
+
+    Parameters
+    ----------
+    radius : float
+        Of the ball [m], from whose centre a scan is measured.
+
+    """
+
+    def __init__(self, radius: float):
+        self._radius = radius
+        self._points: Optional[Array] = None
+        self._terrain: Optional[Terrain] = None
+
+    @property
+    def terrain(self) -> Optional[Terrain]:
+        """Return the ground; another object where it has changed, None before any scan."""
+        return self._terrain
+
+    def add_profile(self, x: float, y: float, along: Sequence[float],
+                    above: Sequence[float]) -> None:
+        """
+        Take a polyline.
+
+        Parameters
+        ----------
+        x, y : float
+            Centre of the ball [m].
+        along, above : sequence of float
+            From the centre of the ball [m].
+
+        """
+        self._join(np.column_stack([np.asarray(along) + x, np.asarray(above) + y]))
+
+    def add_step(self, x: float, y: float, distance: float, height: float) -> None:
+        """Take the next step ahead; a height of 0 is a floor that is clear up to there [m]."""
+        floor, face = y - self._radius, x + distance
+        points = [[x, floor], [face, floor]]
+        if height:
+            points += [[face, floor + height], [face + self._radius, floor + height]]
+        self._join(np.array(points))
+
+    def _join(self, points: Array) -> None:
+        points = points[np.isfinite(points).all(axis=1)]
+        if len(points) < 2 or points[-1, 0] <= points[0, 0]:
+            return
+        known = self._points
+        if known is not None:
+            if self._agrees(points):
+                return
+            points = np.vstack([known[known[:, 0] < points[0, 0]], points,
+                                known[known[:, 0] > points[-1, 0]]])
+        points = _simplified(points)
+        try:
+            self._terrain, self._points = Terrain(points), points
+        except ConfigurationError:
+            pass  # an overhang, for example: the earlier scans are kept
+
+    def _agrees(self, points: Array) -> bool:
+        """Return whether a scan agrees with the polyline."""
+        assert self._points is not None and self._terrain is not None
+        known = self._points
+        inside = (known[:, 0] > points[0, 0]) & (known[:, 0] < points[-1, 0])
+        if points[0, 0] < known[0, 0] - SAME_TERRAIN \
+                or points[-1, 0] > known[-1, 0] + 50.0 * SAME_TERRAIN:
+            return False
+        # Compared both ways, so that neither a new step nor one that is gone is missed.
+        return _lies_on(points, known) and _lies_on(known[inside], points)
+
+
+def _lies_on(points: Array, line: Array) -> bool:
+    """Return whether all points lie on a polyline; at an upright face, slightly beside counts."""
+    apart = np.abs([np.interp(points[:, 0] + aside, line[:, 0], line[:, 1]) - points[:, 1]
+                    for aside in (-SAME_TERRAIN, 0.0, SAME_TERRAIN)]).min(axis=0)
+    return bool((apart < SAME_TERRAIN).all())
+
+
+def _simplified(points: Array) -> Array:
+    """Return a polyline without doubles and without vertices on a straight line."""
+    kept = [points[0]]
+    for point, after in zip(points[1:], [*points[2:], None]):
+        if point[0] < kept[-1][0] or np.hypot(*(point - kept[-1])) < 1e-9:
+            continue
+        if after is not None:
+            along, onward = point - kept[-1], after - kept[-1]
+            across = along[0] * onward[1] - along[1] * onward[0]
+            if abs(across) < 1e-6 * max(np.hypot(*onward), 1e-9) and along @ onward > 0.0:
+                continue
+        kept.append(point)
+    return np.array(kept)
+
+
+DEFAULT = 'gimball'
+
+
+class DescribedRobot(NamedTuple):
+    """Robot, ground and height curve that parameters of nodes name, and remarks on them."""
+
+    robot: Robot
+    terrain: Optional[Terrain]
+    curve: Optional[HeightCurve]
+    notes: Tuple[str, ...]
+
+
+def described_robot(parameters: Mapping[str, Any], robot: str = '') -> DescribedRobot:
+    """
+    Return robot, ground and height curve that parameters of nodes name.
+
+    Parameters
+    ----------
+    parameters : mapping
+        ``scene``, ``robot``, ``hardware``, ``curve`` and its ``variant`` count; a file of another
+        machine may be missing here.
+    robot : str
+        Name or file of a robot that overrides the parameters.
+
+    Raises
+    ------
+    ConfigurationError
+        If `robot` cannot be read.
+
+    """
+    notes: List[str] = []
+    terrain: Optional[Terrain] = None
+    found = load_robot(robot) if robot else None
+    try:
+        if parameters.get('scene'):
+            other = str(parameters.get('robot') or '')
+            scene = load_scene(str(parameters['scene']), other or None)
+            terrain, found = scene.model.terrain, found or scene.model.robot
+        elif found is None and parameters.get('robot'):
+            found = load_robot(str(parameters['robot']))
+        elif found is None and parameters.get('hardware'):
+            found = load_robot(load_hardware(str(parameters['hardware'])).robot)
+    except BallbotError as error:
+        notes.append(f'{error}.')
+    if found is None:
+        found = load_robot(DEFAULT)
+        notes.append(f'The robot is unknown and drawn as {DEFAULT} (--robot NAME sets it).')
+    curve = _curve(found, parameters, notes)
+    return DescribedRobot(found, terrain, curve, tuple(notes))
+
+
+def _curve(robot: Robot, parameters: Mapping[str, Any], notes: List[str]
+           ) -> Optional[HeightCurve]:
+    """Return the named curve, otherwise that of the robot with its pendulum lowered."""
+    if parameters.get('curve'):
+        try:
+            curve = load_curve(str(parameters['curve']), str(parameters.get('variant') or 'fit'))
+            if curve.robot == robot.name:
+                return curve
+        except BallbotError as error:
+            notes.append(f'{error}.')
+    try:
+        return load_curve(f'{robot.name}_down')
+    except BallbotError:
+        return None
+
+
+class MessageSource(Source):
+    """A source whose frames come from messages, and whose robot parameters of nodes describe."""
+
+    def __init__(self, parameters: Mapping[str, Any], robot: str) -> None:
+        super().__init__()
+        self._describe(parameters, robot)
+
+    def _describe(self, parameters: Mapping[str, Any], robot: str) -> None:
+        """Take robot, ground and curve from parameters of nodes; see `described_robot`."""
+        found = described_robot(parameters, robot)
+        self._notes, self._curve = found.notes, found.curve
+        self._assembly = FrameAssembly(found.robot, found.terrain)
+
+    @property
+    def robot(self) -> Robot:
+        """Return the robot."""
+        return self._assembly.robot
+
+    @property
+    def terrain(self) -> Optional[Terrain]:
+        """Return the ground of the scene, otherwise the observed terrain."""
+        return self._assembly.terrain
+
+    @property
+    def curve(self) -> Optional[HeightCurve]:
+        """Return the curve of this robot, None where the package has none."""
+        return self._curve

@@ -1,33 +1,103 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recorded run as something to look at; needs no ROS installation."""
+"""A bag as a source; no ROS installation is needed."""
 from dataclasses import replace
 from pathlib import Path
-from threading import Event, Thread
+from threading import Event, Lock, Thread
+from time import monotonic
 from types import MappingProxyType
-from typing import Mapping, Optional, Sequence, Tuple
+from typing import Callable, List, Mapping, Optional, Tuple
 
-from ballbot_ros.decision.planning.curve import HeightCurve
+from ballbot_ros.bags.metadata import BagMetadata
+from ballbot_ros.bags.reader import custom_data, open_bag
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.physics.model.terrain import Terrain
-from ballbot_ros.view.assembly import FrameAssembly
-from ballbot_ros.view.bag_reading import BagReading
+from ballbot_ros.view.assembly import MessageSource, TOPICS
 from ballbot_ros.view.frame import Frame
-from ballbot_ros.view.frame_history import FrameHistory, MOST
-from ballbot_ros.view.playback import Playback
-from ballbot_ros.view.robot_named import scene_named
-from ballbot_ros.view.source import checked, Control, Health, Value
+from ballbot_ros.view.source import Control, Health, MOST
 
-# Frames a second at most: what states the robot comes up to 500 times a second.
-RATE = 100.0
+RATE = 100.0  # frames per second, at most: bags have up to 500 states per second
 SLOWEST, FASTEST = 0.05, 20.0  # playback
+STATES = ('ball_state', 'joint_states')  # topics that state the robot
+CURVE = ('curve', 'variant')  # parameters of the decision that name its height curve
 
 
-class BagSource:
+class Playback:
+    """
+    A place in time that goes on at some speed, from a begin to an end that may grow.
+
+    No thread moves it: where it is follows from when it was asked.  For any number of threads.
+
+    Parameters
+    ----------
+    span : callable
+        Returns begin and end [s].
+    clock : callable
+        Returns seconds.
+
+    """
+
+    def __init__(self, span: Callable[[], tuple[float, float]],
+                 clock: Callable[[], float] = monotonic):
+        """Play from the begin."""
+        self._span, self._clock = span, clock
+        self._lock = Lock()
+        self._from, self._since = span()[0], clock()
+        self._speed, self._paused = 1.0, False
+
+    @property
+    def place(self) -> float:
+        """Return the time to show [s]."""
+        with self._lock:
+            return self._place()
+
+    @property
+    def speed(self) -> float:
+        """Return seconds played per second of the clock."""
+        return self._speed
+
+    @property
+    def paused(self) -> bool:
+        """Return whether it stands, because someone paused it or at the end."""
+        with self._lock:
+            return self._paused or self._place() >= self._span()[1]
+
+    def pause(self, paused: bool) -> None:
+        """Stand or play; at the end, play from the begin again."""
+        with self._lock:
+            place, (begin, end) = self._place(), self._span()
+            self._stand(begin if not paused and place >= end else place)
+            self._paused = paused
+
+    def seek(self, place: float) -> None:
+        """Stand at a time [s]."""
+        with self._lock:
+            self._stand(place)
+            self._paused = True
+
+    def restart(self) -> None:
+        """Go back to the begin; play on, or stand as before."""
+        with self._lock:
+            self._stand(self._span()[0])
+
+    def set_speed(self, speed: float) -> None:
+        """Go on at another speed."""
+        with self._lock:
+            self._stand(self._place())
+            self._speed = speed
+
+    def _place(self) -> float:
+        begin, end = self._span()
+        gone = 0.0 if self._paused else self._speed * (self._clock() - self._since)
+        return min(max(self._from + gone, begin), end)
+
+    def _stand(self, place: float) -> None:
+        self._from, self._since = place, self._clock()
+
+
+class BagSource(MessageSource):
     """
     Plays the frames of a bag.
 
-    A thread reads the bag; what has been read can be looked at already.
+    A thread reads the bag; the part that is read can be shown already.
 
     Parameters
     ----------
@@ -36,75 +106,58 @@ class BagSource:
     namespace : str
         Of the robot, where the bag has several.
     robot : str
-        Name or file of the robot; empty for what the bag says.
+        Name or file of the robot; empty for that of the bag.
     paused : bool
         Whether to wait for ``pause`` to be lifted.
 
     Raises
     ------
     ConfigurationError
-        For what is no bag of a robot, and for a bag of several where none is named.
+        For a bag that cannot be read or has no robot, and for a bag of several robots without a
+        namespace.
 
     """
 
     def __init__(self, path: Path, namespace: str = '', robot: str = '', paused: bool = False):
-        """Open the bag."""
-        self._bag = BagReading(path, namespace)
-        said = scene_named(self._bag.parameters, robot)
-        self._notes = said.notes
-        self._assembly = FrameAssembly(said.robot, said.terrain)
-        self._curve = said.curve
-        self._history = FrameHistory()
+        # The demo leaves a folder with a bag in it for each scene.
+        self._path = path / 'bag' if (path / 'bag' / 'metadata.yaml').is_file() else path
+        with open_bag(self._path) as bag:
+            self._topics = robot_topics(path, list(bag.topics), namespace)
+            texts = bag.metadata
+        if self._path.is_file():
+            try:
+                texts = custom_data(self._path.parent)
+            except ConfigurationError:
+                pass  # that of another bag, and optional here
+        made = BagMetadata.read(texts)
+        super().__init__({
+            **{name: made.decision[name] for name in CURVE if name in made.decision},
+            **made.parameters}, robot)
         self._playback = Playback(lambda: self._history.span)
         self._playback.pause(paused)
         self._thread: Optional[Thread] = None
         self._ending = Event()
-        self._done, self._failure = 0.0, ''
+        self._reading, self._failure = True, ''
 
     @property
     def title(self) -> str:
-        """Return which bag this is."""
-        path = self._bag.path.resolve()
+        """Return the name of the bag."""
+        path = self._path.resolve()
         return f'Bag {path.parent.name}/{path.name}'
 
     @property
-    def robot(self) -> Robot:
-        """Return the robot."""
-        return self._assembly.robot
-
-    @property
-    def terrain(self) -> Optional[Terrain]:
-        """Return the ground, as the bag or its sensors say."""
-        return self._assembly.terrain
-
-    @property
-    def curve(self) -> Optional[HeightCurve]:
-        """Return the curve of this robot, None where none comes with the package."""
-        return self._curve
-
-    @property
-    def epoch(self) -> int:
-        """Return how often time began again in the bag."""
-        return self._history.epoch
-
-    @property
     def shown(self) -> Optional[Frame]:
-        """Return the frame at the place of the playback."""
+        """Return the frame at the time of the playback."""
         return self._history.at(self._playback.place)
 
     @property
-    def span(self) -> Tuple[float, float]:
-        """Return first and last time read so far [s]."""
-        return self._history.span
-
-    @property
     def health(self) -> Health:
-        """Return whether it plays, and how far the bag has been read."""
-        reading = () if self._done >= 1.0 or self._failure else (
-            f'Reading the bag: {100.0 * self._done:.0f} %.',)
+        """Return whether it plays, and whether the bag has been read."""
+        reading = ('Reading the bag.',) if self._reading else ()
         runs = self._history.epoch + 1
         last = () if runs == 1 else (
-            f'Time begins {runs} times in this bag, as after ~/reset: this is the last run.',)
+            f'Time restarts {runs - 1} times in this bag, as after ~/reset: '
+            'this is the last run.',)
         playing = not self._playback.paused
         return Health(playing, self._playback.speed if playing else None,
                       failure=self._failure, notes=(*self._notes, *last, *reading))
@@ -120,34 +173,23 @@ class BagSource:
             'speed': Control(self._playback.speed, SLOWEST, FASTEST),
             'seek': Control(self._playback.place, begin, end, 's')})
 
-    def history(self, since: float) -> Sequence[Frame]:
-        """Return the frames read so far that are later than a time [s]."""
-        return self._history.since(since)
+    def _set_pause(self, paused: bool) -> None:
+        self._playback.pause(paused)
 
-    def apply(self, name: str, value: Value) -> None:
-        """
-        Use a control.
+    def _set_step(self, seconds: float) -> None:
+        self._playback.seek(self._playback.place + seconds)
 
-        Raises
-        ------
-        ConfigurationError
-            With nothing changed.
+    def _set_reset(self, _: bool) -> None:
+        self._playback.restart()
 
-        """
-        value = checked(self.controls, name, value)
-        if name == 'pause':
-            self._playback.pause(bool(value))
-        elif name == 'step':
-            self._playback.seek(self._playback.place + float(value))
-        elif name == 'reset':
-            self._playback.restart()
-        elif name == 'speed':
-            self._playback.set_speed(float(value))
-        else:
-            self._playback.seek(float(value))
+    def _set_speed(self, speed: float) -> None:
+        self._playback.set_speed(speed)
+
+    def _set_seek(self, time: float) -> None:
+        self._playback.seek(time)
 
     def start(self) -> None:
-        """Read, and play from the begin."""
+        """Start to read; the playback starts unless it is paused."""
         self._thread = Thread(target=self._read, name='bag', daemon=True)
         self._thread.start()
 
@@ -158,23 +200,57 @@ class BagSource:
             self._thread.join(10.0)
 
     def _read(self) -> None:
-        """Make frames of all messages, not more than the history keeps; time begins at 0."""
+        """Make frames of all messages, evenly spaced so that all fit the history; from time 0."""
         origin: Optional[float] = None
-        newest = 0.0
+        newest, spacing = 0.0, 1.0 / RATE
         try:
-            for topic, message, self._done in self._bag.messages(1.0 / RATE, int(0.9 * MOST)):
-                if self._ending.is_set():
-                    return
-                frame = self._assembly.take(topic, message)
-                if frame is None:
-                    continue
-                if origin is None:
-                    origin = frame.time
-                time = frame.time - origin
-                if time < newest:  # a reset, while it was recorded
-                    self._assembly.restart()
-                newest = time
-                self._history.add(replace(frame, time=time))
+            with open_bag(self._path) as bag:
+                for topic, message in bag.messages(self._topics):
+                    if self._ending.is_set():
+                        return
+                    frame = self._assembly.take(topic.rsplit('/', 1)[-1], message)
+                    if frame is None:
+                        continue
+                    if origin is None:
+                        origin = frame.time
+                    time = frame.time - origin
+                    if time < newest:  # a reset, while it was recorded
+                        self._assembly.restart()
+                    elif self._history.newest and time - newest < 0.9 * spacing:
+                        continue
+                    newest = time
+                    self._history.add(replace(frame, time=time))
+                    if len(self._history) >= MOST:
+                        self._history.thin()
+                        spacing *= 2.0
         except ConfigurationError as error:
             self._failure = str(error)
-        self._done = 1.0
+        self._reading = False
+
+
+def robot_topics(path: Path, topics: List[str], namespace: str) -> Tuple[str, ...]:
+    """
+    Return the topics of the robot of a bag that make frames.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no robot, or several of which none is named.
+
+    """
+    prefixes = sorted({topic.rsplit('/', 1)[0] for topic in topics
+                       if topic.rsplit('/', 1)[-1] in STATES})
+    asked = '/' + namespace.strip('/') if namespace.strip('/') else ''
+    if namespace:
+        prefixes = [prefix for prefix in prefixes if prefix == asked]
+    if not prefixes:
+        raise ConfigurationError(
+            f'{path}: has neither {" nor ".join(STATES)}'
+            + (f' in the namespace {asked}' if namespace else ''), 'missing', 'namespace')
+    if len(prefixes) > 1:
+        raise ConfigurationError(
+            f'{path}: has several robots, {", ".join(p or "/" for p in prefixes)}: choose one '
+            'with --namespace', 'missing', 'namespace')
+    true_state = f'{prefixes[0]}/ball_state' in topics
+    return tuple(f'{prefixes[0]}/{name}' for name in TOPICS
+                 if not (name == 'joint_states' and true_state))

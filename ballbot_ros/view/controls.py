@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The controls of the page: one widget for each control of a source, and what became of it."""
+"""The controls of the page: one widget for each control of a source, and its state."""
+from functools import partial
 from html import escape
 import logging
 from threading import RLock
@@ -8,32 +9,34 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 import viser
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.figures.canvas import GREEN, GREY, VERMILION
+from ballbot_ros.figures.canvas import GREEN, GREY, ORANGE, VERMILION
 from ballbot_ros.view.source import Control, CONTROLS, Health, Source, Value
+from ballbot_ros.view.stage import CAMERAS
 
-# Control -> its label.  What is in one group stands together.
+# Control -> its label, by group.
 GROUPS: Mapping[str, Mapping[str, str]] = {
-    'What to look at': {'scene': 'scene', 'robot': 'robot'},
+    'Model': {'scene': 'scene', 'robot': 'robot'},
     'Motor': {'law': 'law', 'set_point': 'set-point'},
     'World': {'step_height': 'step ahead', 'friction': 'friction'},
     'Simulation': {'speed': 'playback', 'accuracy': 'accuracy'}}
-# Number of positions of a slider.
-FINENESS = 300
-# What `step` goes on by [s].
-STRIDE = 0.02
+POSITIONS = 300  # of a slider
+STEP = 0.02  # that `step` advances by [s]
+PANEL_WIDTH = 260  # [px]
 ACCURACIES: Mapping[str, float] = {
-    'as the scene says': 0.0, '1 mm': 1e-3, '0.1 mm': 1e-4, '10 um': 1e-5, '1 um': 1e-6,
+    'as in the scene': 0.0, '1 mm': 1e-3, '0.1 mm': 1e-4, '10 um': 1e-5, '1 um': 1e-6,
     '10 nm': 1e-8}
 SPEEDS = ('0.05', '0.1', '0.25', '0.5', '1', '2', '4')
-UNITS = {'step_height': (1e3, 'mm')}  # people think of steps in millimetres
-REFUSED_FOR = 12  # a refusal is shown [s]
+UNITS = {'step_height': (1e3, 'mm')}
+NOTIFICATION_TIME = 12  # [s]
+# Hotkey -> the control that it uses.
+KEYS = {'space': 'pause', 'arrowright': 'step', 'R': 'reset', 'E': 'e_stop'}
 
 
 class Controls:
     """
-    Makes a widget for whatever a source can do, and keeps both the same.
+    Makes a widget for each control of a source, and keeps both equal.
 
-    A control that is absent has no widget.  One that cannot be used now is grey, and says why.
+    A control that cannot be used now is grey, and the state shows why.
 
     Parameters
     ----------
@@ -43,20 +46,22 @@ class Controls:
     """
 
     def __init__(self, server: viser.ViserServer, source: Source):
-        """Make all widgets."""
         self._gui, self._source = server.gui, source
         self._widgets: Dict[str, Any] = {}
-        # Range, unit and choices of each widget: with others it has to be made anew.
+        # Range, unit and choices of each widget; a change of them makes a new widget.
         self._shapes: Dict[str, Tuple[Any, ...]] = {}
         self._orders: Dict[str, float] = {}
         self._refused = ''
-        self._told = ''
+        self._state = ''
         # The page refreshes, and so does each thread in which a widget is used.
         self._refreshing = RLock()
         self._gui.main_panel.dock_right()
-        self._gui.main_panel.set_width(310)
+        self._gui.main_panel.set_width(PANEL_WIDTH)
         self._status = self._gui.add_html('')
+        self._remedy = self._gui.add_button('Run', color='green', visible=False)
+        self._remedy.on_click(self._use_remedy)
         self._run_controls()
+        self._camera_controls(server)
         self._folders: Dict[str, Any] = {}
         for group, members in GROUPS.items():
             if any(name in source.controls for name in members):
@@ -64,7 +69,7 @@ class Controls:
         self.refresh()
 
     def refresh(self) -> None:
-        """Show how things stand."""
+        """Show the state of the source."""
         with self._refreshing:
             self._refresh()
 
@@ -76,9 +81,7 @@ class Controls:
                     self._show(name, label, controls[name], self._folders[group])
         for name in ('e_stop', 'pause', 'step', 'reset'):
             if name in self._widgets:
-                # Nodes come and go, and what can be done with them.
-                idle = name == 'step' and not controls['pause'].value
-                self._set(self._widgets[name], 'disabled', bool(controls[name].refusal) or idle)
+                self._set(self._widgets[name], 'disabled', bool(controls[name].refusal))
         if 'pause' in controls:
             self._set(self._widgets['pause'], 'label',
                       'Run' if controls['pause'].value else 'Pause')
@@ -86,25 +89,23 @@ class Controls:
             self._set(self._widgets['e_stop'], 'label', 'Release the e-stop'
                       if controls['e_stop'].value else 'E-STOP: motor off')
         self._seek()
-        self._tell()
-
-    # One widget each for what runs and stops.
+        self._show_state()
 
     def _run_controls(self) -> None:
-        """Make the buttons on top, and the slider of time."""
+        """Make the buttons, their hotkeys and the timeline."""
         controls = self._source.controls
         if 'e_stop' in controls:
             self._button('e_stop', 'E-STOP: motor off', 'red', lambda: not self._is_on('e_stop'))
         if 'pause' in controls:
             self._button('pause', 'Pause', 'blue', lambda: not self._is_on('pause'))
         if 'step' in controls:
-            self._button('step', f'Step by {STRIDE:g} s', 'gray', lambda: STRIDE)
+            self._button('step', f'Step by {STEP:g} s', 'gray', self._step)
         if 'reset' in controls:
             self._button('reset', 'Reset', 'gray', lambda: True)
         if 'seek' in controls:
             slider = self._gui.add_slider(
-                'look back', 0.0, 1.0, 0.01, 0.0, disabled=True,
-                hint='Drag to see an earlier moment [s]; the run is paused meanwhile')
+                'timeline', 0.0, 1.0, 0.01, 0.0, disabled=True,
+                hint='Drag to show an earlier time [s]; the run is paused meanwhile')
             self._widgets['seek'] = slider
             self._on_change('seek', slider, float)
 
@@ -117,27 +118,54 @@ class Controls:
         button.on_click(lambda event: self._use(name, value(), event))
         self._widgets[name] = button
 
+        for key, other in KEYS.items():
+            if other == name:
+                command = self._gui.add_command(label, hotkey=key)  # type: ignore[arg-type]
+                command.on_trigger(lambda event: self._use(name, value(), event))
+
+    def _step(self) -> float:
+        """Pause, which a step needs, and return its length."""
+        if not self._is_on('pause'):
+            self._source.apply('pause', True)
+        return STEP
+
+    def _camera_controls(self, server: viser.ViserServer) -> None:
+        """Make the choice of camera presets, with the digits as hotkeys."""
+        def look_from(name: str, event: Any) -> None:
+            if event.client is not None:
+                event.client.camera.position, event.client.camera.look_at = CAMERAS[name]
+        buttons = self._gui.add_button_group('camera', tuple(CAMERAS))
+        buttons.on_click(lambda event: look_from(event.target.value, event))
+        for number, name in enumerate(CAMERAS, 1):
+            command = self._gui.add_command(
+                f'Camera: {name}', hotkey=str(number))  # type: ignore[arg-type]
+            command.on_trigger(partial(look_from, name))
+
+    def _use_remedy(self, event: Any) -> None:
+        """Use the controls that start a motion."""
+        idle = self._source.health.idle
+        for name, value in () if idle is None else idle.remedy:
+            self._use(name, value, event)
+
     def _is_on(self, name: str) -> bool:
         return bool(self._source.controls[name].value)
 
     def _seek(self) -> None:
-        """Let the slider of time follow, and end with the newest frame."""
+        """Move the timeline to the frame that is shown, and its end to the latest one."""
         slider, shown = self._widgets.get('seek'), self._source.shown
         if slider is None or shown is None:
             return
         first, last = self._source.span
         if last > first:
-            # The end moves in leaps: each is a message.
+            # The end moves in steps of 5 s, because each change is a message.
             if not slider.max - 5.0 <= last <= slider.max:
                 slider.max = 5.0 * (last // 5.0 + 1.0)
             self._set(slider, 'min', min(first, last))
             self._set(slider, 'disabled', False)
             self._set(slider, 'value', round(min(max(shown.time, first), slider.max), 2))
 
-    # Widgets that hold a value.
-
     def _show(self, name: str, label: str, control: Control, folder: Any) -> None:
-        """Make a widget where it is missing or of another kind, and show its value."""
+        """Show a value, in a new widget where it is missing or has another range."""
         shape = (control.lowest, control.highest, control.unit, control.choices,
                  control.refusal)
         if self._shapes.get(name) != shape:
@@ -186,25 +214,23 @@ class Controls:
         return value
 
     def _meant(self, name: str, words: str) -> Value:
-        """Return what a choice of a drop-down stands for."""
+        """Return the value of a choice of a drop-down."""
         if name == 'accuracy':
             return ACCURACIES[words] if words in ACCURACIES else float(words.split()[0])
         return float(words) if name == 'speed' else words
 
     def _on_change(self, name: str, widget: Any, meaning: Callable[[Any], Value]) -> None:
-        # What the page itself sets comes without a client.
+        # An update without a client is one of the page itself.
         widget.on_update(lambda event: None if event.client is None else self._use(
             name, meaning(event.target.value), event))
 
     def _set(self, widget: Any, what: str, value: Any) -> None:
-        """Send what has changed only."""
+        """Set an attribute of a widget if it has changed."""
         if getattr(widget, what) != value:
             setattr(widget, what, value)
 
-    # What became of it.
-
     def _use(self, name: str, value: Value, event: Any) -> None:
-        """Use a control; a refusal is a sentence in the page of whoever asked."""
+        """Use a control; a refusal is shown in the page of the client."""
         try:
             self._source.apply(name, value)
             self._refused = ''
@@ -212,39 +238,48 @@ class Controls:
             self._refused = str(error)
             if event.client is not None:
                 event.client.add_notification(
-                    'Refused', str(error), color='red', auto_close_seconds=REFUSED_FOR)
-        except RuntimeError as error:  # of a source that has gone away
+                    'Refused', str(error), color='red', auto_close_seconds=NOTIFICATION_TIME)
+        except RuntimeError as error:  # of a source that has been closed
             logging.getLogger(__name__).warning('%s: %s', name, error)
             self._refused = f'{name}: {error}'
         self.refresh()
 
-    def _tell(self) -> None:
-        """Write how the source is doing."""
+    def _show_state(self) -> None:
+        """Write the state of the source."""
         health = self._source.health
+        self._set(self._remedy, 'visible', health.idle is not None)
+        if health.idle is not None:
+            self._set(self._remedy, 'label', health.idle.label)
+        unavailable = {control.refusal for name, control in self._source.controls.items()
+                       if control.refusal and name not in ('set_point',)}
         lines = status_lines(health, self._is_on('e_stop') if 'e_stop' in
                              self._source.controls else None)
+        lines += [f'<span style="color:{GREY}">Not available: {escape(reason)}.</span>'
+                  for reason in sorted(unavailable)]
         if self._refused:
             lines.append(_coloured(f'Refused: {self._refused}', VERMILION, 'refusal'))
         words = (f'<div style="font:13px/1.5 system-ui,sans-serif;padding:0.5em 0.7em 0">'
                  f'<b id="ballbot-title">{escape(self._source.title)}</b> &middot; '
                  f'{escape(self._source.robot.name)}<br>{"<br>".join(lines)}</div>')
-        if words != self._told:
-            self._told = self._status.content = words
+        if words != self._state:
+            self._state = self._status.content = words
 
 
 def status_lines(health: Health, e_stop: Optional[bool]) -> List[str]:
-    """Return how a source is doing, as lines of HTML."""
-    state = _coloured('runs', GREEN, 'state') if health.running else _coloured(
+    """Return the state of a source as lines of HTML."""
+    state = _coloured('running', GREEN, 'state') if health.running else _coloured(
         'paused', GREY, 'state')
     if health.real_time_factor is not None:
         state += f' at {health.real_time_factor:.2f} x real time'
     lines = [state]
     if health.error_estimate is not None:
-        lines.append(f'error of position below {_length(health.error_estimate)}')
+        lines.append(f'position error below {_length(health.error_estimate)}')
     if e_stop:
         lines.append(_coloured('e-stop engaged: no torque', VERMILION, 'e-stop'))
     if health.failure:
         lines.append(_coloured(health.failure, VERMILION, 'failure'))
+    if health.idle is not None:
+        lines.append(_coloured(health.idle.reason, ORANGE, 'idle'))
     return lines + [escape(note) for note in health.notes]
 
 
@@ -254,7 +289,7 @@ def _coloured(words: str, colour: str, name: str) -> str:
 
 
 def _length(metres: float) -> str:
-    """Return a small length in a unit that people read."""
+    """Return a small length with its unit."""
     for factor, unit in ((1e3, 'mm'), (1e6, 'um'), (1e9, 'nm')):
         if factor * metres >= 0.1:
             return f'{factor * metres:.2g} {unit}'
@@ -264,6 +299,6 @@ def _length(metres: float) -> str:
 def _round_step(span: float) -> float:
     """Return a round step of a slider."""
     step = 10.0
-    while step > span / FINENESS:
+    while step > span / POSITIONS:
         step /= 10.0
-    return next((part * step for part in (5.0, 2.0) if part * step <= span / FINENESS), step)
+    return next((part * step for part in (5.0, 2.0) if part * step <= span / POSITIONS), step)

@@ -1,62 +1,37 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Running nodes as something to look at and to drive: a simulator or a bridge."""
+"""Running nodes as a source: a simulator or a bridge."""
 from dataclasses import replace
 import math
 from time import monotonic
 from types import MappingProxyType
-from typing import Any, Dict, List, Mapping, Optional, Protocol, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Tuple
 
-from ballbot_ros.decision.planning.curve import HeightCurve
-from ballbot_ros.errors import BallbotError, ConfigurationError
-from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.plant import Speedometer
-from ballbot_ros.ros.spectator import Presence, Spectator
-from ballbot_ros.view.assembly import FrameAssembly
+from ballbot_ros.ros.spectator import Spectator
+from ballbot_ros.view.assembly import MessageSource
 from ballbot_ros.view.frame import Frame
-from ballbot_ros.view.frame_history import FrameHistory
-from ballbot_ros.view.robot_named import scene_named
-from ballbot_ros.view.source import checked, Control, Health, Value
+from ballbot_ros.view.source import Control, Health, Idle
 
 # Law -> the largest set-point and its unit.
 LAWS: Mapping[str, Tuple[float, str]] = MappingProxyType({
     'free': (0.0, ''), 'speed': (1.5, 'm/s'), 'position': (90.0, 'deg')})
 
-SILENT = 1.0  # without a frame for longer, nothing comes [s]
-EPOCH = 1e6  # a clock that says more counts from 1970 [s]
+FRAME_TIMEOUT = 1.0  # without a frame for longer, time does not advance [s]
+WALL_CLOCK = 1e6  # a later time counts from 1970 [s]
 
 
-class GraphLink(Protocol):
-    """What a live source needs of a `Spectator`, which says what each of them does."""
-
-    presence: Presence
-
-    @property
-    def holding(self) -> bool: ...
-
-    def start(self) -> None: ...
-    def close(self) -> None: ...
-    def attend(self) -> None: ...
-    def ask_again(self) -> None: ...
-    def trigger(self, service: str) -> str: ...
-    def step(self, periods: int) -> None: ...
-    def hold_speed(self, speed: float) -> None: ...
-    def hold_angle(self, angle: float) -> None: ...
-    def let_go(self) -> None: ...
-
-
-class LiveSource:
+class LiveSource(MessageSource):
     """
-    Keeps frames of what nodes publish, and drives them while somebody looks.
+    Keeps frames of the topics of nodes, and publishes set-points while a page is open.
 
     Parameters
     ----------
     namespace : str
         Of the nodes; empty for none.
     robot : str
-        Name or file of the robot; empty for what the nodes say.
-    link : GraphLink, optional
-        In place of a `Spectator`.
+        Name or file of the robot; empty for that of the nodes.
+    link : Spectator, optional
+        The connection to the nodes; made here by default.
 
     Raises
     ------
@@ -65,22 +40,18 @@ class LiveSource:
 
     """
 
-    def __init__(self, namespace: str = '', robot: str = '', link: Optional[GraphLink] = None):
-        """Know nothing yet."""
+    def __init__(self, namespace: str = '', robot: str = '', link: Optional[Spectator] = None):
+        super().__init__({}, robot)
         self._namespace, self._robot_name = namespace.strip('/'), robot
-        self._said: Dict[str, Dict[str, Any]] = {}
-        said = scene_named({}, robot)
-        self._assembly, self._curve = FrameAssembly(said.robot), said.curve
-        self._notes: Tuple[str, ...] = ()
-        self._history = FrameHistory()
+        self._described: Dict[str, Dict[str, Any]] = {}
+        self._notes = ()
         self._speedometer = Speedometer()
         self._origin: Optional[float] = None
         self._frame_at = self._paused_at = -math.inf
-        self._sought: Optional[float] = None
         self._law, self._set_point = 'free', 0.0
-        self._link: GraphLink = link or Spectator(self._namespace, self.receive, self.learn)
+        self._link = link or Spectator(self._namespace, self.receive, self.learn)
 
-    # What nodes say; from the thread of the link.
+    # Messages and parameters of nodes; from the thread of the link.
 
     def receive(self, topic: str, message: Any) -> None:
         """Take a message of a topic."""
@@ -88,11 +59,11 @@ class LiveSource:
         if frame is None:
             return
         if self._origin is None:
-            self._origin = frame.time if frame.time > EPOCH else 0.0
+            self._origin = frame.time if frame.time > WALL_CLOCK else 0.0
         frame = replace(frame, time=frame.time - self._origin)
         newest = self._history.newest
         if newest is not None and frame.time <= newest.time:
-            if frame.time > newest.time - SILENT:
+            if frame.time > newest.time - FRAME_TIMEOUT:
                 return  # repeated in lockstep, or overtaken on its way
             # Perhaps of another simulator, on another scene.
             self._link.ask_again()
@@ -104,142 +75,95 @@ class LiveSource:
 
     def learn(self, node: str, parameters: Mapping[str, Any]) -> None:
         """Take parameters of a node."""
-        if self._said.get(node) == parameters:
-            return
-        self._said[node] = dict(parameters)
-        said = scene_named(self._parameters, self._robot_name)
-        self._notes, self._curve = said.notes, said.curve
-        self._assembly = FrameAssembly(said.robot, said.terrain)
+        if self._described.get(node) != parameters:
+            self._described[node] = dict(parameters)
+            self._describe(self._parameters, self._robot_name)
 
-    # What the page asks; from any thread.
+    # For the page; from any thread.
 
     @property
     def title(self) -> str:
-        """Return whom this looks at."""
+        """Return the nodes that are shown."""
         nodes = [name for name in ('simulator', 'bridge') if name in self._link.presence.nodes]
         where = f' in /{self._namespace}' if self._namespace else ''
         return f'Live: {" and ".join(nodes) or "waiting"}{where}'
 
     @property
-    def robot(self) -> Robot:
-        """Return the robot."""
-        return self._assembly.robot
-
-    @property
-    def terrain(self) -> Optional[Terrain]:
-        """Return the ground of the scene, or as far as it was seen."""
-        return self._assembly.terrain
-
-    @property
-    def curve(self) -> Optional[HeightCurve]:
-        """Return the curve of this robot, None where none comes with the package."""
-        return self._curve
-
-    @property
-    def epoch(self) -> int:
-        """Return how often time began again."""
-        return self._history.epoch
-
-    @property
     def shown(self) -> Optional[Frame]:
-        """Return the newest frame, or that which was sought; who asks is looking."""
+        """Return the frame to show; a reader keeps the set-point alive."""
         self._link.attend()
-        return self._history.newest if self._sought is None else self._history.at(self._sought)
-
-    @property
-    def span(self) -> Tuple[float, float]:
-        """Return the times there are frames of [s]."""
-        return self._history.span
+        return super().shown
 
     @property
     def health(self) -> Health:
-        """Return whether frames come, and what is waited for."""
+        """Return whether frames arrive, and otherwise what the source waits for."""
         running = self._fresh
         factor = self._speedometer.factor
+        paused = self._paused_at > self._frame_at and 'simulator' in self._link.presence.nodes
         return Health(running, factor if running and math.isfinite(factor) else None,
-                      notes=(*self._notes, *self._awaited()))
+                      notes=(*self._notes, *self._awaited()),
+                      idle=Idle('The simulator is paused.', 'Run', (('pause', False),))
+                      if paused else None)
 
     @property
     def controls(self) -> Mapping[str, Control]:
-        """Return the same at all times: what no node here can do has a refusal."""
+        """Return all controls at all times: one without its node has a refusal."""
         presence = self._link.presence
         begin, end = self._history.span
         found = {'pause': Control(self._paused), 'seek': Control(None, begin, end, 's')}
-        simulator, bridge = ('' if name in presence.nodes else f'there is no {name} here'
+        simulator, bridge = ('' if name in presence.nodes else f'no node {name} is running'
                              for name in ('simulator', 'bridge'))
         found['step'] = Control(None, 1e-3, 10.0, 's', refusal=simulator)
         found['reset'] = Control(None, refusal=simulator)
         law = self._law if self._link.holding else 'free'
         others = ' and '.join(presence.drivers)
-        refusal = (f'{others} drives; end it first' if others else '' if presence.followers
-                   else 'nobody follows set-points here')
+        refusal = (f'{others} publishes set-points; end it first' if others else
+                   '' if presence.followers else 'no node subscribes to set-points')
         largest, unit = LAWS[law]
         found['law'] = Control(law, choices=tuple(LAWS), refusal=refusal)
         found['set_point'] = Control(
             self._set_point if law != 'free' else None, -largest, largest, unit,
-            refusal=refusal or ('' if law != 'free' else 'choose a law first'))
+            refusal=refusal or ('' if law != 'free' else 'choose a law other than free'))
         newest = self._history.newest
         found['e_stop'] = Control(None if newest is None else newest.e_stop, refusal=bridge)
         return MappingProxyType(found)
 
-    def history(self, since: float) -> Sequence[Frame]:
-        """Return the frames later than a time [s]."""
-        return self._history.since(since)
-
-    def apply(self, name: str, value: Value) -> None:
-        """
-        Use a control; waits for the answer of the node.
-
-        Raises
-        ------
-        ConfigurationError
-            With nothing changed, in the words of the node where it refuses.
-
-        """
-        value = checked(self.controls, name, value)
-        try:
-            getattr(self, f'_set_{name}')(value)
-        except ConfigurationError:
-            raise
-        except BallbotError as error:
-            raise ConfigurationError(f'{name}: {error}') from error
-
     def start(self) -> None:
-        """Begin to receive."""
+        """Start to receive."""
         self._link.start()
 
     def close(self) -> None:
-        """Leave the nodes alone."""
+        """Disconnect from the nodes."""
         self._link.close()
 
     @property
     def _fresh(self) -> bool:
-        return monotonic() - self._frame_at < SILENT
+        return monotonic() - self._frame_at < FRAME_TIMEOUT
 
     @property
     def _paused(self) -> bool:
-        """Return whether the page stands: at an earlier moment, or because nothing goes on."""
+        """Return whether the page shows an earlier time, or time does not advance."""
         return self._sought is not None or not self._fresh or self._paused_at > self._frame_at
 
     @property
     def _parameters(self) -> Dict[str, Any]:
-        """Return what all nodes say, by parameter."""
-        return {name: value for said in list(self._said.values())
-                for name, value in said.items() if value}
+        """Return the parameters of all nodes."""
+        return {name: value for described in list(self._described.values())
+                for name, value in described.items() if value}
 
     def _awaited(self) -> List[str]:
-        """Return what is waited for, a sentence each."""
+        """Return what the source waits for, a sentence each."""
         nodes = self._link.presence.nodes
         if self._fresh:
             return []
         if 'simulator' in nodes:
-            return ['Nothing comes from the simulator: it starts, is paused, or waits for '
+            return ['No state arrives from the simulator: it is starting, paused, or waits for '
                     'a command.']
         if 'bridge' in nodes:
-            return ['Nothing comes from the bridge: it waits for its drive.']
+            return ['No state arrives from the bridge: it waits for its drive.']
         where = f'in the namespace /{self._namespace}' if self._namespace else 'here'
-        return [f'Waiting for a simulator or a bridge {where}; ROS_DOMAIN_ID and namespace must '
-                'be theirs.']
+        return [f'Waiting for a simulator or a bridge {where}, with the same ROS_DOMAIN_ID: '
+                'start one, for instance with "ballbot run simulator".']
 
     def _set_pause(self, value: bool) -> None:
         simulated = 'simulator' in self._link.presence.nodes
@@ -247,7 +171,7 @@ class LiveSource:
             self._link.trigger('simulator/pause' if value else 'simulator/resume')
             self._paused_at = monotonic() if value else -math.inf
         newest = self._history.newest
-        # A real robot does not stand still for a page: the page stands.
+        # A real robot cannot be paused: the page shows one frame instead.
         self._sought = newest.time if value and not simulated and newest is not None else None
 
     def _set_step(self, seconds: float) -> None:
@@ -272,7 +196,7 @@ class LiveSource:
         self._hold()
 
     def _hold(self) -> None:
-        """Hold what the law and its set-point say."""
+        """Publish the set-point of the law."""
         self._link.attend()
         if self._law == 'speed':
             self._link.hold_speed(self._set_point)

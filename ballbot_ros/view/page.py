@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page: a source, drawn again and again for whoever looks."""
+"""The page: draws a source at an even rate."""
 from threading import Event, Thread
 from time import monotonic
 
@@ -10,24 +10,23 @@ from ballbot_ros.view.source import Source
 from ballbot_ros.view.stage import Stage
 
 RATE = 30.0  # frames per second
-# Frames of the scene for one of the numbers, and of the time series.
-NUMBERS, SERIES = 4, 6
+# Frames of the scene per update of the values, and of the time series.
+VALUES, SERIES = 4, 6
 
 
 class Page:
     """
-    Samples a source and sends what is new to all browsers that look.
+    Samples a source and sends changes to all connected browsers.
 
-    It runs in threads of its own and only ever reads from the source, so that neither a slow nor a
-    closed browser holds anything up.  With nobody looking it does nothing.
+    It runs in its own threads and only reads from the source, so that a slow or closed browser
+    does not delay it.  Without a browser it does nothing.
 
     Parameters
     ----------
     source : Source
     server : PageServer
     begin : bool
-        Lift the pause of the source when the first browser comes: what is simulated or played
-        back begins when somebody sees it.
+        Resume the source when the first browser connects.
 
     Attributes
     ----------
@@ -37,7 +36,6 @@ class Page:
     """
 
     def __init__(self, source: Source, server: PageServer, begin: bool = False):
-        """Make all that is shown."""
         self._source, self._server = source, server
         self._stage = Stage(server)
         self._readouts = Readouts(server)
@@ -57,7 +55,7 @@ class Page:
         return f'http://{shown}:{self._server.get_port()}'
 
     def start(self) -> None:
-        """Begin to draw."""
+        """Start to draw."""
         self._source.start()
         self._draw(whole=True)
         self._thread.start()
@@ -74,7 +72,7 @@ class Page:
         """Draw at an even rate."""
         due, looked = monotonic(), False
         while not self._ended.wait(max(0.0, due - monotonic())):
-            # One that is late is left out, not made up for.
+            # A frame that is late is skipped.
             due = max(due + 1.0 / RATE, monotonic())
             if not self._server.get_clients():
                 looked, due = False, monotonic() + 0.2
@@ -86,16 +84,16 @@ class Page:
             looked = True
 
     def _draw(self, whole: bool) -> None:
-        """Draw the moment to be shown; all of it, or what is due."""
+        """Draw the current frame; all of it, or the parts that are due."""
         frame = self._source.shown
         count, self.frames = self.frames, self.frames + 1
         with self._server.atomic():
             if frame is not None:
                 self._stage.draw(self._source, frame)
-                if whole or count % NUMBERS == 0:
+                if whole or count % VALUES == 0:
                     self._readouts.write(self._source, frame)
                     self._stage.draw_path(self._source, frame)
                 if whole or count % SERIES == 3:
                     self._readouts.plot(self._source, frame)
-            if whole or count % NUMBERS == 2:
+            if whole or count % VALUES == 2:
                 self._controls.refresh()

@@ -7,21 +7,23 @@ from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence,
 import numpy as np
 import viser
 
-from ballbot_ros.figures.canvas import BLUE, GREEN, GREY, ORANGE, SKY, VERMILION
+from ballbot_ros.decision.planning.curve import HeightCurve
+from ballbot_ros.figures.canvas import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILION
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.view.chart import draw, prospect_of, verdict
 from ballbot_ros.view.frame import DecisionSign, EnergyShares, Frame
+from ballbot_ros.view.ground import step_ahead
 from ballbot_ros.view.source import Source
 
 WINDOW = 10.0  # of the time series [s]
 POINTS = 250  # of a series at most
-PLOT_HEIGHT = 150  # [px]
+PLOT_HEIGHT, CURVE_HEIGHT, PANEL_WIDTH = 130, 200, 290  # [px]
 COLOURS: Mapping[str, str] = {
     'clear': GREEN, 'cross': GREEN, 'stop': VERMILION, 'go_round': ORANGE, 'back_off': ORANGE}
 
 
-# Title -> what its axis spans at least, to both sides of 0: less is rest, not news.
-LEAST = {'speed [m/s]': 0.2, 'pendulum angle [deg]': 10.0, 'torque [N m]': 0.5, 'energy [J]': 0.5}
+# Title -> smallest range of its axis, to both sides of 0.
+RANGE_MIN = {
+    'speed [m/s]': 0.2, 'pendulum angle [deg]': 10.0, 'torque [N m]': 0.5, 'energy [J]': 0.5}
 
 
 class PlottedCurve(NamedTuple):
@@ -44,7 +46,7 @@ def _energy(name: str) -> Callable[[Frame], Optional[float]]:
     return value
 
 
-# Title with unit -> its curves.  A plot of which nobody knows a value is not shown.
+# Title with unit -> its curves.  A plot without a known value is hidden.
 PLOTS: Mapping[str, Tuple[PlottedCurve, ...]] = {
     'speed [m/s]': (PlottedCurve('ahead', BLUE, lambda frame: frame.velocity_x),
                     PlottedCurve('up', SKY, lambda frame: frame.velocity_y)),
@@ -60,7 +62,7 @@ PLOTS: Mapping[str, Tuple[PlottedCurve, ...]] = {
 
 class Readouts:
     """
-    What is written and plotted; made once, filled again and again.
+    Values and plots beside the scene; made once, then updated.
 
     Parameters
     ----------
@@ -72,12 +74,13 @@ class Readouts:
         """Make the panel on the left."""
         self._gui = server.gui
         panel = self._gui.add_panel()
-        with panel.add_tab('What happens'):
+        with panel.add_tab('State'):
             self._now = self._gui.add_html('')
-            self._chart = self._gui.add_html('')
+            self._step = self._gui.add_html('')
+            self._curve = self._curve_plot()
             self._plots = {title: self._plot(title, series) for title, series in PLOTS.items()}
         panel.dock_left()
-        panel.set_width(350)
+        panel.set_width(PANEL_WIDTH)
         self._last: dict[str, str] = {}
         self._drawn: Tuple[int, float] = (-1, math.nan)
 
@@ -87,9 +90,11 @@ class Readouts:
         self._put('now', self._now, numbers(frame))
         sentence = verdict(source.curve, prospect)
         words = '' if frame.decision is None else decision_words(frame.decision)
-        self._put('chart', self._chart, f'{words}<div style="{SMALL}"><b>Step ahead</b><br>'
-                  f'{escape(sentence)}</div>'
-                  f'<div style="padding-right:14px">{draw(source.curve, prospect)}</div>')
+        self._put('step', self._step, f'{words}<div style="{SMALL}"><b>Step ahead</b><br>'
+                  f'{escape(sentence)}</div>')
+        columns = curve_columns(source.curve, prospect)
+        if not all(map(np.array_equal, columns, self._curve.data, (True,) * len(columns))):
+            self._curve.data = columns
 
     def plot(self, source: Source, frame: Frame) -> None:
         """Draw the time series up to a moment."""
@@ -112,14 +117,36 @@ class Readouts:
                 handle.data = (times, *columns)
 
     def _put(self, name: str, handle: Any, content: str) -> None:
-        """Send what has changed only."""
+        """Send a content if it has changed."""
         if self._last.get(name) != content:
             self._last[name] = handle.content = content
+
+    def _curve_plot(self) -> Any:
+        """Make the plot of the height curve."""
+        from viser import uplot
+        series = (
+            uplot.Series(label='speed at contact [m/s]'),
+            uplot.Series(label='maximum height [mm]', stroke=GREEN, width=2, fill='#009E731F',
+                         points=uplot.Series_Points(show=False)),
+            uplot.Series(label='step ahead', stroke=INK, width=1, dash=(4, 3),
+                         points=uplot.Series_Points(show=False)),
+            uplot.Series(label='now', stroke=BLUE, width=0, points=uplot.Series_Points(
+                show=True, size=11, fill=BLUE)),
+            uplot.Series(label='expected', stroke=INK, width=0, points=uplot.Series_Points(
+                show=True, size=11)))
+        return self._gui.add_uplot(
+            curve_columns(None, Prospect()), series, height=CURVE_HEIGHT, padding=(6, 14, 0, 0),
+            scales={'x': uplot.Scale(time=False, auto=True), 'y': uplot.Scale(
+                auto=True, range={'min': {'pad': 0.0, 'soft': 0.0, 'mode': 1},
+                                  'max': {'pad': 0.1, 'soft': 60.0, 'mode': 1}})},
+            axes=(uplot.Axis(size=44, label='speed at contact [m/s]', labelSize=14),
+                  uplot.Axis(size=40, label='height [mm]', labelSize=14)),
+            legend=uplot.Legend(show=True))
 
     def _plot(self, title: str, series: Sequence[PlottedCurve]) -> Any:
         """Make one plot."""
         from viser import uplot
-        empty, least = np.array([0.0, 1e-3]), LEAST[title]
+        empty, least = np.array([0.0, 1e-3]), RANGE_MIN[title]
         spread = {'min': {'pad': 0.1, 'soft': -least, 'mode': 1},
                   'max': {'pad': 0.1, 'soft': least, 'mode': 1}}
         return self._gui.add_uplot(
@@ -138,14 +165,14 @@ SMALL = 'font:13px/1.45 system-ui,sans-serif;padding:0.5em 0.7em 0'
 
 
 def numbers(frame: Frame) -> str:
-    """Return the numbers of a moment as a small table; unknown ones are left out."""
+    """Return the values of a frame as a small table; unknown ones are left out."""
     force = None if frame.contacts is None else sum(
         math.hypot(contact.force_x, contact.force_y) for contact in frame.contacts)
-    rows = [('time', frame.time, '.2f', 's'), ('place x', frame.x, '.2f', 'm'),
+    rows = [('time', frame.time, '.2f', 's'), ('position x', frame.x, '.2f', 'm'),
             ('speed', frame.velocity_x, '.2f', 'm/s'),
             ('pendulum angle', _degrees(frame.pendulum_angle), '.0f', 'deg'),
             ('motor torque', frame.pendulum_torque, '.2f', 'N m'),
-            ('force of the ground', force, '.0f', 'N')]
+            ('ground contact force', force, '.0f', 'N')]
     cells = ''.join(
         f'<tr><td style="color:{GREY};padding-right:1em">{name}</td>'
         f'<td style="text-align:right;font-variant-numeric:tabular-nums">'
@@ -163,13 +190,13 @@ def _rounded(value: float, form: str) -> str:
 
 
 def decision_words(decision: DecisionSign) -> str:
-    """Return the decision, its reason, and how sure it is."""
+    """Return the decision, its reason, margin and probability of success."""
     colour = COLOURS.get(decision.kind, GREY)
     facts = []
     if decision.margin is not None:
         facts.append(f'margin {1e3 * decision.margin:+.0f} mm')
     if decision.probability is not None:
-        facts.append(f'gets over with {100.0 * decision.probability:.0f} %')
+        facts.append(f'success probability {100.0 * decision.probability:.0f} %')
     name = escape(decision.kind.replace('_', ' ').upper())
     reason = escape(decision.reason.replace('_', ' '))
     return (f'<div style="{SMALL}"><span id="ballbot-decision" style="background:{colour};'
@@ -195,3 +222,77 @@ def column(frames: Sequence[Frame], value: Callable[[Frame], Optional[float]]) -
     """Return a value in each frame, NaN where it is not known."""
     found = [value(frame) for frame in frames]
     return np.array([math.nan if item is None else item for item in found])
+
+
+class Prospect(NamedTuple):
+    """Robot and step ahead; None for unknown values."""
+
+    speed: Optional[float] = None  # of the centre, towards the step [m/s]
+    height: Optional[float] = None  # of the step ahead [m]
+    distance: Optional[float] = None  # from the centre to its face [m]
+    touch_speed: Optional[float] = None  # expected or required by a decision at contact [m/s]
+    at_it: bool = False  # closer than a radius: its speed is no longer that at contact
+
+
+def prospect_of(source: Source, frame: Frame) -> Prospect:
+    """Return the step ahead, from the decision where it has one, otherwise from the ground."""
+    speed = None if frame.velocity_x is None else abs(frame.velocity_x)
+    decision = frame.decision
+    if decision is not None and decision.height is not None:
+        return Prospect(speed, decision.height, decision.distance, decision.speed)
+    if source.terrain is None or frame.x is None:
+        return Prospect(speed)
+    ahead = step_ahead(source.terrain, frame.x, source.robot.ball_radius)
+    if ahead is None:
+        return Prospect(speed)
+    distance = ahead.x - frame.x
+    return Prospect(speed, ahead.height, distance, at_it=distance < source.robot.ball_radius)
+
+
+def verdict(curve: Optional[HeightCurve], prospect: Prospect) -> str:
+    """Return a sentence on the step ahead, the speed that it requires and the present one."""
+    if prospect.height is None:
+        return 'No step ahead.'
+    where = '' if prospect.distance is None else f', {prospect.distance:.2f} m ahead'
+    step = f'{"Step" if prospect.height > 0.0 else "Drop"} of ' \
+        f'{abs(1e3 * prospect.height):.0f} mm{where}'
+    if prospect.at_it:
+        return f'{step}: the ball is crossing it.'
+    if prospect.height < 0.0:
+        return f'{step}.'
+    if curve is None:
+        return f'{step}. There is no height curve for this robot and law.'
+    needed = curve.required_speed(prospect.height)
+    if needed is None:
+        highest = 1e3 * curve.height(curve.highest_speed)
+        return f'{step}: above the maximum of {highest:.0f} mm.'
+    if prospect.speed is None:
+        return f'{step}: requires {needed:.2f} m/s at contact.'
+    enough = ', fast enough' if prospect.speed >= needed else ''
+    return f'{step}: requires {needed:.2f} m/s at contact; now {prospect.speed:.2f} m/s{enough}.'
+
+
+def curve_columns(curve: Optional[HeightCurve], prospect: Prospect) -> Tuple[Array, ...]:
+    """
+    Return the columns of the plot of the height curve.
+
+    Returns
+    -------
+    tuple of array
+        Speeds [m/s], rising; then heights [mm], NaN where there is none: of the curve, of the
+        step ahead, of the step at the present speed, and at the speed expected at contact.
+
+    """
+    height = math.nan if prospect.height is None else max(1e3 * prospect.height, 0.0)
+    now = math.nan if prospect.speed is None else prospect.speed
+    touch = math.nan if prospect.touch_speed is None else prospect.touch_speed
+    fastest = max(1.2, curve.highest_speed if curve else 0.0, *np.nan_to_num([1.05 * now, touch]))
+    speeds = np.linspace(0.0, fastest, 61)
+    speeds = np.unique(np.concatenate([speeds, [
+        speed for speed in (now, touch) if math.isfinite(speed)]]))
+    heights = np.full(len(speeds), math.nan)
+    if curve is not None:
+        known = (speeds >= curve.lowest_speed) & (speeds <= curve.highest_speed)
+        heights[known] = [1e3 * curve.height(float(speed)) for speed in speeds[known]]
+    return (speeds, heights, np.full(len(speeds), height),
+            np.where(speeds == now, height, math.nan), np.where(speeds == touch, height, math.nan))

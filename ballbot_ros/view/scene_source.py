@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene as something to look at: it runs in a thread of its own, by the clock on the wall."""
-from concurrent.futures import Future, TimeoutError as TooLong
+"""A scene as a source: a thread simulates it in real time, or slower or faster."""
+from concurrent.futures import Future, TimeoutError as FutureTimeout
 from dataclasses import replace
 import math
 from pathlib import Path
@@ -8,32 +8,35 @@ from queue import Empty, Queue
 from threading import Thread
 from time import monotonic
 from types import MappingProxyType
-from typing import Callable, Mapping, Optional, Sequence, Tuple
+from typing import Callable, Mapping, NamedTuple, Optional, Tuple
 
+from ballbot_ros.config.files import shipped_files
 from ballbot_ros.decision.planning.curve import HeightCurve
 from ballbot_ros.errors import BallbotError, ConfigurationError, SimulationError
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.physics.simulation.scene import load_scene
+from ballbot_ros.physics.simulation.solver import LARGEST
 from ballbot_ros.plant import Speedometer
-from ballbot_ros.view.frame import Frame
-from ballbot_ros.view.frame_history import FrameHistory
 from ballbot_ros.view.ground import step_ahead
-from ballbot_ros.view.scene_controls import controls_of, FileChoice
+from ballbot_ros.view.laws import bounds_of, laws_of, UNITS
 from ballbot_ros.view.scene_run import SceneRun
-from ballbot_ros.view.source import checked, Control, Health, Value
+from ballbot_ros.view.source import Control, Health, Idle, Source, Value
 
 FRAME_RATE = 100.0  # frames per second on the wall, at most
-LATE = 0.1  # behind by more, time is given up instead of caught up [s]
-PATIENCE = 10.0  # for a change to be made [s]
+LAG_MAX = 0.1  # a longer lag behind the wall clock is dropped, not caught up [s]
+CONTROL_TIMEOUT = 10.0  # for a control to take effect [s]
+LOOP_PAUSE = 1.5  # wall time between the end of the scene and its repetition [s]
+REST_SPEED, REST_TIME = 1e-3, 1.0  # at rest: slower than this [m/s], for this long [s]
+DRIVE_SPEED = 0.5  # that the page offers for a robot at rest [m/s]
 
 
-class SceneSource:
+class SceneSource(Source):
     """
-    Runs a scene and keeps its frames.
+    Simulates a scene and keeps its frames.
 
-    Controls act between two frames, in the thread that simulates; whoever uses one waits for that
-    thread only, never the other way round.
+    The scene repeats after its duration until a control changes robot, ground, law or solver; then
+    it continues without an end.  Controls act between two frames, in the thread that simulates.
 
     Parameters
     ----------
@@ -50,13 +53,13 @@ class SceneSource:
     """
 
     def __init__(self, name: str, paused: bool = False):
-        """Read the scene and stand at its start."""
+        super().__init__()
         self._name = self._first_name = name
         self._run = SceneRun(load_scene(name))
         self._robot_name = self._run.robot.name
-        self._history = FrameHistory()
         self._paused, self._speed = paused, 1.0
-        self._sought: Optional[float] = None
+        self._repeats = True
+        self._moved_at = 0.0  # the last time at which the robot moved [s]
         self._failure = ''
         self._speedometer = Speedometer()
         self._jobs: 'Queue[Optional[Tuple[Callable[[], None], Future[None]]]]' = Queue()
@@ -64,11 +67,11 @@ class SceneSource:
         self._closed = False
         self._begin()
 
-    # What the page asks; from any thread.
+    # For the page; from any thread.
 
     @property
     def title(self) -> str:
-        """Return which scene this is."""
+        """Return the name of the scene."""
         return f'Scene {Path(self._name).stem}'
 
     @property
@@ -87,23 +90,8 @@ class SceneSource:
         return self._curve
 
     @property
-    def epoch(self) -> int:
-        """Return how often all began again."""
-        return self._history.epoch
-
-    @property
-    def shown(self) -> Optional[Frame]:
-        """Return the frame to look at."""
-        return self._history.newest if self._sought is None else self._history.at(self._sought)
-
-    @property
-    def span(self) -> Tuple[float, float]:
-        """Return the times that can be looked at [s]."""
-        return self._history.span
-
-    @property
     def health(self) -> Health:
-        """Return how the run is doing."""
+        """Return the state of the run."""
         run, notes = self._run, []
         if run.lost_at < math.inf:
             notes.append(f'The accuracy of {run.accuracy:g} m holds up to t = {run.lost_at:.2f} s '
@@ -111,46 +99,50 @@ class SceneSource:
         factor = self._speedometer.factor
         running = not self._paused
         return Health(running, factor if running and math.isfinite(factor) else None,
-                      run.error_estimate, self._failure, tuple(notes))
+                      run.error_estimate, self._failure, tuple(notes), self._idle)
+
+    @property
+    def _idle(self) -> Optional[Idle]:
+        run = self._run
+        if self._paused or self._failure or run.state.time - self._moved_at < REST_TIME:
+            return None
+        if run.e_stop:
+            return Idle('The e-stop is engaged.', 'Release the e-stop', (('e_stop', False),))
+        if run.law.law == 'free':
+            reason = 'The robot is at rest, and the law "free" gives no torque.'
+        elif run.law.set_point == 0.0:
+            reason = 'The robot is at rest, and the set-point is 0.'
+        else:
+            reason = 'The robot is at rest.'
+        if not run.robot.has_pendulum:
+            return Idle(f'{reason} This robot has no motor.', 'Reset', (('reset', True),))
+        return Idle(reason, f'Drive at {DRIVE_SPEED:g} m/s',
+                    (('law', 'speed'), ('set_point', DRIVE_SPEED)))
 
     @property
     def controls(self) -> Mapping[str, Control]:
-        """Return what can be set, and how it stands."""
+        """Return the controls."""
         run, known = self._run, dict(self._controls)
         ahead = step_ahead(run.model.terrain, run.state.x, run.robot.ball_radius)
         known['step_height'] = replace(
             known['step_height'], value=ahead.height if ahead else 0.0)
         return known
 
-    def history(self, since: float) -> Sequence[Frame]:
-        """Return the frames later than a time [s]."""
-        return self._history.since(since)
-
-    def apply(self, name: str, value: Value) -> None:
-        """
-        Use a control.
-
-        Raises
-        ------
-        ConfigurationError
-            With nothing changed.
-
-        """
-        value = checked(self._controls, name, value)
+    def _use(self, name: str, value: Value) -> None:
         if self._thread is None or self._closed:
             self._do(name, value)
             return
         done: 'Future[None]' = Future()
         self._jobs.put((lambda: self._do(name, value), done))
         try:
-            done.result(PATIENCE)
-        except TooLong:
+            done.result(CONTROL_TIMEOUT)
+        except FutureTimeout:
             raise ConfigurationError(
-                f'{name}: the simulation has not answered for {PATIENCE:g} s; it is compiling, or '
-                'the accuracy is too high for this machine') from None
+                f'{name}: the simulation has not responded for {CONTROL_TIMEOUT:g} s; it is '
+                'compiling, or the accuracy is too high for this machine', field=name) from None
 
     def start(self) -> None:
-        """Let the thread run."""
+        """Start the thread."""
         self._thread = Thread(target=self._live, name='scene', daemon=True)
         self._thread.start()
 
@@ -159,12 +151,12 @@ class SceneSource:
         self._closed = True
         if self._thread is not None:
             self._jobs.put(None)
-            self._thread.join(PATIENCE)
+            self._thread.join(CONTROL_TIMEOUT)
 
-    # What the thread does.
+    # In the thread.
 
     def _live(self) -> None:
-        """Simulate by the clock on the wall, and do what is asked for in between."""
+        """Simulate in step with the wall clock, and use controls in between."""
         origin, begin = monotonic(), self._run.state.time
         while not self._closed:
             ahead = origin + (self._run.state.time - begin) / self._speed - monotonic()
@@ -172,7 +164,12 @@ class SceneSource:
                 if self._await_job(0.1 if self._paused else ahead) or self._paused:
                     origin, begin = monotonic(), self._run.state.time
                 continue
-            if ahead < -LATE:
+            if self._repeats and self._run.state.time >= self._run.scene.run.duration:
+                if not self._await_job(LOOP_PAUSE):
+                    self._set_reset(True)
+                origin, begin = monotonic(), self._run.state.time
+                continue
+            if ahead < -LAG_MAX:
                 origin, begin = monotonic(), self._run.state.time
             if self._await_job(0.0):
                 origin, begin = monotonic(), self._run.state.time
@@ -180,10 +177,10 @@ class SceneSource:
             self._go_on(self._periods())
             self._speedometer.note(self._run.state.time, monotonic())
 
-    def _await_job(self, patience: float) -> bool:
-        """Do what is asked for within a time [s]; return whether something was."""
+    def _await_job(self, timeout: float) -> bool:
+        """Use the next control that arrives within a time [s]; return whether one did."""
         try:
-            job = self._jobs.get(timeout=patience) if patience > 0.0 else self._jobs.get_nowait()
+            job = self._jobs.get(timeout=timeout) if timeout > 0.0 else self._jobs.get_nowait()
         except Empty:
             return False
         if job is not None:
@@ -196,28 +193,34 @@ class SceneSource:
         return True
 
     def _periods(self) -> int:
-        """Return how many periods make a frame at the present speed."""
+        """Return the number of periods per frame at the present speed."""
         return max(1, round(self._speed / FRAME_RATE / self._run.period))
 
     def _go_on(self, periods: int) -> None:
-        """Simulate a frame; a run that cannot go on is paused."""
+        """Simulate a frame; a run that cannot continue is paused."""
         try:
             self._run.advance(periods)
         except SimulationError as error:
             self._failure, self._paused = f'{error}; press reset', True
             self._describe()
             return
+        state = self._run.state
+        if math.hypot(state.velocity_x, state.velocity_y) > REST_SPEED:
+            self._moved_at = state.time
         self._history.add(self._run.frame())
 
     def _do(self, name: str, value: Value) -> None:
-        """Use a control, whose value has been checked."""
-        getattr(self, f'_set_{name}')(value)
+        """Use a control with a checked value."""
+        super()._use(name, value)
+        if name in ('robot', 'law', 'set_point', 'step_height', 'friction', 'accuracy', 'e_stop'):
+            self._repeats = False
         self._describe()
 
     def _begin(self) -> None:
-        """Stand at the start, with no frame but the first."""
+        """Show the start of the scene, with no frame but the first."""
         self._history.forget()
         self._failure, self._sought = '', None
+        self._moved_at = self._run.state.time
         self._history.add(self._run.frame())
         self._describe()
 
@@ -231,7 +234,7 @@ class SceneSource:
 
     def _set_step(self, seconds: float) -> None:
         if not self._paused:
-            raise ConfigurationError('step goes on by one moment of a paused run; pause it first')
+            raise ConfigurationError('step advances a paused run; pause it first', field='step')
         self._sought = None
         for _ in range(max(1, round(seconds / self._run.period))):
             self._go_on(1)
@@ -253,6 +256,7 @@ class SceneSource:
         run = SceneRun(load_scene(name))
         run.e_stop = self._run.e_stop
         self._run, self._name, self._robot_name = run, name, run.robot.name
+        self._repeats = True
         self._begin()
 
     def _set_robot(self, name: str) -> None:
@@ -280,9 +284,63 @@ class SceneSource:
         self._run.law.begin(self._run.state)
 
     def _describe(self) -> None:
-        """Note what can be set now, and the curve that goes with it."""
+        """Update the controls and the height curve."""
         self._curve = self._run.curve()
         self._controls: Mapping[str, Control] = MappingProxyType(controls_of(
             self._run, self._paused, self._speed, self._history.span[0],
             FileChoice(self._name, self._first_name),
             FileChoice(self._robot_name, self._robot_name)))
+
+
+SLOWEST, FASTEST = 0.05, 4.0  # simulated seconds per second on the wall
+HIGHEST_STEP, HIGHEST_FRICTION, LONGEST_STRIDE = 0.15, 1.2, 5.0  # [m], [1], [s]
+NO_SET_POINT = 'a free pendulum follows no set-point; choose another law'
+
+
+class FileChoice(NamedTuple):
+    """A file that is in use, by its name, and one of one's own that may be chosen again."""
+
+    chosen: str
+    own: str
+
+
+def controls_of(run: SceneRun, paused: bool, speed: float, first: float, scene: FileChoice,
+                robot: FileChoice) -> Mapping[str, Control]:
+    """
+    Return the controls of a scene that runs.
+
+    Parameters
+    ----------
+    run : SceneRun
+    paused : bool
+    speed : float
+        Simulated seconds per second on the wall.
+    first : float
+        Earliest time that can be looked at [s].
+    scene, robot : FileChoice
+
+    """
+    law = run.law.law
+    ahead = step_ahead(run.model.terrain, run.state.x, run.robot.ball_radius)
+    return {
+        'pause': Control(paused),
+        'step': Control(lowest=run.period, highest=LONGEST_STRIDE, unit='s'),
+        'reset': Control(),
+        'speed': Control(speed, SLOWEST, FASTEST),
+        'seek': Control(lowest=first, unit='s'),
+        'scene': Control(scene.chosen, choices=_names('scenes', scene)),
+        'robot': Control(robot.chosen, choices=_names('robots', robot)),
+        'law': Control(law, choices=laws_of(run.robot)),
+        'set_point': Control(refusal=NO_SET_POINT) if law == 'free' else Control(
+            run.law.set_point, *bounds_of(run.robot, law), unit=UNITS[law]),
+        'step_height': Control(ahead.height if ahead else 0.0, -HIGHEST_STEP, HIGHEST_STEP, 'm'),
+        'friction': Control(run.robot.surface_friction, 0.0, HIGHEST_FRICTION),
+        'accuracy': Control(run.accuracy or 0.0, 0.0, LARGEST, 'm'),
+        'e_stop': Control(run.e_stop),
+    }
+
+
+def _names(kind: str, choice: FileChoice) -> Tuple[str, ...]:
+    """Return the names of the files that come with the package, after one of one's own."""
+    shipped = tuple(file.stem for file in shipped_files(kind))
+    return shipped if choice.own in shipped else (choice.own, *shipped)

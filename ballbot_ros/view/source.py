@@ -1,35 +1,37 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What the page asks of whatever it shows: a scene that runs, running nodes, or a bag.
+The source of a page: a scene that is simulated, running nodes, or a bag.
 
-The page asks at its own rate, from its own threads; a source runs at its own pace and answers at
-once, from what it has.
+The page reads a source at its own rate, from its own threads; a source runs at its own rate and
+returns its latest data without waiting.
 """
+from abc import ABC, abstractmethod
+from bisect import bisect_right
 from dataclasses import dataclass
+from threading import Lock
 from types import MappingProxyType
-from typing import Any, Mapping, Optional, Protocol, Sequence, Tuple, Union
+from typing import Any, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
 from ballbot_ros.config.fields import suggestion
 from ballbot_ros.decision.planning.curve import HeightCurve
-from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.view.frame import Frame
 
 Value = Union[bool, float, str]
 
-# Every control that a source may have: the kind of its value, and what it does.  A source has the
-# same control under the same name, or does not have it.
+# Every control that a source may have: the type of its value, and its effect.
 CONTROLS: Mapping[str, Tuple[type, str]] = MappingProxyType({
-    'pause': (bool, 'hold time; false lets it go on, from the newest moment'),
-    'step': (float, 'go on by so many seconds while paused'),
-    'reset': (bool, 'begin again'),
-    'speed': (float, 'seconds of the robot per second of the clock on the wall'),
-    'seek': (float, 'show an earlier moment [s]'),
+    'pause': (bool, 'pause; false resumes at the latest time'),
+    'step': (float, 'advance by so many seconds while paused'),
+    'reset': (bool, 'start again'),
+    'speed': (float, 'simulated seconds per second of wall time'),
+    'seek': (float, 'show an earlier time [s]'),
     'scene': (str, 'another scene'),
     'robot': (str, 'another robot'),
-    'law': (str, 'what the motor follows'),
-    'set_point': (float, 'what the law is to hold; its unit is that of the law'),
+    'law': (str, 'control law of the motor'),
+    'set_point': (float, 'set-point of the law, in its unit'),
     'step_height': (float, 'height of the next step ahead [m]'),
     'friction': (float, 'coefficient between ball and ground'),
     'accuracy': (float, 'largest error of position [m]; 0 for the solver of the scene'),
@@ -40,19 +42,19 @@ CONTROLS: Mapping[str, Tuple[type, str]] = MappingProxyType({
 @dataclass(frozen=True)
 class Control:
     """
-    What can be set, its range, and how it stands.
+    A value that can be set, with its range.
 
     Attributes
     ----------
     value : bool, float, str or None
-        In force; None where there is none, or nobody knows.
+        In force; None where there is none or it is unknown.
     lowest, highest : float or None
         Range of a number.
     unit : str
     choices : tuple of str
         Of a text.
     refusal : str
-        Why it cannot be used now; empty where it can.
+        Why it cannot be used now, and what enables it; empty where it can be used.
 
     """
 
@@ -64,23 +66,33 @@ class Control:
     refusal: str = ''
 
 
+class Idle(NamedTuple):
+    """Why nothing moves, and the controls that start a motion, with a label for them."""
+
+    reason: str
+    label: str
+    remedy: Tuple[Tuple[str, Value], ...]
+
+
 @dataclass(frozen=True)
 class Health:
     """
-    How a source is doing.
+    State of a source.
 
     Attributes
     ----------
     running : bool
-        Whether time goes on.
+        Whether time advances.
     real_time_factor : float or None
-        Seconds of the robot per second of the clock on the wall, as measured.
+        Measured simulated seconds per second of wall time.
     error_estimate : float or None
         Largest error of position so far [m].
     failure : str
-        Why it cannot go on, one sentence; empty while it can.
+        Why it cannot continue, one sentence; empty while it can.
     notes : tuple of str
-        What a person should know, a sentence each.
+        Remarks for the user, a sentence each.
+    idle : Idle or None
+        Why nothing moves, and a remedy; None while something moves, and where it is unknown.
 
     """
 
@@ -89,72 +101,180 @@ class Health:
     error_estimate: Optional[float] = None
     failure: str = ''
     notes: Tuple[str, ...] = ()
+    idle: Optional[Idle] = None
 
 
-class Source(Protocol):
+# Frames kept; at 50 a second those of ten minutes.
+MOST = 30_000
+
+
+class FrameHistory:
     """
-    A robot on a ground, moment by moment.
+    Frames in the order of time, the oldest dropped; safe for any number of threads.
 
-    All methods may be called from any thread, at any time between `start` and `close`, and none
-    waits for anything.
+    Parameters
+    ----------
+    most : int
+        Frames kept at least; up to a tenth more lie there before they are dropped.
+
+    Attributes
+    ----------
+    epoch : int
+        How often `forget` was called.
+
     """
+
+    def __init__(self, most: int = MOST):
+        """Start empty."""
+        self._most = most
+        self._lock = Lock()
+        self._times: List[float] = []
+        self._frames: List[Frame] = []
+        self.epoch = 0
+
+    def add(self, frame: Frame) -> None:
+        """Take the next frame; one that is not later than the last begins a new epoch."""
+        with self._lock:
+            if self._times and frame.time <= self._times[-1]:
+                self._forget()
+            self._times.append(frame.time)
+            self._frames.append(frame)
+            if len(self._times) > 1.1 * self._most:
+                del self._times[:-self._most], self._frames[:-self._most]
+
+    def forget(self) -> None:
+        """Begin a new epoch, without frames."""
+        with self._lock:
+            self._forget()
+
+    def _forget(self) -> None:
+        self._times, self._frames = [], []
+        self.epoch += 1
 
     @property
+    def newest(self) -> Optional[Frame]:
+        """Return the last frame, None before any."""
+        with self._lock:
+            return self._frames[-1] if self._frames else None
+
+    @property
+    def span(self) -> Tuple[float, float]:
+        """Return the times of the first and the last frame, twice 0 before any [s]."""
+        with self._lock:
+            return (self._times[0], self._times[-1]) if self._times else (0.0, 0.0)
+
+    def at(self, time: float) -> Optional[Frame]:
+        """Return the last frame not later than `time` [s], else the first; None before any."""
+        with self._lock:
+            where = max(0, bisect_right(self._times, time) - 1)
+            return self._frames[where] if self._frames else None
+
+    def since(self, time: float) -> Sequence[Frame]:
+        """Return the frames later than `time` [s], oldest first."""
+        with self._lock:
+            return self._frames[bisect_right(self._times, time):]
+
+    def __len__(self) -> int:
+        with self._lock:
+            return len(self._frames)
+
+    def thin(self) -> None:
+        """Drop every other frame."""
+        with self._lock:
+            del self._times[1::2], self._frames[1::2]
+
+
+class Source(ABC):
+    """
+    A robot on a ground, frame by frame.
+
+    All methods may be called from any thread, at any time between `start` and `close`.  A control
+    NAME is the method ``_set_NAME`` of a subclass.
+    """
+
+    def __init__(self) -> None:
+        self._history = FrameHistory()
+        self._sought: Optional[float] = None  # the time to show instead of the latest [s]
+
+    @property
+    @abstractmethod
     def title(self) -> str:
-        """Return what is shown, for instance ``scene doorstep``."""
+        """Return the name of what is shown, for instance ``Scene doorstep``."""
 
     @property
+    @abstractmethod
     def robot(self) -> Robot:
         """Return the robot; another object where it has changed."""
 
     @property
+    @abstractmethod
     def terrain(self) -> Optional[Terrain]:
-        """Return the ground, another object where it has changed; None where nobody knows."""
+        """Return the ground, another object where it has changed; None where it is unknown."""
 
     @property
+    @abstractmethod
     def curve(self) -> Optional[HeightCurve]:
-        """Return the height curve that goes with the robot; None where there is none."""
+        """Return the height curve of the robot; None where there is none."""
+
+    @property
+    @abstractmethod
+    def health(self) -> Health:
+        """Return the state of the source."""
+
+    @property
+    @abstractmethod
+    def controls(self) -> Mapping[str, Control]:
+        """Return the controls of this source, by names of `CONTROLS`."""
+
+    @abstractmethod
+    def start(self) -> None:
+        """Start."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """End; a source is not started again."""
 
     @property
     def epoch(self) -> int:
-        """Return how often all began again: frames of another epoch belong to another run."""
+        """Return the number of restarts: frames of another epoch belong to another run."""
+        return self._history.epoch
 
     @property
     def shown(self) -> Optional[Frame]:
-        """Return the frame to look at: the newest, or that which was sought; None before any."""
+        """Return the frame to show: the latest, or that of the time sought; None before any."""
+        return self._history.newest if self._sought is None else self._history.at(self._sought)
 
     @property
     def span(self) -> Tuple[float, float]:
-        """Return the first and the last time there are frames of, twice 0 before any [s]."""
-
-    @property
-    def health(self) -> Health:
-        """Return how the source is doing."""
-
-    @property
-    def controls(self) -> Mapping[str, Control]:
-        """Return what this source can do, by names of `CONTROLS`."""
+        """Return the first and the last time of the frames, twice 0 before any [s]."""
+        return self._history.span
 
     def history(self, since: float) -> Sequence[Frame]:
         """Return the frames of this epoch later than a time [s], oldest first."""
+        return self._history.since(since)
 
     def apply(self, name: str, value: Value) -> None:
         """
-        Use a control; what takes longer happens later, and shows in `controls` and `health`.
+        Use a control; a longer effect happens later and shows in `controls` and `health`.
 
         Raises
         ------
         ConfigurationError
-            For a control that this source does not have, or cannot use now, and for a value
-            that is not allowed; nothing has changed then.
+            For a control that this source does not have or that cannot be used now, and for a
+            value that is not allowed; nothing has changed then.
 
         """
+        value = checked(self.controls, name, value)
+        try:
+            self._use(name, value)
+        except ConfigurationError:
+            raise
+        except BallbotError as error:
+            raise ConfigurationError(f'{name}: {error}') from error
 
-    def start(self) -> None:
-        """Begin."""
-
-    def close(self) -> None:
-        """End, once and for all."""
+    def _use(self, name: str, value: Value) -> None:
+        """Use a control with a checked value."""
+        getattr(self, f'_set_{name}')(value)
 
 
 def checked(controls: Mapping[str, Control], name: str, value: Any) -> Value:
@@ -169,18 +289,20 @@ def checked(controls: Mapping[str, Control], name: str, value: Any) -> Value:
     """
     if name not in controls:
         raise ConfigurationError(
-            f'{name!r} cannot be set here{suggestion(name, controls)}')
+            f'{name!r} is not a control here{suggestion(name, controls)}', 'unknown_name', name)
     control, kind = controls[name], CONTROLS[name][0]
     if control.refusal:
-        raise ConfigurationError(f'{name}: {control.refusal}')
+        raise ConfigurationError(f'{name}: {control.refusal}', 'unavailable', name)
     if kind is bool:
         if not isinstance(value, bool):
-            raise ConfigurationError(f'{name} must be true or false, got {value!r}')
+            raise ConfigurationError(
+                f'{name} must be true or false, got {value!r}', 'wrong_type', name)
         return value
     if kind is str:
         if value not in control.choices:
             raise ConfigurationError(
-                f'{name} must be one of {", ".join(control.choices)}, got {value!r}')
+                f'{name} must be one of {", ".join(control.choices)}, got {value!r}',
+                'not_a_choice', name)
         return str(value)
     return _number(control, name, value)
 
@@ -198,5 +320,6 @@ def _number(control: Control, name: str, value: Any) -> float:
     slack = 1e-9 * max(1.0, abs(number))
     if not low - slack <= number <= high + slack or abs(number) == float('inf'):
         raise ConfigurationError(
-            f'{name} must be {" and ".join(parts) or "a finite number"}{unit}, got {value!r}')
+            f'{name} must be {" and ".join(parts) or "a finite number"}{unit}, got '
+            f'{value!r}', 'out_of_range', name)
     return min(max(number, low), high)

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The robot on its ground, from the side, in three dimensions."""
 import math
-from typing import Any, List, Optional, Tuple
+from typing import Any, Iterable, List, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
+from numpy.typing import NDArray
 import viser
 
 from ballbot_ros.figures.canvas import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILION
 from ballbot_ros.figures.drawing import ground_line
 from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.physics.model.terrain import Terrain
+from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.results.faces import LEAST_HEIGHT, LEAST_SLOPE, SHORT
 from ballbot_ros.view.frame import Frame
-from ballbot_ros.view.shapes import bob, ground_front, ground_top, joined, Mesh, rod, tube, turned
 from ballbot_ros.view.source import Source
 
 # The ground is drawn so far beyond its ends, and beyond the ball where that goes farther [m].
@@ -21,8 +21,15 @@ BEYOND, DEPTH = 12.0, 1.5  # DEPTH below the lowest point
 WEIGHT, LONGEST = 0.8, 3.0
 # Points of the path that are drawn, and how far apart they are at least [ball radii].
 PATH, APART = 1500, 0.05
-# The ground from above and where it is cut; light falls on them differently.
-TOP, CUT = '#EAE6DF', '#F1E9DC'
+# The ground from above, its squares, and the section in front.
+TOP, SQUARE, CUT = '#EAE6DF', '#D9D3C8', '#F1E9DC'
+SQUARE_SIZE = 0.25  # [m]
+SHADOW = 0.7  # [ball radii]
+# Camera position and the point that it looks at, relative to the ball on the floor [m].
+CAMERAS: Mapping[str, Tuple[Tuple[float, float, float], Tuple[float, float, float]]] = {
+    'side': ((0.35, -3.1, 0.62), (0.35, 0.0, 0.14)),
+    'behind': ((-1.6, -1.7, 1.0), (0.5, 0.0, 0.1)),
+    'close': ((0.1, -1.35, 0.4), (0.1, 0.0, 0.16))}
 Colour = Tuple[int, int, int]
 
 
@@ -31,12 +38,144 @@ def rgb(colour: str) -> Colour:
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
 
 
+Triangles = NDArray[np.int64]
+
+
+class Mesh(NamedTuple):
+    """Triangles over points."""
+
+    points: Array  # (n, 3) [m]
+    triangles: Triangles  # (m, 3)
+
+
+def turned(angle: float) -> Tuple[float, float, float, float]:
+    """Return the quaternion (w, x, y, z) of an angle of the model, counter-clockwise [rad]."""
+    return math.cos(0.5 * angle), 0.0, -math.sin(0.5 * angle), 0.0
+
+
+def joined(parts: Iterable[Mesh]) -> Mesh:
+    """Return several meshes as one."""
+    points: List[Array] = []
+    triangles: List[Triangles] = []
+    count = 0
+    for part in parts:
+        points.append(part.points)
+        triangles.append(part.triangles + count)
+        count += len(part.points)
+    return Mesh(np.vstack(points), np.vstack(triangles))
+
+
+def tube(radius: float, thickness: float, begin: float = 0.0, end: float = 2.0 * math.pi,
+         depth: float = 0.0) -> Mesh:
+    """
+    Return a part of a ring about the axis of the ball.
+
+    Parameters
+    ----------
+    radius, thickness : float
+        Of the ring, and of its tube [m].
+    begin, end : float
+        Counter-clockwise from straight down, as the angles of the model [rad].
+    depth : float
+        Along the axis [m].
+
+    """
+    along, around = max(2, math.ceil(32 * (end - begin) / math.pi)), 10
+    turn = np.linspace(begin, end, along + 1)[:, None]
+    roll = np.linspace(0.0, 2.0 * math.pi, around, endpoint=False)[None, :]
+    reach = radius + thickness * np.cos(roll)
+    points = np.stack([
+        reach * np.sin(turn), depth + thickness * np.sin(roll) + 0.0 * turn,
+        -reach * np.cos(turn)], axis=-1).reshape(-1, 3)
+    return Mesh(points, _grid(along + 1, around))
+
+
+def rod(length: float, thickness: float) -> Mesh:
+    """Return a rod that hangs down from the origin [m]."""
+    around = 14
+    roll = np.linspace(0.0, 2.0 * math.pi, around, endpoint=False)
+    ring = np.column_stack([thickness * np.cos(roll), thickness * np.sin(roll),
+                            np.zeros(around)])
+    return Mesh(np.vstack([ring, ring - [0.0, 0.0, length]]), _grid(2, around))
+
+
+def bob(radius: float, width: float, length: float) -> Mesh:
+    """Return a disk about the axis of the ball, `length` below the origin [m]."""
+    around = 36
+    roll = np.linspace(0.0, 2.0 * math.pi, around, endpoint=False)
+    rim = np.column_stack([radius * np.cos(roll), np.zeros(around),
+                           radius * np.sin(roll) - length])
+    front, back = rim - [0.0, 0.5 * width, 0.0], rim + [0.0, 0.5 * width, 0.0]
+    middles = np.array([[0.0, -0.5 * width, -length], [0.0, 0.5 * width, -length]])
+    fans = []
+    for index in range(around):
+        other = (index + 1) % around
+        fans += [[2 * around, index, other], [2 * around + 1, around + other, around + index]]
+    return Mesh(np.vstack([front, back, middles]),
+                np.vstack([_grid(2, around), np.array(fans)]))
+
+
+def _grid(rows: int, columns: int) -> Triangles:
+    """Return triangles between rings of points."""
+    found = []
+    for row in range(rows - 1):
+        for column in range(columns):
+            here, there = row * columns + column, row * columns + (column + 1) % columns
+            found += [[here, there, here + columns], [there, there + columns, here + columns]]
+    return np.array(found)
+
+
+def tiles(line: Array, half_width: float, size: float) -> Mesh:
+    """Return every other square of a floor along a line of (x, y), slightly above it [m]."""
+    parts = []
+    for number in range(math.floor(line[0, 0] / size), math.ceil(line[-1, 0] / size)):
+        begin, end = (max(line[0, 0], number * size), min(line[-1, 0], (number + 1) * size))
+        inside = line[(line[:, 0] > begin) & (line[:, 0] < end)]
+        ends = [[x, np.interp(x, line[:, 0], line[:, 1])] for x in (begin, end)]
+        part = np.vstack([ends[:1], inside, ends[1:]]) + [0.0, 5e-4]
+        low, high = (-half_width, 0.0) if number % 2 else (0.0, half_width)
+        rows = [np.column_stack([part[:, 0], np.full(len(part), side), part[:, 1]])
+                for side in (low, high)]
+        parts.append(Mesh(np.vstack(rows), _strip(len(part))))
+    return joined(parts)
+
+
+def disk(radius: float) -> Mesh:
+    """Return a level disk about the origin [m]."""
+    roll = np.linspace(0.0, 2.0 * math.pi, 40, endpoint=False)
+    rim = np.column_stack([radius * np.cos(roll), radius * np.sin(roll), np.zeros(40)])
+    return Mesh(np.vstack([rim, np.zeros((1, 3))]),
+                np.array([[40, index, (index + 1) % 40] for index in range(40)]))
+
+
+def ground_top(line: Array, half_width: float) -> Mesh:
+    """Return the surface of the ground along a line of (x, y), to both sides of the plane [m]."""
+    near = np.column_stack([line[:, 0], np.full(len(line), -half_width), line[:, 1]])
+    far = near * [1.0, -1.0, 1.0]
+    return Mesh(np.vstack([near, far]), _strip(len(line)))
+
+
+def ground_front(line: Array, half_width: float, bottom: float) -> Mesh:
+    """Return the cut through the ground that faces whoever looks, down to `bottom` [m]."""
+    above = np.column_stack([line[:, 0], np.full(len(line), -half_width), line[:, 1]])
+    below = above.copy()
+    below[:, 2] = bottom
+    return Mesh(np.vstack([below, above]), _strip(len(line)))
+
+
+def _strip(count: int) -> Triangles:
+    """Return triangles between two lines of as many points."""
+    index = np.arange(count - 1)
+    return np.vstack([
+        np.column_stack([index, index + 1, index + count]),
+        np.column_stack([index + 1, index + count + 1, index + count])])
+
+
 class Stage:
     """
     Draws frames of a source.
 
-    All that stands on the ground lies under one node, which moves below the camera: so the ball
-    stays in sight, however the camera was turned by hand.
+    The world is one node that moves below the camera: the ball stays in sight from every side.
 
     Parameters
     ----------
@@ -45,14 +184,13 @@ class Stage:
     """
 
     def __init__(self, server: viser.ViserServer):
-        """Set light and camera up."""
         self._scene = server.scene
         self._scene.set_up_direction('+z')
         self._scene.world_axes.visible = False
         # Shadows cost more than all the rest where there is no graphics card.
         self._scene.configure_default_lights(cast_shadow=False)
         camera = server.initial_camera
-        camera.position, camera.look_at = (0.35, -3.1, 0.62), (0.35, 0.0, 0.14)
+        camera.position, camera.look_at = CAMERAS['side']
         camera.fov = math.radians(36.0)
         self._world = self._scene.add_frame('/world', show_axes=False)
         self._robot: Optional[Robot] = None
@@ -62,10 +200,9 @@ class Stage:
         self._path: List[Tuple[float, float, float]] = []
         self._path_since = -math.inf
         self._nodes: dict[str, Any] = {}
-        self.follow = True
 
     def draw(self, source: Source, frame: Frame) -> None:
-        """Draw a moment."""
+        """Draw a frame."""
         if source.robot is not self._robot:
             self._build_robot(source.robot)
         x = frame.x if frame.x is not None else 0.0
@@ -75,7 +212,7 @@ class Stage:
         self._draw_forces(frame, source.robot)
 
     def draw_path(self, source: Source, frame: Frame) -> None:
-        """Draw the way of the centre up to a moment; less often, because it takes longer."""
+        """Draw the path of the centre up to a frame; less often, because it takes longer."""
         if source.epoch != self._epoch:
             self._epoch, self._path, self._path_since = source.epoch, [], -math.inf
         apart = APART * source.robot.ball_radius
@@ -113,11 +250,15 @@ class Stage:
             self._nodes['ball'].wxyz = turned(frame.ball_angle)
         if 'pendulum' in self._nodes and frame.pendulum_angle is not None:
             self._nodes['pendulum'].wxyz = turned(frame.pendulum_angle)
-        if self.follow:
-            self._world.position = (-frame.x, 0.0, robot.ball_radius - frame.y)
+        self._world.position = (-frame.x, 0.0, robot.ball_radius - frame.y)
+        shadow = self._nodes['shadow']
+        if shadow.visible is not (self._terrain is not None):
+            shadow.visible = self._terrain is not None
+        if self._terrain is not None:
+            shadow.position = (frame.x, 0.0, float(self._terrain.height(frame.x)) + 1.5e-3)
 
     def _draw_forces(self, frame: Frame, robot: Robot) -> None:
-        """Draw the forces of the ground, from below into the point of contact."""
+        """Draw the ground contact forces, each at its point of contact."""
         arrows = []
         scale = WEIGHT * robot.ball_radius / robot.weight if robot.weight else 0.0
         for contact in frame.contacts or ():
@@ -143,7 +284,8 @@ class Stage:
         """Make ball, mark and pendulum."""
         if 'place' in self._nodes:
             self._nodes['place'].remove()
-        for name in ('place', 'ball', 'pendulum', 'forces'):
+            self._nodes['shadow'].remove()
+        for name in ('place', 'ball', 'pendulum', 'forces', 'shadow'):
             self._nodes.pop(name, None)
         self._robot, radius = robot, robot.ball_radius
         self._nodes['place'] = self._scene.add_frame('/world/place', show_axes=False)
@@ -165,13 +307,15 @@ class Stage:
                 rod(robot.pendulum_length, 0.04 * radius),
                 bob(0.16 * radius, 0.3 * radius, robot.pendulum_length),
                 bob(0.06 * radius, 0.3 * radius, 0.0)]), VERMILION)
+        self._nodes['shadow'] = self._mesh(
+            '/world/shadow', disk(SHADOW * radius), INK, opacity=0.25, flat=True)
         self._nodes['forces'] = self._scene.add_arrows(
             '/world/place/forces', np.zeros((1, 2, 3), np.float32), rgb(ORANGE),
             shaft_radius=0.035 * radius, head_radius=0.09 * radius, head_length=0.2 * radius,
             visible=False)
 
     def _build_ground(self, terrain: Optional[Terrain], x: float, radius: float) -> None:
-        """Make the ground about a place, with a scale along it."""
+        """Make the ground around a position, with a scale along it."""
         self._terrain = terrain
         if 'ground' in self._nodes:
             self._nodes.pop('ground').remove()
@@ -185,6 +329,7 @@ class Stage:
         line, width = ground_line(terrain, left, right), 2.6 * radius
         near = ground_line(terrain, min(ends[0], x) - 1.0, max(ends[1], x) + 1.0)
         self._mesh('/world/ground/top', ground_top(line, width), TOP, flat=True)
+        self._mesh('/world/ground/squares', tiles(near, width, SQUARE_SIZE), SQUARE, flat=True)
         self._mesh('/world/ground/front', ground_front(
             line, width, float(min(line[:, 1].min(), near[:, 1].min() - DEPTH))), CUT, flat=True)
         self._draw_scale(terrain, left, right, width)
@@ -197,11 +342,11 @@ class Stage:
                 anchor='bottom-center', font_size_mode='screen', font_screen_scale=0.8)
 
     def _draw_scale(self, terrain: Terrain, left: float, right: float, width: float) -> None:
-        """Draw a line across the ground every tenth of a metre, and x every metre."""
+        """Draw a tick every tenth of a metre, and a line and x every metre."""
         places = np.arange(math.ceil(10.0 * left), math.floor(10.0 * right) + 1) / 10.0
         heights = terrain.height(places) + 1e-3
         whole = np.isclose(places, np.round(places))
-        ends = [[(x, -width, y), (x, width if metre else -0.8 * width, y)]
+        ends = [[(x, -width, y), (x, width if metre else -0.85 * width, y)]
                 for x, y, metre in zip(places, heights, whole)]
         self._scene.add_line_segments('/world/ground/scale', np.array(ends, dtype=np.float32),
                                       np.array(rgb(GREY)), thickness=0.003)

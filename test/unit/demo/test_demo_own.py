@@ -7,11 +7,10 @@ from refusals import refused
 
 from ballbot_ros.config.files import config_folder
 from ballbot_ros.demo import demo, hardware, own_act
-from ballbot_ros.demo.account import account
 from ballbot_ros.demo.demo import ACTS, passages_of
 from ballbot_ros.demo.hardware import GetGoing
 from ballbot_ros.demo.own_act import own_acts
-from ballbot_ros.demo.timeline import Passage, Timeline
+from ballbot_ros.demo.timeline import account, Passage, Timeline
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.msg import BallState, Contact, MotorStatus
 from ballbot_ros.physics import load_scene

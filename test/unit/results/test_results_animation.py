@@ -11,7 +11,7 @@ import pytest
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.figures import animation
 from ballbot_ros.figures.animation import animate, check_animation, ffmpeg, frame_samples
-from ballbot_ros.figures.contact_forces import mean_forces
+from ballbot_ros.figures.animation import mean_forces
 from ballbot_ros.physics import load_scene
 
 BALL = (0, 114, 178)  # its outline

@@ -111,7 +111,7 @@ def test_a_bridge_is_not_paused_but_looked_at_standing_still():
     source.receive('ball_state', state(1.1, 1.1))
     assert source.shown.x == 1.0 and not link.told
     for name, value in (('step', 0.1), ('reset', True)):
-        with pytest.raises(ConfigurationError, match='there is no simulator here'):
+        with pytest.raises(ConfigurationError, match='no node simulator is running'):
             source.apply(name, value)
 
 
@@ -134,7 +134,7 @@ def test_the_e_stop_of_a_bridge_is_shown():
 
 
 def test_a_law_is_held_and_let_go(source, link):
-    with pytest.raises(ConfigurationError, match='choose a law first'):
+    with pytest.raises(ConfigurationError, match='choose a law other than free'):
         source.apply('set_point', 0.3)
     source.apply('law', 'speed')
     source.apply('set_point', 0.3)
@@ -151,8 +151,8 @@ def test_a_law_is_held_and_let_go(source, link):
 
 
 @pytest.mark.parametrize('link, says', [
-    (Link(drivers=('obstacle_decision',)), 'obstacle_decision drives'),
-    (Link(followers=0), 'nobody follows set-points')])
+    (Link(drivers=('obstacle_decision',)), 'obstacle_decision publishes set-points'),
+    (Link(followers=0), 'no node subscribes to set-points')])
 def test_nobody_drives_against_another_or_for_nobody(link, says):
     with pytest.raises(ConfigurationError, match=says):
         LiveSource(link=link).apply('law', 'speed')
@@ -160,7 +160,7 @@ def test_nobody_drives_against_another_or_for_nobody(link, says):
 
 @pytest.mark.parametrize('nodes, says', [
     ((), 'Waiting for a simulator or a bridge'), (('bridge',), 'waits for its drive'),
-    (('simulator',), 'is paused')])
+    (('simulator',), 'paused, or waits')])
 def test_it_says_what_it_waits_for(nodes, says):
     source = LiveSource('left', link=Link(nodes=nodes))
     assert says in source.health.notes[-1] and not source.health.running
@@ -283,7 +283,7 @@ def test_a_namespace_that_is_none_is_refused(domain):
 
 
 def test_live_frames_are_kept_while_nobody_looks(link, monkeypatch):
-    monkeypatch.setattr(live, 'SILENT', 1e9)
+    monkeypatch.setattr(live, 'FRAME_TIMEOUT', 1e9)
     source = LiveSource(link=link)
     for number in range(300):
         source.receive('ball_state', state(0.01 * number))

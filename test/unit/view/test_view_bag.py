@@ -13,8 +13,7 @@ from ballbot_ros.decision import Kind, Reason
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import load_robot, load_scene
 from ballbot_ros.view.assembly import FrameAssembly, KINDS, REASONS
-from ballbot_ros.view.bag_source import BagSource
-from ballbot_ros.view.playback import Playback
+from ballbot_ros.view.bag_source import BagSource, Playback
 
 MESSAGES = Path(__file__).resolve().parents[3] / 'msg'
 GIMBALL = load_robot('gimball')
@@ -139,7 +138,7 @@ def test_of_a_bag_in_which_time_begins_again_the_last_run_is_shown_and_that_is_s
         tmp_path, played):
     again = [(topic, message, time + 5.0) for topic, message, time in rolling()]
     source = played(write_bag(tmp_path / 'bag', [*rolling(), *again]))
-    assert any('Time begins 2 times in this bag' in note for note in source.health.notes)
+    assert any('Time restarts 1 times in this bag' in note for note in source.health.notes)
     assert source.span == (0.0, pytest.approx(2.0, abs=0.01))
 
 

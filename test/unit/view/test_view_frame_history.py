@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frames are found again by their time, and an earlier one begins a new epoch."""
 from ballbot_ros.view.frame import Frame
-from ballbot_ros.view.frame_history import FrameHistory
+from ballbot_ros.view.source import FrameHistory
 
 
 def filled(*times, most=100):
@@ -30,7 +30,6 @@ def test_the_frame_at_a_time_is_the_last_one_before_it():
 def test_history_begins_behind_the_time_asked_for():
     history = filled(1.0, 2.0, 3.0)
     assert times(history.since(1.0)) == [2.0, 3.0]
-    assert times(history.between(1.0, 2.0)) == [1.0, 2.0]
 
 
 def test_time_that_goes_back_begins_a_new_epoch():
@@ -38,6 +37,12 @@ def test_time_that_goes_back_begins_a_new_epoch():
     assert history.epoch == 1 and history.span == (0.5, 0.5)
     history.forget()
     assert history.epoch == 2 and history.newest is None
+
+
+def test_a_thinned_history_keeps_the_first_and_every_second_frame():
+    history = filled(1.0, 2.0, 3.0, 4.0, 5.0)
+    history.thin()
+    assert times(history.since(0.0)) == [1.0, 3.0, 5.0] and len(history) == 3
 
 
 def test_no_more_frames_are_kept_than_there_is_room_for():

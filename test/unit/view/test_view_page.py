@@ -59,7 +59,7 @@ def test_a_slow_browser_never_slows_a_simulation(page):
     # It takes the first bytes and then never reads again: its buffers are full soon.
     with looker.look(page.url, max_queue=1):
         source.apply('speed', 4.0)
-        until(lambda: source.shown.time > 6.0)
+        until(lambda: source.shown.time > 3.0)
         drawn = page.frames
         until(lambda: page.frames > drawn + 30)
         assert source.health.running

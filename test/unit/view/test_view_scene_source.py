@@ -124,3 +124,38 @@ def test_closing_ends_the_thread_also_while_it_runs(source):
     source.apply('pause', False)
     source.close()
     assert not source._thread.is_alive()
+
+
+def test_a_scene_repeats_after_its_duration_until_a_control_changes_it(source):
+    source.start()
+    source.apply('speed', 4.0)
+    source.apply('pause', False)
+    epoch = source.epoch
+    until(lambda: source.epoch > epoch)
+    assert source.shown.time < 5.0
+    source.apply('set_point', 6.0)
+    until(lambda: source.shown.time > 5.5)
+
+
+def test_a_robot_at_rest_offers_controls_that_move_it():
+    source = SceneSource('doorstep', paused=True)
+    assert source.health.idle is None  # paused, which the state shows already
+    source.start()
+    source.apply('pause', False)
+    until(lambda: source.health.idle is not None)
+    assert 'free' in source.health.idle.reason
+    for name, value in source.health.idle.remedy:
+        source.apply(name, value)
+    until(lambda: source.shown.velocity_x > 0.1)
+    assert source.health.idle is None
+    source.close()
+
+
+def test_at_the_e_stop_a_robot_at_rest_offers_its_release():
+    source = SceneSource('doorstep', paused=True)
+    source.apply('e_stop', True)
+    source.start()
+    source.apply('pause', False)
+    until(lambda: source.health.idle is not None)
+    assert source.health.idle.remedy == (('e_stop', False),)
+    source.close()

@@ -23,7 +23,7 @@ def test_an_allowed_value_is_passed_on(name, value):
     ('speed', float('inf'), 'at least'), ('speed', 'fast', "'fast'"), ('speed', True, 'True'),
     ('pause', 1.0, 'true or false'), ('law', 'swim', 'free, hold'),
     ('step_height', 0.5, 'at most 0.2 m'), ('reset', True, 'cannot begin anew'),
-    ('seek', 1.0, "'seek' cannot be set here")])
+    ('seek', 1.0, "'seek' is not a control here")])
 def test_anything_else_is_refused_with_what_is_allowed(name, value, words):
     with pytest.raises(ConfigurationError, match=words):
         checked(CONTROLS, name, value)
