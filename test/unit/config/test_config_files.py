@@ -2,6 +2,7 @@
 """One helper reads a checked dataclass from a file, and names the file in every refusal."""
 import ast
 from dataclasses import dataclass
+import math
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from refusals import refused
 
 import ballbot_ros
 from ballbot_ros.config.fields import Checked, quantity
-from ballbot_ros.config.files import load_config
+from ballbot_ros.config.files import load_config, read_yaml
 from ballbot_ros.config.provenance import Provenance, read_values
 from ballbot_ros.errors import ConfigurationError
 
@@ -65,3 +66,21 @@ def test_a_value_carries_where_it_comes_from():
         Range, {'low': {'value': 0.2, 'source': 'measured', 'range': [0.1, 0.3]}, 'high': 2}, 'x')
     assert values == {'low': 0.2, 'high': 2.0}
     assert provenance == {'low': Provenance('measured', 0.1, 0.3)}
+
+
+@pytest.mark.parametrize('text, value', [
+    ('010', 10), ('-5', -5), ('0o17', 15), ('0x1F', 31), ('1e-4', 1e-4), ('+.5', 0.5), ('2.', 2.0),
+    ('-1.5E3', -1500.0), ('0.0', 0.0), ('.inf', math.inf), ('1:30', '1:30'), ('1_000', '1_000'),
+    ('true', True), ('1.7.2', '1.7.2')])
+def test_numbers_are_those_of_yaml_1_2(text, value, tmp_path):
+    (tmp_path / 'file.yaml').write_text(f'key: {text}\n')
+    found = read_yaml(tmp_path / 'file.yaml')['key']
+    assert found == value and type(found) is type(value)
+
+
+@pytest.mark.parametrize('text', [
+    '1' + 400 * '0', '9' * 5000, '5e-324', '1e400', '-1e999', '[' * 30000, '- ' * 30000 + 'a'])
+def test_what_no_reader_can_hold_is_refused(text, tmp_path):
+    (tmp_path / 'file.yaml').write_text(f'key:\n  {text}\n')
+    with refused('invalid'):
+        read_yaml(tmp_path / 'file.yaml')
