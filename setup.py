@@ -18,12 +18,12 @@ VERSION = ElementTree.parse(ROOT / 'package.xml').findtext('version')
 # node may lack rclpy there, and has too common a name; `ballbot run bridge` starts it.
 EXECUTABLES = {
     'ballbot': 'ballbot_ros.cli:main',
-    'bridge': 'ballbot_ros.nodes.bridge.node:main',
-    'controller': 'ballbot_ros.nodes.controller.node:main',
-    'emulated_robot': 'ballbot_ros.nodes.emulated_robot.node:main',
-    'imu': 'ballbot_ros.nodes.imu.node:main',
-    'obstacle_decision': 'ballbot_ros.nodes.obstacle_decision.node:main',
-    'simulator': 'ballbot_ros.nodes.simulator.node:main',
+    'bridge': 'ballbot_ros.nodes.start:bridge',
+    'controller': 'ballbot_ros.nodes.start:controller',
+    'emulated_robot': 'ballbot_ros.nodes.start:emulated_robot',
+    'imu': 'ballbot_ros.nodes.start:imu',
+    'obstacle_decision': 'ballbot_ros.nodes.start:obstacle_decision',
+    'simulator': 'ballbot_ros.nodes.start:simulator',
 }
 ON_PATH = ('ballbot',)
 BY_PIP = bool({'bdist_wheel', 'dist_info', 'editable_wheel'} & set(sys.argv))

@@ -2,6 +2,6 @@
 """Run the node: ``python -m ballbot_ros.nodes.emulated_robot``."""
 import sys
 
-from ballbot_ros.nodes.emulated_robot.node import main
+from ballbot_ros.nodes.start import start
 
-sys.exit(main())
+sys.exit(start('emulated_robot'))

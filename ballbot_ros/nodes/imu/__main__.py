@@ -2,6 +2,6 @@
 """Run the node: ``python -m ballbot_ros.nodes.imu``."""
 import sys
 
-from ballbot_ros.nodes.imu.node import main
+from ballbot_ros.nodes.start import start
 
-sys.exit(main())
+sys.exit(start('imu'))

@@ -248,3 +248,16 @@ def test_a_node_with_use_sim_time_and_no_clock_warns(simulated, monkeypatch):
                           text=True, timeout=60)
     assert done.returncode == 0
     assert ('no /clock has arrived' in done.stderr) is (simulated == 'true')
+
+
+@pytest.mark.parametrize('name', ['bridge', 'simulator'])
+def test_ctrl_c_while_a_node_is_imported_leaves_no_traceback(name):
+    program = ('import signal, sys\n'
+               'import ballbot_ros.nodes.start as nodes\n'
+               'class Interrupt:\n'
+               '    def find_spec(self, name, *_):\n'
+               '        if name == "rclpy.node": signal.raise_signal(signal.SIGINT)\n'
+               'sys.meta_path.insert(0, Interrupt())\n'
+               f'sys.exit(nodes.start({name!r}))\n')
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, '')

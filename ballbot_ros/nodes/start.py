@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Entry points of the nodes: their imports take a second, in which Ctrl-C ends them quietly."""
+from importlib import import_module
+
+INTERRUPTED = 130  # exit code of a shell for SIGINT
+
+
+def start(name: str) -> int:
+    """Run a node, by the name of its package, and return the exit code."""
+    try:
+        module = import_module(f'ballbot_ros.nodes.{name}.node')
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    code: int = module.main()
+    return code
+
+
+def bridge() -> int:
+    return start('bridge')
+
+
+def controller() -> int:
+    return start('controller')
+
+
+def emulated_robot() -> int:
+    return start('emulated_robot')
+
+
+def imu() -> int:
+    return start('imu')
+
+
+def obstacle_decision() -> int:
+    return start('obstacle_decision')
+
+
+def simulator() -> int:
+    return start('simulator')
