@@ -29,6 +29,17 @@ hypothesis.settings.register_profile('ci', deadline=None, derandomize=True)
 hypothesis.settings.load_profile('ci' if os.environ.get('CI') else 'local')
 
 
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def pytest_configure(config):
+    """Run the quick tier by default where colcon runs the tests; see docs/packaging.md."""
+    default = config.args_source is not pytest.Config.ArgsSource.ARGS
+    if os.environ.get('COLCON') and default and not config.option.markexpr:
+        config.args = [str(ROOT / 'test' / 'unit'), str(ROOT / 'test' / 'test_layers.py')]
+        config.option.markexpr = 'not slow'
+
+
 # What needs no kernel, and takes as long as one worker needs to compile those of the nodes: the
 # other one would compile the same ones at the same time.
 WITHOUT_KERNELS = ('test_lint.py', 'test_packaging.py')

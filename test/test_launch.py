@@ -5,10 +5,12 @@ What the launch files start; where launch_ros is not installed, only what can be
 No wheel of launch_ros exists: the second half runs where ROS 2 is installed.
 """
 import ast
+from importlib import import_module
 from pathlib import Path
 import runpy
 
 import pytest
+from refusals import refused
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
@@ -60,9 +62,25 @@ def opened(path, **arguments):
     return found
 
 
-@pytest.mark.parametrize('path', [path for path in LAUNCH_FILES if 'record' not in path.name],
-                         ids=lambda p: p.stem)
-def test_launch_files_start_robot_state_publisher_and_end_with_their_nodes(path):
+@pytest.fixture
+def installed(monkeypatch):
+    """Return a set of the ROS packages that are installed, for the launch files."""
+    launching = pytest.importorskip('launch_ros') and import_module('ballbot_ros.ros.launching')
+    packages = {'robot_state_publisher'}
+
+    def prefix(name):
+        if name not in packages:
+            raise launching.PackageNotFoundError(name)
+        return '/opt'
+    monkeypatch.setattr(launching, 'get_package_prefix', prefix)
+    return packages
+
+
+ROBOT_FILES = [path for path in LAUNCH_FILES if 'record' not in path.name]
+
+
+@pytest.mark.parametrize('path', ROBOT_FILES, ids=lambda p: p.stem)
+def test_launch_files_start_robot_state_publisher_and_end_with_their_nodes(path, installed):
     nodes = opened(path)
     assert 'robot_state_publisher' in [node.node_executable for node in nodes]
     for node in nodes:
@@ -70,7 +88,28 @@ def test_launch_files_start_robot_state_publisher_and_end_with_their_nodes(path)
         assert ends is (node.node_package == 'ballbot_ros')
 
 
-def test_two_robots_are_apart_and_one_of_them_makes_the_time():
+@pytest.mark.parametrize('path', ROBOT_FILES, ids=lambda p: p.stem)
+def test_without_robot_state_publisher_it_is_named_with_the_argument_that_helps(path, installed):
+    installed.clear()
+    with refused('not_installed', 'robot_state_publisher'):
+        opened(path)
+    nodes = opened(path, robot_state_publisher='false')
+    assert nodes and all(node.node_package == 'ballbot_ros' for node in nodes)
+    described = [parameters['publish_description'] for node in nodes
+                 for parameters in [parameters_of(node)] if 'publish_description' in parameters]
+    assert described and all(described)
+
+
+def parameters_of(node):
+    """Return the parameters of a node that are no files."""
+    found = {}
+    for mapping in node._Node__parameters:
+        if isinstance(mapping, dict):
+            found.update({key[0].text: value for key, value in mapping.items()})
+    return found
+
+
+def test_two_robots_are_apart_and_one_of_them_makes_the_time(installed):
     nodes = opened(ROOT / 'launch' / 'two_robots.launch.py')
     simulators = [node for node in nodes if node.node_executable == 'simulator']
     assert len(simulators) == 2 and len(nodes) == 6
@@ -98,7 +137,7 @@ def test_everything_that_there_is_can_be_recorded():
 @pytest.mark.parametrize('arguments', [
     {'rviz': 'perhaps'}, {'terrain_rate': 'often'}, {'params_file': '/nowhere.yaml'}],
     ids=lambda arguments: next(iter(arguments)))
-def test_a_launch_argument_that_makes_no_sense_is_named(arguments):
+def test_a_launch_argument_that_makes_no_sense_is_named(arguments, installed):
     name, = arguments
     with pytest.raises(ConfigurationError, match=f'launch argument {name}'):
         opened(ROOT / 'launch' / 'sim.launch.py', **arguments)

@@ -3,10 +3,7 @@
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Tuple
 
-from launch import LaunchContext, LaunchDescription
-from launch.actions import (
-    DeclareLaunchArgument, ExecuteProcess, GroupAction, LogInfo, OpaqueFunction, Shutdown)
-from launch.substitutions import LaunchConfiguration
+from ament_index_python.packages import get_package_prefix, PackageNotFoundError
 from launch_ros.actions import Node, PushRosNamespace, SetParameter
 from launch_ros.parameter_descriptions import ParameterValue
 
@@ -15,6 +12,10 @@ from ballbot_ros.config.files import find_config, read_yaml, shipped_folder
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros.urdf import robot_description
+from launch import LaunchContext, LaunchDescription
+from launch.actions import (
+    DeclareLaunchArgument, ExecuteProcess, GroupAction, LogInfo, OpaqueFunction, Shutdown)
+from launch.substitutions import LaunchConfiguration
 
 # Name, default, description and, where there are only some, the choices.
 Argument = Tuple[Any, ...]
@@ -25,6 +26,8 @@ SHARED: Tuple[Argument, ...] = (
     ('frame_prefix', '', 'Before the name of each frame, such as left/, for more robots'),
     ('params_file', '', 'YAML file with parameters of the nodes; goes before the arguments here'),
     ('log_level', 'info', 'What is logged at least', ('debug', 'info', 'warn', 'error', 'fatal')),
+    ('robot_state_publisher', 'true',
+     'false: the nodes publish robot_description and all frames themselves'),
     ('rviz', 'false', 'true: start RViz with the view of this package'),
     ('view', 'false', 'true: open a page that shows the robot, by ballbot view --live'))
 
@@ -47,7 +50,7 @@ IMU: Tuple[Argument, ...] = (
 SHOWN = ('odom', 'robot_description', 'markers')
 
 TRUTH = {'true': True, 'false': False}
-# How often robot_state_publisher tells where the links are, at most [Hz].
+# Largest rate at which robot_state_publisher publishes the links [Hz].
 LINK_RATE = 100.0
 
 
@@ -112,16 +115,28 @@ class Given:
         return [given] if given else []
 
     def frames(self) -> Dict[str, Any]:
-        """Return the parameters of a node beside whom robot_state_publisher tells the links."""
-        return {'publish_description': False, 'frame_prefix': self['frame_prefix']}
+        """Return the parameters of a node that publishes frames, see `viewers`."""
+        return {'publish_description': not self.flag('robot_state_publisher'),
+                'frame_prefix': self['frame_prefix']}
 
     def viewers(self, robot: str, simulated: bool) -> List[Any]:
-        """Return robot_state_publisher, and what else was asked for to look at the robot."""
-        found: List[Any] = [Node(
-            package='robot_state_publisher', executable='robot_state_publisher',
-            parameters=[typed({
-                'robot_description': robot_description(load_robot(robot)),
-                'frame_prefix': self['frame_prefix'], 'publish_frequency': LINK_RATE})])]
+        """
+        Return robot_state_publisher, and the programs that show the robot, as far as wanted.
+
+        Raises
+        ------
+        ConfigurationError
+            With reason ``not_installed`` if robot_state_publisher is wanted and missing.
+
+        """
+        found: List[Any] = []
+        if self.flag('robot_state_publisher'):
+            require_package('robot_state_publisher')
+            found.append(Node(
+                package='robot_state_publisher', executable='robot_state_publisher',
+                parameters=[typed({
+                    'robot_description': robot_description(load_robot(robot)),
+                    'frame_prefix': self['frame_prefix'], 'publish_frequency': LINK_RATE})]))
         if self.flag('rviz'):
             view = shipped_folder('rviz') / 'ballbot.rviz'
             found.append(Node(
@@ -134,6 +149,17 @@ class Given:
                 words += ['--namespace', self['namespace']]
             found.append(ExecuteProcess(cmd=words, output='screen'))
         return [SetParameter(name='use_sim_time', value=simulated), *found]
+
+
+def require_package(name: str) -> None:
+    """Raise `ConfigurationError` where a ROS package that a launch argument needs is missing."""
+    try:
+        get_package_prefix(name)
+    except (PackageNotFoundError, OSError):  # OSError: no installation is sourced
+        raise ConfigurationError(
+            f'launch argument {name}: the ROS package {name} is not installed; install it '
+            f'(ros-$ROS_DISTRO-{name.replace("_", "-")}), or launch with {name}:=false',
+            'not_installed', name) from None
 
 
 def typed(parameters: Mapping[str, Any]) -> Dict[str, Any]:
