@@ -117,8 +117,6 @@ def test_each_ros_package_that_is_imported_is_declared():
     ros = {name for name in used if name.endswith(('_msgs', '_srvs', '_interfaces')) or name in (
         'ament_index_python', 'diagnostic_updater', 'launch', 'launch_ros', 'rclpy', 'rosbag2_py',
         'tf2_ros')}
-    # Imported where it is installed: not every distribution has it.
-    ros.discard('simulation_interfaces')
     assert ros <= declared, f'add to package.xml: {ros - declared}'
 
 

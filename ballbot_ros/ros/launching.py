@@ -4,6 +4,10 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Tuple
 
 from ament_index_python.packages import get_package_prefix, PackageNotFoundError
+from launch import LaunchContext, LaunchDescription
+from launch.actions import (
+    DeclareLaunchArgument, ExecuteProcess, GroupAction, LogInfo, OpaqueFunction, Shutdown)
+from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node, PushRosNamespace, SetParameter
 from launch_ros.parameter_descriptions import ParameterValue
 
@@ -12,10 +16,6 @@ from ballbot_ros.config.files import find_config, read_yaml, shipped_folder
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros.urdf import robot_description
-from launch import LaunchContext, LaunchDescription
-from launch.actions import (
-    DeclareLaunchArgument, ExecuteProcess, GroupAction, LogInfo, OpaqueFunction, Shutdown)
-from launch.substitutions import LaunchConfiguration
 
 # Name, default, description and, where there are only some, the choices.
 Argument = Tuple[Any, ...]
