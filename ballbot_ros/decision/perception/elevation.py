@@ -63,6 +63,13 @@ class Look(NamedTuple):
         return found
 
 
+def around(values: Array) -> Array:
+    """Return the median of each value and its neighbours, three on each side."""
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(values, 3, mode='edge'), 7)
+    found: Array = np.partition(windows, 3, axis=1)[:, 3]
+    return found
+
+
 def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Look]:
     """
     Return a look on the nodes, None if it reaches none.
@@ -85,11 +92,14 @@ def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Look]
     heights = np.interp(places, x, z)
     run, rise = np.diff(x), np.diff(z)
     # Seen from the centre, what is behind an edge is hidden up to a line through the edge.
+    # The ground itself may fall: rises count relative to the slope around them.
+    excess = rise - run * around(rise / np.maximum(run, 1e-9))
     hidden = (run > SHADOW) & (x[:-1] > 0.0) & (
-        rise * np.maximum(x[:-1], CELL) < STEEPNESS * np.minimum(z[:-1], 0.0) * run)
+        excess * np.maximum(x[:-1], CELL) < STEEPNESS * np.minimum(z[:-1], 0.0) * run)
     usual = middle(run)
     if len(x) > SAMPLED:
-        hidden |= run > max(LOST * usual, SHADOW)
+        # A camera has rays at equal angles, so that the spacing grows with the distance.
+        hidden |= run > np.maximum(LOST * np.maximum(around(run), usual), SHADOW)
     for index in np.flatnonzero(hidden):
         heights[(places > x[index] + 1e-9) & (places < x[index + 1] - 1e-9)] = np.nan
     if np.count_nonzero(np.isfinite(heights)) < 3:
@@ -97,6 +107,10 @@ def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Look]
     steep = np.zeros(len(heights))
     steep[1:-1] = 0.5 * PLACE_SD / CELL * np.abs(heights[2:] - heights[:-2])
     steep[np.isnan(steep)] = 0.0
+    # Between two points that are far apart a face may stand anywhere.
+    interval = np.clip(np.searchsorted(x, places, side='right') - 1, 0, len(run) - 1)
+    wide = run[interval] > LOST * CELL
+    np.maximum(steep, np.where(wide, 0.5 * np.abs(excess[interval]), 0.0), out=steep)
     bend = np.abs(rise[1:] * run[:-1] - rise[:-1] * run[1:]) / np.maximum(
         np.maximum(run[1:], run[:-1]), 1e-9)
     roughness = 1.4826 * middle(bend) / math.sqrt(6.0) if len(bend) > 20 else 0.0
@@ -168,7 +182,7 @@ class ElevationMap:
         self.first = 0
         self.height = np.zeros(NODES)
         self.variance = np.full(NODES, np.inf)
-        self._strikes = np.zeros(NODES)
+        self._strikes, self._support = np.zeros(NODES), np.zeros(NODES)
         self.looks = 0
         self.noise_sd = UNTOLD_SD
         self.tilt_sd = 0.0
@@ -287,8 +301,11 @@ class ElevationMap:
               seen: Flags, outside: Flags) -> None:
         """Average an aligned look into the map; believe points that insist."""
         old, variance, strikes = self.height[inside], self.variance[inside], self._strikes[inside]
+        support = self._support[inside]
         strikes[:] = np.where(outside, strikes + 1.0, np.where(seen, 0.0, strikes))
-        fresh = seen & (np.isinf(variance) | (strikes >= self._patience))
+        # What few observations have shown, fewer refute.
+        fresh = seen & (np.isinf(variance) | (
+            strikes >= np.minimum(self._patience, support + 1.0)))
         fused = seen & ~outside & ~fresh
         known = np.where(fused, variance, 0.0)
         gain = known / (known + new_variance)
@@ -296,6 +313,7 @@ class ElevationMap:
         # A point that contradicts is not averaged in, but what it is about is less certain.
         variance[:] = np.where(outside, variance + 0.04 * residual**2, variance)
         strikes[fresh] = 0.0
+        support[:] = np.where(fresh, 1.0, support + fused)
         old[:] = np.where(seen, old + gain * np.where(fused, residual, new - old), old)
         variance[:] = np.where(fused, (1.0 - gain) * known, variance)
         variance[fresh] = new_variance[fresh]
@@ -314,7 +332,8 @@ class ElevationMap:
         if abs(by) >= NODES:
             self.variance[:] = np.inf
             return
-        for array, blank in ((self.height, 0.0), (self.variance, np.inf), (self._strikes, 0.0)):
+        for array, blank in ((self.height, 0.0), (self.variance, np.inf), (self._strikes, 0.0),
+                             (self._support, 0.0)):
             if by > 0:
                 array[:-by] = array[by:].copy()
                 array[-by:] = blank

@@ -4,7 +4,9 @@ from bisect import bisect_left
 from collections import deque
 from dataclasses import replace
 import math
-from typing import Deque, Optional, Union
+from typing import Deque, Dict, Optional, Set, Tuple, Union
+
+import numpy as np
 
 from ballbot_ros.decision.perception.step_tracker import StepTracker
 from ballbot_ros.decision.perception.terrain_tracker import TerrainTracker
@@ -124,6 +126,35 @@ AHEAD, WAITING = 0.5, 200
 WAY_SD, PLACE_RATE, HEIGHT_RATE = 0.03, 0.01, 0.002
 
 
+# The same data again, though the ball has rolled this far, are of a sensor that is frozen [m].
+FROZEN_DISTANCE = 0.02
+
+# A face enters the profile from this height on, and leaves it below the second [m]: lower ones
+# are an uneven floor, which any speed takes.
+EDGE_ENTRY, EDGE_EXIT = 0.0045, 0.003
+
+# A polyline that is so straight may be the same from everywhere [m].
+STRAIGHT = 1e-9
+
+# So many rejected observations in a row stop the ball; fewer are lost ones.
+REJECTED_MAX = 3
+
+
+def unchanged_distance(observation: Observation) -> float:
+    """Return how far a ball rolls at most until its sensor must show something else [m]."""
+    if isinstance(observation, StepObservation):
+        return FROZEN_DISTANCE if observation.detected else math.inf
+    x, z = np.array(observation.x), np.array(observation.z)
+    if len(x) < 3 or len(x) != len(z) or not x[-1] > x[0]:
+        return math.inf
+    straight = z[0] + (z[-1] - z[0]) * (x - x[0]) / (x[-1] - x[0])
+    if np.abs(z - straight).max() <= STRAIGHT:
+        return math.inf
+    # A face between two points is seen elsewhere when one of them has come to it.
+    face = int(np.argmax(np.abs(np.diff(z))))
+    return FROZEN_DISTANCE + float(np.median(np.diff(x)[max(face - 3, 0):face + 4]))
+
+
 class GroundFusion:
     """
     Fuses each observation at the position that the ball had when it was made.
@@ -155,6 +186,9 @@ class GroundFusion:
         self._stamps: Deque[float] = deque(maxlen=KEPT)
         self._positions: Deque[float] = deque(maxlen=KEPT)
         self._pending: Deque[Observation] = deque(maxlen=WAITING)
+        self._unchanged: Dict[type, Tuple[Observation, float]] = {}
+        self._rejected = 0
+        self._edges: Set[int] = set()
         self.profile: Optional[Profile] = None
 
     def observe(self, observation: Observation) -> None:
@@ -188,19 +222,42 @@ class GroundFusion:
     def _fused(self, observation: Observation, age: float) -> Profile:
         """Return the profile after an observation of some age [s]."""
         if age < -AHEAD:
-            return self._refused(observation, Reason.BAD_OBSERVATION,
-                                 f'it is {-age:.2f} s ahead of the odometry')
+            return self._refused(Profile(
+                observation.stamp, rejection=Reason.BAD_OBSERVATION,
+                explanation=f'it is {-age:.2f} s ahead of the odometry'))
         if age > HISTORY:
-            return self._refused(observation, Reason.STALE, f'it came {age:.2f} s late, odometry '
-                                 f'is kept for {HISTORY:g} s')
+            return self._refused(Profile(
+                observation.stamp, rejection=Reason.STALE,
+                explanation=f'it came {age:.2f} s late, odometry is kept for {HISTORY:g} s'))
+        position = self._position_at(observation.stamp)
+        if self._is_frozen(observation, position):
+            return self._refused(Profile(
+                observation.stamp, rejection=Reason.BAD_OBSERVATION,
+                explanation='the sensor is frozen: the ball rolls and its data do not change'))
         # An age that is not a number is for the tracker to refuse.
-        return self._tracker.update(observation, self._position_at(observation.stamp))
+        found = self._tracker.update(observation, position)
+        if found.rejection is not None:
+            return self._refused(found)
+        self._rejected = 0
+        return found
 
-    def _refused(self, observation: Observation, reason: Reason, why: str) -> Profile:
-        """Return what is known, with the reason of a rejection."""
+    def _is_frozen(self, observation: Observation, position: float) -> bool:
+        """Return whether the data are the same although the ball has rolled."""
+        data = replace(observation, stamp=0.0)
+        last = self._unchanged.get(type(observation))
+        if last is None or last[0] != data:
+            self._unchanged[type(observation)] = data, position
+            return False
+        return abs(position - last[1]) > unchanged_distance(observation)
+
+    def _refused(self, found: Profile) -> Profile:
+        """Return the profile after a rejected observation: one that is lost, or one too many."""
+        self._rejected += 1
         if self.profile is None:
-            return Profile(observation.stamp, rejection=reason, explanation=why)
-        return replace(self.profile, rejection=reason, explanation=why)
+            return found
+        if self._rejected < REJECTED_MAX:
+            return self.profile
+        return replace(self.profile, rejection=found.rejection, explanation=found.explanation)
 
     def at(self, motion: Motion) -> Optional[Profile]:
         """
@@ -220,7 +277,9 @@ class GroundFusion:
             replace(face, position_sd=math.hypot(face.position_sd, more),
                     height_sd=math.hypot(face.height_sd, higher))
             for face in profile.faces
-            if not profile.points or face.position + face.run > motion.position)
+            if (not profile.points or face.position + face.run > motion.position)
+            and abs(face.height) > (EDGE_EXIT if face.number in self._edges else EDGE_ENTRY))
+        self._edges.update(face.number for face in faces)
         return replace(profile, faces=faces)
 
     def _position_at(self, stamp: float) -> float:

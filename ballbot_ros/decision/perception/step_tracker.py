@@ -101,6 +101,10 @@ class StepTracker:
             # Whether it is believed or not: it tells how looks scatter.
             self._heights.add(observation.height)
             self._places.add(position + observation.distance)
+        if observation.stamp < self._newest:
+            return self._reject(
+                observation, Reason.CONTRADICTORY, f'it is of {observation.stamp:.3f} s, before '
+                f'the last one of {self._newest:.3f} s')
         contradiction = self._contradiction(observation, position)
         if contradiction:
             self._strikes += 1
@@ -145,9 +149,6 @@ class StepTracker:
 
     def _contradiction(self, observation: StepObservation, position: float) -> str:
         """Return how a sane observation contradicts what is known, or nothing."""
-        if observation.stamp < self._newest:
-            return (f'it is of {observation.stamp:.3f} s, before the last one of '
-                    f'{self._newest:.3f} s')
         step = next(iter(self._faces), None)
         if step is None or not observation.detected or self._is_passed(position):
             return ''

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fuse polylines of the ground with odometry into a profile, or say why not."""
+from collections import deque
 from dataclasses import dataclass, field, replace
 import math
-from typing import List, Optional
+from typing import Deque, List, Optional
 
 import numpy as np
 
 from ballbot_ros.decision.perception.checks import arrays, fault, misplaced
-from ballbot_ros.decision.perception.elevation import CELL, ElevationMap, Look, PLACE_SD, resample
+from ballbot_ros.decision.perception.elevation import (
+    CELL, ElevationMap, Flags, Look, PLACE_SD, resample)
 from ballbot_ros.decision.perception.ground import Found, ground_of, GroundSeen
 from ballbot_ros.decision.perception.trend import Trend
 from ballbot_ros.decision.tuning import DecisionTuning
@@ -17,6 +19,17 @@ from ballbot_ros.physics.model.terrain import Array
 
 # Faces of two looks no farther apart are the same [m].
 SAME_PLACE = 0.06
+
+# Odometry slips by no more than this [m] beside a part of the distance rolled [1].
+SLIP_MAX, SLIP_SHARE = 0.3, 0.1
+
+# A lone point this far from its neighbours is an outlier [m], unless this many points of the
+# latest observations were at the same place.
+OUTLIER_HEIGHT, OUTLIER_REPEATS, OUTLIER_MEMORY = 0.03, 2, 10
+
+# Log-odds that a face exists: what an observation that shows it adds, one that does not show it
+# takes, and the largest.  A face enters the profile at one value and leaves it at 0.
+SHOWN, MISSED, EXISTENCE_MAX, ENTRY = 1.0, 0.25, 6.0, 2.0
 
 # No blur is longer [m].
 BLURRED = 0.05
@@ -32,6 +45,9 @@ class _Known:
     face: Face
     found: Found
     trend: Trend = field(default_factory=Trend)
+    existence: float = 0.0
+    believed: bool = False
+    drift: float = 0.0  # of its position in the direction in which the ball rolls [m]
 
 
 class TerrainTracker:
@@ -66,6 +82,8 @@ class TerrainTracker:
         self._answer: Optional[Profile] = None
         self._newest = -math.inf
         self._strikes = 0
+        self._slipped = self._rolled_to = self._position = 0.0
+        self._outliers: Deque[Array] = deque(maxlen=OUTLIER_MEMORY)
         self.offset = 0.0
 
     def update(self, observation: TerrainObservation, position: float) -> Profile:
@@ -94,34 +112,60 @@ class TerrainTracker:
         if not wrong and not abs(position) < 1e6:
             wrong = f'the odometry is at {position:g} m'
         if wrong:
-            return self._reject(observation, Reason.BAD_OBSERVATION, wrong)
+            return self._reject(observation.stamp, Reason.BAD_OBSERVATION, wrong)
         x, z, z_sd = arrays(observation)
         inside = (x >= observation.x_min - 1e-9) & (x <= observation.x_max + 1e-9)
         x, z, z_sd = x[inside], z[inside], z_sd[inside]
+        kept = self._without_outliers(x, z, position)
+        x, z, z_sd = x[kept], z[kept], z_sd[kept]
         look = resample(x, z, z_sd, position) if len(x) > 1 else None
         if look is None:
-            return self._reject(observation, Reason.BAD_OBSERVATION,
+            return self._reject(observation.stamp, Reason.BAD_OBSERVATION,
                                 'it shows nothing of the ground around the ball')
         if observation.stamp < self._newest:
-            return self._contradicted(
-                observation, look, position, f'it is of {observation.stamp:.3f} s, before the '
-                f'last one of {self._newest:.3f} s')
+            return self._reject(
+                observation.stamp, Reason.CONTRADICTORY,
+                f'it is of {observation.stamp:.3f} s, before the last one of {self._newest:.3f} s')
         near = np.isfinite(look.z) & (np.abs(look.places - position) <= 2.0 * self._radius)
         if near.any():
             x, z = look.places[near] - position, look.z[near]
             wrong = misplaced(x, z, self._radius, self._map.looks > 0)
             if wrong:
-                return self._reject(observation, Reason.BAD_OBSERVATION, wrong)
+                return self._reject(observation.stamp, Reason.BAD_OBSERVATION, wrong)
             self.offset = self._radius - float(np.hypot(x, z).min())
         contradiction, residual = self._map.add(look, position)
         if contradiction:
             slipped = self._map.slip(look)
+            rolled, self._rolled_to = abs(position - self._rolled_to), position
+            self._slipped = max(0.0, self._slipped - SLIP_SHARE * rolled) + CELL * abs(slipped)
+            if self._slipped > SLIP_MAX:
+                return self._reject(
+                    observation.stamp, Reason.CONTRADICTORY,
+                    f'the terrain moves along with the ball, by {self._slipped:.2f} m')
             if slipped:
                 self._move(slipped)
                 contradiction, residual = self._map.add(look, position)
         if contradiction:
             return self._contradicted(observation, look, position, contradiction)
         return self._believed(observation.stamp, look, residual, position)
+
+    def _without_outliers(self, x: Array, z: Array, position: float) -> Flags:
+        """Return which points to keep: all but lone ones that earlier observations lack."""
+        if len(x) < 7:
+            return np.ones(len(x), dtype=bool)
+        windows = np.lib.stride_tricks.sliding_window_view(np.pad(z, 2, mode='edge'), 5)
+        off = z - np.partition(windows, 2, axis=1)[:, 2]
+        lone: Flags = np.abs(off) > OUTLIER_HEIGHT
+        if not lone.any():
+            return ~lone
+        found = np.stack((x[lone] + position, off[lone]))
+        seen = np.concatenate([*self._outliers, np.zeros((2, 0))], axis=1)
+        self._outliers.append(found)
+        near = (np.abs(found[0][:, None] - seen[0]) < 1.5 * CELL) & (
+            np.abs(found[1][:, None] - seen[1]) < 0.5 * OUTLIER_HEIGHT)
+        kept: Flags = ~lone
+        kept[lone] = near.sum(axis=1) >= OUTLIER_REPEATS
+        return kept
 
     def _move(self, nodes: int) -> None:
         """Move all that is known, for the odometry has slipped."""
@@ -134,7 +178,7 @@ class TerrainTracker:
         """Reject a sane observation, or believe it if it insists."""
         self._strikes += 1
         if self._strikes < self._tuning.forget_after:
-            return self._reject(observation, Reason.CONTRADICTORY, why)
+            return self._reject(observation.stamp, Reason.CONTRADICTORY, why)
         self._map.clear()
         self._faces = []
         _, residual = self._map.add(look, position)
@@ -148,13 +192,18 @@ class TerrainTracker:
             self._faces = []
             return Profile(stamp, seen_from=position, seen_to=position)
         self._name(ground, look, residual, position)
+        drift = max((known.drift for known in self._faces), default=0.0)
+        if drift > SLIP_MAX:
+            return self._reject(
+                stamp, Reason.CONTRADICTORY, f'a face has moved along with the ball, by '
+                f'{drift:.2f} m')
         return self._profile(stamp, ground, position)
 
     def _profile(self, stamp: float, ground: GroundSeen, position: float) -> Profile:
         """Return what the decision is told of a ground."""
         return Profile(
-            stamp, tuple(known.face for known in self._faces
-                         if known.face.position + known.face.run > position),
+            stamp, tuple(known.face for known in self._faces if known.believed
+                         and known.face.position + known.face.run > position),
             tuple(ground.points), ground.seen_from, ground.seen_to, ground.slope,
             ground.slope_sd, points_sd=tuple(ground.sds), gaps=tuple(ground.gaps),
             bias_sd=self._bias)
@@ -165,29 +214,39 @@ class TerrainTracker:
         return (self._tuning.height_bias_sd if self._map.told
                 else max(self._tuning.height_bias_sd, self._tuning.untold_bias_sd))
 
-    def _reject(self, observation: TerrainObservation, reason: Reason, why: str) -> Profile:
+    def _reject(self, stamp: float, reason: Reason, why: str) -> Profile:
         """Return a profile that reports a rejection and keeps what is known."""
         if self._answer is None:
-            return Profile(observation.stamp, seen_to=-math.inf, rejection=reason,
-                           explanation=why)
-        return replace(self._answer, stamp=observation.stamp, rejection=reason, explanation=why)
+            return Profile(stamp, seen_to=-math.inf, rejection=reason, explanation=why)
+        return replace(self._answer, stamp=stamp, rejection=reason, explanation=why)
 
     def _name(self, ground: GroundSeen, look: Look, residual: Array, position: float) -> None:
         """Give numbers to the faces that were found; those that are known keep theirs."""
-        known, self._faces = self._faces, []
+        known, self._faces = list(self._faces), []
+        forward, self._position = math.copysign(1.0, position - self._position), position
         for found in ground.faces:
             same = [item for item in known if item.found.height * found.height > 0.0
                     and abs(item.found.position - found.position) < SAME_PLACE]
             if same:
                 nearest = min(same, key=lambda item: abs(item.found.position - found.position))
                 known.remove(nearest)
+                nearest.drift += forward * (found.position - nearest.found.position)
                 nearest.found = found
             else:
                 self._number += 1
-                nearest = _Known(Face(self._number, 0.0, 0.0, 0.0, 0.0), found)
+                nearest = _Known(Face(self._number, 0.0, 0.0, 0.0, 0.0), found,
+                                 existence=ENTRY if self._map.looks == 1 else 0.0)
+            nearest.existence = min(nearest.existence + SHOWN, EXISTENCE_MAX)
+            nearest.believed |= nearest.existence >= ENTRY
             self._note(nearest, look, residual, position)
             nearest.face = self._described(nearest, position)
             self._faces.append(nearest)
+        for item in known:
+            item.existence -= MISSED
+            # What the ball has rolled over is not missed.
+            if item.existence > 0.0 and ground.seen_from <= item.found.position <= ground.seen_to:
+                self._faces.append(item)
+        self._faces.sort(key=lambda item: item.face.position)
 
     def _note(self, known: _Known, look: Look, residual: Array, position: float) -> None:
         """Note what this look alone says of the height of a face."""

@@ -12,11 +12,11 @@ import math
 from typing import Any, Dict, List, Optional, Tuple
 
 from ballbot_ros.crossing.rules import touch_distance
-from ballbot_ros.decision.planning.beyond import Beyond, beyond
 from ballbot_ros.decision.planning.braking import Braking
-from ballbot_ros.decision.planning.halts import Halts
 from ballbot_ros.decision.planning.safety_filter import stop
 from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situation
+from ballbot_ros.decision.planning.stop_line import StopLines
+from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
     Decision, Face, Failure, Kind, Motion, Outlook, Plan, Profile, Reason, Strategy)
 
@@ -33,6 +33,86 @@ NODES = ((0.0, 0.53333333), (1.3556262, 0.22207592), (-1.3556262, 0.22207592),
 
 # No way back for a run-up is looked for beyond this [m].
 LONGEST_RUN_UP = 6.0
+
+
+# Down by less than this is an uneven floor, more is a drop [m].
+SMALLEST_DROP = 0.005
+
+# The centre stays this far before what it must not reach [m].
+KEPT_OFF = 0.03
+
+# Less than this of the ground behind an edge is none that is seen [m].
+GLIMPSE = 0.1
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """
+    What lies behind a face.
+
+    Attributes
+    ----------
+    edge : float
+        The last edge of faces that are taken in one go [m]: those that lead back to the floor
+        before the first one.
+    room : float
+        For the centre, behind that edge [m].
+    known : bool
+        Whether something is known to end the room; otherwise no more is seen.
+    trouble : str
+        What ends the room.
+
+    """
+
+    edge: float
+    room: float
+    known: bool
+    trouble: str
+
+
+def beyond(profile: Profile, face: Face, radius: float, passable: float,
+           tuning: DecisionTuning) -> Beyond:
+    """
+    Return what lies behind a face.
+
+    Parameters
+    ----------
+    profile : Profile
+    face : Face
+        That is to be crossed.
+    radius : float
+        Of the ball [m].
+    passable : float
+        Height of steps that are crossed with what is left of the speed [m].
+    tuning : DecisionTuning
+        Its `unseen_room` is taken for granted.
+
+    """
+    edge, level = face.position + max(0.0, face.run), face.height
+    known = profile.seen_to if profile.points else -math.inf
+    # Where some of it is seen, something ends the sight there.
+    taken = edge + tuning.unseen_room if known < edge + GLIMPSE else known
+    end, trouble = taken, ''
+    for other in profile.faces:
+        if other.position <= face.position or other.number == face.number:
+            continue
+        at = other.position - KEPT_OFF - tuning.sigma_margin * other.position_sd
+        if other.height > passable:
+            at -= touch_distance(radius, other.height)
+            what = 'a wall' if other.height >= radius else f'{1e3 * other.height:.0f} mm more'
+        elif level + other.height < -SMALLEST_DROP:
+            what = f'a drop of {-1e3 * other.height:.0f} mm'
+        else:
+            level += other.height
+            # Down again at once, as behind a door-sill: one thing to cross.
+            if other.height < -SMALLEST_DROP and other.position - edge < tuning.unseen_room:
+                edge = other.position + touch_distance(radius, -other.height)
+                end = known if known >= edge + GLIMPSE else edge + tuning.unseen_room
+            continue
+        if at < end:
+            end, trouble = at, what
+        break
+    return Beyond(edge, max(0.0, end - edge), bool(trouble), trouble or 'what is not seen')
 
 
 @dataclass(frozen=True)
@@ -305,8 +385,8 @@ class Cubic:
         """Work the constants out once."""
         self._radius = knowledge.robot.ball_radius
         self._curve, self._tuning = knowledge.curve, knowledge.tuning
-        self._halts = Halts(knowledge)
-        self._reckoning = Reckoning(knowledge, self._halts.braking)
+        self._lines = StopLines(knowledge)
+        self._reckoning = Reckoning(knowledge, self._lines.braking)
         # Number, height and room behind of the step that was refused last, and failures at it.
         self._refused: Optional[Tuple[int, float, float, int]] = None
 
@@ -320,15 +400,21 @@ class Cubic:
         if pushing is not None:
             return pushing
         slope = profile.slope if math.isfinite(profile.slope) else motion.slope
-        steep = self._halts.steep(profile, situation, slope, previous)
+        steep = self._lines.steep(situation, slope, previous)
         if steep is not None and (step is None or steep.distance < step.position
                                   - motion.position):
             return steep
         if step is None:
-            return self._halts.cruise(profile, motion, slope)
-        drop = self._halts.drop(step, situation, slope, previous)
-        if drop is not None:
-            return drop
+            return self._lines.cruise(situation, slope, previous)
+        if step.height < 0.0:
+            distance = step.position - motion.position
+            return self._lines.stand(
+                Decision(Kind.STOP, Reason.DROP, 0.0, 'Stopping: the floor drops by '
+                         f'{-1e3 * step.height:.0f} mm at {distance:.2f} m', height=step.height,
+                         distance=distance, step=step.number, outlook=Outlook(
+                             required=self._tuning.required_probability,
+                             braking_room=self._lines.braking_room(step, motion, slope))),
+                step.position, situation, slope)
         return self._settled(self._weigh(step, profile, situation, slope, previous), step,
                              profile, situation, previous)
 
@@ -406,7 +492,7 @@ class Cubic:
         """Return the decision on a step that does not drop."""
         motion = situation.motion
         distance = step.position - motion.position
-        room = self._halts.braking_room(step, motion, slope)
+        room = self._lines.braking_room(step, motion, slope)
         margins = self._margins(step, motion, previous, room)
         before = previous if previous is not None and previous.step == step.number else None
         begun = before if before is not None and before.kind is Kind.CROSS else None
@@ -430,14 +516,14 @@ class Cubic:
                 **numbers(answer))
         # Late for a crossing that was begun, or for any as the brakes of the robot file are.
         hopeful = found.probability >= HOPE and step.height < self._radius and (
-            late or found.run_up < self._halts.braking.expected_distance(motion.speed, slope))
+            late or found.run_up < self._lines.braking.expected_distance(motion.speed, slope))
         around = None if hopeful else self._forbidden(step, found, failed)
         land = beyond(profile, step, self._radius, PASSABLE, self._tuning)
         if around is None and not late:
             around = self._landing(step, found, land, slope, begun is not None, failed)
         if around is not None:
             reason, why = around
-            return self._halts.stand(
+            return self._lines.stand(
                 replace(answer, kind=Kind.GO_ROUND, reason=reason,
                         explanation=f'{where}{why}; find another way'),
                 step.position, situation, slope)
@@ -491,8 +577,8 @@ class Cubic:
         fastest = self._reckoning.speed_behind(
             step, driven, sigmas, max((one.touch_speed for one in failed), default=0.0))
         downhill = min(0.0, slope)
-        needed = self._halts.braking.distance(fastest, downhill, emergency=True) if land.known \
-            else self._halts.braking.expected_distance(fastest, downhill)
+        needed = self._lines.braking.distance(fastest, downhill, emergency=True) if land.known \
+            else self._lines.braking.expected_distance(fastest, downhill)
         if needed * (BEGUN_LANDING if begun else 1.0) <= land.room:
             return None
         return Reason.LANDING, (f'behind it {land.room:.2f} m until {land.trouble}, '
@@ -514,7 +600,7 @@ class Cubic:
                 plan=Plan(Strategy.BACK_OFF, start), start_distance=position - start,
                 explanation=f'{where}{short}; backing off by {position - start:.2f} m')
         if failed:
-            return self._halts.stand(
+            return self._lines.stand(
                 replace(answer, kind=Kind.GO_ROUND, reason=Reason.FAILED_BEFORE,
                         explanation=f'{where}tried already; {short}; find another way'),
                 step.position, situation, slope)

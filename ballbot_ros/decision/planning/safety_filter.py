@@ -10,6 +10,7 @@ import math
 from typing import Optional
 
 from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situation
+from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Decision, Kind, Motion, Plan, Profile, Reason, Strategy
 from ballbot_ros.physics.model.robot import Robot
@@ -176,11 +177,16 @@ def guarded(planner: Planner, knowledge: Knowledge) -> Planner:
     A ball on its way over a step whose brakes would not stop it any more is not asked to stop
     because an observation is old or rejected: it has nothing better to do than to go on.
     """
+    lines = StopLines(knowledge)
+
     def answer(situation: Situation, previous: Optional[Decision]) -> Decision:
         trouble = unusable(situation, previous, knowledge.tuning)
         if trouble is not None and not _committed(previous, situation):
             return trouble
-        planned = planner(situation, previous)
+        profile = situation.profile
+        slope = profile.slope if profile is not None and math.isfinite(profile.slope) \
+            else situation.motion.slope
+        planned = lines.filtered(planner(situation, previous), situation, slope, previous)
         return checked(held_back(planned, situation, knowledge.tuning), situation, knowledge)
     return answer
 

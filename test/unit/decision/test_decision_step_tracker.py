@@ -292,20 +292,13 @@ def test_a_place_that_is_believed_anew_is_the_same_step_if_slip_explains_it(
     assert answer.face.position == moved * radius and answer.face.height == height
 
 
-def test_a_clock_set_back_is_believed_after_some_looks_with_the_step_they_show():
+def test_an_observation_that_overtook_another_is_lost_and_changes_nothing():
     tracking = tracker()
-    tracking.update(nothing(10.0), 0.0)
-    answers = [tracking.update(seen(0.1 * index), 0.0) for index in range(5)]
-    assert [answer.rejection is None for answer in answers] == [False] * 4 + [True]
-    assert answers[-1].face.number == 1
-
-
-def test_a_step_that_is_no_longer_seen_and_a_clock_set_back_make_no_other_step():
-    tracking = tracker()
-    tracking.update(seen(10.0), 0.0)
-    for index in range(5):
-        answer = tracking.update(nothing(0.1 * index), 0.0)
-    assert answer.rejection is None and answer.face is None
+    before = tracking.update(seen(10.0), 0.0)
+    for index in range(9):
+        late = tracking.update(nothing(9.0 + 0.1 * index), 0.0)
+        assert late.rejection is Reason.CONTRADICTORY and late.faces == before.faces
+    assert tracking.update(seen(10.1), 0.0).rejection is None
 
 
 @pytest.mark.parametrize('position, distance, number', [

@@ -1,31 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """What lies ahead, from a profile: the shape that rollouts move about, and where plans end."""
-from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, replace
 import math
 from typing import List, Sequence, Tuple
 
 import numpy as np
 
-from ballbot_ros.decision.planning.beyond import SMALLEST_DROP
 from ballbot_ros.decision.planning.rollout.layout import FACES
+from ballbot_ros.decision.planning.terrain import Floor
 from ballbot_ros.decision.values import Face, Profile
 from ballbot_ros.physics.model.terrain import Array
 
-# Up by less than this is an uneven floor, as down by SMALLEST_DROP: any speed takes it [m].
-SMALLEST_RISE = 0.0045
-# Noise of less is no news [m].
-NOISE = 0.003
+# Down by less than this behind a face is the same floor [m].
+SMALLEST_DROP = 0.005
 # Faces that are farther apart than this are taken one by one [m].
 TOGETHER = 1.0
-# A bend of the ground between faces by less than this is none [m].
-UNEVEN = 0.004
 # Ground is drawn this far behind the ball, and this far behind the last that is known [m].
 BEYOND = 4.0
-# The ground is read so far from a face: its own points are no floor [m].
-ASIDE = 1e-4
-# Bends that are kept between two faces.
-BENDS = 4
 
 
 @dataclass(frozen=True)
@@ -89,19 +80,9 @@ class Ahead:
     known: bool
 
 
-def faces_ahead(profile: Profile, position: float, known: int = 0) -> Tuple[Face, ...]:
-    """
-    Return the faces whose end is ahead of a position, unevenness left out.
-
-    The face with the number `known` was one before, and stays one for a little less.
-    """
-    found = []
-    for face in profile.faces:
-        less = NOISE if face.number == known else 0.0
-        if face.position + face.run > position and not (
-                less - SMALLEST_DROP <= face.height <= SMALLEST_RISE - less):
-            found.append(face)
-    return tuple(found[:FACES])
+def faces_ahead(profile: Profile, position: float) -> Tuple[Face, ...]:
+    """Return the faces whose end is ahead of a position."""
+    return tuple(face for face in profile.faces if face.position + face.run > position)[:FACES]
 
 
 def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: float,
@@ -157,6 +138,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
     for x, rise in floor.bends(here, seen_to):
         rows.append((x, level + rise, len(faces) - 1, 1.0, 1.0))
     level += floor.rise(here, seen_to)
+    rows.append((seen_to, level, len(faces) - 1, 1.0, 1.0))
     rows.append((seen_to + BEYOND, level + floor.rise(seen_to, seen_to + BEYOND),
                  len(faces) - 1, 1.0, 1.0))
     deviations = np.zeros((2, FACES))
@@ -181,68 +163,3 @@ def touch_distance_on(slope: float, radius: float, height: float) -> float:
     steep, above = math.tan(slope), radius / math.cos(slope) - min(max(height, 0.0), radius)
     root = radius**2 * (1.0 + steep**2) - above**2
     return (steep * above + math.sqrt(max(root, 0.0))) / (1.0 + steep**2)
-
-
-class Floor:
-    """
-    The ground between faces.
-
-    Parameters
-    ----------
-    points : sequence of (float, float)
-        Polyline of the ground, faces included; may be empty.
-    slope : float
-        Of the ground where there are no points [rad].
-
-    """
-
-    def __init__(self, points: Sequence[Tuple[float, float]], slope: float):
-        """Keep them."""
-        self._points, self._slope = points, math.tan(slope)
-        self._places = [x for x, _ in points]
-
-    def bends(self, begin: float, end: float) -> List[Tuple[float, float]]:
-        """Return where the ground bends between two places, and how much higher it is [m]."""
-        inner = self._inner(begin, end)
-        if len(inner) < 3:
-            return []
-        found = simplified(inner, UNEVEN)[1:-1]
-        return [(x, z - inner[0][1]) for x, z in found] if len(found) <= BENDS else []
-
-    def rise(self, begin: float, end: float) -> float:
-        """Return how much higher the ground is at a second place, faces at both left out [m]."""
-        inner = self._inner(begin, end)
-        return inner[-1][1] - inner[0][1] if inner else 0.0
-
-    def _inner(self, begin: float, end: float) -> List[Tuple[float, float]]:
-        """Return the points from behind the first to before the second of two places."""
-        if end - begin < 2.0 * ASIDE:
-            return []
-        begin, end = begin + ASIDE, end - ASIDE
-        inner = self._points[bisect_right(self._places, begin):bisect_left(self._places, end)]
-        return [(begin, self._height(begin)), *inner, (end, self._height(end))]
-
-    def _height(self, x: float) -> float:
-        """Return the height of the ground at a place without a face [m]."""
-        if not self._points:
-            return self._slope * x
-        after = bisect_right(self._places, x)
-        if after == 0:
-            return self._points[0][1] + self._slope * (x - self._places[0])
-        if after == len(self._points):
-            return self._points[-1][1]
-        (left, low), (right, high) = self._points[after - 1], self._points[after]
-        return low + (high - low) * (x - left) / max(right - left, 1e-9)
-
-
-def simplified(points: Sequence[Tuple[float, float]], error: float) -> List[Tuple[float, float]]:
-    """Return the points that a polyline needs to stay within an error (Douglas, Peucker)."""
-    (x, z), (end_x, end_z) = points[0], points[-1]
-    if len(points) < 3 or end_x - x < ASIDE:
-        return [points[0], points[-1]]
-    steep = (end_z - z) / (end_x - x)
-    away = [abs(point[1] - z - steep * (point[0] - x)) for point in points[1:-1]]
-    worst = max(range(len(away)), key=away.__getitem__) + 1
-    if away[worst - 1] <= error:
-        return [points[0], points[-1]]
-    return [*simplified(points[:worst + 1], error)[:-1], *simplified(points[worst:], error)]

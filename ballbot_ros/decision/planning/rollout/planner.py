@@ -9,7 +9,6 @@ from dataclasses import replace
 import math
 from typing import List, Optional, Sequence
 
-from ballbot_ros.decision.planning.halts import Halts
 from ballbot_ros.decision.planning.rollout.ahead import (
     Ahead, faces_ahead, look_ahead, TOGETHER, touch_distance_on)
 from ballbot_ros.decision.planning.rollout.candidates import Candidate, HELD
@@ -17,6 +16,7 @@ from ballbot_ros.decision.planning.rollout.layout import TIGHT
 from ballbot_ros.decision.planning.rollout.mind import Choice, Mind, STANDING, TOO_LATE
 from ballbot_ros.decision.planning.safety_filter import stop
 from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situation
+from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
     After, Decision, Face, Kind, Motion, Outlook, Plan, Profile, Reason)
@@ -160,7 +160,7 @@ class RolloutPlanner:
     def __init__(self, knowledge: Knowledge):
         """Draw the worlds."""
         self._tuning, self._robot = knowledge.tuning, knowledge.robot
-        self._halts, self._mind = Halts(knowledge), Mind(knowledge)
+        self._lines, self._mind = StopLines(knowledge), Mind(knowledge)
         self._passed: List[Face] = []
         self._slope, self._disturbed = 0.0, False
 
@@ -173,17 +173,15 @@ class RolloutPlanner:
         pushing = self._push(situation, previous)
         if pushing is not None:
             return pushing
-        known = self._mind.belief.face.number if self._mind.belief is not None else 0
-        faces = faces_ahead(profile, motion.position, known)
+        faces = faces_ahead(profile, motion.position)
         slope = self._slope_below(profile, faces, motion)
-        steep = None if self._disturbed else self._halts.steep(
-            profile, situation, slope, previous)
+        steep = self._lines.steep(situation, slope, previous, self._disturbed)
         if steep is not None and not (
                 faces and faces[0].position - motion.position < steep.distance):
             return steep
         if not faces or faces[0].position - motion.position > FAR:
             self._mind.forget()
-            return self._alone(profile, situation, slope)
+            return self._alone(situation, slope, previous)
         deviation = profile.slope_sd if math.isfinite(profile.slope_sd) else SLOPE_SD
         ahead = look_ahead(profile, faces, motion.position, slope, deviation,
                            self._robot.ball_radius, self._tuning.unseen_room, climbed)
@@ -194,18 +192,23 @@ class RolloutPlanner:
                                self._robot.ball_radius, self._tuning.unseen_room, SMALL)
         return self._face(ahead, situation, previous)
 
-    def _alone(self, profile: Profile, situation: Situation, slope: float) -> Decision:
-        """Decide where no face is ahead: on, but not to where nothing is seen."""
-        motion = situation.motion
-        clear = self._halts.cruise(profile, motion, slope)
-        way = self._halts.braking.distance(motion.speed, slope, emergency=True)
-        room = profile.seen_to - motion.position - self._robot.ball_radius
-        if not profile.points or room > way + self._tuning.stop_gap + AT_EASE:
+    def _alone(self, situation: Situation, slope: float,
+               previous: Optional[Decision]) -> Decision:
+        """Decide where no face is ahead: on, but not beyond the stop line."""
+        motion, lines = situation.motion, self._lines
+        clear = lines.cruise(situation, slope, previous)
+        line = lines.nearest(situation, slope, (), previous)
+        if line is None:
             return clear
-        return self._halts.stand(
-            replace(clear, kind=Kind.STOP, reason=Reason.WALL, distance=room,
-                    explanation=f'Nothing is seen beyond {room:.2f} m'),
-            profile.seen_to, situation, slope)
+        way = lines.braking.distance(motion.speed, lines.slope_to(
+            situation.profile, motion.position, line.position, slope), emergency=True)
+        room = line.obstacle - motion.position - self._robot.ball_radius
+        if room > way + self._tuning.stop_gap + AT_EASE:
+            return clear
+        return lines.stand(
+            replace(clear, kind=Kind.STOP, reason=line.reason, distance=room,
+                    explanation=f'Stopping before {line.explanation} at {room:.2f} m'),
+            line.obstacle, situation, slope)
 
     def _slope_below(self, profile: Profile, faces: Sequence[Face], motion: Motion) -> float:
         """Return the slope below the ball, as it was before faces came so near to hide it."""
@@ -224,19 +227,19 @@ class RolloutPlanner:
         if not ahead.ends or face.height > self._robot.ball_radius:
             mind.forget()
             choice = Choice(None, Reason.DROP if face.height < 0.0 else Reason.WALL)
-            return self._halts.stand(
+            return self._lines.stand(
                 refuse(choice, ahead, motion, room, self._tuning), face.position, situation,
                 ahead.slope)
         begun = mind.choice is not None and mind.choice.trial is not None
         # What was begun is broken off only where that is sure to end before the face.
-        sure = ahead.touch - motion.position - self._halts.braking.distance(
+        sure = ahead.touch - motion.position - self._lines.braking.distance(
             motion.speed, ahead.slope - 2.0 * ahead.slope_sd, emergency=True)
         mind.think(ahead, situation, min(room, sure) if begun else room)
         choice = mind.choice or Choice(None, Reason.NOT_LIKELY)
         if choice.trial is None:
             # There is time to look closer, and no need to say no yet.
             stand = face.position - self._robot.ball_radius - self._tuning.stop_gap
-            way = self._halts.braking.distance(motion.speed, ahead.slope)
+            way = self._lines.braking.distance(motion.speed, ahead.slope)
             refused = (previous is not None and previous.step == face.number
                        and previous.kind in (Kind.STOP, Kind.GO_ROUND))
             if choice.reason not in DEFINITE and abs(motion.speed) > STANDING \
@@ -246,7 +249,7 @@ class RolloutPlanner:
             if refused and previous is not None and no.kind in (Kind.STOP, Kind.GO_ROUND):
                 # The one or the other is no other mind.
                 no = replace(no, kind=previous.kind)
-            return self._halts.stand(no, face.position, situation, ahead.slope)
+            return self._lines.stand(no, face.position, situation, ahead.slope)
         end = choice.trial.candidate.end(ahead)
         later = [item.position - self._robot.ball_radius for item in ahead.faces
                  if item.position > end.position + 1e-3]
@@ -290,5 +293,5 @@ class RolloutPlanner:
 
     def _braking_room(self, ahead: Ahead, motion: Motion) -> float:
         """Return how far it is to the last point where braking still works [m]."""
-        way = self._halts.braking.expected_distance(motion.speed, ahead.slope)
+        way = self._lines.braking.expected_distance(motion.speed, ahead.slope)
         return ahead.touch - GAP - motion.position - way

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Observations are checked against odometry; single ones that are wrong are lost, no more."""
+import numpy as np
+import pytest
+
+from ballbot_ros.decision import (
+    DecisionTuning, Face, Motion, Profile, Reason, StepObservation, TerrainObservation)
+from ballbot_ros.decision.perception import GroundFusion
+from ballbot_ros.decision.planning.stop_line import steep_stretch
+from ballbot_ros.decision.planning.terrain import Floor
+from ballbot_ros.physics.model.robot import load_robot
+
+GIMBALL, TUNING = load_robot('gimball'), DecisionTuning()
+RADIUS = GIMBALL.ball_radius
+SPEED, PERIOD = 0.4, 0.02
+
+
+def terrain(stamp, position, x, face=1.5, height=0.03, slope=0.0, noise=0.0, seed=0):
+    """Return what a camera shows at relative positions x of a step on a slope."""
+    place = np.asarray(x) + position
+    z = slope * np.asarray(x) + np.where(place > face, height, 0.0) - RADIUS
+    z += noise * np.random.default_rng(seed).standard_normal(len(z))
+    return TerrainObservation(stamp, tuple(x), tuple(z.tolist()), (), x[0], x[-1])
+
+
+def step(stamp, position, face=1.5, height=0.03):
+    """Return what a step sensor shows."""
+    return StepObservation(stamp, True, face - position, height, 0.005, 0.001)
+
+
+def drive(fusion, make, count, begin=0, speed=SPEED):
+    """Let a ball roll, with an observation in each period, and return the last profile."""
+    for number in range(begin, begin + count):
+        stamp = PERIOD * number
+        fusion.move(Motion(stamp, speed * stamp, speed))
+        for observation in make(stamp, speed * stamp):
+            fusion.observe(observation)
+        fusion.fuse()
+    return fusion.profile
+
+
+EVEN = tuple(np.linspace(-0.3, 2.5, 190).tolist())
+# Rays at equal angles from 0.3 m above the floor: the spacing grows from 4 to 250 mm.
+ANGLES = tuple(np.tan(np.linspace(-0.7, 1.45, 160)) * 0.3)
+
+
+@pytest.mark.parametrize('make', [
+    lambda stamp, position: [step(stamp, position)],
+    lambda stamp, position: [terrain(stamp, position, EVEN)]])
+def test_a_frozen_sensor_is_rejected_though_its_stamps_advance(make):
+    fusion = GroundFusion(GIMBALL, TUNING)
+    assert drive(fusion, make, 50).rejection is None
+
+    def frozen(stamp, position):
+        return [type(item)(stamp, *list(vars(item).values())[1:]) for item in make(0.98, 0.392)]
+    profile = drive(fusion, frozen, 20, 50)
+    assert profile.rejection is Reason.BAD_OBSERVATION and 'frozen' in profile.explanation
+    assert profile.faces[0].position == pytest.approx(1.5, abs=0.03)
+
+
+def test_a_frozen_sensor_with_noise_is_rejected_before_its_step_has_moved_far():
+    fusion = GroundFusion(GIMBALL, TUNING)
+    drive(fusion, lambda stamp, position: [terrain(stamp, position, EVEN, noise=0.001)], 50)
+    profile = drive(fusion, lambda stamp, position: [terrain(
+        stamp, 0.4, EVEN, noise=0.001, seed=round(1e3 * stamp))], 150, 50)
+    assert profile.rejection is Reason.CONTRADICTORY
+    assert profile.faces[0].position < 1.9
+
+
+@pytest.mark.parametrize('kind', ['step', 'terrain'])
+def test_a_sensor_at_rest_may_repeat_itself(kind):
+    def make(stamp, position):
+        return [step(stamp, position) if kind == 'step' else terrain(stamp, position, EVEN)]
+    assert drive(GroundFusion(GIMBALL, TUNING), make, 100, speed=0.0).rejection is None
+
+
+def test_single_wrong_observations_are_lost_and_many_in_a_row_are_not():
+    fusion = GroundFusion(GIMBALL, TUNING)
+    drive(fusion, lambda stamp, position: [step(stamp, position)], 20)
+    wrong = StepObservation(0.4, True, -1.0, 0.03)
+    for number, rejected in enumerate((False, False, True, True)):
+        profile = drive(fusion, lambda stamp, position: [
+            StepObservation(stamp, True, wrong.distance, 0.03)], 1, 20 + number)
+        assert (profile.rejection is not None) == rejected
+        assert profile.stamp == pytest.approx(0.38)  # of the last one that is good
+    assert drive(fusion, lambda stamp, position: [step(stamp, position)], 1, 24).rejection is None
+
+
+def test_an_observation_that_overtook_another_is_lost():
+    fusion = GroundFusion(GIMBALL, TUNING)
+    drive(fusion, lambda stamp, position: [step(stamp, position)], 20)
+    late = step(0.30, 0.12)
+    profile = drive(fusion, lambda stamp, position: [step(stamp, position), late], 20, 20)
+    assert profile.rejection is None and profile.faces[0].number == 1
+
+
+@pytest.mark.parametrize('slope', [-0.05, 0.0, 0.05])
+@pytest.mark.parametrize('noise', [0.0, 0.001])
+def test_a_camera_with_rays_at_equal_angles_shows_steps_far_ahead(slope, noise):
+    """A gap that is usual at its distance is none; a descent hides nothing."""
+    fusion = GroundFusion(GIMBALL, TUNING)
+    profile = drive(fusion, lambda stamp, position: [terrain(
+        stamp, position, ANGLES, 2.2, 0.03, slope, noise, round(1e3 * stamp))], 100)
+    assert profile.rejection is None and profile.seen_to > 0.8 + 1.4
+    face, = profile.faces
+    assert face.position == pytest.approx(2.2, abs=0.1)
+    assert face.height == pytest.approx(0.03, abs=max(0.004, 3.0 * face.height_sd))
+
+
+def test_lone_outliers_make_no_faces_and_a_face_that_stays_is_seen():
+    random = np.random.default_rng(0)
+
+    def make(stamp, position):
+        one = terrain(stamp, position, EVEN, 1.5, 0.03, noise=0.001, seed=round(1e3 * stamp))
+        z = np.array(one.z)
+        wrong = random.random(len(z)) < 0.1
+        z[wrong] += random.uniform(-0.2, 0.2, wrong.sum())
+        return [TerrainObservation(stamp, one.x, tuple(z.tolist()), (), one.x_min, one.x_max)]
+    fusion = GroundFusion(GIMBALL, TUNING)
+    phantoms = 0
+    for number in range(150):
+        profile = drive(fusion, make, 1, number)
+        assert profile.rejection is None
+        assert number < 10 or 1 in [face.number for face in profile.faces]
+        phantoms += len(profile.faces) > 1
+    assert phantoms < 20 and len(profile.faces) == 1
+    assert profile.faces[0].height == pytest.approx(0.03, abs=0.002)
+
+
+def test_a_thin_wall_that_is_there_each_time_is_no_outlier():
+    x = tuple(np.linspace(-0.3, 2.5, 190).tolist())
+
+    def make(stamp, position):
+        one = terrain(stamp, position, x, 9.0)
+        z = np.array(one.z)
+        z[np.abs(np.array(x) + position - 1.5) < 0.0074] += 0.1
+        return [TerrainObservation(stamp, one.x, tuple(z.tolist()), (), one.x_min, one.x_max)]
+    profile = drive(GroundFusion(GIMBALL, TUNING), make, 40)
+    assert any(face.height > 0.05 for face in profile.faces)
+
+
+def test_a_face_that_some_observations_miss_keeps_its_number():
+    fusion = GroundFusion(GIMBALL, TUNING)
+
+    def make(stamp, position):
+        shown = round(stamp / PERIOD) % 3 > 0
+        return [terrain(stamp, position, EVEN, height=0.006 if shown else 0.0, noise=0.001,
+                        seed=round(1e3 * stamp))]
+    drive(fusion, make, 20)
+    found = [tuple(face.number for face in drive(fusion, make, 1, 20 + index).faces)
+             for index in range(80)]
+    assert sum(one != other for one, other in zip(found, found[1:])) <= 1 and found[-1]
+
+
+def test_a_face_enters_at_one_height_and_leaves_at_a_lower_one():
+    fusion = GroundFusion(GIMBALL, TUNING)
+
+    def faces(stamp, height):
+        fusion.profile = Profile(stamp, (Face(1, 1.0, height, 0.01, 0.0005),))
+        return fusion.at(Motion(stamp, 0.0, 0.0)).faces
+    assert [bool(faces(0.1 * number, height)) for number, height in enumerate(
+        (0.004, -0.004, -0.005, -0.004, 0.0035, 0.002))] == [False, False, True, True, True, False]
+
+
+@pytest.mark.parametrize('camera', [False, True])
+def test_a_stretch_that_is_too_steep_is_found_before_the_drop_at_its_end(camera):
+    """A stretch that touches a face is no part of it."""
+    points = ((-0.2, 0.0), (1.0, 0.0), (1.3, -0.06), (1.3, -0.2), (3.0, -0.2))
+    profile = Profile(0.0, (Face(1, 1.3, -0.14, 0.01, 0.001),), points,
+                      points_sd=(0.001,) * 5 if camera else ())
+    begin, slope = steep_stretch(profile, 0.0, 0.15, 0.0)
+    assert begin == 1.0 and slope == pytest.approx(-0.197, abs=0.002)
+    assert steep_stretch(profile, 0.0, 0.21, 0.0) is None
+
+
+def test_the_ground_goes_on_with_its_slope_beyond_the_last_point():
+    floor = Floor(((0.0, 0.0), (2.0, -0.1)), 0.0)
+    assert floor.rise(1.0, 3.0) == pytest.approx(-0.1, abs=1e-4)
+    assert Floor((), 0.05).rise(0.0, 1.0) == pytest.approx(0.05, abs=1e-3)
