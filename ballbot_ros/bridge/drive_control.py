@@ -182,6 +182,8 @@ class DriveControl:
             raise DriveError('silent', f'the drive has not answered for {LOST:g} s')
         observed = self.power.observe(telemetry, silence, self._status_age(telemetry, now))
         if observed is not None and self.line.driver is not None:
+            if observed[0] is Event.HAZARD:  # which no restart of the motor removes
+                self.supervisor.trigger(observed[1])
             self._begin_stop(self.line.driver, *observed)
 
     def _status_age(self, telemetry: Telemetry, now: float) -> float:

@@ -39,6 +39,7 @@ class Event(Enum):
     SILENT = 'silent'  # the drive did not answer under power; it may have been off and on
     UNCONFIRMED = 'unconfirmed'  # the drive answered, but did not report that it is armed
     DISARMED_BY_DRIVE = 'disarmed_by_drive'
+    HAZARD = 'hazards'  # another sender commands the drive, or its settings have changed
     STOPPED = 'stopped'  # the drive confirmed the stop
     LOST = 'links_lost'  # the line failed, or the drive did not answer for long
     CLOSED = 'closed'
@@ -67,6 +68,7 @@ TRANSITIONS: Mapping[Tuple[MotorState, Event], Transition] = MappingProxyType({
     (MotorState.ARMED, Event.SILENT): Transition(MotorState.STOPPING, fault=True),
     (MotorState.ARMED, Event.UNCONFIRMED): Transition(MotorState.STOPPING, fault=True),
     (MotorState.ARMED, Event.DISARMED_BY_DRIVE): Transition(MotorState.STOPPING, fault=True),
+    (MotorState.ARMED, Event.HAZARD): Transition(MotorState.STOPPING, fault=True),
     (MotorState.ARMED, Event.LOST): Transition(MotorState.DISCONNECTED, fault=True),
     (MotorState.STOPPING, Event.STOPPED): Transition(MotorState.DISARMED),
     (MotorState.STOPPING, Event.LOST): Transition(MotorState.DISCONNECTED, fault=True),
@@ -109,6 +111,8 @@ class Power(NamedTuple):
         if status_age > STATUS_TIMEOUT:
             return Event.UNCONFIRMED, (
                 f'the drive has not reported for {STATUS_TIMEOUT:g} s whether it is armed')
+        if telemetry.hazards:
+            return Event.HAZARD, ', '.join(telemetry.hazards)
         is_new = telemetry.status_time is not None and telemetry.status_time > self.since
         if is_new and (telemetry.faults or telemetry.armed is False):
             return Event.DISARMED_BY_DRIVE, 'the drive disarmed the motor: ' + (

@@ -127,6 +127,9 @@ class Telemetry(NamedTuple):
     armed: Optional[bool] = None  # the motor is under power
     faults: tuple[str, ...] = ()  # names that the maker gives them; the motor has no power
     warnings: tuple[str, ...] = ()  # likewise, of what is told before the drive cuts
+    # Why an armed motor must be stopped although the drive reports no fault: commands of another
+    # sender, settings that have changed.
+    hazards: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any, Callable, ClassVar, Type
 
 from ballbot_ros.drives.contract import (
     DriveOptions, Identity, SerialLine, Setting, StreamParser, Telemetry, WireBudget)
-from ballbot_ros.drives.questions import Asked, Questions
+from ballbot_ros.drives.pending_requests import Match, PendingRequests
 from ballbot_ros.errors import DriveError, MessageError
 
 STOP_PERIOD = 0.02  # after which a stop that is not confirmed is repeated [s]
@@ -44,6 +44,7 @@ class Driver(ABC):
     baud_rates: ClassVar[tuple[int, ...]] = (115200,)  # to try, the maker's default first
     shortest_answer: ClassVar[int] = 1  # to `ask`; a loop is not woken for fewer bytes
     keeping: ClassVar[str] = ''  # what a person types to keep settings over a restart
+    replies_are_named: ClassVar[bool] = False  # each says which request it answers
     closes_torque_loop: ClassVar[bool] = True  # by measuring current; else by a computed voltage
 
     _parser: StreamParser
@@ -58,8 +59,7 @@ class Driver(ABC):
         self.counts: Counter[str] = Counter(lost=0)
         self._armed = False  # by us, and not stopped since
         self._off_asked_at = -math.inf  # when that was asked whose reply showed: no power
-        self._questions = Questions(options.reply_timeout)
-        self._alike = 1  # replies to take, of those read together, that answer such a request
+        self._pending = PendingRequests(options.reply_timeout, self.replies_are_named)
         self._begin()
 
     # What waits
@@ -99,6 +99,9 @@ class Driver(ABC):
             ``not_armed``, with the faults that the drive names.
 
         """
+        self._until(lambda: not self._pending or self._pending.may_send(self.clock()),
+                    self.clock() + patience)
+        self.telemetry = self.telemetry._replace(hazards=())
         self._arm(self.clock() + patience)
         self._armed = True
 
@@ -159,7 +162,8 @@ class Driver(ABC):
 
     def ask(self) -> None:
         """Send the requests of this period only; this keeps no torque alive."""
-        self._send(self._requests())
+        if self._armed or self._pending.may_send(self.clock()):
+            self._send(self._requests())
 
     @abstractmethod
     def feed(self) -> None:
@@ -258,7 +262,7 @@ class Driver(ABC):
         if data:
             before = self.clock()
             self.line.write(data)
-            self._questions.written(before, self.clock())
+            self._pending.written(before, self.clock())
             self.counts['sent'] += 1
 
     @abstractmethod
@@ -277,19 +281,20 @@ class Driver(ABC):
         """Update telemetry and counts from received bytes; `data` may be empty."""
         if data:
             self.counts['bytes'] += len(data)
-            replies = self._parser.feed(data)
-            kinds = [self._question(reply) for reply in replies] if len(replies) > 1 else []
-            for number, reply in enumerate(replies):
+            for reply in self._parser.feed(data):
                 self.counts['replies'] += 1
-                self._alike = kinds[number:].count(kinds[number]) if kinds else 1
                 self._take_reply(reply, now)
             dict.update(self.counts, self._parser.counts)
-        self.counts['lost'] += self._questions.take_lost(now)
+        self.counts['lost'] += self._pending.take_lost(now)
 
-    def _question(self, reply: Any) -> object:
-        """Return what a reply answers, where there are several kinds."""
-        return None
+    def _add_hazard(self, text: str) -> None:
+        """Report why an armed motor must be stopped; each reason once."""
+        if self._armed and text not in self.telemetry.hazards:
+            self.telemetry = self.telemetry._replace(
+                hazards=(*self.telemetry.hazards, text))
 
-    def _answered(self, request: object, now: float) -> Asked:
-        """Return when the request was sent to which a reply has come; see `Questions`."""
-        return self._questions.answered(request, now, self._alike)
+    def _match(self, kind: object, now: float) -> Match:
+        """Return the request that a reply answers; see `PendingRequests`."""
+        match = self._pending.match(kind, now)
+        self.counts['unexpected'] += match.sent == -math.inf
+        return match

@@ -43,6 +43,7 @@ class DriveSettings(Checked):
     pole_pairs: int = count('pole pairs of the motor', default=7, minimum=1)
     highest_temperature: float = quantity('degC', 'temperature at which the power stage gives up',
                                           default=100.0)
+    axis: int = count('output that the motor is on, where a drive has two', default=0, maximum=1)
     boot_time: float = quantity('s', 'time that a reboot takes', default=0.3, minimum=0.0)
     firmware: str = text('generation that the drive is of; empty for the only or oldest one',
                          default='')

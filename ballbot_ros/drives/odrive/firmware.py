@@ -237,6 +237,12 @@ class Generation:
         return (self.errors, STATE, *reason, *(item.path for item in self.details))
 
     @property
+    def safety_settings(self) -> tuple[str, ...]:
+        """Return the settings that bound the torque; they must not change under power."""
+        return (WATCHDOG, WATCHDOG_TIMEOUT, *self.torque_limits, self.current_limit,
+                self.torque_constant, CONTROL_MODE, INPUT_MODE.name)
+
+    @property
     def polled(self) -> tuple[str, ...]:
         """Return what is polled in turn: errors and state often, the others once each."""
         reason = (self.reason,) if self.reason else ()

@@ -80,21 +80,21 @@ def ask(address: int, number: int) -> bytes:
     return bytes((address, number))
 
 
-def set_duty(address: int, motor: int, duty: float) -> bytes:
+def set_duty(address: int, axis: int, duty: float) -> bytes:
     """
     Return the command for a duty cycle.
 
     Parameters
     ----------
     address : int
-    motor : int
-        1 or 2.
+    axis : int
+        0 for M1, 1 for M2.
     duty : float
         Of the supply voltage, -1 to 1; cut to that.
 
     """
     counts = round(FULL_DUTY * min(max(duty, -1.0), 1.0))
-    return command(address, SET_DUTY[motor - 1], struct.pack('>h', counts))
+    return command(address, SET_DUTY[axis], struct.pack('>h', counts))
 
 
 def set_timeout(address: int, tenths: int) -> bytes:

@@ -11,7 +11,7 @@ import math
 from ballbot_ros.config.fields import count, quantity
 from ballbot_ros.drives.contract import bit_names, DriveOptions, Identity, Setting, WireBudget
 from ballbot_ros.drives.driver import Driver
-from ballbot_ros.drives.questions import Asked
+from ballbot_ros.drives.pending_requests import Match
 from ballbot_ros.drives.roboclaw import codec
 from ballbot_ros.errors import DriveError
 
@@ -20,8 +20,6 @@ TIMEOUT_UNIT = 0.1  # of the serial timeout [s]
 STALE_VOLTAGE = 1.0
 COUNTER = 2**32  # the encoder counter wraps
 
-# What is asked one at a time beside position and speed; the status comes every other time.
-SLOW = (codec.GET_BATTERY, codec.GET_CURRENTS, codec.GET_TEMPERATURE)
 
 
 @dataclass(frozen=True)
@@ -29,7 +27,7 @@ class RoboClawOptions(DriveOptions):
     """The options of a RoboClaw driver."""
 
     address: int = count('address of the controller', default=0x80, minimum=0x80, maximum=0x87)
-    motor: int = count('motor output', default=1, minimum=1, maximum=2)
+    axis: int = count('motor output, 0 for M1 and 1 for M2', default=0, maximum=1)
     counts_per_turn: int = count('encoder counts per motor turn', default=4096, minimum=4)
     torque_constant: float = quantity('N m/A', 'motor torque per ampere', default=0.025,
                                       above=0.0)
@@ -38,8 +36,8 @@ class RoboClawOptions(DriveOptions):
     resistance: float = quantity('ohm', 'resistance of the armature and its leads', default=3.125,
                                  above=0.0)
     status_period: float = quantity(
-        's', 'time between requests for status, voltage, current and temperature, of which one '
-        'is asked at a time', default=0.01, minimum=0.0, maximum=0.2)
+        's', 'time between requests for status, voltage, current, temperature and settings, of '
+        'which one is sent at a time', default=0.01, minimum=0.01, maximum=0.2)
 
 
 class RoboClaw(Driver):
@@ -48,7 +46,9 @@ class RoboClaw(Driver):
 
     The controller has no arming: before `arm`, and after a stop, this driver sends zero duty
     only.  Any byte feeds its serial timeout, requests too; so this driver itself sends zero
-    duty with the requests once the last command is older than the watchdog time.
+    duty with the requests once the last command is older than the watchdog time.  A restart
+    resets the serial timeout, and may be too short to be noticed, so it is set again with each
+    request of the status period.
     """
 
     options: RoboClawOptions
@@ -61,9 +61,12 @@ class RoboClaw(Driver):
     closes_torque_loop = False
 
     def _begin(self) -> None:
-        motor = self.options.motor - 1
+        axis = self.options.axis
         self._parser = codec.ReplyParser(self.options.address)
-        self._motion = (codec.GET_ENCODER[motor], codec.GET_SPEED[motor])
+        self._motion = (codec.GET_ENCODER[axis], codec.GET_SPEED[axis])
+        # Requested in turn, the status every other time; see `PendingRequests`.
+        self._slow = (codec.GET_BATTERY, codec.GET_CURRENTS, codec.GET_TEMPERATURE,
+                      codec.GET_TIMEOUT, codec.GET_MAX_CURRENT[axis], codec.GET_PWMS)
         self._answers: dict[int, codec.Reply] = {}
         self._turn = 0
         self._slow_at = -math.inf
@@ -92,7 +95,7 @@ class RoboClaw(Driver):
         """
         deadline = self.clock() + patience
         options = self.options
-        current = self._ask(codec.GET_MAX_CURRENT[options.motor - 1], deadline).values[0] / 100.0
+        current = self._ask(codec.GET_MAX_CURRENT[options.axis], deadline).values[0] / 100.0
         lowest, highest = (0.1 * value for value in self._ask(
             codec.GET_VOLTAGES, deadline).values)
         supply = 0.1 * self._ask(codec.GET_BATTERY, deadline).values[0]
@@ -189,10 +192,11 @@ class RoboClaw(Driver):
     def budget(self) -> WireBudget:
         """Return the bytes of a period in which a slow value is asked for."""
         options = self.options
-        numbers = (codec.GET_STATUS, *self._motion)  # the longest of the slow ones
+        numbers = (codec.GET_MAX_CURRENT[options.axis], *self._motion)  # with the longest reply
         answers = sum(codec.answer_length(number) for number in numbers)
-        return WireBudget(len(codec.set_duty(options.address, options.motor, 0.0))
-                          + 2 * len(numbers), 1 + answers)
+        return WireBudget(len(codec.set_duty(options.address, options.axis, 0.0))
+                          + len(codec.set_timeout(options.address, self._tenths))
+                          + 2 * len(numbers), 2 + answers)
 
     def _torque_message(self, torque: float) -> bytes:
         if torque == 0.0:  # released is exactly no torque; the back voltage would be a guess
@@ -204,7 +208,7 @@ class RoboClaw(Driver):
 
     def _duty_message(self, duty: float) -> bytes:
         self._duty = duty
-        return codec.set_duty(self.options.address, self.options.motor, duty)
+        return codec.set_duty(self.options.address, self.options.axis, duty)
 
     def _stop_message(self) -> bytes:
         return self._duty_message(0.0) + self._group(codec.GET_PWMS, codec.GET_STATUS)
@@ -212,16 +216,20 @@ class RoboClaw(Driver):
     def _requests(self) -> bytes:
         now = self.clock()
         if now - self._slow_at < self.options.status_period:
+            # Alternately in both orders: a reply shows at once that the one before was lost.
+            self._motion = self._motion[::-1]
             return self._group(*self._motion)
         self._slow_at = now
         self._turn += 1
-        slow = SLOW[self._turn // 2 % len(SLOW)] if self._turn % 2 else codec.GET_STATUS
-        return self._group(slow, *self._motion)
+        slow = self._slow[self._turn // 2 % len(self._slow)] if self._turn % 2 \
+            else codec.GET_STATUS
+        return self._group(slow, *self._motion) \
+            + codec.set_timeout(self.options.address, self._tenths)
 
     def _group(self, *numbers: int) -> bytes:
         """Return requests that are answered together."""
-        self._questions.ask(numbers)
-        self._parser.groups = tuple(self._questions.requests)
+        self._pending.add(numbers)
+        self._parser.groups = tuple(self._pending.kinds)
         return b''.join(codec.ask(self.options.address, number) for number in numbers)
 
     def _ask(self, number: int, deadline: float, handshake: bool = False,
@@ -236,40 +244,49 @@ class RoboClaw(Driver):
     # Answers
 
     def _take_reply(self, group: list[codec.Reply], now: float) -> None:
-        answer = self._answered(self._question(group), now)
+        match = self._match(tuple(reply.command for reply in group), now)
         self.counts['replies'] += len(group) - 1
         for reply in group:
             self._answers[reply.command] = reply
-            self._note(reply, answer, now)
+            self._note(reply, match, now)
 
-    def _question(self, group: list[codec.Reply]) -> tuple[int, ...]:
-        return tuple(reply.command for reply in group)
-
-    def _note(self, reply: codec.Reply, answer: Asked, now: float) -> None:
+    def _note(self, reply: codec.Reply, match: Match, now: float) -> None:
         """Put an answer into the telemetry."""
-        motor = self.options.motor - 1
+        axis = self.options.axis
         last, number, values = self.telemetry, reply.command, reply.values
         turn = math.tau / self.options.counts_per_turn
-        if number == self._motion[0]:
+        if number == codec.GET_ENCODER[axis]:
             # The nearest count that the wrapped counter can mean.
             step = (values[0] - self._counts + COUNTER // 2) % COUNTER - COUNTER // 2
             self._counts += step
             self.telemetry = last._replace(
-                time=now, measured=answer.measured, position=self._counts * turn)
-        elif number == self._motion[1]:
+                time=now, measured=match.measured, position=self._counts * turn)
+        elif number == codec.GET_SPEED[axis]:
             self.telemetry = last._replace(velocity=values[0] * turn)
         elif number == codec.GET_PWMS:
-            if values[motor] == 0:
-                self._off_asked_at = answer.asked
+            if values[axis] == 0:
+                self._off_asked_at = match.sent
         elif number == codec.GET_BATTERY:
             self._voltage_at = now
             self.telemetry = last._replace(bus_voltage=values[0] / 10.0)
         elif number == codec.GET_CURRENTS:
-            self.telemetry = last._replace(current=values[motor] / 100.0)
+            self.telemetry = last._replace(current=values[axis] / 100.0)
         elif number == codec.GET_TEMPERATURE:
             self.telemetry = last._replace(temperature=values[0] / 10.0)
+        elif number == codec.GET_TIMEOUT:
+            if values[0] != self._tenths:
+                self._add_hazard(f'serial timeout is {values[0] * TIMEOUT_UNIT:g} s, '
+                                 f'was {self._tenths * TIMEOUT_UNIT:g} s')
+        elif number == codec.GET_MAX_CURRENT[axis]:
+            self._check_limit(values[0] / 100.0)
         elif number == codec.GET_STATUS:
             faults = bit_names(values[0] & codec.ERRORS, codec.STATUS)
             self.telemetry = last._replace(
                 status_time=now, faults=faults, armed=self._armed and not faults,
                 warnings=bit_names(values[0] & ~codec.ERRORS, codec.STATUS))
+
+    def _check_limit(self, current: float) -> None:
+        """Report a current limit of the drive that has been raised."""
+        torque, limit = current * self.options.torque_constant, self.options.own_limit
+        if torque > 1.01 * limit:
+            self._add_hazard(f'torque limit is {torque:.4g} N m, must be at most {limit:g} N m')

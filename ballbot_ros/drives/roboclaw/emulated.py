@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A RoboClaw, as its packet serial protocol sees it; the motor is motor 1.
+A RoboClaw, as its packet serial protocol sees it; the motor is on one of its two outputs.
 
 After the RoboClaw Series User Manual.  It sets a voltage, not a torque; any byte feeds its serial
 timeout; a pause of more than 10 ms inside a packet drops the packet.  What it does with garbage
@@ -51,23 +51,25 @@ class RoboClawDevice(Device):
         self._duty = 0.0
         self._status, self._broken = 0, False
         self._origin = self.sensed.position  # the encoder counter starts at 0
+        axis = self.settings.axis
+        other = 1 - axis
         self._answers: dict[int, Callable[[], tuple[int, ...]]] = {
             codec.GET_TIMEOUT: lambda: (self._timeout,),
-            codec.GET_ENCODER[0]: lambda: (self._counts(self.sensed.position - self._origin),
-                                           self.sensed.velocity < 0.0),
-            codec.GET_SPEED[0]: lambda: (self._counts(self.sensed.velocity),
-                                         self.sensed.velocity < 0.0),
-            codec.GET_ENCODER[1]: lambda: (0, 0),
-            codec.GET_SPEED[1]: lambda: (0, 0),
+            codec.GET_ENCODER[other]: lambda: (0, 0),
+            codec.GET_SPEED[other]: lambda: (0, 0),
+            codec.GET_ENCODER[axis]: lambda: (self._counts(self.sensed.position - self._origin),
+                                              self.sensed.velocity < 0.0),
+            codec.GET_SPEED[axis]: lambda: (self._counts(self.sensed.velocity),
+                                            self.sensed.velocity < 0.0),
             codec.GET_BATTERY: lambda: (round(10.0 * self.sensed.bus_voltage),),
             codec.GET_TEMPERATURE: lambda: (round(10.0 * self.sensed.temperature),),
-            codec.GET_PWMS: lambda: (round(codec.FULL_DUTY * self._effective_duty()), 0),
-            codec.GET_CURRENTS: lambda: (round(
-                100.0 * self.torque() / self.settings.torque_constant), 0),
+            codec.GET_PWMS: lambda: self._of_both(codec.FULL_DUTY * self._effective_duty()),
+            codec.GET_CURRENTS: lambda: self._of_both(
+                100.0 * self.torque() / self.settings.torque_constant),
             codec.GET_VOLTAGES: lambda: VOLTAGES,
             codec.GET_STATUS: lambda: (self._status,),
-            codec.GET_MAX_CURRENT[0]: lambda: (round(100.0 * self.settings.largest_current), 0),
-            codec.GET_MAX_CURRENT[1]: lambda: (0, 0),
+            codec.GET_MAX_CURRENT[axis]: lambda: (round(100.0 * self.settings.largest_current), 0),
+            codec.GET_MAX_CURRENT[other]: lambda: (0, 0),
         }
 
     def torque(self) -> float:
@@ -93,13 +95,21 @@ class RoboClawDevice(Device):
                 'TEMPERATURE_WARNING': sensed.temperature >= hottest - WARM,
                 'MAIN_VOLTAGE_LOW_WARNING': sensed.bus_voltage < 0.1 * VOLTAGES[0],
                 'MAIN_VOLTAGE_HIGH_WARNING': sensed.bus_voltage > 0.1 * VOLTAGES[1],
-                'M1_DRIVER_FAULT_ERROR': self._broken}
+                self._driver_fault: self._broken}
         self._status = sum(BITS[name] for name, is_so in here.items() if is_so)
 
     def over_current(self) -> None:
         """Trip; see `Device`."""
         self._broken = True
-        self._status |= BITS['M1_DRIVER_FAULT_ERROR']
+        self._status |= BITS[self._driver_fault]
+
+    @property
+    def _driver_fault(self) -> str:
+        return f'M{self.settings.axis + 1}_DRIVER_FAULT_ERROR'
+
+    def _of_both(self, value: float) -> tuple[int, int]:
+        """Return a value of the motor, and 0 of the output without one."""
+        return (0, round(value)) if self.settings.axis else (round(value), 0)
 
     def _effective_duty(self) -> float:
         return 0.0 if self._status & POWERLESS else self._duty
@@ -135,7 +145,7 @@ class RoboClawDevice(Device):
     def _obey(self, packet: bytes) -> bytes:
         if crc_hqx(packet[:-2], 0) != int.from_bytes(packet[-2:], 'big'):
             return b''
-        if packet[1] == codec.SET_DUTY[0]:
+        if packet[1] == codec.SET_DUTY[self.settings.axis]:
             self._duty = struct.unpack('>h', packet[2:4])[0] / codec.FULL_DUTY
         elif packet[1] == codec.SET_TIMEOUT and not self.has('no_timeout'):
             self._timeout = packet[2]

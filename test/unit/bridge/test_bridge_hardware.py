@@ -224,7 +224,7 @@ def test_on_board_a_torque_is_late_by_what_is_on_the_line_and_a_reserve():
 
 
 @pytest.mark.parametrize('name, lowest', [
-    ('gimball_odrive', 548.0), ('gimball_vesc', 170.0), ('gimball_roboclaw', 165.0)])
+    ('gimball_odrive', 548.0), ('gimball_vesc', 170.0), ('gimball_roboclaw', 154.4)])
 def test_the_published_gains_need_this_rate_on_board(name, lowest):
     hardware = load_hardware(name)
     hardware = replace(hardware, connection=replace(hardware.connection, loop_rate=700.0))

@@ -11,7 +11,7 @@ from ballbot_ros.drives.contract import Telemetry
 
 DISCONNECTED, DISARMED, ARMED, STOPPING = MotorState
 # What a drive, or the lack of one, may do at any moment.
-UNASKED = {Event.SILENT, Event.UNCONFIRMED, Event.DISARMED_BY_DRIVE, Event.LOST}
+UNASKED = {Event.SILENT, Event.UNCONFIRMED, Event.HAZARD, Event.DISARMED_BY_DRIVE, Event.LOST}
 
 
 def ways(to=None, by=None):

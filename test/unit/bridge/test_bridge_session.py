@@ -132,6 +132,7 @@ def test_without_an_imu_there_is_no_torque_unless_the_file_says_so():
 @pytest.mark.parametrize('protocol', PROTOCOLS)
 def test_the_answer_to_the_question_of_a_period_arrives_within_it(protocol):
     robot = VirtualRobot(protocol).ready()
+    robot.pass_time(STEP)
     for _ in range(100):
         robot.session.tick()
         asked = robot.now

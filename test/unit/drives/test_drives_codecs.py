@@ -92,9 +92,9 @@ def test_vesc_packets_are_those_of_an_independent_implementation(packet, golden)
 @pytest.mark.parametrize('packet, golden', [
     # From basicmicro 2.0.10 with its port replaced: DutyM1(0x80, 16384), DutyM1(0x80, -32767),
     # DutyM2(0x81, 1), SetTimeout(0x80, 0.1), ReadEncM1(0x80).
-    (roboclaw.set_duty(0x80, 1, 16384 / 32767), '802040005632'),
-    (roboclaw.set_duty(0x80, 1, -1.0), '802080015047'),
-    (roboclaw.set_duty(0x81, 2, 1 / 32767), '812100010a5b'),
+    (roboclaw.set_duty(0x80, 0, 16384 / 32767), '802040005632'),
+    (roboclaw.set_duty(0x80, 0, -1.0), '802080015047'),
+    (roboclaw.set_duty(0x81, 1, 1 / 32767), '812100010a5b'),
     (roboclaw.command(0x80, 14, b'\x01'), '800e010874'),
     (roboclaw.ask(0x80, 16), '8010'),
 ])

@@ -306,7 +306,7 @@ def test_baud_rates_are_such_as_ports_have(kind):
 
 @pytest.mark.parametrize('protocol, option, values', [
     ('odrive', 'axis', (-1, 2)), ('odrive', 'status_period', (-0.1, 1.1)),
-    ('roboclaw', 'motor', (0, 3)), ('roboclaw', 'address', (0x7F, 0x88)),
+    ('roboclaw', 'axis', (-1, 2)), ('roboclaw', 'address', (0x7F, 0x88)),
     ('roboclaw', 'status_period', (-0.1, 0.3)), ('roboclaw', 'counts_per_turn', (3,)),
     ('roboclaw', 'torque_constant', (0.0,)), ('roboclaw', 'resistance', (0.0,)),
     ('roboclaw', 'speed_constant', (-0.1,)), ('vesc', 'torque_constant', (0.0,)),

@@ -196,10 +196,10 @@ def test_faults_of_a_motor_under_power_are_not_cleared(kind):
 @both
 def test_current_from_the_supply_and_back_into_it_is_told(kind):
     bench = armed(kind)
-    bench.cycles(40, torque=0.05)
+    bench.cycles(120, torque=0.05)
     assert bench.driver.telemetry.bus_current == pytest.approx(3.125 * 2.0**2 / 24.0, abs=1e-5)
     bench.device.sensed = bench.device.sensed._replace(velocity=-600.0)
-    bench.cycles(40, torque=0.05)
+    bench.cycles(120, torque=0.05)
     assert bench.driver.telemetry.bus_current == pytest.approx(
         (3.125 * 2.0**2 - 0.05 * 600.0) / 24.0, abs=1e-5)
 
@@ -208,17 +208,17 @@ def test_current_from_the_supply_and_back_into_it_is_told(kind):
 def test_a_drive_that_takes_torque_away_because_it_is_hot_warns(kind):
     bench = armed(kind)
     bench.driver.read_settings()
-    assert bench.cycles(60).warnings == ()
+    assert bench.cycles(120).warnings == ()
     bench.device.sensed = bench.device.sensed._replace(temperature=85.0)
-    assert bench.cycles(60).warnings == ('effective_current_lim 2 A',)
+    assert bench.cycles(120).warnings == ('effective_current_lim 2 A',)
     bench.device.sensed = bench.device.sensed._replace(temperature=35.0)
-    assert bench.cycles(60).warnings == ()
+    assert bench.cycles(120).warnings == ()
 
 
 def test_a_brake_resistor_that_takes_no_more_is_warned_of():
     bench = armed('odrive 0.5')
     bench.device.properties['brake_resistor_saturated'] = 1
-    assert bench.cycles(60).warnings == ('brake_resistor_saturated',)
+    assert bench.cycles(120).warnings == ('brake_resistor_saturated',)
 
 
 def test_0_6_names_no_warning_that_only_0_5_has():

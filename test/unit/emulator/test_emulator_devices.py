@@ -126,7 +126,7 @@ def test_vesc_keeps_off_for_a_while_after_a_fault(settings):
 
 def test_roboclaw_sets_a_voltage_and_not_a_torque(settings):
     drive = RoboClawDevice(settings)
-    assert drive.receive(roboclaw.set_duty(0x80, 1, 0.5), 0.0) == b'\xff'
+    assert drive.receive(roboclaw.set_duty(0x80, 0, 0.5), 0.0) == b'\xff'
     current = 0.5 * 24.0 / settings.resistance
     assert drive.torque() == pytest.approx(settings.torque_constant * current, rel=1e-3)
     drive.sensed = drive.sensed._replace(velocity=0.5 * 24.0 / settings.speed_constant)
@@ -135,7 +135,7 @@ def test_roboclaw_sets_a_voltage_and_not_a_torque(settings):
 
 def test_roboclaw_does_not_answer_a_damaged_command(settings):
     drive = RoboClawDevice(settings)
-    packet = roboclaw.set_duty(0x80, 1, 0.5)
+    packet = roboclaw.set_duty(0x80, 0, 0.5)
     for bit in range(8 * len(packet)):
         damaged = bytearray(packet)
         damaged[bit // 8] ^= 1 << bit % 8
@@ -145,7 +145,7 @@ def test_roboclaw_does_not_answer_a_damaged_command(settings):
 
 def test_roboclaw_drops_a_packet_with_a_pause_in_it(settings):
     drive = RoboClawDevice(settings)
-    packet = roboclaw.set_duty(0x80, 1, 0.5)
+    packet = roboclaw.set_duty(0x80, 0, 0.5)
     drive.receive(packet[:3], 0.0)
     assert drive.receive(packet[3:], 0.02) == b'' and drive.torque() == 0.0
     assert drive.receive(packet, 0.04) == b'\xff' and drive.torque() > 0.0
@@ -153,7 +153,7 @@ def test_roboclaw_drops_a_packet_with_a_pause_in_it(settings):
 
 def test_roboclaw_stops_when_no_bytes_come(settings):
     drive = RoboClawDevice(settings)
-    drive.receive(roboclaw.set_duty(0x80, 1, 0.5), 0.0)
+    drive.receive(roboclaw.set_duty(0x80, 0, 0.5), 0.0)
     drive.tick(0.09)
     assert drive.torque() > 0.0
     drive.tick(0.11)

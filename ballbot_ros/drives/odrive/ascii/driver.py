@@ -10,7 +10,7 @@ from ballbot_ros.config.fields import count, quantity
 from ballbot_ros.drives.contract import DriveOptions, Identity, Setting, WireBudget
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.drives.odrive.ascii import codec
-from ballbot_ros.drives.odrive.ascii.status import DriveStatus, MARKER, Requests
+from ballbot_ros.drives.odrive.ascii.status import DriveStatus, MARKER, Properties
 from ballbot_ros.drives.odrive.firmware import (
     CLOSED_LOOP_CONTROL, CONTROL_MODE, Generation, generation_of, GENERATIONS, HARDWARE,
     hardware_name, IDLE, in_words, REQUESTED_STATE, SERIAL_NUMBER, STATE, TORQUE_CONTROL, VERSION)
@@ -53,7 +53,8 @@ class ODrive(Driver):
         self._parser = codec.LineParser()
         self._status = DriveStatus(GENERATIONS[-1], self.options.torque_limit)  # asked less of
         self._identified = False
-        self._pending = Requests(self.options.reply_timeout)
+        self._settings: dict[str, float] = {}  # values of `safety_settings` at the last arming
+        self._properties = Properties(self.options.reply_timeout)
         self._texts: deque[str] = deque(maxlen=8)  # neither feedback nor an answer
         self._then: Optional[str] = None  # property to ask for once the position has come
         self._period_began = -math.inf
@@ -87,7 +88,7 @@ class ODrive(Driver):
         self._texts.clear()
         self._send(codec.INFO)  # three lines, of which the last one has it
         if not self._until(lambda: len(self._texts) >= 3, self._soon(deadline)):
-            self._pending.lose_sync()  # what is missing may still come
+            self._properties.lose_sync()  # what is missing may still come
         return next((text.partition(': ')[2] for text in self._texts
                      if text.startswith('Serial number: ')), '')
 
@@ -174,17 +175,18 @@ class ODrive(Driver):
         return codec.torque(self.options.axis, torque)
 
     def _requests(self) -> bytes:
-        now, pending, began = self.clock(), self._pending, self._period_began
+        now, properties, began = self.clock(), self._properties, self._period_began
         self._period_began = now
-        marker = b'' if pending.in_sync else self._property_request(STATE)
+        marker = b'' if properties.in_sync else self._property_request(STATE)
         if marker:
             return marker  # which is long, and stands alone
-        if self._generation.one_reply_at_a_time and pending.asked and pending.asked_at >= began:
+        if self._generation.one_reply_at_a_time and properties.asked \
+                and properties.asked_at >= began:
             return b''  # its answer is on its way, and would cost that to another request
-        self._questions.ask(codec.Feedback)
+        self._pending.add(codec.Feedback)
         request = codec.feedback(self.options.axis)
-        if pending.free and (self._status.urgent
-                             or now - pending.asked_at >= self.options.status_period):
+        if properties.free and (self._status.urgent
+                                or now - properties.asked_at >= self.options.status_period):
             request += self._property_request(self._status.next_name(now))
         return request
 
@@ -196,10 +198,18 @@ class ODrive(Driver):
 
     def _property_request(self, name: str) -> bytes:
         """Return what to ask for a property now, which may be nothing; see `Requests.ask`."""
-        if self._generation.one_reply_at_a_time and self._questions:
+        if self._generation.one_reply_at_a_time and codec.Feedback in self._pending.kinds:
             self._then = name
             return b''
-        return self._pending.ask(name, self._path(name), self.clock())
+        return self._ask_property(name)
+
+    def _ask_property(self, name: str) -> bytes:
+        properties = self._properties
+        request = properties.ask(name, self._path(name), self.clock())
+        if request:
+            self._pending.add(properties.marker if properties.asked is None
+                              else (name, properties.asked_at))
+        return request
 
     def _synchronise(self, deadline: float) -> None:
         """
@@ -211,8 +221,8 @@ class ODrive(Driver):
             ``silent``, ``garbled`` or ``wrong_protocol``.
 
         """
-        self._pending.lose_sync()
-        self._ask_until(lambda: self._pending.in_sync, lambda: self._property_request(STATE),
+        self._properties.lose_sync()
+        self._ask_until(lambda: self._properties.in_sync, lambda: self._property_request(STATE),
                         deadline)
 
     def _handshake_error(self, before: Counter[str]) -> DriveError:
@@ -232,17 +242,17 @@ class ODrive(Driver):
             ``silent`` if there is no answer before the deadline.
 
         """
-        pending = self._pending
+        properties = self._properties
         while True:
             self._then = None
-            if not pending.free:
+            if not properties.free:
                 self._synchronise(deadline)
-            self._until(lambda: not self._questions, self._soon(deadline))
-            self._questions.clear()
+            self._until(lambda: not self._pending, self._soon(deadline))
+            self._pending.clear()
             self._send(self._property_request(name))
-            self._until(lambda: pending.asked is None, self._soon(deadline))
-            if pending.free:
-                return math.nan if pending.value is None else pending.value
+            self._until(lambda: properties.asked is None, self._soon(deadline))
+            if properties.free:
+                return math.nan if properties.value is None else properties.value
             if self.clock() >= deadline:
                 raise DriveError('silent', (
                     f'{self.line.port}: the ODrive does not answer for {self._path(name)}'))
@@ -256,40 +266,46 @@ class ODrive(Driver):
 
     def _take(self, data: bytes, now: float) -> None:
         super()._take(data, now)
-        self.counts['lost'] += self._pending.overdue(now)
-
-    def _question(self, text: str) -> object:
-        return None if codec.parse_feedback(text) is None else codec.Feedback
+        self.counts['lost'] += self._properties.overdue(now)
 
     def _take_reply(self, text: str, now: float) -> None:
         feedback = codec.parse_feedback(text)
         if feedback is not None:
             self._take_feedback(feedback, now)
             return
-        name = self._pending.take(text)
-        if name is None and codec.parse_number(text) is not None:
-            self.counts['unexpected'] += 1
-        elif name is None:
+        name, number = self._properties.take(text), codec.parse_number(text)
+        if name not in (None, MARKER):
+            self._pending.match((name, self._properties.asked_at), now)
+        elif number is not None:
+            self._match(number, now)
+        else:
             self._texts.append(text)
-        elif name != MARKER:
-            self._note(name, self._pending.value, now)
+        if name not in (None, MARKER):
+            self._note(name, self._properties.value, now)
 
     def _take_feedback(self, feedback: codec.Feedback, now: float) -> None:
-        answer = self._answered(codec.Feedback, now)
-        if self._generation.one_reply_at_a_time:  # the others got lost
-            self._questions.clear()
-            if self._then is not None:
-                name, self._then = self._then, None
-                self._send(self._property_request(name))
+        match = self._match(codec.Feedback, now)
+        if self._then is not None:
+            name, self._then = self._then, None
+            self._send(self._ask_property(name))
         # An encoder that failed reads as 0.
         if not self._status.errors & self._generation.no_estimate:
             self.telemetry = self.telemetry._replace(
-                time=now, measured=answer.measured, position=feedback.position * math.tau,
+                time=now, measured=match.measured, position=feedback.position * math.tau,
                 velocity=feedback.velocity * math.tau)
+
+    def _check_setting(self, name: str, value: float) -> None:
+        """Report a setting that has changed since the motor was armed."""
+        before = self._settings.setdefault(name, value) if self._armed else value
+        self._settings[name] = before
+        if value != before:
+            self._add_hazard(f'{self._path(name)} is {value:g}, was {before:g}')
 
     def _note(self, name: str, value: Optional[float], now: float) -> None:
         """Put the value of a property into the telemetry."""
         if name == STATE and value == IDLE:
-            self._off_asked_at = self._pending.asked_at
+            self._off_asked_at = self._properties.asked_at
+        if name in self._generation.safety_settings and value is not None:
+            self._check_setting(name, value)
         self._status.take(name, value, now, self._armed)
         self.telemetry = self._status.told(self.telemetry, name, now, self._armed)

@@ -31,7 +31,7 @@ FLOAT = rf'\s*([-+]?{NUMBER})'
 
 
 class ODriveDevice(BoardDevice):
-    """See `Device`; the motor is on axis 0."""
+    """See `Device`; properties of the axis with the motor are kept under the name axis0."""
 
     protocol = 'odrive'
     quirks = QUIRKS
@@ -124,7 +124,7 @@ class ODriveDevice(BoardDevice):
             return ['invalid command format']
         if int(match[1]) >= self.names.axes:
             return [f'invalid motor {int(match[1])}']
-        if int(match[1]) != 0:  # the other motor output: nothing is connected to it
+        if int(match[1]) != self.settings.axis:  # no motor is connected to the other output
             return ['0.000000 0.000000'] if text[0] == 'f' else []
         if feeds is not None:
             self.board.feed(feeds)
@@ -143,7 +143,7 @@ class ODriveDevice(BoardDevice):
     def _read(self, words: list[str]) -> list[str]:
         if not words:
             return ['invalid command format']
-        name = words[0]
+        name = self._own_name(words[0])
         if name in self._measured:
             self.board.sensed = self.sensed
             return [f'{self._measured[name]():f}'[:LONGEST_VALUE]]
@@ -154,15 +154,23 @@ class ODriveDevice(BoardDevice):
         return [(text + 'd' * self._garbles(name))[:LONGEST_VALUE]]
 
     def _write(self, words: list[str]) -> list[str]:
-        if len(words) < 2 or words[0] not in self.properties:
+        name = self._own_name(words[0]) if len(words) == 2 else ''
+        if name not in self.properties:
             return ['invalid property']
-        if self._garbles(words[0]):
+        if self._garbles(name):
             return ['not implemented']
         number = re.match(FLOAT, words[1])
-        old = self.properties[words[0]]
-        if number is not None and words[0] not in self.names.read_only:
-            self.properties[words[0]] = type(old)(float(number[1]))
+        old = self.properties[name]
+        if number is not None and name not in self.names.read_only:
+            self.properties[name] = type(old)(float(number[1]))
         return []
+
+    def _own_name(self, name: str) -> str:
+        """Return under which name a property is kept; empty for the axis without a motor."""
+        if not name.startswith('axis'):
+            return name
+        axis, _, rest = name.partition('.')
+        return f'axis0.{rest}' if axis == f'axis{self.settings.axis}' else ''
 
     def _garbles(self, name: str) -> bool:
         """Return whether this is an enumeration, and the firmware too old to print it."""

@@ -40,7 +40,7 @@ class DriveStatus:
         self.generation = generation
         self.values: dict[str, float] = {}
         self._torque_limit = torque_limit
-        self._turn = 0
+        self._turn = self._round = 0
         self._open: list[str] = []  # still to be read before a loss of power is told
         self._opened_at = -math.inf
         self._about: Optional[tuple[float, int]] = None  # the cause that they were read for
@@ -63,7 +63,11 @@ class DriveStatus:
             return self._open[0]
         names = self.generation.polled + (
             tuple(item.path for item in self.generation.details) if self.errors else ())
-        self._turn = (self._turn + 1) % len(names)
+        self._turn += 1
+        if self._turn >= len(names):  # one of the settings after each round of telemetry
+            settings = self.generation.safety_settings
+            self._turn, self._round = -1, (self._round + 1) % len(settings)
+            return settings[self._round]
         return names[self._turn]
 
     def forget_details(self) -> None:
@@ -165,7 +169,7 @@ def _number(values: Mapping[str, float], name: str) -> int:
 MARKER = 'marker'
 
 
-class Requests:
+class Properties:
     """
     Asks for one property at a time, and knows whether a value that comes is the answer.
 
@@ -185,6 +189,8 @@ class Requests:
         When it, or the last one, was asked for [s].
     value : float or None
         The last answer; None for what is no number, such as "invalid property".
+    marker : int
+        Number of the last marker.
 
     """
 
@@ -194,7 +200,7 @@ class Requests:
         self.asked_at = -math.inf
         self.value: Optional[float] = None
         self._timeout = timeout
-        self._marker = codec.MARKERS[0]
+        self.marker = codec.MARKERS[0]
         self._marked_at: Optional[float] = None  # None: in sync
 
     @property
@@ -228,10 +234,10 @@ class Requests:
             self.asked, self.asked_at = name, now
             return codec.read(path)
         if self._marked_at is not None and now - self._marked_at > self._timeout:
-            following = self._marker + 1
-            self._marker = following if following in codec.MARKERS else codec.MARKERS[0]
+            following = self.marker + 1
+            self.marker = following if following in codec.MARKERS else codec.MARKERS[0]
             self._marked_at = now
-            return codec.marker(self._marker)
+            return codec.marker(self.marker)
         return b''
 
     def take(self, text: str) -> Optional[str]:
@@ -241,7 +247,7 @@ class Requests:
         Text that answers a request says that there is no such property.
         """
         value = codec.parse_number(text)
-        if not self.in_sync and value == self._marker:
+        if not self.in_sync and value == self.marker:
             self._marked_at = None
             return MARKER
         if self.free or not self.in_sync:

@@ -31,7 +31,7 @@ class ODriveCanOptions(DriveOptions):
     node_id: int = count('node id of the axis on the bus', default=0, maximum=HIGHEST_NODE)
     status_period: float = quantity(
         's', 'time between requests for currents, voltage, temperatures and error registers, of '
-        'which one is asked at a time', default=0.02, minimum=0.0, maximum=1.0)
+        'which one is asked at a time', default=0.02, minimum=0.02, maximum=1.0)
     firmware: str = text(
         'version of a firmware 0.5, such as "0.5.6", which does not tell it over CAN', default='')
     endpoints: str = text(
@@ -63,10 +63,11 @@ OLD = GENERATIONS[0]
 # Registers of 0.5, in the order of the flags of its heartbeat.
 REGISTERS = {codec.MOTOR_ERROR: MOTOR_5, codec.ENCODER_ERROR: ENCODER_5,
              codec.CONTROLLER_ERROR: CONTROLLER_5}
-# What is asked for in turn besides the position.
-POLLED = {'0.5': (codec.IQ, codec.BUS_VOLTAGE_CURRENT, codec.MOTOR_ERROR, codec.ENCODER_ERROR,
-                  codec.CONTROLLER_ERROR),
-          '0.6': (codec.ERROR, codec.IQ, codec.BUS_VOLTAGE_CURRENT, codec.TEMPERATURE)}
+# Requested in turn besides the position; one of them at least only once in `LONGEST_LATENCY`.
+POLLED = {'0.5': (codec.IQ, codec.BUS_VOLTAGE_CURRENT, codec.MOTOR_ERROR, codec.IQ,
+                  codec.BUS_VOLTAGE_CURRENT, codec.ENCODER_ERROR, codec.CONTROLLER_ERROR),
+          '0.6': (codec.ERROR, codec.IQ, codec.BUS_VOLTAGE_CURRENT, codec.ERROR, codec.IQ,
+                  codec.BUS_VOLTAGE_CURRENT, codec.TEMPERATURE)}
 
 
 class Beat(NamedTuple):
@@ -191,7 +192,6 @@ class AxisCondition:
 
 
 AGAIN = 0.01        # between two requests while something is waited for [s]
-WIRE_TIME = 0.0013  # of a frame at most: 160 bits at 125 kbit/s [s]
 
 
 class ODriveCan(Driver):
@@ -360,7 +360,9 @@ class ODriveCan(Driver):
         if generation is not None and now - self._status_at >= self.options.status_period:
             polled = POLLED[generation.name]
             self._status_at, self._turn = now, (self._turn + 1) % len(polled)
-            request += codec.ask(node, polled[self._turn] if unread is None else unread)
+            command = polled[self._turn] if unread is None else unread
+            self._pending.add(command)
+            request += codec.ask(node, command)
         return request
 
     def _send(self, data: bytes) -> None:
@@ -370,7 +372,7 @@ class ODriveCan(Driver):
         super()._send(data)
 
     def _ask_position(self) -> bytes:
-        self._questions.ask(codec.ENCODER_ESTIMATES)
+        self._pending.add(codec.ENCODER_ESTIMATES)
         return codec.ask(self.options.node_id, codec.ENCODER_ESTIMATES)
 
     def _see_obeyed(self, deadline: float, what: str = '') -> None:
@@ -409,10 +411,6 @@ class ODriveCan(Driver):
 
     # Replies
 
-    def _question(self, reply: Any) -> object:
-        node, command = divmod(reply.identifier, 1 << codec.COMMAND_BITS)
-        return command if node == self.options.node_id else None
-
     def _take_reply(self, reply: Any, now: float) -> None:
         frame: CanFrame = reply
         node, command = divmod(frame.identifier, 1 << codec.COMMAND_BITS)
@@ -422,26 +420,27 @@ class ODriveCan(Driver):
             return
         if frame.remote or command in codec.COMMANDS:
             self.counts['of_others'] += 1
+            self._add_hazard('another sender commands the drive')
             return
         self._replies[command] = frame.data
         if command == codec.HEARTBEAT:
             self._take_heartbeat(codec.parse_heartbeat(frame.data), now)
         elif command == codec.ENCODER_ESTIMATES:
             self._take_position(codec.parse_floats(frame.data), now)
-        elif command in (codec.IQ, codec.BUS_VOLTAGE_CURRENT, codec.TEMPERATURE):
-            self._note(command, codec.parse_floats(frame.data))
-        elif command in (codec.MOTOR_ERROR, codec.ENCODER_ERROR, codec.CONTROLLER_ERROR):
-            self._condition.take_register(command, frame.data)
+        else:
+            self._pending.match(command, now)
+            if command in (codec.IQ, codec.BUS_VOLTAGE_CURRENT, codec.TEMPERATURE):
+                self._note(command, codec.parse_floats(frame.data))
+            elif command in (codec.MOTOR_ERROR, codec.ENCODER_ERROR, codec.CONTROLLER_ERROR):
+                self._condition.take_register(command, frame.data)
 
     def _take_position(self, numbers: Optional[tuple[float, float]], now: float) -> None:
-        answer = self._answered(codec.ENCODER_ESTIMATES, now)
-        self._obeyed_until = max(self._obeyed_until, answer.asked)
+        match = self._match(codec.ENCODER_ESTIMATES, now)
+        self._obeyed_until = max(self._obeyed_until, match.sent)
         if numbers is None or self._condition.without_estimate:
             return
-        # What was not asked for, the drive sent by itself.
-        measured = answer.measured if math.isfinite(answer.asked) else now - WIRE_TIME
         self.telemetry = self.telemetry._replace(
-            time=now, measured=measured, position=numbers[0] * math.tau,
+            time=now, measured=match.measured, position=numbers[0] * math.tau,
             velocity=numbers[1] * math.tau)
 
     def _take_heartbeat(self, content: Optional[codec.Heartbeat], now: float) -> None:

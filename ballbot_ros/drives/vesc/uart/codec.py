@@ -48,6 +48,8 @@ FIELDS = {
     'status': (21, 'B', 1),
 }
 MASK = sum(1 << bit for bit, _, _ in FIELDS.values())
+# The mask has no fields above bit 21, and the reply repeats it: the bits above hold a tag.
+TAG_SHIFT, TAGS = 22, 1024
 _VALUES = struct.Struct('>BI' + ''.join(form for _, form, _ in FIELDS.values()))
 VALUES_LENGTH = _VALUES.size + 5  # of the packet
 # Bits of the status: the timeout has taken the current away, and so does a kill switch.
@@ -67,6 +69,7 @@ class Values(NamedTuple):
     fault: int
     angle_deg: float  # of the encoder, 0 to 360
     status: int
+    tag: int = 0  # of the request
 
 
 class Firmware(NamedTuple):
@@ -101,9 +104,9 @@ def set_current(current: float) -> bytes:
     return frame(struct.pack('>Bi', SET_CURRENT, round(1000.0 * current)))
 
 
-def get_values() -> bytes:
-    """Return the request for the fields of `Values`."""
-    return frame(struct.pack('>BI', GET_VALUES_SELECTIVE, MASK))
+def get_values(tag: int = 0) -> bytes:
+    """Return the request for the fields of `Values`, with a tag that the reply repeats."""
+    return frame(struct.pack('>BI', GET_VALUES_SELECTIVE, tag << TAG_SHIFT | MASK))
 
 
 def ask(message: int) -> bytes:
@@ -188,17 +191,18 @@ def parse_values(payload: bytes) -> Optional[Values]:
     if len(payload) != _VALUES.size:
         return None
     name, mask, *raw = _VALUES.unpack(payload)
-    if (name, mask) != (GET_VALUES_SELECTIVE, MASK):
+    tag = mask >> TAG_SHIFT
+    if (name, mask) != (GET_VALUES_SELECTIVE, tag << TAG_SHIFT | MASK):
         return None
     scaled: list[Any] = [
         number / scale if isinstance(scale, float) else number
         for number, (_, _, scale) in zip(raw, FIELDS.values())]
-    return Values(*scaled)
+    return Values(*scaled)._replace(tag=tag)
 
 
 def pack_values(values: Values) -> bytes:
     """Return the payload of a reply to `get_values`, as the firmware makes it."""
-    return _VALUES.pack(GET_VALUES_SELECTIVE, MASK, *(
+    return _VALUES.pack(GET_VALUES_SELECTIVE, values.tag << TAG_SHIFT | MASK, *(
         int(number * scale) for number, (_, _, scale) in zip(values, FIELDS.values())))
 
 

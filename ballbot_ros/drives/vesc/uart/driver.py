@@ -28,11 +28,13 @@ class Vesc(Driver):
     options: VescOptions
     protocol, maker = 'vesc', 'VESC'
     Options = VescOptions
+    replies_are_named = True
     shortest_answer = codec.VALUES_LENGTH
     baud_rates = (115200, 921600, 460800, 230400, 57600)
 
     def _begin(self) -> None:
         self._parser = codec.FrameParser()
+        self._tag = 0
         self._replies: dict[int, bytes] = {}  # message -> its last reply that is no value
         self._turns_apart: Optional[float] = None  # tachometer less encoder, at the first reply
         self._version: Optional[settings.Version] = None
@@ -135,8 +137,9 @@ class Vesc(Driver):
         return self._torque_message(0.0) + self._requests()
 
     def _requests(self) -> bytes:
-        self._questions.ask(codec.GET_VALUES_SELECTIVE)
-        return codec.get_values()
+        self._tag = (self._tag + 1) % codec.TAGS
+        self._pending.add(self._tag)
+        return codec.get_values(self._tag)
 
     def _ask(self, message: int, deadline: float, handshake: bool = False) -> bytes:
         """Ask until there is a reply and return it; see `_ask_until`."""
@@ -158,17 +161,19 @@ class Vesc(Driver):
             self.counts['unexpected'] += 1
 
     def _note(self, values: codec.Values, now: float) -> None:
-        """Make telemetry of a reply; replies come in the order of the requests."""
-        answer = self._answered(codec.GET_VALUES_SELECTIVE, now)
-        self._status, self._status_asked_at = values.status, answer.asked
+        """Update the telemetry; the tag of a reply names its request."""
+        match = self._match(values.tag, now)
+        if match.sent == -math.inf:
+            return  # to no request, or one that was given up
+        self._status, self._status_asked_at = values.status, match.sent
         limit = self.options.own_limit / self.options.torque_constant
         if abs(values.current) <= NO_CURRENT * limit:
-            self._off_asked_at = answer.asked
+            self._off_asked_at = match.sent
         # Without commands a timeout is no news.
         told = values.status if self._armed else values.status & ~codec.TIMED_OUT
         faults = codec.fault_names(values.fault) + (bit_names(told, STATUS) if told else ())
         self.telemetry = self.telemetry._replace(
-            time=now, measured=answer.measured, position=self._position(values),
+            time=now, measured=match.measured, position=self._position(values),
             velocity=values.erpm / self.options.pole_pairs * math.tau / 60.0,
             current=values.current, bus_voltage=values.bus_voltage,
             bus_current=values.bus_current,

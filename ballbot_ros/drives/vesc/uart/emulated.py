@@ -177,9 +177,10 @@ class VescDevice(Device):
             return codec.frame(bytes((message, *((5, 2) if old else self.version)))
                                + b'60_MK6\0' + bytes.fromhex('30002b001450523147353420')
                                + b'\0\0\0\0')
-        elif message == codec.GET_VALUES_SELECTIVE \
-                and data == codec.MASK.to_bytes(4, 'big'):
-            values = codec.pack_values(self._values())
+        elif message == codec.GET_VALUES_SELECTIVE and len(data) == 4 \
+                and int.from_bytes(data, 'big') % (1 << codec.TAG_SHIFT) == codec.MASK:
+            tag = int.from_bytes(data, 'big') >> codec.TAG_SHIFT
+            values = codec.pack_values(self._values()._replace(tag=tag))
             return codec.frame(values[:-1] if old else values)
         elif message == codec.GET_APPCONF:
             return codec.frame(

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Through a whole session: delayed replies, another sender, settings that change, restarts."""
+from dataclasses import replace
+
+import pytest
+from virtual_robot import STEP, VirtualRobot
+
+from ballbot_ros.bridge.motor_state import MotorState
+from ballbot_ros.drives.can_frames import CanFrame, record
+from ballbot_ros.drives.odrive.cansimple import codec as cansimple
+from ballbot_ros.drives.vesc.can import codec as vesc_can
+
+PROTOCOLS = ('odrive 0.5', 'odrive 0.6', 'odrive_can 0.5', 'odrive_can 0.6', 'roboclaw', 'vesc',
+             'vesc_can')
+
+
+def age_of_measurements(robot, latency, seconds):
+    """Return the largest age of a measurement while the motor made a torque [s]."""
+    begin, largest = robot.now, 0.0
+    for _ in range(round(seconds / STEP)):
+        robot._delay = max(latency(robot.now - begin), 0.5 * STEP)
+        robot.run(STEP, torque=0.5)
+        estimate = robot.session.fusion.estimate
+        if robot.motor != 0.0 and estimate is not None:
+            largest = max(largest, robot.now - estimate.stamp)
+    return largest
+
+
+@pytest.mark.parametrize('protocol', PROTOCOLS)
+def test_replies_that_are_delayed_more_and_more_end_the_torque(protocol):
+    robot = VirtualRobot(protocol).ready()
+    robot.run(0.1, torque=0.5)
+    assert robot.motor != 0.0
+    assert age_of_measurements(robot, lambda time: 0.2 * time, 2.0) < 0.11
+    assert robot.motor == 0.0
+
+
+@pytest.mark.parametrize('protocol, frame', [
+    ('odrive_can 0.5', CanFrame(cansimple.SET_INPUT_TORQUE, bytes(4))),
+    ('vesc_can', vesc_can.packet(vesc_can.SET_CURRENT, 0, bytes(4)))])
+@pytest.mark.parametrize('rearm', [False, True])
+def test_torque_of_another_sender_engages_the_e_stop(protocol, frame, rearm):
+    robot = VirtualRobot(protocol, rearm=rearm).ready()
+    robot.run(0.1, torque=0.5)
+    robot.waiting.append((robot.now, record(frame)))
+    report = robot.run(0.05, torque=0.5)
+    assert 'another sender' in report.e_stop and robot.motor == 0.0
+    assert report.state is not MotorState.ARMED
+
+
+def test_a_limit_of_the_drive_that_is_raised_under_power_engages_the_e_stop():
+    robot = VirtualRobot('roboclaw').ready()
+    robot.run(0.1, torque=0.5)
+    robot.device.settings = replace(robot.device.settings, torque_limit=2.0, current_limit=80.0)
+    assert 'torque limit is' in robot.run(0.3, torque=0.5).e_stop
+
+
+@pytest.mark.parametrize('boot_time', [0.005, 0.02, 0.05, 0.09])
+def test_after_a_short_restart_of_a_roboclaw_its_serial_timeout_still_ends_the_torque(boot_time):
+    robot = VirtualRobot('roboclaw').ready()
+    robot.device.settings = replace(robot.device.settings, boot_time=boot_time, watchdog=0.0)
+    robot.run(0.1, torque=0.5)
+    robot.device.reboot(robot.now)
+    robot.run(boot_time + 0.05, torque=0.5)
+    robot.pass_time(0.12)  # the process is killed
+    assert robot.motor == 0.0
