@@ -123,6 +123,10 @@ class Connection(Checked):
         default=True)
 
 
+# Options of a driver that follow from another section, which is the one place to set them.
+SET_ELSEWHERE = {
+    'torque_limit': 'limits: torque_limit', 'drive_torque_limit': 'limits: drive_torque_limit',
+    'speed_limit': 'limits: speed_limit', 'watchdog': 'connection: watchdog'}
 SECTIONS = {'connection': Connection, 'joint': Joint, 'limits': Limits, 'imu': ImuMounting,
             'estimate': FilterTuning, 'odometry': OdometryTuning,
             'battery': Battery, 'thermal': Thermal}
@@ -177,6 +181,7 @@ class Hardware:
 
         """
         limits, joint = self.limits, self.joint
+        _refuse_set_elsewhere(self.drive, f'{self.name}: drive')
         return read_options(self.connection.protocol, {
             'torque_limit': abs(joint.motor_torque(limits.torque_limit)),
             # The drive does not know torque_factor, which a calibration finds after it was set up.
@@ -210,14 +215,23 @@ def read_hardware(content: Mapping[str, Any], where: str) -> Hardware:
         parts[name] = build(cls, values, place)
         provenance.update({f'{name}.{key}': item for key, item in sources.items()})
     connection = parts['connection']
+    given_drive = expect_mapping(content.get('drive', {}), f'{where}: drive')
+    _refuse_set_elsewhere(given_drive, f'{where}: drive')
     drive, sources = read_values(
-        driver_class(connection.protocol).Options,
-        {'torque_limit': 1.0, **expect_mapping(content.get('drive', {}), f'{where}: drive')},
+        driver_class(connection.protocol).Options, {'torque_limit': 1.0, **given_drive},
         f'{where}: drive')
     del drive['torque_limit']  # that of the motor follows from that of the pendulum
     provenance.update({f'drive.{key}': item for key, item in sources.items()})
     return Hardware(content['name'], content['robot'], drive=MappingProxyType(drive),
                     provenance=MappingProxyType(provenance), **parts)
+
+
+def _refuse_set_elsewhere(drive: Mapping[str, Any], where: str) -> None:
+    for name, place in SET_ELSEWHERE.items():
+        if name in drive:
+            raise ConfigurationError(
+                f'{where}: {name} follows from {place}, which is the one place to set it: remove '
+                'it here', 'inconsistent', name)
 
 
 def load_hardware(name_or_path: str) -> Hardware:

@@ -7,7 +7,7 @@ Keys, units, ranges, defaults and meanings are those of the classes that read th
 from dataclasses import dataclass, Field, fields, MISSING
 from typing import Any, Callable, Mapping, Sequence
 
-from ballbot_ros.bridge.hardware_file import HardwareNames, load_hardware, SECTIONS
+from ballbot_ros.bridge.hardware_file import HardwareNames, load_hardware, SECTIONS, SET_ELSEWHERE
 from ballbot_ros.config.files import shipped_files
 from ballbot_ros.control import ControlTuning
 from ballbot_ros.decision import DecisionTuning
@@ -21,7 +21,6 @@ from ballbot_ros.physics.simulation.scene import HUMAN, Initial, SceneFile
 # Numbers of `Actuation` for which scene files have others.
 NOT_FOR_PEOPLE = ('set_angle',)
 # Options of a drive that follow from other sections of a hardware file.
-FOLLOWING = ('torque_limit', 'drive_torque_limit', 'speed_limit', 'watchdog')
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,7 @@ def hardware_file(name: str, robot: str = 'gimball', protocol: str = 'odrive') -
             'not_a_choice', '--protocol')
     shipped = [load_hardware(path.stem) for path in shipped_files('hardware')]
     known = next(item for item in shipped if item.connection.protocol == protocol)
-    own = described(driver_class(protocol).Options, FOLLOWING)
+    own = described(driver_class(protocol).Options, tuple(SET_ELSEWHERE))
     parts = [Section('', described(HardwareNames), '', {'name': name, 'robot': robot})]
     for key, cls in SECTIONS.items():
         parts.append(Section(key, described(cls), _first_line(cls), _values(getattr(known, key))))

@@ -238,6 +238,11 @@ def _converted(port: str, baud: int, opening: bool = False) -> Iterator[None]:
             f'{port!r} is no CAN port: can0 for one of the kernel, /dev/ttyACM0 for an slcan '
             f'adapter, or INTERFACE:CHANNEL of python-can: {error}')) from error
     except Exception as error:  # its CanError, OSError of the kernel, termios.error of pyserial
+        if opening and isinstance(error, (NameError, AttributeError, ImportError)):
+            raise LinkError('missing', (
+                f'{port}: the library of this interface is not installed ({error}); install the '
+                "driver of the adapter's maker, or use its interface of the kernel, such as can0"),
+                'port') from error
         if not _is_of_the_line(error):
             raise
         raise _failure(port, baud, error, opening) from error

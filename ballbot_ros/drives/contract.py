@@ -113,8 +113,8 @@ class Telemetry(NamedTuple):
     """
 
     time: Optional[float] = None  # of the driver's clock, when the position arrived [s]
-    # When the drive looked at its encoder, as well as is known: when the question was sent that
-    # the position answers, or when it came by itself less its time on the wire [s].
+    # When the request was sent that the position answers [s]; None where that is not known, or too
+    # long ago.  Such a position is no measurement.
     measured: Optional[float] = None
     position: Optional[float] = None  # of the motor shaft, goes on over full turns [rad]
     velocity: Optional[float] = None  # of the motor shaft [rad/s]

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from refusals import refused
 import serial
 
 from ballbot_ros.bridge.feasibility import (
@@ -162,13 +163,24 @@ def test_the_driver_has_the_torque_limit_of_the_pendulum_at_the_shaft_of_the_mot
     assert hardware.provenance['drive.torque_constant'].source == 'assumed'
 
 
+@pytest.mark.parametrize('name', [
+    'torque_limit', 'drive_torque_limit', 'speed_limit', 'watchdog'])
+def test_the_section_drive_does_not_override_a_safety_setting(name):
+    whole = dict(read_yaml(config_folder() / 'hardware/gimball_odrive.yaml'))
+    whole['drive'] = {**whole.get('drive', {}), name: 3.0}
+    with refused('inconsistent', name):
+        read_hardware(whole, 'here')
+    with refused('inconsistent', name):
+        replace(load_hardware('gimball_odrive'), drive={name: 3.0}).options()
+
+
 def test_what_a_drive_cannot_be_told_is_refused_in_the_file():
     with pytest.raises(ConfigurationError, match='drive'):
         replace(load_hardware('gimball_odrive'), drive={'poles': 7}).options()
 
 
 def test_a_file_that_does_not_exist_is_answered_with_those_that_do():
-    with pytest.raises(ConfigurationError, match='no hardware named .* known are gimball_odrive'):
+    with pytest.raises(ConfigurationError, match="did you mean 'gimball_odrive'"):
         load_hardware('gimball_oddrive')
 
 

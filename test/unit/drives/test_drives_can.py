@@ -8,6 +8,7 @@ import can
 from drive_bench import Bench
 from hypothesis import given, strategies as st
 import pytest
+from refusals import refused
 
 from ballbot_ros.drives import open_driver, open_line, read_options
 from ballbot_ros.drives.can_frames import CanFrame, parse_record, record, RECORD_SIZE, RecordParser
@@ -352,3 +353,16 @@ def test_no_question_keeps_a_torque_alive_that_a_predecessor_left(kind, call):
     except DriveError:
         assert call == 'clear_faults'  # not under power
     assert bench.device.torque() == 0.0
+
+
+def test_an_interface_whose_library_is_missing_is_refused(monkeypatch):
+    def fails(**_):
+        raise NameError("name 'canGetNumberOfChannels' is not defined")
+    monkeypatch.setattr(can, 'Bus', fails)
+    with refused('missing', 'port', LinkError):
+        CanLink('kvaser:0', RATE)
+
+
+def test_an_interface_of_python_can_without_its_library_is_refused_on_this_machine():
+    with refused('missing', error=LinkError):
+        CanLink('kvaser:0', RATE)

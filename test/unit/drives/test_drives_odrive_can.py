@@ -352,3 +352,14 @@ def test_arming_is_not_refused_for_an_error_told_before_it_was_cleared(kind):
         bench.driver.identify()
         bench.pass_time(bench.device.settings.watchdog + 1.0 + 0.001 * share)
         bench.driver.arm()
+
+
+@both
+def test_positions_that_are_sent_cyclically_are_refused(kind):
+    bench = Bench(kind)
+    cyclic = codec.frame(0, codec.ENCODER_ESTIMATES, bytes(8))
+    bench.from_drive = lambda data: data + cyclic * (len(data) > 0)
+    found = setting(bench, 'positions')
+    assert not found.acceptable and 'encoder_' in found.remedy
+    bench.from_drive = lambda data: data
+    assert setting(bench, 'positions').acceptable

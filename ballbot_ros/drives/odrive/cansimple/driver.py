@@ -12,8 +12,8 @@ from ballbot_ros.drives.driver import Driver
 from ballbot_ros.drives.odrive.cansimple import codec
 from ballbot_ros.drives.odrive.cansimple.codec import Heartbeat, HIGHEST_NODE
 from ballbot_ros.drives.odrive.cansimple.settings import (
-    check_confirmed, in_odrivetool, judge_firmware, judge_heartbeat, judge_trial, load_endpoints,
-    missing, SLOWEST_HEARTBEAT)
+    check_confirmed, in_odrivetool, judge_firmware, judge_heartbeat, judge_positions, judge_trial,
+    load_endpoints, missing, SLOWEST_HEARTBEAT)
 from ballbot_ros.drives.odrive.firmware import (
     BUS_VOLTAGE, CLOSED_LOOP_CONTROL, CONTROLLER_5, ENCODER_5, Generation, generation_of,
     GENERATIONS, hardware_name, IDLE, in_words, MOTOR_5, PASSTHROUGH, RESULT_6, TORQUE_CONTROL)
@@ -271,7 +271,10 @@ class ODriveCan(Driver):
                     for item in judge(generation, read, options)]
         settings += missing(unknown, generation is OLD, in_words(self._version))
         self._condition.beats.clear()
+        unrequested = self.counts['unexpected']
         self._until(lambda: len(self._condition.beats) == 3, min(deadline, self.clock() + 0.15))
+        settings.append(judge_positions(
+            self.counts['unexpected'] - unrequested, generation is OLD))
         settings += [judge_heartbeat(self._condition.period, generation is OLD),
                      judge_others(self.counts['of_others'])]
         if generation is OLD:

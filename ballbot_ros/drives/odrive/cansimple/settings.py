@@ -103,6 +103,13 @@ def judge_heartbeat(period: float, old: bool) -> Setting:
                    f'odrv0.axis0.config.can.{name} = 10')
 
 
+def judge_positions(number: int, old: bool) -> Setting:
+    """Judge how many positions came without a request: the replies to requests must be told."""
+    name = 'encoder_rate_ms' if old else 'encoder_msg_rate_ms'
+    return Setting('positions', 'sent cyclically' if number else 'on request', 'on request',
+                   not number, f'odrv0.axis0.config.can.{name} = 0')
+
+
 def judge_firmware(version: str) -> Setting:
     """Judge the version of a firmware 0.5, as the hardware file has it."""
     return Setting('firmware', version or 'unknown', 'named in the hardware file', bool(version),
