@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Everything that this package raises on purpose.
+Errors and warnings of this package.
 
 ::
 
     BallbotError
     ├── ConfigurationError    a robot, scene, curve or parameter is not acceptable
-    ├── SimulationError       a run cannot go on; names time, quantity and remedy
+    ├── SimulationError       a run cannot continue; names time, quantity and remedy
     ├── UnstableLoopError     a control law would diverge at the rate it is given
     ├── MessageError          a command, set-point or observation is refused
     ├── LinkError             the serial line cannot be opened, or is gone
-    ├── DriveError            the motor controller does not answer, or not as it must
+    ├── DriveError            the motor controller does not respond, or wrongly
     ├── EstimateLostError     the readings of the sensors contradict each other
     └── RefusedError          a request that would not be safe now
 
-Each message says what was wrong, the value, what is allowed and what to do.
+Each message names the error, the value, the allowed range and the remedy.
 
     >>> from ballbot_ros.physics import load_robot
     >>> try:
@@ -97,7 +97,7 @@ class PlausibilityWarning(UserWarning):
 
 class SimulationError(BallbotError, ArithmeticError):
     """
-    A simulation cannot go on.
+    A simulation cannot continue.
 
     Attributes
     ----------
@@ -108,14 +108,13 @@ class SimulationError(BallbotError, ArithmeticError):
     remedy : str
         What to change.
     trajectory : Trajectory or None
-        What there is of the run that failed, where it was recorded.
+        The part of the run before the failure, if recorded.
 
     """
 
     trajectory: Any = None
 
     def __init__(self, time: float, quantity: str, remedy: str):
-        """Compose the message from its three parts."""
         super().__init__(f'simulation stopped at t = {time:.6g} s: {quantity}; {remedy}')
         self.time = time
         self.quantity = quantity
@@ -166,8 +165,8 @@ class DriveError(_ErrorWithReason):
 
 
 class EstimateLostError(BallbotError, ArithmeticError):
-    """The state of the robot cannot be told from its sensors any more."""
+    """The state of the robot cannot be estimated from its sensors any more."""
 
 
 class RefusedError(BallbotError):
-    """A request, to release the e-stop for instance, would not be safe now; says why."""
+    """A request, to release the e-stop for instance, is not safe now."""

@@ -14,10 +14,10 @@ from ballbot_ros.cli.command import DONE, FAILED, print_error
 from ballbot_ros.errors import ConfigurationError
 
 RATE = 20.0  # of cmd_vel [Hz]
-SHOWN = 0.1  # how often the line is written again [s]
+STATUS_PERIOD = 0.1  # of the status line [s]
 SPEED_MAX = 3.0  # largest --max-speed [m/s]
-# With a dead man's switch a key counts as held for so long after it was last repeated [s]:
-# keyboards wait up to 0.66 s before they repeat a key, and less after that.
+# With a dead man's switch: time for which a key counts as held after its last repetition [s].
+# Keyboards wait up to 0.66 s before the first repetition, and less after that.
 HELD_FIRST, HELD = 0.75, 0.25
 
 HELP = ('up/down faster, slower   space stop   e e-stop   R release it   q quit')
@@ -25,13 +25,12 @@ HOLD_HELP = ('hold up/down to drive   space stop   e e-stop   R release it   q q
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add speeds, dead man's switch and gamepad."""
     parser.add_argument('--step', type=float, default=0.1, metavar='M_PER_S',
                         help='how much a key changes the speed (default: %(default)g)')
     parser.add_argument('--max-speed', type=float, default=0.6, metavar='M_PER_S',
-                        help='highest speed that is ever asked for (default: %(default)g)')
+                        help='highest commanded speed (default: %(default)g)')
     parser.add_argument('--hold', action='store_true',
-                        help='drive at the speed --step, and only while a key is held down')
+                        help='drive at the speed --step, only while a key is held down')
     parser.add_argument('--gamepad', action='store_true',
                         help='drive with a gamepad (left stick: speed; A: stop; B: e-stop); needs '
                         'evdev or pygame')
@@ -69,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
 def drive(arguments: argparse.Namespace, observer: Any, robot: Any, keyboard: Any,
           gamepad: Any = None) -> int:
     """
-    Publish at a rate what keys and stick ask for, and show one line.
+    Publish the commands of keys and stick at a rate, and show the status line.
 
     Parameters
     ----------
@@ -99,20 +98,20 @@ def drive(arguments: argparse.Namespace, observer: Any, robot: Any, keyboard: An
                 pressed += reading.keys
                 driving.stick(reading.stick)
             for key in pressed:
-                wish = driving.press(key, time.monotonic())
-                if wish.engage:
+                request = driving.press(key, time.monotonic())
+                if request.engage:
                     robot.engage()
-                if wish.release:
+                if request.release:
                     robot.release()
-                if wish.quit:
+                if request.quit:
                     return DONE
             if (now := time.monotonic()) >= next_time:
                 robot.publish(driving.at(now))
-                # After a hiccup no set-points are made up for.
+                # Missed set-points are not repeated.
                 next_time = max(next_time + 1.0 / RATE, now)
             observer.spin(0.0)
             if now >= show_at or pressed:
-                show_at = now + SHOWN
+                show_at = now + STATUS_PERIOD
                 show(robot, driving.speed)
     except OSError as error:
         print_error(f'stopped: {error}')
@@ -123,7 +122,7 @@ def drive(arguments: argparse.Namespace, observer: Any, robot: Any, keyboard: An
 
 
 def show(robot: Any, wanted: float) -> None:
-    """Write the line anew in its place."""
+    """Rewrite the status line."""
     width = shutil.get_terminal_size().columns
     text = line(wanted, robot.speed, robot.pendulum, robot.decision, robot.e_stop,
                 robot.followers, robot.said, width)
@@ -146,8 +145,8 @@ def ended_by_exception() -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class Wish:
-    """What a key asks for beside a speed."""
+class KeyRequest:
+    """Request of a key other than a speed."""
 
     engage: bool = False
     release: bool = False
@@ -170,33 +169,32 @@ class Driving:
     Attributes
     ----------
     speed : float
-        That is asked for [m/s].
+        Commanded speed [m/s].
 
     """
 
     def __init__(self, step: float, largest: float, hold: bool = False):
-        """Stand."""
         self._step, self._largest, self.hold = step, largest, hold
         self.speed = 0.0
         self._until = math.inf
         self._last = ''
 
-    def press(self, key: str, now: float) -> Wish:
-        """Take a key at a time [s], and return what it asks for beside a speed."""
+    def press(self, key: str, now: float) -> KeyRequest:
+        """Handle a key at a time [s]; return its request other than a speed."""
         if key in ('up', 'down', 'left', 'right'):
             self._drive(1.0 if key in ('up', 'right') else -1.0, key, now)
         elif key in ('space', 's', '0'):
             self.stop()
         elif key in ('e', 'E'):
             self.stop()
-            return Wish(engage=True)
+            return KeyRequest(engage=True)
         elif key == 'R':
             self.stop()
-            return Wish(release=True)
+            return KeyRequest(release=True)
         elif key in ('q', 'Q', 'interrupt'):
             self.stop()
-            return Wish(quit=True)
-        return Wish()
+            return KeyRequest(quit=True)
+        return KeyRequest()
 
     def _drive(self, sign: float, key: str, now: float) -> None:
         if self.hold:
@@ -209,15 +207,15 @@ class Driving:
         self.speed = min(max(wanted, -self._largest), self._largest)
 
     def stick(self, part: float) -> None:
-        """Take the position of a stick, from -1 to 1."""
+        """Set the speed from the position of a stick, -1 to 1."""
         self.speed = min(max(part, -1.0), 1.0) * self._largest
 
     def stop(self) -> None:
-        """Ask for a stop."""
+        """Set the commanded speed to 0."""
         self.speed, self._last = 0.0, ''
 
     def at(self, now: float) -> float:
-        """Return the speed that is asked for at a time [s]; none after a key was let go."""
+        """Return the commanded speed at a time [s]; 0 after a key was released."""
         if self.hold and now >= self._until:
             self.stop()
         return self.speed
@@ -225,9 +223,9 @@ class Driving:
 
 def line(wanted: float, speed: Optional[float], pendulum: Optional[float], decision: str,
          e_stop: Optional[bool], followers: int, said: str, width: int) -> str:
-    """Return what whoever drives sees: one line, no longer than the terminal is wide."""
-    words = [f'ask {wanted:+.2f} m/s']
-    words.append('drives   -  m/s' if speed is None else f'drives {speed:+.2f} m/s')
+    """Return the status line, cut to the width of the terminal."""
+    words = [f'command {wanted:+.2f} m/s']
+    words.append('measured   -  m/s' if speed is None else f'measured {speed:+.2f} m/s')
     words.append('pendulum    - deg' if pendulum is None
                  else f'pendulum {math.degrees(pendulum):+4.0f} deg')
     if e_stop is not None:
@@ -235,7 +233,7 @@ def line(wanted: float, speed: Optional[float], pendulum: Optional[float], decis
     if decision:
         words.append(decision)
     if not followers:
-        words.append('nobody follows cmd_vel')
+        words.append('no subscriber of cmd_vel')
     if said:
         words.append(' '.join(said.split()))
     text = '  '.join(words)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Which files there are, and the sections of each: for templates and for the tables of docs/files.md.
+Kinds of files and the sections of each, for templates and for the tables of docs/files.md.
 
 Keys, units, ranges, defaults and meanings are those of the classes that read the files.
 """
@@ -38,9 +38,9 @@ class Section:
     doc : str
         One sentence.
     given : mapping
-        Values that a template has; it leaves the others to their defaults, and says so.
+        Values that a template sets; the others are shown as comments.
     text : str
-        YAML in place of all that, for a section that is no table of keys.
+        YAML instead, for a section without a table of keys.
 
     """
 
@@ -62,7 +62,7 @@ def _default(item: 'Field[Any]') -> dict[str, Any]:
 
 
 def robot_file(name: str, robot: str = 'gimball') -> list[Section]:
-    """Return the sections of a robot file, with the numbers of a robot."""
+    """Return the sections of a robot file, with the parameters of a robot."""
     known = load_robot(robot)
     motor = {} if known.motor is None else _values(known.motor)
     return [Section('', described(Robot), '', {**_values(known), 'name': name}),
@@ -71,7 +71,7 @@ def robot_file(name: str, robot: str = 'gimball') -> list[Section]:
 
 
 def _values(part: Any) -> dict[str, Any]:
-    """Return what was said of a part, without what is default."""
+    """Return the values of a part that differ from the defaults."""
     return {name: getattr(part, name) for name, metadata in described(type(part)).items()
             if getattr(part, name) != metadata.get('default', MISSING)}
 
@@ -123,7 +123,7 @@ def _values_of_defaults(cls: Any) -> dict[str, Any]:
 
 
 def hardware_file(name: str, robot: str = 'gimball', protocol: str = 'odrive') -> list[Section]:
-    """Return the sections of a hardware file, with the numbers of the one that is shipped."""
+    """Return the sections of a hardware file, with the values of the shipped one."""
     if protocol not in DRIVES:
         raise ConfigurationError(
             f'--protocol must be one of {", ".join(sorted(DRIVES))}, got {protocol!r}',

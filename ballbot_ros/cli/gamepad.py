@@ -5,7 +5,7 @@ from typing import Any, List, NamedTuple
 
 from ballbot_ros.errors import ConfigurationError
 
-# Of its way, where a stick that nobody touches may stand.
+# Positions of a released stick, as part of its range.
 DEAD_ZONE = 0.1
 MISSING = ('a gamepad is read with the Python package evdev or pygame, and neither is installed: '
            'pip install evdev')
@@ -13,7 +13,7 @@ NONE_THERE = 'no gamepad is connected, or this user may not open it: sudo usermo
 
 
 class StickReading(NamedTuple):
-    """Where the stick is, forward positive from -1 to 1, and which keys the buttons stand for."""
+    """Position of the stick, forward positive from -1 to 1, and keys of the buttons."""
 
     stick: float
     keys: List[str]
@@ -26,7 +26,7 @@ def open_gamepad() -> Any:
     Raises
     ------
     ConfigurationError
-        If there is none, or nothing to read it with.
+        If no gamepad or no package to read it is available.
 
     """
     for module, reader in (('evdev', EvdevGamepad), ('pygame', PygameGamepad)):
@@ -46,7 +46,7 @@ def centred(part: float) -> float:
 
 class EvdevGamepad:
     """
-    A gamepad as the kernel gives it.
+    A gamepad read by evdev.
 
     Parameters
     ----------
@@ -55,7 +55,6 @@ class EvdevGamepad:
     """
 
     def __init__(self, evdev: Any):
-        """Open the first device with a stick and the button A."""
         codes = self._codes = evdev.ecodes
         for path in evdev.list_devices():
             device = evdev.InputDevice(path)
@@ -73,7 +72,7 @@ class EvdevGamepad:
         self._value = information.value
 
     def read(self) -> StickReading:
-        """Return what has happened since the last time; raises OSError once it is unplugged."""
+        """Return stick and keys since the last call; raise OSError if unplugged."""
         keys = []
         while (event := self._device.read_one()) is not None:
             if event.type == self._codes.EV_ABS and event.code == self._codes.ABS_Y:
@@ -82,12 +81,12 @@ class EvdevGamepad:
                     and event.code in self._buttons:
                 keys.append(self._buttons[event.code])
         part = (2.0 * self._value - self._low - self._high) / (self._high - self._low)
-        return StickReading(centred(-part), keys)  # away from whoever holds it is towards low
+        return StickReading(centred(-part), keys)  # forward is towards low
 
 
 class PygameGamepad:
     """
-    A gamepad as SDL gives it.
+    A gamepad read by pygame.
 
     Parameters
     ----------
@@ -96,7 +95,6 @@ class PygameGamepad:
     """
 
     def __init__(self, pygame: Any):
-        """Open the first one."""
         self._pygame = pygame
         pygame.display.init()  # its events need that, not a window
         pygame.joystick.init()
@@ -106,7 +104,7 @@ class PygameGamepad:
         self._stick.init()
 
     def read(self) -> StickReading:
-        """Return what has happened since the last time; raises OSError once it is unplugged."""
+        """Return stick and keys since the last call; raise OSError if unplugged."""
         keys = []
         for event in self._pygame.event.get():
             if event.type == self._pygame.JOYBUTTONDOWN and event.button in (0, 1):

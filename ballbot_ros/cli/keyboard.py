@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Keys of a terminal one by one, and a terminal that is afterwards as it was before."""
+"""Single keys of a terminal whose settings are restored afterwards."""
 import os
 import select
 import sys
@@ -12,7 +12,7 @@ from ballbot_ros.errors import ConfigurationError
 _KEYS = {b'\x1b[A': 'up', b'\x1b[B': 'down', b'\x1b[C': 'right', b'\x1b[D': 'left',
          b'\x1bOA': 'up', b'\x1bOB': 'down', b'\x1bOC': 'right', b'\x1bOD': 'left',
          b' ': 'space', b'\x03': 'interrupt', b'\x04': 'interrupt'}
-_LONGEST = 1024
+_BYTES_MAX = 1024
 
 
 def keys_of(data: bytes) -> List[str]:
@@ -43,7 +43,7 @@ class Keyboard:
     The keys of a terminal as they are pressed, without Enter and without an echo.
 
     Use as a context manager: however it is left, the terminal gets back the settings it had.
-    Ctrl-C is a key here and interrupts nothing, so that whoever drives can stop first.
+    Ctrl-C is a key here and interrupts nothing, so that the robot is stopped first.
 
     Parameters
     ----------
@@ -58,25 +58,24 @@ class Keyboard:
     Raises
     ------
     ConfigurationError
-        If it is no terminal.
+        If it is not a terminal.
 
     """
 
     def __init__(self, stream: Optional[TextIO] = None):
-        """Look whether it is a terminal."""
         stream = sys.stdin if stream is None else stream
         try:
             self._file = stream.fileno()
             self._before: Any = termios.tcgetattr(self._file)
         except (AttributeError, OSError, ValueError, termios.error) as error:
             raise ConfigurationError(
-                'the keyboard is read from a terminal, and standard input is none: run it in a '
+                'the keyboard is read from a terminal, and standard input is not one: run it in a '
                 'terminal, or publish cmd_vel from a program',
                 'unavailable', 'terminal') from error
         self.gone = False
 
     def __enter__(self) -> 'Keyboard':
-        """Ask for each key at once; those pressed before do not count."""
+        """Switch to single keys; drop keys pressed before."""
         mode = termios.tcgetattr(self._file)
         mode[0] &= ~termios.IXON
         mode[3] &= ~(termios.ICANON | termios.ECHO | termios.ISIG | termios.IEXTEN)
@@ -85,17 +84,17 @@ class Keyboard:
         return self
 
     def __exit__(self, *_: Any) -> None:
-        """Restore the terminal; keys that were pressed meanwhile are forgotten."""
+        """Restore the terminal; drop keys pressed meanwhile."""
         try:
             termios.tcsetattr(self._file, termios.TCSAFLUSH, self._before)
         except termios.error:
             self.gone = True
 
     def keys(self, wait: float) -> List[str]:
-        """Return what has been pressed; waits for at most so long [s] for the first."""
+        """Return the pressed keys; wait at most this time [s] for the first."""
         try:
             ready, _, _ = select.select([self._file], [], [], wait)
-            data = os.read(self._file, _LONGEST) if ready else None
+            data = os.read(self._file, _BYTES_MAX) if ready else None
         except OSError:
             data = b''
         if data == b'':  # ready, and nothing to read: closed

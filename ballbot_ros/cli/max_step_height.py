@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``max-step-height``: how high a step the ball gets over, at one speed or many."""
+"""The verb ``max-step-height``: the maximum step height at one or many speeds."""
 import argparse
 
 from ballbot_ros.cli import options
@@ -7,12 +7,11 @@ from ballbot_ros.cli.command import DONE
 from ballbot_ros.cli.output import print_json
 from ballbot_ros.cli.ranges import METAVAR, read_numbers, WORDING
 
-# Fields of `MaxStepHeight` -> columns of all results; "height" is that of a step that is tried.
+# Fields of `MaxStepHeight` -> columns of all results; "height" is the height of a tried step.
 COLUMNS = {'height': 'max_height'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add robot, speeds, actuation, ground and accuracy."""
     options.add_robot(parser)
     parser.add_argument('--speed', nargs='+', required=True, metavar=METAVAR,
                         help=f'speed of the centre when it touches the step [m/s]: {WORDING}')
@@ -21,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_rules(parser)
     options.add_accuracy(parser, 5e-5, 'the height')
     parser.add_argument('--scan', type=int, default=24, metavar='N',
-                        help='number of heights to try below and above the answer, to see whether '
+                        help='number of heights to try below and above the result, to check that '
                         'every lower step is passed and no higher one; 0 for none (default: '
                         '%(default)s)')
     parser.add_argument('--json', action='store_true',
@@ -43,14 +42,14 @@ def run(arguments: argparse.Namespace) -> int:
         print_json([{COLUMNS.get(name, name): value for name, value in item._asdict().items()}
                     for item in found])
         return DONE
-    print(f'{"speed":>8} {"highest step":>14} {"error":>10}')
+    print(f'{"speed":>8} {"max. height":>14} {"error":>10}')
     print(f'{"m/s":>8} {"mm":>14} {"mm":>10}')
     for item in found:
-        doubts = []
+        warnings = []
         if item.monotone is False:
-            doubts.append('not monotone: a lower step stops it, or it gets over a higher one')
+            warnings.append('not monotone: a lower step stops the ball, or it passes a higher one')
         if item.error > arguments.accuracy:
-            doubts.append('the accuracy asked for is out of reach')
+            warnings.append('the requested accuracy is out of reach')
         print(f'{item.speed:8.4g} {1e3 * item.height:14.4f} {1e3 * item.error:10.4f}   '
-              f'{"; ".join(doubts)}'.rstrip())
+              f'{"; ".join(warnings)}'.rstrip())
     return DONE

@@ -9,7 +9,7 @@ from ballbot_ros.cli.command import DONE
 from ballbot_ros.cli.options import add_overwrite
 from ballbot_ros.errors import ConfigurationError
 
-# Kind -> what it is, the option that it takes, and what to do with the file.
+# Kind -> description, options, and the command that uses the file.
 KINDS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
     'robot': ('the parameters of a robot', ('robot',), 'ballbot robots {file}'),
     'scene': ('a robot, a ground and how it starts', ('robot',), 'ballbot simulate {file}'),
@@ -31,18 +31,17 @@ SCALING = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the kind, the file and what it is to name."""
     parser.add_argument('kind', choices=tuple(KINDS), metavar='KIND', help='; '.join(
         f'{kind}: {what}' for kind, (what, _, _) in KINDS.items()))
     parser.add_argument('file', type=Path, metavar='FILE.yaml',
                         help='file to write; its name without the ending becomes the name')
-    parser.add_argument('--robot', metavar='NAME', help='name or file of the robot: whose numbers '
-                        'a robot begins with, or that a scene or a hardware file is for (default: '
+    parser.add_argument('--robot', metavar='NAME', help='name or file of the robot: to '
+                        'start a robot file from, or of a scene or hardware file (default: '
                         'gimball)')
     parser.add_argument('--scene', metavar='NAME',
                         help='name or file of the scene of an experiment (default: doorstep)')
-    parser.add_argument('--protocol', metavar='NAME', help='what the drive of a hardware file '
-                        'speaks (default: odrive)')
+    parser.add_argument('--protocol', metavar='NAME', help='protocol of the drive of a '
+                        'hardware file (default: odrive)')
     add_overwrite(parser, file=True)
 
 
@@ -106,7 +105,7 @@ def yaml_of(value: Any) -> str:
 
 
 def span(metadata: Mapping[str, Any]) -> str:
-    """Return what a value may be, with its unit."""
+    """Return the allowed values, with the unit."""
     from ballbot_ros.config.fields import allowed
     if metadata['kind'] in (float, int):
         return allowed(metadata)
@@ -116,12 +115,12 @@ def span(metadata: Mapping[str, Any]) -> str:
 
 
 def meaning(metadata: Mapping[str, Any]) -> str:
-    """Return what a value may be and what it means."""
+    """Return allowed values and meaning."""
     return f'{span(metadata)}: {metadata["doc"]}'
 
 
 def _commented(start: str, comment: str) -> Iterator[str]:
-    """Yield a line with its comment beside it, in as many lines as that takes."""
+    """Yield a line with its comment, wrapped."""
     words = textwrap.wrap(comment, WIDTH - COLUMN - 2)
     if len(start) >= COLUMN:
         yield start

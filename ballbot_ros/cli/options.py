@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options that several verbs share, and the values that they stand for."""
+"""Options that several verbs share, and their values."""
 import argparse
 import math
 import sys
@@ -8,63 +8,60 @@ from typing import Any, Iterable
 from ballbot_ros.errors import ConfigurationError
 
 LAWS = ('free', 'held', 'velocity', 'voltage')
-STEEPEST = 80.0  # slope [degrees]
+SLOPE_MAX_DEG = 80.0  # slope [degrees]
 
 
 def add_robot(parser: argparse.ArgumentParser) -> None:
-    """Add the robot; `read_robot` loads it."""
+    """Add ``--robot``; `read_robot` loads it."""
     parser.add_argument('--robot', default='gimball', metavar='NAME',
                         help='name of a robot or a YAML file (default: %(default)s)')
 
 
 def add_quiet(parser: argparse.ArgumentParser) -> None:
-    """Add whether to print."""
     parser.add_argument('--quiet', action='store_true', help='print errors only')
 
 
 def add_port(parser: argparse.ArgumentParser) -> None:
-    """Add where the drive is."""
     parser.add_argument('--port', default='', metavar='PORT',
                         help='serial device, URL or CAN interface to use instead of the one in '
                         'the hardware file')
 
 
 def add_overwrite(parser: argparse.ArgumentParser, file: bool = False) -> None:
-    """Add whether results, a folder of them or one file, may be replaced."""
+    """Add ``--overwrite`` for a folder of results or one file."""
     parser.add_argument('--overwrite', action='store_true', help=(
-        'replace the file if there is one' if file else
-        'replace results that are there; without it a new folder is taken, and an --out with '
-        'results in it is refused'))
+        'replace an existing file' if file else
+        'replace existing results; without it a new folder is used, and an --out that contains '
+        'results is refused'))
 
 
 def add_format(parser: argparse.ArgumentParser) -> None:
-    """Add the format of figures."""
     parser.add_argument('--format', choices=('svg', 'png', 'both'), default='both',
                         help='format of the figures (default: %(default)s)')
 
 
 def add_accuracy(parser: argparse.ArgumentParser, default: float, what: str) -> None:
-    """Add the largest error of a height."""
     parser.add_argument('--accuracy', type=float, default=default, metavar='METRES',
                         help=f'largest error of {what} (default: %(default)s)')
 
 
 def add_actuation(parser: argparse.ArgumentParser) -> None:
-    """Add what the motor does; `read_law` returns it."""
+    """Add the control of the motor; `read_law` returns it."""
     parser.add_argument('--actuation', choices=LAWS, default='free',
-                        help='what the motor does: free, no torque; held, law (11) holds the '
-                        'pendulum at --angle-deg; velocity, law (12) keeps the speed; voltage, '
-                        'constant at --voltage (default: %(default)s)')
+                        help='control of the motor: free, no torque; held, the position '
+                        'controller (PD, eq. 11) holds the pendulum at --angle-deg; velocity, the '
+                        'velocity controller (PI, eq. 12); voltage, constant at --voltage '
+                        '(default: %(default)s)')
     parser.add_argument('--angle-deg', type=float, metavar='DEGREES',
-                        help='angle at which the pendulum is held: 0 down, 90 level ahead '
+                        help='set angle of the pendulum: 0 down, 90 horizontal ahead '
                         '(default: 0)')
     parser.add_argument('--voltage', type=float, metavar='VOLTS',
-                        help='voltage on the motor (default: the one that rolls the ball at each '
+                        help='voltage of the motor (default: that of steady rolling at each '
                         'speed)')
 
 
 def add_site(parser: argparse.ArgumentParser) -> None:
-    """Add the ground around the step; `read_site` returns it."""
+    """Add slopes and friction around the step; `read_site` returns them."""
     for where in ('before', 'behind'):
         parser.add_argument(f'--slope-{where}-deg', type=float, default=0.0, metavar='DEGREES',
                             help=f'slope of the ground {where} the step, positive uphill '
@@ -76,32 +73,32 @@ def add_site(parser: argparse.ArgumentParser) -> None:
 
 
 def add_rules(parser: argparse.ArgumentParser, over: str = 'edge') -> None:
-    """Add which attempts count, and where the ball is over; `read_rules` returns them."""
+    """Add the success criterion; `read_rules` returns it."""
     parser.add_argument('--attempts', choices=('first', 'any'), default='first',
                         help='which attempt counts: the first, or any within 5 s (default: '
                         '%(default)s)')
     parser.add_argument('--over', choices=('edge', 'clear'), default=over,
-                        help='what counts as over: the centre past the edge, or clear of the edge '
-                        'by --clearance (default: %(default)s)')
+                        help='success criterion: centre past the edge, or clear of the edge by '
+                        '--clearance (default: %(default)s)')
     parser.add_argument('--clearance', type=float, metavar='RADII',
-                        help='how far the centre must get beyond the edge with --over clear, in '
-                        'radii of the ball (default: 0.25)')
+                        help='distance of the centre beyond the edge with --over clear, in radii '
+                        'of the ball (default: 0.25)')
 
 
 def read_robot(arguments: argparse.Namespace) -> Any:
-    """Return the robot; `ConfigurationError` names the nearest one, or what is wrong in it."""
+    """Return the robot; raise `ConfigurationError` for an unknown name or an error in its file."""
     from ballbot_ros.physics import load_robot
     return load_robot(arguments.robot)
 
 
-def warn(arguments: argparse.Namespace, questions: Iterable[str]) -> None:
-    """Print what was hardly meant on standard error, unless it is to be quiet."""
-    for question in () if getattr(arguments, 'quiet', False) else questions:
-        print(f'Warning: {question}', file=sys.stderr, flush=True)
+def warn(arguments: argparse.Namespace, sentences: Iterable[str]) -> None:
+    """Print plausibility warnings on standard error, unless quiet."""
+    for sentence in () if getattr(arguments, 'quiet', False) else sentences:
+        print(f'Warning: {sentence}', file=sys.stderr, flush=True)
 
 
 def warn_speeds(arguments: argparse.Namespace, option: str, speeds: Iterable[float]) -> None:
-    """Question the fastest of several speeds [m/s]."""
+    """Warn if the fastest of several speeds [m/s] is implausible."""
     from ballbot_ros.results.plausibility import speed_warnings
     warn(arguments, speed_warnings(max(speeds, key=abs), option))
 
@@ -135,10 +132,10 @@ def read_site(arguments: argparse.Namespace) -> Any:
     from ballbot_ros.crossing import Site
     for option in ('slope_before_deg', 'slope_behind_deg'):
         angle = getattr(arguments, option)
-        if not abs(angle) <= STEEPEST:
+        if not abs(angle) <= SLOPE_MAX_DEG:
             raise ConfigurationError(
-                f'--{option.replace("_", "-")} must be at least -{STEEPEST:g} and at most '
-                f'{STEEPEST:g} degrees, got {angle:g}',
+                f'--{option.replace("_", "-")} must be at least -{SLOPE_MAX_DEG:g} and at most '
+                f'{SLOPE_MAX_DEG:g} degrees, got {angle:g}',
                 'out_of_range', f'--{option.replace("_", "-")}')
     return Site(math.radians(arguments.slope_before_deg), math.radians(arguments.slope_behind_deg),
                 arguments.friction_before, arguments.friction_edge, arguments.friction_behind)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``outcomes``: attempts that a robot has made, and what they teach."""
+"""The verb ``outcomes``: logged attempts of a robot, and the parameters learned from them."""
 import argparse
 from pathlib import Path
 from typing import Any, Sequence
@@ -10,19 +10,17 @@ from ballbot_ros.cli.output import check_new_file
 from ballbot_ros.errors import ConfigurationError
 
 ACTIONS = {'list': 'print a line for each attempt',
-           'learned': 'print the numbers of the robot before and after',
-           'export': 'write all numbers as CSV or JSON',
-           'reset': 'begin another log and keep this one as a backup',
-           'show-learning': 'show how virtual robots that are not as assumed are learned'}
+           'learned': 'print the parameters of the robot before and after',
+           'export': 'write all values as CSV or JSON',
+           'reset': 'start a new log and keep this one as a backup',
+           'show-learning': 'show learning on virtual robots with other parameters than assumed'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what to do, the file, and the robots of the study."""
     parser.add_argument('action', choices=ACTIONS, help='; '.join(
         f'{name}: {what}' for name, what in ACTIONS.items()))
     parser.add_argument('file', nargs='?', type=Path, metavar='FILE',
-                        help='log of outcomes that obstacle_decision has written (its parameter '
-                        'outcome_log)')
+                        help='outcome log of obstacle_decision (its parameter outcome_log)')
     options.add_robot(parser)
     parser.add_argument('--out', type=Path, metavar='FILE',
                         help='.csv or .json file that export writes (default: print CSV)')
@@ -37,13 +35,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do what was asked for."""
     if arguments.action == 'show-learning':
         return show_learning(arguments)
     if arguments.file is None:
         raise ConfigurationError(
             f'{arguments.action} needs a FILE: the parameter outcome_log of obstacle_decision '
-            'says where the robot keeps its outcomes', 'missing', 'FILE')
+            'names the log of the robot', 'missing', 'FILE')
     if not arguments.file.is_file():
         raise ConfigurationError(f'{arguments.file} does not exist', 'missing', 'FILE')
     if arguments.action == 'reset':
@@ -63,14 +60,14 @@ def read(path: Path) -> Sequence[Any]:
     reading = read_outcomes(path)
     if reading.refusal:
         raise ConfigurationError(
-            f'{reading.refusal}; "ballbot outcomes reset {path}" begins another log and keeps '
+            f'{reading.refusal}; "ballbot outcomes reset {path}" starts a new log and keeps '
             'this one', 'unreadable', 'FILE')
     return reading.outcomes
 
 
 def print_table(outcomes: Sequence[Any]) -> None:
-    """Print a line for each outcome, and how many got over."""
-    rows = [('time', 'result', 'height', 'touched at', 'past at', 'promised', 'plan')]
+    """Print a line for each outcome, and the number of crossings."""
+    rows = [('time', 'result', 'height', 'contact at', 'past at', 'predicted', 'plan')]
     for item in outcomes:
         rows.append((
             f'{item.stamp:.2f} s', item.result, f'{1e3 * item.height:.1f} mm',
@@ -82,7 +79,7 @@ def print_table(outcomes: Sequence[Any]) -> None:
     for row in rows:
         print('  '.join(f'{cell:<{width}}' for cell, width in zip(row, widths)).rstrip())
     over = sum(item.got_over for item in outcomes)
-    print(f'{len(outcomes)} outcomes, {over} of them over')
+    print(f'{len(outcomes)} outcomes, {over} of them crossed')
 
 
 def export(outcomes: Sequence[Any], out: Any, overwrite: bool = False) -> int:
@@ -102,7 +99,7 @@ def export(outcomes: Sequence[Any], out: Any, overwrite: bool = False) -> int:
 
 
 def _flat(outcome: Any) -> dict[str, Any]:
-    """Return the numbers of an outcome and of its plan by name; infinite ones as text."""
+    """Return the values of an outcome and of its plan by name; infinite ones as text."""
     from dataclasses import asdict
     import math
     values = asdict(outcome)
@@ -125,19 +122,19 @@ def _csv(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def reset(path: Path, quiet: bool) -> int:
-    """Move a log out of the way, to a name that is free."""
+    """Rename a log to a free name."""
     from ballbot_ros.decision.learning.outcome_log import move_away
     number = 1
     while (backup := path.with_name(f'{path.name}.{number}')).exists():
         number += 1
     move_away(path, backup)
     if not quiet:
-        print(f'kept as {backup}; the next outcome begins another log')
+        print(f'kept as {backup}; the next outcome starts a new log')
     return DONE
 
 
 def print_learned(outcomes: Sequence[Any], robot: Any) -> int:
-    """Print mean and deviation of each uncertain number, as assumed and as learned."""
+    """Print mean and deviation of each uncertain parameter, assumed and learned."""
     from ballbot_ros.decision.learning.learner import learned
     from ballbot_ros.decision.learning.particles import Particles
     from ballbot_ros.decision.tuning import DecisionTuning
@@ -157,7 +154,7 @@ def print_learned(outcomes: Sequence[Any], robot: Any) -> int:
 
 
 def show_learning(arguments: argparse.Namespace) -> int:
-    """Print how well promises are kept before and after some attempts."""
+    """Print predicted and observed success rates before and after some attempts."""
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.studies.learning import CASES, study, told
     if arguments.robots < 1 or arguments.attempts < 1:

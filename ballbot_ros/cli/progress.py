@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Show how far a long run has got."""
+"""Progress of a long run on standard error."""
 from contextlib import contextmanager
 import sys
 from time import perf_counter
@@ -7,26 +7,25 @@ from typing import Any, Callable, Iterator
 
 from ballbot_ros.studies.progress import ignore
 
-# A run shorter than this needs no progress [s].
-PATIENCE = 0.5
+# Time without a progress bar [s].
+QUIET_TIME = 0.5
 
 
 class _Progress:
     """A bar on a terminal, one line elsewhere, nothing for a short run."""
 
     def __init__(self, total: float, doing: str, unit: str, keeps: bool):
-        """Keep what is counted, and the time."""
         self.total, self.doing, self.unit = total, doing, unit
-        self.ending = 'ends it and keeps what there is' if keeps else 'ends it'
+        self.ending = 'ends it and keeps the part so far' if keeps else 'ends it'
         self.begin = perf_counter()
         self.bar: Any = None
         self.shown = False
 
     def __call__(self, done: float) -> None:
-        """Show how much is done, of the total."""
+        """Show the progress towards the total."""
         if self.bar is not None:
             self.bar.update(0, completed=min(done, self.total))
-        elif not self.shown and perf_counter() - self.begin > PATIENCE:
+        elif not self.shown and perf_counter() - self.begin > QUIET_TIME:
             self.shown = True
             if sys.stderr.isatty():
                 self._start()
@@ -49,18 +48,18 @@ class _Progress:
 def watched(total: float, silent: bool, doing: str = 'simulating',
             unit: str = 's', keeps: bool = True) -> Iterator[Callable[[float], None]]:
     """
-    Give a callback that shows on standard error how far something has got.
+    Yield a callback that shows the progress of a task on standard error.
 
     Parameters
     ----------
     total : float
-        All that is to be done: of a run, its simulated time [s].
+        Simulated time of a run [s], or the number of units.
     silent : bool
         Show nothing.
     doing, unit : str
-        What is done, and what `total` counts.
+        Name of the task, and unit of `total`.
     keeps : bool
-        What is done by then survives Ctrl-C.
+        Ctrl-C keeps the part so far.
 
     """
     if silent:

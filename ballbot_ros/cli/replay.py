@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``replay``: run a bag again beside the model, or show what a black box has kept."""
+"""The verb ``replay``: replay a bag beside the model, or show the file of a black box."""
 import argparse
 import math
 from pathlib import Path
@@ -12,7 +12,7 @@ from ballbot_ros.cli.options import add_format, add_overwrite, add_quiet
 from ballbot_ros.cli.output import figure_files, print_json, result_folder, save_figure
 from ballbot_ros.errors import ConfigurationError
 
-LONGEST = 600.0  # that can be drawn [s]
+DRAWN_TIME_MAX = 600.0  # [s]
 BEFORE = 5.0
 # Where the torque comes from; the words of --by.
 COMMANDS, TORQUES, SET_POINTS = 'commands', 'torques', 'set-points'
@@ -20,7 +20,6 @@ BAG_OPTIONS = ('scene', 'robot', 'set', 'namespace', 'by', 'json')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what to replay and where numbers and figure go."""
     parser.add_argument('file', type=Path, metavar='FILE',
                         help='ROS 2 bag; or file of a black box, which the bridge writes to '
                         '~/.ros/ballbot (or that folder, for the newest)')
@@ -28,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='folder for numbers and figure (default: ballbot_output/replay_BAG '
                         'for a bag that is not identical, else nothing is written)')
     parser.add_argument('--before', type=float, metavar='SECONDS',
-                        help='time before the fault to draw, of a black box (default: '
+                        help='time before the fault to draw, for a black box (default: '
                         f'{BEFORE:g})')
     add_bag_options(parser)
     add_format(parser)
@@ -53,17 +52,17 @@ def run(arguments: argparse.Namespace) -> int:
             f'.db3); {arguments.file} is none', 'wrong_kind', given[0])
     if path is None and arguments.file.is_dir():
         raise ConfigurationError(
-            f'{arguments.file}: holds neither a file of a black box nor a bag; the bridge writes '
-            'one after a fault, see its parameter black_box', 'missing', 'FILE')
+            f'{arguments.file}: contains neither a file of a black box nor a bag; the bridge '
+            'writes one after a fault, see its parameter black_box', 'missing', 'FILE')
     return run_black_box(path or arguments.file, arguments)
 
 
 def run_black_box(path: Path, arguments: argparse.Namespace) -> int:
-    """Print what happened, and write what is asked for; 1 if the file is damaged."""
+    """Print the report and write the requested files; 1 if the file is damaged."""
     before = BEFORE if arguments.before is None else arguments.before
-    if not 0.0 < before <= LONGEST:
+    if not 0.0 < before <= DRAWN_TIME_MAX:
         raise ConfigurationError(
-            f'--before must be above 0 and at most {LONGEST:g} s, got {before:g}',
+            f'--before must be above 0 and at most {DRAWN_TIME_MAX:g} s, got {before:g}',
             'out_of_range', '--before')
     from ballbot_ros.black_box.read import read_black_box
     from ballbot_ros.black_box.report import summary, write_tables
@@ -89,7 +88,7 @@ def draw(recording: Any, before: float, arguments: argparse.Namespace) -> list[s
 
 
 class Replayed(NamedTuple):
-    """What a replay found; `identical` is None where there is nothing to be identical with."""
+    """Result of a replay; `identical` is None for a real robot."""
 
     words: str
     content: dict[str, Any]
@@ -133,40 +132,39 @@ def parameters_of(arguments: argparse.Namespace, known: dict[str, Any]) -> Any:
                   if getattr(arguments, name)})
     if 'scene' not in given:
         raise ConfigurationError(
-            f'{arguments.file} does not say which scene it is of: give it, --scene NAME, and '
-            'where they are not the defaults --robot NAME and --set NAME=VALUE for parameters of '
-            'the simulator', 'missing', '--scene')
+            f'{arguments.file} does not name its scene: give --scene NAME, and, if they are '
+            'not the defaults, --robot NAME and --set NAME=VALUE for parameters of the '
+            'simulator', 'missing', '--scene')
     return SimulatorSettings.from_mapping(given, 'parameters of the simulator')
 
 
 def add_bag_options(parser: argparse.ArgumentParser) -> None:
-    """Add what a bag may not say itself."""
+    """Add values that a bag may lack."""
     parser.add_argument('--scene', metavar='NAME',
-                        help='scene that was run, a name or a YAML file (default: what the bag '
-                        'says; flat for a real robot)')
+                        help='scene that was run, a name or a YAML file (default: that of '
+                        'the bag; flat for a real robot)')
     parser.add_argument('--robot', metavar='NAME',
                         help='robot that was run, a name or a YAML file (default: that of the bag '
                         'or the scene)')
     parser.add_argument('--set', action='append', metavar='NAME=VALUE',
-                        help='parameter of the simulator that the bag does not say; may be '
-                        'repeated')
+                        help='parameter of the simulator that the bag lacks; may be repeated')
     parser.add_argument('--namespace', metavar='NAME',
                         help='robot to replay from a bag with several')
     parser.add_argument('--by', choices=(COMMANDS, TORQUES, SET_POINTS),
-                        help='what drives the model: commands, those on joint_commands; torques, '
-                        'those of joint_states; set-points, set_point and cmd_vel through the '
-                        'laws on board')
+                        help='source of the torque: commands, joint_commands; torques, '
+                        'joint_states; set-points, set_point and cmd_vel through the '
+                        'controllers on board')
     parser.add_argument('--json', action='store_true', help='print the result for a bag as JSON')
 
 
 def run_bag(arguments: argparse.Namespace) -> int:
-    """Replay, print, and write what is worth it; 1 for a simulated run that departs."""
+    """Replay, print, and write results; 1 for a simulated run that deviates."""
     from ballbot_ros.bags.metadata import BagMetadata, BRIDGE
     from ballbot_ros.bags.opener import bag_opener
     from ballbot_ros.bags.recorded_run import read_run
     path = arguments.file
     bag = path.resolve()
-    # A bag is often called "bag": the folder it is in says more.
+    # For a bag that is called "bag", the name of its folder is used.
     name = bag.parent.name if bag.stem == 'bag' and bag.is_dir() else bag.stem
     folder = result_folder(arguments.out, Path('ballbot_output') / f'replay_{name}', (
         'replay.json', 'scene.yaml', 'recording.csv', *figure_files(['replay'])),
@@ -192,7 +190,7 @@ def run_bag(arguments: argparse.Namespace) -> int:
 
 
 def write(found: Replayed, folder: Path, title: str, kind: str) -> list[str]:
-    """Write numbers, figure and what `identify` takes, and return the names of the files."""
+    """Write numbers, figure and the input of `identify`; return the names of the files."""
     import json
 
     import yaml
@@ -216,7 +214,7 @@ def write(found: Replayed, folder: Path, title: str, kind: str) -> list[str]:
 
 
 def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> Replayed:
-    """Run again, by commands first, and say whether all states are the same."""
+    """Run again, by commands first, and report whether all states are the same."""
     from ballbot_ros.bags.rerun import rerun
     from ballbot_ros.physics import load_scene
     from ballbot_ros.physics.simulation.solver import Solver
@@ -237,7 +235,7 @@ def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> 
         return rerun(plant, run, source(by, run, settings, scene))
     ways = [arguments.by] if arguments.by else ways_of(settings, run)
     found = [again(ways[0])]
-    # By what the motor gave, the model is to blame for a difference, and not when commands came.
+    # With the motor torque a difference comes from the model, not from the timing of commands.
     if found[0].departure is not None:
         found += [again(way) for way in ways[1:]]
     best = max(found, key=lambda item: item.identical)
@@ -260,14 +258,14 @@ def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> 
 
 
 def ways_of(settings: Any, run: Any) -> list[str]:
-    """Return what may have driven the run, the best first."""
+    """Return the possible sources of the torque, the best first."""
     if settings.control == 'onboard':
         return [SET_POINTS]
     return [COMMANDS, TORQUES] if run.commands else [TORQUES]
 
 
 def source(by: str, run: Any, settings: Any, scene: Any) -> Any:
-    """Return where the torque comes from."""
+    """Return the source of the torque."""
     from ballbot_ros.bags.rerun import Commands, Laws, MotorTorques
     from ballbot_ros.control import checked_controller, load_tuning, Supervision
     if by == SET_POINTS:
@@ -278,11 +276,12 @@ def source(by: str, run: Any, settings: Any, scene: Any) -> Any:
 
 
 def differing(metadata: Any, scene: Any) -> list[str]:
-    """Return what is not as it was when the bag was made."""
+    """Return the differences from the inputs of the recording."""
     from ballbot_ros import __version__
     from ballbot_ros.results.digests import scene_digests
     here, lines = scene_digests(scene), []
-    for name, what in (('scene', 'terrain, contact or start'), ('robot', 'numbers of the robot')):
+    for name, what in (('scene', 'terrain, contact or start'),
+                       ('robot', 'parameters of the robot')):
         there = metadata.digests.get(name, here[name])
         if there != here[name]:
             lines.append(f'{what} are not those of the recording: digest {here[name]} here, '
@@ -293,9 +292,9 @@ def differing(metadata: Any, scene: Any) -> list[str]:
 
 
 def wording(found: Any) -> list[str]:
-    """Return what became of a run, in lines."""
+    """Return the report of a run, in lines."""
     lines = [f'driven by {found.applied} {found.what}'
-             + (f'; {found.filled} are missing, in their place what the motor gave'
+             + (f'; {found.filled} are missing, replaced by the motor torque'
                 if found.filled else '')
              + (f'; {found.resets} resets' if found.resets else '')]
     if found.departure is None:
@@ -336,17 +335,17 @@ def replay_robot(arguments: argparse.Namespace, run: Any, metadata: Any) -> Repl
         columns['pendulum_torque'] = commanded_torque(run, columns)
     elif 'pendulum_torque' not in columns:
         raise ConfigurationError(
-            f'{arguments.file}: its joint_states have no effort; --by commands takes what was '
-            'commanded', 'missing', 'effort')
+            f'{arguments.file}: its joint_states have no effort; --by commands uses the '
+            'commanded torque', 'missing', 'effort')
     content = scene_content(arguments.scene or 'flat', robot, columns, from_scene=True)
     scene = read_scene(content, 'scene of the recording', 'recording')
     series = driven_series(scene, columns)
     numbers = differences(series)
-    what = 'commanded' if by == COMMANDS else 'that the motor gave by joint_states'
+    what = 'commanded torque' if by == COMMANDS else 'motor torque of joint_states'
     name = scene.model.robot.name
     words = (f'real robot, {len(columns["time"])} states in {columns["time"][-1]:.3f} s; the '
              f'model is {name} on {arguments.scene or "flat"}, from the first state, under the '
-             f'torque {what}\n\n{table(numbers)}')
+             f'{what}\n\n{table(numbers)}')
     return Replayed(words, plain({
         'identical': None, 'driven_by': by, 'robot': name,
         'states': len(columns['time']), 'duration': float(columns['time'][-1]),

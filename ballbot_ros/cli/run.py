@@ -11,32 +11,31 @@ from ballbot_ros.errors import ConfigurationError
 
 FOLDER = Path(__file__).resolve().parent.parent / 'nodes'
 NODES = tuple(sorted(module.name for module in iter_modules([str(FOLDER)])))
-# Can share a process: nothing happens to a motor when one of them holds up the others.
+# May share a process: none of them drives a motor.
 TOGETHER = ('controller', 'obstacle_decision', 'simulator')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what to run."""
     parser.add_argument('target', metavar='NODE|FILE',
                         help=f'node to run ({", ".join(NODES)}), several of '
                         f'{", ".join(TOGETHER)} in one process, or YAML file or folder of an '
                         'experiment')
-    # Whatever begins with a dash behind the target belongs to it.
+    # Options after the target belong to it.
     parser.add_argument('rest', nargs=argparse.REMAINDER, metavar='...',
                         help='options of the target: --ros-args and what follows it for a node; '
                         '--out DIR, --quiet, --timeout SECONDS for an experiment')
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run until Ctrl-C, which is how a node ends: exit code 0."""
+    """Run until Ctrl-C, the normal end of a node: exit code 0."""
     target = arguments.target
     if target.endswith(('.yaml', '.yml')) or '/' in target or Path(target).is_dir():
         return _experiment(target, arguments.rest)
     if target not in NODES:
         from ballbot_ros.config.fields import suggestion
         near = suggestion(target, NODES)
-        raise ConfigurationError(f'there is no node {target!r}{near}; an experiment is the path '
-                                 'of a YAML file', 'unknown_name', target)
+        raise ConfigurationError(f'there is no node {target!r}{near}; an experiment is given by '
+                                 'the path of its YAML file', 'unknown_name', target)
     begin = next((place for place, word in enumerate(arguments.rest) if word not in NODES),
                  len(arguments.rest))
     names, rest = [target, *arguments.rest[:begin]], arguments.rest[begin:]
@@ -49,7 +48,7 @@ def _together(names: list[str], rest: list[str]) -> int:
     """Run several nodes in this process."""
     alone = [name for name in names if name not in TOGETHER]
     if alone or len(set(names)) < len(names):
-        what = f'{alone[0]} runs in a process of its own' if alone else 'each can be there once'
+        what = f'{alone[0]} runs in a process of its own' if alone else 'each can run once'
         raise ConfigurationError(
             f'cannot run {" and ".join(names)} in one process: {what}; several of '
             f'{", ".join(TOGETHER)} can share one', 'inconsistent', 'NODE')

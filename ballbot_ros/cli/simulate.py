@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``simulate``: run a scene and keep what happens."""
+"""The verb ``simulate``: run a scene, write and summarise the results."""
 import argparse
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,14 +17,13 @@ DEFAULT_FOLDER = Path('ballbot_output')
 NUMBERS = ('summary.txt', 'summary.json', 'trajectory.csv', 'trajectory.npz',
            'trajectory.parquet')
 PICTURES = ('strip', 'time_series')
-# Of all files of a run together, and of the memory that it takes.
+# Of all files of a run together, and of its memory.
 BYTES_PER_SAMPLE = 1000
 WARNED_SIZE = 1e9  # [bytes]
 ALL_FILES = (*NUMBERS, *(f'{name}.{ending}' for name in PICTURES for ending in ('png', 'svg')))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add scene, solver and output."""
     parser.add_argument('scene', metavar='SCENE',
                         help='name of a scene ("ballbot scenes" lists them) or a YAML file')
     parser.add_argument('--out', type=Path, metavar='DIR',
@@ -34,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--duration', type=float, metavar='SECONDS',
                         help='time to simulate, instead of that of the scene')
     parser.add_argument('--output-step', type=float, metavar='SECONDS',
-                        help='time between samples that are kept, instead of that of the scene')
+                        help='time between samples, instead of that of the scene')
     parser.add_argument('--step', type=float, metavar='SECONDS',
                         help='integration step of fixed-step methods (rk4 if none is named), in '
                         'place of an accuracy')
@@ -50,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         '1e-5, where the scene names no solver)')
     parser.add_argument('--models', choices=('auto', 'full'),
                         help='auto lets a method that chooses its steps compute flights in closed '
-                        'form, full does not (default: what the scene says)')
+                        'form, full does not (default: that of the scene)')
     parser.add_argument('--no-figures', action='store_true', help='write numbers only')
     parser.add_argument('--animate', nargs='?', const=Path(), type=animation_file,
                         metavar='FILE.gif|FILE.mp4', help='write an animation as well (default '
@@ -96,12 +95,12 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.results import summarise
     summary = summarise(trajectory, wall_time)
     files = write_all(trajectory, summary, folder, arguments)
-    # Whoever has pressed Ctrl-C does not want to wait for pictures.
+    # After Ctrl-C no animation is drawn.
     cut = animation is not None and not summary.complete and failure is None
     if animation is not None and not cut:
         cut = not write_animation(trajectory, animation, summary.name, arguments)
         files += [] if cut else [animation]
-    for name in ALL_FILES:  # of the run that was replaced
+    for name in ALL_FILES:  # of the replaced run
         if folder / name not in files:
             (folder / name).unlink(missing_ok=True)
     if arguments.json:
@@ -111,11 +110,11 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'{report(summary)}\n\nWritten to {folder}: '
               f'{", ".join(named(path, folder) for path in files)}')
     if failure is not None:
-        print_error(f'{failure}; what there is up to then was written to {folder}')
+        print_error(f'{failure}; the part before that was written to {folder}')
         return FAILED
     if not summary.complete:
-        print_error(f'interrupted at {summary.duration:g} s of {scene.run.duration:g} s; what '
-                 f'there is was written to {folder}' + ', without an animation' * cut)
+        print_error(f'interrupted at {summary.duration:g} s of {scene.run.duration:g} s; the '
+                    f'part so far was written to {folder}' + ', without an animation' * cut)
         return INTERRUPTED
     if cut:
         print_error(f'interrupted before {animation} was complete, and it was not written; '
@@ -153,12 +152,12 @@ def check_size(scene: Any, folder: Path, silent: bool) -> None:
 
 def animation_asked(arguments: argparse.Namespace, scene: Any, folder: Path) -> Optional[Path]:
     """
-    Return the file of the animation, None where nobody wants one.
+    Return the file of the animation, None without one.
 
     Raises
     ------
     ConfigurationError
-        For one that could not be written.
+        If it cannot be written.
 
     """
     if arguments.animate is None:
@@ -174,12 +173,12 @@ def animation_asked(arguments: argparse.Namespace, scene: Any, folder: Path) -> 
 
 
 def playback_of(arguments: argparse.Namespace) -> float:
-    """Return how many simulated seconds a second of the animation shows."""
+    """Return the simulated seconds per second of the animation."""
     return 1.0 if arguments.playback is None else float(arguments.playback)
 
 
 def write_animation(trajectory: Any, path: Path, name: str, arguments: argparse.Namespace) -> bool:
-    """Write the animation; return whether it was, and not Ctrl-C that ended it."""
+    """Write the animation; return False if Ctrl-C ended it."""
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.figures.run import animate
     duration = float(trajectory['time'][-1])
@@ -194,24 +193,24 @@ def write_animation(trajectory: Any, path: Path, name: str, arguments: argparse.
 
 
 def named(path: Path, folder: Path) -> str:
-    """Return a file as people call it: by its name in the folder, or with all of its path."""
+    """Return the name of a file in the folder, else its full path."""
     return path.name if path.parent == folder else str(path.absolute())
 
 
 def load_machine_code(scene: Any) -> None:
-    """Run one sample, so that the time a run takes is not that of loading or compiling."""
+    """Run one sample, so that the run time excludes loading machine code."""
     from dataclasses import replace
     replace(scene, run=replace(scene.run, duration=scene.run.output_step)).simulate()
 
 
 def read_scene(arguments: argparse.Namespace) -> Any:
     """
-    Return the scene with what the command line changes.
+    Return the scene with the changes of the command line.
 
     Raises
     ------
     ConfigurationError
-        Naming the option, or the place in the file, the value and what is allowed.
+        Naming the option or the place in the file, the value and the allowed range.
 
     """
     from dataclasses import replace
@@ -250,12 +249,12 @@ def read_scene(arguments: argparse.Namespace) -> Any:
 
 def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
     """
-    Refuse an option that would change nothing.
+    Refuse an option without effect.
 
     Raises
     ------
     ConfigurationError
-        Naming the option and what it goes with.
+        Naming the option and the ones that it needs.
 
     """
     from ballbot_ros.physics.solvers.registry import METHODS
@@ -263,8 +262,8 @@ def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
         for name in ('step', 'method', 'tolerance'):
             if getattr(arguments, name) is not None:
                 raise ConfigurationError(
-                    f'--{name} changes nothing where an accuracy is asked for '
-                    f'({scene.run.accuracy:g} m), which chooses the solver; leave one of them out',
+                    f'--{name} changes nothing with an accuracy '
+                    f'({scene.run.accuracy:g} m), which chooses the solver; leave out one of them',
                     'inconsistent', f'--{name}')
         return
     if scene.model.solver is None:

@@ -15,30 +15,28 @@ LOOPBACK = '127.0.0.1'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what to show, and where."""
     parser.add_argument('scene', nargs='?', default='voltage_start', metavar='SCENE',
                         help='name of a scene ("ballbot scenes" lists them), a YAML file, or a '
                         'bag: its folder or a file ending in .mcap (default: %(default)s)')
     parser.add_argument('--live', action='store_true',
-                        help='look at running nodes instead, a simulator or a bridge; needs ROS')
+                        help='show running nodes instead, a simulator or a bridge; needs ROS')
     parser.add_argument('--namespace', default='', metavar='NAME',
                         help='namespace of the robot, among running nodes or in a bag')
     parser.add_argument('--robot', default='', metavar='NAME',
-                        help='robot to draw, where neither nodes nor bag say which it is')
+                        help='robot to draw, if neither nodes nor bag name it')
     add_server(parser)
     add_quiet(parser)
 
 
 def add_server(parser: argparse.ArgumentParser) -> None:
-    """Add where the page is served, and for how long."""
     parser.add_argument('--host', default=LOOPBACK, metavar='ADDRESS',
-                        help='address to listen on; any but the default lets others in the '
-                        'network see and drive (default: %(default)s)')
+                        help='address to listen on; any but the default opens the page and the '
+                        'controls to the network (default: %(default)s)')
     parser.add_argument('--port', type=int, metavar='PORT',
                         help='port to listen on (default: the first free one from 8080 on)')
     parser.add_argument('--no-browser', action='store_true', help='open no browser')
     parser.add_argument('--duration', type=float, metavar='SECONDS',
-                        help='end after this long (default: at Ctrl-C)')
+                        help='end after this time (default: at Ctrl-C)')
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -56,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def other_source(arguments: argparse.Namespace) -> Optional[object]:
     """
-    Return what is shown instead of a scene, None where a scene is.
+    Return the source of a bag or of running nodes, None for a scene.
 
     Raises
     ------
@@ -93,7 +91,7 @@ def other_source(arguments: argparse.Namespace) -> Optional[object]:
 
 def check(arguments: argparse.Namespace) -> None:
     """
-    Refuse what cannot be served.
+    Refuse a port or a duration out of range, and a missing package.
 
     Raises
     ------
@@ -117,14 +115,14 @@ def check(arguments: argparse.Namespace) -> None:
 
 def serve(source: object, arguments: argparse.Namespace, begin: bool) -> int:
     """
-    Serve a page for a source until its time is up or Ctrl-C comes; both end with 0.
+    Serve a page for a source until the end of its duration or Ctrl-C; return 0.
 
     Parameters
     ----------
     source : Source
         Of `ballbot_ros.view.source`; ended here.
     arguments : namespace
-        With what `add_server` has added, checked.
+        With the options of `add_server`, checked.
     begin : bool
         See `Page`.
 
@@ -132,8 +130,8 @@ def serve(source: object, arguments: argparse.Namespace, begin: bool) -> int:
     from ballbot_ros.view.page import Page
     from ballbot_ros.view.server import free_port, PageServer
     if arguments.host not in (LOOPBACK, 'localhost', '::1'):
-        print(f'Warning: with --host {arguments.host} whoever reaches this machine can see the '
-              'page and drive what it shows; there is no password', file=sys.stderr)
+        print(f'Warning: with --host {arguments.host} everyone in the network can see the page '
+              'and drive the robot; there is no password', file=sys.stderr)
     try:
         server = PageServer(arguments.host, free_port(arguments.host, arguments.port))
         page = Page(source, server, begin)  # type: ignore[arg-type]

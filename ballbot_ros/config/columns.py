@@ -3,8 +3,8 @@
 Described dataclasses with columns in place of numbers: many cases in one object.
 
 A column is an array, a number for each case.  Formulas for numbers hold for columns as they are,
-and conditions become columns of truths.  Whoever makes columns checks them, row by row, with
-`fields.within` and the conditions of the class; the object itself does not.
+and conditions become columns of truths.  The caller checks columns, row by
+row, with `fields.within` and the conditions of the class; the object itself does not.
 """
 from dataclasses import replace
 from typing import Any, Mapping, Sequence, TypeVar
@@ -33,7 +33,7 @@ def changed(part: T, values: Mapping[str, Any]) -> T:
 
 
 def table(values: Sequence[Any], number: int) -> NDArray[np.float64]:
-    """Return numbers and columns side by side, a row for each case; of one case, numbers only."""
+    """Return a parameter table: a row for each case."""
     rows = np.empty((number, len(values)))
     if number == 1:
         rows[0] = values

@@ -293,7 +293,7 @@ def checked_values(cls: Type[Checked], entries: Mapping[str, Any],
 
 
 def given_values(cls: Type[Checked], entries: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Return `entries`, each checked; what is missing or unknown is left to `refuse_missing`."""
+    """Return `entries`, each checked; `refuse_missing` checks for missing and unknown ones."""
     problems, values = Problems(), {}
     for item in fields(cls):
         if item.name in entries:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Find and read the files that come with the package, and those of one's own."""
+"""Find and read configuration files: shipped ones by name, others by path."""
 import math
 from pathlib import Path
 import re
@@ -33,7 +33,7 @@ def shipped_folder(name: str) -> Path:
     candidates += [up / 'share' / PACKAGE for up in here.parents[2:6]]
     candidates.append(Path(sys.prefix) / 'share' / PACKAGE)
     for candidate in candidates:
-        # The manifest tells our folder from any other of that name.
+        # The manifest distinguishes this folder from others of that name.
         if (candidate / 'package.xml').is_file() and (candidate / name).is_dir():
             return candidate / name
     raise ConfigurationError(
@@ -161,7 +161,7 @@ def _check_nesting(text: str) -> None:
 
 def load_config(cls: Type[T], kind: str, name_or_path: Union[str, Path]) -> T:
     """
-    Return what one YAML file says, see `find_config`, as a checked dataclass.
+    Return the content of a YAML file, see `find_config`, as a checked dataclass.
 
     Raises
     ------

@@ -42,8 +42,10 @@ def own_acts(scene: Optional[str] = None, robot: Optional[str] = None,
                 'demo')
     duration = LONGEST if longest is None else longest
     if not (robot or curve or tuning):
-        known = [act._replace(longest=duration, planner=planner) for act in ACTS
-                 if scene in (None, act.scene)]
+        # The expected decisions are those of the default planner.
+        known = [act._replace(longest=duration, planner=planner,
+                              expected=act.expected if planner == 'rollout' else None)
+                 for act in ACTS if scene in (None, act.scene)]
         if known:
             return known
     scene = scene or ACTS[0].scene

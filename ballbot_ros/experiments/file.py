@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The file of an experiment: scene, nodes and seeds; and a folder that holds all it needs."""
+"""The file of an experiment: scene, nodes and seeds; and the folder with all its inputs."""
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Tuple
@@ -10,7 +10,7 @@ from ballbot_ros.errors import ConfigurationError
 
 FILE = 'experiment.yaml'
 NODES = ('simulator', 'controller', 'obstacle_decision')
-# What the experiment sets itself, and why.
+# Parameters that the experiment sets, and why.
 OWN = {
     'scene': 'it is a field of the experiment', 'robot': 'it is a field of the experiment',
     'seed': 'it is each of the seeds of the experiment',
@@ -46,7 +46,7 @@ class Experiment(Checked):
 
 def load_experiment(path: Path) -> Experiment:
     """
-    Read the file of an experiment; files that it names are looked for beside it.
+    Read the file of an experiment; the files that it names are relative to it.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def load_experiment(path: Path) -> Experiment:
     """
     if not path.is_file():
         raise ConfigurationError(
-            f'{path}: there is no such file of an experiment', 'missing', 'experiment')
+            f'{path}: no such file', 'missing', 'experiment')
     plan = Experiment.from_mapping(read_yaml(path), str(path))
     seeds = plan.seeds
     whole = isinstance(seeds, list) and seeds and all(
@@ -80,7 +80,7 @@ def load_experiment(path: Path) -> Experiment:
 
 
 def _place(folder: Path, name: str) -> str:
-    """Return the name of a shipped file, or the absolute path of one's own."""
+    """Return the name of a shipped file, or an absolute path."""
     own = Path(name).expanduser()
     return str(own if own.is_absolute() else folder / own) if is_path(name) else name
 
@@ -118,7 +118,7 @@ def _nodes(plan: Experiment, path: Path, beside: Path
         return nodes, 0.0
     if len(rates) != 1:
         raise ConfigurationError(
-            f'{path}: simulator: in lockstep the decision judges each observation: one of '
+            f'{path}: simulator: in lockstep the decision answers each observation: one of '
             'terrain_rate and observation_rate must be above 0 Hz, and the other one 0',
             'inconsistent', 'observation_rate')
     return nodes, 1.0 / rates[0]
@@ -154,7 +154,7 @@ def freeze(plan: Experiment) -> Dict[str, str]:
 
 
 def _defaults(node: str) -> Dict[str, str]:
-    """Return the files that a node reads where nothing else is said."""
+    """Return the default files of a node."""
     from ballbot_ros.nodes.controller.settings import ControllerSettings
     from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
     kind: Any = {'controller': ControllerSettings, 'obstacle_decision': DecisionSettings}.get(node)

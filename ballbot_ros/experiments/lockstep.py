@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One run of an experiment: nodes in lockstep for so many periods, recorded to the last state."""
+"""One run of an experiment: nodes in lockstep, recorded to the last state."""
 import os
 from pathlib import Path
 import time
@@ -19,9 +19,9 @@ from ballbot_ros.ros.rclpy_compat import new_executor
 from ballbot_ros.srv import Step
 
 # Wall time after which a paused simulator is reset again, to publish its state [s].
-AGAIN = 0.2
-# Wall time after which answers of services are looked for again [s].
-TAKE_AGAIN = 0.02
+RESET_PERIOD = 0.2
+# Longest wall time of a spin [s].
+SPIN_TIME = 0.02
 
 
 def topics_of(nodes: Mapping[str, Mapping[str, Any]]) -> List[str]:
@@ -48,7 +48,7 @@ def last_stamps(simulator: Mapping[str, Any], periods: int) -> Dict[str, int]:
 def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: int,
                  metadata: Mapping[str, str], timeout: float) -> None:
     """
-    Run nodes for so many control periods, and record them.
+    Run nodes for a number of control periods, and record them.
 
     Parameters
     ----------
@@ -60,12 +60,12 @@ def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: 
     metadata : mapping of str to str
         For the bag.
     timeout : float
-        Wall time after which it is given up [s].
+        Longest wall time [s].
 
     Raises
     ------
     RefusedError
-        If a node ends, time does not go on, or the timeout is over; the logs say more.
+        If a node ends, time does not advance, or after the timeout; the message names the logs.
 
     """
     domain, logs = own_domain(), folder / 'logs'
@@ -87,7 +87,7 @@ def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: 
                 processes.start(name, parameters)
             deadline = time.monotonic() + timeout
             while not driver.done:
-                executor.spin_once(timeout_sec=TAKE_AGAIN)
+                executor.spin_once(timeout_sec=SPIN_TIME)
                 driver.poll()
                 if bag.failure is not None:
                     raise RefusedError(f'the bag cannot be written: {bag.failure}')
@@ -97,8 +97,8 @@ def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: 
                                        f'{processes.log(ended[0])}')
                 if time.monotonic() > deadline:
                     raise RefusedError(
-                        f'given up after {timeout:g} s; where the machine was just too slow, '
-                        f'allow more (--timeout); else see {logs}')
+                        f'not finished within {timeout:g} s; on a slow machine increase '
+                        f'--timeout; else see {logs}')
     finally:
         executor.remove_node(node)
         node.destroy_node()
@@ -107,7 +107,7 @@ def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: 
 
 
 class _Driver:
-    """Resets the simulator until all is heard, lets it run, and waits for the last messages."""
+    """Resets the simulator until all topics are recorded, runs it, awaits the last messages."""
 
     def __init__(self, node: Node, bag: BagRecorder, topics: List[str],
                  periods: int, last: Mapping[str, int]):
@@ -122,18 +122,18 @@ class _Driver:
         self.taking = {name: self._noting(name) for name in self._topics}
 
     def poll(self) -> None:
-        """Do what can be done now; to be called often."""
+        """Advance the sequence; call this often."""
         now = time.monotonic()
         if self._answer is not None:
             if self._answer.done() and not self._answer.result().success:
                 raise RefusedError(
-                    f'the simulation did not go on: {self._answer.result().message}')
+                    f'the simulation was refused: {self._answer.result().message}')
             self.done = self._answer.done() and all(
                 self._newest.get(name, -1) >= self._last.get(name, self._last['joint_states'])
                 for name in self._topics)
         elif now >= self._next and self._reset.service_is_ready() \
                 and self._step.service_is_ready():
-            self._next = now + AGAIN
+            self._next = now + RESET_PERIOD
             if self._topics <= self._bag.recorded.keys():
                 self._answer = self._step.call_async(Step.Request(periods=self._periods))
             else:

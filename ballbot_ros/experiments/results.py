@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run of an experiment gave: numbers for people, digests for whether they are the same."""
+"""Results of a run of an experiment: numbers, and digests to compare runs."""
 from dataclasses import fields, is_dataclass
 import hashlib
 import json
@@ -14,8 +14,8 @@ from ballbot_ros.physics import Scene, Trajectory
 from ballbot_ros.results.digests import digest, LENGTH
 from ballbot_ros.results.faces import meet_faces
 
-class Told(NamedTuple):
-    """What was said on the topics: digests by topic and stamp [ns]."""
+class TopicDigests(NamedTuple):
+    """Digests of messages by topic and stamp [ns]."""
 
     topics: Dict[str, Dict[int, str]]
 
@@ -27,9 +27,9 @@ class Told(NamedTuple):
             ).hexdigest()[:LENGTH] for name, messages in sorted(self.topics.items())}
 
 
-def read_told(path: Path, until: int, opener: BagOpener = open_bag) -> Told:
+def read_digests(path: Path, until: int, opener: BagOpener = open_bag) -> TopicDigests:
     """
-    Return what was said up to a stamp [ns], in digests; what was repeated counts once.
+    Return the digests of all messages up to a stamp [ns]; repeated messages count once.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def read_told(path: Path, until: int, opener: BagOpener = open_bag) -> Told:
             content = _plain(message)
             if stamp <= until:
                 topics.setdefault(topic, {}).setdefault(stamp, digest(content))
-    return Told(topics)
+    return TopicDigests(topics)
 
 
 def _plain(value: Any) -> Any:
@@ -62,7 +62,7 @@ def _plain(value: Any) -> Any:
     return [_plain(item) for item in (value.tolist() if hasattr(value, 'tolist') else value)]
 
 
-def first_difference(one: Told, other: Told) -> Optional[Tuple[int, str]]:
+def first_difference(one: TopicDigests, other: TopicDigests) -> Optional[Tuple[int, str]]:
     """Return the stamp [ns] and the topic of the first message that is not the same."""
     found: List[Tuple[int, str]] = []
     for name in {*one.topics, *other.topics}:
@@ -73,7 +73,7 @@ def first_difference(one: Told, other: Told) -> Optional[Tuple[int, str]]:
 
 
 def numbers_of(path: Path, scene: Scene, opener: BagOpener = open_bag) -> Dict[str, Any]:
-    """Return a run in a few numbers, SI, and how it fared at each rising face."""
+    """Return a summary of a run, SI, with its contacts at each step."""
     trajectory = _trajectory(read_run(path, opener=opener), scene)
     speed = np.hypot(trajectory['velocity_x'], trajectory['velocity_y'])
     meetings = meet_faces(trajectory)

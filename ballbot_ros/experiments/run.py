@@ -16,7 +16,7 @@ RESULT, TABLE, VERSIONS = 'numbers.json', 'results.csv', 'versions.json'
 
 def run_experiment(target: str, out: Optional[Path], quiet: bool, timeout: float) -> bool:
     """
-    Run the file of an experiment, or the folder of one again.
+    Run the file of an experiment, or its folder again.
 
     Seeds that are done are kept; each appears whole or not at all.
 
@@ -39,7 +39,7 @@ def run_experiment(target: str, out: Optional[Path], quiet: bool, timeout: float
     Raises
     ------
     ConfigurationError
-        If the file is not right, or the folder holds another experiment.
+        If the file is not right, or the folder contains another experiment.
 
     """
     if not 0.0 < timeout < float('inf'):
@@ -55,7 +55,7 @@ def run_experiment(target: str, out: Optional[Path], quiet: bool, timeout: float
                 'again in its place', 'inconsistent', '--out')
         if not (path / FILE).is_file():
             raise ConfigurationError(
-                f'{path}: holds no {FILE}: it is no folder of an experiment',
+                f'{path}: contains no {FILE}: it is not a folder of an experiment',
                 'wrong_kind', 'experiment')
         folder, plan = path, load_experiment(path / FILE)
         if all(_done(folder, seed) for seed in plan.seeds):
@@ -75,7 +75,7 @@ def _done(folder: Path, seed: int) -> bool:
 
 
 def _begin(plan: Experiment, folder: Path) -> Experiment:
-    """Put all that is read into a folder, and return the experiment that lies there."""
+    """Copy all inputs into a folder, and return the experiment in it."""
     from ballbot_ros.results.files import check_writable, write_text
     files = freeze(plan)
     check_writable(folder / FILE)
@@ -84,15 +84,15 @@ def _begin(plan: Experiment, folder: Path) -> Experiment:
         if (folder / FILE).is_file() and (
                 not place.is_file() or place.read_text(encoding='utf-8') != text):
             raise ConfigurationError(
-                f'{folder}: holds another experiment ({name} differs); choose another folder with '
-                '--out, or remove that one', 'exists', '--out')
+                f'{folder}: contains another experiment ({name} differs); choose another folder '
+                'with --out, or remove that one', 'exists', '--out')
     for name, text in sorted(files.items(), key=lambda item: item[0] == FILE):
         write_text(text, folder / name)
     return load_experiment(folder / FILE)
 
 
 def _missing(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
-    """Run the seeds that are not done, and write the table of all."""
+    """Run the missing seeds, and write the table of all."""
     from ballbot_ros.experiments.results import as_json
     from ballbot_ros.results.files import write_text
     left = [seed for seed in plan.seeds if not _done(folder, seed)]
@@ -113,7 +113,7 @@ def _missing(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
 
 
 def _prepare(plan: Experiment) -> None:
-    """Compile before anything is waited for."""
+    """Compile before timeouts start."""
     try:
         from ballbot_ros.demo.prepare import prepare
         import ballbot_ros.experiments.lockstep  # noqa: F401
@@ -131,7 +131,7 @@ def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict
     from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
     from ballbot_ros.bags.opener import bag_opener
     from ballbot_ros.experiments.lockstep import run_lockstep
-    from ballbot_ros.experiments.results import as_json, numbers_of, read_told
+    from ballbot_ros.experiments.results import as_json, numbers_of, read_digests
     from ballbot_ros.physics import load_scene
     from ballbot_ros.results.files import write_text
     from ballbot_ros.results.summary import plain
@@ -144,11 +144,11 @@ def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict
         run_lockstep(draft, nodes, plan.periods,
                      bag_metadata(SIMULATOR, nodes['simulator'], scene,
                                   nodes.get('obstacle_decision')), timeout)
-        told = read_told(draft / 'bag', round(plan.duration * 1e9), bag_opener())
+        found = read_digests(draft / 'bag', round(plan.duration * 1e9), bag_opener())
         result: dict[str, Any] = plain({
             'seed': seed, 'numbers': numbers_of(draft / 'bag', scene, bag_opener()),
-            'digests': told.digests,
-            'messages': {name: len(topic) for name, topic in sorted(told.topics.items())}})
+            'digests': found.digests,
+            'messages': {name: len(topic) for name, topic in sorted(found.topics.items())}})
         write_text(as_json(result), draft / RESULT)
         draft.rename(folder / f'seed_{seed}')
     except RefusedError as error:
@@ -161,9 +161,9 @@ def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict
 
 
 def _again(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
-    """Run all seeds again beside the old ones, and say whether the numbers are the same."""
+    """Run all seeds again beside the old ones; return whether the numbers are the same."""
     from ballbot_ros.bags.opener import bag_opener
-    from ballbot_ros.experiments.results import first_difference, read_told
+    from ballbot_ros.experiments.results import first_difference, read_digests
     _prepare(plan)
     for remark in _other_versions(folder):
         say(remark)
@@ -177,7 +177,7 @@ def _again(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
                 say(f'seed {seed}: the same in {sum(new["messages"].values())} messages')
                 continue
             same, until = False, round(plan.duration * 1e9)
-            place = first_difference(*(read_told(where / f'seed_{seed}' / 'bag', until,
+            place = first_difference(*(read_digests(where / f'seed_{seed}' / 'bag', until,
                                                  bag_opener()) for where in (folder, beside)))
             say(f'seed {seed}: differs' + (
                 f' from t = {1e-9 * place[0]:.3f} s on, first on {place[1]}' if place else
@@ -193,7 +193,7 @@ def _again(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
 
 
 def versions() -> dict[str, str]:
-    """Return what the numbers may depend on besides the inputs."""
+    """Return versions on which the numbers may depend."""
     from importlib.metadata import PackageNotFoundError, version
 
     from ballbot_ros import __version__
@@ -208,7 +208,7 @@ def versions() -> dict[str, str]:
 
 
 def _other_versions(folder: Path) -> list[str]:
-    """Return what is not as it was, in sentences."""
+    """Return changes of versions, in sentences."""
     file = folder / VERSIONS
     before = json.loads(file.read_text(encoding='utf-8')) if file.is_file() else {}
     return [f'{name} was {before[name]}, is {now}' for name, now in versions().items()

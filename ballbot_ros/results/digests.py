@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run was made of, in a few characters: equal digests, equal numbers."""
+"""Digests of the inputs of a run: equal digests, equal results."""
 from dataclasses import fields, is_dataclass
 import hashlib
 import json

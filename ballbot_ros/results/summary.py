@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What happened in a run, in numbers that fit on a screen."""
+"""Summary of a run: extremes, contacts, steps, accuracy and warnings."""
 from dataclasses import asdict, dataclass
 import json
 import math
@@ -19,8 +19,8 @@ class Summary:
     """
     A run in a few numbers, all SI; angles in rad.
 
-    Where an accuracy was asked for, steps, evaluations and events are those of all runs that it
-    took; without one, `accuracy`, `error_estimate` and `horizon` are None.
+    With an accuracy, steps, evaluations and events are those of all its runs; without one,
+    `accuracy`, `error_estimate` and `horizon` are None.
     """
 
     name: str  # of the scene
@@ -30,8 +30,8 @@ class Summary:
     samples: int  # kept
     steps: int  # taken by the solver
     evaluations: int  # right-hand sides computed
-    events: int  # kinks of the contact law located
-    accuracy: Optional[float]  # largest error of position asked for [m]
+    events: int  # located events of the contact law
+    accuracy: Optional[float]  # requested largest error of position [m]
     error_estimate: Optional[float]  # the error estimated [m]
     horizon: Optional[float]  # time up to which it holds [s]
     x: float  # of the centre at the end [m]
@@ -45,13 +45,13 @@ class Summary:
     pendulum_angle: Optional[float]  # largest magnitude [rad]; None without a pendulum
     pendulum_torque: Optional[float]  # largest magnitude [N m]; None without a pendulum
     flight_fraction: float  # part of the time without any contact
-    landings: int  # how often contact began again after a flight; more than one is bouncing
+    landings: int  # contacts after a flight; more than one is bouncing
     faces: tuple[FaceMeeting, ...]  # each rising face of the terrain
-    energy_in_play: float  # energy that moved during the run [J]
-    energy_residual: Optional[float]  # what the ledger misses, relative; None: nothing moved
+    energy_in_play: float  # reference energy of the run [J]
+    energy_residual: Optional[float]  # relative energy balance error; None: nothing moved
     wall_time: Optional[float]  # what the run took [s]
     real_time_factor: Optional[float]  # simulated time over that
-    warnings: tuple[str, ...]  # what a person should know before using the run
+    warnings: tuple[str, ...]  # results that need attention
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain values for JSON; a number that is not finite is None."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Units that columns of other people's files come in, and what makes SI of them."""
+"""Units of columns in files, and their conversion to SI."""
 import math
 from typing import Mapping, Tuple
 
@@ -7,11 +7,11 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.trajectory import UNITS
 
-# What a column is in, once it is read.
+# SI unit of each column.
 SI: Mapping[str, str] = {**UNITS, 'joint_angle': 'rad', 'joint_rate': 'rad/s'}
 
-# Each unit that is understood -> the SI unit, and how much of that it is.
-UNDERSTOOD: Mapping[str, Tuple[str, float]] = {
+# Unit -> SI unit and factor.
+CONVERSIONS: Mapping[str, Tuple[str, float]] = {
     's': ('s', 1.0), 'ms': ('s', 1e-3), 'us': ('s', 1e-6), '\N{MICRO SIGN}s': ('s', 1e-6),
     'ns': ('s', 1e-9), 'min': ('s', 60.0),
     'm': ('m', 1.0), 'cm': ('m', 1e-2), 'mm': ('m', 1e-3),
@@ -41,15 +41,15 @@ def in_si(name: str, values: Array, unit: str) -> Array:
     Raises
     ------
     ConfigurationError
-        If it is no unit of what the column holds; the message lists those that are.
+        If the unit does not fit the column; the message lists those that do.
 
     """
     wanted = SI.get(name)
     if wanted is None or unit == wanted:
         return values
-    kind, factor = UNDERSTOOD.get(unit.strip(), ('', 0.0))
+    kind, factor = CONVERSIONS.get(unit.strip(), ('', 0.0))
     if kind != wanted:
-        known = [word for word, (other, _) in UNDERSTOOD.items() if other == wanted]
+        known = [word for word, (other, _) in CONVERSIONS.items() if other == wanted]
         raise ConfigurationError(
             f'column {name} must be in {" or ".join(known)}, got [{unit}]; correct the heading, '
             'or convert the column', 'not_a_choice', name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a person should know before using a run."""
+"""Warnings about the results of a run."""
 from typing import Iterator, Optional
 
 import numpy as np
@@ -8,14 +8,14 @@ from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.results.plausibility import scene_warnings
 
-# An energy ledger that is off by more than this share asks for a smaller step.
+# Relative energy balance error above which a smaller step is needed.
 RESIDUAL = 1e-5
 
 # Share of the time in contact with full sliding that is called sliding all along.
-SLIDING = 0.9
+SLIDING_MAX = 0.9
 
-# Deeper than this share of the radius, a shell is no stiff spring any more.
-DEPTH = 0.1
+# Penetration, as part of the radius, above which a shell is not a stiff spring.
+PENETRATION_MAX = 0.1
 
 
 def find_warnings(trajectory: Trajectory, expected: int, residual: Optional[float], depth: float,
@@ -44,15 +44,16 @@ def find_warnings(trajectory: Trajectory, expected: int, residual: Optional[floa
     if not np.isfinite(trajectory.rows).all():
         yield f'some numbers are not finite; use {finer}'
     elif residual is not None and not residual <= RESIDUAL:
-        yield (f'the energy ledger is off by {residual:.1e} of the energy in play (at most '
-               f'{RESIDUAL:.0e} is good); use {finer}')
-    if depth > DEPTH * robot.ball_radius:
-        yield (f'the ball sank {1e3 * depth:.3g} mm into the ground, more than {DEPTH:.0%} of '
-               'its radius; contact_stiffness is too low for this impact')
-    if sliding > SLIDING:
+        yield (f'the energy balance error is {residual:.1e} relative to the reference energy '
+               f'(good: at most {RESIDUAL:.0e}); use {finer}')
+    if depth > PENETRATION_MAX * robot.ball_radius:
+        yield (f'the ball sank {1e3 * depth:.3g} mm into the ground, more than '
+               f'{PENETRATION_MAX:.0%} of its radius; contact_stiffness is too low for this '
+               'impact')
+    if sliding > SLIDING_MAX:
         yield (f'the ball slid for {sliding:.0%} of its time in contact, so it never '
                'rolled; start it without slip (initial: speed), drive it less or raise '
                'surface_friction')
     still = np.ptp(trajectory.rows[:, 1:9], axis=0).max() < 1e-6
     if still and len(trajectory) > 1:
-        yield 'nothing moved; give the scene a start (initial) or a drive (actuation)'
+        yield 'nothing moved: give the scene an initial speed (initial) or an actuation'

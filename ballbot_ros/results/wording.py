@@ -40,26 +40,26 @@ def _rows(summary: Summary) -> Iterator[tuple[str, str]]:
     yield 'in flight', (f'{summary.flight_fraction:.1%} of the time, '
                         f'{plural(summary.landings, "landing")}')
     if summary.energy_residual is not None:
-        yield 'energy ledger', (f'off by {summary.energy_residual:.1e} of the '
-                                f'{summary.energy_in_play:.3g} J in play')
+        yield 'energy balance error', (f'{summary.energy_residual:.1e}, relative to '
+                                       f'{summary.energy_in_play:.3g} J')
     if summary.accuracy is not None and summary.error_estimate is not None:
-        yield 'accuracy', (f'{summary.accuracy:g} m asked for, error estimated at '
+        yield 'accuracy', (f'{summary.accuracy:g} m requested, error estimated at '
                            f'{summary.error_estimate:.1e} m up to {summary.horizon:.4g} s')
-        yield 'effort', (f'{summary.evaluations} evaluations, {summary.events} kinks located, '
-                         'in all runs together')
+        yield 'effort', (f'{summary.evaluations} evaluations, {summary.events} events located, '
+                         'in all runs')
     if summary.wall_time is not None and summary.real_time_factor is not None:
-        yield 'took', (f'{summary.wall_time:.3g} s, {summary.real_time_factor:.3g} times as '
+        yield 'run time', (f'{summary.wall_time:.3g} s, {summary.real_time_factor:.3g} times as '
                        'fast as real time')
 
 
 def plural(number: int, what: str) -> str:
-    """Return a number of things, as people write it."""
+    """Return a number with its noun."""
     return f'{number} {what}{"" if number == 1 else "s"}'
 
 
 def _table(faces: tuple[FaceMeeting, ...]) -> Iterator[str]:
-    """Yield the lines of the table of rising faces."""
-    yield 'rising face at    height    touched at    with speed    passed'
+    """Yield the lines of the table of steps."""
+    yield 'step edge at      height    contact at    with speed    passed'
     for face in faces:
         start = f'{face.x:11.3f} m  {1e3 * face.height:5.1f} mm'
         if face.touch_time is None or face.touch_speed is None:

@@ -29,7 +29,7 @@ from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.scene import Initial
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.physics.solvers.registry import METHODS
-from ballbot_ros.results.units import UNDERSTOOD
+from ballbot_ros.results.units import CONVERSIONS
 from ballbot_ros.studies.fit_quality import (
     channel_fit, ChannelFit, CONFIDENCE, judge, ParameterEstimate)
 from ballbot_ros.studies.progress import ignore
@@ -284,7 +284,7 @@ def check_units(recording: Recording, differences: Mapping[str, Array]) -> None:
         measured, simulated = np.ptp(values), np.ptp(values + differences[name])
         unit = CHANNELS[name]
         other = MISLABELLED[unit]
-        factor = 1.0 / UNDERSTOOD[other][1]
+        factor = 1.0 / CONVERSIONS[other][1]
         if measured > 0.0 < simulated and abs(
                 math.log(measured / simulated / factor)) < UNIT_TOLERANCE:
             suspects.append(name)

@@ -78,7 +78,7 @@ def test_keys_change_the_speed_until_q_and_the_terminal_is_as_before(terminal, c
     assert robot.asked == pytest.approx([0.0, 0.1, 0.2, 0.1, 0.0, 0.0, 0.0])
     assert robot.calls == ['engage', 'release']
     shown = capsys.readouterr().out
-    for words in ('drives +0.25 m/s', 'pendulum  +29 deg', 'CROSS', 'e-stop off'):
+    for words in ('measured +0.25 m/s', 'pendulum  +29 deg', 'CROSS', 'e-stop off'):
         assert words in shown
 
 
@@ -129,11 +129,11 @@ def test_the_command_stops_the_robot_and_restores_its_terminal_when_it_is_ended(
         env={**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF', 'COLUMNS': '200'})
     printed = b''
     try:
-        while b'nobody follows cmd_vel' not in printed:
+        while b'no subscriber of cmd_vel' not in printed:
             printed += (more := os.read(process.stdout.fileno(), 4096))
             assert more, printed
         os.write(terminal.master, b'\x1b[A')
-        while b'ask +0.10' not in printed:
+        while b'command +0.10' not in printed:
             printed += (more := os.read(process.stdout.fileno(), 4096))
             assert more, printed
         process.send_signal(signal.SIGTERM)
@@ -191,7 +191,7 @@ def test_keys_are_told_apart_and_unknown_ones_ignored():
 
 def test_the_line_fits_the_terminal_and_says_what_is_not_known():
     text = line(0.0, None, None, '', None, 0, '', 200)
-    assert 'nobody follows' in text and '-  m/s' in text and 'stop' not in text
+    assert 'no subscriber' in text and '-  m/s' in text and 'stop' not in text
     assert line(0.1, 0.1, 0.0, '', True, 1, 'e-stop:\nengaged', 200).endswith('e-stop: engaged')
     assert 'E-STOP' in line(0.1, 0.1, 0.0, '', True, 1, '', 200)
     for width in (1, 4, 20, 80):

@@ -19,7 +19,8 @@ from ballbot_ros.ros.conversions import to_time
 
 def test_with_nothing_of_ones_own_the_acts_are_those_of_the_readme():
     assert list(own_acts()) == list(ACTS)
-    assert {act.planner for act in own_acts(planner='cubic')} == {'cubic'}
+    assert {(act.planner, act.expected) for act in own_acts(planner='cubic')} \
+        == {('cubic', None)}
     with refused('not_a_choice', 'planner'):
         own_acts(planner='cubik')
     act, = own_acts('doorstep', longest=12.0)

@@ -12,7 +12,7 @@ from ballbot_ros.config.files import shipped_files
 from ballbot_ros.errors import ConfigurationError, RefusedError
 from ballbot_ros.experiments import run as experiment
 from ballbot_ros.experiments.file import freeze, load_experiment, node_parameters
-from ballbot_ros.experiments.results import first_difference, Told
+from ballbot_ros.experiments.results import first_difference, TopicDigests
 from ballbot_ros.experiments.run import run_experiment
 from ballbot_ros.physics import load_scene, Solver
 from ballbot_ros.plant import Plant
@@ -135,13 +135,13 @@ def test_what_was_done_before_an_end_is_kept_and_the_rest_done_later(
 def test_a_folder_of_another_experiment_is_left_alone(tmp_path, monkeypatch):
     pretend(monkeypatch)
     run_experiment(str(write(tmp_path)), tmp_path / 'out', True, 60.0)
-    with pytest.raises(ConfigurationError, match='holds another experiment .experiment.yaml'):
+    with pytest.raises(ConfigurationError, match='contains another experiment .experiment.yaml'):
         run_experiment(str(write(tmp_path, duration=0.3)), tmp_path / 'out', True, 60.0)
-    with pytest.raises(ConfigurationError, match='holds no experiment.yaml'):
+    with pytest.raises(ConfigurationError, match='contains no experiment.yaml'):
         run_experiment(str(tmp_path), None, True, 60.0)
 
 
 def test_the_first_difference_is_the_earliest_of_all_topics():
-    one = Told({'/a': {1: 'x', 5: 'y'}, '/b': {3: 'z'}})
+    one = TopicDigests({'/a': {1: 'x', 5: 'y'}, '/b': {3: 'z'}})
     assert first_difference(one, one) is None
-    assert first_difference(one, Told({'/a': {1: 'x', 5: 'n'}, '/b': {}})) == (3, '/b')
+    assert first_difference(one, TopicDigests({'/a': {1: 'x', 5: 'n'}, '/b': {}})) == (3, '/b')

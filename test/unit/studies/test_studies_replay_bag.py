@@ -92,7 +92,7 @@ def test_another_robot_is_told_by_its_digest_and_by_where_it_departs(tmp_path, c
             SIMULATOR, SETTINGS, replace(load_scene('flat'), model=plant.model))),
         '--out', tmp_path / 'out', '--format', 'png')
     assert code == 1
-    assert 'numbers of the robot are not those of the recording: digest' in said
+    assert 'parameters of the robot are not those of the recording: digest' in said
     assert 'departs at t = 0.000 s, after 0 identical states' in said
     content = json.loads((tmp_path / 'out' / 'replay.json').read_text())
     assert content['identical'] is False
@@ -103,7 +103,7 @@ def test_another_robot_is_told_by_its_digest_and_by_where_it_departs(tmp_path, c
 def test_what_a_bag_does_not_say_is_asked_for(tmp_path, capsys):
     bag = record(tmp_path / 'bag', metadata={})
     code, _, said = replayed(capsys, bag)
-    assert code == 2 and 'does not say which scene it is of: give it, --scene NAME' in said
+    assert code == 2 and 'give --scene NAME' in said
     code, said, _ = replayed(capsys, bag, '--scene', 'flat')
     assert code == 0 and 'flat, robot gimball, 500 Hz' in said
     code, _, said = replayed(capsys, bag, '--scene', 'flat', '--set', 'control_rate=400')
