@@ -254,11 +254,19 @@ def hour(draw):
 
 
 # Each class, and its share of all cases; a whole number is that many for any total.
+def dissipation(draw):
+    """Return a meeting with a contact by Hunt and Crossley."""
+    robot = replace(base(draw), contact_damping=0.0,
+                    contact_dissipation=decades(draw, 1e-3, 1e3))
+    return meeting(draw, robot)
+
+
 CLASSES = {
     stiffness: 0.05, damping: 0.05, friction: 0.05, slip_threshold: 0.05, mass_ratio: 0.05,
     pendulum_length: 0.04, radius: 0.05, speed: 0.05, gravity: 0.04, slope: 0.05, step: 0.05,
     gains: 0.05, control_period: 0.05, grooves: 0.05, vertices: 0.01, penetration: 0.05,
-    fixed: 0.07, combined: 0.19, bounces: 8, hour: 3}
+    fixed: 0.07, combined: 0.19, bounces: 8, hour: 3,
+    dissipation: 0.0}  # with --class dissipation alone
 BY_NAME = {make.__name__: make for make in CLASSES}
 
 

@@ -2,9 +2,9 @@
 """
 What the ground does to the ball at one contact: eqs. (7)-(10), and their slopes.
 
-A spring and a damper along the normal, eq. (7), which do not pull unless asked to; friction with
-a slip velocity at the contact point, eq. (8), that grows to its full coefficient over a small
-slip, eq. (9); and the torque of that friction, eq. (10).
+A spring and a damper along the normal, eq. (7), which do not pull unless asked to; friction with a
+slip velocity at the contact point, eq. (8), that grows to its full coefficient over a small slip,
+eq. (9); and the torque of that friction, eq. (10).
 
 The law has kinks.  Between them it is smooth, and which piece holds is two signs: *pressed*, of
 the normal force (0 where the damper would pull and is not let), and *sliding*, of a slip beyond
@@ -12,8 +12,12 @@ the threshold (0 within).  Every function here takes the signs as given, and con
 smoothly beyond its ends: with the signs of the state itself (`pressed_sign`, `sliding_sign`) it
 is the law, with those of a frozen mode (see `modes`) what an integrator needs.
 
-Another contact law is another file with these functions; `contact`, `modes` and `jacobian`
-import the one that holds.
+The normal force is ``N = k p - (kd + h p) v_n`` for a penetration p and a velocity v_n away from
+the ground: eq. (7) with h = 0, and with kd = 0 the law of Hunt and Crossley with the exponent 1,
+``N = k p (1 - lambda v_n)``, whose force sets in without a jump.
+
+Reference: K. H. Hunt, F. R. E. Crossley, Coefficient of Restitution Interpreted as Damping in
+Vibroimpact, J. Appl. Mech. 42 (1975) 440.
 """
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics.model.parameters import Parameters
@@ -37,6 +41,25 @@ def slip_lever(distance: float, parameters: Parameters) -> float:
 
 
 @compiled
+def normal_law(penetration: float, normal_velocity: float,
+               parameters: Parameters) -> tuple[float, float, float]:
+    """
+    Return the normal force of one contact before any limit, and its slopes.
+
+    Returns
+    -------
+    force : float
+        [N]
+    stiffness, damping : float
+        Its derivative by the penetration [N/m], and minus that by the normal velocity [N s/m].
+
+    """
+    damping = parameters.damping + parameters.dissipation * penetration
+    return (parameters.stiffness * penetration - damping * normal_velocity,
+            parameters.stiffness - parameters.dissipation * normal_velocity, damping)
+
+
+@compiled
 def pressing_and_slipping(normal_x: float, normal_y: float, penetration: float, lever: float,
                           velocity_x: float, velocity_y: float, spin: float,
                           parameters: Parameters) -> tuple[float, float, float, float]:
@@ -53,7 +76,7 @@ def pressing_and_slipping(normal_x: float, normal_y: float, penetration: float, 
     """
     normal_velocity = velocity_x * normal_x + velocity_y * normal_y
     along = velocity_x * normal_y - velocity_y * normal_x
-    force = parameters.stiffness * penetration - parameters.damping * normal_velocity
+    force, _, _ = normal_law(penetration, normal_velocity, parameters)
     return force, along + lever * spin, normal_velocity, along
 
 

@@ -12,7 +12,7 @@ tangent t, distance d from the centre, and curvature kappa (0 on a segment, 1/d 
 displacement dr turns the normal by ``kappa (t dr)``, and all else follows::
 
     d(v_n) = kappa v_t (t dr) + n dv        d(v_t) = -kappa v_n (t dr) + t dv
-    dN = -k (n dr) - c d(v_n)               d(slip) = d(v_t) + lever domega + omega (n dr)
+    dN = -(k - h v_n) (n dr) - (kd + h p) d(v_n)    d(slip) = d(v_t) + lever domega + omega (n dr)
 
 Where there is a CORNER, the share of friction that it takes from its neighbours depends on the
 place, too; that is left out, and `smooth_contacts` says whether the derivative is complete.
@@ -23,7 +23,7 @@ from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import meeting
 from ballbot_ros.physics.mechanics.contact_law import (
     CORNER, FRICTION, friction_scale, friction_slope, KIND, normal_and_friction,
-    pressing_and_slipping, slip_lever)
+    normal_law, pressing_and_slipping, slip_lever)
 from ballbot_ros.physics.mechanics.equations import torque_asked, torque_slopes
 from ballbot_ros.physics.mechanics.modes import (
     contact_count, ContactMode, FEATURE, MOTOR, PRESSED, SLIDING, smooth_contacts)
@@ -75,7 +75,7 @@ def add_contact(state: Array, row: int, system: System, mode: ContactMode,
         corner = mode.contacts[row, KIND] == CORNER
         coefficient = mode.contacts[row, FRICTION]
     tangent_x, tangent_y = normal_y, -normal_x
-    spin, stiffness = state[BALL_RATE], parameters.stiffness
+    spin = state[BALL_RATE]
     bend = 0.0 if feature & 1 == 0 else 1.0 / distance
     lever = slip_lever(distance, parameters)
     force, slip, closing, along = pressing_and_slipping(
@@ -88,9 +88,10 @@ def add_contact(state: Array, row: int, system: System, mode: ContactMode,
     normal, friction = normal_and_friction(force, slip, pressed, sliding, parameters, coefficient)
     # The force of a CORNER, which has no friction, counts with the other sign.
     sign = -1.0 if corner else 1.0
-    slope_x = -stiffness * normal_x - parameters.damping * closing_x if pressed != 0 else 0.0
-    slope_y = -stiffness * normal_y - parameters.damping * closing_y if pressed != 0 else 0.0
-    damping = -parameters.damping if pressed != 0 else 0.0
+    _, stiffness, damper = normal_law(parameters.radius - distance, closing, parameters)
+    slope_x = -stiffness * normal_x - damper * closing_x if pressed != 0 else 0.0
+    slope_y = -stiffness * normal_y - damper * closing_y if pressed != 0 else 0.0
+    damping = -damper if pressed != 0 else 0.0
     # Friction: -sign N mu scale(slip).
     rough = -pressed * coefficient
     share = rough * friction_scale(slip, sliding, parameters)

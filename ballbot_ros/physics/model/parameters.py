@@ -30,6 +30,7 @@ class Parameters(NamedTuple):
     pulling: float  # switches are 0.0 or 1.0
     smooth_friction: float
     radius_lever: float
+    dissipation: float  # damping per penetration, of Hunt and Crossley [N s/m2]
 
     @classmethod
     def of(cls, robot: Robot, options: ContactOptions) -> 'Parameters':
@@ -42,7 +43,8 @@ class Parameters(NamedTuple):
             robot.pendulum_inertia + own, robot.rolling_friction, robot.joint_friction,
             robot.ball_radius, robot.contact_stiffness, robot.contact_damping,
             robot.slip_threshold, robot.gravity, float(options.pulling),
-            float(options.friction_ramp == 'smooth'), float(options.slip_lever == 'radius'))
+            float(options.friction_ramp == 'smooth'), float(options.slip_lever == 'radius'),
+            robot.contact_dissipation * robot.contact_stiffness)
 
 
 class Actuator(NamedTuple):

@@ -88,6 +88,9 @@ class Robot(Checked):
         'm/s', 'slip velocity at which friction is fully there, eq. (9)', above=0.0,
         default=0.01)
     gravity: float = quantity('m/s2', 'acceleration of gravity, g', minimum=0.0, default=9.81)
+    contact_dissipation: float = quantity(
+        's/m', 'dissipation of the shell by Hunt and Crossley, lambda: beside kd, a damping of '
+        'k lambda times the penetration', minimum=0.0, default=0.0)
     motor: Optional[Motor] = None
     provenance: Mapping[str, Provenance] = field(
         default_factory=lambda: MappingProxyType({}), compare=False, repr=False)
@@ -239,7 +242,11 @@ class Robot(Checked):
 
     @property
     def restitution(self) -> float:
-        """Return exp(-pi zeta / sqrt(1 - zeta^2)), 0 where overdamped (unclamped bounce)."""
+        """
+        Return exp(-pi zeta / sqrt(1 - zeta^2)), 0 where overdamped (unclamped bounce).
+
+        Of eq. (7) alone; with `contact_dissipation` it depends on the speed.
+        """
         zeta = self.damping_ratio
         return math.exp(-math.pi * zeta / math.sqrt(1.0 - zeta**2)) if zeta < 1.0 else 0.0
 

@@ -122,7 +122,7 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
             break
         if not begun:
             count = find_mode(time, state, system, workspace.mode)
-            if flies and may_fly and is_let_go(workspace.mode):
+            if flies and may_fly and is_let_go(workspace.mode, parameters):
                 landed, filled = fly_to_touch(
                     time, state, end, system, output, filled, options.ledger, workspace)
                 if landed > time or count == 0:
@@ -176,7 +176,7 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
             count = find_mode(time, state, system, workspace.mode)
             controller = after_event(controller, used, count, options.method, parameters)
             may_fly = may_fly or count > 0
-            begun = not (flies and may_fly and is_let_go(workspace.mode))
+            begun = not (flies and may_fly and is_let_go(workspace.mode, parameters))
     return Status(outcome, time, filled, controller, rate, begun, ready, may_fly, 0.0)
 
 

@@ -66,10 +66,16 @@ def time_of_touch(state: Array, most: float, width: float, spin: Spin, parameter
 
 
 @compiled
-def is_let_go(mode: ContactMode) -> bool:
-    """Return whether the ground exerts no force in a mode: no contact, or one that would pull."""
+def is_let_go(mode: ContactMode, parameters: Parameters) -> bool:
+    """
+    Return whether the ground exerts no force in a mode: no contact, or one that would pull.
+
+    Where the damper grows with the penetration, the bound of `clearance` does not hold for a ball
+    that still overlaps the ground.
+    """
     count = contact_count(mode)
-    return count == 0 or (count == 1 and mode.signs[0, PRESSED] == 0)
+    return count == 0 or (count == 1 and mode.signs[0, PRESSED] == 0
+                          and parameters.dissipation == 0.0)
 
 
 @outlined

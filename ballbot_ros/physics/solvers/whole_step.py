@@ -105,6 +105,9 @@ def pressed_throughout(work: Array, row: int, normal: tuple[float, float, float]
     force = combined(-parameters.stiffness, away, -parameters.damping, closing)
     force_left = parameters.stiffness * (parameters.radius - beyond) + least(force) - (
         parameters.damping * (shorter * fastest + turned * quickest))
+    if parameters.dissipation > 0.0:  # N = k p - (kd + h p) v_n: p and v_n are at most so much
+        force_left -= parameters.dissipation * max(parameters.radius - nearest, 0.0) * max(
+            most(closing) + shorter * fastest + turned * quickest, 0.0)
     if not (farthest + beyond < parameters.radius and force_left > 0.0):
         return False
     if friction <= 0.0:

@@ -56,10 +56,12 @@ def violated_within(system, workspace, step=1.0):
     return False
 
 
-@pytest.mark.parametrize('lever', ['contact', 'radius'])
-def test_where_it_says_that_a_mode_holds_no_guard_is_violated_at_any_time(lever):
+@pytest.mark.parametrize('lever, dissipation', [
+    ('contact', 0.0), ('radius', 0.0), ('contact', 5.0)])
+def test_where_it_says_that_a_mode_holds_no_guard_is_violated_at_any_time(lever, dissipation):
     draw = np.random.default_rng(11)
-    model = Model(load_robot('gimball'), GROUND, ContactOptions(slip_lever=lever))
+    robot = load_robot('gimball').replace(contact_dissipation=dissipation)
+    model = Model(robot, GROUND, ContactOptions(slip_lever=lever))
     workspace, said = Workspace.of(len(model.profile)), {0: 0, 1: 0, 2: 0}
     edges = 0
     for _ in range(4000):

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Contact by Hunt and Crossley: restitution in closed form, energy balance, selection."""
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from ballbot_ros.crossing import max_step_height
+from ballbot_ros.physics import (
+    Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
+from ballbot_ros.physics.simulation.scene import read_scene
+
+GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
+CLOSED = {'contact_damping': 0.0}
+
+
+def restitution(dissipation, speed):
+    """
+    Return the coefficient of restitution of N = k p (1 + lambda p') at an impact speed.
+
+    With w = p': dw / dp = -(k / m) p (1 + lambda w) / w, so the integral of w / (1 + lambda w)
+    over the impact is zero: w - ln(1 + lambda w) / lambda is the same before and after.
+    """
+    def gap(share):
+        before, after = dissipation * speed, -dissipation * share * speed
+        return (before - math.log1p(before)) - (after - math.log1p(after))
+    return brentq(gap, 0.0, min(1.0, (1.0 - 1e-12) / (dissipation * speed)))
+
+
+@pytest.mark.parametrize('method', ['adaptive', 'explicit', 'implicit', 'rk4', 'trapezoidal'])
+@pytest.mark.parametrize('dissipation, speed', [(0.2, 0.5), (1.0, 0.5), (1.0, 2.0), (5.0, 1.0)])
+def test_restitution_is_that_of_the_closed_form(method, dissipation, speed):
+    robot = SHELLBALL.replace(gravity=0.0, surface_friction=0.0, rolling_friction=0.0,
+                              contact_dissipation=dissipation, **CLOSED)
+    solver = Solver(method, 1e-5, 1e-11)
+    model = Model(robot, Terrain.flat(), solver=solver)
+    start = State(y=robot.ball_radius + 1e-3, velocity_y=-speed)
+    run = simulate(model, start, Actuation(), 0.1)
+    tolerance = 1e-4 if method in ('rk4', 'trapezoidal') else 1e-6
+    assert run['velocity_y'][-1] / speed == pytest.approx(
+        restitution(dissipation, speed), abs=tolerance)
+
+
+def test_the_force_sets_in_without_a_jump_and_never_pulls():
+    robot = SHELLBALL.replace(contact_dissipation=3.0, **CLOSED)
+    model = Model(robot, Terrain.flat())
+    start = State(y=robot.ball_radius + 1e-3, velocity_y=-1.0)
+    run = simulate(model, start, Actuation(), 0.05, 1e-5)
+    force = run['surface_normal_force']
+    assert np.min(force) >= 0.0 and np.max(np.abs(np.diff(force))) < 0.02 * np.max(force)
+    damped = simulate(Model(SHELLBALL, Terrain.flat()), start, Actuation(), 0.05, 1e-5)
+    jump = np.abs(np.diff(damped['surface_normal_force']))
+    assert np.max(jump) == pytest.approx(SHELLBALL.contact_damping, rel=0.05)  # kd at 1 m/s
+
+
+@pytest.mark.parametrize('name', ['fig7_top', 'fig7_middle', 'fig7_bottom', 'household',
+                                  'shellball_drop', 'voltage_start'])
+def test_the_energy_balance_of_every_scene_closes(name):
+    scene = load_scene(name)
+    scene = load_scene(
+        scene, robot=scene.model.robot.replace(contact_dissipation=0.5, **CLOSED))
+    run = simulate(scene.model, scene.start, scene.actuation, scene.run.duration,
+                   accuracy=1e-6)
+    assert np.max(np.abs(run.energy_residual)) < 1e-6 * run.energy_in_play
+
+
+def test_a_scene_file_selects_it():
+    scene = read_scene({'robot': 'gimball', 'duration': 0.1, 'robot_changes': {
+        'contact_damping': 0.0, 'contact_dissipation': 0.5}}, 'here', 'mine')
+    assert scene.model.parameters.dissipation == 0.5 * GIMBALL.contact_stiffness
+    assert scene.model.robot.digest != GIMBALL.digest
+
+
+def test_the_maximum_step_height_hardly_depends_on_the_law_at_equal_restitution():
+    for speed in (0.3, 0.6):
+        dissipation = brentq(
+            lambda value: restitution(value, speed) - GIMBALL.restitution, 1e-3, 10.0)
+        other = GIMBALL.replace(contact_dissipation=dissipation, **CLOSED)
+        one, two = (max_step_height(robot, speed) for robot in (GIMBALL, other))
+        assert two.height == pytest.approx(one.height, rel=0.05)
+        assert two.error <= 5e-5
