@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         print_error(f'interrupted; the same command resumes from {arguments.out}')
         return INTERRUPTED
-    write(arguments, evaluation, rows, workers, perf_counter() - begin)
+    write(arguments, evaluation, rows, perf_counter() - begin)
     return DONE
 
 
@@ -103,7 +103,7 @@ def print_one(arguments: argparse.Namespace, evaluation: Any) -> None:
         print('\n'.join([f'planner {planner}', *lines]))
 
 
-def write(arguments: argparse.Namespace, run_of: Any, rows: Any, workers: int,
+def write(arguments: argparse.Namespace, run_of: Any, rows: Any,
           spent: float) -> None:
     """Write report and figure, and print the main figures."""
     from ballbot_ros.figures.evaluation import evaluation
@@ -113,7 +113,7 @@ def write(arguments: argparse.Namespace, run_of: Any, rows: Any, workers: int,
     counted = report(run_of, rows)
     write_text(json.dumps(counted, indent=1), arguments.out / f'{NAME}.json')
     command = ' '.join(['ballbot evaluate-decision', *given_options(arguments)])
-    write_text(page(counted, command, workers, spent), arguments.out / f'{NAME}.md')
+    write_text(page(counted, command), arguments.out / f'{NAME}.md')
     save_figure(evaluation(counted), arguments.out / 'figures', NAME, 'png')
     if not arguments.quiet:
         print(summary(counted))

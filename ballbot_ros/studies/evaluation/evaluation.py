@@ -52,8 +52,8 @@ class Evaluation:
         Run-ups and the steps that most robots cross from there, see `search.limit_of_most`; only
         needed for the group ``crossable``.
     searched : int
-        Of the first planner: number of approaches for which the true robot is searched for a
-        manoeuvre that crosses, and for the true margin of each attempt at a step.
+        Of the first planner: number of approaches of each group for which a search with the true
+        robot looks for a crossing, and for the true margin of each attempt at a step.
 
     """
 
@@ -125,12 +125,12 @@ def _run(evaluation: Evaluation, planner: str, group: str, number: int, search: 
         row = {**heading(approach, planner), 'outcome': 'raised', 'attempts': [], 'changes': 0,
                'failure': f'{type(error).__name__}: {error}'}
     row['group'] = group
-    if not search or row['kind'] == 'nothing':
+    if not search:
         return row
-    if row['crossable']:
+    if row['crossable'] and row['kind'] not in ('nothing', 'crossable'):
         row['possible'] = row['outcome'] == 'over' or possible(
             approach.robot, approach.ground, approach.room_behind, nominal.robot, nominal.gains)
-    if row['kind'] == 'step':
+    if row['kind'] in ('step', 'crossable'):
         for attempt in row['attempts']:
             attempt['true_margin'] = true_margin(approach, attempt, nominal)
     return row
@@ -142,9 +142,9 @@ def true_margin(approach: Approach, attempt: Dict[str, Any], nominal: NominalMod
     face: float = attempt['face']
     height = float(approach.ground.terrain.height(face + 1e-6)) - math.tan(slope) * face
     touch = face - touch_distance(robot.ball_radius, height)
-    start, speed, swing, angle = attempt['plan'] if len(attempt['plan']) == 4 else (
-        None, attempt['plan'][0], None, 0.0)
-    speed = max(float(speed), SLOWEST)
+    start, _, swing, angle = attempt['plan'] if len(attempt['plan']) == 4 else (
+        None, 0.0, None, 0.0)
+    speed = max(float(attempt['swing_speed']), SLOWEST)
     run_up = RUN_UPS[1] if start is None else min(max(touch - start, RUN_UPS[0]), RUN_UPS[1])
     lead = -1.0 if swing is None else max(0.0, (touch - swing) / speed)
     return height_limit(robot, nominal.robot, nominal.gains, run_up,
@@ -183,8 +183,7 @@ def run_evaluation(evaluation: Evaluation, folder: Path, pool: Executor, workers
     for planner, group, count in evaluation.parts:
         for first in range(0, count, BLOCK):
             behind = min(first + BLOCK, count)
-            search = (planner == evaluation.parts[0][0] and group == 'drawn'
-                      and first < evaluation.searched)
+            search = planner == evaluation.parts[0][0] and first < evaluation.searched
             blocks[f'{planner}-{group}-{first:07d}-{behind:07d}{"-searched" * search}.json'] = (
                 behind - first, (evaluation, planner, group, first, behind, search))
     target = folder / FOLDER

@@ -62,6 +62,7 @@ class ObservedAttempt:
     edge: float        # last one of the plan [m]
     plan: Tuple[float, ...]  # start, speed, swing position and angle; or the set speed
     height_margin: float = math.nan  # predicted [m]
+    swing_speed: float = math.nan  # where the swing began, or at the touch without a swing [m/s]
     same: bool = False  # same plan as one that has failed at this face
     over: Optional[bool] = None
     settled: float = 0.0  # time when `over` was known [s]
@@ -142,6 +143,7 @@ class OutcomeMonitor:
         self._passed: Dict[float, bool] = {}  # edges of drops, and whether it was crossing them
         self._resting_since = math.inf
         self._x = loop.state.x
+        self._path: List[Tuple[float, float]] = []  # positions and speeds [m], [m/s]
         self.verdict = Verdict()
         self.news = 0.0  # time of the last event that justifies another decision [s]
 
@@ -158,6 +160,7 @@ class OutcomeMonitor:
 
         """
         state = self._loop.state
+        self._path.append((state.x, state.velocity_x))
         self._decisions.append((before, self._x, decision))
         while self._decisions[0][0] < before - CANCELLED - 1e-9:
             self._decisions.popleft()
@@ -254,9 +257,15 @@ class OutcomeMonitor:
             when, self._loop.state.x, face, speed, plan.strategy.value if plan else '',
             outlook.probability if outlook else math.nan, float(last_edge(decision, x)),
             (plan.start, plan.speed, plan.swing_position, plan.swing_angle) if plan
-            else (decision.set_speed,), decision.height_margin)
+            else (decision.set_speed,), decision.height_margin,
+            self._speed_at(plan.swing_position, speed) if plan else speed)
         attempt.same = any(same_plan(attempt, other) for other in attempts if other.over is False)
         attempts.append(attempt)
+
+    def _speed_at(self, x: float, touch_speed: float) -> float:
+        """Return the speed when the ball last came to x, or that of the touch [m/s]."""
+        return next((speed for place, speed in reversed(self._path) if place <= x),
+                    touch_speed) if math.isfinite(x) else touch_speed
 
     def _settle_attempt(self, state: State) -> None:
         """Settle the attempt under way."""

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The report as a page in Markdown, and as a few lines."""
+import textwrap
 from typing import Any, Dict, List, Mapping, Sequence
 
 from ballbot_ros.studies.evaluation.approaches import UNSEEN_ROOM
@@ -20,11 +21,14 @@ This command writes the page and resumes an interrupted run; do not edit the pag
 {command}
 ```
 
-It ran on {workers} processes for {spent:.0f} s. `--planners {first} --seed {seed} --crossable 0
---only n` prints the decisions of approach number n with their reasons.
+An approach took {cpu:.2f} s of processor time in the mean, so that {complete:,} of them take
+{minutes:.0f} min on two cores without the searches with the true robot. `--planners {first}
+--seed {seed} --crossable 0 --only n` prints the decisions of approach number n with their reasons.
 
 Each approach is a robot drawn from the ranges of its file, with friction of 0.3 to 1.3 of the
-file's, on a drawn terrain: {kinds}; on slopes of -4 to 4 degrees. The sensor is a step sensor, a
+file's, on a drawn terrain:
+{kinds};
+on slopes of -4 to 4 degrees. The sensor is a step sensor, a
 terrain sensor with equally spaced points or a camera with rays at equal angles (eye 0 to 0.4 m
 above the ball's centre), ideal, degraded (noise, bias, losses, latency up to 0.5 s, short range),
 with up to 10 % outliers, with reordered messages, or frozen with advancing stamps. In half of the
@@ -114,7 +118,7 @@ def failures(one: Mapping[str, Any]) -> List[str]:
             for name, numbers in one['numbers'].items() if numbers]
 
 
-def page(report: Report, command: str, workers: int, spent: float) -> str:
+def page(report: Report, command: str) -> str:
     """
     Return the report as Markdown.
 
@@ -124,18 +128,16 @@ def page(report: Report, command: str, workers: int, spent: float) -> str:
         As `report.report` returns it.
     command : str
         That made it.
-    workers : int
-        Number of processes.
-    spent : float
-        Time that the last run of the command took [s].
 
     """
     planners = report['planners']
     first, one = next(iter(planners.items()))
     missed = one['missed']
-    kinds = ', '.join(name.replace('_', ' ') for name in KINDS)
+    kinds = textwrap.fill(', '.join(name.replace('_', ' ') for name in KINDS), 99)
+    cpu = one['cost']['cpu_s'] or 0.0
     parts = [INTRODUCTION.format(command=command, first=first, seed=report['seed'], kinds=kinds,
-                                 unseen=UNSEEN_ROOM, workers=workers, spent=spent),
+                                 unseen=UNSEEN_ROOM, cpu=cpu, complete=APPROACHES,
+                                 minutes=APPROACHES * cpu / 120.0),
              f'## Targets, with `{first}`\n', *table_of_targets(one['targets']), '']
     if one['approaches'] < APPROACHES:
         parts += [f'This run has {one["approaches"]} approaches; a complete one has '

@@ -86,7 +86,7 @@ def targets(rows: Sequence[Row], crossable: Sequence[Row]) -> List[Dict[str, Any
         f'runs with more than {CHANGES} decision changes without news', '1 in 100',
         f'{more} of {len(counts)}; at most {max(counts, default=0)}',
         more <= (1.0 - CHANGES_RUNS) * len(counts)))
-    number, correlation = margin_correlation(rows)
+    number, correlation = margin_correlation(every)
     lines.append(target(
         'correlation of height_margin with the true margin', 'above 0.8',
         f'{correlation:.2f} of {number}' if number > 2 else 'not measured',
@@ -191,7 +191,8 @@ def planner_figures(rows: Sequence[Row], crossable: Sequence[Row],
                       'missed': [row['number'] for row in crossable
                                  if row['outcome'] != 'over'][:LISTED]},
         'cost': {name: float(function([row[name] for row in decided])) if decided else None
-                 for name, function in (('mean_ms', np.mean), ('worst_ms', np.max))},
+                 for name, function in (('mean_ms', np.mean), ('worst_ms', np.max),
+                                        ('cpu_s', np.mean))},
         'targets': targets(rows, crossable), 'missed': missed(rows)}
 
 

@@ -120,7 +120,7 @@ def run_approach(approach: Approach, planner: str, nominal: NominalModel,
     monitor = OutcomeMonitor(approach, loop, knowledge.tuning)
     changes = DecisionChanges()
     spent: List[float] = []
-    failure = ''
+    failure, start = '', thread_time()
     state = loop.state
     length = ground.goal - ground.foot if math.isfinite(ground.goal) else 0.0
     limit = TIME_LIMIT + length / SLOWEST
@@ -152,7 +152,7 @@ def run_approach(approach: Approach, planner: str, nominal: NominalModel,
     return {**heading(approach, planner), **monitor.verdict.row, 'failure': failure,
             'mean_ms': 1e3 * sum(spent) / max(len(spent), 1),
             'worst_ms': 1e3 * max(spent, default=0.0),
-            'decisions': len(spent)}
+            'decisions': len(spent), 'cpu_s': thread_time() - start}
 
 
 class DecisionLog:

@@ -28,11 +28,11 @@ LIMITS = ((0.1, 0.01), (1.0, 0.05), (2.0, 0.04))
 
 
 def row(number=0, outcome='over', group='drawn', attempts=(), **others):
-    """Return a row as a evaluation keeps it."""
+    """Return a row of an evaluation."""
     return {'number': number, 'planner': 'cubic', 'group': group, 'outcome': outcome,
             'kind': 'step', 'slope': 0.0, 'sensor': 'step', 'condition': 'ideal',
-            'changes': 0, 'foot': 1.0,
-            'attempts': list(attempts), 'decisions': 10, 'mean_ms': 1.0, 'worst_ms': 2.0, **others}
+            'changes': 0, 'foot': 1.0, 'attempts': list(attempts), 'decisions': 10,
+            'mean_ms': 1.0, 'worst_ms': 2.0, 'cpu_s': 0.3, **others}
 
 
 def attempt(probability, over, same=False, **margins):
@@ -89,7 +89,7 @@ def test_page_summary_and_picture_show_every_planner_and_mark_what_is_missed():
         row(0, attempts=[attempt(0.95, True)], possible=True),
         row(1, 'fell', attempts=[attempt(0.95, False)], possible=True),
         row(0, group='crossable')]), allow_nan=False))
-    text = page(counted, 'ballbot evaluate-decision', 2, 60.0)
+    text = page(counted, 'ballbot evaluate-decision')
     assert '**missed**' in text and '| cubic | 2 |' in text and 'not 1: 1 step' in text
     assert '* fell: 1' in text and 'fell: 1' in summary(counted)
     assert len(figures.evaluation(counted).axes) == 3
