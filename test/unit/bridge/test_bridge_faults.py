@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faults of sensors, line and drive in simulated time: no torque on data that cannot be right."""
-from dataclasses import replace
-import math
-
+from faults import (
+    FAULTS, FORWARD, frozen, in_degrees, in_g, lost_status, loop, repeated, reversed_encoder,
+    time_to_zero, upside_down)
 import pytest
 from refusals import refused
-from virtual_robot import STEP, VirtualRobot
+from virtual_robot import VirtualRobot
 
 from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.control import Mode, SetPoint
@@ -13,46 +13,6 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.imus.plausibility import EXPLANATIONS
 
 PROTOCOLS = ('odrive 0.5', 'odrive_can 0.6', 'vesc', 'roboclaw')
-FORWARD = SetPoint(Mode.HOLD, 0.45)
-
-
-def time_to_zero(robot, fault, seconds=2.0, set_point=FORWARD):
-    """Return the time from a fault to the last torque of the motor [s]."""
-    fault(robot)
-    first = len(robot.torques)
-    for _ in range(round(seconds / 0.02)):
-        loop(robot, 0.02, set_point)
-        if robot.session.supervisor.e_stop:
-            break
-    robot.loop(0.2)
-    assert not any(robot.torques[-round(0.1 / STEP):])
-    pulling = [number for number, torque in enumerate(robot.torques[first:], 1) if torque]
-    return STEP * pulling[-1] if pulling else 0.0
-
-
-def loop(robot, seconds, set_point):
-    """Let the bridge run, and take set-points as long as it accepts them."""
-    end = robot.now + seconds
-    while robot.now < end - 1e-9:
-        if not robot.session.supervisor.e_stop:
-            robot.session.give(set_point)
-        robot.loop(0.02)
-
-
-def frozen(velocity):
-    """Return a fault: the encoder repeats its last position."""
-    def plant(robot):
-        position = robot.device.sensed.position
-        robot.encoder = lambda true: true._replace(
-            position=position, velocity=true.velocity if velocity else 0.0)
-    return plant
-
-
-def reversed_encoder(robot):
-    """Let the encoder count backwards from where it is."""
-    position = robot.device.sensed.position
-    robot.encoder = lambda true: true._replace(
-        position=2.0 * position - true.position, velocity=-true.velocity)
 
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)
@@ -76,19 +36,6 @@ def test_steps_and_walls_at_full_torque_are_no_contradiction():
         assert max(map(abs, robot.torques)) > 0.9 * robot.hardware.options().torque_limit
 
 
-def lost_status(robot):
-    """Let status replies get lost, and the drive trip."""
-    driver = robot.session.line.driver
-    poll, known = driver.poll, driver.telemetry
-
-    def without_status():
-        poll()
-        driver.telemetry = driver.telemetry._replace(
-            status_time=known.status_time, armed=known.armed, faults=known.faults)
-        return driver.telemetry
-    driver.poll = without_status
-
-
 @pytest.mark.parametrize('protocol', PROTOCOLS)
 def test_a_drive_that_does_not_confirm_its_status_is_stopped(protocol):
     robot = VirtualRobot(protocol, onboard='gentle').ready()
@@ -103,29 +50,6 @@ def test_a_process_that_was_preempted_does_not_take_the_status_for_lost():
     robot.pass_time(0.25)  # the drive trips by its watchdog meanwhile
     robot.loop(0.05)
     assert 'has not reported' not in robot.session.supervisor.e_stop
-
-
-def repeated(robot):
-    """Let the IMU repeat its last reading."""
-    last = []
-    robot.reading = lambda true: last.append(true) or replace(last[0], stamp=true.stamp)
-
-
-def in_degrees(robot):
-    """Let the IMU report its turn rate in degrees per second."""
-    robot.reading = lambda true: replace(true, turn_rate=math.degrees(true.turn_rate))
-
-
-def in_g(robot):
-    """Let the IMU report specific forces in multiples of gravity."""
-    robot.reading = lambda true: replace(
-        true, forward=true.forward / 9.81, upward=true.upward / 9.81)
-
-
-def upside_down(robot):
-    """Mount the IMU turned by half a turn about its forward axis."""
-    robot.reading = lambda true: replace(
-        true, turn_rate=-true.turn_rate, upward=-true.upward)
 
 
 @pytest.mark.parametrize('fault, reason', [
@@ -159,3 +83,11 @@ def test_set_points_beyond_the_limits_are_refused(mode, value):
     with refused('out_of_range', mode.value):
         robot.session.give(SetPoint(mode, value))
     assert robot.session.law.set_point.mode is Mode.IDLE
+
+
+@pytest.mark.parametrize('protocol', PROTOCOLS)
+@pytest.mark.parametrize('fault', list(FAULTS))
+def test_each_fault_ends_the_torque(protocol, fault):
+    robot = VirtualRobot(protocol, onboard='gentle').ready()
+    loop(robot, 0.2, FORWARD)
+    time_to_zero(robot, FAULTS[fault], 3.0, SetPoint(Mode.SPEED, 0.5))

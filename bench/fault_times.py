@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Time to zero torque for each failure mode, in simulated time around the real session of the bridge.
+
+    .venv/bin/python bench/fault_times.py            # prints the table
+    .venv/bin/python bench/fault_times.py --write    # and puts it into docs/hardware_bridge.md
+
+Ball, drive, cable and IMU are models on one clock, so the times are the same on any machine; what
+a busy machine adds is measured by `faults.py`.
+"""
+import logging
+from pathlib import Path
+import sys
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
+from faults import FAULTS, FORWARD, loop, time_to_zero  # noqa: E402
+from virtual_robot import VirtualRobot  # noqa: E402
+
+from ballbot_ros.control import Mode, SetPoint  # noqa: E402
+
+PROTOCOLS = ('odrive 0.5', 'odrive_can 0.6', 'vesc', 'vesc_can', 'roboclaw')
+PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'hardware_bridge.md'
+BEGIN, END = '<!-- table: fault times -->', '<!-- end of fault times -->'
+LONGEST = 4.0  # after a fault [s]
+
+
+def measure():
+    """Yield name, unit, values and target of each measurement; see `bench/run.py`."""
+    logging.disable(logging.WARNING)
+    for name, fault in FAULTS.items():
+        times = []
+        for protocol in PROTOCOLS:
+            robot = VirtualRobot(protocol, onboard='gentle').ready()
+            loop(robot, 0.2, FORWARD)
+            try:
+                times.append(1e3 * time_to_zero(robot, fault, LONGEST, SetPoint(Mode.SPEED, 0.5)))
+            except AssertionError:
+                times.append(float('inf'))
+        yield f'zero torque after: {name}', 'ms', times, None
+
+
+def main():
+    """Print the table, and write it where that is asked for."""
+    lines = [f'| failure mode | {" | ".join(PROTOCOLS)} |', '|---' * (1 + len(PROTOCOLS)) + '|']
+    for name, _, times, _ in measure():
+        lines.append(f'| {name.partition(": ")[2]} | ' + ' | '.join(
+            f'{time:.0f} ms' for time in times) + ' |')
+        print(lines[-1], flush=True)
+    if '--write' in sys.argv[1:]:
+        text = PAGE.read_text(encoding='utf-8')
+        before, _, rest = text.partition(BEGIN)
+        table = '\n'.join(lines)
+        PAGE.write_text(f'{before}{BEGIN}\n{table}\n{END}{rest.partition(END)[2]}',
+                        encoding='utf-8')
+
+
+if __name__ == '__main__':
+    main()

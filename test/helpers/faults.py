@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Faults of sensors, line and drive for a `VirtualRobot`, and the time to zero torque."""
+from dataclasses import replace
+import math
+
+from virtual_robot import STEP
+
+from ballbot_ros.control import Mode, SetPoint
+
+FORWARD = SetPoint(Mode.HOLD, 0.45)
+
+
+def time_to_zero(robot, fault, seconds=2.0, set_point=FORWARD):
+    """Return the time from a fault to the last torque of the motor [s]."""
+    fault(robot)
+    first = len(robot.torques)
+    for _ in range(round(seconds / 0.02)):
+        loop(robot, 0.02, set_point)
+        if robot.session.supervisor.e_stop:
+            break
+    robot.loop(0.2)
+    assert not any(robot.torques[-round(0.1 / STEP):])
+    pulling = [number for number, torque in enumerate(robot.torques[first:], 1) if torque]
+    return STEP * pulling[-1] if pulling else 0.0
+
+
+def loop(robot, seconds, set_point):
+    """Let the bridge run, and take set-points as long as it accepts them."""
+    end = robot.now + seconds
+    while robot.now < end - 1e-9:
+        if not robot.session.supervisor.e_stop:
+            robot.session.give(set_point)
+        robot.loop(0.02)
+
+
+def frozen(velocity):
+    """Return a fault: the encoder repeats its last position."""
+    def plant(robot):
+        position = robot.device.sensed.position
+        robot.encoder = lambda true: true._replace(
+            position=position, velocity=true.velocity if velocity else 0.0)
+    return plant
+
+
+def reversed_encoder(robot):
+    """Let the encoder count backwards from where it is."""
+    position = robot.device.sensed.position
+    robot.encoder = lambda true: true._replace(
+        position=2.0 * position - true.position, velocity=-true.velocity)
+
+
+def lost_status(robot):
+    """Let status replies get lost, and the drive trip."""
+    driver = robot.session.line.driver
+    poll, known = driver.poll, driver.telemetry
+
+    def without_status():
+        poll()
+        driver.telemetry = driver.telemetry._replace(
+            status_time=known.status_time, armed=known.armed, faults=known.faults)
+        return driver.telemetry
+    driver.poll = without_status
+
+
+def repeated(robot):
+    """Let the IMU repeat its last reading."""
+    last = []
+    robot.reading = lambda true: last.append(true) or replace(last[0], stamp=true.stamp)
+
+
+def in_degrees(robot):
+    """Let the IMU report its turn rate in degrees per second."""
+    robot.reading = lambda true: replace(true, turn_rate=math.degrees(true.turn_rate))
+
+
+def in_g(robot):
+    """Let the IMU report specific forces in multiples of gravity."""
+    robot.reading = lambda true: replace(
+        true, forward=true.forward / 9.81, upward=true.upward / 9.81)
+
+
+def upside_down(robot):
+    """Mount the IMU turned by half a turn about its forward axis."""
+    robot.reading = lambda true: replace(
+        true, turn_rate=-true.turn_rate, upward=-true.upward)
+
+
+def silent_imu(robot):
+    """Let no IMU reading arrive any more."""
+    robot.reading = lambda true: None
+
+
+def unplugged(robot):
+    """Pull the cable."""
+    robot.plugged = False
+
+
+def silent_drive(robot):
+    """Let no reply arrive any more."""
+    robot.from_drive = lambda data: b''
+
+
+def growing_latency(robot):
+    """Let replies arrive 20 ms later every 0.1 s."""
+    begin, delay = robot.now, robot._delay
+
+    def reply(data):
+        robot._delay = delay + 0.2 * (robot.now - begin)
+        return data
+    robot.from_drive = reply
+
+
+def jumping_encoder(robot):
+    """Let the encoder jump by a radian of the shaft every 0.2 s."""
+    begin = robot.now
+    robot.encoder = lambda true: true._replace(
+        position=true.position + 50.0 * math.floor((robot.now - begin) / 0.2))
+
+
+def tripped_drive(robot):
+    """Let the current sensor of the drive read too much."""
+    robot.device.over_current()
+
+
+def rebooted_drive(robot):
+    """Let the drive lose its supply for the boot time."""
+    robot.device.reboot(robot.now)
+
+
+def requested_stop(robot):
+    """Engage the e-stop."""
+    robot.session.engage('requested')
+
+
+# Name and fault; the bound of each is in docs/hardware_bridge.md.
+FAULTS = {
+    'e-stop requested': requested_stop,
+    'encoder frozen, its velocity too': frozen(False), 'encoder frozen': frozen(True),
+    'encoder reversed': reversed_encoder, 'encoder jumps every 0.2 s': jumping_encoder,
+    'IMU silent': silent_imu, 'IMU frozen': repeated, 'IMU in degrees per second': in_degrees,
+    'IMU in g': in_g, 'IMU upside down': upside_down,
+    'cable unplugged': unplugged, 'no reply arrives': silent_drive,
+    'replies 20 ms later every 0.1 s': growing_latency, 'status not confirmed': lost_status,
+    'drive trips': tripped_drive, 'drive reboots': rebooted_drive}
