@@ -13,10 +13,10 @@ from pathlib import Path
 import sys
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
-from faults import FAULTS, FORWARD, loop, time_to_zero  # noqa: E402
-from virtual_robot import VirtualRobot  # noqa: E402
+from faults import FAULTS, FORWARD, loop, time_to_zero
+from virtual_robot import VirtualRobot
 
-from ballbot_ros.control import Mode, SetPoint  # noqa: E402
+from ballbot_ros.control import Mode, SetPoint
 
 PROTOCOLS = ('odrive 0.5', 'odrive_can 0.6', 'vesc', 'vesc_can', 'roboclaw')
 PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'hardware_bridge.md'

@@ -8,7 +8,7 @@ from typing import Callable, Optional, Tuple
 from ballbot_ros.bridge.condition import ConditionMonitor
 from ballbot_ros.bridge.drive_line import DriveLine, HANDSHAKE
 from ballbot_ros.bridge.hardware_file import Hardware
-from ballbot_ros.bridge.motor_state import Event, LOST, MotorState, Power
+from ballbot_ros.bridge.motor_state import Event, LOST, MotorState, Power, SILENCE
 from ballbot_ros.bridge.observer import Level, SessionObserver
 from ballbot_ros.bridge.onboard import OnBoard
 from ballbot_ros.bridge.pacer import DECIDED, Pacer
@@ -188,11 +188,14 @@ class DriveControl:
 
     def _status_age(self, telemetry: Telemetry, now: float) -> float:
         """
-        Return for how long the status of the drive could have been confirmed and was not [s].
+        Return for how long status and motion of the drive could have been confirmed, in vain [s].
 
         Time in which this process was preempted does not count: the drive had no request then.
         """
         confirmed = max(telemetry.status_time or 0.0, self.power.since)
+        estimate = self.sensing.fusion.estimate
+        if estimate is not None and now - estimate.stamp > SILENCE:
+            confirmed = -math.inf  # replies arrive, and are too old
         elapsed = min(now - self._watched, DECIDED * self._period)
         self._unconfirmed = 0.0 if confirmed > self._watched else self._unconfirmed + elapsed
         self._watched = now

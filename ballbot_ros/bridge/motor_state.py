@@ -110,7 +110,8 @@ class Power(NamedTuple):
             return Event.SILENT, f'the drive fell silent for {SILENCE:g} s'
         if status_age > STATUS_TIMEOUT:
             return Event.UNCONFIRMED, (
-                f'the drive has not reported for {STATUS_TIMEOUT:g} s whether it is armed')
+                f'the drive has not reported for {STATUS_TIMEOUT:g} s whether it is armed, or its '
+                f'measurements are older than {SILENCE:g} s')
         if telemetry.hazards:
             return Event.HAZARD, ', '.join(telemetry.hazards)
         is_new = telemetry.status_time is not None and telemetry.status_time > self.since
