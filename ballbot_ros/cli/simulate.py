@@ -284,7 +284,7 @@ def write_all(trajectory: Any, summary: Any, folder: Path,
     write_text(summary.to_json() + '\n', folder / 'summary.json')
     write_csv(trajectory, folder / 'trajectory.csv')
     write_npz(trajectory, folder / 'trajectory.npz')
-    names = NUMBERS
+    names: tuple[str, ...] = NUMBERS
     if find_spec('pyarrow') is None:
         names = NUMBERS[:-1]
     else:
