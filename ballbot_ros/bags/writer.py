@@ -69,6 +69,7 @@ class BagRecorder:
         self._writer = bag_writer(folder, metadata or {})
         self._subscriptions: List[Tuple[Subscription, Callable[[bytes], None]]] = []
         self.recorded: Dict[str, List[int]] = {}
+        self._latest: Dict[str, int] = {}  # largest stamp by topic [ns]
         self.failure: Optional[Exception] = None
         self._newest: Optional[int] = None  # stamp [ns]
         self._early: List[Callable[[], None]] = []  # without a stamp, and before any other
@@ -117,6 +118,15 @@ class BagRecorder:
             node, topic, write, kind, profile or qos.recording(topic), raw=True)
         self._subscriptions.append((subscription, write))
 
+    def reached(self, stamps: Mapping[str, int]) -> bool:
+        """
+        Return whether each of these topics is recorded up to a stamp [ns].
+
+        Delivery is reliable and in order, so all messages before it are recorded, too.  Publishers
+        must not end before: what is not delivered then is lost.
+        """
+        return all(self._latest.get(topic, -1) >= stamp for topic, stamp in stamps.items())
+
     def take_all(self) -> None:
         """
         Record all that has come.
@@ -158,6 +168,7 @@ class BagRecorder:
             self._writer.write(connection, stamp := (
                 self._newest if timed else stamp_in(data) or self._newest), data)
             self.recorded.setdefault(topic, []).append(stamp)
+            self._latest[topic] = max(stamp, self._latest.get(topic, stamp))
             if callback is not None:
                 callback(data)
         return write

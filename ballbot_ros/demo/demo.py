@@ -105,7 +105,7 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
             graph.nodes.start('obstacle_decision', decision)
             graph.nodes.start('simulator', simulator)
             start = SynchronizedStart(graph.node, graph.bag, TOPICS)
-            wrong = graph.run(start.poll, timeout, act.longest)
+            wrong = graph.run(start.poll, timeout, act.longest, TOPICS)
         return wrong + check_bag(graph, real_time, quiet)
 
     return max([perform(out / Path(act.scene).stem, act, quiet, partial(play, act))

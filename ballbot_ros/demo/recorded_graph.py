@@ -37,33 +37,39 @@ class RecordedGraph:
     heard: 'SimpleQueue[Callable[[], None]]'  # what the timeline is to take, in its turn
 
     def run(self, poll: Callable[[], Optional[str]], timeout: float,
-            longest: float) -> List[str]:
+            longest: float, topics: Sequence[str] = ()) -> List[str]:
         """
-        Record until the ball rests, end the nodes, and return what went wrong.
+        Record until the ball rests, and these topics up to then; end the nodes; return failures.
 
         Calls `poll` often, which returns why it is no use to go on, or nothing; gives up after
         `timeout` of wall time [s], and ends after `longest` on the timeline [s], when the robot
         has had its chance.
         """
         deadline = time.monotonic() + timeout
-        while self.timeline.rested is None and self.timeline.now <= longest:
+        ended = False
+        while not (ended and self._recorded_to_end(topics)):
             self.executor.spin_once(timeout_sec=TAKE_AGAIN)
-            while not self.heard.empty():
+            while not (ended or self.heard.empty()):
                 self.heard.get()()
+                ended = self.timeline.rested is not None or self.timeline.now > longest
             hopeless = poll()
             if hopeless:
                 return [hopeless]
             if self.bag.failure is not None:
                 return [f'the bag cannot be written: {self.bag.failure}']
-            ended = self.nodes.ended()
-            if ended is not None:
-                return [self._badly(*ended)]
+            failed = self.nodes.ended()
+            if failed is not None:
+                return [self._badly(*failed)]
             if time.monotonic() > deadline:
                 return [f'given up after {timeout:g} s; where the machine was just too slow, '
                         'allow more (--timeout)']
         codes = self.nodes.stop()
         self.bag.take_all()
         return [self._badly(name, code) for name, code in codes.items() if code]
+
+    def _recorded_to_end(self, topics: Sequence[str]) -> bool:
+        stamp = self.timeline.states[-1].header.stamp
+        return self.bag.reached(dict.fromkeys(topics, stamp.sec * 10**9 + stamp.nanosec))
 
     def _badly(self, name: str, code: int) -> str:
         return f'node {name} ended with code {code}, see {self.nodes.log(name)}'

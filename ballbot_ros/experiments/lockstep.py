@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
-from ballbot_ros.bags.writer import BagRecorder, stamp_of
+from ballbot_ros.bags.writer import BagRecorder
 from ballbot_ros.demo.demo import ending_by_signal
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.errors import RefusedError
@@ -80,8 +80,8 @@ def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: 
                 NodeProcesses(logs, domain) as processes:
             driver = _Driver(node, bag, topics_of(nodes), periods,
                              last_stamps(nodes['simulator'], periods))
-            for topic, callback in driver.taking.items():
-                bag.subscribe(recorder, topic, callback)
+            for topic in topics_of(nodes):
+                bag.subscribe(recorder, topic)
             bag.record_in_thread()
             for name, parameters in nodes.items():
                 processes.start(name, parameters)
@@ -115,11 +115,9 @@ class _Driver:
         self._bag, self._periods, self._last = bag, periods, last
         self._reset = node.create_client(Trigger, 'simulator/reset')
         self._step = node.create_client(Step, 'simulator/step')
-        self._newest: Dict[str, int] = {}
         self._answer: Any = None
         self._next = 0.0
         self._topics = set(topics)
-        self.taking = {name: self._noting(name) for name in self._topics}
 
     def poll(self) -> None:
         """Advance the sequence; call this often."""
@@ -128,9 +126,8 @@ class _Driver:
             if self._answer.done() and not self._answer.result().success:
                 raise RefusedError(
                     f'the simulation was refused: {self._answer.result().message}')
-            self.done = self._answer.done() and all(
-                self._newest.get(name, -1) >= self._last.get(name, self._last['joint_states'])
-                for name in self._topics)
+            self.done = self._answer.done() and self._bag.reached({
+                name: self._last.get(name, self._last['joint_states']) for name in self._topics})
         elif now >= self._next and self._reset.service_is_ready() \
                 and self._step.service_is_ready():
             self._next = now + RESET_PERIOD
@@ -138,8 +135,3 @@ class _Driver:
                 self._answer = self._step.call_async(Step.Request(periods=self._periods))
             else:
                 self._reset.call_async(Trigger.Request())
-
-    def _noting(self, name: str) -> Any:
-        def note(data: bytes) -> None:
-            self._newest[name] = max(stamp_of(data), self._newest.get(name, -1))
-        return note
