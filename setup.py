@@ -11,7 +11,9 @@ from setuptools import find_packages, setup
 
 NAME = 'ballbot_ros'
 ROOT = Path(__file__).resolve().parent
-VERSION = ElementTree.parse(ROOT / 'package.xml').findtext('version')
+MANIFEST = ElementTree.parse(ROOT / 'package.xml')
+VERSION = MANIFEST.findtext('version')
+MAINTAINER = MANIFEST.find('maintainer')
 
 # The only table of executables. Each lands in lib/ballbot_ros, for `ros2 run`; those in ON_PATH
 # land in bin as well, and so become plain commands. pip knows bin only, and installs no others: a
@@ -110,8 +112,9 @@ setup(
     name=NAME,
     version=VERSION,
     description='Simulator, controller and obstacle decision for a pendulum-driven ball robot',
-    maintainer='ballbot_ros maintainers',
-    maintainer_email='maintainers@ballbot-ros.invalid',
+    maintainer=MAINTAINER.text,
+    maintainer_email=MAINTAINER.get('email'),
+    url=MANIFEST.findtext("url[@type='repository']"),
     license='Apache-2.0',
     python_requires='>=3.10',
     install_requires=[

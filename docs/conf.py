@@ -8,6 +8,7 @@ by scripts/docs_pages.py, which also says how links are followed.
 """
 from pathlib import Path
 import sys
+import xml.etree.ElementTree as ElementTree
 
 
 def checkout() -> Path:
@@ -28,7 +29,7 @@ import docs_pages  # noqa: E402
 from ballbot_ros import __version__  # noqa: E402, I100
 
 project = 'ballbot_ros'
-author = 'ballbot_ros maintainers'
+author = ElementTree.parse(ROOT / 'package.xml').findtext('maintainer')
 copyright = author  # noqa: A001
 release = version = __version__
 
