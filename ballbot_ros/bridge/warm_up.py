@@ -3,7 +3,7 @@
 import logging
 import time
 
-from ballbot_ros.control.warm_up import warm_up as warm_up_laws
+from ballbot_ros.control.checked import warm_up as warm_up_laws
 from ballbot_ros.estimation import Fusion, ImuReading
 from ballbot_ros.physics.model.robot import Robot
 

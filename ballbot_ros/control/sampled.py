@@ -3,9 +3,9 @@
 Stability of a control law that is closed at a rate and with a delay.
 
 A gain that is harmless in continuous time amplifies when it acts too rarely or too late.
-The rolling model of `rolling_model` is discretised exactly under an input that is held, and may
-change within a period (`held_input`), and closed with the linearised law; it is stable if the
-poles of the result are.  The published gains on GimBall need, to hold the pendulum down, 234 Hz
+The rolling model of `rolling_model` is discretised exactly under an input that is held and may
+change within a period (`HeldInput`), and closed with the linearised law; it is stable if the poles
+of the result are.  The published gains on GimBall need, to hold the pendulum down, 234 Hz
 without delay and 468 Hz with one sample of it; to hold it at any angle, 275 and 548 Hz.
 
 *While it rolls* is a condition.  A torque beyond what friction takes makes the ball slip, a bump
@@ -17,12 +17,12 @@ What divergence looks like: the torque limit turns exponential growth into a lim
 a pendulum that rattles with full torque back and forth.  It does not turn it into control.
 """
 import math
-from typing import Optional, Sequence, Union
+from typing import NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.control.held_input import HeldInput
+from ballbot_ros.control.matrix_exponential import expm
 from ballbot_ros.control.rolling_model import Array, RollingModel
 from ballbot_ros.control.signals import Mode
 from ballbot_ros.control.speed_law import speed_law_step, SpeedLaw
@@ -47,6 +47,80 @@ HALF_CIRCLE = tuple(math.radians(degrees) for degrees in range(0, 181, 15))
 CLOSED = (Mode.HOLD, Mode.DRIVE, Mode.SPEED)  # laws that close a loop
 # Step of the differences that linearise the speed law; it is smooth where nothing is limited.
 DIFFERENCE = 1e-4
+
+
+class HeldInput(NamedTuple):
+    """
+    One period of x' = A x + b u: ``x <- step x + before u_before + after u_after``.
+
+    A linear plant under an input that is held, and changes once within each period: the modified
+    z-transform, exact for a delay of any number of samples, whole or not.
+
+    Attributes
+    ----------
+    step : (n, n) array
+    before : (n,) array
+        Of the input that is in force when the period begins; zero if it changes at once.
+    after : (n,) array
+        Of the one that takes its place.
+    waiting : int
+        Inputs that are stored, the one in force first: the delay, rounded up.
+
+    """
+
+    step: Array
+    before: Array
+    after: Array
+    waiting: int
+
+    @classmethod
+    def of(cls, matrix: Array, column: Array, rate: float, delay: float) -> 'HeldInput':
+        """
+        Return it for a rate [Hz] and a delay in samples.
+
+        Parameters
+        ----------
+        matrix : (n, n) array
+        column : (n,) array
+        rate : float
+        delay : float
+            From the sample that an input answers until it takes force; at least 0.
+
+        """
+        size, part = len(matrix), delay - math.floor(delay)
+        flow = np.zeros((size + 1, size + 1))
+        flow[:size, :size], flow[:size, size] = matrix, column
+
+        def over(share: float) -> Tuple[Array, Array]:
+            held = expm(flow * share / rate) if share != 1.0 else expm(flow / rate)
+            return held[:size, :size], held[:size, size]
+
+        if part == 0.0:
+            step, after = over(1.0)
+            return cls(step, np.zeros(size), after, int(delay))
+        first, before = over(part)
+        second, after = over(1.0 - part)
+        return cls(second @ first, second @ before, after, math.ceil(delay))
+
+    def closed(self, feedback: Array) -> Array:
+        """Return the matrix of the loop under u = feedback . x, of x and the waiting inputs."""
+        size, waiting = len(self.step), self.waiting
+        loop = np.zeros((size + waiting, size + waiting))
+        loop[:size, :size] = self.step
+        # Which input acts before, which after the change: stored ones, or the latest.
+        if self.before.any():
+            loop[:size, size] = self.before
+            acting = size + 1
+        else:
+            acting = size
+        if acting < size + waiting:
+            loop[:size, acting] = self.after
+        else:
+            loop[:size, :size] += np.outer(self.after, feedback)
+        if waiting:
+            loop[size:-1, size + 1:] = np.eye(waiting - 1)
+            loop[-1, :size] = feedback
+        return loop
 
 
 def _angles(law: Mode, tuning: ControlTuning) -> Sequence[float]:

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from ballbot_ros.control import (
     check_loop, ControlTuning, growth_rate, is_stable, JointReadings, load_tuning, loop_poles,
     lowest_stable_rate, PendulumController, RollingModel, SetPoint)
-from ballbot_ros.control.held_input import HeldInput
+from ballbot_ros.control.sampled import HeldInput
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.physics import Model, Solver, State, Terrain
 from ballbot_ros.physics.model.parameters import Actuator, TORQUE
