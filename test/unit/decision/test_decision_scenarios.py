@@ -1,84 +1,60 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenarios in closed loop with the full model that once ended in a fall or a hit."""
-from dataclasses import replace
 import math
 
-import numpy as np
 import pytest
 
-from ballbot_ros.decision import TerrainObservation
-from ballbot_ros.studies.evaluation import loop
 from ballbot_ros.studies.evaluation.approaches import Approach
-from ballbot_ros.studies.evaluation.grounds import lay, Shape
-from ballbot_ros.studies.evaluation.sensors import Flaws, Looks
+from ballbot_ros.studies.evaluation.run import NominalModel, run_approach
+from ballbot_ros.studies.evaluation.sensors import SensorModel
+from ballbot_ros.studies.evaluation.terrains import lay, Shape
 
-BELIEVER = loop.Believer()
+NOMINAL = NominalModel()
 DROP, WALL = ((0.0, -0.12),), ((0.0, 0.3),)
 
 
-def drive(strides, planner='rollout', kind='terrain', slope=0.0, foot=1.8, goal=math.inf,
-          looks=Looks, monkeypatch=None, number=0, **flaws):
+def drive(strides, planner='rollout', slope=0.0, foot=1.8, goal=math.inf, unseen_room=0.0,
+          **sensor):
     """Return the row of an approach of the nominal robot."""
-    if monkeypatch is not None:
-        monkeypatch.setattr(loop, 'Looks', looks)
-    shape = Shape('obstacle', list(strides), goal)
-    ground = lay('obstacle', shape, foot, math.radians(slope), None,
-                 BELIEVER.robot.surface_friction)
-    row = loop.run_approach(Approach(0, number, BELIEVER.robot, ground,
-                                     Flaws(kind=kind, **flaws), 0.0, 0.0), planner, BELIEVER)
+    ground = lay('obstacle', Shape('obstacle', list(strides), goal), foot, math.radians(slope),
+                 None, NOMINAL.robot.surface_friction)
+    row = run_approach(Approach(0, 0, NOMINAL.robot, ground, SensorModel(**sensor), 0.0, 0.0,
+                                unseen_room), planner, NOMINAL)
     assert not row['failure']
     return row
 
 
-class Frozen(Looks):
-    """A sensor whose data do not change after some time, while its stamps advance."""
-
-    def arrived(self, now):
-        found = super().arrived(now)
-        if now < 1.0:
-            self.last = found[-1] if found else None
-            return found
-        return [replace(self.last, stamp=one.stamp) for one in found]
-
-
-class Outliers(Looks):
-    """A camera of whose points one in ten is wrong by up to 0.2 m."""
-
-    random = np.random.default_rng(0)
-
-    def arrived(self, now):
-        return [self.spoiled(one) for one in super().arrived(now)]
-
-    def spoiled(self, one: TerrainObservation) -> TerrainObservation:
-        z = np.array(one.z)
-        wrong = self.random.random(len(z)) < 0.1
-        z[wrong] += self.random.uniform(-0.2, 0.2, wrong.sum())
-        return replace(one, z=tuple(z.tolist()))
-
-
 @pytest.mark.parametrize('planner', ['rollout', 'cubic'])
-@pytest.mark.parametrize('kind', ['terrain', 'step'])
+@pytest.mark.parametrize('kind', ['terrain', 'step', 'camera'])
 @pytest.mark.parametrize('strides', [DROP, WALL])
-def test_a_frozen_sensor_ends_in_a_stop(planner, kind, strides, monkeypatch):
-    assert drive(strides, planner, kind, looks=Frozen, monkeypatch=monkeypatch,
-                 height_sd=0.0005)['outcome'] == 'stopped'
+def test_a_frozen_sensor_ends_in_a_stop(planner, kind, strides):
+    row = drive(strides, planner, kind=kind, height_sd=0.0005, frozen_from=1.0, eye_height=0.2)
+    assert row['outcome'] == 'stopped'
 
 
 @pytest.mark.parametrize('planner', ['rollout', 'cubic'])
 @pytest.mark.parametrize('angle, length', [(9.0, 0.4), (12.0, 0.3), (8.0, 1.0)])
 def test_a_descent_too_steep_that_ends_in_a_drop_is_not_entered(planner, angle, length):
     fall = -length * math.tan(math.radians(angle))
-    assert drive([(length, fall), (0.0, -0.12)], planner)['outcome'] == 'stopped'
+    row = drive([(length, fall), (0.0, -0.12)], planner, kind='terrain')
+    assert row['outcome'] == 'stopped'
 
 
 @pytest.mark.parametrize('slope, sill', [(-3.0, 0.012), (-3.0, 0.02), (-1.5, 0.015)])
 def test_behind_a_sill_on_a_descent_the_ball_stops_before_the_drop(slope, sill):
     row = drive([(0.0, sill), (0.25, 0.0), (0.0, -sill), (1.0, 0.0), (0.0, -0.15)], slope=slope,
-                height_sd=0.0005)
+                kind='terrain', height_sd=0.0005)
     assert row['outcome'] == 'stopped'
 
 
 @pytest.mark.parametrize('strides', [DROP, WALL])
-def test_outliers_of_a_camera_are_single_lost_points(strides, monkeypatch):
-    row = drive(strides, looks=Outliers, monkeypatch=monkeypatch, height_sd=0.001)
+def test_outliers_of_a_terrain_sensor_are_single_lost_points(strides):
+    row = drive(strides, kind='terrain', height_sd=0.001, outliers=0.1)
     assert row['outcome'] == 'stopped' and row['changes'] <= 2
+
+
+@pytest.mark.parametrize('distance', [0.1, 0.4])
+def test_a_step_sensor_crosses_no_bump_behind_which_it_sees_nothing(distance):
+    row = drive([(0.0, 0.009), (0.04, 0.0), (0.0, -0.009), (distance, 0.0), (0.0, -0.15)],
+                kind='step')
+    assert row['outcome'] == 'stopped'

@@ -48,7 +48,8 @@ TOUCH_SPEED = 1   # when the ball first touches a face [m/s]; NaN where it does 
 TOUCH_ANGLE = 2   # of the pendulum then [rad]
 REST = 3          # farthest that the centre gets if it is stopped behind the last edge [m]
 TIME = 4          # from now until the verdict [s]
-RESULT = 5
+PASSED_SPEED = 5  # when the centre has passed the last edge [m/s]; NaN where it does not
+RESULT = 6
 
 
 class Drive(NamedTuple):

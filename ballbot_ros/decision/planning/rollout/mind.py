@@ -18,7 +18,7 @@ from ballbot_ros.decision.planning.rollout.candidates import (
     BRISK, Candidate, candidates, from_farther_back)
 from ballbot_ros.decision.planning.rollout.layout import TOUCH_SPEED
 from ballbot_ros.decision.planning.rollout.search import (
-    BEYOND, confirm, FALLING, good, height_limit, search, Task, Trial, why_not)
+    confirm, FALLING, good, height_limit, search, Task, Trial, why_not)
 from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.tuning import DecisionTuning
@@ -128,9 +128,11 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
 
 
 def _best(trials: Sequence[Trial]) -> Optional[Trial]:
-    """Return the trial that gets over most often, None where none was tried in earnest."""
-    return max((trial for trial in trials if trial.few.attempts), default=None, key=lambda item: (
-        item.many.probability if item.many.attempts else item.few.probability))
+    """Return the trial with the least harm, then the best chance; None where none was tried."""
+    def merit(trial: Trial) -> Tuple[float, float]:
+        tally = trial.many if trial.many.attempts else trial.few
+        return -tally.falling, tally.probability
+    return max((trial for trial in trials if trial.few.attempts), default=None, key=merit)
 
 
 def _promising(found: Sequence[Candidate], failures: Sequence[Failure]) -> List[Candidate]:
@@ -155,7 +157,7 @@ def _reason(task: Task, trials: Sequence[Trial], tuning: DecisionTuning,
     tallies = [trial.many if trial.many.attempts else trial.few for trial in trials
                if trial.few.attempts]
     if any(trial.falls for trial in trials) or any(
-            tally.falls + tally.beyond > (FALLING if task.ahead.known else BEYOND)
+            tally.falls + tally.beyond > (FALLING if task.ahead.known else 1.0 - task.required)
             * tally.attempts for tally in tallies):
         return Reason.LANDING
     far = from_farther_back(task.ahead, task.ahead.touch - 0.01, IMAGINED, tuning,
@@ -181,6 +183,8 @@ def from_here(candidate: Candidate) -> Candidate:
 FIRST, LATER = 640, 40
 # News: the height has changed by this [m], or its deviation has shrunk to this part.
 HEIGHT_NEWS, SHRUNK = 0.002, 0.6
+# A face of another number so near is the same one [m].
+SAME_PLACE = 0.06
 # Or so much more ground is seen behind an edge [m].
 ROOM_NEWS = 0.1
 # After so many answers a choice is looked at again, with so many attempts; the old ones fade.
@@ -241,7 +245,7 @@ class Mind:
     def think(self, ahead: Ahead, situation: Situation, braking_room: float) -> None:
         """Deliberate, or look at the choice again, within the attempts of one answer."""
         motion, face = situation.motion, ahead.faces[0]
-        if self.belief is not None and self.belief.face.number != face.number:
+        if self.belief is not None and not _is_same(self.belief.face, face):
             self.forget()
         failures = failures_at(face, situation)
         if situation.particles is not None:
@@ -290,10 +294,11 @@ class Mind:
         then, choice = self.belief, self.choice
         if then is None or choice is None:
             return True
+        if choice.trial is not None and braking_room < 0.0:
+            # After the last braking point another plan is no safer than the one under way.
+            return False
         if now.failures != then.failures or now.faces != then.faces:
             return True
-        if choice.trial is not None and braking_room < 0.0:
-            return False
         if choice.trial is None:
             freed = now.free_from < then.free_from - 0.3
             if now.standing and (not then.standing or freed):
@@ -329,6 +334,13 @@ def failures_at(face: Face, situation: Situation) -> Sequence[Failure]:
     """Return what was tried at a face."""
     return [failure for failure in situation.failures
             if failure.face == face.number or abs(failure.position - face.position) < 0.15]
+
+
+def _is_same(one: Face, other: Face) -> bool:
+    """Return whether two faces are one, whose number may have changed."""
+    return one.number == other.number or (
+        abs(one.position - other.position) < SAME_PLACE
+        and abs(one.height - other.height) < HEIGHT_NEWS)
 
 
 def _arrived(kept: Candidate, ahead: Ahead, motion: Motion) -> bool:

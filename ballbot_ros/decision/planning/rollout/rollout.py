@@ -14,8 +14,9 @@ from ballbot_ros.crossing.rules import CLEARANCE
 from ballbot_ros.decision.execution.pilot_law import pilot_step, PlainOrder
 from ballbot_ros.decision.planning.rollout import layout
 from ballbot_ros.decision.planning.rollout.layout import (
-    DELAY, Drive, EDGE, EDGE_AT, FACES, FALLS, HEIGHT, NEXT_AT, OVER, PLACE, REST, Scratch, SLOPE,
-    SPEED, START, STUCK, SWING_ANGLE, SWING_AT, TIGHT, TIME, TOUCH_ANGLE, TOUCH_SPEED, VERDICT)
+    DELAY, Drive, EDGE, EDGE_AT, FACES, FALLS, HEIGHT, NEXT_AT, OVER, PASSED_SPEED, PLACE, REST,
+    Scratch, SLOPE, SPEED, START, STUCK, SWING_ANGLE, SWING_AT, TIGHT, TIME, TOUCH_ANGLE,
+    TOUCH_SPEED, VERDICT)
 from ballbot_ros.decision.planning.rollout.rolling import PERIOD, push, roll, Rolling, torque_of
 from ballbot_ros.jit import compiled, outlined, unlocked
 from ballbot_ros.physics.mechanics.contact import first_segment
@@ -240,6 +241,7 @@ def climb(memory: SpeedState, plan: Array, draw: Array, robot: Parameters, drive
                 if touch_x == math.inf:  # down a drop
                     result[TOUCH_SPEED], result[TOUCH_ANGLE] = (
                         state[VELOCITY_X], state[PENDULUM_ANGLE])
+                result[PASSED_SPEED] = state[VELOCITY_X]
                 result[REST] = stands_at(state, robot, drive, ground)
             if result[REST] > room - GAP or state[X] > clear_x:
                 result[TIME] += time
@@ -280,7 +282,8 @@ def run(start: Rolling, plan: Array, draw: Array, raised: float, drive: Drive, s
     now = start
     if plan[START] < start.position:
         now = Rolling(plan[START], 0.0, 0.0, 0.0)
-    result[TOUCH_SPEED] = result[TOUCH_ANGLE] = result[REST] = math.nan
+    result[TOUCH_SPEED] = result[TOUCH_ANGLE] = math.nan
+    result[REST] = result[PASSED_SPEED] = math.nan
     result[TIME] = 0.0
     rough = next_rough(ground, first_segment(ground, now.position))
     until = min(reached_at(ground, rough, robot.radius), plan[SWING_AT]) - EARLY

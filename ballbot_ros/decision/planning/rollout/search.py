@@ -16,7 +16,8 @@ from typing import Generator, List, Optional, Sequence, Tuple
 
 from ballbot_ros.decision.planning.rollout.ahead import Ahead
 from ballbot_ros.decision.planning.rollout.candidates import Candidate
-from ballbot_ros.decision.planning.rollout.layout import FALLS, OVER, TOUCH_SPEED, VERDICT
+from ballbot_ros.decision.planning.rollout.layout import (
+    FALLS, OVER, PASSED_SPEED, TOUCH_SPEED, VERDICT)
 from ballbot_ros.decision.planning.rollout.rollout import Start
 from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
 from ballbot_ros.physics.model.terrain import Array
@@ -38,8 +39,6 @@ HOPELESS = 0.12
 CHOICES = 3
 # Most of the attempts that may fall.
 FALLING = 0.01
-# Most of the attempts that can be stopped only behind what is taken for granted.
-BEYOND = 0.2
 
 
 @dataclass
@@ -50,6 +49,7 @@ class Trial:
     row: Array
     level: int = 0  # how much higher a step it passes
     speed: float = math.nan  # at touch, in the middle of all worlds [m/s]
+    behind: float = math.inf  # when it has passed the last edge there [m/s]
     falls: bool = False
     few: Tally = field(default_factory=Tally)
     many: Tally = field(default_factory=Tally)
@@ -99,9 +99,10 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
     goal = task.required + 0.5 * max(best - task.required, 0.0)
     # The gentlest of those that do, then those that do best.
     order = sorted(finalists, key=lambda item: (
-        item.few.falls > 0.0, item.few.beyond > (0.0 if ahead.known else BEYOND * FEW),
+        item.few.falls > 0.0,
+        item.few.beyond > (0.0 if ahead.known else (1.0 - task.required) * FEW),
         item.few.probability < goal, item.level < HIGHEST,
-        item.speed if item.few.probability >= goal else -item.few.probability))
+        item.behind if item.few.probability >= goal else -item.few.probability))
     for trial in order[:CHOICES]:
         if trial.few.probability < task.required - HOPELESS:
             continue
@@ -124,6 +125,8 @@ def _sort(trials: List[Trial], task: Task, spread: float) -> Generator[None, Non
         for trial, result in zip(bundle, first):
             trial.level = 2 if result[VERDICT] == OVER else 0
             trial.speed, trial.falls = float(result[TOUCH_SPEED]), result[VERDICT] == FALLS
+            if result[VERDICT] == OVER:
+                trial.behind = float(result[PASSED_SPEED])
         for level, raised in ((2, MORE * spread), (0, 0.0)):
             chosen = [trial for trial in bundle if trial.level == level and not trial.falls]
             if chosen:
@@ -131,6 +134,8 @@ def _sort(trials: List[Trial], task: Task, spread: float) -> Generator[None, Non
                     task.start, [trial.row for trial in chosen], middle, task.ahead, raised)
                 for trial, result in zip(chosen, results[:, 0]):
                     trial.level += int(result[VERDICT] == OVER)
+                    if result[VERDICT] == OVER:
+                        trial.behind = float(result[PASSED_SPEED])
                     trial.falls = trial.falls or result[VERDICT] == FALLS
         yield
         if sum(trial.level == HIGHEST for trial in trials) >= ENOUGH:
@@ -141,7 +146,7 @@ def _sort(trials: List[Trial], task: Task, spread: float) -> Generator[None, Non
 def _finalists(trials: Sequence[Trial], highest_speed: float) -> List[Trial]:
     """Return the gentlest trials of each level, and of each strategy the gentlest."""
     passing = sorted((trial for trial in trials if trial.level > 0
-                      and trial.speed <= highest_speed), key=lambda trial: trial.speed)
+                      and trial.speed <= highest_speed), key=lambda trial: trial.behind)
     chosen: List[Trial] = []
     for level, number in ((HIGHEST, 5), (2, 2), (1, FINALISTS)):
         for trial in [item for item in passing if item.level == level][:number]:
@@ -157,13 +162,14 @@ def confirm(trial: Trial, task: Task, number: int) -> Generator[None, None, None
         if trial.many.attempts >= LOOK and (
                 trial.many.probability < task.required - HOPELESS
                 or trial.many.falls > 3.0 or trial.many.beyond > (
-                    3.0 if task.ahead.known else BEYOND * trial.many.attempts)):
+                    3.0 if task.ahead.known
+                    else (1.0 - task.required) * trial.many.attempts)):
             break
 
 
 def good(tally: Tally, ahead: Ahead, required: float) -> bool:
     """Return whether a plan may be carried out."""
-    most = FALLING if ahead.known else BEYOND
+    most = FALLING if ahead.known else 1.0 - required
     return (tally.probability >= required and tally.falling <= FALLING
             and tally.beyond <= most * tally.attempts)
 
