@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``identify``: estimate numbers of a robot from a recorded run."""
+"""The verb ``identify``: estimate parameters of a robot from a recorded run."""
 import argparse
 from pathlib import Path
 import sys
@@ -11,16 +11,16 @@ from ballbot_ros.cli.output import figure_files, print_json, result_folder, save
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add scene, recording and what to estimate."""
+    """Add scene, recording and parameters."""
     parser.add_argument('scene', metavar='SCENE',
-                        help='what was run: name of a scene or a YAML file, with the best guess '
-                        'of all numbers')
+                        help='scene of the recording: a name or a YAML file, with the best guess '
+                        'of all parameters')
     parser.add_argument('data', type=Path, metavar='DATA',
-                        help='what was measured: a CSV, NPZ or Parquet file with columns such as '
+                        help='measurements: a CSV, NPZ or Parquet file with columns such as '
                         '"time [s]" and "joint_angle [deg]", or a ROS 2 bag')
-    parser.add_argument('--estimate', nargs='+', required=True, metavar='NUMBER',
-                        help='numbers to estimate: fields of the robot such as joint_friction, or '
-                        'motor.NAME or initial.NAME')
+    parser.add_argument('--estimate', nargs='+', required=True, metavar='PARAMETER',
+                        help='parameters to estimate: fields of the robot such as '
+                        'joint_friction, or motor.NAME or initial.NAME')
     parser.add_argument('--channels', nargs='+', metavar='NAME',
                         help='channels of the recording to compare (default: all that it has)')
     parser.add_argument('--recorded-torque', action='store_true',
@@ -73,11 +73,11 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'Warning: {warning}', file=sys.stderr)
     poor = [name for name, item in found.channels.items() if item.verdict == 'poor']
     if poor:
-        print_error(f'the model does not explain {", ".join(poor)}: no number is estimated; is '
-                    'it the scene that was run, with its start and its law?')
+        print_error(f'the model does not fit {", ".join(poor)}: no parameter is estimated; is '
+                    'it the scene of the recording, with its start and its law?')
         return FAILED
     if found.interrupted:
-        print_error(f'interrupted; the best numbers until then are in {folder}')
+        print_error(f'interrupted; the best values until then are in {folder}')
         return INTERRUPTED
     return DONE
 
@@ -92,7 +92,7 @@ def command_of(arguments: argparse.Namespace) -> str:
 
 
 def content_of(found: Any) -> dict[str, Any]:
-    """Return what was found, as JSON knows it."""
+    """Return the result as JSON values."""
     from ballbot_ros.results.summary import plain
     from ballbot_ros.studies.recording import CHANNELS
     return {
@@ -105,7 +105,7 @@ def content_of(found: Any) -> dict[str, Any]:
 
 
 def warnings_of(found: Any) -> Iterator[str]:
-    """Yield what may be wrong with the numbers, a sentence per channel."""
+    """Yield warnings about the fit, a sentence per channel."""
     from ballbot_ros.studies.recording import CHANNELS
     for name, item in found.channels.items():
         unit = CHANNELS[name]
@@ -113,25 +113,27 @@ def warnings_of(found: Any) -> Iterator[str]:
             yield (f'{name}: poor fit, residual RMS {item.residual_rms:.3g} {unit} where the '
                    f'channel itself varies by {item.motion:.3g} {unit}')
         elif item.verdict == 'correlated':
+            samples = len(found.residuals[name])
             yield (f'{name}: residuals are correlated (RMS {item.residual_rms:.3g} {unit}; '
-                   f'{item.correlation:.0f} samples count as one independent sample): the model '
-                   'leaves something out; intervals are wider for it, and may still be too narrow')
+                   f'effective sample size {samples / item.correlation:.0f} of {samples}): the '
+                   'model is incomplete; the intervals are wider for it, and may still be too '
+                   'narrow')
 
 
 def print_table(found: Any) -> None:
-    """Print numbers with their intervals, and what the data do not determine."""
+    """Print parameters with their intervals, and those that are not identifiable."""
     from ballbot_ros.studies.recording import CHANNELS
-    print(f'{"number":<24}{"guess":>12}{"estimate":>12}   95 % interval')
+    print(f'{"parameter":<24}{"guess":>12}{"estimate":>12}   95 % interval')
     for item in found.estimates:
         interval = f'{item.low:.7g} to {item.high:.7g} {item.unit}' if item.determined \
             else 'not determined by these data'
         print(f'{item.name:<24}{item.start:>12.5g}{item.value:>12.5g}   {interval}')
     for combination in found.vague:
         parts = ', '.join(f'{name} {part:+.2g}' for name, part in combination.items())
-        print(f'nothing in the data shows a change of: {parts} (relative, together)')
+        print(f'not identifiable from these data: {parts} (relative changes, together)')
     for rival in found.rivals:
         parts = ', '.join(f'{name} {value:.5g}' for name, value in rival.items())
-        print(f'as good an explanation, far away: {parts}')
+        print(f'other values that fit as well: {parts}')
     print('residual RMS: ' + ', '.join(
         f'{name} {item.residual_rms:.3g} {CHANNELS[name]}'
         for name, item in found.channels.items()))

@@ -11,11 +11,11 @@ from ballbot_ros.errors import ConfigurationError
 
 AFTER = (1.0, 3.0, 10.0)  # at which distance and speed are printed [s]
 WIDTHS = (7, 6, 6, 18, 18, 19, 13, 16, 10)
-MOST_SLOPE = 45.0  # [degrees]
+SLOPE_MAX = 45.0  # [degrees]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add hardware, motion and what to change of its limits."""
+    """Add hardware, motion and limits."""
     parser.add_argument('--hardware', default='gimball_odrive', metavar='NAME',
                         help='name of a hardware file, or a YAML file (default: %(default)s)')
     parser.add_argument('--speed', type=float, default=0.6, metavar='M/S',
@@ -30,11 +30,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='torque per rate of the joint under brake and settle, instead of the '
                         'one in the file')
     parser.add_argument('--damping-time', type=float, metavar='SECONDS',
-                        help='how long brake and settle last, instead of the time in the file')
+                        help='duration of brake and settle, instead of the one in the file')
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Simulate and print a row as soon as it is known."""
+    """Simulate and print row by row."""
     from ballbot_ros.bridge.hardware_file import ON_TIMEOUT
     from ballbot_ros.studies.command_loss import lose_commands, scenarios, scene_of
     hardware = read_hardware(arguments)
@@ -43,9 +43,9 @@ def run(arguments: argparse.Namespace) -> int:
     limits = hardware.limits
     planned = list(scenarios(arguments.speed, slopes, arguments.policy or ON_TIMEOUT))
     for scenario in planned:
-        scene_of(hardware, scenario)  # refuses what cannot be before anything is printed
+        scene_of(hardware, scenario)  # raises its errors before anything is printed
     print(f'{hardware.name}: damping {limits.damping:g} N m s/rad for {limits.damping_time:g} s, '
-          f'commands too old after {limits.command_timeout:g} s\n')
+          f'command timeout {limits.command_timeout:g} s\n')
     print('\n'.join(heading()), flush=True)
     for scenario in planned:
         print(row(lose_commands(hardware, scenario)), flush=True)
@@ -84,9 +84,9 @@ def read_slopes(slopes: List[float]) -> List[float]:
 
     """
     for slope in slopes:
-        if not 0.0 <= slope <= MOST_SLOPE:
+        if not 0.0 <= slope <= SLOPE_MAX:
             raise ConfigurationError(
-                f'--slopes-deg must be at least 0 and at most {MOST_SLOPE:g} degrees, each is '
+                f'--slopes-deg must be at least 0 and at most {SLOPE_MAX:g} degrees, each is '
                 f'tried both ways, got {slope:g}')
     return sorted(set(slopes))
 

@@ -19,16 +19,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='Parquet file to write')
     options.add_overwrite(parser, file=True)
     parser.add_argument('--vary', action='append', required=True, metavar=f'NAME={METAVAR}',
-                        help=f'a number that varies, in SI but for angles: {WORDING}; LOW:HIGH '
-                        'for sobol and random.  NAME is speed, height, a field of the robot, '
-                        'motor.*, slope_before_deg and other numbers of the ground, '
-                        'set_angle_deg, voltage, ...; without height, the highest is searched '
-                        'for')
+                        help=f'a parameter to vary, in SI units except angles: {WORDING}; '
+                        'LOW:HIGH for sobol and random.  NAME is speed, height, a field of the '
+                        'robot, motor.*, slope_before_deg and other parameters of the ground, '
+                        'set_angle_deg, voltage, ...; without height, the maximum step '
+                        'height is searched')
     parser.add_argument('--fix', action='append', default=[], metavar='NAME=VALUE',
-                        help='speed or height to keep at one value; may be repeated')
+                        help='speed or height with one value; may be repeated')
     parser.add_argument('--design', choices=('grid', 'sobol', 'random'), default='grid',
-                        help='try all combinations, or --cases points that are spread evenly or '
-                        'at random (default: %(default)s)')
+                        help='all combinations, or --cases points of a Sobol sequence or at '
+                        'random (default: %(default)s)')
     parser.add_argument('--cases', type=int, default=0, metavar='N',
                         help='number of points of sobol and random')
     parser.add_argument('--seed', type=int, default=0, metavar='N',
@@ -74,14 +74,13 @@ def run(arguments: argparse.Namespace) -> int:
                 watched(plan.size, arguments.quiet, 'sweeping', 'cases') as progress:
             found = run_sweep(plan, arguments.out, pool, number, progress)
     except KeyboardInterrupt:
-        print_error('interrupted; the same command goes on with what is in '
-                    f'{arguments.out}.blocks')
+        print_error(f'interrupted; the same command resumes from {arguments.out}.blocks')
         return INTERRUPTED
     if not arguments.quiet:
         spent = perf_counter() - begin
         new = plan.size - found
-        print(f'{arguments.out}: {plan.size} cases, {new} of them now, in {spent:.1f} s '
-              f'({1e3 * spent * number / max(new, 1):.3g} ms of a worker each)')
+        print(f'{arguments.out}: {plan.size} cases, {new} of them run now, in {spent:.1f} s '
+              f'({1e3 * spent * number / max(new, 1):.3g} ms CPU per case)')
     return DONE
 
 

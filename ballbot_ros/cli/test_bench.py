@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Roll, write the files and print what was found."""
+    """Roll, write the files and print the thresholds."""
     robot, bench = read_robot(arguments), make_bench(arguments)
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.paper.procedure import HEIGHTS, run_tests
@@ -91,15 +91,15 @@ def write_all(robot: Any, bench: Any, rolls: list, folder: Path) -> list[str]:
     """Write table, truth and plot, and return the names of the files."""
     from ballbot_ros.paper.heights import bench_curves, bench_figure
     from ballbot_ros.results import write_text
-    write_text('\n'.join(as_seen(bench, rolls)) + '\n', folder / 'tests.csv')
-    write_text('\n'.join(as_was(rolls)) + '\n', folder / 'truth.csv')
+    write_text('\n'.join(measured_rows(bench, rolls)) + '\n', folder / 'tests.csv')
+    write_text('\n'.join(true_rows(rolls)) + '\n', folder / 'truth.csv')
     figure = bench_figure(rolls, bench_curves(robot, bench),
                           f'{robot.name}, {bench.setting_name} varied: {len(rolls)} rolls')
     return ['tests.csv', 'truth.csv', *save_figure(figure, folder, 'tests')]
 
 
-def as_seen(bench: Any, rolls: list) -> Iterator[str]:
-    """Yield the table that an experimenter would have written."""
+def measured_rows(bench: Any, rolls: list) -> Iterator[str]:
+    """Yield the table of the measurements of an experimenter."""
     yield f'test,step height [mm],{bench.setting_name} [{bench.unit}],measured speed [m/s],passed'
     for number, roll in enumerate(rolls, 1):
         speed = f'{roll.measured_speed:.3f}' if math.isfinite(roll.measured_speed) else ''
@@ -107,8 +107,8 @@ def as_seen(bench: Any, rolls: list) -> Iterator[str]:
                f'{"yes" if roll.passed else "no"}')
 
 
-def as_was(rolls: list) -> Iterator[str]:
-    """Yield what an experimenter cannot know: the state at the first touch."""
+def true_rows(rolls: list) -> Iterator[str]:
+    """Yield the table of the true states at the first touch."""
     yield 'test,collision speed [m/s],pendulum angle at the touch [rad]'
     for number, roll in enumerate(rolls, 1):
         touched = math.isfinite(roll.touch_speed)
@@ -117,7 +117,7 @@ def as_was(rolls: list) -> Iterator[str]:
 
 
 def report(robot: Any, bench: Any, rolls: list) -> Iterator[str]:
-    """Yield what was found, step by step, beside what was true."""
+    """Yield the measured and the true thresholds, step by step."""
     from ballbot_ros.paper.procedure import find_thresholds, true_thresholds
     yield f'{robot.name}, {bench.setting_name} varied: {len(rolls)} rolls'
     yield ''

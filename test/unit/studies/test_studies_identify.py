@@ -139,7 +139,7 @@ def test_the_run_of_another_scene_is_refused_loudly(tmp_path, capsys):
                  str(tmp_path / 'out'), '--json']) == 1
     out, err = capsys.readouterr()
     assert 'x: poor fit, residual RMS' in err
-    assert 'the model does not explain x: no number is estimated' in err
+    assert 'the model does not fit x: no parameter is estimated' in err
     told = json.loads((tmp_path / 'out' / 'identify.json').read_text())
     assert told['estimates'][0]['low'] is None and not told['estimates'][0]['determined']
 
