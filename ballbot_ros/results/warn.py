@@ -1,17 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Warnings about the results of a run."""
+import math
 from typing import Iterator, Optional
 
 import numpy as np
 
+from ballbot_ros.physics.model.plausibility import (
+    angle_warnings, height_warnings, implausible, speed_warnings)
+from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.physics.solvers.registry import METHODS
-from ballbot_ros.results.plausibility import scene_warnings
+from ballbot_ros.results.faces import rising_faces
 
 # Relative energy balance error above which a smaller step is needed.
 RESIDUAL = 1e-5
 
-# Share of the time in contact with full sliding that is called sliding all along.
+TOP_DEG = 180.0  # pendulum angle above the centre of the ball
+
+# Part of the time in contact with full sliding above which the ball never rolled.
 SLIDING_MAX = 0.9
 
 # Penetration, as part of the radius, above which a shell is not a stiff spring.
@@ -57,3 +63,19 @@ def find_warnings(trajectory: Trajectory, expected: int, residual: Optional[floa
     still = np.ptp(trajectory.rows[:, 1:9], axis=0).max() < 1e-6
     if still and len(trajectory) > 1:
         yield 'nothing moved: give the scene an initial speed (initial) or an actuation'
+
+
+def scene_warnings(scene: Scene) -> Iterator[str]:
+    """Yield a sentence for each implausible value of a scene or its robot."""
+    robot, start = scene.model.robot, scene.initial
+    yield from implausible(robot)
+    for face in rising_faces(scene.model.terrain, robot.ball_radius):
+        yield from height_warnings(robot, float(face[-1, 1] - face[0, 1]),
+                              f'at x = {face[0, 0]:g} m')
+    for name in ('speed', 'velocity_x', 'velocity_y'):
+        yield from speed_warnings(getattr(start, name) or 0.0, f'initial {name}')
+    if abs(start.pendulum_angle_deg) > TOP_DEG:
+        yield (f'initial pendulum_angle_deg is {start.pendulum_angle_deg:g}, above the top of '
+               f'the ball: {math.remainder(start.pendulum_angle_deg, 360.0):g} is the same angle')
+    if scene.actuation.law == 'position':
+        yield from angle_warnings(math.degrees(scene.actuation.set_angle))

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plausibility checks of robot parameters: what no body can have, and the unit that was meant."""
+"""Plausibility checks of robot parameters, speeds, heights and angles, with the likely unit."""
 import math
 from typing import Any, Iterator, Mapping
 
 LEAD, AIR = 11340.0, 1.2  # densities between which that of a robot lies [kg/m3]
 DENSITIES = (20.0, 5000.0)  # of robots: a corrected value that gives one of these was meant
 DEEPEST = 0.25  # static penetration that can still be a contact [radii]
+SPEED_MAX = 20.0  # plausible for a robot [m/s]
+HORIZONTAL = 90.0  # pendulum angle [deg]
 GRAVITY_MAX = 30.0  # more than on any planet with a surface [m/s2]
 
 MASSES = {'g': 1e-3, 'mg': 1e-6}
@@ -53,6 +55,28 @@ def implausible(robot: Any) -> Iterator[str]:
     if robot.gravity > GRAVITY_MAX:
         yield (f'gravity is {robot.gravity:g} m/s2'
                + _meant(robot.gravity, 'm/s2', {'mm/s2': 1e-3, 'cm/s2': 1e-2}, (9.0, 10.5)))
+
+
+def speed_warnings(speed: float, name: str) -> Iterator[str]:
+    """Yield a warning about an implausible speed [m/s]."""
+    if abs(speed) > SPEED_MAX:
+        yield (f'{name} is {speed:g} m/s, {3.6 * abs(speed):.0f} km/h: check the unit')
+
+
+def height_warnings(robot: Any, height: float, where: str) -> Iterator[str]:
+    """Yield a warning about a step [m] that no ball of this size can cross."""
+    diameter = 2.0 * robot.ball_radius
+    if height > diameter:
+        yield (f'the step of {height:g} m {where} is higher than the ball ({diameter:g} m), which '
+               'cannot get over it' + (
+                   f': {height:g} mm are {1e-3 * height:g}' if height >= 1.0 else ''))
+
+
+def angle_warnings(degrees: float) -> Iterator[str]:
+    """Yield a warning about a set angle of the pendulum above the horizontal."""
+    if abs(degrees) > HORIZONTAL + 1e-9:
+        yield (f'the pendulum is held at {degrees:g} degrees, above the horizontal, where a '
+               'larger angle gives less torque: 90 is horizontal')
 
 
 def _meant(value: float, unit: str, others: Mapping[str, float],
