@@ -99,6 +99,7 @@ def main():
         close_notes(tab)
         for _ in range(20):
             source.apply('step', 0.02)
+        tab.keyboard.press('2')  # the camera preset from behind
         tab.wait_for_timeout(5e3)  # where there is no graphics card, it takes a while
         tab.screenshot(path=file)
 

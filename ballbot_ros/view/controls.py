@@ -3,6 +3,7 @@
 from functools import partial
 from html import escape
 import logging
+import math
 from threading import RLock
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
@@ -10,6 +11,7 @@ import viser
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.figures.canvas import GREEN, GREY, ORANGE, VERMILION
+from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.source import Control, CONTROLS, Health, Source, Value
 from ballbot_ros.view.stage import CAMERAS
 
@@ -260,7 +262,8 @@ class Controls:
             lines.append(_coloured(f'Refused: {self._refused}', VERMILION, 'refusal'))
         words = (f'<div style="font:13px/1.5 system-ui,sans-serif;padding:0.5em 0.7em 0">'
                  f'<b id="ballbot-title">{escape(self._source.title)}</b> &middot; '
-                 f'{escape(self._source.robot.name)}<br>{"<br>".join(lines)}</div>')
+                 f'{escape(self._source.robot.name)}<br>{"<br>".join(lines)}'
+                 f'{phone_values(self._source.shown)}</div>')
         if words != self._state:
             self._state = self._status.content = words
 
@@ -281,6 +284,19 @@ def status_lines(health: Health, e_stop: Optional[bool]) -> List[str]:
     if health.idle is not None:
         lines.append(_coloured(health.idle.reason, ORANGE, 'idle'))
     return lines + [escape(note) for note in health.notes]
+
+
+def phone_values(frame: Optional[Frame]) -> str:
+    """Return the main values of a frame, which only narrow windows show: they hide the panel."""
+    if frame is None:
+        return ''
+    values = [f'{frame.time:.1f} s']
+    if frame.velocity_x is not None:
+        values.append(f'{frame.velocity_x:.2f} m/s')
+    if frame.pendulum_angle is not None:
+        values.append(f'pendulum {math.degrees(frame.pendulum_angle):.0f} deg')
+    return ('<style>@media (min-width: 700px) {.ballbot-phone {display: none}}</style>'
+            f'<div class="ballbot-phone">{", ".join(values)}</div>')
 
 
 def _coloured(words: str, colour: str, name: str) -> str:

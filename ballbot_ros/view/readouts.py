@@ -95,6 +95,9 @@ class Readouts:
         columns = curve_columns(source.curve, prospect)
         if not all(map(np.array_equal, columns, self._curve.data, (True,) * len(columns))):
             self._curve.data = columns
+            scales = _curve_scales(columns[2][0])
+            if scales != self._curve.scales:
+                self._curve.scales = scales
 
     def plot(self, source: Source, frame: Frame) -> None:
         """Draw the time series up to a moment."""
@@ -136,12 +139,10 @@ class Readouts:
                 show=True, size=11)))
         return self._gui.add_uplot(
             curve_columns(None, Prospect()), series, height=CURVE_HEIGHT, padding=(6, 14, 0, 0),
-            scales={'x': uplot.Scale(time=False, auto=True), 'y': uplot.Scale(
-                auto=True, range={'min': {'pad': 0.0, 'soft': 0.0, 'mode': 1},
-                                  'max': {'pad': 0.1, 'soft': 60.0, 'mode': 1}})},
+            scales=_curve_scales(math.nan), title='maximum step height',
             axes=(uplot.Axis(size=44, label='speed at contact [m/s]', labelSize=14),
                   uplot.Axis(size=40, label='height [mm]', labelSize=14)),
-            legend=uplot.Legend(show=True))
+            legend=uplot.Legend(show=False))
 
     def _plot(self, title: str, series: Sequence[PlottedCurve]) -> Any:
         """Make one plot."""
@@ -159,6 +160,14 @@ class Readouts:
                 auto=True, range=spread)},
             axes=(uplot.Axis(size=30), uplot.Axis(size=46)),
             legend=uplot.Legend(show=len(series) > 1))
+
+
+def _curve_scales(height: float) -> Any:
+    """Return the scales of the plot of the height curve for a step ahead [mm]."""
+    from viser import uplot
+    # Fixed, because uPlot finds no range where a column has a NaN.
+    return {'x': uplot.Scale(time=False, auto=True),
+            'y': uplot.Scale(auto=False, range=(0.0, 160.0 if height > 75.0 else 80.0))}
 
 
 SMALL = 'font:13px/1.45 system-ui,sans-serif;padding:0.5em 0.7em 0'

@@ -16,7 +16,7 @@ from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.source import Source
 
 # The ground is drawn so far beyond its ends, and beyond the ball where that goes farther [m].
-BEYOND, DEPTH = 12.0, 1.5  # DEPTH below the lowest point
+BEYOND, DEPTH = 12.0, 0.15  # DEPTH below the lowest point
 # A force as large as the weight is drawn this long, and none longer than that [ball radii].
 WEIGHT, LONGEST = 0.8, 3.0
 # Points of the path that are drawn, and how far apart they are at least [ball radii].
