@@ -17,7 +17,8 @@ from ballbot_ros.ros.cmd_vel import speed_set_point, SpeedSubscription
 from ballbot_ros.ros.conversions import readings, set_point
 from ballbot_ros.ros.endpoints import (
     create_publisher, create_subscription, subscribe_e_stop, wait_until_received)
-from ballbot_ros.ros.joint_state_bytes import AnyJointState, CommandBytes, subscribe_joint_states
+from ballbot_ros.ros.fast_path.joint_state_bytes import (
+    AnyJointState, CommandBytes, subscribe_joint_states)
 from ballbot_ros.ros.parameters.changes import Commit
 from ballbot_ros.ros.parameters.declare import declare
 from ballbot_ros.ros.retuning import change_period, LoopNumbers, prepare_laws

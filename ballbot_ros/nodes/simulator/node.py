@@ -22,7 +22,7 @@ from ballbot_ros.plant import Plant
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import command_torque, exact, sec_nanosec, to_seconds, to_time
 from ballbot_ros.ros.endpoints import create_service, create_trigger
-from ballbot_ros.ros.joint_state_bytes import AnyJointState, subscribe_joint_states
+from ballbot_ros.ros.fast_path.joint_state_bytes import AnyJointState, subscribe_joint_states
 from ballbot_ros.ros.parameters.changes import Commit
 from ballbot_ros.ros.parameters.declare import declare
 from ballbot_ros.ros.retuning import change_period

@@ -12,10 +12,10 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import JointReadings
-from ballbot_ros.ros import joint_state_bytes
 from ballbot_ros.ros.conversions import command_message, JOINTS, to_time
 from ballbot_ros.ros.endpoints import create_publisher
-from ballbot_ros.ros.joint_state_bytes import (
+from ballbot_ros.ros.fast_path import joint_state_bytes
+from ballbot_ros.ros.fast_path.joint_state_bytes import (
     CommandBytes, JointStateBytes, JointStateReader, ReceivedJointState, same,
     subscribe_joint_states)
 from ballbot_ros.ros.rclpy_compat import new_executor
