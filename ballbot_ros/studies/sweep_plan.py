@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What a sweep is to try: which numbers vary, how the cases are chosen, what each case is.
+The plan of a sweep: which parameters vary, how the cases are chosen, the inputs of each case.
 
-A case is a robot before a step.  Anything with a number may vary: fields of the robot and (as
+A case is a robot before a step.  Any parameter may vary: fields of the robot and (as
 ``motor.resistance``) of its motor, speed and height, the ground, the actuation.
 """
 from dataclasses import asdict, dataclass, replace
@@ -52,7 +52,7 @@ class SweepPlan(Checked):
     Attributes
     ----------
     robot, actuation, site, rules
-        What holds where nothing varies.
+        Values of the parameters that do not vary.
     fixed : mapping of str to float
         Speed, and height if it is not searched for, unless they vary.
     grid : mapping of str to tuple of float
@@ -84,7 +84,7 @@ class SweepPlan(Checked):
     def __post_init__(self) -> None:
         """Check each value, then that they make cases."""
         super().__post_init__()
-        # Sources of numbers do not travel to other processes, and are of no use there.
+        # Other processes have no use for the provenance.
         object.__setattr__(self, 'robot', replace(self.robot, provenance={}))
         for name in ('fixed', 'grid', 'ranges'):
             object.__setattr__(self, name, dict(getattr(self, name)))
@@ -94,39 +94,47 @@ class SweepPlan(Checked):
             raise ConfigurationError(
                 f'sweep: design {self.design!r} needs '
                 + ('lists of values, and no ranges' if self.design == 'grid'
-                   else 'ranges from low to high, and no lists'))
+                   else 'ranges from low to high, and no lists'), 'inconsistent', 'design')
+        unknown = [name for name in (*used, *self.fixed) if name not in NUMBERS]
+        if unknown:
+            raise ConfigurationError(
+                'sweep: ' + '; '.join(f'{name!r} is not a parameter{suggestion(name, NUMBERS)}'
+                                      for name in unknown), 'unknown_name', unknown[0])
         for name, values in {**used, **{key: (item,) for key, item in self.fixed.items()}}.items():
-            if name not in NUMBERS:
-                raise ConfigurationError(
-                    f'sweep: {name!r} is no number that can vary{suggestion(name, NUMBERS)}')
             if not len(values):
-                raise ConfigurationError(f'sweep: {name} has no values')
+                raise ConfigurationError(f'sweep: {name} has no values', 'missing', name)
             for value in values:
                 check_value(name, value, NUMBERS[name], 'sweep')
         for name, (low, high) in self.ranges.items():
             if not low < high:
                 raise ConfigurationError(
-                    f'sweep: {name} must go from low to high, got {low:g} to {high:g}')
-        if any(name in MOTOR for name in used) and self.robot.motor is None:
-            raise ConfigurationError(f'sweep: robot {self.robot.name!r} has no motor to vary')
+                    f'sweep: {name} must go from low to high, got {low:g} to {high:g}',
+                    'out_of_range', name)
+        motor = [name for name in used if name in MOTOR]
+        if motor and self.robot.motor is None:
+            raise ConfigurationError(
+                f'sweep: robot {self.robot.name!r} has no motor, so {", ".join(motor)} cannot '
+                'vary', 'inconsistent', motor[0])
         if 'clearance' in {**used, **self.fixed} and self.rules.over != 'clear':
             raise ConfigurationError(
-                f'sweep: clearance counts by the rule clear only, over is {self.rules.over!r}: '
-                "make it 'clear' (--over clear)")
+                f'sweep: clearance needs the rule clear, over is {self.rules.over!r}; make it '
+                "'clear' (--over clear)", 'inconsistent', 'clearance')
         if 'speed' not in {**used, **self.fixed}:
-            raise ConfigurationError('sweep: speed is missing; give it, or let it vary')
+            raise ConfigurationError(
+                'sweep: speed is missing; fix it, or let it vary', 'missing', 'speed')
         owners = [IN_DEGREES.get(name, name) for name in (*used, *self.fixed)]
         twice = sorted(name for name in set(owners) if owners.count(name) > 1)
         if twice:
-            raise ConfigurationError(f'sweep: {twice[0]} is given, and varies, too')
+            raise ConfigurationError(
+                f'sweep: {twice[0]} is given twice; fix it or vary it', 'inconsistent', twice[0])
         if not 1 <= self.size <= MOST_CASES:
             raise ConfigurationError(
                 f'sweep: there must be at least 1 and at most {MOST_CASES} cases, got '
-                f'{self.size}')
+                f'{self.size}', 'out_of_range', 'cases')
 
     @property
     def names(self) -> Tuple[str, ...]:
-        """Return what varies."""
+        """Return the parameters that vary."""
         return tuple(self.grid if self.design == 'grid' else self.ranges)
 
     @property
@@ -138,7 +146,7 @@ class SweepPlan(Checked):
 
     @property
     def searches(self) -> bool:
-        """Return whether the highest step is searched for, not steps of given heights tried."""
+        """Return whether maximum step heights are searched, instead of given heights tried."""
         return 'height' not in (*self.names, *self.fixed)
 
     def block(self, first: int, behind: int) -> Array:
@@ -184,7 +192,7 @@ class SweepPlan(Checked):
                 change(self.site, SITE), change(self.rules, RULES))
 
     def in_si(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return what is fixed and what varies by its name in SI."""
+        """Return fixed and varied values by their names in SI."""
         return {IN_DEGREES.get(name, name): RADIAN * value if name in IN_DEGREES else value
                 for name, value in {**self.fixed, **values}.items()}
 
@@ -204,7 +212,7 @@ class SweepPlan(Checked):
         heights : array or None
             Of their steps [m].
         which : (n,) array of bool
-            These cases.  What is wrong with another one, if anything, is said by `case`.
+            These cases; `case` raises the error of another one.
 
         """
         columns = {**{name: np.full(len(rows), value, dtype=float)
@@ -227,7 +235,7 @@ class SweepPlan(Checked):
                 None if height is None else height[which], which)
 
     def _in_order(self, columns: Mapping[str, Array], case: tuple[Any, ...]) -> Any:
-        """Return which cases have nothing wrong with them that can be known before."""
+        """Return which cases pass all checks that need no simulation."""
         robot, _, _, actuation, _, _ = case
         values = self.in_si(columns)
         ranges = [within(value, SI_NUMBERS[name]) for name, value in values.items()]
@@ -241,7 +249,7 @@ class SweepPlan(Checked):
                                  actuation.fits(robot))])
 
     def describe(self) -> Dict[str, Any]:
-        """Return all that makes the results what they are, as JSON knows it."""
+        """Return all inputs of the results, as JSON values."""
         content = {key: value for key, value in asdict(self).items() if key != 'robot'}
         content['robot'] = self.robot.name
         content['robot_digest'] = self.robot.digest
@@ -251,6 +259,6 @@ class SweepPlan(Checked):
 
     @property
     def digest(self) -> str:
-        """Return a fingerprint: the same for the same results."""
+        """Return a digest of `describe`."""
         return hashlib.sha256(
             json.dumps(self.describe(), sort_keys=True).encode()).hexdigest()[:16]
