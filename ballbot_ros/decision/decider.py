@@ -13,7 +13,7 @@ from ballbot_ros.decision.learning.particles import Particles
 from ballbot_ros.decision.perception import GroundFusion, Observation
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.planning.planners import PLANNERS
-from ballbot_ros.decision.planning.safety_filter import guarded
+from ballbot_ros.decision.planning.safety_filter import with_safety_filter
 from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situation
 from ballbot_ros.decision.values import (
     Decision, Motion, Profile, StepObservation, TerrainObservation)
@@ -79,7 +79,7 @@ class Decider:
         self._learner = Learner(particles)
         self._maker = PLANNERS[planner] if isinstance(planner, str) else planner
         self._particles = particles
-        self._plan = guarded(self._maker(knowledge), knowledge)
+        self._plan = with_safety_filter(self._maker(knowledge), knowledge)
         self._fusion = GroundFusion(knowledge.robot, knowledge.tuning, frame)
         self._pilot = Pilot(knowledge)
         self._memory, self._watch = Memory(knowledge.tuning), AttemptWatch(knowledge.robot)
@@ -106,7 +106,7 @@ class Decider:
         Of the tuning, what is declared as fixed must be the same, and so must the robot.
         """
         knowledge = replace(knowledge, particles=self._particles)
-        plan = guarded(self._maker(knowledge), knowledge)
+        plan = with_safety_filter(self._maker(knowledge), knowledge)
 
         def begin() -> None:
             self._plan = plan

@@ -3,7 +3,7 @@
 What no planner may answer, whatever it thinks: a shell of safety around each of them.
 
 Pure functions.  `unusable` says before planning whether there is anything to plan with;
-`checked` looks at the answer.  `guarded` puts both around a planner.
+`checked` looks at the answer.  `with_safety_filter` puts both around a planner.
 """
 from dataclasses import astuple, replace
 import math
@@ -170,7 +170,7 @@ def checked(decision: Decision, situation: Situation, knowledge: Knowledge) -> D
     return decision
 
 
-def guarded(planner: Planner, knowledge: Knowledge) -> Planner:
+def with_safety_filter(planner: Planner, knowledge: Knowledge) -> Planner:
     """
     Return a planner whose answers are `checked`, and which is not asked without sound input.
 

@@ -14,14 +14,14 @@ from ballbot_ros.decision import (
 from ballbot_ros.decision.planning import cubic
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.planning.cubic import Reckoning
-from ballbot_ros.decision.planning.safety_filter import guarded
+from ballbot_ros.decision.planning.safety_filter import with_safety_filter
 from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL = load_robot('gimball')
 CURVE = load_curve('gimball_down')
 TUNING = load_decision_tuning('decision_default')
 KNOWN = Knowledge(GIMBALL, CURVE, TUNING)
-DECIDE = guarded(cubic.planner(KNOWN), KNOWN)
+DECIDE = with_safety_filter(cubic.planner(KNOWN), KNOWN)
 anything = strategies.floats(allow_nan=True, allow_infinity=True)
 heights = strategies.floats(-0.05, 0.12)
 distances = strategies.floats(0.0, 4.0)

@@ -9,7 +9,8 @@ import pytest
 from ballbot_ros.decision import (
     Decision, Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion, Plan, Profile,
     Reason, Situation, Strategy)
-from ballbot_ros.decision.planning.safety_filter import checked, energy_bound, guarded, unusable
+from ballbot_ros.decision.planning.safety_filter import (
+    checked, energy_bound, unusable, with_safety_filter)
 from ballbot_ros.physics.model.robot import load_robot
 
 KNOWN = Knowledge(load_robot('gimball'), load_curve('gimball_down'),
@@ -88,14 +89,15 @@ def test_a_planner_is_not_asked_without_sound_input(what):
     def never(situation, previous):
         raise AssertionError('asked')
 
-    answer = guarded(never, KNOWN)(situation(**what), CROSSING)
+    answer = with_safety_filter(never, KNOWN)(situation(**what), CROSSING)
     assert (answer.kind, answer.set_speed) == (Kind.STOP, 0.0)
-    assert guarded(never, KNOWN)(Situation(Motion(0.0, 0.0, 0.0)), None).reason is Reason.STALE
+    nothing = Situation(Motion(0.0, 0.0, 0.0))
+    assert with_safety_filter(never, KNOWN)(nothing, None).reason is Reason.STALE
 
 
 def test_a_ball_that_cannot_stop_before_its_step_any_more_is_not_stopped_by_old_observations():
     committed = replace(CROSSING, reason=Reason.COMMITTED)
-    planner = guarded(lambda situation, previous: previous, KNOWN)
+    planner = with_safety_filter(lambda situation, previous: previous, KNOWN)
     assert planner(situation(age=5.0), committed) is committed
     assert planner(situation(age=5.0), CROSSING).reason is Reason.STALE
     other = replace(committed, step=4)
@@ -120,7 +122,7 @@ def test_whatever_a_planner_says_no_limit_is_passed(
                     plan=Plan(Strategy.SWING, speed=planned, swing_angle=swing))
     told = Situation(Motion(now, position, speed),
                      Profile(0.0, (Face(1, place, height, sd, sd),)))
-    answer = guarded(lambda situation, previous: bold, KNOWN)(told, None)
+    answer = with_safety_filter(lambda situation, previous: bold, KNOWN)(told, None)
     if answer.kind is Kind.CROSS:
         assert 0.0 <= asked <= TUNING.highest_speed and abs(swing) <= TUNING.largest_swing
         assert height <= energy_bound(GIMBALL, max(speed, TUNING.highest_speed), math.pi)

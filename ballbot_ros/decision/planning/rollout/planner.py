@@ -2,8 +2,8 @@
 """
 The planner ``rollout``: plans tried out with the physics in the worlds that may be the real one.
 
-Which plan, and how sure, says the `Mind`; here is what a ball does while it thinks, on the step,
-where nothing is ahead, and before what it does not take.
+`PlanSelector` selects the plan and its probability; here is what the ball does meanwhile, on the
+step, where nothing is ahead, and before what it does not cross.
 """
 from dataclasses import replace
 import math
@@ -13,7 +13,8 @@ from ballbot_ros.decision.planning.rollout.ahead import (
     Ahead, faces_ahead, look_ahead, TOGETHER, touch_distance_on)
 from ballbot_ros.decision.planning.rollout.candidates import Candidate, HELD
 from ballbot_ros.decision.planning.rollout.layout import TIGHT
-from ballbot_ros.decision.planning.rollout.mind import Choice, Mind, STANDING, TOO_LATE
+from ballbot_ros.decision.planning.rollout.plan_selector import (
+    Choice, PlanSelector, STANDING, TOO_LATE)
 from ballbot_ros.decision.planning.safety_filter import stop
 from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
@@ -104,6 +105,9 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
         f'{1e3 * face.height:.0f} mm'
     said = (f'{what} at {face.position - motion.position:.2f} m: '
             f'{WHY.get(choice.reason, "no plan is good enough")}')
+    if choice.reason is Reason.LANDING and not ahead.known:
+        said += (f'; it is not seen, and unseen_room grants {tuning.unseen_room:g} m: raise it if '
+                 'this site has more floor behind each edge')
     if seen.attempts:
         said += (f'; at best over with {100 * seen.probability:.0f} %, '
                  f'{100 * tuning.required_probability:.0f} % are required')
@@ -160,7 +164,7 @@ class RolloutPlanner:
     def __init__(self, knowledge: Knowledge):
         """Draw the worlds."""
         self._tuning, self._robot = knowledge.tuning, knowledge.robot
-        self._lines, self._mind = StopLines(knowledge), Mind(knowledge)
+        self._lines, self._selector = StopLines(knowledge), PlanSelector(knowledge)
         self._passed: List[Face] = []
         self._slope, self._disturbed = 0.0, False
 
@@ -180,7 +184,7 @@ class RolloutPlanner:
                 faces and faces[0].position - motion.position < steep.distance):
             return steep
         if not faces or faces[0].position - motion.position > FAR:
-            self._mind.forget()
+            self._selector.forget()
             return self._alone(situation, slope, previous)
         deviation = profile.slope_sd if math.isfinite(profile.slope_sd) else SLOPE_SD
         ahead = look_ahead(profile, faces, motion.position, slope, deviation,
@@ -222,20 +226,20 @@ class RolloutPlanner:
     def _face(self, ahead: Ahead, situation: Situation,
               previous: Optional[Decision]) -> Decision:
         """Decide on the faces ahead."""
-        motion, face, mind = situation.motion, ahead.faces[0], self._mind
+        motion, face, selector = situation.motion, ahead.faces[0], self._selector
         room = self._braking_room(ahead, motion)
         if not ahead.ends or face.height > self._robot.ball_radius:
-            mind.forget()
+            selector.forget()
             choice = Choice(None, Reason.DROP if face.height < 0.0 else Reason.WALL)
             return self._lines.stand(
                 refuse(choice, ahead, motion, room, self._tuning), face.position, situation,
                 ahead.slope)
-        begun = mind.choice is not None and mind.choice.trial is not None
+        begun = selector.choice is not None and selector.choice.trial is not None
         # What was begun is broken off only where that is sure to end before the face.
         sure = ahead.touch - motion.position - self._lines.braking.distance(
             motion.speed, ahead.slope - 2.0 * ahead.slope_sd, emergency=True)
-        mind.think(ahead, situation, min(room, sure) if begun else room)
-        choice = mind.choice or Choice(None, Reason.NOT_LIKELY)
+        selector.update(ahead, situation, min(room, sure) if begun else room)
+        choice = selector.choice or Choice(None, Reason.NOT_LIKELY)
         if choice.trial is None:
             # There is time to look closer, and no need to say no yet.
             stand = face.position - self._robot.ball_radius - self._tuning.stop_gap
@@ -247,7 +251,7 @@ class RolloutPlanner:
                 return weighing(ahead, motion, self._tuning)
             no = refuse(choice, ahead, motion, room, self._tuning)
             if refused and previous is not None and no.kind in (Kind.STOP, Kind.GO_ROUND):
-                # The one or the other is no other mind.
+                # The label alone does not change.
                 no = replace(no, kind=previous.kind)
             return self._lines.stand(no, face.position, situation, ahead.slope)
         end = choice.trial.candidate.end(ahead)
@@ -258,7 +262,7 @@ class RolloutPlanner:
 
     def _climbed(self, motion: Motion) -> float:
         """Return what the ball has climbed just before, of faces that it left behind [m]."""
-        face = self._mind.belief.face if self._mind.belief is not None else None
+        face = self._selector.belief.face if self._selector.belief is not None else None
         if face is not None and face.position < motion.position and face not in self._passed:
             self._passed.append(face)
         self._passed = [one for one in self._passed
@@ -267,7 +271,7 @@ class RolloutPlanner:
 
     def _push(self, situation: Situation, previous: Optional[Decision]) -> Optional[Decision]:
         """Return the decision of a ball on the step: on, unless it lasts too long."""
-        motion, belief = situation.motion, self._mind.belief
+        motion, belief = situation.motion, self._selector.belief
         if previous is None or previous.kind is not Kind.CROSS or previous.plan is None \
                 or belief is None or not motion.position < previous.plan.edge:
             return None
@@ -280,7 +284,7 @@ class RolloutPlanner:
         since = motion.stamp if previous.contact_since is None else previous.contact_since
         if not 0.0 <= motion.stamp - since <= LONGEST_CONTACT \
                 or motion.position < touch - GAP and motion.speed < 0.0:
-            self._mind.forget()
+            self._selector.forget()
             return None
         # With two edges the second one is left when the first is passed.
         left = own or [face for face in faces

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What is thought about the faces ahead, from one answer to the next.
+Keeps the selected plan between decisions, and replans when the obstacle estimate changes.
 
 For each face it deliberates once, when it is first seen: hundreds of attempts within one answer.
 From then on the choice is kept, and looked at again with a few attempts now and then; it is
@@ -191,7 +191,7 @@ ROOM_NEWS = 0.1
 EVERY, ATTEMPTS, FADE, MEMORABLE = 10, 24, 0.9, 300
 # A choice is given up where its probability has come this far below what is required.
 LOST = 0.05
-# With this many changes of mind about a face a rolling ball has had enough of them.
+# Maximum plan switches per face while the ball rolls.
 CHANGES = 2
 # Slower than this a ball stands [m/s]; nearer than this it is there [m].
 STANDING, THERE = 0.03, 0.05
@@ -210,9 +210,9 @@ class Belief(NamedTuple):
     room_to: float
 
 
-class Mind:
+class PlanSelector:
     """
-    Keeps a choice for the faces ahead.
+    Keeps a plan for the faces ahead.
 
     Parameters
     ----------
@@ -242,7 +242,7 @@ class Mind:
         self._deliberation: Optional[Deliberation] = None
         self._answers = self._changes = 0
 
-    def think(self, ahead: Ahead, situation: Situation, braking_room: float) -> None:
+    def update(self, ahead: Ahead, situation: Situation, braking_room: float) -> None:
         """Deliberate, or look at the choice again, within the attempts of one answer."""
         motion, face = situation.motion, ahead.faces[0]
         if self.belief is not None and not _is_same(self.belief.face, face):
