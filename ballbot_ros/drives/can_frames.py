@@ -67,7 +67,7 @@ def parse_record(raw: bytes) -> Optional[CanFrame]:
 
 
 def judge_others(number: int) -> Setting:
-    """Judge how many frames to our drive came that somebody else had sent: a bus is for all."""
+    """Judge the number of frames to the drive that another sender sent."""
     return Setting('only sender', 'yes' if not number else f'no: {number} frames of another',
                    'yes', not number, 'another program, or computer, commands this drive: end it')
 

@@ -5,7 +5,7 @@ The one place that opens a CAN bus, by python-can.
 A port is one of
 
 ``can0``
-    an interface of the Linux kernel (SocketCAN), whose bit rate is set by ``ip link``,
+    an interface of the Linux kernel (SocketCAN), with the bit rate of ``ip link``,
 ``/dev/ttyACM0``
     a serial adapter that speaks slcan, as CANable and the CANUSB of Lawicel do,
 ``INTERFACE:CHANNEL``
@@ -25,10 +25,10 @@ from ballbot_ros.drives.can_frames import CanFrame, MOST_DATA, record, RecordPar
 from ballbot_ros.drives.capture import TrafficSink
 from ballbot_ros.errors import LinkError
 
-# A bus that has no room for so long is one on which nobody acknowledges, or a stuck adapter [s].
+# A bus without space for this long has no acknowledging node, or a stuck adapter [s].
 PATIENCE = 0.02
 # pyserial, below an adapter, looks at its clock after the bytes have gone, so that a process that
-# was held up would see a stuck line: this is for the worst [s].
+# preempted would see a timeout: a backstop [s].
 WRITE_TIMEOUT = 0.5
 # Frames taken at once, and reads of a serial adapter that bring none.
 MOST_FRAMES = 256
@@ -147,7 +147,7 @@ class CanLink:
         """Close the bus; closing twice is no error."""
         bus, self._bus = self._bus, None
         if bus is not None:
-            # What is left to say to an adapter that was pulled out is lost.
+            # Commands to an adapter that was unplugged are lost.
             with suppress(Exception):
                 bus.shutdown()
 
@@ -275,7 +275,7 @@ def _failure(port: str, baud: int, error: Exception, opening: bool) -> LinkError
     if not opening:
         if number in (errno.ENOBUFS, errno.EAGAIN) or 'imed out' in str(error):
             return LinkError('stuck', (
-                f'{port} takes no frame: nobody on the bus acknowledges.  Is the drive powered, '
+                f'{port} transmit failed: no acknowledgement on the bus.  Is the drive powered, '
                 f'are both ends closed by 120 ohm, is the bit rate {baud} everywhere?'))
         return LinkError('gone', f'{port} is gone: {error}; is the plug out?')
     if number in (errno.EACCES, errno.EPERM):

@@ -13,7 +13,7 @@ A capture plays back into a driver in place of a `Link`, so that a fault seen on
 robot becomes a test.
 
 A capture that has become `MOST_BYTES` long goes on in a new file, and the one before is kept
-beside it with ``.1`` behind its name; what is older is let go.  `read_capture` reads both.
+beside it with ``.1`` behind its name; older parts are deleted.  `read_capture` reads both.
 """
 from collections import deque
 from pathlib import Path

@@ -6,7 +6,7 @@ All quantities are those of the motor shaft, SI: torque [N m], position [rad], v
 gear, direction and zero of the pendulum joint are the caller's.  A session goes::
 
     driver = open_driver(protocol, link, options)
-    driver.identify()                   # the handshake; raises DriveError if nobody answers
+    driver.identify()                   # the handshake; raises DriveError without an answer
     driver.read_settings()              # what the drive is set to, and whether that is acceptable
     driver.arm()
     each period:
@@ -41,7 +41,7 @@ class SerialLine(Protocol):
         """Return what has arrived, without waiting."""
 
     def wait(self, seconds: float, least: int = 1) -> bool:
-        """Wait for so many bytes, if it can tell, and return whether there are any."""
+        """Wait for a number of bytes, where supported, and return whether there are any."""
 
     def close(self) -> None:
         """Close the line; closing twice is no error."""
@@ -126,7 +126,7 @@ class Telemetry(NamedTuple):
     status_time: Optional[float] = None  # when armed and faults arrived [s]
     armed: Optional[bool] = None  # the motor is under power
     faults: tuple[str, ...] = ()  # names that the maker gives them; the motor has no power
-    warnings: tuple[str, ...] = ()  # likewise, of what is told before the drive cuts
+    warnings: tuple[str, ...] = ()  # likewise, that the drive gives before it limits
     # Why an armed motor must be stopped although the drive reports no fault: commands of another
     # sender, settings that have changed.
     hazards: tuple[str, ...] = ()
@@ -140,7 +140,7 @@ class DriveOptions(Checked):
         'N m', 'largest torque ever sent, at the motor shaft', above=0.0)
     speed_limit: float = quantity(
         'rad/s', 'speed of the motor shaft up to which the robot needs its torque: limits of the '
-        'drive that cut earlier are refused; 0 where nobody knows', default=0.0, minimum=0.0)
+        'drive that cut earlier are refused; 0 if not known', default=0.0, minimum=0.0)
     drive_torque_limit: float = quantity(
         'N m', 'up to which the limits of the drive itself may be set; torque_limit where that is '
         'more', default=0.0, minimum=0.0)

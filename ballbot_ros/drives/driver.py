@@ -44,7 +44,7 @@ class Driver(ABC):
     baud_rates: ClassVar[tuple[int, ...]] = (115200,)  # to try, the maker's default first
     shortest_answer: ClassVar[int] = 1  # to `ask`; a loop is not woken for fewer bytes
     keeping: ClassVar[str] = ''  # what a person types to keep settings over a restart
-    replies_are_named: ClassVar[bool] = False  # each says which request it answers
+    replies_are_named: ClassVar[bool] = False  # each names the request that it answers
     closes_torque_loop: ClassVar[bool] = True  # by measuring current; else by a computed voltage
 
     _parser: StreamParser
@@ -58,7 +58,7 @@ class Driver(ABC):
         self.telemetry = Telemetry()
         self.counts: Counter[str] = Counter(lost=0)
         self._armed = False  # by us, and not stopped since
-        self._off_asked_at = -math.inf  # when that was asked whose reply showed: no power
+        self._off_asked_at = -math.inf  # of the last request whose reply showed no power [s]
         self._pending = PendingRequests(options.reply_timeout, self.replies_are_named)
         self._begin()
 
@@ -224,7 +224,7 @@ class Driver(ABC):
         Raises
         ------
         DriveError
-            ``silent``; in a handshake what `_handshake_error` says.
+            ``silent``; in a handshake that of `_handshake_error`.
 
         """
         before = self.counts.copy()

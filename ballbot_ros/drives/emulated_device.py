@@ -23,7 +23,7 @@ class Quirk(NamedTuple):
     """What some boards of a maker do, by firmware or settings, and a driver must know."""
 
     effect: str  # in words
-    source: str  # the maker's file that says so, and of which versions
+    source: str  # the maker's file that documents it, and of which versions
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class Device(ABC):
 
     @abstractmethod
     def tick(self, now: float) -> None:
-        """Look after watchdog and temperature; called often."""
+        """Update watchdog and temperature; called often."""
 
     @abstractmethod
     def torque(self) -> float:

@@ -64,7 +64,7 @@ class MemoryLine:
         self.live()
 
     def live(self) -> None:
-        """Let the drive do what is due now, and say what it says unasked."""
+        """Let the drive do what is due now, and send what it sends unrequested."""
         self.device.tick(self.now)
         self._reply(b'')
 

@@ -24,16 +24,16 @@ from serial.tools import list_ports
 from ballbot_ros.drives.capture import TrafficSink
 from ballbot_ros.errors import LinkError
 
-# pyserial looks at its clock after the bytes have gone, so that a process that was held up would
-# see a stuck line: this is for ports whose room cannot be asked for, and for the worst [s].
+# pyserial reads its clock after the write, so that a preempted process would see a timeout: a
+# backstop, and for ports whose free space cannot be queried [s].
 WRITE_TIMEOUT = 0.5
 # How often a port without a file descriptor (loop://) is looked at while waiting [s].
 POLL_PERIOD = 0.0005
 
 LARGEST_READ = 4096
 CONTROL = 6  # place of the control characters among the settings of a terminal
-# Some hundred bytes are under way at most, and the kernel takes 4096: a port that has no room for
-# so long is one that nobody drains [s].
+# Some hundred bytes are under way at most, and the kernel buffers 4096: a port without space for
+# this long is not being read [s].
 PATIENCE = 0.02
 # Longest that one write waits, for a line that takes a few bytes now and then [s].
 LONGEST_WRITE = 0.5
@@ -52,7 +52,7 @@ class Transfer(Protocol):
         """Return what has arrived."""
 
     def wait(self, seconds: float, least: int) -> bool:
-        """Wait for so many bytes, if it can tell, and return whether there are any."""
+        """Wait for a number of bytes, where supported, and return whether there are any."""
 
 
 class Descriptor:
@@ -69,13 +69,13 @@ class Descriptor:
     """
 
     def __init__(self, number: int):
-        """Take the descriptor; whoever opened it closes it."""
+        """Take the descriptor; its owner closes it."""
         self._number = number
         self._alone = [number]
-        self._doubtful = True  # whether nothing to read may mean that nobody is there
+        self._doubtful = True  # whether an empty read may mean a hang-up
         self._least = 1
         self._state, self._room = select.poll(), select.poll()
-        self._state.register(number, 0)  # that it has hung up is told unasked
+        self._state.register(number, 0)  # a hang-up is reported in any case
         self._room.register(number, select.POLLOUT)
 
     def read(self) -> bytes:
@@ -107,7 +107,7 @@ class Descriptor:
         return True
 
     def wait(self, seconds: float, least: int = 1) -> bool:
-        """Wait for so many bytes, at most so long, and return whether they are there."""
+        """Wait for a number of bytes [s] and return whether they are there."""
         if least != self._least:
             self._tell_from(least)
         # Of the ways to wait, this is the only one that does not round to milliseconds.
@@ -118,7 +118,7 @@ class Descriptor:
         return False
 
     def _tell_from(self, least: int) -> None:
-        """Let the kernel tell of bytes when there are so many: a reply comes in pieces."""
+        """Make the kernel report bytes only from a number on: a reply comes in pieces."""
         self._least = least
         if os.isatty(self._number):
             settings = termios.tcgetattr(self._number)
@@ -265,8 +265,8 @@ class Link:
         seconds : float
             [s]
         least : int
-            Fewer bytes than these may be left waiting, at most 255: a device tells nobody of
-            them.  The same number again and again costs nothing.
+            Fewer bytes than these, at most 255, do not end the wait.  A change takes a system
+            call.
 
         Raises
         ------
@@ -319,8 +319,8 @@ def _transfer(port: Any) -> Transfer:
 
 def _stuck(port: str) -> LinkError:
     return LinkError('stuck', (
-        f'{port} takes no more bytes: nobody reads at the other end, or flow control holds the '
-        'line; switch hardware and software handshake off'))
+        f'{port} accepts no more bytes: the other end does not read, or flow control blocks the '
+        'port; switch hardware and software handshake off'))
 
 
 def _link_error(port: str, error: Exception, opening: bool = False) -> LinkError:

@@ -101,7 +101,7 @@ LINE_FAULTS = {name: item.metadata for name, item in LineFaults.__dataclass_fiel
 
 def obey(emulator: Emulator, line: str) -> str:
     """
-    Do what a line says, and return what to answer.
+    Execute a line and return the answer.
 
     Raises
     ------

@@ -96,7 +96,7 @@ class Emulator:
             PseudoTerminal if line_of(protocol) is SERIAL else SlcanAdapter)(link)
         self.log: Deque[Applied] = deque(maxlen=LONGEST_LOG)
         self.encoder_jump = 0.0  # [rad at the motor shaft]
-        self.silent_until = -math.inf  # the drive says nothing
+        self.silent_until = -math.inf  # the drive sends nothing
         self.plug_at = math.inf
         self.read_rate = math.inf  # bytes per second that are taken from the line
         self.failure: Optional[BallbotError] = None

@@ -79,7 +79,7 @@ class PseudoTerminal:
             fresh.replace(self._link)
 
     def unplug(self) -> None:
-        """Take the device away; whoever has it open gets an error."""
+        """Take the device away; a program that has it open gets an error."""
         if not self.plugged:
             return
         if self._link is not None:
@@ -102,7 +102,7 @@ class PseudoTerminal:
             return b''
 
     def write(self, data: bytes) -> None:
-        """Send; what nobody reads is lost, as on a real line."""
+        """Send; bytes that are not read are lost, as on a real line."""
         if self.plugged and data:
             with suppress(OSError):
                 os.write(self._master, data)

@@ -64,7 +64,7 @@ class Names:
     trips: Mapping[str, Mapping[str, int]]  # cause -> property and bit, of each register
     cleared: tuple[str, ...]  # registers that `sc` clears
     calibrated: Mapping[str, tuple[int, int]]  # property -> value before and after calibration
-    calibration_kept: str  # property that says so, over a restart
+    calibration_kept: str  # property that keeps it over a restart
     velocity_limit: float  # from the factory [turn/s]
     more: Mapping[str, float]  # further properties as they come from the factory
     read_only: tuple[str, ...]
@@ -291,7 +291,7 @@ class Board:
         self._fed = now
 
     def tick(self, now: float) -> None:
-        """Look after watchdog, limits and states."""
+        """Update watchdog, limits and states."""
         here = self.properties
         if self._fed is None:
             self._fed = now
@@ -380,7 +380,7 @@ class BoardDevice(Device):
         return self.board.torque()
 
     def tick(self, now: float) -> None:
-        """Look after watchdog, limits and temperature; see `Device`."""
+        """Update watchdog, limits and temperature; see `Device`."""
         self.board.sensed = self.sensed
         self.board.tick(now)
 

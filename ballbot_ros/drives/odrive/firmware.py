@@ -141,7 +141,7 @@ OVERSPEED = 'axis0.controller.config.enable_overspeed_error'
 MAX_BACK = 'config.dc_max_negative_current'  # into the supply [A], negative
 BACK_ALLOWED = 'config.max_regen_current'  # before the brake resistor takes some [A]
 
-# A watchdog that nobody feeds disarms a motor that is being calibrated, too.
+# A watchdog that is not fed also disarms a motor during calibration.
 CALIBRATE = (f'w {WATCHDOG} 0, sc, w {REQUESTED_STATE} 3 (calibrates: the motor turns. Then '
              'switch the watchdog on again)')
 
@@ -174,7 +174,7 @@ class Generation:
     reason : str
         Property with the errors that last took the power away; empty if there is none.
     details : tuple of Register
-        That say more of an error.
+        That detail an error.
     no_estimate, watchdog_expired : int
         Bits of the errors with which position and velocity are not valid, and of the watchdog.
     current : str
@@ -186,7 +186,7 @@ class Generation:
     brake_enabled, brake_resistance : str
         Properties of the brake resistor.
     warnings : tuple of str
-        Properties that say what comes before an error.
+        Properties that warn before an error.
     rules : tuple of Rule
 
     """
@@ -232,7 +232,7 @@ class Generation:
 
     @property
     def inquest(self) -> tuple[str, ...]:
-        """Return all that must be read before it is told why the motor has no power."""
+        """Return all that must be read before a loss of power is reported."""
         reason = (self.reason,) if self.reason else ()
         return (self.errors, STATE, *reason, *(item.path for item in self.details))
 

@@ -6,7 +6,7 @@ After the RoboClaw Series User Manual.  It sets a voltage, not a torque; any byt
 timeout; a pause of more than 10 ms inside a packet drops the packet.  What it does with garbage
 is not documented: here it looks for its address.  What it does under each error and warning is
 from "Reading and Troubleshooting RoboClaw Errors" of BasicMicro: an e-stop and a high supply
-brake, a low supply and heat let go, and from 15 degrees below that the current is reduced.
+brake, a low supply and heat release, and from 15 degrees below that the current is reduced.
 """
 from binascii import crc_hqx
 import math
@@ -84,7 +84,7 @@ class RoboClawDevice(Device):
         return settings.torque_constant * min(max(current, -limit), limit)
 
     def tick(self, now: float) -> None:
-        """Look after timeout, switch, supply and temperature; see `Device`."""
+        """Update timeout, switch, supply and temperature; see `Device`."""
         if self._received_at is None:
             self._received_at = now
         if self._timeout and now - self._received_at > self._timeout * TIMEOUT_UNIT:

@@ -36,7 +36,7 @@ class VescOptions(DriveOptions):
 
 Version = tuple[int, int]  # of a firmware
 
-# The first whose values end with a status; without it nobody sees a timeout or a kill switch.
+# The first whose values end with a status; without it a timeout or a kill switch is not visible.
 OLDEST: Version = (5, 3)
 NEWEST_MAJOR = 7
 # Test builds of these moved settings from one build to the next.
@@ -91,7 +91,7 @@ class Application(NamedTuple):
 def why_not(version: Version, test: int) -> str:
     """Return why a firmware, or test build of one (0 for none), cannot be driven; or nothing."""
     if version < OLDEST:
-        return ('its values end without the status that tells of timeout and kill switch, and '
+        return ('its values end without the status of timeout and kill switch, and '
                 'its settings are written in another way (5.03 changed both)')
     if version[0] > NEWEST_MAJOR:
         return 'where it keeps its settings is not known'

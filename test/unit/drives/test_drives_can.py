@@ -158,8 +158,8 @@ def test_the_kernel_s_refusals_are_told_with_the_command_that_mends_them(
 
 
 @pytest.mark.parametrize('error, reason, words', [
-    (can.CanOperationError('no buffer', errno.ENOBUFS), 'stuck', 'acknowledges'),
-    (can.CanOperationError('Transmit timed out'), 'stuck', 'acknowledges'),
+    (can.CanOperationError('no buffer', errno.ENOBUFS), 'stuck', 'acknowledgement'),
+    (can.CanOperationError('Transmit timed out'), 'stuck', 'acknowledgement'),
     (OSError(errno.ENETDOWN, 'planted'), 'gone', 'ip link set'),
     (OSError(errno.EIO, 'planted'), 'gone', 'plug')])
 def test_a_bus_that_takes_no_frame_says_why(pair, monkeypatch, error, reason, words):

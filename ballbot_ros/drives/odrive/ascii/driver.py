@@ -308,4 +308,4 @@ class ODrive(Driver):
         if name in self._generation.safety_settings and value is not None:
             self._check_setting(name, value)
         self._status.take(name, value, now, self._armed)
-        self.telemetry = self._status.told(self.telemetry, name, now, self._armed)
+        self.telemetry = self._status.report(self.telemetry, name, now, self._armed)

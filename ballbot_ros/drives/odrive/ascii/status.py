@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an ODrive says of itself piece by piece, and which piece it is to be asked for next."""
+"""Status of an ODrive, collected property by property, and the next property to request."""
 import math
 from typing import Any, Mapping, Optional
 
@@ -8,19 +8,19 @@ from ballbot_ros.drives.odrive.ascii import codec
 from ballbot_ros.drives.odrive.firmware import (
     CLOSED_LOOP_CONTROL, EFFECTIVE_CURRENT, Generation, IDLE, SATURATED, STATE)
 
-# After so long what is known is told, though registers were not answered [s].
-PATIENCE = 0.1
-# Results that do not say why the motor has no power: none, still under way, and that it has none.
+# A loss of power is reported after this time though registers were not answered [s].
+REGISTER_TIMEOUT = 0.1
+# Results that do not explain a loss of power: success, still under way, disarmed.
 NO_REASON = (0, 1, 3)
 
 
 class DriveStatus:
     """
-    Collects the values of properties, and tells them as telemetry.
+    Collects the values of properties, and reports them as telemetry.
 
     Where an error is named, or the motor has lost its power, all registers are read at once, and
-    only then is anything of it told: that the controller failed does not say why, and a state
-    that is read before the errors would be told without a reason.
+    only then is any of it reported: that the controller failed does not explain why, and a state
+    that is read before the errors would be reported without a reason.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class DriveStatus:
         self.values: dict[str, float] = {}
         self._torque_limit = torque_limit
         self._turn = self._round = 0
-        self._open: list[str] = []  # still to be read before a loss of power is told
+        self._open: list[str] = []  # still to be read before a loss of power is reported
         self._opened_at = -math.inf
         self._about: Optional[tuple[float, int]] = None  # the cause that they were read for
 
@@ -57,8 +57,8 @@ class DriveStatus:
 
     def next_name(self, now: float) -> str:
         """Return what to ask for at a time [s]."""
-        if self._open and now - self._opened_at > PATIENCE:
-            self._open, self._about = [], self._cause  # it must be told without them
+        if self._open and now - self._opened_at > REGISTER_TIMEOUT:
+            self._open, self._about = [], self._cause  # it is reported without them
         if self._open:
             return self._open[0]
         names = self.generation.polled + (
@@ -71,7 +71,7 @@ class DriveStatus:
         return names[self._turn]
 
     def forget_details(self) -> None:
-        """Take what the registers of the parts said for past."""
+        """Forget the registers of the parts."""
         for register in self.generation.details:
             self.values.pop(register.path, None)
         self._open, self._about = [], None
@@ -110,11 +110,11 @@ class DriveStatus:
 
     @property
     def _cause(self) -> tuple[float, int]:
-        """Return what the registers of the parts say more of."""
+        """Return the cause that the registers of the parts detail."""
         return self.values.get(STATE, math.nan), self.errors
 
-    def told(self, telemetry: Telemetry, name: str, now: float, ours: bool) -> Telemetry:
-        """Return telemetry with what the property that was taken last says."""
+    def report(self, telemetry: Telemetry, name: str, now: float, ours: bool) -> Telemetry:
+        """Return telemetry with the property that was taken last."""
         generation, values = self.generation, self.values
         if name in generation.telemetry and name in values:
             reported: dict[str, Any] = {generation.telemetry[name]: values[name]}
@@ -131,7 +131,7 @@ class DriveStatus:
         """
         Return the names of all that is wrong, from the values of properties.
 
-        That nobody commands a motor which is not armed is no fault: its watchdog is left out.
+        A watchdog that expires without power is no fault, and is left out.
         """
         generation = self.generation
         armed = values.get(STATE) == CLOSED_LOOP_CONTROL
@@ -148,7 +148,7 @@ class DriveStatus:
         return names
 
     def _warnings(self) -> tuple[str, ...]:
-        """Return what is told before the drive cuts."""
+        """Return the warnings of limits that are near."""
         generation, values = self.generation, self.values
         current = values.get(EFFECTIVE_CURRENT, math.inf)
         constant = values.get(generation.torque_constant, math.inf)
@@ -244,7 +244,7 @@ class Properties:
         """
         Take a reply; return the property that it answers, `MARKER`, or None if it answers none.
 
-        Text that answers a request says that there is no such property.
+        Text that answers a request means that there is no such property.
         """
         value = codec.parse_number(text)
         if not self.in_sync and value == self.marker:

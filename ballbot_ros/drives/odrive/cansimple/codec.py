@@ -3,7 +3,7 @@
 CANSimple, the protocol of an ODrive on a CAN bus, firmware 0.5 and 0.6.
 
 The identifier of a frame, of 11 bits, is the id of the node above the five bits of the command.
-All that a drive tells has the identifier of the command that asks for it, by a remote frame;
+Each reply has the identifier of the command that requests it, by a remote frame;
 numbers are little-endian.
 
 Sources.  For 0.5: Firmware/communication/can/can_simple.cpp and can_simple.hpp in
@@ -23,7 +23,7 @@ HEARTBEAT, SET_AXIS_STATE, ENCODER_ESTIMATES, SET_CONTROLLER_MODE = 0x01, 0x07, 
 SET_INPUT_TORQUE, IQ, BUS_VOLTAGE_CURRENT, CLEAR_ERRORS = 0x0E, 0x14, 0x17, 0x18
 # 0.5 only.
 MOTOR_ERROR, ENCODER_ERROR, CONTROLLER_ERROR = 0x03, 0x04, 0x1D
-# 0.6 only; 0.5 tells its version nowhere.
+# 0.6 only; 0.5 does not report its version.
 VERSION, ERROR, RX_SDO, TX_SDO, TEMPERATURE = 0x00, 0x03, 0x04, 0x05, 0x15
 
 # What only a computer sends.
@@ -43,7 +43,7 @@ TYPES = {'bool': '?', 'uint8': 'B', 'int8': 'b', 'uint16': 'H', 'int16': 'h', 'u
 
 
 class Heartbeat(NamedTuple):
-    """What each drive tells by itself, every so many milliseconds."""
+    """What each drive sends cyclically."""
 
     errors: int  # of the axis
     state: int
@@ -60,7 +60,7 @@ def frame(node: int, command: int, data: bytes = b'') -> bytes:
 
 
 def ask(node: int, command: int) -> bytes:
-    """Return the record of the request for what a command tells."""
+    """Return the record of the request for the reply to a command."""
     return record(CanFrame(node << COMMAND_BITS | command, remote=True))
 
 
@@ -110,6 +110,6 @@ parser, frame_reply = RecordParser, record
 
 
 def reply_of(data: bytes) -> bytes:
-    """Return the record of what node 0 tells, made of any bytes."""
+    """Return the record of a reply of node 0, made of any bytes."""
     command = data[0] % (1 << COMMAND_BITS) if data else HEARTBEAT
     return frame(0, command, data[1:1 + MOST_DATA])

@@ -20,7 +20,7 @@ from ballbot_ros.drives.odrive.firmware import (
 from ballbot_ros.drives.odrive.settings import judge
 from ballbot_ros.errors import ConfigurationError, DriveError
 
-# First firmware 0.5 whose heartbeat tells whether the encoder failed.
+# First firmware 0.5 whose heartbeat reports a failed encoder.
 FIRST = (0, 5, 3)
 
 
@@ -33,13 +33,14 @@ class ODriveCanOptions(DriveOptions):
         's', 'time between requests for currents, voltage, temperatures and error registers, of '
         'which one is asked at a time', default=0.02, minimum=0.02, maximum=1.0)
     firmware: str = text(
-        'version of a firmware 0.5, such as "0.5.6", which does not tell it over CAN', default='')
+        'version of a firmware 0.5, such as "0.5.6", which it does not report over CAN',
+        default='')
     endpoints: str = text(
         'path of flat_endpoints.json, which the maker has for each firmware 0.6: by it settings '
         'are read over CAN', default='')
     confirmed: Optional[Mapping[str, float]] = section(
         'values of properties that a person has read with odrivetool, by name, where a firmware '
-        '0.5 does not tell them over CAN', default=None)
+        '0.5 does not report them over CAN', default=None)
 
     def __post_init__(self) -> None:
         """Check, also what is confirmed."""
@@ -121,7 +122,7 @@ class AxisCondition:
 
     @property
     def without_estimate(self) -> bool:
-        """Return whether a position that comes now is none; 0.5 tells 0 then."""
+        """Return whether a position is not valid now; 0.5 reports 0 then."""
         if self.generation is None or not self.beats:
             return False
         content = self.beats[-1].content
@@ -136,7 +137,7 @@ class AxisCondition:
 
     @property
     def unread(self) -> Optional[int]:
-        """Return the command for a register that is needed to say what is wrong."""
+        """Return the command for a register that is needed to name what is wrong."""
         for command in self._flagged():
             if command not in self._registers:
                 return command
@@ -146,7 +147,7 @@ class AxisCondition:
         """
         Return the names of all errors, in idle also of those that the power went for.
 
-        That nobody commands a motor that is not armed is no fault; `ours` says whether we had
+        A watchdog that expired without power is no fault; `ours` is whether this driver had
         armed it.
         """
         if self.generation is None or not self.beats:
@@ -164,7 +165,7 @@ class AxisCondition:
         return (*self.generation.names_of(bits), *parts)
 
     def _flagged(self) -> tuple[int, ...]:
-        """Return the commands for the registers in which 0.5 says that something is."""
+        """Return the commands for the registers that 0.5 flags."""
         if self.generation is not OLD or not self.beats:
             return ()
         content = self.beats[-1].content
@@ -173,7 +174,7 @@ class AxisCondition:
 
     @property
     def reason(self) -> str:
-        """Return why a state was not reached, as far as the heartbeat tells it."""
+        """Return why a state was not reached, as far as the heartbeat reports it."""
         told = self.generation is not None and self.generation is not OLD
         return ', '.join(RESULT_6.names_of(self._result) if told else ()) or 'no reason'
 
@@ -198,7 +199,7 @@ class ODriveCan(Driver):
     """
     See `Driver`.
 
-    That the motor has power, or has none any more, only a heartbeat tells.  One that came after
+    Only a heartbeat reports whether the motor has power.  One that came after
     the answer to a request was sent after the drive had obeyed what was sent before the request:
     frames of one sender keep their order.
     """
@@ -212,7 +213,7 @@ class ODriveCan(Driver):
         self._parser = RecordParser()
         self._condition = AxisCondition()
         self._version: tuple[int, ...] = ()
-        self._replies: dict[int, bytes] = {}  # command -> what it told last
+        self._replies: dict[int, bytes] = {}  # command -> its last reply
         # What was sent until then has been obeyed: by now, and at the newest heartbeat.
         self._obeyed_until = self._told_until = -math.inf
         self._torque, self._torque_at = 0.0, -math.inf
@@ -245,7 +246,7 @@ class ODriveCan(Driver):
 
     def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
         """
-        Read back what 0.6 tells, try what 0.5 does not, and judge; see `Driver`.
+        Read back what 0.6 reports, try what 0.5 does not, and judge; see `Driver`.
 
         To try the watchdog takes as long as it does, besides the patience.
         """
@@ -384,7 +385,7 @@ class ODriveCan(Driver):
         self._ask_until(lambda: self._obeyed_until >= begin, self._ask_position, deadline, what)
 
     def _ask(self, command: int, deadline: float) -> Optional[bytes]:
-        """Return what a command tells, None if it does not before the deadline."""
+        """Return the reply to a command, None if there is none before the deadline."""
         self._replies.pop(command, None)
         while command not in self._replies and self.clock() < deadline:
             self._send(codec.ask(self.options.node_id, command))
@@ -408,8 +409,8 @@ class ODriveCan(Driver):
         node, others = self.options.node_id, ', '.join(map(str, sorted(self._heard)))
         return DriveError('silent', (
             f'{self.line.port}: no ODrive with node_id {node} answers'
-            + (f', though heartbeats come of node {others}: set node_id, or see whether this '
-               'computer is heard' if others else '; is it powered, is its CAN protocol SIMPLE, '
+            + (f', though heartbeats come of node {others}: set node_id, or check the wiring'
+               if others else '; is it powered, is its CAN protocol SIMPLE, '
                'is the bit rate the same, are both ends closed by 120 ohm?')))
 
     # Replies
@@ -458,7 +459,7 @@ class ODriveCan(Driver):
             faults=self._condition.faults(self._armed))
 
     def _note(self, command: int, numbers: Optional[tuple[float, float]]) -> None:
-        """Put what was told besides into the telemetry."""
+        """Put other replies into the telemetry."""
         generation = self._condition.generation
         if numbers is None or generation is None:
             return

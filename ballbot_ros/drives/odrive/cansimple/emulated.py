@@ -43,7 +43,7 @@ class ODriveCanDevice(BoardDevice):
         self._busy_until = -math.inf  # with what waits to be sent
 
     def endpoints(self) -> dict[str, Any]:
-        """Return what the maker's flat_endpoints.json would say of a 0.6."""
+        """Return the content of the maker's flat_endpoints.json for a 0.6."""
         return {'fw_version': '.'.join(map(str, self.names.version_of(self.settings))),
                 'hw_version': '.'.join(map(str, self.names.board)),
                 'endpoints': {name: {'id': number, 'type': _type_of(value), 'access': 'rw'}
@@ -113,7 +113,7 @@ class ODriveCanDevice(BoardDevice):
         return b''
 
     def _tell(self, command: int) -> bytes:
-        """Return the record of what a command tells."""
+        """Return the record of the reply to a command."""
         sensed = self.sensed
         numbers = {
             codec.ENCODER_ESTIMATES: (sensed.position / math.tau, sensed.velocity / math.tau),

@@ -2,8 +2,8 @@
 """
 Where the settings of an ODrive on a CAN bus are known from.
 
-0.6 tells them over the bus, by number; which number is whose differs between firmwares, and the
-maker has a list for each (flat_endpoints.json).  0.5 tells none.  Then a person reads them with
+0.6 reports them over the bus by number; the numbers differ between firmwares, and the maker has a
+list for each (flat_endpoints.json).  0.5 reports none.  Then a person reads them with
 odrivetool and confirms them in the hardware file, and of the most important one, the watchdog, it
 is tried whether it is so.
 """
@@ -17,14 +17,14 @@ from ballbot_ros.drives.contract import Setting
 from ballbot_ros.drives.odrive.cansimple.codec import TYPES
 from ballbot_ros.errors import ConfigurationError
 
-# Slowest heartbeat: nothing else tells whether the motor has power [s].
+# Slowest heartbeat: nothing else reports whether the motor has power [s].
 SLOWEST_HEARTBEAT = 0.02
 
 _WRITE = re.compile(r'\bw ([\w.]+) (\S+?)(?=,|\s|$)')
 
 
 class Endpoint(NamedTuple):
-    """A value that 0.6 tells."""
+    """A value that 0.6 reports."""
 
     number: int
     kind: str  # one of `TYPES`
@@ -87,7 +87,7 @@ def missing(names: Sequence[str], old: bool, version: str) -> list[Setting]:
         return []
     listed = ', '.join(names)
     return [Setting('settings read or confirmed', f'all but {listed}', 'all', False, (
-        'firmware 0.5 does not tell them over CAN: read odrv0.NAME of each with odrivetool, and '
+        'firmware 0.5 does not report them over CAN: read odrv0.NAME of each with odrivetool, and '
         'write name and value under confirmed in the section drive' if old else
         'write endpoints: PATH in the section drive, of the flat_endpoints.json that the maker '
         f'has for firmware {version}'))]
@@ -104,7 +104,7 @@ def judge_heartbeat(period: float, old: bool) -> Setting:
 
 
 def judge_positions(number: int, old: bool) -> Setting:
-    """Judge how many positions came without a request: the replies to requests must be told."""
+    """Judge how many positions came without a request: only replies to requests have a time."""
     name = 'encoder_rate_ms' if old else 'encoder_msg_rate_ms'
     return Setting('positions', 'sent cyclically' if number else 'on request', 'on request',
                    not number, f'odrv0.axis0.config.can.{name} = 0')
@@ -113,7 +113,7 @@ def judge_positions(number: int, old: bool) -> Setting:
 def judge_firmware(version: str) -> Setting:
     """Judge the version of a firmware 0.5, as the hardware file has it."""
     return Setting('firmware', version or 'unknown', 'named in the hardware file', bool(version),
-                   'firmware 0.5 does not tell it over CAN: write firmware: "0.5.6", or what '
+                   'firmware 0.5 does not report it over CAN: write firmware: "0.5.6", or what '
                    'odrivetool shows, in the section drive')
 
 
@@ -123,6 +123,6 @@ def judge_trial(took: Optional[float], expired: bool, watchdog: float) -> Settin
         f'{"expired after" if expired else "did not expire in"} {took:.2g} s'
     remedy = 'the motor is under power: stop who drives it' if took is None else (
         f'odrv0.axis0.config.watchdog_timeout = {watchdog:g}, '
-        'odrv0.axis0.config.enable_watchdog = True; and let nobody else send to this node')
+        'odrv0.axis0.config.enable_watchdog = True; and let no other program send to this node')
     return Setting('watchdog, tried', value, f'to expire {watchdog:g} s after the last message',
                    expired, remedy)

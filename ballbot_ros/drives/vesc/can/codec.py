@@ -20,13 +20,13 @@ from ballbot_ros.drives.vesc.uart.codec import LONGEST_PAYLOAD
 
 SET_CURRENT, FILL_RX_BUFFER, FILL_RX_BUFFER_LONG = 1, 5, 6
 PROCESS_RX_BUFFER, PROCESS_SHORT_BUFFER, PING, PONG = 7, 8, 17, 18
-STATUS = (9, 14, 15, 16, 27, 58)  # what each VESC tells everybody, under its own id
+STATUS = (9, 14, 15, 16, 27, 58)  # status that each VESC broadcasts under its own id
 ANSWER_ME, ANSWER = 0, 1  # what is to be done with a message
 EVERYBODY = 255
 
 SHORT, PIECE, LONG_PIECE = 6, 7, 6
 FIRST_LONG = 259  # offsets above 255 do not fit one byte: seven times 37
-# Ids that nobody asked for others: that of the computer, and that of an emulated VESC.
+# Default ids of the computer and of an emulated VESC.
 HOST_ID, DRIVE_ID = 254, 0
 
 
@@ -111,7 +111,7 @@ class PayloadParser:
         ``refused`` messages, ``skipped`` bytes that belong to no frame, ``of_others`` frames to
         the sender, which we have not sent.
     heard : set of int
-        Ids of all that told their status.
+        Ids of all that sent their status.
 
     """
 

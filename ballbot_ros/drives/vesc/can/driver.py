@@ -36,7 +36,7 @@ class VescCan(Vesc):
         self._parser = codec.PayloadParser(self.options.host_id, self.options.can_id)
 
     def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
-        """Read back and judge, and see whether somebody else commands; see `Driver`."""
+        """Read back and judge, also whether there is another sender; see `Driver`."""
         settings = super().read_settings(patience)
         return (*settings, judge_others(self.counts['of_others']))
 
@@ -71,6 +71,6 @@ class VescCan(Vesc):
         heard = ', '.join(map(str, sorted(self._parser.heard)))
         return DriveError('silent', (
             f'{self.line.port}: no VESC with id {self.options.can_id} answers '
-            + (f'(those that tell their status have {heard}: set can_id)' if heard else
+            + (f'(those that send their status have {heard}: set can_id)' if heard else
                '; is it powered, is the id that of VESC Tool, App Settings, General: VESC ID, is '
                'its CAN Mode VESC, and the bit rate the same?')))

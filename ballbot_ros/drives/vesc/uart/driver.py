@@ -12,7 +12,7 @@ from ballbot_ros.errors import DriveError
 
 # A motor current below this part of the limit counts as none: the sensors are not that good.
 NO_CURRENT = 0.05
-# What the status says of a motor without current, by bit; the words are those of timeout.c.
+# Why a motor has no current, by bit of the status; the names are those of timeout.c.
 STATUS = {codec.TIMED_OUT: 'HAS_TIMEOUT', codec.KILL_SWITCH: 'KILL_SW_ACTIVE'}
 
 
@@ -21,7 +21,7 @@ class Vesc(Driver):
     See `Driver`.
 
     A VESC has no arming: it follows the next current that it is sent.  Before `arm`, and after a
-    stop, this driver sends none.  Nothing feeds its timeout then, so its status says that this
+    stop, this driver sends none.  Nothing feeds its timeout then, so its status reports that this
     has expired; `arm` feeds it until the thread that looks every 10 ms has seen that.
     """
 
@@ -50,7 +50,7 @@ class Vesc(Driver):
             codec.FW_VERSION, self.clock() + patience, handshake=True))
         if firmware is None:
             raise DriveError('firmware', (
-                f'{self.line.port}: a VESC answers that does not say which firmware it has'))
+                f'{self.line.port}: a VESC answers that does not report its firmware'))
         version, test = (firmware.major, firmware.minor), firmware.test
         reason = settings.why_not(version, test)
         if reason:
@@ -79,12 +79,12 @@ class Vesc(Driver):
                                self.telemetry.bus_voltage or math.nan)
 
     def _arm(self, deadline: float) -> None:
-        begin, told = self.clock(), False
+        begin, reported = self.clock(), False
         while True:
             self._send(self._torque_message(0.0) + self._requests())
             self._until(lambda: self._status_asked_at >= begin, self._soon(deadline))
             answered = self._status_asked_at >= begin
-            told = told or answered
+            reported = reported or answered
             if answered and self.telemetry.faults:
                 raise DriveError('not_armed', (
                     f'{self.line.port}: the VESC names {", ".join(self.telemetry.faults)}; the '
@@ -93,7 +93,7 @@ class Vesc(Driver):
                 return
             if self.clock() >= deadline:
                 raise DriveError('not_armed', f'{self.line.port}: the VESC ' + (
-                    'says that its timeout has expired, however often it is fed' if told
+                    'reports that its timeout has expired, however often it is fed' if reported
                     else 'does not report its state'))
             begin = self.clock()
 
@@ -186,7 +186,7 @@ class Vesc(Driver):
         Return the angle of the shaft [rad].
 
         The tachometer goes on over full turns but has six steps per electrical turn only; the
-        encoder is fine but starts again every turn.  The one says which turn of the other it is,
+        encoder is fine but starts again every turn.  The one gives the turn of the other,
         however many replies were lost in between.
         """
         turns: float = values.tachometer / (6.0 * self.options.pole_pairs)

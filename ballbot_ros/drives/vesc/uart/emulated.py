@@ -4,9 +4,9 @@ A VESC, as its serial protocol sees it, with firmware 5.03, 6.02, 6.05 or 7.01.
 
 Written after comm/commands.c, timeout.c and motor/mc_interface.c of vedderb/bldc, of the tags
 5.03 and 6.00, the branches release_6_02 to release_7_00 and master (7.01).  It has no arming and
-follows each current that it is sent.  Timeout and kill switch are looked at by a thread that runs
-every 10 ms, and the status says what that thread saw last: a motor that follows commands again is
-still reported as timed out for up to so long.  Limits cut the current without a word.  After a
+follows each current that it is sent.  A thread checks timeout and kill switch every 10 ms, and the
+status reports its last check: a motor that follows commands again is still reported as timed out
+for up to 10 ms.  Limits cut the current without a report.  After a
 fault it keeps off for half a second before it follows the next command.
 """
 import math
@@ -123,7 +123,7 @@ class VescDevice(Device):
         return current if abs(power) <= supply else current * supply / abs(power)
 
     def tick(self, now: float) -> None:
-        """Look after timeout, kill switch, supply and temperature; see `Device`."""
+        """Update timeout, kill switch, supply and temperature; see `Device`."""
         if math.isnan(self._look_at):
             self._look_at, self._fed = now, now
         if now >= self._look_at:
