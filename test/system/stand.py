@@ -31,7 +31,9 @@ class StoodBall:
         self.torque, self._at = 0.0, 0.0
         self._robot, self._period, self._extra = robot, period, extra
         self._count = math.tau / 4096
-        self._imu = Imu(robot.gravity)
+        # A little noise: no sensor that measures repeats a reading.
+        self._imu = Imu(robot.gravity, gyro_sd=1e-4, force_sd=1e-3, seed=1)
+        self._samples = 0
         self._read = self.state._replace(time=time.time())  # as the IMU read it last
 
     @property
@@ -83,7 +85,8 @@ class StoodBall:
         before, now, state = self._read, time.time(), self.state
         mean = (state.ball_angle - before.ball_angle) / (now - before.time)
         self._read = after = state._replace(time=now, ball_rate=mean)
-        return self._imu.sample(before._replace(ball_rate=mean), after, 0)
+        self._samples += 1
+        return self._imu.sample(before._replace(ball_rate=mean), after, self._samples)
 
 
 def _towards(value, wanted, step):
