@@ -7,8 +7,8 @@ marked ``@compiled``.  Set ``BALLBOT_UNCOMPILED=1``, or ``NUMBA_DISABLE_JIT=1`` 
 to run them as plain Python, to debug or to compare: both give the same numbers to rounding.
 
 Machine code is kept in ``$XDG_CACHE_HOME/ballbot_ros`` (``~/.cache/ballbot_ros``), so that
-only the first run after a change pays for it.  Where that takes longer than a moment, it is said:
-a warning of the logger ``ballbot_ros``, which Python prints.  numba by itself notices a change in
+only the first run after a change pays for it.  Where that takes longer than a moment, a warning
+is logged by the logger ``ballbot_ros``, which Python prints.  numba by itself notices a change in
 the file of a kernel, but not in the files of the kernels that it calls; so the folder is named
 after a digest of all folders that hold kernels.
 """
@@ -44,43 +44,42 @@ FUSED = ('ballbot_ros.physics.', 'ballbot_ros.crossing.')
 # The folders that may hold any.
 KERNELS = ('physics', 'crossing', 'control', 'estimation', 'decision')
 
-# Compiling that takes longer is said [s].
+# Compiling that takes longer is reported [s].
 MOMENT = 2.0
 COMPILES = ('compiling for this machine, which takes a minute or so the first time and is kept '
             'for the next')
 
 # Takes the name of a kernel, and whether its machine code was kept.
-Hear = Callable[[str, bool], None]
-_hearing: List[Hear] = []
+OnFirstCall = Callable[[str, bool], None]
+_callbacks: List[OnFirstCall] = []
 
 
-def hear_of_first_calls(hear: Hear) -> None:
+def on_first_call(callback: OnFirstCall) -> None:
     """
-    Have it told when a kernel is called for the first time, or with other types than before.
+    Call a function when a kernel is called for the first time, or with other types than before.
 
     Before it is compiled; where its machine code is kept, after that was read.
     """
-    _hearing.append(hear)
+    _callbacks.append(callback)
 
 
-class _Patience:
+class _CompileNotice:
     """
-    Says once why nothing happens yet: kernels compile, and have for longer than a moment.
+    Warns once where kernels compile for longer than a moment.
 
-    What listens by `hear_of_first_calls` says it in its own words, and nothing is said here.
+    Not where a callback of `on_first_call` reports it.
     """
 
     def __init__(self) -> None:
-        """Begin with nothing compiled."""
         self.spent = 0.0  # with compiling [s]
-        self._open, self._since, self._said = 0, 0.0, False
+        self._open, self._since, self._warned = 0, 0.0, False
 
     def begins(self) -> None:
         """Note that a kernel begins to compile, perhaps within another one that does."""
         self._count()
         self._open += 1
-        if self.spent > MOMENT and not self._said and not _hearing:
-            self._said = True
+        if self.spent > MOMENT and not self._warned and not _callbacks:
+            self._warned = True
             logging.getLogger('ballbot_ros').warning(COMPILES)
 
     def ends(self) -> None:
@@ -95,12 +94,12 @@ class _Patience:
         self._since = now
 
 
-_patience = _Patience()
+_notice = _CompileNotice()
 
 
 def compile_time() -> float:
     """Return the time that this process has spent compiling so far [s]."""
-    return _patience.spent
+    return _notice.spent
 
 
 def _cache_folder() -> str:
@@ -256,14 +255,14 @@ def _compile(function: F, inline: str,
     finally:
         numba_config.CACHE_DIR = before
     cache = kernel._cache
-    cache.load_overload = _told(f'{function.__module__}.{function.__qualname__}', cache)
+    cache.load_overload = _reported(f'{function.__module__}.{function.__qualname__}', cache)
     cache.save_overload = _one_at_a_time(cache.save_overload)
     return cast(F, kernel)
 
 
-def _told(name: str, cache: Any) -> Callable[..., Any]:
+def _reported(name: str, cache: Any) -> Callable[..., Any]:
     """
-    Return what reads the machine code of a kernel that is kept, and has `Hear` told.
+    Return what reads the machine code of a kernel that is kept, and calls each `OnFirstCall`.
 
     numba first gets ready to compile, which takes longer than all the reading and is needed only
     where there is nothing to read.
@@ -271,19 +270,19 @@ def _told(name: str, cache: Any) -> Callable[..., Any]:
     prepare_and_load = cache.load_overload
     load = getattr(cache, '_load_overload', prepare_and_load)
 
-    def load_and_tell(signature: Any, target: Any) -> Any:
+    def load_and_report(signature: Any, target: Any) -> Any:
         try:
             found = load(signature, target)
         except Exception:  # noqa: BLE001 whatever it cannot read, numba knows what to do
             found = None
         if found is None:
             found = prepare_and_load(signature, target)
-        for hear in _hearing:
-            hear(name, found is not None)
+        for callback in _callbacks:
+            callback(name, found is not None)
         if found is None:
-            _patience.begins()
+            _notice.begins()
         return found
-    return load_and_tell
+    return load_and_report
 
 
 def _one_at_a_time(save: Callable[..., None]) -> Callable[..., None]:
@@ -294,7 +293,7 @@ def _one_at_a_time(save: Callable[..., None]) -> Callable[..., None]:
     do so at once may name their files alike, and later run the code of the other.
     """
     def save_alone(*arguments: Any) -> None:
-        _patience.ends()
+        _notice.ends()
         # A full disk, or one without locks, costs a compilation per run, not the run.
         with suppress(OSError), open(os.path.join(_FOLDER, 'lock'), 'w') as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)

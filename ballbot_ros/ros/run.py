@@ -17,7 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.jit import hear_of_first_calls
+from ballbot_ros.jit import on_first_call
 from ballbot_ros.ros import discovery
 from ballbot_ros.ros.logs import forward_logs
 from ballbot_ros.ros.rclpy_compat import new_executor, RCLError
@@ -280,7 +280,7 @@ class FirstStart:
     def __init__(self, tell: Callable[[str], None], warn: Callable[[str], None]):
         self._tell, self._warn = tell, warn
         self._begun, self._compiled, self._ready = time.monotonic(), 0, False
-        hear_of_first_calls(self._hear)
+        on_first_call(self._hear)
 
     def ready(self) -> None:
         """Log the time that the start took."""

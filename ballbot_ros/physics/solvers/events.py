@@ -64,8 +64,8 @@ def guard_at(theta: float, index: int, time: float, step: float, system: System,
 
 
 @compiled
-def lighter(guard: float, before: float) -> float:
-    """Return what the value at the end that was kept twice is multiplied with."""
+def anderson_bjorck_weight(guard: float, before: float) -> float:
+    """Return the factor for the guard at the end of the bracket that was kept twice."""
     share = 1.0 - guard / before
     return share if share > 0.0 else 0.5
 
@@ -95,11 +95,11 @@ def locate(index: int, low: float, high: float, time: float, step: float, system
         guard = guard_at(theta, index, time, step, system, workspace)
         if guard > 0.0:
             if kept > 0:  # the same end twice: it counts for less
-                at_high *= lighter(guard, at_low)
+                at_high *= anderson_bjorck_weight(guard, at_low)
             low, at_low, kept = theta, guard, 1
         else:
             if kept < 0:
-                at_low *= lighter(guard, at_high)
+                at_low *= anderson_bjorck_weight(guard, at_high)
             high, at_high, kept = theta, guard, -1
     return high
 

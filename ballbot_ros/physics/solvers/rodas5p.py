@@ -124,7 +124,7 @@ def begin_stage(stage: int, per_size: float, work: Array) -> None:
 def add_motion(time: float, work: Array, system: System, mode: ContactMode) -> None:
     """Add how the motion at the end of a stage goes on to the right-hand side of the next."""
     motion, right = work[rows.END:rows.END + MOTION], rows.RIGHT
-    start = work[rows.HANGING], work[rows.HANGING + 1], work[rows.HANGING + 2]
+    start = work[rows.PENDULUM_TRIG], work[rows.PENDULUM_TRIG + 1], work[rows.PENDULUM_TRIG + 2]
     turn, swing, along_x, along_y = accelerations(time, motion, start, system, mode)
     work[right] += motion[BALL_RATE]
     if system.parameters.swing_inertia > 0.0:
@@ -145,7 +145,8 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
     if ready != JACOBIAN:
         start = turned_by(state[PENDULUM_ANGLE])
         push = write_jacobian(time, state, start[1:], system, workspace.mode, jacobian)
-        work[rows.HANGING], work[rows.HANGING + 1], work[rows.HANGING + 2] = start
+        trig = rows.PENDULUM_TRIG
+        work[trig], work[trig + 1], work[trig + 2] = start
         write_motion_under(time, state, start[1:], push, system, workspace.mode,
                            work[rows.F0:rows.F0 + MOTION])
         workspace.statistics[EVALUATIONS] += 2  # these rates, and the Jacobian

@@ -30,7 +30,7 @@ WIDTH = 16  # of a row
  COLUMNS,  # eight of them, of the matrix that solves a stage, see `elimination`
  _, _, _, _, _, _, _,
  FACTORS,  # of a sum
- HANGING,  # the pendulum angle at the begin and its direction, see `turned`
+ PENDULUM_TRIG,  # the pendulum angle at the begin and its direction, see `turned`
  ROWS) = (WIDTH * row for row in range(31))
 
 

@@ -124,7 +124,7 @@ def pressed_throughout(work: Array, row: int, normal: tuple[float, float, float]
 
 
 @compiled
-def stays_on(work: Array, row: int, system: System, mode: ContactMode) -> bool:
+def contact_persists(work: Array, row: int, system: System, mode: ContactMode) -> bool:
     """Return whether a contact of a mode holds throughout the last step, with its neighbours."""
     feature, ground = mode.signs[row, FEATURE], system.ground
     if mode.signs[row, PRESSED] <= 0:
@@ -170,7 +170,7 @@ def reach_of(vertex: int, behind: int, system: System, mode: ContactMode) -> flo
 
     A concave one may as soon as the segment behind it does, where nobody else looks at that.
     """
-    if system.ground[vertex, TURN] > 0.0 and vouched_for(behind, system, mode):
+    if system.ground[vertex, TURN] > 0.0 and covered_by_active_contact(behind, system, mode):
         return system.parameters.radius
     return 0.0
 
@@ -184,9 +184,9 @@ def falls_off(vertex: int, ground: Array) -> bool:
 
 
 @compiled
-def vouched_for(segment: int, system: System, mode: ContactMode) -> bool:
+def covered_by_active_contact(segment: int, system: System, mode: ContactMode) -> bool:
     """
-    Return whether `stays_on` of what is in contact says enough of a segment and its end.
+    Return whether `contact_persists` of what is in contact says enough of a segment and its end.
 
     That is so of what is in contact itself, and of its neighbours: the centre stays before the
     start of one, or behind the end of the other.
@@ -203,7 +203,7 @@ def vouched_for(segment: int, system: System, mode: ContactMode) -> bool:
 
 
 @compiled
-def out_of_reach(work: Array, segment: int, system: System) -> bool:
+def contact_excluded(work: Array, segment: int, system: System) -> bool:
     """
     Return whether a segment surely does not touch within the last step.
 
@@ -251,14 +251,15 @@ def holds_throughout(time: float, step: float, work: Array, first: int, behind: 
     """
     Return whether no guard is violated within the last step, among features as `modes` has them.
 
-    False says nothing.
+    Conservative: False means not proven.
     """
     if not smooth_contacts(mode):
         return False
     for row in range(contact_count(mode)):
-        if not stays_on(work, row, system, mode):
+        if not contact_persists(work, row, system, mode):
             return False
     for segment in range(first >> 1, (behind + 1) >> 1):
-        if not (vouched_for(segment, system, mode) or out_of_reach(work, segment, system)):
+        if not (covered_by_active_contact(segment, system, mode)
+                or contact_excluded(work, segment, system)):
             return False
     return system.actuator.limit == math.inf or motor_stays(time, step, work, system, mode)

@@ -13,7 +13,7 @@ from ballbot_ros.physics import load_robot
 # A new process: in this one other tests have compiled what there is.
 PROGRAM = """
 from virtual_robot import VirtualRobot
-from ballbot_ros.jit import hear_of_first_calls
+from ballbot_ros.jit import on_first_call
 from ballbot_ros.control import ControlTuning, Mode, PendulumController, SetPoint
 from ballbot_ros.physics import load_robot
 
@@ -24,7 +24,7 @@ def refuse(kernel, kept):
     raise AssertionError(f'{kernel} is called for the first time')
 
 
-hear_of_first_calls(refuse)
+on_first_call(refuse)
 robot.ready()
 robot.run(0.1, torque=0.1)
 for mode in Mode:
