@@ -46,7 +46,8 @@ def implausible(robot: Any) -> Iterator[str]:
         yield (f'pendulum_inertia is {robot.pendulum_inertia:g} kg m2, above {reach:.3g} kg m2: '
                'such a pendulum does not fit into the ball'
                + _meant(robot.pendulum_inertia, 'kg m2', INERTIAS, (1e-3 * reach, reach)))
-    if robot.static_penetration > DEEPEST * radius:
+    # With a wrong mass the penetration follows from that.
+    if density <= LEAD and robot.static_penetration > DEEPEST * radius:
         softest = robot.weight / (0.05 * radius)
         yield (f'at rest the ball would sink {robot.static_penetration:.3g} m into the ground, '
                f'{robot.static_penetration / radius:.2g} of its radius: contact_stiffness is '
