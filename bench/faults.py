@@ -30,7 +30,7 @@ import time
 from typing import NamedTuple
 
 from ballbot_ros.bridge.battery import Battery
-from ballbot_ros.bridge.connect import connector
+from ballbot_ros.bridge.drive_line import connector
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.onboard import OnBoard

@@ -14,7 +14,7 @@ import time
 
 from wire import quantile, used
 
-from ballbot_ros.bridge.connect import connector
+from ballbot_ros.bridge.drive_line import connector
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.motor_state import MotorState

@@ -17,7 +17,7 @@ import time
 
 from loop import quantile
 
-from ballbot_ros.bridge.connect import connector
+from ballbot_ros.bridge.drive_line import connector
 from ballbot_ros.bridge.feasibility import onboard_lag, RESERVE
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.loop import Loop

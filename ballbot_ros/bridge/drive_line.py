@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The line to a drive: opened, lost, and opened again."""
+"""The line to the drive of a hardware file: opened, checked, lost, and opened again."""
 import logging
+from pathlib import Path
 from typing import Callable, Optional, Tuple
 
-from ballbot_ros.bridge.connect import handshake
+from ballbot_ros.bridge.hardware_file import Hardware
+from ballbot_ros.bridge.observer import SessionObserver
+from ballbot_ros.drives import open_driver, open_line
+from ballbot_ros.drives.capture import Recorder, ShownToAll
 from ballbot_ros.drives.contract import Identity, Setting
 from ballbot_ros.drives.driver import Driver
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, ConfigurationError
 
 LOG = logging.getLogger(__name__)
 
@@ -70,3 +74,71 @@ class DriveLine:
         driver, self.driver = self.driver, None
         if driver is not None:
             driver.line.close()
+
+
+def connector(hardware: Hardware, capture: str = '', observer: SessionObserver = SessionObserver()
+              ) -> Callable[[], Driver]:
+    """
+    Return a function that opens the line and puts a driver on it.
+
+    Parameters
+    ----------
+    hardware : Hardware
+    capture : str
+        File for a copy of the raw traffic, of all lines that are opened one after the other;
+        empty for none.
+    observer : SessionObserver
+        Is shown that traffic, too.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be made, or the hardware file has options of another driver.
+
+    """
+    connection, options = hardware.connection, hardware.options()
+    recorder = ShownToAll(Recorder(Path(capture)), observer) if capture else observer
+
+    def connect() -> Driver:
+        line = open_line(
+            connection.protocol, connection.port, connection.baud, recorder)
+        return open_driver(connection.protocol, line, options)
+
+    return connect
+
+
+def handshake(connect: Callable[[], Driver], patience: float
+              ) -> Tuple[Driver, Identity, Tuple[Setting, ...]]:
+    """
+    Find the drive, stop its motor, and check its settings.
+
+    Parameters
+    ----------
+    connect : callable
+        See `connector`.
+    patience : float
+        With each of the three [s].
+
+    Raises
+    ------
+    LinkError, DriveError
+        If there is no such port, or not such a drive.
+    ConfigurationError
+        If a setting that safety rests on is not as it must be.  The line is closed again.
+
+    """
+    driver = connect()
+    try:
+        identity = driver.identify(patience)
+        driver.stop(patience)  # whoever left it may have left it turning
+        settings = driver.read_settings(patience)
+        wrong = [item for item in settings if not item.acceptable]
+        if wrong:
+            raise ConfigurationError(
+                'the drive is not set as it must be: ' + '; '.join(
+                    f'{item.name} is {item.value}, must be {item.wanted}'
+                    + (f': {item.remedy}' if item.remedy else '') for item in wrong))
+    except BaseException:
+        driver.line.close()
+        raise
+    return driver, identity, settings

@@ -40,7 +40,7 @@ class Console:
 def run(arguments: argparse.Namespace) -> int:
     """Guide, measure, write."""
     from ballbot_ros.bridge.commissioning.calibration import Calibrator
-    from ballbot_ros.bridge.connect import connector, handshake
+    from ballbot_ros.bridge.drive_line import connector, handshake
     from ballbot_ros.bridge.hardware_file import load_hardware
     from ballbot_ros.config.files import find_config, read_yaml
     from ballbot_ros.errors import ConfigurationError

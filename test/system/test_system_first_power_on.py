@@ -14,7 +14,7 @@ from workshop import EXTRA, FRESH, WATCHDOG, Workshop
 import yaml
 
 from ballbot_ros.bridge.commissioning import calibration
-from ballbot_ros.bridge.connect import connector, handshake
+from ballbot_ros.bridge.drive_line import connector, handshake
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.emulator.control import obey
 from ballbot_ros.errors import ConfigurationError

@@ -6,7 +6,7 @@ from pathlib import Path
 import pwd
 from typing import Callable, Iterator, List, Mapping, NamedTuple, Optional, Tuple, Union
 
-from ballbot_ros.bridge.connect import connector
+from ballbot_ros.bridge.drive_line import connector
 from ballbot_ros.bridge.hardware_file import Hardware, load_hardware
 from ballbot_ros.bridge.realtime import DEFAULT_PRIORITY, PERMIT, permits
 from ballbot_ros.drives import (

@@ -5,7 +5,7 @@ from functools import partial
 
 from rclpy.node import Node
 
-from ballbot_ros.bridge.connect import connector
+from ballbot_ros.bridge.drive_line import connector
 from ballbot_ros.bridge.feasibility import check_feasible, check_joint_state_rate, onboard_lag
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.onboard import OnBoard

@@ -10,7 +10,7 @@ import pytest
 from test_bridge_hardware import GENTLE, GIMBALL
 from virtual_robot import VirtualRobot
 
-from ballbot_ros.bridge.connect import connector
+from ballbot_ros.bridge.drive_line import connector
 from ballbot_ros.bridge.feasibility import check_feasible
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.motor_state import MotorState

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from ballbot_ros.bridge.connect import connector, handshake
-from ballbot_ros.bridge.drive_line import DriveLine, HANDSHAKE, MOST_PATIENCE, RETRY
+from ballbot_ros.bridge.drive_line import (
+    connector, DriveLine, HANDSHAKE, handshake, MOST_PATIENCE, RETRY)
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.drives.capture import read_capture
 from ballbot_ros.drives.contract import Identity, Setting
