@@ -42,7 +42,7 @@ def gaps(recorded: Mapping[str, Sequence[int]], rates: Mapping[str, float], end:
 
 
 def counted(bag: Path) -> int:
-    """Return the number of messages in a bag as its own metadata tells it."""
+    """Return the number of messages from the metadata of a bag."""
     with open(bag / 'metadata.yaml', encoding='utf-8') as file:
         count: int = yaml.safe_load(file)['rosbag2_bagfile_information']['message_count']
     return count

@@ -8,7 +8,7 @@ OFFSET, LENGTH = 4, 4
 _STAMP, _COUNT = struct.Struct('<iI'), struct.Struct('<I')
 STAMPED = ('std_msgs/Header', 'builtin_interfaces/Time')
 SEQUENCES = ('sequence<geometry_msgs/TransformStamped>', 'sequence<visualization_msgs/Marker>')
-# These tell of a node by the time of the wall, also where the robot has another time.
+# These topics carry wall time, even where the robot uses another clock.
 OF_THE_WALL = ('DiagnosticArray', 'Log')
 
 StampOf = Callable[[bytes], int]

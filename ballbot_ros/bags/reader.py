@@ -28,7 +28,7 @@ class Bag(Protocol):
     topics : mapping of str to str
         Types of the messages, such as ``'sensor_msgs/msg/JointState'``, by topic.
     metadata : mapping of str to str
-        What whoever wrote it has put there.
+        Written by the recorder.
 
     """
 

@@ -31,7 +31,7 @@ class GraphRecording:
     topics : list of str
         Their names; empty for all.
     say : callable
-        Told in a sentence what is recorded and what cannot be.
+        Receives messages about what is recorded and what cannot be recorded.
 
     Attributes
     ----------

@@ -10,7 +10,7 @@ from ballbot_ros.plant import Plant
 
 
 class Torques(Protocol):
-    """Where the torque of a period comes from; ``what`` says it in words."""
+    """Source of the torque of a period; ``what`` describes it as text."""
 
     what: str
 

@@ -38,26 +38,26 @@ LOOK_AGAIN = 0.002
 
 class BagRecorder:
     """
-    Writes serialized messages as they come, stamped with their own time.
+    Writes serialized messages on arrival, with the stamp of their header.
 
-    Those that have none, or tell that of the wall, are stamped like the last one before that has;
-    see `message_stamps`.  Messages are neither decoded nor encoded, so that recording costs
-    little.  Use as a context manager: the bag is complete when it is closed, also after an error.
+    Messages without a stamp, or with a wall time, take the last stamp before them; see
+    `message_stamps`.  Messages are neither decoded nor encoded, which keeps recording cheap.
+    Use as a context manager: the bag is complete when it is closed, also after an error.
 
     Parameters
     ----------
     folder : Path
-        Of the bag; an older bag there is replaced.
+        Folder of the bag; replaces an older bag there.
     metadata : mapping of str to str, optional
-        Kept in the bag, for whoever reads it.
+        Stored in the bag.
 
     Attributes
     ----------
     folder : Path
     recorded : mapping of str to list of int
-        Stamps of what was recorded, by topic as it was given [ns].
+        Stamps of the recorded messages by topic [ns].
     failure : Exception or None
-        What ended the thread of `record_in_thread`.
+        The error that ended the thread of `record_in_thread`.
 
     """
 
@@ -152,7 +152,7 @@ class BagRecorder:
         try:
             while not self._ending.wait(LOOK_AGAIN):
                 self.take_all()
-        except Exception as error:  # noqa: BLE001 the owner must know it, whatever it is
+        except Exception as error:  # noqa: BLE001 the owner reports any failure
             self.failure = error
 
     def _writing(self, topic: str, connection: Any, stamp_in: StampOf,

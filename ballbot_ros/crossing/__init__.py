@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Crossings of a step: one attempt, the highest step, and the rules that both go by.
+Crossings of a step: a single attempt, the maximum step height, and the rules of both.
 
-Whether a ball gets over a step, and by how much:
+Whether a ball crosses a step, and with which margin:
 
     >>> from ballbot_ros.physics import Actuation, load_robot
     >>> gimball = load_robot('gimball')
@@ -10,13 +10,13 @@ Whether a ball gets over a step, and by how much:
     >>> over, score > 0.0
     (True, True)
 
-The highest step that it gets over, to an error:
+The maximum step height, within an error bound:
 
     >>> found = max_step_height(gimball, 0.6)
     >>> isinstance(found, MaxStepHeight), 0.019 < found.height < 0.021, found.error <= 5e-5
     (True, True, True)
 
-With the pendulum held level by law (11), on other ground, or at any attempt within the time:
+With the pendulum held level by law (11), on other terrain, or with repeated attempts:
 
     >>> max_step_height(gimball, 0.6, held_at(1.57)).height > found.height + 0.01
     True
@@ -25,8 +25,8 @@ With the pendulum held level by law (11), on other ground, or at any attempt wit
     >>> max_step_height(gimball, 0.6, rules=Rules(attempts='any')).height >= found.height
     True
 
-At many speeds, each with an actuation of its own: law (12), or the voltage, that rolls the ball at
-that speed, or either as the law of an actuation says:
+At several speeds, each with its own actuation: law (12) or the voltage that rolls the ball at
+that speed, or the one that matches the law of an actuation:
 
     >>> [item.height > 0.0 for item in max_step_heights(gimball, [0.4, 0.8], rolling(gimball))]
     [True, True]

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The highest step that the ball gets over, fast and to a stated error.
+The maximum step height of the ball, with an error bound.
 
-Each height is one `attempt` of the adaptive method, a whole search is one call into compiled
-code, and the scores of the attempts say where to look next.  The tests compare it with the
-paper's ascending bracketing with steps of one length (test/oracles/reference_search.py).
+Each height is one `attempt` of the adaptive method, a search is one call into compiled code,
+and the scores of the attempts choose the next height.  The tests compare it with the paper's
+ascending bracketing with a fixed-step method (test/oracles/reference_search.py).
 
-The bracket that a coarse tolerance finds is tried at both ends with a finer one.  Where both
-agree, the tolerance moves the highest step by less than the width of the bracket; where they
-do not, the finer one is followed, and what lies between the two brackets counts.  The error
-that is stated is that, and the width of the bracket.
+Both ends of the bracket of a coarse tolerance are evaluated again with a finer one.  If both
+results agree, the tolerance moves the maximum step height by less than the width of the
+bracket; otherwise the search continues with the finer tolerance.  The reported error is the
+width of the bracket plus the distance between the two brackets.
 
-Like the paper's, the search believes that every step below one that is passed is passed, too.
-Ask for a `scan` to have that looked at.
+Like the paper, the search assumes that the ball crosses every step below one that it crosses.
+The option `scan` checks this assumption.
 """
 from concurrent.futures import ThreadPoolExecutor
 import math
@@ -56,39 +56,39 @@ def max_step_height(robot: RobotLike, speed: float, actuation: Actuation = Actua
                     site: Site = Site(), rules: Rules = Rules(),
                     options: ContactOptions = ContactOptions(), scan: int = 0) -> MaxStepHeight:
     """
-    Find the highest step that the ball gets over at a collision speed.
+    Find the maximum step height at a collision speed.
 
     Parameters
     ----------
     robot : Robot, or the name or file of one
     speed : float
-        Of the centre at first touch [m/s], above 0.
+        Speed of the centre at first contact [m/s], above 0.
     actuation : Actuation
-        Set when the ball touches.
+        Applied from the first contact on.
     pendulum_angle : float, optional
-        Absolute angle at the touch [rad]; by default the one that law (11) holds, else 0.
+        Absolute angle at first contact [rad]; by default the one that law (11) holds, else 0.
     accuracy : float
-        Largest error of the height [m].
+        Maximum error of the height [m].
     site : Site
         Slopes and frictions of the ground.
     rules : Rules
         Which attempts count, and for how long.
     options : ContactOptions
     scan : int
-        Look at so many heights between 0 and the one found, and between that and its double,
-        whether all of the former are passed and none of the latter.
+        Number of heights to check below the result (all must be crossed), and as many between
+        the result and its double (none must be crossed).
 
     Returns
     -------
     MaxStepHeight
-        Its ``error`` is above the accuracy where even the finest tolerances do not agree.
+        Its ``error`` exceeds the accuracy where the finest tolerances do not agree.
 
     Raises
     ------
     ConfigurationError
-        If an argument is out of range, or no step is too high.
+        If an argument is out of range, or the ball crosses every height.
     SimulationError
-        If an attempt cannot go on.
+        If an attempt fails.
 
     """
     accuracy = check_value('accuracy', accuracy, ACCURACY, 'max_step_height')
@@ -129,7 +129,7 @@ def try_step(robot: RobotLike, speed: float, height: float, actuation: Actuation
     tolerance : float
         Local error per step of the adaptive method [m].
     robot, speed, actuation, pendulum_angle, site, rules, options
-        See `max_step_height`, also for what is raised.
+        See `max_step_height`, also for its exceptions.
 
     Returns
     -------
@@ -178,7 +178,7 @@ def max_step_heights(robot: RobotLike, speeds: Sequence[float],
                      options: ContactOptions = ContactOptions(), scan: int = 0,
                      threads: Optional[int] = None) -> List[MaxStepHeight]:
     """
-    Find the highest step at many speeds, several at once.
+    Find the maximum step height at several speeds, in parallel.
 
     Parameters
     ----------
@@ -187,9 +187,9 @@ def max_step_heights(robot: RobotLike, speeds: Sequence[float],
     actuation : Actuation, or a function that returns one for a speed
         Such as ``rolling(robot)``.
     threads : int, optional
-        Searches at once; by default one per core.
+        Number of parallel searches; by default one per core.
     robot, pendulum_angle, accuracy, site, rules, options, scan
-        See `max_step_height`, also for what is raised.
+        See `max_step_height`, also for its exceptions.
 
     """
     robot = load_robot(robot)

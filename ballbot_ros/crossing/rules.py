@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What a crossing of a step is: its ground, its start, and which attempts count.
+The crossing of a step: its terrain, its initial state, and its success criterion.
 
-*Collision speed* is the speed of the centre when the ball first touches the step.  It rolls
-without slip then, and its pendulum turns only if the law of actuation makes it.
+*Collision speed* is the speed of the centre when the ball first touches the step.  At that time
+it rolls without slip, and its pendulum rotates only if the actuation requires it.
 
-*Over* is a ball that has the contact below it and whose centre, by the rule `edge`, has passed
-the edge: what it does behind it does not count, and on a slope up it may come back.  By the rule
-`clear` the centre gets farther, a quarter of the radius by default, before it has come back to
-where it began.  The paper's curves are by the former, decisions by the latter.
+*Over*: the contact lies below the ball and, by the rule `edge`, the centre has passed the edge.
+Later motion does not count, so on an upward slope the ball may roll back.  By the rule `clear`
+the centre moves farther, by default a quarter of the radius, before it returns to its start.
+The curves of the paper use `edge`, decisions use `clear`.
 
-*Back* is a ball that has rolled 4 mm behind where it touched, and that ends its first attempt.
-Where any attempt counts, it may come again as long as the time lasts.  A ball that is neither
-over nor back when the time is up, such as one whose motor presses it against the step for
-ever, has failed.
+*Back*: the ball has rolled 4 mm behind the point of first contact, which ends the first attempt.
+Where any attempt counts, it may try again until the time limit.  A ball that is neither over nor
+back at the time limit has failed, such as one whose motor presses it against the step
+indefinitely.
 """
 from dataclasses import dataclass, replace
 import math
@@ -74,9 +74,9 @@ class Site(Checked):
 
     def grounds(self, robot: Robot, number: int, height: float = 1.0) -> Array:
         """
-        Return so many grounds as the kernels read them, (number, 4, 7), with steps of a height.
+        Return terrain profiles for the kernels, (number, 4, 7), with steps of a height.
 
-        As `Terrain.profile` does for one; numbers of site and robot may be columns.
+        See `Terrain.profile`; the values of site and robot may be columns.
         """
         ahead_x, ahead_y = _each(math.cos, self.slope_before), _each(math.sin, self.slope_before)
         behind_x, behind_y = _each(math.cos, self.slope_behind), _each(math.sin, self.slope_behind)

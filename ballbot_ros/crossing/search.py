@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The search for the highest step in compiled code; see `max_step_height` for its use.
+The compiled search for the maximum step height; see `max_step_height` for its use.
 
-It believes that every step below one that is passed is passed, too.
+It assumes that the ball crosses every step below one that it crosses.
 """
 from ballbot_ros.crossing.attempt import attempt, Crossing, LEAST, OVER
 from ballbot_ros.jit import compiled, unlocked

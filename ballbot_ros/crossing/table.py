@@ -129,13 +129,13 @@ class Crossings(NamedTuple):
     def of(cls, number: int, robot: Robot, speed: Any, pendulum_angle: Any, actuation: Actuation,
            site: Site, rules: Rules, options: ContactOptions = ContactOptions()) -> 'Crossings':
         """
-        Return so many crossings.
+        Return a table of `number` crossings.
 
         Parameters
         ----------
         number : int
         robot, actuation, site, rules
-            Checked, and so that they fit together; their numbers may be columns.
+            Already checked, also for consistency; their values may be columns.
         speed, pendulum_angle : float or column
             [m/s], [rad]
         options : ContactOptions

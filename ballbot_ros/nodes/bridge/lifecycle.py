@@ -26,12 +26,12 @@ Serve = Callable[[ChangeState.Request, ChangeState.Response], ChangeState.Respon
 
 class ManagedNode(LifecycleNode):
     """
-    Answers a transition that is not possible with a failure, and logs why.
+    A lifecycle node that rejects an invalid transition and logs the reason.
 
     Attributes
     ----------
     managed : bool
-        Whether somebody has made a transition by service.
+        Whether a service call has requested a transition.
 
     """
 
@@ -75,7 +75,7 @@ class ManagedNode(LifecycleNode):
 
 class Autostart:
     """
-    Starts a node as soon as that works, and leaves it alone once somebody else manages it.
+    Configures and activates a node, with retries, until an external manager takes over.
 
     Parameters
     ----------
@@ -84,7 +84,6 @@ class Autostart:
     """
 
     def __init__(self, node: ManagedNode):
-        """Try at once."""
         self._node = node
         self._timer = node.create_timer(
             START_AGAIN, self._try, clock=Clock(clock_type=ClockType.STEADY_TIME))

@@ -151,7 +151,7 @@ class MotorOutputs:
 
     def publish_e_stop(self, engaged: bool) -> None:
         """Publish whether the e-stop is engaged, if that has changed."""
-        with self._telling:  # the loop and the executor both tell it
+        with self._telling:  # the loop and the executor both call this
             if engaged is not self._published:
                 self._published = engaged
                 self._e_stop.publish(Bool(data=engaged))

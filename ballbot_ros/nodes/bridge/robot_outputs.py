@@ -17,7 +17,7 @@ from ballbot_ros.ros.frames import FRAMES, Frames
 from ballbot_ros.ros.odometry import OdometryTopics
 
 BATTERY_PERIOD = 1.0  # [s]
-# How often the links are told where others publish odometry [Hz].
+# Rate of the link transforms where another node publishes odometry [Hz].
 LINK_RATE = 100.0
 
 
@@ -25,7 +25,6 @@ class Turns:
     """When something is due that is done at a rate, where the times to look do not fit it."""
 
     def __init__(self, period: float):
-        """Be due at once, then once a period [s]."""
         self._period, self._next = period, -math.inf
 
     def is_due(self, now: float) -> bool:
@@ -41,7 +40,7 @@ class Turns:
 
 class RobotOutputs:
     """
-    Publishes what a session knows of the robot besides its motor: odometry and battery.
+    Publishes odometry and battery state of a session.
 
     Parameters
     ----------
@@ -84,7 +83,7 @@ class RobotOutputs:
 def battery_message(stamp: float, battery: Battery, telemetry: Telemetry,
                     condition: Condition, frame: str = FRAMES.base) -> BatteryState:
     """
-    Return what is known of the battery; NaN where nobody knows, as the message asks for.
+    Return the battery state; NaN for unmeasured fields, as BatteryState specifies.
 
     Parameters
     ----------

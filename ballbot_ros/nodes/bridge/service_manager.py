@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What systemd is told of the bridge: ready, alive, stopping, and why the motor has no power.
+Notifications to systemd: ready, watchdog, stopping, and why the motor has no power.
 
-The protocol of sd_notify(3): a datagram of lines to the socket that the environment names.  A
-process that systemd did not start has no such socket, and nobody is told.
+The protocol is that of sd_notify(3): datagrams to the socket in the environment.  A process that
+systemd did not start has no such socket and sends nothing.
 """
 from contextlib import suppress
 import os
@@ -14,21 +14,21 @@ from typing import Mapping, Optional
 from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.session import Report, Session
 
-# So many signs of life in the time after which systemd takes the process for dead.
+# Watchdog messages per watchdog timeout of systemd.
 SIGNS = 4.0
 
 
 class ServiceManager:
     """
-    Tells the service manager how the bridge is.
+    Sends the state of the bridge to the service manager.
 
-    It is alive as long as both the executor, which calls `look`, and the loop, which calls
-    `beat`, go on: were a sign of life sent by one of them, the other could stand still unseen.
+    Watchdog messages require that both the executor, which calls `look`, and the loop, which
+    calls `beat`, are running, so a stall of either one is detected.
 
     Parameters
     ----------
     environment : mapping, optional
-        That of the process.
+        By default that of the process.
 
     """
 
@@ -51,7 +51,6 @@ class ServiceManager:
         self._tell('READY=1')
 
     def stopping(self) -> None:
-        """Say that the end has begun."""
         self._tell('STOPPING=1')
 
     def beat(self, _: Report) -> None:
@@ -63,7 +62,7 @@ class ServiceManager:
         if self._socket is None:
             return
         status = _status(session, loop)
-        # One that is not taken, for the queue is full, is told again.
+        # Retry a message that a full queue has rejected.
         if status != self._status and self._tell(f'STATUS={status}'):
             self._status = status
         now = time.monotonic()

@@ -115,7 +115,7 @@ class Controller(Node):
     def _watch(self) -> None:
         """Set the torque to 0 when no joint state comes any more."""
         if self._settings.lockstep_set_point_period:
-            return  # time stands still between states, for as long as somebody needs
+            return  # time is constant between states
         if self._watchdog.fed and self._watchdog.expired(time.monotonic()) and self._torque:
             self._command(0.0)
             self.get_logger().warning(

@@ -28,13 +28,13 @@ VALUES: Mapping[str, str] = {
     'set_up': 'times that the sensor was set up'}
 # How long the thread waits for bytes [s], and how long its end is waited for.
 PATIENCE, JOIN = 0.05, 2.0
-# Less than this part of the rate that was asked for is told.
+# Warn below this fraction of the requested rate.
 SLOW = 0.9
 
 
 class ImuOutput:
     """
-    Publishes `imu` from a source, until it is told to end.
+    Publishes `imu` from a source until it is stopped.
 
     Parameters
     ----------
@@ -42,22 +42,21 @@ class ImuOutput:
     source : ImuSource
     port : str
     rate : float
-        That the sensor was asked for [Hz].
+        Requested rate of the sensor [Hz].
     gyro_sd, force_sd : float
         Standard deviations, for the covariances [rad/s], [m/s2].
     frame : str
-        That the readings are told in.
+        Frame of the readings.
 
     Attributes
     ----------
     failure : Exception or None
-        What ended the thread, if nobody asked for its end.
+        The error that ended the thread.
 
     """
 
     def __init__(self, node: Node, source: ImuSource, port: str, rate: float, gyro_sd: float,
                  force_sd: float, frame: str = FRAMES.imu):
-        """Start at once."""
         self._frame = frame
         self._source, self._port, self._asked = source, port, rate
         self._clocks = Clocks()
@@ -71,7 +70,7 @@ class ImuOutput:
         self._thread.start()
 
     def tell(self, gyro_sd: float, force_sd: float) -> None:
-        """Tell other standard deviations from the next reading on [rad/s], [m/s2]."""
+        """Set the standard deviations of the following readings [rad/s], [m/s2]."""
         self._covariances = [[sd**2, 0.0, 0.0, 0.0, sd**2, 0.0, 0.0, 0.0, sd**2]
                              for sd in (gyro_sd, force_sd)]
 
@@ -86,7 +85,7 @@ class ImuOutput:
             while not self._ending.is_set():
                 for reading in self._source.read(PATIENCE):
                     self._publisher.publish(self._message(reading))
-        except Exception as error:  # noqa: BLE001 whatever it is, the owner must know it
+        except Exception as error:  # noqa: BLE001 the owner reports any failure
             self.failure = error
 
     def _message(self, reading: StampedReading) -> Imu:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Say when whoever follows set-points gets other gains than the plans are made for."""
+"""Warn when the follower of the set-points uses other gains than the planner assumes."""
 from typing import Set
 
 from rcl_interfaces.msg import ParameterEvent
@@ -36,7 +36,7 @@ class GainWatch:
             node, EVENTS, self.hear, ParameterEvent, qos_profile_parameter_events)
 
     def hear(self, event: ParameterEvent) -> None:
-        """Warn of a change of gains by somebody who follows the set-points."""
+        """Warn when a node that follows the set-points changes its gains."""
         changed = {one.name: parameter_value_to_python(one.value)
                    for one in event.changed_parameters
                    if one.name == 'tuning' or one.name.startswith('gains.')}

@@ -39,7 +39,6 @@ class GoalServers:
 
     def __init__(self, node: Node, decider: Callable[[], Decider], knowledge: Knowledge,
                  standstill: Standstill, waiting: bool):
-        """Serve at once."""
         self._node, self._decider, self._standstill = node, decider, standstill
         decider().goals.waiting, standstill.go_on = waiting, self.go_on
         self._knowledge = knowledge
@@ -103,7 +102,7 @@ class GoalServers:
             handle.publish_feedback(self._feedback(decider))
 
     def abort(self, why: str) -> None:
-        """End the goal at once, if there is one: the e-stop is engaged, or odometry is lost."""
+        """Abort the active goal, if any: the e-stop is engaged, or odometry is lost."""
         if self._running is not None:
             self._decider().goals.end()
             self._finish(GoalEnd(Ending.E_STOP if self._standstill.engaged else Ending.LOST, why))

@@ -14,7 +14,7 @@ from ballbot_ros.decision.learning.outcome_log import OutcomeLog
 from ballbot_ros.decision.learning.outcomes import Outcome
 from ballbot_ros.decision.learning.particles import Particles
 
-# So many of the newest outcomes are learned from at the start.
+# Number of latest outcomes that the start learns from.
 NEWEST = 100
 
 

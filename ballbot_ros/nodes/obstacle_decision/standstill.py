@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a node that gives set-points does about the e-stop: it stands until it is told to go on."""
+"""E-stop latch of a node that publishes set-points: it holds until ``~/resume`` is called."""
 from typing import Callable
 
 from rclpy.node import Node
@@ -10,9 +10,9 @@ from ballbot_ros.ros.endpoints import create_trigger, subscribe_e_stop
 
 class Standstill:
     """
-    Hears the e-stop, and offers the service ``~/resume``.
+    Latches the e-stop, and offers the service ``~/resume``.
 
-    A released e-stop permits motion and starts none: who releases it may stand beside the ball.
+    Releasing the e-stop permits motion but starts none: a person may stand beside the ball.
 
     Parameters
     ----------
@@ -23,16 +23,16 @@ class Standstill:
     Attributes
     ----------
     engaged : bool
-        The e-stop, as heard last.
+        Latest state of the e-stop.
     standing : bool
-        It is engaged, or nobody has asked to go on since.
+        The e-stop is engaged, or has been since the last resume.
     go_on : callable
-        Called by the service, too; returns whether that changed anything.
+        Also called by the service; returns whether the state changed.
 
     """
 
     def __init__(self, node: Node, stand: Callable[[], None]):
-        """Subscribe; as long as nobody publishes an e-stop there is none."""
+        """Subscribe; without a publisher the e-stop counts as released."""
         self._stand, self._logger = stand, node.get_logger()
         self.go_on: Callable[[], bool] = lambda: False
         self._service = f'{node.get_fully_qualified_name()}/resume'
@@ -42,7 +42,7 @@ class Standstill:
 
     @property
     def reason(self) -> str:
-        """Return why it stands, in words."""
+        """Return the reason of the standstill as text."""
         return 'standing: the e-stop is engaged' if self.engaged else (
             f'standing: the e-stop was engaged; to go on call {self._service}')
 

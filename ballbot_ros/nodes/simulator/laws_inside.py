@@ -42,7 +42,7 @@ def check_control(settings: SimulatorSettings) -> None:
 
 class LawsInside:
     """
-    The laws that a bridge runs on board, inside the simulator: each state is answered at once.
+    The on-board control laws of a bridge, inside the simulator, without latency.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class LawsInside:
 
     @property
     def values(self) -> Dict[str, object]:
-        """Return what is told on /diagnostics."""
+        """Return the values for /diagnostics."""
         now = self._controller.set_point
         return {'law': now.mode.value, 'set_value': f'{now.value:.4f}',
                 'e_stop': self._controller.e_stop}

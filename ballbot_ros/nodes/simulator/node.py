@@ -61,7 +61,7 @@ class Simulator(Node):
             create_trigger(self, f'~/{name}', do)
         create_service(self, Step, '~/step', self._on_step)
         self._interfaces = serve(self, self._plant, self._scheduler, settings)
-        # Only the clock authority ticks on wall time; a timer on its own time would wait for ever.
+        # The clock source needs a wall timer: a timer on its own clock would never fire.
         self._timer = self.create_timer(self._scheduler.interval, self._scheduler.tick,
                                         clock=Clock(clock_type=ClockType.STEADY_TIME))
 

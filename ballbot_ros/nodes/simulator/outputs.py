@@ -48,10 +48,9 @@ class Outputs:
     """
     Publishes the state of a plant.
 
-    /clock is published first, and with everything else, so that nothing is stamped later than the
-    receivers' clock, unless its rate says otherwise; joint_states is published last, because in
-    lockstep its answer ends the period.  What nobody subscribes to is not even made: who comes
-    later would not get it either.
+    /clock is published first and with every message, unless a lower rate is set, so that no stamp
+    is ahead of the receivers' clock; joint_states is published last, because in lockstep its
+    answer ends the period.  Messages without subscribers are not created.
 
     Parameters
     ----------
@@ -172,9 +171,9 @@ class Sensors:
 
     def prepare(self, settings: SimulatorSettings) -> Commit:
         """
-        Make sensors with these parameters; return what puts them in force.
+        Create sensors with these parameters; return a function that installs them.
 
-        A look that is held back keeps its place: only the time until it is told changes.
+        A delayed observation keeps its position: only its delay changes.
 
         Raises
         ------

@@ -31,7 +31,7 @@ CLOCK_TIMEOUT = 3.0  # without /clock, before a warning [s of wall time]
 
 class RunControl:
     """
-    Paused, stepping through so many control periods, or running without end.
+    Paused, stepping a number of control periods, or running.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class RunControl:
         self._left = None
 
     def step(self, periods: int) -> Future:
-        """Let so many periods run, then pause; the future holds whether all were run."""
+        """Run a number of periods, then pause; the future holds whether all completed."""
         self._end(False)
         self._left = periods
         self._done = Future()
@@ -350,7 +350,7 @@ class Scheduler:
         self._outputs.publish(everything)
 
     def _wait(self, now: float) -> None:
-        """Repeat a state that nobody answers, and warn when it lasts."""
+        """Repeat a state without an answer, and warn after the timeout."""
         if now - self._published >= REPEAT_PERIOD:
             self._published = now
             self._outputs.repeat()

@@ -71,7 +71,6 @@ class Interfaces:
     """
 
     def __init__(self, node: Node, plant: Plant, scheduler: Scheduler, frame: str):
-        """Serve at once."""
         self._plant, self._scheduler, self._frame = plant, scheduler, frame
         self._goal: Optional[Tuple[ServerGoalHandle, int]] = None
         for kind, name, act in (
@@ -196,7 +195,7 @@ class Interfaces:
         self._steps.finish(handle, _ended(SimulateSteps.Result(), bool(run.result())))
 
     def _look(self) -> None:
-        """Tell how far the goal has come, or end it where that is asked for."""
+        """Publish feedback of the goal, or end it on a cancel request."""
         if self._goal is None:
             return
         if self._goal[0].is_cancel_requested:
@@ -300,8 +299,8 @@ def entity_message(state: State, frame: str) -> Any:
     """
     Return the true state of the ball.
 
-    The ball rolls about the y axis, which points away from who sees +x to the right, so its
-    angles change sign.  Accelerations are NaN: nobody measures them.
+    With x forward and z up, y points to the left, so the angles change sign.
+    Accelerations are NaN: not measured.
     """
     from simulation_interfaces.msg import EntityState
     message = EntityState()
