@@ -139,16 +139,16 @@ line.stop()
 
 
 def test_a_planner_is_a_file_and_a_line(house):
-    house.copy('decision/planners/cubic.py', 'decision/planners/timid.py')
-    house.change('decision/planners/timid.py', (
-        r'        step = next', '        if profile.face:\n'
-        "            return stop(Reason.TOO_HIGH, 'I had rather not')\n        step = next"))
-    house.change('decision/planners/__init__.py', (r'import cubic,', 'import cubic, timid,'),
+    house.copy('decision/planning/cubic.py', 'decision/planning/timid.py')
+    house.change('decision/planning/timid.py', (
+        r'        step = next', '        if profile.faces:\n'
+        "            return stop(Reason.TOO_HIGH, 'No step is accepted')\n        step = next"))
+    house.change('decision/planning/planners.py', (r'import cubic', 'import cubic, timid'),
                  (r"\{\n    'cubic'", "{'timid': timid.planner, 'cubic'"))
     loop = house.folder / 'examples' / 'closed_loop.py'
     loop.write_text(loop.read_text().replace("planner='rollout'", "planner='timid'").replace(
         '12 * RATE', 'RATE // 10'), encoding='utf-8')
-    assert 'I had rather not' in house.run('examples/closed_loop.py')
+    assert 'No step is accepted' in house.run('examples/closed_loop.py')
 
 
 def test_the_documents_name_what_is_copied_and_where_the_line_goes():
