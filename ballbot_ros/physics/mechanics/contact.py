@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Where the ball touches the ground, and what all contacts do to it together.
+Contact detection, and the sum of the contact forces.
 
 The ball touches wherever the distance from its centre to the profile has a
 local minimum shorter than the radius: on each segment that holds the foot of the
@@ -11,12 +11,12 @@ higher than the radius is a wall, and a concave corner gives two contacts.
 Local *maxima* within reach (only concave vertices have them) count negatively.  A ball in
 a wall corner never reaches the vertex, so nothing changes there; but where a floor turns
 gently into a ramp, the two contacts merge into one at the vertex, and without the negative
-one a whole contact force would appear and vanish at once, with energy from nowhere.
-Friction acts at the minima only, where it can but take energy; a maximum takes its share
+one a whole contact force would appear or vanish within one step and violate energy balance.
+Friction acts at the minima only, where it always dissipates; a maximum takes its share
 from the coefficients of the two minima that it lies between, see `share_friction`.
 
-A *feature* of the ground is a number: 2 j for segment j, 2 j + 1 for the vertex at its end.  What
-each contact does is the `contact_law`.
+A *feature* of the ground is a number: 2 j for segment j, 2 j + 1 for the vertex at its end.  The
+force of each contact is in `contact_law`.
 """
 import math
 

@@ -29,7 +29,7 @@ def contact_holds(motion: Array, row: int, system: System, mode: ContactMode) ->
 
 @compiled
 def is_new(feature: int, x: float, y: float, system: System, mode: ContactMode) -> bool:
-    """Return whether the ball touches a feature that its mode does not know."""
+    """Return whether the ball touches a feature that is not in its mode."""
     return not in_contact(feature, mode) and touches(
         feature, feature_guard(feature, x, y, system.parameters.radius, system.ground),
         system.ground)

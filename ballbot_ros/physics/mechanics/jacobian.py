@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""
-The derivative of the equations of motion in a frozen mode, by hand.
+The analytical Jacobian of the equations of motion in a frozen mode.
 
-An implicit step needs to know how the rates change with the state.  Coordinates change the
-coordinates only through the velocities, and the flows of energy change nothing, so the
-interesting part is a table of four rows (the accelerations) and nine columns (four coordinates,
-four velocities, time).
+An implicit step needs the derivative of the rates with respect to the state.  The rates of the
+coordinates depend only on the velocities, and no rate depends on the energies, so the nontrivial
+part is a table of four rows (the accelerations) and nine columns (four coordinates, four
+velocities, time).
 
-Each contact adds loads that depend on place, velocity and spin of the ball.  With normal n,
+Each contact adds loads that depend on position, velocity and spin of the ball.  With normal n,
 tangent t, distance d from the centre, and curvature kappa (0 on a segment, 1/d on a vertex), a
 displacement dr turns the normal by ``kappa (t dr)``, and all else follows::
 
     d(v_n) = kappa v_t (t dr) + n dv        d(v_t) = -kappa v_n (t dr) + t dv
     dN = -(k - h v_n) (n dr) - (kd + h p) d(v_n)    d(slip) = d(v_t) + lever domega + omega (n dr)
 
-Where there is a CORNER, the share of friction that it takes from its neighbours depends on the
-place, too; that is left out, and `smooth_contacts` says whether the derivative is complete.
+At a CORNER, the share of friction that it takes from its neighbours also depends on the
+position; this term is omitted, and `smooth_contacts` returns whether the Jacobian is complete.
 """
 import numpy as np
 

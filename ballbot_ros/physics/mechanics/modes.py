@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The pieces that the contact law is made of, and where one piece ends.
+The smooth pieces (modes) of the contact law, and the events between them.
 
-The forces of eqs. (7)-(10) are smooth but for kinks: a contact begins or ends, the damper
-would pull, the slip passes the threshold of eq. (9), the motor reaches its limit.  A *mode*
-says for each of these on which side the state is.  Within a mode the forces are given by
-formulas without a single `max`, which can be continued beyond the end of the mode; that end
-is a zero of one of the *guards*, each positive inside.  An integrator that freezes the mode,
-finds the zero and starts anew there keeps its order through every kink.
+The forces of eqs. (7)-(10) are piecewise smooth: a contact begins or ends, the damper would
+pull, the slip passes the threshold of eq. (9), the motor reaches its limit.  A *mode* stores
+the side of the state for each of these conditions.  Within a mode the forces are smooth
+formulas without `max`, which extend beyond the end of the mode; that end is a zero of one of
+the *guards*, each positive inside.  An integrator that freezes the mode, locates the zero and
+restarts there keeps its order.
 """
 import math
 from typing import NamedTuple
@@ -112,7 +112,7 @@ def touches(feature: int, guard: float, ground: Array) -> bool:
 def features_within(x: float, reach: float, ground: Array) -> tuple[int, int]:
     """Return the first feature within `reach` of x, and the one after the last."""
     first = 2 * first_segment(ground, x - reach)
-    # The last segment goes on for ever and has no vertex at its end.
+    # The last segment is infinite and has no vertex at its end.
     return first, min(2 * first_segment(ground, x + reach) + 2, 2 * len(ground) - 3)
 
 

@@ -169,7 +169,7 @@ class Robot(Checked):
                      where)
 
     def __repr__(self) -> str:
-        """Return what people know it by; ``dataclasses.asdict`` has all numbers."""
+        """Return a short description; ``dataclasses.asdict`` has all parameters."""
         return (f'Robot({self.name!r}, {self.total_mass:g} kg, ball_radius='
                 f'{self.ball_radius:g} m)')
 
@@ -257,7 +257,7 @@ RobotLike = Union[Robot, str, Path]
 
 def load_robot(name_or_path: RobotLike) -> Robot:
     """
-    Read a robot that comes with the package, by name, or a file of one's own.
+    Read a robot of the package by name, or a custom file.
 
     A `Robot` is returned as it is.
 

@@ -29,7 +29,7 @@ class Terrain:
     A ground profile.
 
     The polyline runs towards +x and may have vertical faces but no overhangs.  Its first
-    and last segments go on for ever in their direction.
+    and last segments are infinite.
 
     Parameters
     ----------
@@ -136,13 +136,13 @@ class Terrain:
         Parameters
         ----------
         least_slope : float
-            Rise over run; what is less steep is a ramp.
+            Rise over run; a less steep segment is a ramp.
         least_height : float
-            [m]; what is lower is an unevenness.
+            [m]; a lower one is an unevenness.
         short : float
             A less steep segment within a face that is shorter belongs to it [m].
         endless : bool
-            Whether the ends of the ground, which go on for ever, may be faces.
+            Whether the infinite end segments may be faces.
 
         """
         run, rise = np.diff(self.vertices, axis=0).T

@@ -172,7 +172,7 @@ def _read_piece(piece: Any, where: str) -> tuple[Strides, float, float]:
 
 def _join(pieces: list[tuple[Strides, float, float]]) -> Terrain:
     """Return the terrain of pieces set end to end, with level ends where those are needed."""
-    # A level metre at either end, unless an end piece can itself go on for ever.
+    # Add a level metre at either end, unless the end segment can be infinite.
     level: tuple[Strides, float, float] = ([(1.0, 0.0)], math.nan, math.nan)
     lead = [] if len(pieces[0][0]) == 1 and pieces[0][0][0][0] > 0.0 else [level]
     tail = [] if len(pieces[-1][0]) == 1 and pieces[-1][0][0][0] > 0.0 else [level]

@@ -62,7 +62,7 @@ def _with_both_masses(robot: Robot, values: Mapping[str, Number]) -> Dict[str, N
 def rows_of_parameters(robot: Robot, values: Mapping[str, Array], number: int,
                        options: ContactOptions = ContactOptions()) -> Array:
     """
-    Return the `Parameters` of many robots at once, (number, 15): of `changed`, but unchecked.
+    Return the `Parameters` of many robots, (number, 15): those of `changed`, but unchecked.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a run can fail, in words; and the energy ledger that finds out nonsense that is finite."""
+"""Failure messages of a run, and the energy balance that detects finite but wrong states."""
 import math
 
 from ballbot_ros.errors import ConfigurationError, SimulationError
@@ -81,7 +81,7 @@ def worst_gap(states: Array, first: Energy, play: float, values: tuple[float, ..
 
 class Ledger:
     """
-    The energy of a run, to be looked at now and then.
+    The energy balance of a run, for periodic checks.
 
     Parameters
     ----------

@@ -36,31 +36,31 @@ from ballbot_ros.physics.solvers.controller import MEMORY
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.physics.solvers.values import FINISHED, Output, PAUSED, Status
 
-# Rows per call into compiled code: progress is reported, and Ctrl-C handled, in between. The run
-# is the same whatever their number.
+# Rows per call into compiled code: progress is reported, and Ctrl-C handled, in between. The
+# result does not depend on this number.
 CHUNK = 500
 
 # The tolerance is one of a step; over a crossing errors grow by one or two orders.
 FIRST_TOLERANCE = 1e-2  # times the accuracy, for the first, coarser run
 REFINEMENT = 0.03
-# Two runs may be wrong in the same way: they have to agree better than was asked for.
+# Two runs may have the same error: they have to agree better than the requested accuracy.
 SAFETY = 0.1
-# A tolerance is to resolve the slip at which friction sets in, and how deep the ball sinks in, by
-# so much: two runs that cannot see these are wrong alike, whatever their methods.  In a hard
-# contact the ball vibrates by less than it sinks in, which long implicit steps damp.
+# A tolerance resolves the slip threshold of friction and the penetration of the ball to these
+# fractions: runs that do not resolve them share an error, even with different methods.  In a hard
+# contact the ball vibrates by less than the penetration, which long implicit steps damp.
 RESOLVED_SLIP, RESOLVED_PENETRATION = 0.3, 0.2
-EARTH = 9.81  # [m/s2]: a ball without weight sinks in where it strikes
-# A run with a tolerance finer by `REFINEMENT` takes twice the work.  Where it takes so much more,
-# the tolerance is not what limits the steps: rounding is, or what the coarser run has missed.
-# Then a still finer one has to agree, too.
+EARTH = 9.81  # [m/s2]: without weight, penetration results from impacts
+# A run with a tolerance finer by `REFINEMENT` takes twice the work.  Above this ratio the steps
+# are limited by rounding or by events that the coarser run has missed, not by the tolerance.
+# Then a third, finer run has to agree, too.
 RUNAWAY = 5
-# Work of the run that confirms, over that of the one to be confirmed.
+# Maximum work of the confirming run, relative to the confirmed one.
 CONFIRMING_WORK = 10
-# Below this, rounding is what is left [m].
+# Below this tolerance rounding errors dominate [m].
 FINEST_TOLERANCE = 1e-14
 
-# Largest error of fixed steps, over the radius or the path, whichever is more.  They promise no
-# accuracy; but beyond this the run is of another motion.
+# Maximum error of fixed-step runs, relative to the larger of radius and path.  Fixed steps have no
+# error control; beyond this bound the result is a different motion.
 STEP_BOUND = 0.08
 CHECK = 0.1        # of that: the accuracy of the run that they are compared with
 LEAST_WORK = 20_000  # right-hand sides for that run, where the other one took fewer
@@ -80,7 +80,7 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
     ----------
     model : Model
     start : State
-        Its time counts on.
+        The run continues its time.
     actuation : Actuation
         Held for the whole run.
     duration : float
@@ -88,24 +88,24 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
     output_step : float
         Time between samples [s]; a whole number of solver steps, where these are fixed.
     accuracy : float, optional
-        Largest error of the position of the centre at any sample [m]; of the solver of the model
-        only `models` and its work budget, for each run, are used then.  By default the solver of
-        the model is used as it is; `ACCURACY` holds for a model that has none.
+        Maximum error of the position of the centre at any sample [m]; then only `models` and the
+        work budget of the model's solver apply, to each run.  By default the solver of the model
+        is used unchanged; `ACCURACY` applies to a model without a solver.
     progress : callable, optional
-        Called now and then with the simulated time since the start [s].  May raise
+        Called periodically with the simulated time since the start [s].  May raise
         KeyboardInterrupt to end the run early.
 
     Returns
     -------
     Trajectory
         The start is its first sample.  After a KeyboardInterrupt it ends early.  With an accuracy
-        its ``assurance`` states what was reached, and its ``effort`` counts all runs.
+        its ``assurance`` has the reached accuracy, and its ``effort`` counts all runs.
 
     Raises
     ------
     SimulationError
-        If the run cannot go on, or if fixed steps were too long to be right; its attribute
-        ``trajectory`` holds what there is.
+        If the run fails, or if fixed steps were too long; its attribute ``trajectory`` holds the
+        samples until then.
     ConfigurationError
         If steps and durations do not fit together, or the accuracy is out of range.
 

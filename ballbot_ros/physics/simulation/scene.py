@@ -152,16 +152,16 @@ def load_scene(name_or_path: Union[str, Path, Scene],
                robot: Union[str, Path, Robot, None] = None,
                solver: Optional[Solver] = None) -> Scene:
     """
-    Read a scene that comes with the package, by name, or a file of one's own.
+    Read a scene of the package by name, or a custom file.
 
     Parameters
     ----------
     name_or_path : str or Path
-        A `Scene`, too, which is taken as it is.
+        A `Scene` is returned unchanged.
     robot : str, Path or Robot, optional
-        Name or file of a robot to put in place of the scene's, or the robot itself.
+        Replaces the robot of the scene: name, file, or the robot itself.
     solver : Solver, optional
-        To use instead of the scene's, and of an accuracy that it asks for.
+        Replaces the solver, or the accuracy, of the scene.
 
     Raises
     ------

@@ -13,15 +13,15 @@ ACCURACY, SMALLEST, LARGEST = 1e-5, 1e-9, 0.1
 @dataclass(frozen=True, repr=False)
 class Solver(Checked):
     """
-    Which integrator, and how finely.
+    Integrator and its step sizes or tolerance.
 
-    ``semi_implicit`` and ``rk4`` take steps of one length.
+    ``semi_implicit`` and ``rk4`` are fixed-step methods.
 
-    ``adaptive`` chooses its steps by their estimated local error and meets every kink of the
-    contact law; it takes explicit and L-stable implicit steps, whichever are cheaper, and
-    ``explicit`` and ``implicit`` are the same with one of the two alone; see `solvers.integrate`.
+    ``adaptive`` controls its steps by their estimated local error and locates every event of the
+    contact law; it switches between explicit and L-stable implicit steps by cost, and
+    ``explicit`` and ``implicit`` use one of the two alone; see `solvers.integrate`.
 
-    ``trapezoidal`` is the rule of the paper, with a largest step; see `solvers.trapezoidal`.
+    ``trapezoidal`` is the rule of the paper, with a maximum step; see `solvers.trapezoidal`.
     """
 
     method: str = text('integrator', default='rk4', choices=METHODS)

@@ -79,7 +79,7 @@ class Effort(NamedTuple):
 
 
 class Assurance(NamedTuple):
-    """What is known about the error of a run."""
+    """Error bound of a run, and its basis."""
 
     accuracy: float  # asked for [m]
     estimate: float  # of the largest error of position up to the horizon [m]

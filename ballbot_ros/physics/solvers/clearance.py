@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-How long a ball in the air touches nothing: a bound that no touch, however short, gets past.
+Conservative time to contact of a ball in the air: a bound that no contact precedes.
 
 The distance of a point to a segment is convex along a straight line, and the
 centre leaves the straight line by at most A t^2 / 2, where A bounds its acceleration.  So for
 each segment ``gap + gap' h - A h^2 / 2 <= 0`` gives a time h before which there is no touch, and
-the least h of all segments may be stepped over.  Repeated, this converges on the first touch
-quadratically, and cannot pass it.
+the least h of all segments is a safe step.  Repeated, this converges quadratically to the first
+contact, and cannot pass it.
 
-A ball that is let go still overlaps the ground: gap < 0.  Its speed away stays above gap' - A h,
+A ball at release still overlaps the ground: gap < 0.  Its speed away stays above gap' - A h,
 so with ``gap'^2 > -2 A gap`` it has left before it comes back, and all the while the force of
 spring and damper, k (-gap) - d gap', stays below a parabola that opens upwards and is not above
 zero at either end.  Then the later root is the time h.
@@ -35,14 +35,14 @@ NO_TOUCH = 2.0      # for theta, which is 0 to 1 within the step
 def clear_time(x: float, y: float, velocity_x: float, velocity_y: float, bend: float,
                reach: float, radius: float, ground: Array) -> float:
     """
-    Return a time before which nothing pushes a ball that is let go [s].
+    Return a time before which no contact force acts on a released ball [s].
 
     Parameters
     ----------
     bend : float
         Bound of the acceleration of the centre [m/s2], above 0.
     reach : float
-        Segments that lie further from x than this are not looked at [m].
+        Segments farther from x than this are ignored [m].
 
     """
     least = math.inf

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-How long the next step is, and with which of two methods: a value that each rule returns anew.
+Step size control and choice of the method, as an immutable value.
 
-Two methods of order 5 take turns.  The explicit one is the cheaper by far while accuracy limits
-the step; where it is stability that does, because friction or a contact is stiff, an implicit,
-L-stable one takes longer steps.  Which of the two is the case shows in the steps themselves: a
-piece with a contact begins with implicit steps, which know from their Jacobian whether they are
-worth it; and the last stages of the explicit method say when it is at its limit, and then a step
-of the other is tried now and then.
+Two methods of order 5 alternate.  The explicit one is much cheaper while accuracy limits the
+step; where stability limits it, because friction or a contact is stiff, an L-stable implicit one
+takes longer steps.  The steps themselves detect stiffness: a mode with a contact begins with
+implicit steps, whose Jacobian shows whether they pay off; the last stages of the explicit method
+show when it is at its stability limit, and then an occasional implicit step is tried.
 """
 import math
 
@@ -23,9 +22,9 @@ from ballbot_ros.physics.solvers.values import (
     AUTOMATIC, IMPLICIT, Options, SMALLEST_STEP, StepController)
 
 FIRST_STEP = 1e-4       # [s]
-LONGEST_STEP = 0.25     # [s]: a motion that begins from nothing is not overlooked ...
-CALM_GROWTH = 1.5       # ... nor later, when steps are longer: each may be by so much
-LARGEST_DISTANCE = 0.25  # of the radius per step, more on an empty floor: no feature overlooked
+LONGEST_STEP = 0.25     # [s]: does not skip a motion that starts from rest ...
+CALM_GROWTH = 1.5       # ... nor later: growth limit of steps longer than that
+LARGEST_DISTANCE = 0.25  # of the radius per step, more on empty ground: skips no feature
 FAR = 1e6               # radii: on an endless floor
 
 CONTACT_STEP = 1.0      # of the time a contact lasts, over 2 pi: the first step after an event
@@ -40,7 +39,7 @@ STEADY = 1.0            # of that: it grows no further, for then it would be rej
 SUSPICION = 8           # of a step at that limit; the half of it, of a step half as long
 IMPLICIT_COST = 1.4     # explicit steps that an implicit one costs; with 0.5 runs took 3 % less
                         # time, and three more of 200,011 extreme ones were wrong
-FIRST_PATIENCE, LAST_PATIENCE = 16, 256  # suspicion after which an implicit step is tried
+FIRST_PATIENCE, LAST_PATIENCE = 16, 256  # stiffness count that triggers an implicit step
 BITS_OF_ONE = 0x3FF0000000000000  # as a whole number, the floating-point number 1
 
 
@@ -112,7 +111,7 @@ def shortened(step: float, state: Array, distance: float, count: int, parameters
 @compiled
 def started(controller: StepController, count: int, method: int,
             parameters: Parameters) -> StepController:
-    """Return the controller where a run begins with so many contacts, goes on, or lands."""
+    """Return the controller at a start, on resuming, or on landing, for `count` contacts."""
     if controller.step > 0.0:
         longest = contact_step(parameters) if count > 0 else math.inf
         return with_step(controller, min(controller.step, longest))
@@ -139,9 +138,10 @@ def with_step(now: StepController, step: float) -> StepController:
 @compiled
 def stiffness_seen(now: StepController, stiffness: float) -> StepController:
     """
-    Return the controller after an explicit step that was so much of the longest stable one.
+    Return the controller after an explicit step.
 
-    What is stiff shakes the estimated error, too, and may hold the steps well below the limit.
+    `stiffness` is the step over the longest stable one.  Stiffness disturbs the estimated error,
+    too, and may keep the steps well below the limit.
     """
     suspicion = SUSPICION if stiffness > AT_LIMIT else 0
     if 0.0 < stiffness <= AT_LIMIT:  # a number, that is
@@ -202,10 +202,10 @@ def shortest(now: StepController, smallest: float) -> StepController:
 @compiled
 def unavoidable(used: float, smallest: float, implicit: bool, error: float) -> bool:
     """
-    Return whether a step [s] is to be taken although it is not accurate: no shorter one can be.
+    Return whether to accept a step [s] of insufficient accuracy, as no shorter one is possible.
 
-    A ball that is struck slips through its threshold in less than time can be told apart. An
-    L-stable step leads to what comes of it; the error is that of an instant.
+    After an impact the slip passes its threshold in less than the resolution of time.  An
+    L-stable step reaches the state after it; the error is that of an instant.
     """
     return implicit and used <= smallest and error < math.inf
 
@@ -266,10 +266,10 @@ def accepted(now: StepController, used: float, error: float, implicit: bool, sti
 def after_event(now: StepController, used: float, count: int, method: int,
                 parameters: Parameters) -> StepController:
     """
-    Return the controller at the begin of a mode with so many contacts.
+    Return the controller at the start of a mode with `count` contacts.
 
-    The step that met the event [s] says something of the next one only where that is no longer:
-    a contact that begins changes everything within the time that it lasts.
+    The step that ended at the event [s] is only an upper bound of the next one: a new contact
+    changes the motion within the contact duration.
     """
     step = min(now.step, LONGEST_STEP)
     if count > 0:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The state within a step, the energy ledger along it, and rows of a trajectory.
+Dense output of a step, the energy balance along it, and rows of a trajectory.
 
-What goes to dampers, frictions and motor changes nothing in the motion, so a step is one of the
-motion alone.  Who asks for the ledger gets it as the integral of these flows along the dense
-output, by the formula of Gauss and Legendre with four nodes.
+The energies of dampers, frictions and motor do not affect the motion, so a step integrates the
+motion alone.  The optional energy balance is the integral of these flows along the dense output,
+by Gauss-Legendre quadrature with four nodes.
 """
 import numpy as np
 

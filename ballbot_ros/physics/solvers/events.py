@@ -24,9 +24,9 @@ NO_EVENT = 2.0        # for theta, which is 0 to 1 within the step
 INSIDE = 1e-300       # for a guard that is zero by rounding
 FALSI_ALONE, MOST_TURNS = 10, 100  # of the search for an event: before it halves, and in all
 
-CHATTER = 1e-9        # [s] between events that rounding makes
-PATIENCE = 20         # such events in a row, then ever longer steps over them
-SOON, CROWD = 0.1, 3  # of the step; so many events in a row that soon, then shorter steps
+CHATTER = 1e-9        # [s]: maximum time between events caused by rounding
+PATIENCE = 20         # number of such events before steps skip them, with growing length
+SOON, CROWD = 0.1, 3  # of the step; number of events within it before steps shorten
 STUCK = 1000          # events, or smallest steps, in a row without any time between them
 
 

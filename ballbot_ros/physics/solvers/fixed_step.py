@@ -18,9 +18,9 @@ from ballbot_ros.physics.solvers.values import (
 def stretches(status: Status, end: float, options: Options,
               output: Output) -> tuple[float, int, int]:
     """
-    Return when a run began, how many stretches it has, and the steps of each.
+    Return the start time of a run, its number of intervals, and the steps of each.
 
-    A row of the output ends each stretch; without output there is one stretch.
+    A row of the output ends each interval; without output there is one interval.
     """
     if len(output.rows) == 0:
         return status.time, 1, int(math.floor((end - status.time) / options.step + 0.5))

@@ -52,10 +52,10 @@ def too_small(error: float, method: int, mode: ContactMode) -> int:
 def skips_transient(used: float, smallest: float, tolerance: float, parameters: Parameters,
                      workspace: Workspace) -> bool:
     """
-    Return whether an implicit step [s] in which an event lies is to be made again, much shorter.
+    Return whether to repeat an implicit step [s] that contains an event with a shorter step.
 
-    L-stable steps may pass what dies out at once, and end where they should; then the dense output
-    does not begin with the rates of the start, and an event is not where it says.
+    L-stable steps may skip a fast transient and still end correctly; then the dense output does
+    not start with the initial rates, and its event times are wrong.
     """
     work, statistics = workspace.work, workspace.statistics
     for i in range(MOTION):
@@ -168,7 +168,7 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
         filled = write_rows(
             output, filled, time, used, reached + smallest, system.actuator, workspace)
         ready = write_end(theta, state, implicit, workspace, options.ledger)
-        if rate.crowded > CROWD:  # a long step is not accurate enough to tell events apart
+        if rate.crowded > CROWD:  # a long step does not resolve the events
             controller = with_step(controller, 0.5 * used)
         outcome = outcome_of(rate, state, ground)
         time = end if end - reached < smallest else reached

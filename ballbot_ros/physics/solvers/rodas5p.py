@@ -96,7 +96,7 @@ def begin_stage(stage: int, per_size: float, work: Array) -> None:
 
     """
     end, start, right, stages = rows.END, rows.START, rows.RIGHT, rows.STAGES
-    # A branch for each stage, so that a compiler knows factors and number of rows of each sum.
+    # One branch per stage makes factors and row counts compile-time constants.
     if stage == 1:
         sum_rows(work, end, start, 1.0, STARTS, 1 * OWN_START, stages, 1)
         sum_rows(work, right, rows.ZERO, per_size, COUPLINGS, 1 * COUPLED, stages, 1)

@@ -67,7 +67,7 @@ if COMPILED:
     from numba.core import cgutils
     from numba.extending import intrinsic
 
-    HALF = 4  # numbers that a processor adds at once
+    HALF = 4  # numbers per SIMD operation
     VECTOR = ir.VectorType(ir.DoubleType(), HALF)
     ONCE = ('contract',)  # a product that is added may be rounded once
 
@@ -82,8 +82,7 @@ if COMPILED:
         """
         Write the sums as vectors, first the coordinates, then the velocities.
 
-        A compiler leaves them as single numbers, since for all it knows the result lies within
-        what is summed up.
+        The compiler would not vectorize them, because the result may alias the summands.
         """
         work, out, start, scale, factors, first, rows, count = arguments
         data = context.make_array(signature.args[0])(context, builder, work).data

@@ -87,10 +87,10 @@ def fly_to_touch(time: float, state: Array, end: float, system: System, output: 
     Returns
     -------
     time : float
-        Reached [s]; as it was where the motor might come to its limit, or where the ball might
-        be pushed at once.
+        Reached time [s]; unchanged where the motor might reach its limit, or where a contact
+        force might act immediately.
     filled : int
-        Rows that are filled now.
+        Number of filled rows.
 
     """
     parameters, actuator, later = system.parameters, system.actuator, workspace.probe

@@ -19,13 +19,13 @@ FINISHED, NOT_FINITE, PENETRATED, STEP_TOO_SMALL, BUDGET_EXCEEDED, PAUSED = rang
 # closed form, and the right-hand sides that the search among many features of the ground costs.
 STEPS, REJECTED, EVENTS, EVALUATIONS, FLIGHTS, SEARCH = range(6)
 
-# Which of the two methods of `integrate`: whichever is quicker, or always the same.
+# The method of `integrate`: automatic choice by cost, or always the same.
 AUTOMATIC, EXPLICIT, IMPLICIT = range(3)
 
 SMALLEST_STEP = 1e-14  # [s], relative to times above 1 s
-STAGES = 4  # most that a method with steps of one length needs
+STAGES = 4  # maximum of the fixed-step methods
 
-# What is known where a step begins: nothing, the rates F0, or these and the Jacobian.
+# Content of the workspace at the start of a step: nothing, the rates F0, or F0 and the Jacobian.
 NOTHING, RATES, JACOBIAN = range(3)
 
 
@@ -33,7 +33,7 @@ class Options(NamedTuple):
     """How to solve."""
 
     tolerance: float  # local error of a step, see `controller.error_length` [m]
-    step: float  # of a method with steps of one length; the longest of `trapezoidal` [s]
+    step: float  # of a fixed-step method; maximum step of `trapezoidal` [s]
     method: int = AUTOMATIC
     budget: int = 2**62  # of right-hand sides, counted in the statistics
     flight: bool = False  # whether to fly in closed form
@@ -46,22 +46,22 @@ class Output(NamedTuple):
     rows: Array  # (n, 15)
     begin: float  # [s]
     interval: float  # [s]
-    pause: int = 2**62  # so many filled rows interrupt the run: PAUSED
+    pause: int = 2**62  # number of filled rows after which the run returns PAUSED
 
 
 class StepController(NamedTuple):
-    """What the steps so far say of the next one; see `controller`."""
+    """State of the step size control; see `controller`."""
 
     step: float = 0.0  # to try next [s]; 0 to choose
     implicit: bool = False  # whether steps are implicit
-    on_trial: bool = False  # whether the next one is, to see whether that pays
-    explicit_step: float = 0.0  # to go back to, if it does not [s]
-    stiff_steps: int = 0  # suspicion, see `controller`, that steps are stiff, since the last trial
-    patience: int = 0  # so much of it before the next trial
+    on_trial: bool = False  # whether the next step is an implicit trial step
+    explicit_step: float = 0.0  # step size to return to after a failed trial [s]
+    stiff_steps: int = 0  # stiffness count since the last trial, see `controller`
+    patience: int = 0  # stiffness count that triggers the next trial
 
 
 class EventRate(NamedTuple):
-    """How quickly events have followed each other, so many in a row; see `events`."""
+    """Numbers of events in quick succession; see `events`."""
 
     chattering: int = 0  # within CHATTER
     crowded: int = 0  # within SOON of a step
@@ -69,9 +69,9 @@ class EventRate(NamedTuple):
 
 
 class Status(NamedTuple):
-    """Where a run is, and all that it needs to go on as if it had not been interrupted."""
+    """State of a run, from which it continues with identical results."""
 
-    outcome: int  # FINISHED, PAUSED, or why it cannot go on
+    outcome: int  # FINISHED, PAUSED, or the failure
     time: float  # reached [s]
     filled: int = 0  # rows of the output
     controller: StepController = StepController()
@@ -130,7 +130,7 @@ class Workspace(NamedTuple):
 
     @classmethod
     def of(cls, vertices: int) -> 'Workspace':
-        """Return the workspace for a ground with so many vertices."""
+        """Return the workspace for a terrain with a number of vertices."""
         work = np.zeros(rows.ROWS)
         # In Python: a kernel must not return arrays, see `compiled`.
         rates, y_new, error, dense, probe = in_python(views)(work)

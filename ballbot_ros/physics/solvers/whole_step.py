@@ -105,7 +105,7 @@ def pressed_throughout(work: Array, row: int, normal: tuple[float, float, float]
     force = combined(-parameters.stiffness, away, -parameters.damping, closing)
     force_left = parameters.stiffness * (parameters.radius - beyond) + least(force) - (
         parameters.damping * (shorter * fastest + turned * quickest))
-    if parameters.dissipation > 0.0:  # N = k p - (kd + h p) v_n: p and v_n are at most so much
+    if parameters.dissipation > 0.0:  # N = k p - (kd + h p) v_n with bounds of p and v_n
         force_left -= parameters.dissipation * max(parameters.radius - nearest, 0.0) * max(
             most(closing) + shorter * fastest + turned * quickest, 0.0)
     if not (farthest + beyond < parameters.radius and force_left > 0.0):
@@ -166,9 +166,10 @@ def place(vertex: int, segment: int, ground: Array) -> float:
 @compiled
 def reach_of(vertex: int, behind: int, system: System, mode: ContactMode) -> float:
     """
-    Return how far before it a vertex may touch a ball that rolls towards it [m].
+    Return how far before a vertex an approaching ball may touch it [m].
 
-    A concave one may as soon as the segment behind it does, where nobody else looks at that.
+    A concave vertex may touch as early as the segment behind it, where no other check covers
+    that segment.
     """
     if system.ground[vertex, TURN] > 0.0 and covered_by_active_contact(behind, system, mode):
         return system.parameters.radius
