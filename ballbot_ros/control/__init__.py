@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Control of the pendulum: laws with limits, their stability, and freshness; no ROS.
+Control of the pendulum: laws with limits, their stability, and watchdogs; no ROS.
 
-The torque that holds the pendulum level, from what an encoder and an estimate of the shell say:
+The torque that holds the pendulum level, from joint angles and rates:
 
     >>> from ballbot_ros.physics import load_robot
     >>> gimball, gains = load_robot('gimball'), load_tuning('published')
@@ -11,7 +11,7 @@ The torque that holds the pendulum level, from what an encoder and an estimate o
     >>> controller.torque(JointReadings(0.0, 0.0, 0.0, 0.0, 0.0)) == gains.torque_limit
     True
 
-A loop that samples too rarely diverges, and is refused with the rate that works:
+A loop with too low a sampling rate diverges; `check_loop` refuses it and names a stable rate:
 
     >>> 200.0 < lowest_stable_rate(gimball, gains, Mode.HOLD) < 300.0
     True

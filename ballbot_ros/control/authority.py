@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One sender at a time commands, so that two cannot pull the robot to and fro."""
+"""One sender at a time commands, so that two senders cannot alternate."""
 import math
 from typing import Optional
 
@@ -8,23 +8,23 @@ from ballbot_ros.errors import ConfigurationError, MessageError
 
 class Authority:
     """
-    Whose commands are followed: those of the first, until it has been silent for long enough.
+    Accepts the commands of one sender: the first, until it times out.
 
     All times are of one clock and passed in.
 
     Parameters
     ----------
     timeout : float
-        Silence of the one in authority after which another may have it [s].
+        Time without a command of the holder after which another sender may take over [s].
 
     Attributes
     ----------
     holder : str or None
         The sender in authority, None before there was one and after `clear`.
     refused : int
-        Messages of others.
+        Number of messages from other senders.
     contest : str
-        Who commands beside whom, when that was last so; see `contested`.
+        The refused sender and the holder at the last refusal; see `contested`.
 
     Raises
     ------
@@ -34,7 +34,6 @@ class Authority:
     """
 
     def __init__(self, timeout: float):
-        """Let whoever comes first command."""
         if not (math.isfinite(timeout) and timeout > 0.0):
             raise ConfigurationError(
                 f'timeout of an authority must be above 0 s and finite, got {timeout!r}')
@@ -46,19 +45,19 @@ class Authority:
 
     def check(self, sender: str, now: float) -> None:
         """
-        Take note of a message.
+        Register a message.
 
         Parameters
         ----------
         sender : str
-            Who sent it, in words; empty where that is not known yet, which gives no authority.
+            Name of the sender; an empty name (not discovered yet) gives no authority.
         now : float
-            When it came [s].
+            Time of arrival [s].
 
         Raises
         ------
         MessageError
-            With reason ``other_sender`` if another is in authority; it is counted.
+            With reason ``other_sender`` if another sender holds authority; `refused` counts it.
 
         """
         if sender != self.holder and 0.0 <= now - self._last <= self._timeout:
@@ -72,9 +71,9 @@ class Authority:
             self.holder, self._last = sender, now
 
     def contested(self, now: float, lately: float = 1.0) -> bool:
-        """Return whether one was refused within the last seconds."""
+        """Return whether a message was refused within the last `lately` seconds."""
         return now - self._contested_at <= lately
 
     def clear(self) -> None:
-        """Let whoever comes next command."""
+        """Give authority to the next sender."""
         self.holder, self._last = None, -math.inf

@@ -20,11 +20,11 @@ def checked_controller(robot: Robot, tuning: ControlTuning, rate: float, delay: 
     robot : Robot
     tuning : ControlTuning
     rate : float
-        At which it will run [Hz].
+        Of the controller [Hz].
     delay : float
-        Samples from a joint state to the torque that answers it.
+        Samples from a joint state to its torque.
     expected : Supervision
-        Whose `lowest_rate` is found here.
+        This function computes its `lowest_rate`.
 
     Raises
     ------
@@ -42,9 +42,9 @@ def checked_controller(robot: Robot, tuning: ControlTuning, rate: float, delay: 
 
 def checked_rate(robot: Robot, tuning: ControlTuning, rate: float, delay: float) -> float:
     """
-    Return the lowest rate at which gains are stable, if they are at the one given [Hz].
+    Return the lowest rate at which the loop is stable, if it is stable at `rate` [Hz].
 
-    Parameters, and what is raised, as in `checked_controller`.
+    Parameters and errors as in `checked_controller`.
     """
     for law in CLOSED:
         check_loop(robot, tuning, law, rate, delay)
@@ -52,7 +52,7 @@ def checked_rate(robot: Robot, tuning: ControlTuning, rate: float, delay: float)
 
 
 def warm_up(robot: Robot) -> None:
-    """Run each law once, so that a loop does not wait for its compilation; needs a pendulum."""
+    """Run each law once to compile its kernels before the loop starts; needs a pendulum."""
     for mode in Mode:
         controller = PendulumController(robot, ControlTuning())
         for number in range(1, 4):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which command the motor follows: the newest fresh one, or none."""
+"""Selects the command that the motor follows: the latest fresh one, or none."""
 from collections import Counter
 import math
 from typing import Optional
@@ -13,15 +13,15 @@ SKEW = 0.05
 
 class CommandGate:
     """
-    Takes torque commands, refuses bad ones with a reason, and forgets old ones.
+    Accepts torque commands, refuses invalid ones with a reason, and drops expired ones.
 
     All times are of one clock and passed in.
 
     Parameters
     ----------
     timeout : float
-        A command older than this is not followed any more [s]; one that is stamped ahead of the
-        clock here counts from when it came.
+        Age at which a command expires [s]; the age of a command stamped in the future counts
+        from its arrival.
 
     Attributes
     ----------
@@ -32,7 +32,6 @@ class CommandGate:
     """
 
     def __init__(self, timeout: float):
-        """Start without a command."""
         if not (timeout > 0.0 and math.isfinite(timeout)):
             raise ConfigurationError(
                 f'command_timeout must be above 0 s and finite, got {timeout!r}')
@@ -40,7 +39,7 @@ class CommandGate:
         self.accepted = 0
         self.refused: Counter[str] = Counter()
         self.stamp: Optional[float] = None
-        self._since = 0.0  # when it came, or what it answers where that is earlier
+        self._since = 0.0  # arrival, or the stamp where that is earlier
         self._torque = 0.0
 
     def offer(self, torque: float, stamp: float, now: float) -> None:
@@ -52,7 +51,7 @@ class CommandGate:
         torque : float
             [N m]
         stamp : float
-            Of the state that it answers [s].
+            Of the joint state from which it was computed [s].
         now : float
             [s]
 
@@ -60,7 +59,7 @@ class CommandGate:
         ------
         MessageError
             With reason ``not_finite``, ``stale``, ``from_the_future`` or ``out_of_order``;
-            it is counted, and the command in force stays.
+            `refused` counts it, and the command in force stays.
 
         """
         try:
@@ -72,7 +71,7 @@ class CommandGate:
         self.stamp, self._since, self._torque = stamp, min(stamp, now), torque
 
     def refuse(self, reason: str) -> None:
-        """Count a command that did not even get here."""
+        """Count a command that the caller refused."""
         self.refused[reason] += 1
 
     def _check(self, torque: float, stamp: float, now: float) -> None:
@@ -98,9 +97,9 @@ class CommandGate:
         return 0.0 if self.stamp is None or self.expired(now) else self._torque
 
     def expired(self, now: float) -> bool:
-        """Return whether there was a command and it has become too old."""
+        """Return whether the last command has expired."""
         return self.stamp is not None and now - self._since > self.timeout
 
     def clear(self) -> None:
-        """Forget the command in force; the counts stay."""
+        """Drop the command in force; the counts stay."""
         self.stamp, self._torque = None, 0.0

@@ -14,9 +14,9 @@ from ballbot_ros.physics.mechanics.laws import limited, position_torque, velocit
 from ballbot_ros.physics.model.robot import Robot
 
 
-# Other gains take over from the torque in force within this time at least [s].
+# Shortest blend time after a change of gains [s].
 RETUNING = 0.2
-# Where readings were missing for so long, the speed law starts anew [s].
+# After a longer gap between readings the speed law restarts [s].
 LONGEST_STEP = 0.5
 
 
@@ -32,10 +32,11 @@ class PendulumController:
     periodically, does not restart it.  While the torque is limited the integral only moves
     in the direction that leaves the limit; where it is not limited the law is untouched.
 
-    What the speed law has learnt of the ground outlasts another set speed, but no other mode.
+    The resistance estimate of the speed law survives a change of the set speed, but not a change
+    of the mode.
 
-    Another law takes over without a jump: it starts from the torque in force, and what that
-    differs by from its own torque fades linearly over `blend_time` of the tuning.
+    A change of the law is bumpless: the difference between the torque in force and that of the
+    new law fades linearly over `blend_time` of the tuning.
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ class PendulumController:
     Attributes
     ----------
     excess : float
-        What the torque limit has cut off the last answer [N m].
+        Torque that the limit cut off the last output [N m].
 
     Raises
     ------
@@ -56,7 +57,6 @@ class PendulumController:
     """
 
     def __init__(self, robot: Robot, tuning: ControlTuning):
-        """Start idle."""
         require_pendulum(robot)
         self._robot = robot
         self._use(tuning)
@@ -69,9 +69,9 @@ class PendulumController:
 
     def retune(self, tuning: ControlTuning) -> None:
         """
-        Go on with other gains, without a jump: they take over as another law does.
+        Change the gains without a jump of the torque, as a change of the law.
 
-        Set-point, integral and what was learnt of the ground stay.
+        Set-point, integral and resistance estimate stay.
         """
         self._use(tuning)
         self._fade = max(tuning.blend_time, RETUNING)
@@ -79,9 +79,9 @@ class PendulumController:
 
     def take_over(self) -> None:
         """
-        Go on from no torque, without a jump: somebody else held the motor at zero.
+        Continue from zero torque without a jump, after another component held the motor at zero.
 
-        Set-point and what was learnt of the ground stay; the integral starts at the next reading.
+        Set-point and resistance estimate stay; the integral restarts at the next reading.
         """
         self._restart_integral()
         self._torque = self.excess = 0.0
@@ -92,16 +92,16 @@ class PendulumController:
         self._tuning = tuning
         self._gravity_torque = (
             self._robot.largest_gravity_torque if tuning.gravity_compensation else 0.0)
-        # The speed law as its kernels read it, made when it is first asked for.
+        # The speed law as its kernels read it, made at the first use.
         self._numbers: Optional[Numbers] = None
 
     def reset(self) -> None:
-        """Forget set-point, readings and integral: idle, for a stop or a jump of time."""
+        """Drop set-point, readings and integral: idle, for a stop or a jump of time."""
         self._set_point = SetPoint(Mode.IDLE, stamp=-1e300)
         self._last: Optional[JointReadings] = None
         self._torque = self.excess = 0.0
         self._taking_over = False
-        # Between the torque in force and that of the law that took over [N m], and since when.
+        # Torque in force less that of the new law at the change [N m], and its stamp.
         self._difference, self._since = 0.0, 0.0
         self._fade = self._tuning.blend_time
         self._restart()
@@ -124,7 +124,7 @@ class PendulumController:
         if (set_point.mode, set_point.value) != (current.mode, current.value):
             if not set_point.mode is current.mode is Mode.SPEED:
                 self._restart()
-            # The reading to come is answered, even if its stamp was answered before.
+            # The next reading gives a new torque, even with the stamp of the last one.
             self._answered = False
             if set_point.mode is not current.mode:
                 self._taking_over, self._fade = True, self._tuning.blend_time
@@ -134,13 +134,13 @@ class PendulumController:
         """
         Return the torque for these readings, within the torque limit [N m].
 
-        The same stamp again gives the same answer again.
+        A repeated stamp gives the same torque.
 
         Parameters
         ----------
         readings : JointReadings
         in_force : float, optional
-            What the motor has now, where that may be other than the last answer [N m].
+            Present torque of the motor, where it may differ from the last output [N m].
 
         Raises
         ------
@@ -161,7 +161,7 @@ class PendulumController:
         return self._torque
 
     def _restart(self) -> None:
-        """Let the integral start at the next reading."""
+        """Restart the integral at the next reading."""
         self._restart_integral()
         self._answered = False
         # Stamp and state of the speed law, before the last readings and with them.
@@ -199,7 +199,7 @@ class PendulumController:
         return torque
 
     def _faded(self, stamp: float) -> float:
-        """Return what is left of the difference to the law before [N m]."""
+        """Return the rest of the torque difference to the previous law [N m]."""
         left = 1.0 - (stamp - self._since) / self._fade
         if left <= 0.0:
             self._difference = left = 0.0
@@ -213,7 +213,7 @@ class PendulumController:
 
     @property
     def slope(self) -> float:
-        """Return the slope that resists as the speed law estimates, NaN without it [rad]."""
+        """Return the slope that the speed law estimates, NaN in other modes [rad]."""
         return estimated_slope(self._learnt[1], self._speed_numbers) if self._learnt else math.nan
 
     @property
@@ -223,7 +223,7 @@ class PendulumController:
 
     @property
     def overcome(self) -> bool:
-        """Return whether more resists than the speed law could hold at its largest lean."""
+        """Return whether the resistance exceeds what the largest lean of the speed law holds."""
         return self._learnt is not None and not abs(self.slope) <= self.steepest_slope
 
     def _speed(self, readings: JointReadings) -> float:
@@ -236,11 +236,11 @@ class PendulumController:
             self._learnt = stamp, speed_law_start(
                 speed, readings.pendulum_angle, 0.0, self._speed_numbers)
             return readings.pendulum_angle
-        # The same readings again, under another set speed, are stepped to from the same state.
+        # Repeated readings, under another set speed, step from the same state.
         state, set_angle = speed_law_step(
             self._before[1], speed, readings.pendulum_angle, self._set_point.value,
             self._tuning.largest_lean, stamp - self._before[0], self._speed_numbers)
-        if not math.isfinite(sum(state)):  # readings beyond reason
+        if not math.isfinite(sum(state)):  # implausible readings
             self._before = self._learnt = None
             return readings.pendulum_angle
         self._learnt = stamp, state

@@ -9,7 +9,7 @@ from ballbot_ros.errors import ConfigurationError, MessageError
 
 
 def _finite(now: float) -> float:
-    """Return `now`; refuse a time that is none."""
+    """Return `now`; refuse a time that is not finite."""
     if not math.isfinite(now):
         raise MessageError('not_finite', f'time must be finite, got {now!r}')
     return now
@@ -17,16 +17,16 @@ def _finite(now: float) -> float:
 
 class Watchdog:
     """
-    Expires when something that should come regularly has timed out.
+    Expires when a periodic signal has timed out.
 
-    Feed it with what it watches, a command for instance, never from one's own timer.  It
-    errs on the safe side: never fed is expired, and so is a clock that jumped back, until
-    it is fed again.
+    Feed it on arrival of the monitored signal, a command for instance, never from a timer.  It is
+    conservative: it is expired before the first feed, and after a backward jump of the clock
+    until the next feed.
 
     Parameters
     ----------
     timeout : float
-        Longest silence [s].
+        Longest time between two feeds [s].
 
     Raises
     ------
@@ -36,7 +36,6 @@ class Watchdog:
     """
 
     def __init__(self, timeout: float):
-        """Start expired."""
         if not (math.isfinite(timeout) and timeout > 0.0):
             raise ConfigurationError(
                 f'watchdog timeout must be more than 0 s and finite, got {timeout!r}; '
@@ -46,39 +45,39 @@ class Watchdog:
 
     @property
     def fed(self) -> bool:
-        """Return whether it was ever fed: 'not yet there' is not 'gone'."""
+        """Return whether it was ever fed: an expired watchdog may not have started yet."""
         return self._last is not None
 
     def feed(self, now: float) -> None:
-        """Note a sign of life at `now` [s]; raise `MessageError` if that is not finite."""
+        """Restart the timeout at `now` [s]; raise `MessageError` if that is not finite."""
         self._last = _finite(now)
 
     def reset(self) -> None:
-        """Forget all signs of life."""
+        """Return to the state before the first feed."""
         self._last = None
 
     def silence(self, now: float) -> float:
-        """Return the time since the last sign of life, infinite if there was none [s]."""
+        """Return the time since the last feed, infinite if there was none [s]."""
         return math.inf if self._last is None else _finite(now) - self._last
 
     def expired(self, now: float) -> bool:
-        """Return whether the silence at `now` [s] is too long, or time ran backwards."""
+        """Return whether the timeout has passed at `now` [s], or the clock jumped back."""
         return not 0.0 <= self.silence(now) <= self.timeout
 
 
 class RateMonitor:
     """
-    Measures how often something comes: the median period of the last stamps.
+    Measures the rate of a signal: the median period of the last stamps.
 
     The median ignores a single late message, which is not a slow publisher.
 
     Parameters
     ----------
     size : int
-        Number of stamps looked at, at least 2.
+        Number of stamps kept, at least 2.
     least : int
-        Number of stamps before which there is no rate, from 2 to `size`: the median of one
-        or two periods ignores nothing.
+        Number of stamps needed for a rate, from 2 to `size`: the median of one or two periods
+        is not robust.
 
     Raises
     ------
@@ -88,19 +87,18 @@ class RateMonitor:
     """
 
     def __init__(self, size: int = 21, least: int = 2):
-        """Start with no stamps."""
         if not 2 <= least <= size:
             raise ConfigurationError(
                 f'a rate needs at least 2 stamps, got size {size!r} and least {least!r}')
         self._size, self._least = size, least
         self._last: Optional[float] = None
-        # In their order, and by length: this is asked for at each joint state.
+        # In order of arrival, and sorted: each joint state needs the median.
         self._periods: Deque[float] = deque()
         self._sorted: List[float] = []
 
     def add(self, stamp: float) -> None:
         """
-        Note one arrival; a repeated stamp counts once, one set back starts anew.
+        Add the stamp of an arrival; ignore a repeated one, restart after a backward jump.
 
         Parameters
         ----------
@@ -127,7 +125,7 @@ class RateMonitor:
 
     @property
     def period(self) -> Optional[float]:
-        """Return the median period [s], None before there are stamps enough."""
+        """Return the median period [s], None with fewer than `least` stamps."""
         number = len(self._sorted)
         if number + 1 < self._least:
             return None
@@ -135,6 +133,6 @@ class RateMonitor:
 
     @property
     def rate(self) -> Optional[float]:
-        """Return the median rate [Hz], None before there are stamps enough."""
+        """Return the median rate [Hz], None with fewer than `least` stamps."""
         period = self.period
         return None if period is None else 1.0 / period

@@ -2,8 +2,7 @@
 """
 The exponential of a small matrix.
 
-That of SciPy is the same method; but to import it takes a third of a second, in each start of a
-node.
+SciPy has the same method; importing it takes a third of a second at each start of a node.
 """
 import math
 

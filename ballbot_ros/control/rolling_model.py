@@ -11,15 +11,15 @@ With x = -R theta1 two degrees of freedom are left, the pendulum angle phi and t
     (J1 + M R^2) theta1'' - C phi'' + M2 e R sin(phi) phi'^2
         = -tau2 + c2 (phi' - theta1') - c1 theta1'
 
-with C = M2 e R cos(phi).  Controllers are judged, and the pendulum is estimated, on this model;
-the simulator has the full one with contact and slip.
+with C = M2 e R cos(phi).  The stability analysis and the pendulum filter use this model; the
+simulator has the full one with contact and slip.
 
-A ball that slips, or flies, takes no horizontal force that answers to its motion.  Then the joint
+While the ball slips or flies, no horizontal contact force depends on its motion.  Then the joint
 drives the two inertias J1 and I = J2 + M2 e^2 M1 / M alone (see `solvers.flight`), so the same
-equations hold with these and C = 0.  No contact leaves it less to drive.
+equations hold with these and C = 0.  This is the smallest inertia that the joint can drive.
 
-The functions are pure and compiled, for the filter calls them in each period of a motor's loop;
-`RollingModel` calls the same ones.
+The functions are pure and compiled: the filter calls them in each period of the motor loop.
+`RollingModel` calls the same functions.
 """
 import math
 from typing import NamedTuple, Tuple
@@ -56,7 +56,7 @@ Slopes = Tuple[float, float, float, float]
 
 
 class RollingNumbers(NamedTuple):
-    """A robot as the functions of this module read it."""
+    """Parameters of a robot for the functions of this module."""
 
     pendulum_inertia: float  # J2 + M2 e^2 [kg m2]
     ball_inertia: float  # J1 + M R^2 [kg m2]
@@ -96,11 +96,11 @@ def rolling_accelerations(angle: float, rate: float, ball_rate: float, torque: f
 @compiled
 def rolling_linearised(angle: float, rate: float, ball_rate: float, torque: float,
                        rolling: Rolling) -> Tuple[Slopes, Slopes]:
-    """Return phi'' and theta1'', each with its derivatives as an `Acceleration` has them."""
+    """Return phi'' and theta1'', each with its derivatives as in `Acceleration`."""
     own = RollingNumbers(*rolling)
     pendulum, ball = rolling_accelerations(angle, rate, ball_rate, torque, rolling)
     sine, cosine = math.sin(angle), math.cos(angle)
-    # With the angle the coupling changes, too: M q'' = Q gives M dq'' = dQ - dM q''.
+    # The coupling depends on the angle, too: M q'' = Q gives M dq'' = dQ - dM q''.
     by_angle = rolling_response(
         angle, -own.gravity_torque * cosine - own.lever * sine * ball,
         -own.lever * cosine * rate**2 - own.lever * sine * pendulum, rolling)
@@ -118,7 +118,7 @@ class RollingModel:
 
     In all methods `angle` [rad] and `rate` [rad/s] are those of the pendulum, absolute: phi and
     phi'.  `ball_rate` is theta1' [rad/s]: rolling to +x at v, it is -v / R.  `torque` is
-    tau2 [N m].
+    tau2 [N m].  With `rolls` false the ball slips or flies.
 
     Attributes
     ----------
@@ -136,7 +136,6 @@ class RollingModel:
     """
 
     def __init__(self, robot: Robot, rolls: bool = True):
-        """Work the constants out once; with `rolls` false, of a ball that slips or flies."""
         require_pendulum(robot)
         self.robot = robot
         self.pendulum_moment = robot.pendulum_mass * robot.pendulum_length
@@ -171,7 +170,7 @@ class RollingModel:
         """
         Return the acceleration of the ball while its pendulum is held at an angle [m/s2].
 
-        Friction left out: R M2 g e sin(phi) / (J1 + M R^2 - M2 e R cos(phi)).
+        Without friction: R M2 g e sin(phi) / (J1 + M R^2 - M2 e R cos(phi)).
         """
         return (self.robot.ball_radius * self._gravity_torque * math.sin(angle)
                 / (self._ball_inertia - self._lever * math.cos(angle)))
@@ -180,7 +179,7 @@ class RollingModel:
         """
         Return matrix and column of the model linearised about a held pendulum.
 
-        A held pendulum accelerates the ball, so this is no equilibrium: the model describes
+        A held pendulum accelerates the ball, so this is not an equilibrium: the model describes
         small deviations from that accelerated rolling, at low speed.
 
         Returns

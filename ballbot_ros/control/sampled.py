@@ -1,20 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Stability of a control law that is closed at a rate and with a delay.
+Stability of a sampled control loop with a delay.
 
-A gain that is harmless in continuous time amplifies when it acts too rarely or too late.
+A gain that is stable in continuous time may be unstable at a low rate or with a long delay.
 The rolling model of `rolling_model` is discretised exactly under an input that is held and may
 change within a period (`HeldInput`), and closed with the linearised law; it is stable if the poles
 of the result are.  The published gains on GimBall need, to hold the pendulum down, 234 Hz
 without delay and 468 Hz with one sample of it; to hold it at any angle, 275 and 548 Hz.
 
-*While it rolls* is a condition.  A torque beyond what friction takes makes the ball slip, a bump
-lets it fly, and then the joint drives less inertia: law (12) needs 326 instead of 230 Hz.  Nor
-does law (12) choose where the pendulum is: raised, it needs more, too.  `growth_rate` says what
-grows then, with `rolls` false or with `set_angles`.
+These rates hold while the ball rolls.  A torque above the friction limit makes the ball slip, a
+bump makes it fly; then the joint drives less inertia, and law (12) needs 326 instead of 230 Hz.
+Law (12) does not control the pendulum angle either: with a raised pendulum it needs a higher
+rate, too.  `growth_rate` covers these cases, with `rolls` false or with `set_angles`.
 
-What divergence looks like: the torque limit turns exponential growth into a limit cycle,
-a pendulum that rattles with full torque back and forth.  It does not turn it into control.
+The torque limit turns a divergence into a limit cycle: the pendulum oscillates with full torque.
 """
 import math
 from typing import NamedTuple, Optional, Sequence, Tuple, Union
@@ -31,21 +30,22 @@ from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.physics.mechanics.laws import position_torque
 from ballbot_ros.physics.model.robot import Robot
 
-# Neither law controls where the ball rolls: its speed is a nearly neutral mode that rests on
-# friction, and may drift.  Growth below this [1/s] is such drift, left to whoever gives the
-# set-points; the instabilities looked for here grow hundreds of times faster.
+# Laws (11) and (12) do not control the speed of the ball: it is a nearly neutral mode, damped by
+# friction only, and may drift.  Growth below this [1/s] is such drift, which the source of the
+# set-points must correct; the instabilities sought here grow hundreds of times faster.
 DRIFT_LIMIT = 0.2
 
-HIGHEST_RATE = 1e5      # [Hz] a loop that diverges even there is not saved by its rate
+HIGHEST_RATE = 1e5      # [Hz] a loop that diverges at this rate is unstable at any
 LOWEST_RATE = 1.0       # [Hz]
 MOST_DELAY = 100        # [samples]
-# A lag is looked at up to the rate at which it is so many samples: faster changes nothing.
+# With a lag, the search for a rate starts where the lag is this number of samples: a higher rate
+# has no effect.
 MOST_LAG = 20.0
 HALF_CIRCLE = tuple(math.radians(degrees) for degrees in range(0, 181, 15))
 
 
 CLOSED = (Mode.HOLD, Mode.DRIVE, Mode.SPEED)  # laws that close a loop
-# Step of the differences that linearise the speed law; it is smooth where nothing is limited.
+# Step of the differences that linearise the speed law, which is smooth within its limits.
 DIFFERENCE = 1e-4
 
 
@@ -60,11 +60,11 @@ class HeldInput(NamedTuple):
     ----------
     step : (n, n) array
     before : (n,) array
-        Of the input that is in force when the period begins; zero if it changes at once.
+        Of the input at the start of the period; zero if it changes immediately.
     after : (n,) array
-        Of the one that takes its place.
+        Of the input that replaces it.
     waiting : int
-        Inputs that are stored, the one in force first: the delay, rounded up.
+        Number of stored inputs, the one in force first: the delay, rounded up.
 
     """
 
@@ -84,7 +84,7 @@ class HeldInput(NamedTuple):
         column : (n,) array
         rate : float
         delay : float
-            From the sample that an input answers until it takes force; at least 0.
+            From a sample until its input takes effect; at least 0.
 
         """
         size, part = len(matrix), delay - math.floor(delay)
@@ -107,7 +107,7 @@ class HeldInput(NamedTuple):
         size, waiting = len(self.step), self.waiting
         loop = np.zeros((size + waiting, size + waiting))
         loop[:size, :size] = self.step
-        # Which input acts before, which after the change: stored ones, or the latest.
+        # The inputs before and after the change: stored ones, or the latest.
         if self.before.any():
             loop[:size, size] = self.before
             acting = size + 1
@@ -125,9 +125,9 @@ class HeldInput(NamedTuple):
 
 def _angles(law: Mode, tuning: ControlTuning) -> Sequence[float]:
     """
-    Return the set angles to be judged.
+    Return the set angles to be checked.
 
-    (11) holds any, (12) rolls with it hanging, the speed law stands on slopes.
+    (11) holds any angle, (12) rolls with a hanging pendulum, the speed law stands on slopes.
     """
     if law is Mode.SPEED:
         return 0.0, 0.45 * tuning.largest_lean, 0.9 * tuning.largest_lean
@@ -135,7 +135,7 @@ def _angles(law: Mode, tuning: ControlTuning) -> Sequence[float]:
 
 
 def _check(law: Union[Mode, str], rate: float, delay: float) -> Mode:
-    """Return the law; refuse rates and delays that have no meaning."""
+    """Return the law; refuse rates and delays out of range."""
     if not (math.isfinite(rate) and rate > 0.0):
         raise ConfigurationError(f'control rate must be more than 0 Hz, got {rate!r}')
     if not 0.0 <= delay <= MOST_DELAY:
@@ -172,15 +172,15 @@ def loop_poles(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
     delay : float
         Samples from reading to torque; within a period the torque changes where the delay ends.
     set_angle : float
-        Pendulum angle about which to linearise [rad]; for the speed law the one that stands on
-        a slope.
+        Pendulum angle about which to linearise [rad]; for the speed law the one that holds the
+        ball on a slope.
     rolls : bool
         Whether the ball rolls without slip; else it slips, or flies.
 
     Raises
     ------
     ConfigurationError
-        For an impossible rate, delay or law, or a robot without a pendulum.
+        For a rate, delay or law out of range, or a robot without a pendulum.
 
     """
     law, model = _check(law, rate, delay), RollingModel(robot, rolls)
@@ -188,8 +188,7 @@ def loop_poles(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
         return np.linalg.eigvals(
             _speed_loop(model, tuning, rate, delay, set_angle)).astype(np.complex128)
     matrix, column = model.about_held(set_angle)
-    # theta2 is a state only where the law looks at it: elsewhere it would be a pole at 1
-    # that says no more than that positions do not matter.
+    # theta2 is a state only where the law depends on it: elsewhere it would add a pole at 1.
     size = 4 if law is Mode.DRIVE and tuning.velocity_ki > 0.0 else 3
     plant, torque = np.zeros((size, size)), np.zeros(size)
     plant[:3, :3], torque[:3] = matrix, column
@@ -206,7 +205,7 @@ def _speed_loop(model: RollingModel, tuning: ControlTuning, rate: float, delay: 
     Return the loop of the speed law over law (11), about a ball that stands on a slope.
 
     The states are those of the ball (phi, phi', theta1'), of the law (`SpeedState`) and the
-    torques on their way.  The law is linearised by differences of the very function that runs.
+    delayed torques.  Finite differences of `speed_law_step` linearise the law.
     """
     robot = model.robot
     numbers = SpeedLaw.tuned(robot, tuning)[:]
@@ -222,7 +221,7 @@ def _speed_loop(model: RollingModel, tuning: ControlTuning, rate: float, delay: 
     held = HeldInput.of(plant[:, :3], plant[:, 3], rate, delay)
     compensated = gravity * tuning.gravity_compensation
     resting = gravity * math.sin(set_angle)
-    # Where law (11) falls short, the set angle is further.
+    # The set angle compensates the steady-state error of law (11).
     short = (resting - compensated * math.sin(set_angle)) / tuning.position_kp
     rest = np.array([set_angle, 0.0, 0.0, 0.0, resting, set_angle, set_angle + short, short,
                      set_angle + short, *[resting] * held.waiting])
@@ -252,8 +251,8 @@ def growth_rate(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate
     Return how fast the worst deviation grows, negative if it decays [1/s].
 
     That is log(largest pole) * rate, the worst over `set_angles` [rad]; by default 0 to 180
-    degrees for law (11), and for the speed law what it holds slopes with.  Parameters as in
-    `loop_poles`; `lag` [s] is a delay besides that does not depend on the rate.  With `rolls`
+    degrees for law (11), and for the speed law the angles that hold slopes.  Parameters as in
+    `loop_poles`; `lag` [s] is an additional delay that does not depend on the rate.  With `rolls`
     false expect some drift of the ball's speed, too.
     """
     samples = delay + lag * rate if lag else delay
@@ -271,8 +270,8 @@ def is_stable(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate: 
     """
     Return whether nothing grows faster than drift; parameters as in `growth_rate`.
 
-    That is said of small deviations, with the pendulum at these angles and the ball rolling: what
-    becomes of others `growth_rate` says, with other angles or `rolls` false.
+    This holds for small deviations about these pendulum angles; for a ball that slips see
+    `growth_rate` with `rolls` false.
     """
     return growth_rate(robot, tuning, law, rate, delay, set_angles, lag) < DRIFT_LIMIT
 
@@ -281,10 +280,10 @@ def lowest_stable_rate(robot: Robot, tuning: ControlTuning, law: Union[Mode, str
                        delay: float = 0, set_angles: Optional[Sequence[float]] = None,
                        lag: float = 0.0) -> float:
     """
-    Return the rate from which on the loop is stable [Hz]; infinity if there is none.
+    Return the rate above which the loop is stable [Hz]; infinity if there is none.
 
-    Found by coming down from 100 kHz in steps, or with a lag from where that is `MOST_LAG`
-    samples, and bisecting the first failure to 0.01 %.  Parameters as in `growth_rate`.
+    The search steps down from 100 kHz, or with a lag from the rate at which that is `MOST_LAG`
+    samples, and bisects the first failure to 0.01 %.  Parameters as in `growth_rate`.
     """
     high = min(HIGHEST_RATE, MOST_LAG / lag) if lag else HIGHEST_RATE
     if not is_stable(robot, tuning, law, high, delay, set_angles, lag):
@@ -306,13 +305,12 @@ def lowest_stable_rate(robot: Robot, tuning: ControlTuning, law: Union[Mode, str
 def check_loop(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate: float,
                delay: float = 1, lag: float = 0.0) -> None:
     """
-    Refuse a controller that would diverge; parameters as in `growth_rate`.
+    Refuse a controller whose loop diverges; parameters as in `growth_rate`.
 
     Raises
     ------
     UnstableLoopError
-        Naming law, gains, rate, delay, the lowest rate that works and the gain that works
-        at this rate.
+        Naming law, gains, rate, delay, the lowest stable rate and a stable gain at this rate.
 
     """
     if is_stable(robot, tuning, law, rate, delay, None, lag):
@@ -331,17 +329,17 @@ def check_loop(robot: Robot, tuning: ControlTuning, law: Union[Mode, str], rate:
 
 def _remedy(robot: Robot, tuning: ControlTuning, law: Mode, rate: float, delay: float,
             lag: float) -> str:
-    """Return what to do instead: a rate, a gain, or a look at the gains."""
+    """Return the remedy: a rate, a gain, or a check of the gains."""
     remedies = []
     lowest = lowest_stable_rate(robot, tuning, law, delay, None, lag)
     if math.isfinite(lowest):
         remedies.append(f'run it at {math.ceil(lowest)} Hz or more')
-    # The gain on rates is what diverges first: it meets the small pendulum inertia alone.
+    # The gain on the rate diverges first: it acts on the small pendulum inertia alone.
     name = {Mode.HOLD: 'position_kd', Mode.DRIVE: 'velocity_kp', Mode.SPEED: 'speed_gain'}[law]
     for percent in range(95, 0, -1):
         gain = float(f'{percent / 100 * getattr(tuning, name):.2g}')
         lowered = ControlTuning(**{**vars(tuning), name: gain})
-        # A tenth of the rate to spare: a gain at its very limit would ring for ever.
+        # With a margin of a tenth of the rate: a gain at the stability limit is undamped.
         if is_stable(robot, lowered, law, 0.9 * rate, delay, None, lag):
             remedies.append(f'lower {name} to {gain:g}')
             break

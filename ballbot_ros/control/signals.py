@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What goes into the controller: set-points and joint readings, checked when made."""
+"""Inputs of the controller: set-points and joint readings, validated at construction."""
 from dataclasses import dataclass
 from enum import Enum
 import math
 
 from ballbot_ros.errors import MessageError
 
-# Set-points closer to 0 than this ask for rest [rad, rad/s, m/s].
+# A set-point closer to 0 than this is rest [rad, rad/s, m/s].
 STANDING = 1e-3
 
 
 class Mode(str, Enum):
-    """What the pendulum motor does; the values stand in messages and files."""
+    """Control mode of the pendulum motor; messages and files contain the values."""
 
     IDLE = 'idle'
     HOLD = 'hold'
@@ -20,7 +20,7 @@ class Mode(str, Enum):
 
     @property
     def law(self) -> str:
-        """Return the law behind this mode, by its number in the paper, for messages to people."""
+        """Return the law of this mode, by its number in the paper, for messages."""
         return {'idle': 'no torque', 'hold': 'law (11)', 'drive': 'law (12)',
                 'speed': 'the speed law'}[self.value]
 
@@ -28,7 +28,7 @@ class Mode(str, Enum):
 @dataclass(frozen=True)
 class SetPoint:
     """
-    What the controller is asked to do.
+    A set-point of the controller.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class SetPoint:
         positive, or speed [m/s].  Positive values drive the ball towards +x.  Angles are
         counted, not wrapped: 2 pi is one turn away from 0.
     stamp : float
-        When it was given [s].
+        Time at which it was given [s].
 
     Raises
     ------
@@ -55,7 +55,7 @@ class SetPoint:
     stamp: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what no controller can follow."""
+        """Raise `MessageError` for an invalid set-point."""
         try:
             object.__setattr__(self, 'mode', Mode(self.mode))
         except ValueError as error:
@@ -67,12 +67,12 @@ class SetPoint:
 
     @property
     def is_rest(self) -> bool:
-        """Return whether it asks for no motion: nothing, a hanging pendulum, a speed of 0."""
+        """Return whether it is rest: idle, a hanging pendulum, or a speed of 0."""
         return self.mode is Mode.IDLE or abs(self.value) < STANDING
 
     @property
     def in_words(self) -> str:
-        """Return what it asks for, as people write it."""
+        """Return the set-point as text."""
         return {Mode.IDLE: 'no torque', Mode.HOLD: f'a pendulum angle of {self.value:.3g} rad',
                 Mode.DRIVE: f'a joint rate of {self.value:.3g} rad/s',
                 Mode.SPEED: f'a speed of {self.value:.3g} m/s'}[self.mode]
@@ -86,7 +86,7 @@ class JointReadings:
     Attributes
     ----------
     stamp : float
-        When they were measured [s].
+        Time of the measurement [s].
     ball_angle, ball_rate : float
         theta1 [rad] and theta1' [rad/s] against the world; rolling to +x at v, the rate is
         -v / R.
@@ -96,7 +96,7 @@ class JointReadings:
     Raises
     ------
     MessageError
-        With reason ``not_finite``: torque from a guess is worse than none.
+        With reason ``not_finite``.
 
     """
 
@@ -107,8 +107,8 @@ class JointReadings:
     joint_rate: float
 
     def __post_init__(self) -> None:
-        """Refuse readings that are not finite."""
-        # One sum is quick, and not finite if a term is not; which one is looked up only then.
+        """Raise `MessageError` for readings that are not finite."""
+        # One sum is fast, and not finite if a term is not; only then find the term.
         if not math.isfinite(self.stamp + self.ball_angle + self.joint_angle + self.ball_rate
                              + self.joint_rate):
             refuse_not_finite('joint reading', **vars(self))

@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Speed control by the angle of the pendulum: holds slopes, stops in time, and stays there.
+Speed control by the angle of the pendulum, with compensation of slopes.
 
-A pendulum at the angle phi speeds the ball up, along a slope s (positive where it rises
-towards +x), by::
+A pendulum at the angle phi accelerates the ball along a slope s (positive where it rises
+towards +x) by::
 
     a = R (M2 g e sin(phi) - D) / (J1 + M R^2 - M2 e R cos(phi - s)),   D = M g R sin(s)
 
-An observer learns the resistance D from speed and pendulum angle.  It is told where the pendulum
-*is*, not where it should be, so that it does not wind up while the pendulum swings or is at its
-largest lean, as an integral of the speed error would.  The wanted angle overcomes D and gives the
-acceleration speed_gain (set_speed - speed); the set angle for law (11) leads it, for law (11) lags
-by kd / kp.  More in docs/speed_law.md.
+An observer estimates the resistance D from speed and pendulum angle.  It uses the measured angle,
+not the set angle, so it does not wind up while the pendulum moves or is at its largest lean, as an
+integral of the speed error would.  The wanted angle compensates D and gives the acceleration
+speed_gain (set_speed - speed); the set angle for law (11) leads it, because law (11) lags by
+kd / kp.  See docs/speed_law.md.
 
-All functions are pure and compiled.  From Python, hand in ``law[:]`` where a `SpeedLaw` is
-asked for: kernels take plain tuples.
+All functions are pure and compiled.  From Python, pass ``law[:]`` for a `SpeedLaw`: kernels take
+plain tuples.
 """
 import math
 from typing import NamedTuple
@@ -25,22 +25,22 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics.model.robot import Robot
 
-# Speed [m/s] and resistance [N m] as estimated, pendulum angle at the last step, angle that law
-# (11) should have brought it to, how far it falls short of that in the mean, last set angle.
+# Estimated speed [m/s] and resistance [N m], pendulum angle at the last step, the angle predicted
+# for law (11), its mean steady-state error, last set angle [rad].
 SpeedState = tuple[float, float, float, float, float, float]
 # The numbers of a `SpeedLaw`.
 Numbers = tuple[float, float, float, float, float, float, float, float, float]
 
-FURTHEST = math.pi / 2.0  # the set angle leads no further than to a level pendulum [rad]
-MOST_RESISTANCE = 1.5  # of what a level pendulum overcomes; a wall is no slope
-BRAKING = 0.7  # share of the possible deceleration with which the ball comes to a place
+FURTHEST = math.pi / 2.0  # limit of the set angle: a level pendulum [rad]
+MOST_RESISTANCE = 1.5  # times the resistance that a level pendulum holds; a wall is not a slope
+BRAKING = 0.7  # share of the possible deceleration used on the approach to a position
 LEAST_BRAKING = 0.02  # [m/s2]
-SHORTFALL_RATE = 3.0  # [1/s] at which the mean shortfall of law (11) is learnt
+SHORTFALL_RATE = 3.0  # of the low-pass filter for the steady-state error of law (11) [1/s]
 MOST_SHORTFALL = 0.35  # [rad]
 
 
 class SpeedLaw(NamedTuple):
-    """Robot and gains as the functions of this module read them."""
+    """Parameters of robot and gains for the functions of this module."""
 
     gravity_torque: float  # M2 g e [N m]
     weight_torque: float  # M g R [N m]
@@ -56,7 +56,7 @@ class SpeedLaw(NamedTuple):
     def of(cls, robot: Robot, lag: float, speed_gain: float = 2.0, swing_time: float = 0.15,
            observer_rate: float = 6.0) -> 'SpeedLaw':
         """
-        Return the law for a robot with a pendulum that follows set angles with a lag [s].
+        Return the law for a robot whose pendulum follows set angles with a lag [s].
 
         Raises
         ------
@@ -83,7 +83,7 @@ class SpeedLaw(NamedTuple):
         Raises
         ------
         ConfigurationError
-            If the robot has no pendulum, or its law (11) follows no set angle.
+            If the robot has no pendulum, or law (11) has no proportional gain.
 
         """
         if tuning.position_kp == 0.0 or tuning.position_kd == 0.0:
@@ -96,14 +96,14 @@ class SpeedLaw(NamedTuple):
 
 @compiled
 def speed_law_start(speed: float, pendulum_angle: float, slope: float, law: Numbers) -> SpeedState:
-    """Return the state of the law for a ball at a speed [m/s] on a slope that it expects [rad]."""
+    """Return the initial state of the law at a speed [m/s] on an expected slope [rad]."""
     return (speed, SpeedLaw(*law).weight_torque * math.sin(slope), pendulum_angle, pendulum_angle,
             0.0, pendulum_angle)
 
 
 @compiled
 def acceleration(pendulum_angle: float, slope: float, law: Numbers) -> float:
-    """Return the acceleration along a slope with the pendulum held, friction left out [m/s2]."""
+    """Return the acceleration along a slope with a held pendulum, without friction [m/s2]."""
     own = SpeedLaw(*law)
     return own.radius * (
         own.gravity_torque * math.sin(pendulum_angle) - own.weight_torque * math.sin(slope)) / (
@@ -148,9 +148,9 @@ def motion_law_step(state: SpeedState, speed: float, pendulum_angle: float, set_
     speed : float
         Of the ball [m/s].
     pendulum_angle : float
-        Absolute [rad]; NaN where it is not measured: then it is taken from the set angles.
+        Absolute [rad]; NaN if not measured: then the set angles predict it.
     set_speed, set_acceleration : float
-        [m/s] and how that changes [m/s2].
+        [m/s] and its time derivative [m/s2].
     lean : float
         Largest wanted angle of the pendulum [rad], at most pi / 2.
     period : float
@@ -162,7 +162,7 @@ def motion_law_step(state: SpeedState, speed: float, pendulum_angle: float, set_
     estimate, resistance, before, followed, shortfall, set_angle = state
     followed = set_angle + (followed - set_angle) * math.exp(-period / own.lag)
     angle = followed if math.isnan(pendulum_angle) else pendulum_angle
-    # The observer: both of its poles at observer_rate, whatever the period.
+    # The observer: both of its poles at observer_rate, for any period.
     middle = 0.5 * (before + angle)
     inertia = (own.inertia - own.coupling * math.cos(middle)) / own.radius
     estimate += period * (own.gravity_torque * math.sin(middle) - resistance) / inertia
@@ -171,7 +171,7 @@ def motion_law_step(state: SpeedState, speed: float, pendulum_angle: float, set_
     most = MOST_RESISTANCE * own.gravity_torque
     resistance -= (1.0 - pole) * (1.0 - pole) / period * inertia * error
     resistance = min(max(resistance, -most), most)
-    # What law (11) falls short by in the mean.
+    # Mean steady-state error of law (11).
     shortfall += (1.0 - math.exp(-SHORTFALL_RATE * period)) * (followed - angle - shortfall)
     shortfall = min(max(shortfall, -MOST_SHORTFALL), MOST_SHORTFALL)
     wanted = wanted_angle(set_acceleration + own.speed_gain * (set_speed - estimate),
@@ -185,7 +185,7 @@ def motion_law_step(state: SpeedState, speed: float, pendulum_angle: float, set_
 @compiled
 def speed_law_step(state: SpeedState, speed: float, pendulum_angle: float, set_speed: float,
                    lean: float, period: float, law: Numbers) -> tuple[SpeedState, float]:
-    """Drive at a constant set speed, 0 to brake and stand; see `motion_law_step`."""
+    """Drive at a constant set speed, 0 to stop; see `motion_law_step`."""
     return motion_law_step(state, speed, pendulum_angle, set_speed, 0.0, lean, period, law)
 
 
@@ -194,18 +194,17 @@ def place_law_step(state: SpeedState, speed: float, pendulum_angle: float, gap: 
                    top_speed: float, lean: float, period: float, law: Numbers
                    ) -> tuple[SpeedState, float]:
     """
-    Come to rest at a place, and stand there; see `motion_law_step`.
+    Stop at a position and hold it; see `motion_law_step`.
 
-    The set speed v is the one with gap = v / speed_gain + v^2 / (2 b), b being BRAKING of the
-    deceleration that the lean gives against the estimated resistance: the gap closes from one
-    side.
+    The set speed v solves gap = v / speed_gain + v^2 / (2 b), b being BRAKING of the deceleration
+    that the lean gives against the estimated resistance: the gap closes without overshoot.
 
     Parameters
     ----------
     gap : float
-        From the ball to the place, positive towards +x [m].
+        From the ball to the position, positive towards +x [m].
     top_speed : float
-        Never faster than this [m/s].
+        Limit of the set speed [m/s].
 
     """
     own = SpeedLaw(*law)
@@ -216,7 +215,7 @@ def place_law_step(state: SpeedState, speed: float, pendulum_angle: float, gap: 
     distance = math.fabs(gap)
     set_speed = 2.0 * braking * distance / (
         math.sqrt(lost * lost + 2.0 * braking * distance) + lost)
-    # d(set_speed)/dt while the gap closes with the speed that the ball has
+    # d(set_speed)/dt while the gap closes with the speed of the ball
     change = -speed * braking / (lost + set_speed) if set_speed <= top_speed else 0.0
     set_speed = min(set_speed, top_speed)
     return motion_law_step(
@@ -225,13 +224,13 @@ def place_law_step(state: SpeedState, speed: float, pendulum_angle: float, gap: 
 
 @compiled
 def estimated_slope(state: SpeedState, law: Numbers) -> float:
-    """Return the slope that resists as the law estimates, positive uphill towards +x [rad]."""
+    """Return the slope that the law estimates, positive uphill towards +x [rad]."""
     return math.asin(min(max(state[1] / SpeedLaw(*law).weight_torque, -1.0), 1.0))
 
 
 @compiled
 def holding_angle(slope: float, law: Numbers) -> float:
-    """Return the pendulum angle that stands on a slope, NaN where it is too steep [rad]."""
+    """Return the pendulum angle that holds the ball on a slope, NaN if too steep [rad]."""
     own = SpeedLaw(*law)
     share = own.weight_torque * math.sin(slope) / own.gravity_torque
     return math.asin(share) if -1.0 <= share <= 1.0 else math.nan
@@ -248,22 +247,22 @@ def steepest_slope(lean: float, law: Numbers) -> float:
 def braking_distance(speed: float, slope: float, lean: float, reaction: float,
                      law: Numbers) -> float:
     """
-    Return the way to a stop by `speed_law_step`, for a set speed of 0 [m].
+    Return the stopping distance of `speed_law_step`, for a set speed of 0 [m].
 
-    v (reaction + swing_time) + v^2 / (2 b) + b / (2 speed_gain^2), as below b / speed_gain the
-    lean is eased off; for a v below that, v (reaction + swing_time + 1 / speed_gain).  Infinite
-    where the ball cannot be braked.
+    v (reaction + swing_time) + v^2 / (2 b) + b / (2 speed_gain^2), as the lean decreases below
+    b / speed_gain; for a v below that, v (reaction + swing_time + 1 / speed_gain).  Infinite where
+    the ball cannot brake.
 
     Parameters
     ----------
     speed : float
-        Towards +x [m/s], rolling steadily; backwards the way is 0.
+        Towards +x [m/s], rolling steadily; the distance is 0 for a negative speed.
     slope : float
         Positive where it rises towards +x [rad].
     lean : float
         Of the pendulum against the motion [rad].
     reaction : float
-        Time until the set angle answers [s].
+        Delay of the set angle [s].
     law : Numbers
 
     """
@@ -284,7 +283,7 @@ def stopping_speed(gap: float, slope: float, lean: float, reaction: float,
     """
     Return the speed from which the ball stops within a gap: inverse of `braking_distance` [m/s].
 
-    0 where there is no gap, or no braking.
+    0 without a gap, or where the ball cannot brake.
     """
     braking = -acceleration(-lean, slope, law)
     if gap <= 0.0 or braking <= 0.0:

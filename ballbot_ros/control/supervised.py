@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The controller among unreliable publishers: old set-points, slow joint states, new time."""
+"""The controller with supervision: stale set-points, slow joint states, time jumps, e-stop."""
 from dataclasses import dataclass
 import logging
 import math
@@ -13,37 +13,36 @@ from ballbot_ros.errors import MessageError
 
 LOG = logging.getLogger(__name__)
 
-# A set-point stamped further ahead of the joint states than this is of another clock [s].
+# A set-point stamped further ahead of the joint states than this has another clock [s].
 SKEW = 1.0
-# Measured rates are this uncertain.
+# Tolerance of measured rates.
 RATE_SLACK = 0.98
-# So many joint states are seen before their rate is judged: one lost at the start is no reason
-# to stop.
+# Number of joint states before the rate is checked: one lost at the start must not stop the robot.
 JUDGED = 11
-# More than the speed law can hold is said when it has lasted for so long [s]: pushes pass.
+# Resistance above what the speed law can hold is logged after this time [s]: pushes are shorter.
 PUSH = 1.0
-# After an e-stop, set-points other than rest must have been away for so long [s].
+# After an e-stop, set-points other than rest are accepted after a gap of this time [s].
 QUIET = 0.5
-# Stamps are rounded to the nanosecond; this is well above and well below any period [s].
+# Tolerance for stamps rounded to the nanosecond; far below any period [s].
 ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
 class Supervision:
     """
-    What is expected of those that publish joint states and set-points.
+    Requirements on the publishers of joint states and set-points.
 
     Attributes
     ----------
     lowest_rate : float
-        Joint states must come at least this often, or the loop diverges [Hz].
+        Lowest rate of joint states; below it the loop diverges [Hz].
     set_point_timeout : float
-        Age at which a set-point is not followed any more [s]; 0 for never.
+        Age at which a set-point expires [s]; 0 for never.
     set_point_period : float
-        In lockstep, a state is answered only with the set-point of its own period [s];
+        In lockstep, a state gives a torque only with the set-point of its own period [s];
         0 outside lockstep.
     let_down_time : float
-        How long a pendulum that is let down is held there [s]; no torque after.
+        Time for which a lowered pendulum is held there [s]; no torque after.
 
     """
 
@@ -55,42 +54,41 @@ class Supervision:
 
 class SupervisedController:
     """
-    Answers joint states with torque, or with none where that would not be safe.
+    Computes a torque from each joint state, zero where a torque would not be safe.
 
-    All time is that of the stamps.  What a person should know is logged.
+    All time is that of the stamps.
 
-    While the e-stop is engaged it is idle.  A release alone starts nothing: set-points other than
-    rest are refused until they have been at rest, or away for `QUIET`.
+    While the e-stop is engaged it is idle.  A release alone starts no motion: set-points other
+    than rest are refused until a rest set-point, or no set-point for `QUIET`.
 
     Attributes
     ----------
     expected : Supervision
     too_slow : bool
-        The joint states come too rarely: torque is held at 0.
+        The rate of joint states is too low: the torque is 0.
     overcome : bool
-        More resists the set speed than the largest lean holds: the ball rolls away.
+        The resistance exceeds what the largest lean holds: the ball rolls away.
     let_down : bool
-        Nobody has renewed the set-point.
+        The set-point has expired; the pendulum is lowered.
     e_stop : bool
 
     """
 
     def __init__(self, controller: PendulumController, supervision: Supervision):
-        """Start idle."""
         self._controller = controller
         self.expected = supervision
         self._rate = RateMonitor(least=JUDGED)
         self._newest: Optional[JointReadings] = None
         self._waiting: Optional[JointReadings] = None
         self._held_at = -math.inf
-        # The set-point other than rest that came last, and when.
+        # The last set-point other than rest, and its time.
         self._asked: Optional[SetPoint] = None
         self._asked_at = -math.inf
         self._rest_first = False
         self.too_slow = self.overcome = self.let_down = self.e_stop = False
 
     def retune(self, tuning: ControlTuning) -> None:
-        """Go on with other gains, without a jump; `expected` is to be changed with them."""
+        """Change the gains without a jump of the torque; the caller updates `expected`."""
         self._controller.retune(tuning)
 
     @property
@@ -100,7 +98,7 @@ class SupervisedController:
 
     @property
     def excess(self) -> float:
-        """Return what the torque limit has cut off the last answer [N m]."""
+        """Return the torque that the limit cut off the last output [N m]."""
         return self._controller.excess
 
     @property
@@ -110,7 +108,7 @@ class SupervisedController:
 
     @property
     def time(self) -> float:
-        """Return the stamp of the newest joint state, 0 before there is one [s]."""
+        """Return the stamp of the latest joint state, 0 before the first [s]."""
         return self._newest.stamp if self._newest else 0.0
 
     def give(self, set_point: SetPoint) -> None:
@@ -139,29 +137,29 @@ class SupervisedController:
             self.let_down = False
 
     def hear_e_stop(self, engaged: bool) -> None:
-        """Take note whether the e-stop is engaged; a set-point in force is then forgotten."""
+        """Store the state of the e-stop; if engaged, drop the set-point in force."""
         if engaged and not self.e_stop:
             self.forget()
         self._rest_first = self._rest_first or engaged
         self.e_stop = engaged
 
     def forget(self) -> None:
-        """Be idle, until another set-point is given."""
+        """Be idle until the next set-point."""
         self._controller.reset()
         self.let_down = False
 
     def overhear(self, set_point: SetPoint) -> None:
-        """Take note of what was asked for, be it by a sender that is not followed."""
+        """Record a requested set-point, also of a sender without authority."""
         if not set_point.is_rest:
             self._asked, self._asked_at = set_point, self.time
 
     @property
     def asked(self) -> Optional[SetPoint]:
-        """Return the set-point other than rest that came within `QUIET`, None without one."""
+        """Return the last set-point other than rest within `QUIET`, None without one."""
         return self._asked if self.time - self._asked_at < QUIET else None
 
     def _check_e_stop(self, set_point: SetPoint) -> None:
-        """Refuse what asks for motion while the e-stop is engaged, or right after."""
+        """Refuse set-points other than rest while the e-stop is engaged, or right after."""
         if set_point.is_rest:
             self._rest_first = self._rest_first and self.e_stop
             return
@@ -175,7 +173,7 @@ class SupervisedController:
         self._rest_first = False
 
     def take(self, readings: JointReadings) -> None:
-        """Note a joint state; `answer` then gives the torque for it."""
+        """Store a joint state; `answer` then gives its torque."""
         if self._newest is not None and readings.stamp < self._newest.stamp:
             LOG.warning(
                 f'time went back from {self._newest.stamp:.3f} s to {readings.stamp:.3f} s: '
@@ -187,7 +185,7 @@ class SupervisedController:
 
     def answer(self, in_force: Optional[float] = None) -> Optional[float]:
         """
-        Return the torque for the newest joint state [N m].
+        Return the torque for the latest joint state [N m].
 
         Parameters
         ----------
@@ -197,7 +195,7 @@ class SupervisedController:
         Returns
         -------
         float or None
-            None if it was answered already, or its set-point is still to come.
+            None if its torque was returned already, or its set-point is missing.
 
         """
         readings = self._waiting
@@ -213,7 +211,7 @@ class SupervisedController:
                 f'{self.expected.lowest_rate:.0f} Hz: torque is 0; raise the rate or choose '
                 'another tuning')
         if slow or self.too_slow:
-            # The law takes note of the readings, and begins at the zero that is in force.
+            # The law stores the readings, and starts from the zero torque in force.
             self._controller.take_over()
         self.too_slow = slow
         torque = self._controller.torque(readings, 0.0 if slow else in_force)
@@ -221,7 +219,7 @@ class SupervisedController:
         return 0.0 if slow else torque
 
     def _check_hold(self, stamp: float) -> None:
-        """Say when what resists is more than the pendulum holds."""
+        """Log when the resistance exceeds what the pendulum holds."""
         if not self._controller.overcome or stamp < self._held_at:
             self._held_at, self.overcome = stamp, False
         elif stamp - self._held_at > PUSH and not self.overcome:
@@ -241,7 +239,7 @@ class SupervisedController:
         return not given - ROUNDING <= stamp < given + period - ROUNDING
 
     def _check_age(self, stamp: float) -> None:
-        """Let the pendulum down when nobody renews the set-point."""
+        """Lower the pendulum when the set-point has expired."""
         timeout = self.expected.set_point_timeout
         current = self.set_point
         if not timeout or current.mode is Mode.IDLE:

@@ -9,10 +9,10 @@ from ballbot_ros.config.files import load_config
 @dataclass(frozen=True)
 class ControlTuning(Checked):
     """
-    Gains of laws (11) and (12), of the speed law over law (11), and the torque they may ask for.
+    Gains of laws (11) and (12), of the speed law over law (11), and the torque limit.
 
-    The defaults are the paper's gains.  They are fast: sampled at less than about 550 Hz,
-    with one sample of delay, they diverge.  See `ballbot_ros.control.check_loop`.
+    The defaults are the paper's gains: below a rate of about 550 Hz, with one sample of delay,
+    the loop diverges.  See `ballbot_ros.control.check_loop`.
 
     Raises
     ------
@@ -56,7 +56,7 @@ class ControlTuning(Checked):
 
 def load_tuning(name_or_path: str) -> ControlTuning:
     """
-    Read a tuning that comes with the package, by name, or a file of one's own.
+    Read a tuning of the package by name, or a file by path.
 
     >>> load_tuning('published').position_kp  # doctest: +SKIP
     40.0

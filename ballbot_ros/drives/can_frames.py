@@ -84,7 +84,6 @@ class RecordParser:
     """
 
     def __init__(self) -> None:
-        """Start with nothing received."""
         self.counts = Counter(skipped=0)
         self._rest = b''
 

@@ -65,7 +65,6 @@ class CanLink:
     """
 
     def __init__(self, port: str, baud: int, recorder: Optional[TrafficSink] = None):
-        """Open the bus."""
         self.port = port
         self.baud = baud
         self.bytes_out = self.bytes_in = 0
@@ -152,11 +151,9 @@ class CanLink:
                 bus.shutdown()
 
     def __enter__(self) -> 'CanLink':
-        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close."""
         self.close()
 
     def _open(self) -> Any:

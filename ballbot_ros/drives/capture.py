@@ -44,7 +44,6 @@ class ShownToAll:
     """Shows traffic to several."""
 
     def __init__(self, *sinks: TrafficSink):
-        """Show it to these, in this order."""
         self._sinks = sinks
 
     def record(self, direction: str, data: bytes) -> None:
@@ -85,7 +84,6 @@ class Recorder:
 
     def __init__(self, path: Path, clock: Callable[[], float] = time.monotonic,
                  most_bytes: int = MOST_BYTES):
-        """Make the file; the second part of an older capture goes."""
         self.failure: Optional[str] = None
         self._clock = clock
         self._begin = clock()
@@ -174,7 +172,6 @@ class Replay:
     """
 
     def __init__(self, records: Sequence[Record]):
-        """Start at the beginning."""
         self.written: list[bytes] = []
         self.port, self.baud = 'replay', 0
         self.bytes_out = self.bytes_in = 0

@@ -51,7 +51,6 @@ class Driver(ABC):
 
     def __init__(self, line: SerialLine, options: DriveOptions,
                  clock: Callable[[], float] = time.monotonic):
-        """Take the line; nothing is sent yet."""
         self.line = line
         self.options = options
         self.clock = clock

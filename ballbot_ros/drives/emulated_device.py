@@ -86,7 +86,6 @@ class Device(ABC):
     turnaround: ClassVar[float] = 0.0002
 
     def __init__(self, settings: DriveSettings):
-        """Boot."""
         if settings.firmware and settings.firmware not in self.firmwares:
             known = ' or '.join(self.firmwares) or 'left out: all are alike'
             raise ConfigurationError(

@@ -29,7 +29,6 @@ class MemoryLine:
     port = 'memory'
 
     def __init__(self, device: Device, delay: float = 0.0):
-        """Plug in at time 0."""
         self.device = device
         self.now = 0.0
         self.plugged = True

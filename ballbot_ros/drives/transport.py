@@ -69,7 +69,6 @@ class Descriptor:
     """
 
     def __init__(self, number: int):
-        """Take the descriptor; its owner closes it."""
         self._number = number
         self._alone = [number]
         self._doubtful = True  # whether an empty read may mean a hang-up
@@ -137,7 +136,6 @@ class Indirect:
     """By pyserial, for URLs: a socket, a port of another machine, one that is listened to."""
 
     def __init__(self, port: Any, descriptor: Optional[int]):
-        """Take an open port, and its file descriptor if it has one."""
         self._port, self._descriptor = port, descriptor
 
     def write(self, data: bytes) -> bool:
@@ -194,7 +192,6 @@ class Link:
     """
 
     def __init__(self, port: str, baud: int, recorder: Optional[TrafficSink] = None):
-        """Open the port, exclusively."""
         self.port = port
         self.baud = baud
         self.bytes_out = self.bytes_in = 0
@@ -292,11 +289,9 @@ class Link:
         raise LinkError('closed', f'{self.port} has been closed')
 
     def __enter__(self) -> 'Link':
-        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close."""
         self.close()
 
 

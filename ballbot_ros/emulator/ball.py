@@ -66,7 +66,6 @@ class Ball:
 
     def __init__(self, scene: Scene, settings: DriveSettings, period: float = 1e-3,
                  imu: Optional[Imu] = None):
-        """Start at the start of the scene."""
         self.motor = motor_of(scene.model.robot)
         self.plant = Plant(scene, 1.0 / period, torque_limit=math.inf)
         self._count = math.tau / settings.counts_per_turn

@@ -201,7 +201,6 @@ class Channel:
     """
 
     def __init__(self, emulator: Emulator, path: Path):
-        """Listen."""
         class Handler(socketserver.StreamRequestHandler):
             def handle(self) -> None:
                 for raw in self.rfile:

@@ -81,7 +81,6 @@ class Emulator:
     def __init__(self, protocol: str, scene: Scene, baud: int = 115200,
                  settings: Optional[DriveSettings] = None, link: Optional[Path] = None,
                  seed: int = 0, imu: Optional[Imu] = None):
-        """Plug the device in; time does not run before `start`."""
         device = device_class(protocol)
         self.settings = settings or settings_for(scene.model.robot)
         self.ball = Ball(scene, self.settings, PERIOD, imu)
@@ -166,11 +165,9 @@ class Emulator:
                 raise self.failure or BallbotError('the emulator has ended')
 
     def __enter__(self) -> 'Emulator':
-        """Start."""
         return self.start()
 
     def __exit__(self, *_: object) -> None:
-        """Stop."""
         self.stop()
 
     # The thread

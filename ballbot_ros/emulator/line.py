@@ -56,7 +56,6 @@ class Direction:
     """
 
     def __init__(self, baud: float, rng: random.Random):
-        """Start with an idle line."""
         self.faults = LineFaults()
         self.garbled = False  # the two ends have different baud rates
         self._byte_time = BITS_PER_BYTE / baud

@@ -34,7 +34,6 @@ class PseudoTerminal:
     """
 
     def __init__(self, link: Optional[Path] = None):
-        """Plug in."""
         self._link = link
         self._master = self._slave = -1
         if link is not None and link.exists() and not link.is_symlink():

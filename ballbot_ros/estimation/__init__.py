@@ -13,7 +13,7 @@ A robot that stands still, with its encoder at 0 and gravity in its acceleromete
     >>> bool(abs(estimate.mean[0]) < 0.01)
     True
 
-What an encoder alone cannot tell apart, and what an IMU adds:
+With an encoder alone some quantities are not observable:
 
     >>> len(unobservable(load_robot('gimball'), imu=False)) > 0
     True

@@ -1,46 +1,45 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-An encoder that jumps, told from a pendulum that is hit.
+Detection of encoder jumps, as distinct from impacts on the pendulum.
 
-A step between two readings is a motion where something else knows of it: the filter, whose
-prediction the reading then fits, or the velocity that the drive itself reports, or, without one,
-the rate between the readings before.  What none of them explains is a jump.  Readings after it
-are left out, until so many of them in a row lie off the prediction by the same angle that the
-encoder may count on from its new zero.
+A step between two readings is a motion if it agrees with the prediction of the filter, with the
+velocity that the drive reports, or, without one, with the rate between the previous readings.
+Otherwise it is a jump.  The readings after a jump are left out, until `AGREEING` of them in a row
+differ from the prediction by the same angle: then the encoder continues from a new zero.
 
 The largest innovation of a filter with an IMU, in simulations of drops of 1 m and of walls hit at
 4 m/s, is 0.006 rad at 500 Hz and 0.08 rad at 50 Hz.  Without an IMU it is 0.23 rad and more: then
-the velocity of the drive tells one from the other.
+only the velocity of the drive distinguishes a jump from an impact.
 """
 import math
 from typing import NamedTuple, Optional
 
-# A step is explained where it is nearer to what was to be expected than the sum of: this [rad],
+# Tolerance of a step about its expected value, the sum of: this [rad],
 NEAR = 0.03
-# this times the time since the reading before, for what a hit does between two readings [rad/s],
+# this times the time since the previous reading, for an impact between two readings [rad/s],
 UNKNOWN_RATE = 5.0
-# for what it does to a rate that is as old as a reading [rad/s],
+# the same for the change of a rate as old as the previous reading [rad/s],
 UNKNOWN_CHANGE = 25.0
-# and this times the rate, for a reading may be older than it says [s].
+# and this times the rate, because a reading may be older than its stamp [s].
 UNKNOWN_TIME = 0.003
-# No joint turns faster [rad/s]: an estimator that says so has been hit by the jump itself.
+# Highest plausible joint rate [rad/s]: the jump itself has corrupted a higher estimate.
 HIGHEST_JOINT_RATE = 60.0
-# After a longer pause nobody can say what happened meanwhile [s]; then an angle further than this
-# from the predicted one is none of this zero [rad].
+# After a longer pause [s] the motion in between is unknown: an angle further than `OUTLIER` from
+# the prediction has another zero [rad].
 LONGEST_PAUSE = 0.05
 OUTLIER = 0.5
-# A drive that was off meanwhile counts from 0 again: where the encoder is this near to what it may
-# show then, an angle further than that from the predicted one is none of the old zero [rad].
+# A drive that restarted counts from 0: a reading within `NEAR_RESTART` of 0 plus the motion since,
+# and further than `RESTARTED` from the prediction, has a new zero [rad].
 NEAR_RESTART, RESTARTED = 0.15, 0.1
-# None is back sooner [s].
+# Shortest restart of a drive [s].
 SHORTEST_RESTART = 0.15
-# So many readings in a row, over so long [s], that lie off by the same, give or take this [rad],
-# make a new zero.  Answers that a busy machine was late to ask for lie off by less and less.
+# Number of consecutive readings, their shortest duration [s] and the tolerance of their common
+# offset [rad] for a new zero.  The offset of delayed readings decreases.
 AGREEING, AGREED_FOR, AGREE = 5, 0.0175, 0.03
 
 
 class EncoderReading(NamedTuple):
-    """An encoder reading and what was to be expected of it, at the joint."""
+    """An encoder reading and its prediction, at the joint."""
 
     stamp: float  # [s]
     angle: float  # [rad]
@@ -50,30 +49,30 @@ class EncoderReading(NamedTuple):
 
 
 class EncoderDoubt(NamedTuple):
-    """Readings that do not fit."""
+    """Consecutive readings that do not agree with the prediction."""
 
     since: float  # [s]
-    begun: float  # since when they agree [s]
+    begun: float  # first of those that agree [s]
     until: float  # the last one [s]
     innovations: tuple[float, ...]  # of those that agree [rad]
 
     @property
     def jump(self) -> Optional[float]:
-        """Return by how much they all lie off [rad], None until enough of them agree."""
+        """Return their common offset [rad], None until enough of them agree."""
         number = len(self.innovations)
         enough = number >= AGREEING and self.until - self.begun >= AGREED_FOR
         return sum(self.innovations) / number if enough else None
 
 
 class Continuity(NamedTuple):
-    """What is remembered from one reading to the next; `after` gives the next."""
+    """State from one reading to the next; `after` gives the next."""
 
     last: Optional[EncoderReading] = None
     step_rate: float = 0.0  # between the last two readings [rad/s]
-    doubt: Optional[EncoderDoubt] = None  # None while readings are believed
+    doubt: Optional[EncoderDoubt] = None  # None while readings are plausible
 
     def after(self, reading: EncoderReading) -> 'Continuity':
-        """Return what is to be remembered after a reading."""
+        """Return the state after a reading."""
         last = self.last
         pause = math.inf if last is None else reading.stamp - last.stamp
         if last is None or pause > LONGEST_PAUSE and self.doubt is None:
@@ -89,7 +88,7 @@ class Continuity(NamedTuple):
 
     def _doubt(self, reading: EncoderReading, fits: bool,
                broken: bool) -> Optional[EncoderDoubt]:
-        """Return the readings in doubt; where the encoder goes on smoothly, the filter errs."""
+        """Return the readings in doubt, None if the encoder is continuous (a filter error)."""
         if fits or self.doubt is None and not broken:
             return None
         doubt, stamp = self.doubt, reading.stamp
@@ -104,7 +103,7 @@ class Continuity(NamedTuple):
                   pause: float) -> bool:
         """Return whether velocities explain a step."""
         if last.rate is None or reading.rate is None:
-            # Two steps are compared, each between readings that may be older than they say.
+            # Compares two steps, each between readings that may be older than their stamps.
             return _near(step - self.step_rate * pause, pause, 2.0 * self.step_rate,
                          UNKNOWN_CHANGE)
         rate = 0.5 * (last.rate + reading.rate)

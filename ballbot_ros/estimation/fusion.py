@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The filter among unreliable sensors: an IMU that times out, an encoder that jumps."""
+"""The filter with sensor supervision: IMU timeout, encoder jumps."""
 from collections import deque
 from dataclasses import replace
 import math
@@ -15,24 +15,24 @@ from ballbot_ros.estimation.torque_check import TorqueCheck
 from ballbot_ros.estimation.tuning import FilterTuning
 from ballbot_ros.physics.model.robot import Robot
 
-# While the encoder is in doubt the angle is a prediction: good for torque for this long, and
-# given up after that [s].
+# While the encoder is in doubt the angle is a prediction: valid for torque for `RELIED_ON`, and
+# lost after `GIVEN_UP` [s].
 RELIED_ON, GIVEN_UP = 0.02, 0.1
-# So many jumps within this time, and the encoder is not to be relied on [s].
+# The estimate is lost after this number of jumps within this time [s].
 MOST_JUMPS, JUMPS_WITHIN = 3, 5.0
-# No ball or pendulum turns faster [rad/s].
+# Highest plausible rate of ball and pendulum [rad/s].
 HIGHEST_RATE = 300.0
-# An IMU is not relied on after this silence [s].
+# An IMU is not used after this time without a reading [s].
 IMU_TIMEOUT = 0.05
-# So many IMU readings wait while there is no encoder reading: some seconds.
+# Largest number of IMU readings kept until the next encoder reading: some seconds.
 QUEUE_SIZE = 2000
-# Over which the differences of the turn rate are smoothed [s]: one of two readings is noisy.
+# Time constant that smooths the derivative of the turn rate [s].
 SMOOTHING = 0.01
 
 
 class Fusion:
     """
-    Takes readings as they come and always has an estimate.
+    Estimates the state from encoder and IMU readings in order of their arrival.
 
     Parameters
     ----------
@@ -47,20 +47,19 @@ class Fusion:
     estimate : Estimate or None
         None before the first encoder reading.
     jumps : int
-        Encoder readings that were left out, as no motion explains them.
+        Number of encoder readings left out because no motion explains them.
     rezeroed : int
-        How often a new zero of the encoder was learned.
+        Number of new encoder zeros.
     last_jump : float
-        By how much that zero moved last [rad].
+        Last change of the encoder zero [rad].
     follower : callable
-        Is given each IMU reading, at the ball centre, with the estimate after it.
+        Receives each IMU reading, at the ball centre, with the estimate after it.
 
     """
 
     def __init__(self, robot: Robot, mounting: ImuMounting = ImuMounting(),
                  tuning: FilterTuning = FilterTuning(),
                  encoder_zero: Optional[float] = None):
-        """Start with nothing known."""
         self._robot, self._filter = robot, PendulumFilter(robot, tuning)
         self._mounting, self._encoder_zero = mounting, encoder_zero
         self.jumps = self.rezeroed = 0
@@ -69,7 +68,7 @@ class Fusion:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything: the next encoder reading is of a robot at rest."""
+        """Drop the estimate: the next encoder reading is of a robot at rest."""
         self.estimate: Optional[Estimate] = None
         self._waiting: Deque[ImuReading] = deque(maxlen=QUEUE_SIZE)
         self._newest = -math.inf
@@ -79,18 +78,18 @@ class Fusion:
         self._jumped: Deque[float] = deque(maxlen=MOST_JUMPS)  # when [s]
 
     def found_again(self) -> None:
-        """Count jumps anew: a drive whose line was lost may count from another zero."""
+        """Reset the count of jumps: a reconnected drive may count from another zero."""
         self._jumped.clear()
 
     def is_relied_on(self) -> bool:
-        """Return whether the encoder is believed, or was until a moment ago."""
+        """Return whether the encoder is plausible, or was within `RELIED_ON`."""
         estimate, doubt = self.estimate, self._continuity.doubt
         return estimate is not None and (
             doubt is None or estimate.stamp - doubt.since <= RELIED_ON)
 
     def imu(self, reading: ImuReading) -> None:
         """
-        Take an IMU reading; it counts from the first encoder reading that is not older.
+        Take an IMU reading; the first encoder reading that is not older uses it.
 
         Raises
         ------
@@ -106,7 +105,7 @@ class Fusion:
         self._waiting.append(reading)
 
     def _use(self, reading: ImuReading, torque: float) -> None:
-        """Update the estimate with an IMU reading, reached under a torque."""
+        """Predict the estimate under a torque and correct it with an IMU reading."""
         before, period, turning = self._imu, math.inf, 0.0
         if before is not None:
             period, turning = reading.stamp - before.stamp, before.turn_acceleration
@@ -127,7 +126,7 @@ class Fusion:
     def encoder(self, stamp: float, angle: float, torque: float,
                 rate: Optional[float] = None) -> Estimate:
         """
-        Take an encoder reading and return the estimate of its time.
+        Take an encoder reading and return the estimate at its time.
 
         Parameters
         ----------
@@ -136,17 +135,17 @@ class Fusion:
         angle : float
             Of the joint, from an arbitrary zero [rad].
         torque : float
-            At the pendulum since the reading before [N m].
+            At the pendulum since the previous reading [N m].
         rate : float, optional
-            Of the joint, as the drive reports it [rad/s]; tells a jump from a motion.
+            Of the joint, as the drive reports it [rad/s]; distinguishes a jump from a motion.
 
         Raises
         ------
         MessageError
             With reason ``not_finite``.
         EstimateLostError
-            If the estimate has run away, the encoder jumps and jumps, or the joint does not follow
-            its torque; the next reading is again of a robot at rest.
+            If the estimate diverges, the encoder jumps repeatedly, or the joint does not follow
+            its torque; the next reading starts a new estimate of a robot at rest.
 
         """
         if not math.isfinite(stamp + angle + torque + (rate or 0.0)):
@@ -187,7 +186,7 @@ class Fusion:
         return estimate
 
     def _in_doubt(self, estimate: Estimate) -> Estimate:
-        """Return the estimate after a reading that is left out, with a new zero if it is time."""
+        """Return the estimate after an omitted reading, with a new zero if enough agree."""
         doubt = self._continuity.doubt
         assert doubt is not None
         self.jumps += 1
@@ -207,17 +206,17 @@ class Fusion:
         return estimate._replace(encoder_zero=estimate.encoder_zero + doubt.jump)
 
     def _give_up(self, why: str) -> None:
-        """Forget everything and raise `EstimateLostError`."""
+        """Reset and raise `EstimateLostError`."""
         self.reset()
         raise EstimateLostError(f'{why}; let the robot come to rest')
 
 
 def _with_upright(estimate: Estimate, imu: ImuReading) -> Estimate:
     """
-    Return the estimate with ball angle 0 where the IMU is upright, when it comes after the start.
+    Return the estimate with ball angle 0 where a late IMU is upright.
 
-    Without one the ball angle was counted from wherever it was.  The pendulum stays where it is,
-    so ball and joint angle move by opposite amounts.
+    Without an IMU the ball angle starts at 0.  The pendulum angle does not change, so ball and
+    joint angle change by opposite amounts.
     """
     shift = math.remainder(
         math.atan2(imu.forward, imu.upward) - estimate.readings.ball_angle, 2.0 * math.pi)
@@ -227,7 +226,7 @@ def _with_upright(estimate: Estimate, imu: ImuReading) -> Estimate:
 
 
 def _plausible(estimate: Estimate) -> bool:
-    """Return whether an estimate can be one of a robot; infinity and NaN cannot."""
+    """Return whether an estimate is finite and within the plausible rates."""
     _, _, rate, ball_rate, _ = estimate.mean.tolist()
     return abs(rate) < HIGHEST_RATE and abs(ball_rate) < HIGHEST_RATE \
         and estimate.angle_sd < math.pi

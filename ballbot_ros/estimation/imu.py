@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-An inertial measurement unit inside the shell, seen in the plane of motion.
+An inertial measurement unit inside the shell, in the plane of motion.
 
 It turns with the shell.  Its y axis is the axle of the joint, to the left (REP 103); its x axis
 is forward and its z axis up when the shell stands at ball angle 0.  Angles of this package are
@@ -9,8 +9,8 @@ counter-clockwise positive with +x to the right, so the ball rate is *minus* the
     ball_rate = -angular_velocity.y      (turn_rate below)
     forward, upward = linear_acceleration.x, linear_acceleration.z
 
-An accelerometer measures specific force: acceleration minus gravity, so at rest it shows
-g upwards, and nothing in free fall.
+An accelerometer measures specific force: acceleration minus gravity, so at rest it reads
+g upwards, and 0 in free fall.
 """
 from dataclasses import dataclass
 import math
@@ -24,9 +24,10 @@ from ballbot_ros.jit import compiled
 @dataclass(frozen=True)
 class ImuMounting(Checked):
     """
-    Where in the shell the IMU sits and how it is turned.
+    Position and orientation of the IMU in the shell.
 
-    An IMU away from the centre measures the turning, too: 0.2 m out at 5 rad/s it is 5 m/s2.
+    Away from the centre an IMU also measures the centripetal acceleration: 5 m/s2 at 0.2 m and
+    5 rad/s.
     """
 
     imu_forward: float = quantity(
@@ -40,7 +41,7 @@ class ImuMounting(Checked):
         'where ball angle 0 is', default=0.0, minimum=-math.pi, maximum=math.pi)
 
     def at_centre(self, reading: 'ImuReading') -> 'ImuReading':
-        """Return what an IMU at the ball centre, square with the shell, would have read."""
+        """Return the equivalent reading at the ball centre, in the axes of the shell."""
         turning = reading.turn_acceleration
         forward, upward = turned(reading.forward, reading.upward, self.imu_angle)
         square = reading.turn_rate**2
@@ -64,7 +65,7 @@ class ImuReading:
     forward, upward : float
         Specific force along the x and z axes of the IMU [m/s2].
     turn_acceleration : float
-        How fast the turn rate changes, from this and earlier readings [rad/s2].
+        Derivative of the turn rate, from this and earlier readings [rad/s2].
 
     Raises
     ------
@@ -80,7 +81,7 @@ class ImuReading:
     turn_acceleration: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what is not finite: one NaN would spoil the estimate for good."""
+        """Raise `MessageError` for a value that is not finite."""
         if not math.isfinite(self.stamp + self.turn_rate + self.forward + self.upward
                              + self.turn_acceleration):
             refuse_not_finite('IMU reading', **vars(self))
@@ -88,6 +89,6 @@ class ImuReading:
 
 @compiled
 def turned(x: float, y: float, angle: float) -> Tuple[float, float]:
-    """Return a vector turned counter-clockwise by `angle` [rad]."""
+    """Return a vector rotated counter-clockwise by `angle` [rad]."""
     sine, cosine = math.sin(angle), math.cos(angle)
     return x * cosine - y * sine, x * sine + y * cosine

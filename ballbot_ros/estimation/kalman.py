@@ -11,9 +11,9 @@ with s its specific force turned into the frame of the shell,
 
     (J2 + M2 e^2) phi'' = tau2 - c2 theta2' - M2 e (s_forward cos theta2 + s_upward sin theta2)
 
-holds while rolling, slipping, climbing, falling.  What remains is which way is down: the gyro
-carries that on, and the direction of gravity in the accelerometer corrects its drift, unless
-the force differs so much from g that the ball must be falling or hitting something.
+holds while rolling, slipping, climbing, falling.  The absolute direction remains: the filter
+integrates the gyro, and the direction of gravity in the accelerometer corrects its drift, unless
+the force differs from g by more than `gravity_gate` (a fall or an impact).
 """
 import math
 from typing import NamedTuple, Optional
@@ -29,14 +29,14 @@ from ballbot_ros.estimation.kernels import (
 from ballbot_ros.estimation.tuning import FilterTuning
 from ballbot_ros.physics.model.robot import Robot
 
-# How well a robot at rest is known to be at rest: standard deviation of both rates [rad/s].
+# Standard deviation of both rates of a robot at rest [rad/s].
 START_RATE_SD = 0.01
 NO_SUPPORT: Support = (False, 0.0, 0.0)
 
 
 class Estimate(NamedTuple):
     """
-    What is known at one moment.
+    State estimate at one time.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Estimate(NamedTuple):
 
     @property
     def readings(self) -> JointReadings:
-        """Return both joints, as the controller takes them."""
+        """Return both joints, as input of the controller."""
         pendulum, joint, rate, ball_rate, _ = self.mean.tolist()
         return JointReadings(self.stamp, pendulum - joint, joint, ball_rate, rate - ball_rate)
 
@@ -74,7 +74,7 @@ class Estimate(NamedTuple):
 
 class PendulumFilter:
     """
-    Maps an estimate to a later or better one; keeps nothing itself.
+    Maps an estimate to a predicted or corrected one; has no state.
 
     Parameters
     ----------
@@ -90,7 +90,6 @@ class PendulumFilter:
     """
 
     def __init__(self, robot: Robot, tuning: FilterTuning = FilterTuning()):
-        """Work out what does not change."""
         model = RollingModel(robot)
         self._tuning = tuning
         self._trust = FilterNumbers(
@@ -105,9 +104,8 @@ class PendulumFilter:
         """
         Return the estimate of a robot at rest.
 
-        The pendulum of a robot at rest without torque hangs straight down: this is where the
-        absolute angle comes from.  Only an IMU together with a known `encoder_zero` does
-        without.
+        The pendulum of a robot at rest without torque hangs straight down: this gives the
+        absolute angle.  Only an IMU together with a known `encoder_zero` needs no such assumption.
 
         Parameters
         ----------
@@ -116,9 +114,9 @@ class PendulumFilter:
         encoder : float
             Joint angle from an arbitrary zero [rad].
         imu : ImuReading, optional
-            At the ball centre; gives the ball angle, which otherwise is called 0.
+            At the ball centre; gives the ball angle, which is 0 without it.
         encoder_zero : float, optional
-            Encoder angle at joint angle 0 [rad], of an encoder that remembers it.
+            Encoder angle at joint angle 0 [rad], of an absolute encoder.
 
         """
         ball = 0.0 if imu is None else math.atan2(imu.forward, imu.upward)
@@ -138,11 +136,11 @@ class PendulumFilter:
         ----------
         estimate : Estimate
         stamp : float
-            [s]; an earlier one than that of the estimate changes nothing.
+            [s]; one before that of the estimate has no effect.
         torque : float
             At the pendulum since then [N m].
         imu : ImuReading, optional
-            The newest, at the ball centre.
+            The latest, at the ball centre.
 
         """
         if not stamp > estimate.stamp + SAME:
@@ -155,7 +153,7 @@ class PendulumFilter:
             mean, covariance, estimate.encoder_zero)
 
     def with_encoder(self, estimate: Estimate, encoder: float) -> Estimate:
-        """Return the estimate improved by an encoder angle [rad]."""
+        """Return the estimate corrected by an encoder angle [rad]."""
         mean, covariance = np.empty(SIZE), np.empty((SIZE, SIZE))
         turned_meanwhile = self._tuning.timing_sd * float(
             estimate.mean[PENDULUM_RATE] - estimate.mean[BALL_RATE])
@@ -165,12 +163,12 @@ class PendulumFilter:
         return Estimate(estimate.stamp, mean, covariance, estimate.encoder_zero)
 
     def innovation(self, estimate: Estimate, encoder: float) -> float:
-        """Return how far an encoder angle is from the one predicted [rad]."""
+        """Return the difference between an encoder angle and its prediction [rad]."""
         return encoder - estimate.encoder_zero - float(estimate.mean[JOINT])
 
     def with_imu(self, estimate: Estimate, imu: ImuReading, period: float) -> Estimate:
         """
-        Return the estimate improved by an IMU reading.
+        Return the estimate corrected by an IMU reading.
 
         Parameters
         ----------
@@ -179,7 +177,7 @@ class PendulumFilter:
         imu : ImuReading
             At the ball centre.
         period : float
-            Since the reading before [s].
+            Since the previous reading [s].
 
         """
         mean, covariance = np.empty(SIZE), np.empty((SIZE, SIZE))

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The arithmetic of the filter, compiled: it is done in each period of a motor's loop.
+Compiled kernels of the filter, which runs in each period of the motor loop.
 
-State, covariance and equations are those of `kalman`.  No kernel makes an array: what is new is
-written into arrays that the caller hands in.  From Python, hand in ``numbers[:]`` where a
-`FilterNumbers` is asked for: kernels take plain tuples.
+State, covariance and equations are those of `kalman`.  No kernel allocates an array: the caller
+passes the output arrays.  From Python, pass ``numbers[:]`` for a `FilterNumbers`: kernels take
+plain tuples.
 """
 import math
 from typing import NamedTuple, Tuple
@@ -17,11 +17,11 @@ from ballbot_ros.jit import compiled
 PENDULUM, JOINT, PENDULUM_RATE, BALL_RATE, BIAS = range(5)
 SIZE = 5
 
-# Longer pauses than this are bridged in several steps [s].
+# A longer prediction is divided into several steps [s].
 LONGEST_STEP = 0.005
 # Stamps closer than this are the same [s].
 SAME = 1e-9
-# How long the forward specific force strays in one direction [s].
+# Correlation time of the error of the forward specific force [s].
 STRAY_TIME = 0.1
 
 # Whether the force on the support is measured, and its parts along the axes of the shell [m/s2].
@@ -32,7 +32,7 @@ Trust = Tuple[float, float, float, float, float, float, float, float, float, flo
 
 
 class FilterNumbers(NamedTuple):
-    """Robot and tuning as the kernels read them, beside the numbers of the rolling model."""
+    """Parameters of robot and tuning, in addition to those of the rolling model."""
 
     moment: float  # M2 e [kg m]
     radius: float  # [m]
@@ -40,8 +40,8 @@ class FilterNumbers(NamedTuple):
     gyro_variance: float  # [rad2/s2]
     gravity_variance: float  # [m2/s4]
     gravity_gate: float  # [m/s2]
-    # Variance that a second adds: to both rates without an IMU and with one [rad2/s3], and to
-    # the bias.
+    # Process noise per second: of both rates without an IMU and with one [rad2/s3], and of the
+    # bias.
     pendulum: float
     ball: float
     pendulum_with_imu: float
@@ -51,7 +51,7 @@ class FilterNumbers(NamedTuple):
 
 @compiled
 def take_over(mean: Array, covariance: Array, mean_after: Array, covariance_after: Array) -> None:
-    """Copy an estimate, to be changed there."""
+    """Copy an estimate into the output arrays."""
     for i in range(SIZE):
         mean_after[i] = mean[i]
         for j in range(SIZE):
@@ -60,7 +60,7 @@ def take_over(mean: Array, covariance: Array, mean_after: Array, covariance_afte
 
 @compiled
 def moved(column: Quad, step: float, by_pendulum: Quad, by_ball: Quad) -> Quad:
-    """Return how a small change of the first four of the state has grown after a step [s]."""
+    """Return a small change of the first four states after a step [s]."""
     angle, joint, rate, ball_rate = column
     return (angle + step * rate, joint + step * (rate - ball_rate),
             rate + step * (by_pendulum[0] * angle + by_pendulum[1] * joint
@@ -72,7 +72,7 @@ def moved(column: Quad, step: float, by_pendulum: Quad, by_ball: Quad) -> Quad:
 @compiled
 def spread(covariance: Array, step: float, by_pendulum: Quad, by_ball: Quad) -> None:
     """
-    Let a step [s] of the linearised motion act on a covariance in place: F P F^T.
+    Propagate a covariance in place by a step of the linearised motion: F P F^T.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def step_on(mean: Array, covariance: Array, step: float, torque: float, support:
     from_joint = 0.0
     if known:  # the force on the support is measured
         inertia, friction = rolling[0], rolling[4]
-        # Turned by minus the joint angle, the force is along and across the pendulum.
+        # Rotated by minus the joint angle, the force is along and across the pendulum.
         across, along = turned(forward, upward, -joint)
         value = (torque - friction * (rate - ball_rate) - own.moment * across) / inertia
         from_angle, from_joint = 0.0, -own.moment * along / inertia
@@ -157,18 +157,18 @@ def predicted(before: Tuple[float, Array, Array], stamp: float, torque: float, s
 def correct(mean: Array, covariance: Array, columns: Tuple[int, int],
             weights: Tuple[float, float], innovation: float, variance: float) -> None:
     """
-    Improve an estimate in place by a measurement of two quantities of the state, weighted.
+    Correct an estimate in place by a measurement of a weighted sum of two states.
 
     Parameters
     ----------
     mean : (5,) array
     covariance : (5, 5) array
     columns : tuple of 2 ints
-        Which.
+        Indices of the states.
     weights : tuple of 2 floats
-        What one more of each adds to the measurement.
+        Of the states in the measurement.
     innovation : float
-        What was measured beyond what was expected.
+        Measured less predicted value.
     variance : float
         Of the measurement.
 
@@ -191,7 +191,7 @@ def correct(mean: Array, covariance: Array, columns: Tuple[int, int],
 @compiled
 def with_joint_angle(before: Tuple[Array, Array], innovation: float, variance: float,
                      mean: Array, covariance: Array) -> None:
-    """Write the estimate improved by an encoder angle; see `PendulumFilter.with_encoder`."""
+    """Write the estimate corrected by an encoder angle; see `PendulumFilter.with_encoder`."""
     take_over(before[0], before[1], mean, covariance)
     correct(mean, covariance, (JOINT, JOINT), (1.0, 0.0), innovation, variance)
 
@@ -200,7 +200,7 @@ def with_joint_angle(before: Tuple[Array, Array], innovation: float, variance: f
 def with_felt(before: Tuple[Array, Array], felt: Quad, period: float, trust: Trust, mean: Array,
               covariance: Array) -> None:
     """
-    Write the estimate improved by an IMU reading; see `PendulumFilter.with_imu`.
+    Write the estimate corrected by an IMU reading; see `PendulumFilter.with_imu`.
 
     The reading is a turn rate [rad/s], a forward and an upward specific force [m/s2] and a turn
     acceleration [rad/s2].
@@ -212,7 +212,7 @@ def with_felt(before: Tuple[Array, Array], felt: Quad, period: float, trust: Tru
     if abs(math.hypot(forward, upward) - own.gravity) > own.gravity_gate:
         return
     ahead, up = turned(forward, upward, mean[PENDULUM] - mean[JOINT])
-    # Straying is slow: many readings in a row stray together and count as one.
+    # The error varies slowly: the readings within its correlation time count as one.
     correct(mean, covariance, (PENDULUM, JOINT), (-up, up),
             -own.radius * turn_acceleration - ahead,
             own.gravity_variance * max(1.0, STRAY_TIME / max(period, 1e-6)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the sensors leave undecided: the null space of the observability matrix."""
+"""Unobservable quantities: the null space of the observability matrix."""
 from typing import List
 
 import numpy as np
@@ -10,13 +10,13 @@ from ballbot_ros.physics.model.robot import Robot
 # Columns of the matrix below.
 NAMES = ('pendulum angle', 'pendulum rate', 'ball rate', 'joint angle', 'constant torque',
          'slope of the floor')
-# A direction that changes readings by less than this part of the strongest is unobservable.
+# Singular values below this part of the largest count as zero.
 THRESHOLD = 1e-9
 
 
 def unobservable(robot: Robot, imu: bool, angle: float = 0.0) -> List[str]:
     """
-    Return which quantities readings over time leave undecided, for small motion.
+    Return the quantities that readings over time do not determine, for small motion.
 
     Unknown are the state of the rolling ball, a constant error of the torque (friction that
     was not modelled, a wrong torque constant) and the slope of the floor.
@@ -27,12 +27,12 @@ def unobservable(robot: Robot, imu: bool, angle: float = 0.0) -> List[str]:
     imu : bool
         Whether there is a gyro and an accelerometer beside the encoder.
     angle : float
-        Pendulum angle about which to look [rad].
+        Pendulum angle about which to linearise [rad].
 
     Returns
     -------
     list of str
-        Quantities that take part in a combination that cannot be told apart.
+        Quantities in an unobservable combination.
 
     """
     model = RollingModel(robot)
@@ -48,7 +48,7 @@ def unobservable(robot: Robot, imu: bool, angle: float = 0.0) -> List[str]:
         # Direction of the specific force: ball angle times g, and the acceleration of rolling.
         readings += [ball_rate, robot.gravity * (pendulum_angle - joint_angle)
                      - robot.ball_radius * motion[2]]
-    # In tenths of a second, so that high powers stay within the range of numbers.
+    # In tenths of a second, so that high powers do not overflow.
     rows = np.vstack([readings @ np.linalg.matrix_power(motion / 10.0, power)
                       for power in range(size)])
     _, strengths, directions = np.linalg.svd(rows)

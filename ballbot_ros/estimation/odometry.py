@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""
-Where the ball has rolled to, and how well that is known.
+Position of the ball with its variance.
 
-The way is that of rolling, minus the radius times the ball angle, and what the ball slid beside
-it.  The ball angle is that of the estimate, which gravity keeps from drifting where there is an
-IMU.  How fast it slides is the speed of the centre that the accelerometer carries on, against that
-of rolling::
+The distance travelled is that of rolling, minus the radius times the ball angle, plus that of
+sliding.  The ball angle is that of the estimate; with an IMU, gravity corrects its drift.  The
+slip is the speed of the centre, integrated from the accelerometer, less that of rolling::
 
     slip = v + R theta1',    slip' = a + R theta1''
 
-with a the horizontal part of the specific force.  A ball that stands on the floor rolls: as long
-as the force is near g, slip is measured to be none, to a part of the speed.  In a blow and in the
-air nothing says so, and what the accelerometer gets wrong adds up, in the slip and in its
-variance.  Way and slip with their variances are a Kalman filter of two states.
+with a the horizontal part of the specific force.  A ball that rests on the floor rolls: while the
+force is near g, a pseudo-measurement sets the slip to zero, with a standard deviation proportional
+to the speed.  During an impact and in the air there is no such measurement, and the error of the
+accelerometer accumulates, in the slip and in its variance.  Distance and slip are the two states
+of a Kalman filter.
 """
 from dataclasses import dataclass
 import math
@@ -24,21 +24,21 @@ from ballbot_ros.estimation.kalman import Estimate
 from ballbot_ros.estimation.kernels import BALL_RATE, JOINT, PENDULUM
 from ballbot_ros.physics.model.robot import Robot
 
-# How long slip strays in one direction, and the accelerometer likewise [s].
+# Correlation time of the slip and of the error of the accelerometer [s].
 STRAY_TIME = 0.1
-# Two IMU readings that are not farther apart leave nothing unfelt [s].
+# Two IMU readings within this time miss no impact [s].
 FELT = 0.01
-# A longer pause between two IMU readings is one in which nothing was felt [s].
+# A longer pause between two IMU readings has no measurement of the force [s].
 LONGEST_PAUSE = 0.1
-# The ball angle does not move so far in a step by what readings correct [rad].
+# A larger change of the ball angle in a step than predicted is a new zero, not a correction [rad].
 RECOUNTED = 0.2
-# What a lost estimate may have made of the way [m].
+# Standard deviation of the position after a lost estimate [m].
 LOST_WAY = 1.0
 
 
 @dataclass(frozen=True)
 class OdometryTuning(Checked):
-    """How far rolling is trusted to tell the way."""
+    """Noise of the odometry."""
 
     radius_error: float = quantity(
         '1', 'standard deviation of the rolling radius, as a part of it', default=0.005,
@@ -63,35 +63,35 @@ class OdometryTuning(Checked):
 
 
 class Slide(NamedTuple):
-    """What the ball has slid, and how well that is known: the state of the filter."""
+    """Distance and speed of sliding with their covariance: the state of the filter."""
 
     way: float  # [m]
-    slip: float  # how much faster to +x than it rolls [m/s]
+    slip: float  # speed to +x less that of rolling [m/s]
     way_variance: float
     covariance: float  # of the two
     slip_variance: float
 
 
 class OdometryState(NamedTuple):
-    """Where the ball is at one moment, and how well that is known."""
+    """Position and speed of the ball at one time, with variances."""
 
     stamp: float  # [s]
     position: float  # of the centre, from where it started, along x [m]
     speed: float  # likewise [m/s]
     position_variance: float  # [m2]
     speed_variance: float  # [m2/s2]
-    ball_angle: float  # NaN where the next one counts from elsewhere [rad]
+    ball_angle: float  # NaN if the next one counts from another zero [rad]
     ball_rate: float  # [rad/s]
-    rolled: float  # part of the position that is not slid [m]
+    rolled: float  # part of the position from rolling [m]
     start_variance: float  # of the ball angle at the start
     slide: Slide
-    felt_stamp: float  # of the IMU reading that was used last [s]
+    felt_stamp: float  # of the last IMU reading used [s]
     felt_rate: float  # of the ball then [rad/s]
 
 
 class OdometryFilter:
     """
-    Maps odometry to that of the next estimate; keeps nothing itself.
+    Maps odometry to that of the next estimate; has no state.
 
     Parameters
     ----------
@@ -101,17 +101,16 @@ class OdometryFilter:
     """
 
     def __init__(self, robot: Robot, tuning: OdometryTuning = OdometryTuning()):
-        """Keep what does not change."""
         self._radius, self._gravity, self._tuning = robot.ball_radius, robot.gravity, tuning
 
     def start(self, estimate: Estimate) -> OdometryState:
-        """Return the odometry of a ball at position 0, as fast as it rolls."""
-        # Where angle 0 is, is known as well as the first angle: later ones are against it.
+        """Return the odometry of a ball at position 0 that rolls."""
+        # Later angles are relative to the first one, whose variance is that of the zero.
         return self._told(estimate, 0.0, Slide(0.0, 0.0, 0.0, 0.0, 0.0), _variances(estimate)[0],
                           -math.inf, 0.0)
 
     def lost(self, before: OdometryState) -> OdometryState:
-        """Return the odometry whose estimate is lost: the next one goes on from here, unsure."""
+        """Return the odometry after a lost estimate, with an increased variance."""
         slide = before.slide
         return before._replace(ball_angle=math.nan, slide=slide._replace(
             way_variance=slide.way_variance + LOST_WAY**2))
@@ -125,10 +124,10 @@ class OdometryFilter:
         ----------
         before : OdometryState
         estimate : Estimate
-            One that is not later moves nothing.
+            One that is not later has no effect.
         imu : ImuReading, optional
-            At the ball centre, where the estimate is the one after it.  To be given each once:
-            what was pushed in a blow is in one reading alone, however long the next one takes.
+            At the ball centre, if the estimate is the one after it.  Pass each reading once: a
+            single reading may contain the impulse of an impact.
 
         """
         state = before
@@ -139,13 +138,13 @@ class OdometryFilter:
         return state
 
     def _moved(self, before: OdometryState, estimate: Estimate) -> OdometryState:
-        """Return the odometry later, the slip being what it was."""
+        """Return the odometry at the time of the estimate, with an unchanged slip."""
         step = estimate.stamp - before.stamp
         angle, rate = _ball(estimate)
         turned_by, expected = angle - before.ball_angle, 0.5 * step * (rate + before.ball_rate)
         slide, lost = before.slide, 0.0
         if not abs(turned_by - expected) <= RECOUNTED:
-            # The angle counts from elsewhere; only the rate still tells the way.
+            # The angle counts from another zero; only the rate gives the distance.
             turned_by, lost = expected, (self._radius * expected)**2
         slide = Slide(
             slide.way + step * slide.slip, slide.slip,
@@ -162,18 +161,18 @@ class OdometryFilter:
 
     def _felt(self, before: OdometryState, estimate: Estimate,
               imu: ImuReading) -> OdometryState:
-        """Return the odometry after what an IMU felt since it felt something last."""
+        """Return the odometry after an IMU reading, integrated since the previous one."""
         tuning, (angle, rate) = self._tuning, _ball(estimate)
         slide, period = before.slide, imu.stamp - before.felt_stamp
         if period <= LONGEST_PAUSE:
             forward, _ = turned(imu.forward, imu.upward, angle)
             shock = abs(math.hypot(imu.forward, imu.upward) - self._gravity)
             faster = period * forward + self._radius * (rate - before.felt_rate)
-            # An IMU reading may have been lost, and a blow with it.
+            # An IMU reading may have been lost, and an impact with it.
             unfelt = max(0.0, period - FELT) * (
                 tuning.slip_unseen * self._radius * rate)**2 / STRAY_TIME
             slide = slide._replace(
-                # As if it had grown over the period, whose end this is.
+                # The slip changes linearly over the period.
                 way=slide.way + 0.5 * period * faster, slip=slide.slip + faster,
                 slip_variance=slide.slip_variance + unfelt + period * (
                     tuning.force_sd**2 * STRAY_TIME + (tuning.shock_part * shock)**2 * period))
@@ -183,14 +182,14 @@ class OdometryFilter:
                           rate)._replace(ball_angle=before.ball_angle)
 
     def _rolling(self, slide: 'Slide', step: float, rate: float, part: float) -> 'Slide':
-        """Return what the ball has slid if it rolls, to a part of its speed."""
-        # What is said in 0.1 s strays together and counts as one.
+        """Return the slide corrected by zero slip, with a deviation of a part of the speed."""
+        # The measurements within the correlation time count as one.
         sd = self._tuning.slip_at_rest + part * abs(self._radius * rate)
         total = slide.slip_variance + sd**2 * max(1.0, STRAY_TIME / step)
         way_gain, gain = slide.covariance / total, slide.slip_variance / total
         return Slide(
             slide.way - way_gain * slide.slip, slide.slip - gain * slide.slip,
-            # The accelerometer may be right all the same.
+            # The accelerometer may be correct nevertheless.
             slide.way_variance - way_gain * slide.covariance
             + 2.0 * step * STRAY_TIME * slide.slip**2,
             slide.covariance - gain * slide.covariance,

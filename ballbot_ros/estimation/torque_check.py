@@ -1,26 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether the joint follows its torque: the momentum observer of collision detection.
+Check that the joint follows its torque: the momentum observer of collision detection.
 
 The filter predicts the pendulum with the commanded torque, gravity and the acceleration that the
-IMU measures.  What the encoder then corrects of the pendulum rate, times the inertia and over the
-time, is a torque that the model does not explain.  Friction, pushes and errors of the model leave
-it well below the commanded torque, and an impact is short.  It cancels the commanded torque, or
-more, for long where the encoder is frozen (by all of it) or counts backwards (by twice of it), and
-where the joint is blocked.
+IMU measures.  The correction of the pendulum rate by the encoder, times the inertia and divided by
+the time, is a torque that the model does not explain.  With friction, pushes and errors of the
+model it stays well below the commanded torque, and an impact is short.  It cancels the commanded
+torque for a long time if the encoder is frozen or the joint is blocked, and is twice the commanded
+torque if the encoder counts backwards.
 """
 import math
 from typing import NamedTuple
 
 from ballbot_ros.physics.model.robot import Robot
 
-# Both torques are smoothed over this [s].
+# Time constant of the low-pass filter of both torques [s].
 SMOOTHING = 0.1
 # Checked from this commanded torque on, as a part of the largest gravity torque.
 TORQUE_MIN = 0.5
 # An unexplained torque of this part of the commanded one, against it,
 UNEXPLAINED_MIN = 0.6
-# where that of one reading counts as this part at most, or a short impact would weigh too much,
+# where that of one reading is limited to this part, to reduce the weight of a short impact,
 UNEXPLAINED_MAX = 2.5
 # while the joint turns no faster than this in the direction of the torque [rad/s],
 FOLLOWING_RATE = 2.0
@@ -44,7 +44,7 @@ class TorqueCheck(NamedTuple):
         ----------
         robot : Robot
         period : float
-            Since the reading before [s].
+            Since the previous reading [s].
         torque : float
             At the pendulum in this period [N m].
         rate_correction : float

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far the filter trusts each sensor and each model, described and ranged."""
+"""Noise of the sensors and models of the filter, with units and ranges."""
 from dataclasses import dataclass
 
 from ballbot_ros.config.fields import Checked, quantity
@@ -7,7 +7,7 @@ from ballbot_ros.config.fields import Checked, quantity
 
 @dataclass(frozen=True)
 class FilterTuning(Checked):
-    """How far each source of information is trusted."""
+    """Noise densities and standard deviations of the filter."""
 
     encoder_sd: float = quantity(
         'rad', 'standard deviation of an encoder reading, at the joint', default=5e-4, above=0.0)

@@ -223,7 +223,6 @@ class Board:
     """
 
     def __init__(self, settings: DriveSettings, names: Names, saved: Mapping[str, float]):
-        """Boot."""
         self.settings, self.names, self.sensed = settings, names, Sensed()
         self.properties = {**names.properties(settings), **saved}
         self.input_torque = 0.0

@@ -130,7 +130,6 @@ class ReplyParser:
     """
 
     def __init__(self, address: int):
-        """Start with nothing received and nothing expected."""
         self.groups: Sequence[Sequence[int]] = ()
         self.counts = Counter(skipped=0)
         self._address = address

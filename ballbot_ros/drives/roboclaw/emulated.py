@@ -40,7 +40,6 @@ class RoboClawDevice(Device):
     }
 
     def __init__(self, settings: DriveSettings, address: int = 0x80):
-        """Boot."""
         super().__init__(settings)
         self._address = address
 

@@ -127,7 +127,6 @@ class LineParser:
     """
 
     def __init__(self) -> None:
-        """Start with nothing received."""
         self.counts = Counter(refused=0, unchecked=0)
         self._rest = b''
 

@@ -36,7 +36,6 @@ class DriveStatus:
     """
 
     def __init__(self, generation: Generation, torque_limit: float):
-        """Know nothing yet."""
         self.generation = generation
         self.values: dict[str, float] = {}
         self._torque_limit = torque_limit
@@ -195,7 +194,6 @@ class Properties:
     """
 
     def __init__(self, timeout: float):
-        """Start in sync."""
         self.asked: Optional[str] = None
         self.asked_at = -math.inf
         self.value: Optional[float] = None

@@ -92,7 +92,6 @@ class AxisCondition:
     """
 
     def __init__(self) -> None:
-        """Know nothing."""
         self.generation: Optional[Generation] = None
         self.beats: deque[Beat] = deque(maxlen=3)
         self._result = 0  # of the last procedure, 0.6 only

@@ -67,7 +67,6 @@ class Assembly:
     """
 
     def __init__(self) -> None:
-        """Start with nothing received."""
         self.refused = 0
         self._buffer = b''
 
@@ -116,7 +115,6 @@ class PayloadParser:
     """
 
     def __init__(self, own: int = HOST_ID, sender: int = DRIVE_ID):
-        """Start with nothing received."""
         self.counts = Counter(refused=0, skipped=0, of_others=0)
         self.heard: set[int] = set()
         self._own, self._sender = own, sender

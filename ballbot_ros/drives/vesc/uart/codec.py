@@ -127,7 +127,6 @@ class FrameParser:
     """
 
     def __init__(self) -> None:
-        """Start with nothing received."""
         self.counts = Counter(refused=0, skipped=0)
         self._buffer = bytearray()
 

@@ -70,7 +70,6 @@ class VescDevice(Device):
     }
 
     def __init__(self, given: DriveSettings):
-        """Boot."""
         factory, hottest = 'factory' in given.quirks, given.highest_temperature
         limit = FACTORY_CURRENT if factory else given.largest_current
         self.limits = {
