@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The battery behind the drive: how full it is, and when the robot must come to rest.
+Battery monitoring: state of charge, and when a low battery stops the robot.
 
-A battery under load shows less than it has.  So it is judged by what it would show at rest, the
-voltage plus what its resistance takes at the current, smoothed; and an empty one must stay empty
-for a while before the torque fades.
+The voltage drops under load.  So the thresholds apply to the open-circuit voltage, the measured
+voltage plus the drop over the internal resistance, smoothed; and the battery must stay below
+empty_voltage for a while before the torque fades.
 """
 from dataclasses import dataclass
 import math
@@ -13,9 +13,9 @@ from typing import NamedTuple, Optional, Tuple
 from ballbot_ros.config.fields import Checked, quantity, text
 from ballbot_ros.errors import ConfigurationError
 
-# A warning stays so long, to be seen [s].
+# Shortest duration of a warning [s].
 SEEN = 2.0
-# What a warning of a low battery ends at, beside low_voltage, as a part of it.
+# A low-battery warning ends this fraction above low_voltage.
 HYSTERESIS = 0.01
 
 TECHNOLOGIES = ('unknown', 'nimh', 'lion', 'lipo', 'life', 'nicd', 'limn')
@@ -23,7 +23,7 @@ TECHNOLOGIES = ('unknown', 'nimh', 'lion', 'lipo', 'life', 'nicd', 'limn')
 
 @dataclass(frozen=True)
 class Battery(Checked):
-    """What a battery shows at rest; what is not given is not watched."""
+    """Thresholds of the open-circuit voltage; a threshold that is not given is not monitored."""
 
     technology: str = text(
         'technology of the cells, as in sensor_msgs/BatteryState', default='unknown',
@@ -68,27 +68,27 @@ class Battery(Checked):
 
 
 class BatteryWatch(NamedTuple):
-    """What is known of a battery; each look gives the next."""
+    """State of the battery monitor; each sample returns the next state."""
 
-    voltage: float = math.nan  # at rest, smoothed; NaN before it was read [V]
-    time: float = -math.inf  # of the last look [s]
+    voltage: float = math.nan  # open-circuit, smoothed; NaN before the first reading [V]
+    time: float = -math.inf  # of the last sample [s]
     low: bool = False
-    empty_since: float = math.inf  # below empty_voltage without a break [s]
-    fading_since: float = math.inf  # the torque fades [s]
-    too_high_until: float = -math.inf  # the warning of high_voltage stays [s]
+    empty_since: float = math.inf  # start of the uninterrupted time below empty_voltage [s]
+    fading_since: float = math.inf  # start of the fade of the torque [s]
+    too_high_until: float = -math.inf  # end of the high_voltage warning [s]
 
     def look(self, battery: Battery, voltage: Optional[float], current: Optional[float],
              now: float) -> 'BatteryWatch':
         """
-        Return what is known after a look at the drive.
+        Return the state after a sample of the drive.
 
         Parameters
         ----------
         battery : Battery
         voltage : float, optional
-            Of the supply [V]; what is no number, or not above 0, is no reading.
+            Of the supply [V]; NaN, or a value not above 0, is not a reading.
         current : float, optional
-            From the battery, negative while it is fed [A]; 0 where it is not known.
+            From the battery, negative while it charges [A]; 0 if the drive does not report it.
         now : float
             [s]
 
@@ -109,7 +109,7 @@ class BatteryWatch(NamedTuple):
         if now - empty_since >= battery.empty_time:
             fading = min(fading, now)
         elif low is not None and smooth >= low:
-            fading = math.inf  # another battery, or a charged one
+            fading = math.inf  # the battery was replaced or charged
         elif low is None and not is_empty:
             fading = math.inf
         return BatteryWatch(
@@ -119,7 +119,7 @@ class BatteryWatch(NamedTuple):
             now + SEEN if high is not None and voltage > high else self.too_high_until)
 
     def part(self, battery: Battery, now: float) -> float:
-        """Return the part of the torque that is left: 1 until it fades, then down to 0."""
+        """Return the available fraction of the torque: 1 until the fade, which ends at 0."""
         if now < self.fading_since:
             return 1.0
         if battery.fade_time <= 0.0:
@@ -127,7 +127,7 @@ class BatteryWatch(NamedTuple):
         return max(0.0, 1.0 - (now - self.fading_since) / battery.fade_time)
 
     def stop(self, battery: Battery, now: float) -> str:
-        """Return why the e-stop must be engaged; empty while it need not."""
+        """Return the reason to engage the e-stop, empty for none."""
         if now < self.fading_since or self.part(battery, now) > 0.0:
             return ''
         return (f'the battery is empty: {self.voltage:.1f} V at rest, empty_voltage is '
@@ -135,13 +135,13 @@ class BatteryWatch(NamedTuple):
                 + ('' if battery.low_voltage is None else f' above {battery.low_voltage:g} V'))
 
     def warnings(self, now: float) -> Tuple[str, ...]:
-        """Return the names of what is to be told."""
+        """Return the names of the active warnings."""
         return tuple(name for name, told in (
             ('battery_empty', now >= self.fading_since), ('battery_low', self.low),
             ('over_voltage', now < self.too_high_until)) if told)
 
     def percentage(self, battery: Battery) -> float:
-        """Return roughly how full it is, from 0 to 1, by its voltage; NaN where nobody knows."""
+        """Return the approximate charge, 0 to 1, from the voltage; NaN if it is unknown."""
         if battery.full_voltage is None or battery.empty_voltage is None:
             return math.nan
         span = battery.full_voltage - battery.empty_voltage

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Heat and battery: what they leave of the torque, what is told of them, when they end a drive."""
+"""Heat and battery: derating of the torque, warnings, and reasons to engage the e-stop."""
 import math
 from typing import NamedTuple, Tuple
 
@@ -8,26 +8,26 @@ from ballbot_ros.bridge.derating import derating, warmed
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.drives.contract import Telemetry
 
-# Voltage and temperatures are looked at so often [s]; a drive reports them no faster.
+# Sampling period of voltage and temperatures [s]; a drive reports them no faster.
 LOOK_EVERY = 0.05
-# In which the largest torque of late is forgotten [s]: a torque that fades begins there.
+# Time constant of the peak torque [s], from which a fade starts.
 OF_LATE = 1.0
 
 
 class Condition(NamedTuple):
-    """What heat and battery leave."""
+    """Status of the drive: derating by heat and battery."""
 
     part: float = 1.0  # of torque_limit
     warnings: Tuple[str, ...] = ()
-    stop: str = ''  # why the e-stop must be engaged; empty while it need not
-    voltage: float = math.nan  # of the battery at rest, smoothed [V]
-    percentage: float = math.nan  # roughly how full it is, from 0 to 1
-    warmth: float = 0.0  # of the winding; 1 is what it bears for good
+    stop: str = ''  # reason to engage the e-stop, empty for none
+    voltage: float = math.nan  # of the battery, open-circuit, smoothed [V]
+    percentage: float = math.nan  # approximate charge of the battery, 0 to 1
+    warmth: float = 0.0  # of the winding; 1 is the continuous rating
 
 
 class ConditionMonitor:
     """
-    Watches what a drive reports of its heat and its supply.
+    Monitors the temperatures and the supply that a drive reports.
 
     Attributes
     ----------
@@ -36,7 +36,6 @@ class ConditionMonitor:
     """
 
     def __init__(self, hardware: Hardware):
-        """Start cold, with a battery of which nothing is known."""
         self._battery, self._thermal = hardware.battery, hardware.thermal
         self._torque_limit = hardware.limits.torque_limit
         self._watch, self.condition = BatteryWatch(), Condition()
@@ -51,7 +50,7 @@ class ConditionMonitor:
         ----------
         telemetry : Telemetry
         torque : float
-            At the pendulum, in force since the last look [N m].
+            At the pendulum, applied since the last sample [N m].
         now : float
             [s]
 
@@ -74,7 +73,8 @@ class ConditionMonitor:
             battery, telemetry.bus_voltage, telemetry.bus_current, now)
         part = heat.part
         if fading:
-            # Of what it gave, not of what it might: that would fade last, and the pendulum drop.
+            # Fade from the torque in use, not from the limit, which would drop the pendulum at the
+            # end.
             part = min(part, watch.part(battery, now) * self._largest / self._torque_limit)
         self.condition = Condition(
             part, watch.warnings(now) + heat.warnings,

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""
-How much torque heat leaves, before the drive cuts all of it.
+Thermal derating of the torque, before the drive shuts it off.
 
-A winding warms with the square of its current and cools with a time constant.  Its warmth h, 1
-for what it may have for good, follows the torque::
+A winding warms with the square of its current and cools with a time constant.  Its warmth h, 1 at
+the continuous rating, follows the torque::
 
     h' = ((torque / continuous torque)^2 - h) / time constant
 
-of which a step under a constant torque is an exponential, exact however long it is.
+Under a constant torque the solution is an exponential, exact for any step.
 """
 from dataclasses import dataclass
 import math
@@ -16,13 +16,13 @@ from typing import NamedTuple, Optional, Tuple
 from ballbot_ros.config.fields import Checked, quantity
 from ballbot_ros.errors import ConfigurationError
 
-# Warmth from which the torque is taken back, to the continuous torque at 1.
+# Warmth at which derating starts; it reaches the continuous torque at 1.
 WARM = 0.8
 
 
 @dataclass(frozen=True)
 class Thermal(Checked):
-    """What power stage and motor can bear; what is not given is not watched."""
+    """Thermal limits of power stage and motor; a limit that is not given is not monitored."""
 
     drive_warn_at: Optional[float] = quantity(
         'degC', 'temperature of the power stage above which the torque is reduced',
@@ -44,7 +44,6 @@ class Thermal(Checked):
         's', 'time constant with which the winding warms', default=30.0, above=0.0, maximum=1e4)
 
     def __post_init__(self) -> None:
-        """Check each value, and that no range is half given or upside down."""
         super().__post_init__()
         for part, warn_at, zero_at in (
                 ('drive', self.drive_warn_at, self.drive_zero_at),
@@ -60,7 +59,7 @@ class Thermal(Checked):
 
 
 class Derating(NamedTuple):
-    """What heat leaves of the torque limit, and why."""
+    """Fraction of the torque limit that heat leaves, and the warnings."""
 
     part: float = 1.0  # of torque_limit
     warnings: Tuple[str, ...] = ()
@@ -69,9 +68,9 @@ class Derating(NamedTuple):
 def left_at(temperature: Optional[float], warn_at: Optional[float],
             zero_at: Optional[float]) -> float:
     """
-    Return the part of the torque that a temperature leaves: 1 up to `warn_at`, 0 from `zero_at`.
+    Return the fraction of the torque at a temperature: 1 up to `warn_at`, 0 from `zero_at`.
 
-    All in degrees Celsius; 1 for a temperature that is not known or not watched.
+    All in degrees Celsius; 1 for a temperature that is unknown or not monitored.
     """
     if temperature is None or warn_at is None or zero_at is None \
             or not math.isfinite(temperature):
@@ -81,12 +80,12 @@ def left_at(temperature: Optional[float], warn_at: Optional[float],
 
 def warmed(warmth: float, load: float, seconds: float, time_constant: float) -> float:
     """
-    Return the warmth of a winding after so many seconds under a constant load.
+    Return the warmth of a winding after `seconds` under a constant load.
 
     Parameters
     ----------
     warmth : float
-        At the start; 1 is what the winding bears for good.
+        At the start; 1 is the continuous rating of the winding.
     load : float
         Torque over continuous torque.
     seconds, time_constant : float
@@ -98,13 +97,13 @@ def warmed(warmth: float, load: float, seconds: float, time_constant: float) -> 
 
 def left_by(warmth: float, continuous: float) -> float:
     """
-    Return the part of the torque that a warmth leaves.
+    Return the fraction of the torque at a warmth.
 
     Parameters
     ----------
     warmth : float
     continuous : float
-        Part that the winding bears for good: this is left at a warmth of 1.
+        Continuous fraction of the torque, which remains at a warmth of 1.
 
     """
     if warmth <= WARM or continuous >= 1.0:
@@ -115,7 +114,7 @@ def left_by(warmth: float, continuous: float) -> float:
 def derating(thermal: Thermal, temperature: Optional[float], motor_temperature: Optional[float],
              warmth: float, torque_limit: float) -> Derating:
     """
-    Return what heat leaves of the torque.
+    Return the derating by heat.
 
     Parameters
     ----------
@@ -125,7 +124,7 @@ def derating(thermal: Thermal, temperature: Optional[float], motor_temperature: 
     warmth : float
         See `warmed`.
     torque_limit : float
-        Of which it leaves a part [N m].
+        Torque limit to derate [N m].
 
     """
     parts = {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is done to a drive: measured, armed, given torque, stopped, lost and found again."""
+"""Control of a drive: measure, arm, command, stop and reconnect."""
 from collections import Counter
 import logging
 import math
@@ -23,26 +23,26 @@ from ballbot_ros.physics.model.robot import Robot
 
 LOG = logging.getLogger(__name__)
 
-# Patience with the stop at the end; the drive's watchdog does the rest [s].
+# Timeout of the final stop [s]; after it the watchdog of the drive stops the motor.
 LAST_STOP = 0.5
 IMU_SILENT = 'the IMU fell silent while the motor pulled'
 
 
 class DriveControl:
     """
-    Carries out what the state of the motor and the pacer ask for; see `Session`, which locks it.
+    Executes the requests of the motor state and the pacer; `Session` holds its lock.
 
     Attributes
     ----------
     power : Power
     law : OnBoard or None
-        Answers each estimate; without one, commands come from outside.
+        Computes a torque for each estimate; None: torque commands come from a topic.
     counts : Counter
-        Of events, by their name for the diagnostics.
+        Number of events by diagnostics name.
     refusal : str
-        Why the motor could not be put under power when that was last tried; else empty.
+        Why the last attempt to arm the motor failed; else empty.
     unconfirmed : str
-        Why nobody knows that the motor has no power, after a stop that was waited for; else empty.
+        Why the drive did not confirm the last stop; else empty.
 
     """
 
@@ -62,12 +62,12 @@ class DriveControl:
         self.refusal = self.unconfirmed = ''
 
     def begin(self) -> None:
-        """Start with a drive that has just answered the handshake, its motor stopped."""
+        """Start with a drive after its handshake, the motor stopped."""
         self._change(Event.FOUND)
         self.sensing.begin(self.power.since)
 
     def tick(self, active: bool) -> Optional[Estimate]:
-        """Do what this period asks for, and return what was measured."""
+        """Execute one period and return the new estimate, if there is one."""
         if self.line.driver is None and self.line.look():
             self.begin()
         driver, estimate = self.line.driver, None
@@ -86,7 +86,7 @@ class DriveControl:
         return estimate
 
     def measure(self, driver: Driver) -> Optional[Estimate]:
-        """Take a new measurement, if there is one."""
+        """Read a new measurement, if there is one."""
         fusion = self.sensing.fusion
         zeros = fusion.rezeroed
         try:
@@ -96,13 +96,13 @@ class DriveControl:
                             'there', fusion.last_jump)
             return estimate
         except EstimateLostError as error:
-            # No policy goes on by itself from here: the next estimate takes rest for granted.
+            # Require a release by a person: the next estimate assumes a robot at rest.
             self.supervisor.trigger(str(error))
             LOG.warning('%s', error)
             return None
 
     def answer(self, estimate: Estimate) -> bool:
-        """Let the laws on board answer a measurement; return whether there is a torque to send."""
+        """Compute the torque of the onboard controllers; return whether there is one to send."""
         law, supervisor = self.law, self.supervisor
         if law is None:
             return False
@@ -111,12 +111,12 @@ class DriveControl:
             return False
         try:
             supervisor.gate.offer(torque, estimate.stamp, self._clock())
-        except MessageError:  # counted: the measurement came too late to be answered
+        except MessageError:  # counted: the measurement was stale
             return False
         return True
 
     def follow(self, now: float) -> None:
-        """Send the torque of a command that has just come, or let the next tick do it."""
+        """Send the torque of a new command now if the link allows, else in the next tick."""
         driver = self.line.driver
         if driver is None or self.power.state is not MotorState.ARMED:
             return
@@ -128,13 +128,13 @@ class DriveControl:
                 self.lose(driver, error)
 
     def withdraw(self) -> None:
-        """Begin a stop, if the motor is under power."""
+        """Start a stop if the motor has power."""
         driver = self.line.driver
         if driver is not None and self.power.state is MotorState.ARMED:
             self._begin_stop(driver, Event.WITHDRAWN)
 
     def stop(self) -> None:
-        """Stop and wait for the confirmation, where there is a drive."""
+        """Stop and wait for the confirmation, if a drive is connected."""
         if self.power.state is MotorState.ARMED:
             self._change(Event.WITHDRAWN)
         if self.line.driver is not None:
@@ -149,7 +149,7 @@ class DriveControl:
             self._change(Event.STOPPED)
 
     def clear_faults(self, driver: Driver) -> Tuple[str, ...]:
-        """Clear the faults of the drive, return those that stay; raise `RefusedError` if not."""
+        """Clear the faults of the drive and return those that remain; may raise `RefusedError`."""
         try:
             return driver.clear_faults(HANDSHAKE)
         except DriveError as error:
@@ -158,37 +158,37 @@ class DriveControl:
             self.lose(driver, error)
             raise RefusedError(str(error)) from error
         finally:
-            self.sensing.restart(self._clock())  # meanwhile nothing was asked for
+            self.sensing.restart(self._clock())  # no measurement was requested meanwhile
 
     def close(self) -> None:
-        """Stop the motor and close the line."""
+        """Stop the motor and close the link."""
         self.stop()
         self._change(Event.CLOSED)
         self.line.close()
 
     def lose(self, driver: Driver, error: BallbotError) -> None:
-        """Go on without the drive, unless it is known already that it is away."""
+        """Continue without the drive; no effect if it is disconnected already."""
         if self.line.driver is driver:
             why = f'the line was lost: {error}'
             self._change(Event.LOST, why)
             if not self._hardware.limits.rearm:
-                self.supervisor.trigger(why)  # released and not armed yet, it would arm when back
+                self.supervisor.trigger(why)  # else it would arm after the reconnection
             self.line.lose(error)
 
     def _watch(self, telemetry: Telemetry, now: float) -> None:
-        """Notice a drive that fell silent, or disarmed the motor by itself."""
+        """Detect a drive that stopped answering or disarmed the motor by itself."""
         silence = self.sensing.silence(now)
         if silence > LOST:
             raise DriveError('silent', f'the drive has not answered for {LOST:g} s')
         observed = self.power.observe(telemetry, silence, self._status_age(telemetry, now))
         if observed is not None and self.line.driver is not None:
-            if observed[0] is Event.HAZARD:  # which no restart of the motor removes
+            if observed[0] is Event.HAZARD:  # arming again does not clear it
                 self.supervisor.trigger(observed[1])
             self._begin_stop(self.line.driver, *observed)
 
     def _status_age(self, telemetry: Telemetry, now: float) -> float:
         """
-        Return for how long status and motion of the drive could have been confirmed, in vain [s].
+        Return for how long the drive had the chance to confirm status and motion but did not [s].
 
         Time in which this process was preempted does not count: the drive had no request then.
         """
@@ -202,7 +202,7 @@ class DriveControl:
         return self._unconfirmed
 
     def _watch_imu(self, now: float) -> None:
-        """Forget what was commanded while an IMU that is required is silent."""
+        """Drop the commands while a required IMU does not respond."""
         watch, supervisor = self.sensing.imu_watch, self.supervisor
         pulled = watch.look(now, supervisor.torque != 0.0)
         if not (self._hardware.connection.imu_required and watch.silent
@@ -216,13 +216,13 @@ class DriveControl:
         self._forget()
 
     def _forget(self) -> None:
-        """Forget what was commanded; the torque begins at zero again."""
+        """Drop the commands; the torque starts from zero again."""
         self.supervisor.quiet()
         if self.law is not None:
             self.law.forget()
 
     def _look_after(self, telemetry: Telemetry, now: float) -> None:
-        """Leave as much torque as heat and battery do."""
+        """Apply the derating by heat and battery."""
         condition = self.monitor.look(telemetry, self.supervisor.torque, now)
         self.supervisor.derating = condition.part
         if condition.stop and not self.supervisor.e_stop:
@@ -281,16 +281,16 @@ class DriveControl:
             self.lose(driver, error)
 
     def _change(self, event: Event, why: str = '') -> None:
-        """Change the state of the motor; a command from before is not followed after it."""
+        """Change the state of the motor and drop earlier commands."""
         is_fault = self.power.is_fault(event)
         self._observer.event(f'{event.in_words}{why and ": "}{why}',
                            Level.FAULT if is_fault or event is Event.LOST else Level.EVENT)
         if is_fault:
             if not self._hardware.limits.rearm:
                 self.supervisor.trigger(why)
-            elif event not in (Event.NOT_ARMED, Event.LOST):  # nor did the drive do it
+            elif event not in (Event.NOT_ARMED, Event.LOST):  # not caused by the drive
                 self._pacer = self._pacer.tripped(self._clock(), self.power.since)
-            if why != self.refusal:  # tried again and again, it is logged once
+            if why != self.refusal:  # repeated attempts are logged once
                 LOG.warning('%s', why)
         self._forget()
         self.counts[event.value] += 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The line to the drive of a hardware file: opened, checked, lost, and opened again."""
+"""The link to the drive of a hardware file: open, check, reconnect."""
 import logging
 from pathlib import Path
 from typing import Callable, Optional, Tuple
@@ -14,28 +14,27 @@ from ballbot_ros.errors import BallbotError, ConfigurationError
 
 LOG = logging.getLogger(__name__)
 
-# Between two attempts to find a drive that was lost [s].
+# Time between two attempts to reconnect [s].
 RETRY = 0.1
-# Patience with a drive that answers, when one was lost: together well below a second at first,
-# more for one that is slow [s].
+# Timeout of each reply of the handshake after a lost link [s]: a handshake takes well below a
+# second at first; the timeout grows with each failed attempt.
 HANDSHAKE, MOST_PATIENCE = 0.25, 1.0
 
 
 class DriveLine:
-    """Holds the drive that there is, if there is one; see `Session` for the arguments."""
+    """Owns the connection to the drive; see `Session` for the arguments."""
 
     def __init__(self, connect: Callable[[], Driver], clock: Callable[[], float]):
-        """Open nothing yet."""
         self._connect, self._clock = connect, clock
         self._next_try = 0.0
-        self._failures = 0  # of looking for the drive, in a row
+        self._failures = 0  # consecutive failed attempts to reconnect
         self.driver: Optional[Driver] = None
-        self.identity: Optional[Identity] = None  # of the drive that answered last
-        self.trouble = ''  # why there is no drive at the moment
-        self.reconnects = 0  # times that a drive which was lost was found again
+        self.identity: Optional[Identity] = None  # of the last connected drive
+        self.trouble = ''  # why no drive is connected
+        self.reconnects = 0  # successful reconnections
 
     def open(self, patience: float) -> Tuple[Identity, Tuple[Setting, ...]]:
-        """Open the line, find the drive and check it; raises as `handshake` does."""
+        """Open the link and check the drive; raises as `handshake` does."""
         self.close()
         try:
             self.driver, self.identity, settings = handshake(self._connect, patience)
@@ -46,7 +45,7 @@ class DriveLine:
         return self.identity, settings
 
     def look(self) -> bool:
-        """Look for a drive that was lost, unless that was just done; return whether it is back."""
+        """Try to reconnect, at most once per `RETRY`; return whether the drive is connected."""
         if self._clock() < self._next_try:
             return False
         known = self.trouble
@@ -64,13 +63,13 @@ class DriveLine:
         return True
 
     def lose(self, error: BallbotError) -> None:
-        """Take note that the drive is gone; it may be looked for at once."""
+        """Record that the link is lost; a reconnection may be tried immediately."""
         self.trouble, self._next_try = str(error), self._clock()
         self.close()
         LOG.warning('lost the drive: %s', error)
 
     def close(self) -> None:
-        """Close the line, if it is open."""
+        """Close the link if it is open."""
         driver, self.driver = self.driver, None
         if driver is not None:
             driver.line.close()
@@ -79,21 +78,20 @@ class DriveLine:
 def connector(hardware: Hardware, capture: str = '', observer: SessionObserver = SessionObserver()
               ) -> Callable[[], Driver]:
     """
-    Return a function that opens the line and puts a driver on it.
+    Return a function that opens the link and returns its driver.
 
     Parameters
     ----------
     hardware : Hardware
     capture : str
-        File for a copy of the raw traffic, of all lines that are opened one after the other;
-        empty for none.
+        File for a copy of the raw traffic of all connections; empty for none.
     observer : SessionObserver
-        Is shown that traffic, too.
+        Receives that traffic, too.
 
     Raises
     ------
     ConfigurationError
-        If the file cannot be made, or the hardware file has options of another driver.
+        If the file cannot be created, or the hardware file has options of another driver.
 
     """
     connection, options = hardware.connection, hardware.options()
@@ -117,20 +115,20 @@ def handshake(connect: Callable[[], Driver], patience: float
     connect : callable
         See `connector`.
     patience : float
-        With each of the three [s].
+        Timeout of each of the three requests [s].
 
     Raises
     ------
     LinkError, DriveError
-        If there is no such port, or not such a drive.
+        If the port does not exist, or the drive is not the expected one.
     ConfigurationError
-        If a setting that safety rests on is not as it must be.  The line is closed again.
+        If a setting that is required for safety has another value.  The link is closed again.
 
     """
     driver = connect()
     try:
         identity = driver.identify(patience)
-        driver.stop(patience)  # whoever left it may have left it turning
+        driver.stop(patience)  # the motor may still turn from an earlier connection
         settings = driver.read_settings(patience)
         wrong = [item for item in settings if not item.acceptable]
         if wrong:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Can this loop work at all: bytes on the wire against baud, and rate against the gains."""
+"""Feasibility of the loop: bytes per period against baud rate, loop rate against gains."""
 import math
 from typing import List, Sequence
 
@@ -11,24 +11,24 @@ from ballbot_ros.drives.contract import WireBudget
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.physics.model.robot import Robot
 
-# What serial adapters and drives commonly do; on a CAN bus, what the drive does.
+# Baud rates that serial adapters and drives commonly support.
 BAUD_RATES = (57600, 115200, 230400, 460800, 500000, 921600, 1000000, 2000000)
 LAWS = (Mode.HOLD, Mode.DRIVE, Mode.SPEED)
-# What laws on board may take from the last byte of an answer to the first of its torque: the
-# scheduler, the serial adapter, filter and law [s].
+# Allowed time of onboard control from the last byte of a reply to the first byte of its torque:
+# scheduler, serial adapter, filter and controller [s].
 RESERVE = 0.5e-3
 
 
 def wire_budget(hardware: Hardware) -> WireBudget:
-    """Return what one period of the loop puts on the line at most."""
+    """Return the largest amount of data on the link in one period of the loop."""
     return open_driver(hardware.connection.protocol, Replay([]), hardware.options()).budget()
 
 
 def onboard_lag(hardware: Hardware) -> float:
     """
-    Return the time from a measurement to the torque that answers it, with laws on board [s].
+    Return the time from a measurement to its torque with onboard control [s].
 
-    The question, the answer and the torque on the line, one after the other, and `RESERVE`.
+    The transfer times of request, reply and torque, plus `RESERVE`.
     """
     return wire_budget(hardware).duration(hardware.connection.baud) + RESERVE
 
@@ -36,25 +36,25 @@ def onboard_lag(hardware: Hardware) -> float:
 def check_feasible(hardware: Hardware, robot: Robot, tuning: ControlTuning,
                    delay: float = 1, lag: float = 0.0) -> float:
     """
-    Refuse a loop that cannot work, and say which part of it to change.
+    Refuse a loop that is not feasible; the message names the parameters to change.
 
-    Returns the lowest rate at which these gains are stable [Hz].
+    Returns the minimum rate at which these gains are stable [Hz].
 
     Parameters
     ----------
     hardware : Hardware
     robot : Robot
     tuning : ControlTuning
-        Gains that the controller runs with.
+        Gains of the controller.
     delay : float
-        Samples from a joint state to the torque that answers it.
+        Samples from a joint state to its torque.
     lag : float
         The same as a time [s]: `onboard_lag`, with a delay of 0.
 
     Raises
     ------
     ConfigurationError
-        If the line does not carry the rate, or the drive would disarm between two commands.
+        If the link does not support the rate, or the drive would disarm between two commands.
     UnstableLoopError
         If the gains diverge at that rate.
 
@@ -89,7 +89,7 @@ def check_feasible(hardware: Hardware, robot: Robot, tuning: ControlTuning,
 
 
 def check_joint_state_rate(hardware: Hardware, rate: float) -> None:
-    """Raise `ConfigurationError` for joint states more often than there are estimates."""
+    """Raise `ConfigurationError` if the joint state rate exceeds the rate of the estimates."""
     loop = hardware.connection.loop_rate
     if rate > loop:
         raise ConfigurationError(
@@ -99,7 +99,7 @@ def check_joint_state_rate(hardware: Hardware, rate: float) -> None:
 
 def _ways(budget: WireBudget, baud: int, rate: float, lowest: float,
           rates: Sequence[int]) -> List[str]:
-    """Return what would make the wire carry the loop."""
+    """Return the changes that would make the loop fit the link."""
     ways = []
     enough = [one for one in rates if one > baud and budget.highest_rate(one) >= rate]
     if enough:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The motor of one real robot: which drive, on which port, and what joins it to the pendulum."""
+"""The hardware file of one real robot: drive, port, and the joint of the pendulum."""
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Mapping, Optional
@@ -15,13 +15,13 @@ from ballbot_ros.drives.contract import DriveOptions
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.estimation import FilterTuning, ImuMounting, OdometryTuning
 
-# What the bridge does when commands have timed out; see `supervisor`.
+# Actions after a command timeout; see `supervisor`.
 ON_TIMEOUT = ('coast', 'brake', 'settle')
 
 
 @dataclass(frozen=True)
 class HardwareNames(Checked):
-    """What a hardware file is of."""
+    """Names in a hardware file."""
 
     name: str = text('its own name')
     robot: str = text('name of the robot that it moves')
@@ -30,7 +30,7 @@ class HardwareNames(Checked):
 @dataclass(frozen=True)
 class Joint(Checked):
     """
-    Between the shaft of the motor and the joint of the pendulum.
+    Transmission between the motor shaft and the pendulum joint.
 
     Angles and torques of the joint are those of the pendulum against the shell,
     counter-clockwise positive with +x to the right.
@@ -59,19 +59,19 @@ class Joint(Checked):
             raise ConfigurationError('Joint: direction must be 1 or -1, got 0')
 
     def joint_angle(self, position: float) -> float:
-        """Return the angle of the joint for a position of the drive; rates likewise [rad]."""
+        """Return the joint angle for a position of the drive [rad]; applies to rates, too."""
         scale = 1.0 / self.gear_ratio if self.encoder_scale is None else self.encoder_scale
         return self.direction * scale * position
 
     def motor_torque(self, torque: float) -> float:
-        """Return the torque at the motor shaft that gives one at the pendulum [N m]."""
+        """Return the torque at the motor shaft for a torque at the pendulum [N m]."""
         return self.direction * torque / (
             self.gear_ratio * self.gear_efficiency * self.torque_factor)
 
 
 @dataclass(frozen=True)
 class Limits(Checked):
-    """What is never exceeded, and what happens when commands time out."""
+    """Limits of the motion, and the action after a command timeout."""
 
     torque_limit: float = quantity(
         'N m', 'largest torque at the pendulum', above=0.0, maximum=1000.0)
@@ -105,7 +105,7 @@ class Limits(Checked):
 
 @dataclass(frozen=True)
 class Connection(Checked):
-    """Where the drive is, and how often it is talked to."""
+    """Port and loop rate of the drive."""
 
     protocol: str = text('what the drive speaks', choices=tuple(DRIVES))
     port: str = text('serial device, best by its name in /dev/serial/by-id, or URL of pyserial; a '
@@ -123,7 +123,7 @@ class Connection(Checked):
         default=True)
 
 
-# Options of a driver that follow from another section, which is the one place to set them.
+# Driver options that are set in another section.
 SET_ELSEWHERE = {
     'torque_limit': 'limits: torque_limit', 'drive_torque_limit': 'limits: drive_torque_limit',
     'speed_limit': 'limits: speed_limit', 'watchdog': 'connection: watchdog'}
@@ -135,16 +135,16 @@ SECTIONS = {'connection': Connection, 'joint': Joint, 'limits': Limits, 'imu': I
 @dataclass(frozen=True)
 class Hardware:
     """
-    Everything about the motor of one robot.
+    Motor, joint and sensors of one robot.
 
     Attributes
     ----------
     name, robot : str
-        Its own name, and that of the robot that it moves.
+        Name of the hardware, and of its robot.
     connection, joint, limits, imu, estimate, odometry, battery, thermal
         See the classes.
     drive : mapping
-        What only this protocol needs, see the `Options` of its driver.
+        Options of this protocol, see the `Options` of its driver.
     provenance : mapping of str to Provenance
         By section and field.
 
@@ -165,7 +165,7 @@ class Hardware:
         default_factory=lambda: MappingProxyType({}), compare=False, repr=False)
 
     def at(self, port: str = '', baud: int = 0) -> 'Hardware':
-        """Return the same on another port or at another baud rate, where one is given."""
+        """Return a copy with another port or baud rate, where one is given."""
         return replace(self, connection=replace(
             self.connection, port=port or self.connection.port,
             baud=baud or self.connection.baud))
@@ -177,14 +177,14 @@ class Hardware:
         Raises
         ------
         ConfigurationError
-            If the section `drive` does not suit the protocol.
+            If the section `drive` does not match the protocol.
 
         """
         limits, joint = self.limits, self.joint
         _refuse_set_elsewhere(self.drive, f'{self.name}: drive')
         return read_options(self.connection.protocol, {
             'torque_limit': abs(joint.motor_torque(limits.torque_limit)),
-            # The drive does not know torque_factor, which a calibration finds after it was set up.
+            # The drive does not apply torque_factor, which the calibration finds after the setup.
             'drive_torque_limit': max(limits.torque_limit, limits.drive_torque_limit) / abs(
                 joint.gear_ratio * joint.gear_efficiency),
             'speed_limit': abs(self.joint.gear_ratio * self.limits.speed_limit),
@@ -193,7 +193,7 @@ class Hardware:
 
 def read_hardware(content: Mapping[str, Any], where: str) -> Hardware:
     """
-    Return the hardware that a mapping describes; see `load_hardware`.
+    Return the hardware of a mapping; see `load_hardware`.
 
     Raises
     ------
@@ -220,7 +220,7 @@ def read_hardware(content: Mapping[str, Any], where: str) -> Hardware:
     drive, sources = read_values(
         driver_class(connection.protocol).Options, {'torque_limit': 1.0, **given_drive},
         f'{where}: drive')
-    del drive['torque_limit']  # that of the motor follows from that of the pendulum
+    del drive['torque_limit']  # derived from the limit of the pendulum
     provenance.update({f'drive.{key}': item for key, item in sources.items()})
     return Hardware(content['name'], content['robot'], drive=MappingProxyType(drive),
                     provenance=MappingProxyType(provenance), **parts)
@@ -236,7 +236,7 @@ def _refuse_set_elsewhere(drive: Mapping[str, Any], where: str) -> None:
 
 def load_hardware(name_or_path: str) -> Hardware:
     """
-    Read hardware that comes with the package, by name, or a file of one's own.
+    Read hardware of the package by name, or a custom file by path.
 
     Values carry their source like those of robots (`physics.robot.load_robot`).
 

@@ -1,51 +1,50 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether there is an IMU, by a clock that nobody sets.
+Availability of the IMU, by a monotonic clock.
 
-A reading counts from when it came, or from its stamp where that is earlier.  One that is stamped
-well ahead of the clock here, or long ago, is refused: it would keep a dead IMU alive, or all that
-come after it out of order.  So a clock that is set, forward or back, costs the few readings that
-come before `Clocks` follows it, and never safety.
+The age of a reading counts from its arrival, or from its stamp if that is earlier.  A reading
+stamped in the future or too far in the past is refused: it would hide a dead IMU, or put all later
+readings out of order.  So a clock that is set, forward or back, costs the few readings before
+`Clocks` follows it, and never safety.
 """
 import math
 
 from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation.fusion import IMU_TIMEOUT
 
-# Clocks of the IMU and of the bridge may differ by so much [s].
+# Allowed difference between the clocks of the IMU and of the bridge [s].
 AHEAD = 0.01
-# An IMU is silent when nothing has come for this long beyond its timeout [s]: when this process
-# itself was held up, what came meanwhile is read within it.
+# Grace period after the timeout of the IMU [s]: after a preemption of this process, queued
+# readings are read within it.
 PATIENCE = 0.02
-# After a silence an IMU is relied on when it has come for so long without a gap [s].
+# Time of readings without a gap before an IMU is usable again after a timeout [s].
 STEADY = 0.5
 
 
 class ImuWatch:
     """
-    Watches the readings of an IMU.  All times are of one steady clock and passed in [s].
+    Monitors the readings of an IMU.  All times are of one steady clock and passed in [s].
 
     Attributes
     ----------
     silent : bool
-        It fell silent, or was never there, and has not come for `STEADY` since.
+        Whether it timed out or never sent, and has not sent for `STEADY` since.
     silences : int
-        How often it fell silent after it had come.
+        Number of timeouts after a first reading.
 
     """
 
     def __init__(self) -> None:
-        """Have no reading yet."""
         self.silent = False
         self.silences = 0
         self._fresh_until = -math.inf
         self._steady_since = -math.inf
         self._missing_since = math.inf
-        self._pulling = False  # there was torque when it was first missing
+        self._pulling = False  # whether there was torque at the start of the timeout
 
     def check(self, stamp: float, now: float) -> None:
         """
-        Refuse a stamp that cannot be one of now.
+        Refuse a stamp in the future or too far in the past.
 
         Raises
         ------
@@ -63,22 +62,22 @@ class ImuWatch:
                 f'here, more than {IMU_TIMEOUT:g} s later; is it delayed, or do clocks differ?')
 
     def heard(self, stamp: float, now: float) -> None:
-        """Take note of a reading that is used."""
+        """Record the arrival of an accepted reading."""
         if now > self._fresh_until:
             self._steady_since = now if self._fresh_until > -math.inf else -math.inf
         self._fresh_until = max(self._fresh_until, min(stamp, now) + IMU_TIMEOUT)
 
     def has(self, now: float) -> bool:
-        """Return whether there is a reading not older than the timeout."""
+        """Return whether the latest reading is within the timeout."""
         return now <= self._fresh_until
 
     def usable(self, now: float) -> bool:
-        """Return whether there is one to rely on."""
+        """Return whether the IMU is present and steady."""
         return self.has(now) and not self.silent
 
     def look(self, now: float, pulling: bool) -> bool:
         """
-        Look whether it has fallen silent, or come back; to be called again and again.
+        Check for a timeout or a recovery; call this in each period.
 
         Parameters
         ----------
@@ -89,7 +88,7 @@ class ImuWatch:
         Returns
         -------
         bool
-            Whether it has just been found silent, and the motor pulled when it was last heard.
+            Whether a timeout was just detected that started while the motor made torque.
 
         """
         if self.has(now):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The loop in a thread of its own: whatever else stands still, it goes on or stops the motor."""
+"""The control loop in its own thread: it runs, or stops the motor, if other threads block."""
 import threading
 from time import sleep
 from typing import Callable, Optional
@@ -9,17 +9,17 @@ from ballbot_ros.bridge.pacer import Periods
 from ballbot_ros.bridge.realtime import Scheduling
 from ballbot_ros.bridge.session import Report, Session
 
-# How long the end of the thread is waited for; a handshake may be under way [s].
+# Timeout of the join [s]; a handshake may be in progress.
 JOIN = 3.0
-# A larger part of missed periods is reported.
+# Larger fractions of missed periods are reported.
 MISSED_MAX = 0.01
-# The end is looked for so often at least [s].
+# Longest time between two checks for the end of the loop [s].
 LONGEST_SLEEP = 0.02
 
 
 class Loop:
     """
-    Calls `Session.tick` at a rate, and closes the session however it ends.
+    Calls `Session.tick` at a rate, and closes the session at every exit.
 
     Parameters
     ----------
@@ -29,18 +29,17 @@ class Loop:
     *publish : callable
         Called in the thread with each `Report`, in this order.
     scheduling : Scheduling, optional
-        That was prepared; the thread enters it.
+        Prepared scheduling, which the thread enters.
 
     Attributes
     ----------
     failure : Exception or None
-        What ended the loop, if nobody asked for its end.
+        The error that ended the loop, if one did.
 
     """
 
     def __init__(self, session: Session, rate: float, *publish: Callable[[Report], None],
                  scheduling: Scheduling = Scheduling()):
-        """Start at once."""
         self._session, self._publish, self._scheduling = session, publish, scheduling
         self._periods = Periods(1.0 / rate, session.clock())
         self._checked = (session.clock(), 0)  # at the last call of `delayed`
@@ -55,7 +54,7 @@ class Loop:
         return self._thread.is_alive()
 
     def delayed(self) -> str:
-        """Return that other programs delay the loop, if so since the last call; else empty."""
+        """Return a warning if periods were missed since the last call; else an empty string."""
         now, late = self._session.clock(), self._periods.late
         (then, before), self._checked = self._checked, (now, late)
         missed, periods = late - before, (now - then) / self._periods.period
@@ -66,11 +65,11 @@ class Loop:
 
     @property
     def late(self) -> int:
-        """Return the number of periods that were missed."""
+        """Return the number of missed periods."""
         return self._periods.late
 
     def end(self) -> None:
-        """Stop the motor, close the line and end the thread; a second time does no harm."""
+        """Stop the motor, close the link and end the thread; a second call has no effect."""
         self._ending = True
         self._thread.join(JOIN)
         self._session.close()
@@ -90,12 +89,12 @@ class Loop:
                 due = self._periods.due
                 while self._session.expecting and clock() < due:
                     self._hand_on(self._session.await_answer(due - clock()))
-                # A plain sleep costs half of what waiting for an event does.
+                # A plain sleep takes half the CPU time of waiting for an event.
                 while not self._ending and (left := due - clock()) > 0.0:
                     sleep(left if left < LONGEST_SLEEP else LONGEST_SLEEP)
                 if self._ending:
                     return
-        except Exception as error:  # noqa: BLE001 whatever it is, the owner must know it
+        except Exception as error:  # noqa: BLE001 reported to the owner
             self.failure = error
             self._session.observer.event(f'the loop ended: {error!r}', Level.FAULT)
         finally:

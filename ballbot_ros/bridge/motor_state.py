@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What is known about the power of a motor, and what changes it: a table and pure functions.
+State machine of the motor power: a transition table and pure functions.
 
-Only `Event.ARMED` leads to power, and every way from there leads to a stop that is repeated until
-the drive confirms it, or to a drive that is away and is stopped by its own watchdog.
+Only `Event.ARMED` enables power, and every transition from there leads to a stop that is repeated
+until the drive confirms it, or to a disconnected drive that its own watchdog stops.
 """
 from enum import auto, Enum
 from types import MappingProxyType
@@ -11,50 +11,49 @@ from typing import Mapping, NamedTuple, Optional, Tuple
 
 from ballbot_ros.drives.contract import Telemetry
 
-# Without a measurement for so long there is no torque [s].
+# Largest age of a measurement for torque [s].
 SILENCE = 0.1
-# Without a confirmed status of an armed drive for so long the e-stop engages [s].
+# Timeout of the confirmed status of an armed drive, after which the e-stop engages [s].
 STATUS_TIMEOUT = 0.2
-# After so long without an answer the drive is looked for anew: it may have been switched off and
-# on [s].
+# Timeout of a reply, after which the link reconnects [s]: the drive may have lost power.
 LOST = 0.3
 
 
 class MotorState(Enum):
-    """What is known about the power of the motor."""
+    """State of the motor power."""
 
-    DISCONNECTED = auto()  # no drive answers
+    DISCONNECTED = auto()  # no connected drive
     DISARMED = auto()  # confirmed by the drive
     ARMED = auto()
     STOPPING = auto()  # the stop is repeated until it is confirmed
 
 
 class Event(Enum):
-    """What changes it; the values are the names under which it is counted."""
+    """Events of the state machine; the values are the names of their counters."""
 
-    FOUND = 'found'  # a drive answered the handshake and confirmed that its motor is stopped
-    ARMED = 'armed'  # the drive confirmed that the motor is under power
-    NOT_ARMED = 'not_armed'  # it was to be, and the drive did not confirm it
-    WITHDRAWN = 'withdrawn'  # there is to be no power any more
-    SILENT = 'silent'  # the drive did not answer under power; it may have been off and on
-    UNCONFIRMED = 'unconfirmed'  # the drive answered, but did not report that it is armed
+    FOUND = 'found'  # handshake complete, motor confirmed stopped
+    ARMED = 'armed'  # the drive confirmed that the motor has power
+    NOT_ARMED = 'not_armed'  # the drive did not confirm a request to arm
+    WITHDRAWN = 'withdrawn'  # power is no longer requested
+    SILENT = 'silent'  # no reply while armed; the drive may have restarted
+    UNCONFIRMED = 'unconfirmed'  # a reply without a confirmed armed status
     DISARMED_BY_DRIVE = 'disarmed_by_drive'
     HAZARD = 'hazards'  # another sender commands the drive, or its settings have changed
     STOPPED = 'stopped'  # the drive confirmed the stop
-    LOST = 'links_lost'  # the line failed, or the drive did not answer for long
+    LOST = 'links_lost'  # the link failed, or replies timed out
     CLOSED = 'closed'
 
     @property
     def in_words(self) -> str:
-        """Return what has happened, as people write it."""
+        """Return the event as text."""
         return self.value.replace('_', ' ').replace('links', 'drive')
 
 
 class Transition(NamedTuple):
-    """A row of the table."""
+    """A row of the transition table."""
 
     to: MotorState
-    fault: bool = False  # the e-stop engages, unless the robot may go on by itself
+    fault: bool = False  # the e-stop engages, unless the bridge may rearm by itself
 
 
 TRANSITIONS: Mapping[Tuple[MotorState, Event], Transition] = MappingProxyType({
@@ -77,31 +76,31 @@ TRANSITIONS: Mapping[Tuple[MotorState, Event], Transition] = MappingProxyType({
 
 
 class Power(NamedTuple):
-    """The state of the motor and since when; each event gives the next."""
+    """The state of the motor and its start time; each event returns the next."""
 
     state: MotorState = MotorState.DISCONNECTED
     since: float = 0.0  # [s]
 
     def after(self, event: Event, now: float) -> 'Power':
-        """Return the power after an event; raise `KeyError` for one that cannot happen here."""
+        """Return the state after an event; raise `KeyError` for one that the table lacks."""
         return Power(TRANSITIONS[self.state, event].to, now)
 
     def is_fault(self, event: Event) -> bool:
-        """Return whether the e-stop is to engage with an event."""
+        """Return whether an event engages the e-stop."""
         return TRANSITIONS[self.state, event].fault
 
     def observe(self, telemetry: Telemetry, silence: float, status_age: float
                 ) -> Optional[Tuple[Event, str]]:
         """
-        Return what a drive that answers has done by itself, and in words; None for nothing.
+        Return the event that the drive caused by itself and its text, or None.
 
         Parameters
         ----------
         telemetry : Telemetry
         silence : float
-            How long it has owed an answer [s].
+            Time since the unanswered request [s].
         status_age : float
-            Time in which its status could have been confirmed and was not [s].
+            Time without a confirmed status [s].
 
         """
         if self.state is not MotorState.ARMED:
