@@ -4,22 +4,21 @@ The motor controllers: a folder for each vendor, and the only table of them.
 
 To add one, copy the folder `vesc/uart` (the simplest) and add a line to `DRIVES`.  The driver, the
 emulated device, the choices of the command line and of hardware files, the fuzz targets, the
-benchmarks and the tables of docs/hardware.md follow from that line, which also says whether it is
-spoken on a serial line or on a CAN bus.  Its folder has three modules:
+benchmarks and the tables of docs/hardware.md follow from that line, which also selects a serial
+line or a CAN bus.  Its folder has three modules:
 
 ``codec``
     Bytes to messages and back, without state but that of the parser.  `parser()` returns a new
     one, whose `feed(data)` returns the replies that bytes complete.  `frame_reply(message)`
     returns the bytes that the drive sends such a reply in, and `reply_of(data)` makes a valid
-    frame of any bytes; what the parser returns must stand in the stream, and `make fuzz` holds
-    it to that.
+    frame of any bytes; `make fuzz` checks that the stream contains each reply of the parser.
 ``driver``
-    A class made from `driver.Driver`; contract.py says what it must keep.
+    A subclass of `driver.Driver`, with the contract of contract.py.
 ``emulated``
-    A class made from `emulated_device.Device`: the firmware in software, for tests and demos.
-    `memory_line.MemoryLine` puts it at the other end of a driver without a serial port.
+    A subclass of `emulated_device.Device`: the firmware in software, for tests and demos.
+    `memory_line.MemoryLine` connects it to a driver without a serial port.
 
-With a drive on a serial line, or as here one in software:
+With an emulated drive in memory:
 
     >>> from ballbot_ros.drives.emulated_device import DriveSettings
     >>> from ballbot_ros.drives.memory_line import MemoryLine
@@ -45,7 +44,7 @@ from ballbot_ros.errors import ConfigurationError
 
 
 class LineKind(NamedTuple):
-    """Which class opens a port; imported when a line is first opened."""
+    """The class that opens a port; imported at the first use."""
 
     module: str
     opener: str
@@ -56,7 +55,7 @@ CAN = LineKind('ballbot_ros.drives.can_transport', 'CanLink')
 
 
 class Vendor(NamedTuple):
-    """Where the parts of a drive are; each is imported when it is first asked for."""
+    """The modules and classes of a drive; each is imported at the first use."""
 
     folder: str  # with the modules codec, driver and emulated
     driver: str  # class in driver
@@ -76,7 +75,7 @@ DRIVES = {
 
 
 def codec_of(protocol: str) -> ModuleType:
-    """Return the codec of a protocol; raises `ConfigurationError` if there is none of it."""
+    """Return the codec of a protocol; raises `ConfigurationError` for an unknown one."""
     return _module(protocol, 'codec')
 
 
@@ -117,7 +116,7 @@ def read_options(protocol: str, mapping: Mapping[str, Any], where: str) -> Drive
 
 
 def line_of(protocol: str) -> LineKind:
-    """Return what kind of line a protocol is spoken on; raises as `codec_of` does."""
+    """Return the kind of line of a protocol; raises as `codec_of` does."""
     _check(protocol)
     return DRIVES[protocol].line
 
@@ -125,7 +124,7 @@ def line_of(protocol: str) -> LineKind:
 def open_line(protocol: str, port: str, baud: int,
               recorder: Optional[TrafficSink] = None) -> SerialLine:
     """
-    Open the line that a protocol is spoken on.
+    Open the line of a protocol.
 
     Parameters
     ----------
@@ -158,7 +157,7 @@ def open_driver(protocol: str, line: SerialLine, options: DriveOptions,
     Raises
     ------
     ConfigurationError
-        If there is no such protocol, or the options are those of another.
+        If there is no such protocol, or the options are those of another protocol.
 
     """
     found = driver_class(protocol)

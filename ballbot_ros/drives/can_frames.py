@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-CAN frames as records of 16 bytes, so that a bus is a line like any other: a stream of bytes.
+CAN frames as records of 16 bytes, so that a bus is a stream of bytes like a serial line.
 
 A record is that of SocketCAN (``struct can_frame``, little-endian): identifier with its two flags,
-length, data padded with zeros.  In two of its three spare bytes stands a CRC of the rest.  On the
-bus each frame has one, which the controllers check and do not hand on; here it keeps captures,
-fuzz and a damaged line in software honest: a record that was changed is none, as it is on the bus.
+length, data padded with zeros.  Two of its three spare bytes hold a CRC of the rest.  On the bus
+each frame has one, which the controllers check and do not pass on; here it makes the parser
+refuse a changed record in captures, fuzz tests and on an emulated line.
 
-A record counts as 160 bits where a line counts ten per byte (`wire.BITS_PER_BYTE`).  So long is
-the longest frame: identifier of 29 bits, eight bytes, every stuff bit there can be, and the gap
-to the next; one with 11 bits has 135 at most, a request without data 55.
+At ten bits per byte (`contract.BITS_PER_BYTE`) a record counts as 160 bits.  This is the length of
+the longest frame: identifier of 29 bits, eight bytes, all possible stuff bits, and the gap to the
+next frame; one with 11 bits has 135 at most, a request without data 55.
 """
 from binascii import crc_hqx
 from collections import Counter
@@ -41,7 +41,7 @@ def record(frame: CanFrame) -> bytes:
     Raises
     ------
     ValueError
-        If there is no such frame.
+        If the frame is not valid.
 
     """
     identifier, data, extended, remote = frame
@@ -67,7 +67,7 @@ def parse_record(raw: bytes) -> Optional[CanFrame]:
 
 
 def judge_others(number: int) -> Setting:
-    """Judge the number of frames to the drive that another sender sent."""
+    """Check the number of frames to the drive from another sender."""
     return Setting('only sender', 'yes' if not number else f'no: {number} frames of another',
                    'yes', not number, 'another program, or computer, commands this drive: end it')
 

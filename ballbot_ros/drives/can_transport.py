@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The one place that opens a CAN bus, by python-can.
+CAN bus by python-can; the only module that opens one.
 
 A port is one of
 
@@ -11,8 +11,8 @@ A port is one of
 ``INTERFACE:CHANNEL``
     any other interface of python-can, such as ``virtual:name`` within a process.
 
-Whatever python-can, the kernel or pyserial raise becomes `LinkError`, with a reason and what to
-do.  Frames are handed on as records, see can_frames.py, without those of errors.
+All exceptions of python-can, the kernel and pyserial become `LinkError`, with a reason and a
+remedy.  Frames are passed on as records, see can_frames.py, without error frames.
 """
 from contextlib import contextmanager, suppress
 import errno
@@ -27,10 +27,10 @@ from ballbot_ros.errors import LinkError
 
 # A bus without space for this long has no acknowledging node, or a stuck adapter [s].
 PATIENCE = 0.02
-# pyserial, below an adapter, looks at its clock after the bytes have gone, so that a process that
-# preempted would see a timeout: a backstop [s].
+# pyserial reads its clock after the write, so that a preempted process would see a timeout: a
+# backstop [s].
 WRITE_TIMEOUT = 0.5
-# Frames taken at once, and reads of a serial adapter that bring none.
+# Largest number of frames per read, and of reads of a serial adapter without a frame.
 MOST_FRAMES = 256
 # CAN_ERR_BUSOFF of linux/can/error.h: the controller has left the bus.
 BUS_OFF = 0x40
@@ -70,7 +70,7 @@ class CanLink:
         self.bytes_out = self.bytes_in = 0
         self._recorder = recorder
         self._parser = RecordParser()
-        self._waiting: Any = None  # a message that came while waiting
+        self._waiting: Any = None  # a message received by `wait`
         self._bus: Any = None
         with _converted(port, baud, opening=True):
             import can
@@ -80,9 +80,9 @@ class CanLink:
                                 ignore_config=True, **more)
         try:
             self._descriptor: Any = self._bus.fileno()
-        except (NotImplementedError, OSError):  # virtual: and the like have none
+        except (NotImplementedError, OSError):  # virtual: and others have none
             self._descriptor = None
-        self._take()  # what was sent before we came
+        self._take()  # drop earlier traffic
 
     def write(self, data: bytes) -> None:
         """
@@ -109,7 +109,7 @@ class CanLink:
 
     def read(self) -> bytes:
         """
-        Return the records of the frames that have arrived, maybe of none; do not wait.
+        Return the records of the frames that have arrived; do not wait.
 
         Raises
         ------
@@ -125,7 +125,7 @@ class CanLink:
 
     def wait(self, seconds: float, least: int = 1) -> bool:
         """
-        Wait until something can be read, at most so long, and return whether there is anything.
+        Wait until something can be read, or a time has passed; return whether there is anything.
 
         Raises
         ------
@@ -179,7 +179,7 @@ class CanLink:
                     bus.flush()
                     continue
                 if message is None:
-                    # An adapter's acknowledgement is no message either, and more may follow it.
+                    # An acknowledgement of an adapter gives None, and messages may follow it.
                     if self._descriptor is None or not self._readable(0.0):
                         break
                 elif message.is_error_frame:
@@ -205,13 +205,13 @@ def _address(port: str) -> tuple[str, str, dict[str, Any]]:
     if interface == 'slcan':
         if channel.startswith('/') and not os.path.exists(channel):
             raise LinkError('missing', f'there is no port {channel}: is the adapter plugged in?')
-        # Nobody waits for an adapter; it answers nothing that matters.
+        # The driver does not wait for answers of an adapter.
         return interface, channel, {'sleep_after_open': 0.0, 'timeout': 0.0}
     return interface, channel, {}
 
 
 def _up(port: str, baud: int) -> str:
-    """Return the command that sets an interface of the kernel up."""
+    """Return the command that brings an interface of the kernel up."""
     name = port.rpartition(':')[2]
     return (f'sudo ip link set {name} down; sudo ip link set {name} up type can bitrate {baud} '
             'restart-ms 100')
@@ -219,7 +219,7 @@ def _up(port: str, baud: int) -> str:
 
 @contextmanager
 def _converted(port: str, baud: int, opening: bool = False) -> Iterator[None]:
-    """Turn what python-can and those below it raise into `LinkError`."""
+    """Convert exceptions of python-can and the layers below it into `LinkError`."""
     try:
         yield
     except LinkError:
@@ -246,7 +246,7 @@ def _converted(port: str, baud: int, opening: bool = False) -> Iterator[None]:
 
 
 def _is_no_frame(error: Exception) -> bool:
-    """Return whether a serial adapter sent what is no frame."""
+    """Return whether a serial adapter sent an invalid frame."""
     return isinstance(error, (ValueError, IndexError)) or isinstance(error.__cause__, ValueError)
 
 
@@ -256,7 +256,7 @@ def _is_of_the_line(error: Exception) -> bool:
 
 
 def _failure(port: str, baud: int, error: Exception, opening: bool) -> LinkError:
-    """Say why a bus did not open or is gone, and what to do."""
+    """Return why a bus did not open or is gone, with the remedy."""
     number = _number(error)
     if opening and number is None and 'bitrate' in str(error).lower():
         return LinkError('bad_baud', f'{port} cannot do {baud} bit/s: {error}')

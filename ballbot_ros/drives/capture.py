@@ -9,11 +9,11 @@ bytes in hexadecimal::
     0.000000 > 662030202a3131380a
     0.001812 < 302e303030303030
 
-A capture plays back into a driver in place of a `Link`, so that a fault seen once on a real
-robot becomes a test.
+A capture replaces a `Link` as input of a driver, so that a fault observed on a real robot becomes
+a test.
 
-A capture that has become `MOST_BYTES` long goes on in a new file, and the one before is kept
-beside it with ``.1`` behind its name; older parts are deleted.  `read_capture` reads both.
+A capture of `MOST_BYTES` continues in a new file; the previous part is kept with the suffix
+``.1``, older parts are deleted.  `read_capture` reads both.
 """
 from collections import deque
 from pathlib import Path
@@ -24,30 +24,30 @@ from ballbot_ros.errors import ConfigurationError, LinkError
 
 HEADER = '# ballbot traffic 1'
 TO_DRIVE, FROM_DRIVE = '>', '<'
-# Longest file of a capture [bytes]: half an hour at 500 Hz, whatever the protocol.
+# Longest file of a capture [bytes]: half an hour at 500 Hz with any protocol.
 MOST_BYTES = 256 * 1024**2
 
 
 def part_before(path: Path) -> Path:
-    """Return where the part of a capture is that came before the newest."""
+    """Return the path of the part before the latest part of a capture."""
     return path.with_name(f'{path.name}.1')
 
 
 class TrafficSink(Protocol):
-    """Whoever is shown the traffic of a line."""
+    """Receiver of a copy of the traffic of a line."""
 
     def record(self, direction: str, data: bytes) -> None:
         """Take a piece of traffic."""
 
 
 class ShownToAll:
-    """Shows traffic to several."""
+    """Passes traffic to several sinks, in the order given."""
 
     def __init__(self, *sinks: TrafficSink):
         self._sinks = sinks
 
     def record(self, direction: str, data: bytes) -> None:
-        """Show a piece of traffic to all."""
+        """Pass a piece of traffic to all sinks."""
         for sink in self._sinks:
             sink.record(direction, data)
 
@@ -64,8 +64,8 @@ class Recorder:
     """
     Writes traffic to a file.
 
-    A full disk must not stop a motor bridge: a failure to write ends the recording, and is kept
-    in `failure` for the diagnostics.
+    A full disk must not stop a motor bridge: a failure to write ends the recording, and
+    `failure` keeps it for the diagnostics.  The second part of an older capture is deleted.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class Recorder:
     Raises
     ------
     ConfigurationError
-        If the file cannot be made.
+        If the file cannot be created.
 
     """
 
@@ -125,12 +125,12 @@ def read_capture(path: Path) -> list[Record]:
     """
     Read a capture, with the part before it if there is one.
 
-    A last line that was cut off by the end of its process is left out.
+    An incomplete last line, after the end of its process, is ignored.
 
     Raises
     ------
     ConfigurationError
-        Naming file and line of what is no traffic.
+        Naming file and line of invalid traffic.
 
     """
     before = part_before(path)
@@ -138,7 +138,7 @@ def read_capture(path: Path) -> list[Record]:
 
 
 def _read(path: Path) -> list[Record]:
-    """Return what one file holds."""
+    """Return the records of one file."""
     try:
         lines = path.read_text(encoding='ascii').splitlines(keepends=True)
     except (OSError, UnicodeDecodeError) as error:
@@ -180,11 +180,11 @@ class Replay:
 
     @property
     def finished(self) -> bool:
-        """Return whether all of it was read."""
+        """Return whether all records were read."""
         return not self._pieces
 
     def write(self, data: bytes) -> None:
-        """Keep what is written."""
+        """Keep the data in `written`."""
         self.written.append(data)
         self.bytes_out += len(data)
 
@@ -195,7 +195,7 @@ class Replay:
         Raises
         ------
         LinkError
-            After the last one, as a line does that was unplugged.
+            After the last one, as an unplugged line does.
 
         """
         if self.finished:

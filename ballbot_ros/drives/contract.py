@@ -16,11 +16,11 @@ gear, direction and zero of the pendulum joint are the caller's.  A session goes
 
 `identify`, `read_settings`, `arm` and `stop` wait for answers, never longer than their
 ``patience``.  `poll`, `send_torque`, `send_stop`, `ask` and `feed` do not wait: a reply that is
-late or lost is counted and asked for again.  Any of them raises `LinkError` when the line is
-gone; the link is then to be closed and opened again.
+delayed or lost is counted and requested again.  Any of them raises `LinkError` when the line is
+gone; then close the link and open it again.
 
-`Driver` in driver.py is the base class that keeps this contract, whatever the protocol: torque
-only while armed, finite and within the limit; a stop repeated until it is confirmed.
+`Driver` in driver.py is the base class that keeps this contract for all protocols: torque only
+while armed, finite and within the limit; a stop repeated until it is confirmed.
 """
 from collections import Counter
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ from ballbot_ros.config.fields import Checked, quantity
 
 
 class SerialLine(Protocol):
-    """What a driver needs of a `Link`; a `Replay` has it too."""
+    """Interface of a line; `Link` and `Replay` implement it."""
 
     port: str
 
@@ -48,7 +48,7 @@ class SerialLine(Protocol):
 
 
 class StreamParser(Protocol):
-    """Finds the replies in what a drive sends; `counts` are of what is none."""
+    """Finds the replies in the data of a drive; `counts` covers the remaining data."""
 
     counts: Counter[str]
 
@@ -57,17 +57,17 @@ class StreamParser(Protocol):
 
 
 class Identity(NamedTuple):
-    """Who answered the handshake."""
+    """Drive that replied to the handshake."""
 
     protocol: str
     hardware: str
     firmware: str
     serial_number: str = ''
-    generation: str = ''  # of the firmware, where it decides how the drive is talked to
+    generation: str = ''  # of the firmware, where the protocol depends on it
 
     @property
     def in_words(self) -> str:
-        """Return all of it as people write it."""
+        """Return the identity as text."""
         with_serial = f' {self.serial_number}' if self.serial_number else ''
         generation = f', generation {self.generation}' if self.generation else ''
         return (f'{self.protocol} {self.hardware}{with_serial}, firmware {self.firmware}'
@@ -76,18 +76,18 @@ class Identity(NamedTuple):
 
 class Setting(NamedTuple):
     """
-    A setting of the drive that matters for safety, as it is and as it must be.
+    A safety-relevant setting of the drive: actual and required value.
 
     Attributes
     ----------
     name : str
     value : str
-        As read, with its unit; ``'unknown'`` where the drive cannot be asked.
+        As read, with its unit; ``'unknown'`` where the drive does not report it.
     wanted : str
-        In words.
+        Required value, as text.
     acceptable : bool
     remedy : str
-        What to do where it is not.
+        Remedy if it is not acceptable.
 
     """
 
@@ -107,14 +107,14 @@ def bit_names(bits: int, names: Mapping[int, str]) -> tuple[str, ...]:
 
 class Telemetry(NamedTuple):
     """
-    What the drive has reported so far; None where it has not, or cannot.
+    Values that the drive has reported; None if not reported, or not supported.
 
-    A value appears here only after a reply that passed every check of its protocol.
+    Each value comes from a reply that passed all checks of its protocol.
     """
 
     time: Optional[float] = None  # of the driver's clock, when the position arrived [s]
-    # When the request was sent that the position answers [s]; None where that is not known, or too
-    # long ago.  Such a position is no measurement.
+    # When the request of the position was sent [s]; None if that is unknown or too long ago: such
+    # a position is not a measurement.
     measured: Optional[float] = None
     position: Optional[float] = None  # of the motor shaft, goes on over full turns [rad]
     velocity: Optional[float] = None  # of the motor shaft [rad/s]
@@ -127,8 +127,8 @@ class Telemetry(NamedTuple):
     armed: Optional[bool] = None  # the motor is under power
     faults: tuple[str, ...] = ()  # names that the maker gives them; the motor has no power
     warnings: tuple[str, ...] = ()  # likewise, that the drive gives before it limits
-    # Why an armed motor must be stopped although the drive reports no fault: commands of another
-    # sender, settings that have changed.
+    # Reasons to stop an armed motor although the drive reports no fault: commands of another
+    # sender, changed settings.
     hazards: tuple[str, ...] = ()
 
 
@@ -162,12 +162,12 @@ BITS_PER_BYTE = 10
 
 class WireBudget(NamedTuple):
     """
-    What one control period puts on the line.
+    Traffic of one control period on the line.
 
     Attributes
     ----------
     bytes_out, bytes_in : int
-        To and from the drive, the longest there can be.
+        To and from the drive, at most.
     turnaround : float
         Time from the last byte of a request to the first of its reply [s].
 
@@ -179,19 +179,19 @@ class WireBudget(NamedTuple):
 
     def duration(self, baud: float) -> float:
         """
-        Return how long one exchange takes [s]: out, turnaround and in, one after the other.
+        Return the time of one exchange [s]: out, turnaround and in, one after the other.
 
-        A line is duplex, so the next request could overlap the last reply; a loop that counts
-        on this gets its measurements one period late.
+        A line is duplex, so the next request could overlap the last reply; the measurements of
+        such a loop are delayed by one period.
         """
         return (self.bytes_out + self.bytes_in) * BITS_PER_BYTE / baud + self.turnaround
 
     def highest_rate(self, baud: float) -> float:
-        """Return the highest rate at which each period sees the reply to its request [Hz]."""
+        """Return the highest rate at which each period gets the reply to its request [Hz]."""
         return 1.0 / self.duration(baud)
 
     def least_baud(self, rate: float) -> float:
-        """Return the lowest baud rate for a loop rate [Hz]; infinite where none is enough."""
+        """Return the lowest baud rate for a loop rate [Hz]; infinite if none is sufficient."""
         left = 1.0 / rate - self.turnaround
         return (self.bytes_out + self.bytes_in) * BITS_PER_BYTE / left if left > 0.0 \
             else float('inf')

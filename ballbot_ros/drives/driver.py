@@ -11,7 +11,7 @@ from ballbot_ros.drives.contract import (
 from ballbot_ros.drives.pending_requests import Match, PendingRequests
 from ballbot_ros.errors import DriveError, MessageError
 
-STOP_PERIOD = 0.02  # after which a stop that is not confirmed is repeated [s]
+STOP_PERIOD = 0.02  # after which an unconfirmed stop is repeated [s]
 
 
 class Driver(ABC):
@@ -25,16 +25,16 @@ class Driver(ABC):
     options : DriveOptions
         Of the class `Options` of this driver.
     clock : callable
-        Gives seconds and never goes back.
+        Monotonic, in seconds.
 
     Attributes
     ----------
     telemetry : Telemetry
-        The newest.
+        The latest.
     counts : Counter
-        ``sent`` (writes), ``bytes`` (received), ``replies``, ``lost`` (asked and not answered
-        in time), ``unexpected`` (not asked for), ``refused`` (checksum or form is wrong),
-        ``skipped`` (bytes that belong to no message), as far as a protocol shows them.
+        ``sent`` (writes), ``bytes`` (received), ``replies``, ``lost`` (requested, not received
+        in time), ``unexpected`` (not requested), ``refused`` (checksum or form is wrong),
+        ``skipped`` (bytes that belong to no message), where a protocol allows it.
 
     """
 
@@ -42,10 +42,10 @@ class Driver(ABC):
     maker: ClassVar[str]  # as error messages name it
     Options: ClassVar[Type[DriveOptions]] = DriveOptions
     baud_rates: ClassVar[tuple[int, ...]] = (115200,)  # to try, the maker's default first
-    shortest_answer: ClassVar[int] = 1  # to `ask`; a loop is not woken for fewer bytes
-    keeping: ClassVar[str] = ''  # what a person types to keep settings over a restart
+    shortest_answer: ClassVar[int] = 1  # to `ask`; fewer bytes do not wake a loop
+    keeping: ClassVar[str] = ''  # command that keeps settings over a restart
     replies_are_named: ClassVar[bool] = False  # each names the request that it answers
-    closes_torque_loop: ClassVar[bool] = True  # by measuring current; else by a computed voltage
+    closes_torque_loop: ClassVar[bool] = True  # with measured current; else open-loop voltage
 
     _parser: StreamParser
 
@@ -56,7 +56,7 @@ class Driver(ABC):
         self.clock = clock
         self.telemetry = Telemetry()
         self.counts: Counter[str] = Counter(lost=0)
-        self._armed = False  # by us, and not stopped since
+        self._armed = False  # by this driver, and not stopped since
         self._off_asked_at = -math.inf  # of the last request whose reply showed no power [s]
         self._pending = PendingRequests(options.reply_timeout, self.replies_are_named)
         self._begin()
@@ -66,20 +66,20 @@ class Driver(ABC):
     @abstractmethod
     def identify(self, patience: float = 0.5) -> Identity:
         """
-        Do the handshake and return who answered.
+        Do the handshake and return the identity of the drive.
 
         Raises
         ------
         DriveError
             ``silent``, ``garbled`` or ``wrong_protocol`` if no such drive answers,
-            ``firmware`` if it is one that commands would mean something else to.
+            ``firmware`` if it does not support the commands.
 
         """
 
     @abstractmethod
     def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
         """
-        Read back every setting that safety rests on, and judge it.
+        Read back and check each safety-relevant setting.
 
         Raises
         ------
@@ -90,12 +90,12 @@ class Driver(ABC):
 
     def arm(self, patience: float = 0.5) -> None:
         """
-        Put the motor under power at zero torque.
+        Enable motor power at zero torque.
 
         Raises
         ------
         DriveError
-            ``not_armed``, with the faults that the drive names.
+            ``not_armed``, with the faults that the drive reports.
 
         """
         self._until(lambda: not self._pending or self._pending.may_send(self.clock()),
@@ -106,13 +106,13 @@ class Driver(ABC):
 
     def stop(self, patience: float = 0.5) -> None:
         """
-        Take the power off the motor; repeat it until the drive confirms.
+        Disable motor power; repeat until the drive confirms.
 
         Raises
         ------
         DriveError
-            ``not_stopped`` if it does not within `patience`: the drive's own watchdog must
-            then do it.
+            ``not_stopped`` if it does not within `patience`: then the watchdog of the drive must
+            stop the motor.
 
         """
         begin = self.clock()
@@ -127,7 +127,7 @@ class Driver(ABC):
                     f'its own watchdog disarms it after {self.options.watchdog:g} s'))
 
     def clear_faults(self, patience: float = 0.5) -> tuple[str, ...]:
-        """Clear what latched, without power, and return what is still named; may refuse."""
+        """Clear latched faults, without power, and return the remaining ones; may refuse."""
         raise DriveError('not_clearable', f'a {self.maker} clears no faults on request')
 
     # What does not wait
@@ -139,9 +139,9 @@ class Driver(ABC):
         Parameters
         ----------
         torque : float
-            At the motor shaft [N m]; cut to the torque limit.
+            At the motor shaft [N m]; clipped to the torque limit.
         ask : bool
-            Send the requests of this period, too, in the same write.
+            Also send the requests of this period, in the same write.
 
         Raises
         ------
@@ -160,36 +160,36 @@ class Driver(ABC):
                    + (self._requests() if ask else b''))
 
     def ask(self) -> None:
-        """Send the requests of this period only; this keeps no torque alive."""
+        """Send the requests of this period only; does not feed the watchdog."""
         if self._armed or self._pending.may_send(self.clock()):
             self._send(self._requests())
 
     @abstractmethod
     def feed(self) -> None:
-        """Feed the watchdog of the drive and leave its torque as it is."""
+        """Feed the watchdog of the drive; its torque does not change."""
 
     def send_stop(self) -> None:
-        """Write zero torque, power off, and the requests whose answers confirm it."""
+        """Write zero torque, power off, and the requests whose replies confirm it."""
         self._armed = False
         self._send(self._stop_message())
 
     def stopped_since(self, time: float) -> bool:
-        """Return whether the drive, asked after `time`, confirmed that the motor has no power."""
+        """Return whether a reply requested after `time` confirmed that the motor has no power."""
         return self._off_asked_at >= time
 
     def poll(self) -> Telemetry:
-        """Read what has arrived and return the newest telemetry."""
+        """Read what has arrived and return the latest telemetry."""
         self._take(self.line.read(), self.clock())
         return self.telemetry
 
     @abstractmethod
     def budget(self) -> WireBudget:
-        """Return what one period of `send_torque` and its replies put on the line at most."""
+        """Return the largest traffic of one period of `send_torque` and its replies."""
 
     # For drivers
 
     def _until(self, condition: Callable[[], bool], deadline: float) -> bool:
-        """Poll until a condition holds or the deadline has come; return whether it holds."""
+        """Poll until a condition holds or the deadline has passed; return whether it holds."""
         while True:
             self.poll()
             if condition():
@@ -200,14 +200,14 @@ class Driver(ABC):
             self.line.wait(left)
 
     def _soon(self, deadline: float) -> float:
-        """Return when a reply to what is asked now is overdue, at most a deadline."""
+        """Return when a reply to a request sent now is overdue, at most a deadline."""
         patience: float = self.options.reply_timeout
         return min(deadline, self.clock() + patience)
 
     def _ask_until(self, answered: Callable[[], bool], request: Callable[[], bytes],
                    deadline: float, what: str = '') -> None:
         """
-        Ask again and again until there is an answer.
+        Repeat a request until there is an answer.
 
         Parameters
         ----------
@@ -218,7 +218,7 @@ class Driver(ABC):
         deadline : float
             [s]
         what : str
-            What does not answer, for the error; empty in a handshake.
+            Subject of the error message; empty in a handshake.
 
         Raises
         ------
@@ -247,7 +247,7 @@ class Driver(ABC):
 
     @abstractmethod
     def _begin(self) -> None:
-        """Make the parser, and what else this driver keeps; the end of `__init__`."""
+        """Create the parser and the state of this driver; the end of `__init__`."""
 
     @abstractmethod
     def _arm(self, deadline: float) -> None:
@@ -270,7 +270,7 @@ class Driver(ABC):
 
     @abstractmethod
     def _requests(self) -> bytes:
-        """Return the bytes that ask for the telemetry of this period."""
+        """Return the bytes that request the telemetry of this period."""
 
     @abstractmethod
     def _take_reply(self, reply: Any, now: float) -> None:

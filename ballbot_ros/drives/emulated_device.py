@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the firmware of every emulated motor controller has in common."""
+"""Base class of the firmware of all emulated motor controllers."""
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, Mapping, NamedTuple
@@ -9,26 +9,26 @@ from ballbot_ros.errors import ConfigurationError
 
 
 class Sensed(NamedTuple):
-    """What the electronics of a drive measure."""
+    """Measurements of the electronics of a drive."""
 
-    position: float = 0.0  # of the motor shaft, on over full turns [rad]
+    position: float = 0.0  # of the motor shaft, not wrapped [rad]
     velocity: float = 0.0  # [rad/s]
     bus_voltage: float = 24.0  # [V]
     temperature: float = 35.0  # of the power stage [degC]
     motor_temperature: float = 30.0  # [degC]
-    stop_switch: float = 0.0  # 1 where the emergency switch at its own input is pulled
+    stop_switch: float = 0.0  # 1 if the emergency switch at its own input is engaged
 
 
 class Quirk(NamedTuple):
-    """What some boards of a maker do, by firmware or settings, and a driver must know."""
+    """Behaviour of some boards of a maker, by firmware or settings, that a driver must handle."""
 
-    effect: str  # in words
-    source: str  # the maker's file that documents it, and of which versions
+    effect: str  # as text
+    source: str  # file of the maker that documents it, with versions
 
 
 @dataclass(frozen=True)
 class DriveSettings(Checked):
-    """How an emulated drive and its motor are set up."""
+    """Settings of an emulated drive and its motor."""
 
     torque_constant: float = quantity('N m/A', 'motor torque per ampere', default=0.025,
                                       above=0.0)
@@ -52,7 +52,7 @@ class DriveSettings(Checked):
 
     @property
     def largest_current(self) -> float:
-        """Return the motor current that neither limit is passed by [A]."""
+        """Return the largest motor current within both limits [A]."""
         return min(self.current_limit, self.torque_limit / self.torque_constant)
 
 
@@ -60,27 +60,26 @@ class Device(ABC):
     """
     The firmware of a motor controller: bytes in, bytes out, a torque at the shaft.
 
-    It has no clock of its own; time [s] is passed in and never goes back.
+    It has no clock; the caller passes a monotonic time [s].
 
     Attributes
     ----------
     sensed : Sensed
-        What it measures; kept up to date from outside.
+        Its measurements; the owner updates them.
     baud : float
-        Of its line; for how long it sends a reply.
+        Of its line; gives the duration of a reply.
 
     Raises
     ------
     ConfigurationError
-        If there is no such drive with the firmware, or the quirks, of the settings.
+        If the drive does not support the firmware, or the quirks, of the settings.
 
     """
 
     protocol: ClassVar[str]
-    # Generations that differ on the line; none where all are alike.
+    # Generations with different protocols; empty if there is only one.
     firmwares: ClassVar[tuple[str, ...]] = ()
-    # What a drive may be chosen to do besides, by name.  What all boards do is no quirk: it
-    # cannot be left out.
+    # Optional behaviour, by name.  Behaviour of all boards is not a quirk: it is not optional.
     quirks: ClassVar[Mapping[str, Quirk]] = {}
     # Time that the firmware takes from a request to its reply [s].
     turnaround: ClassVar[float] = 0.0002
@@ -111,7 +110,7 @@ class Device(ABC):
         return self._receive(data, now) if now >= self.booted_at else b''
 
     def reboot(self, now: float) -> None:
-        """Lose all state and receive nothing for the boot time."""
+        """Lose all state and ignore data for the boot time."""
         self.booted_at = now + self.settings.boot_time
         self._boot()
 
@@ -133,4 +132,4 @@ class Device(ABC):
 
     @abstractmethod
     def _boot(self) -> None:
-        """Start afresh."""
+        """Reset the state of the firmware."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A line to an emulated drive without a serial port, on a clock that only its user moves."""
+"""A line to an emulated drive without a serial port, on a simulated clock."""
 from ballbot_ros.drives.emulated_device import Device
 from ballbot_ros.errors import LinkError
 
@@ -22,7 +22,7 @@ class MemoryLine:
     plugged : bool
         Whether the cable is in.
     waiting : list of (float, bytes)
-        Replies that are under way, and when they arrive [s].
+        Replies in transit, and their arrival times [s].
 
     """
 
@@ -40,7 +40,7 @@ class MemoryLine:
         return self.now
 
     def write(self, data: bytes) -> None:
-        """Give bytes to the drive, and let its reply come; raise `LinkError` if unplugged."""
+        """Pass bytes to the drive and queue its reply; raise `LinkError` if unplugged."""
         self._check()
         self._reply(self.to_drive(data), always=True)
 
@@ -52,18 +52,18 @@ class MemoryLine:
         return data
 
     def wait(self, seconds: float, least: int = 1) -> bool:
-        """Let a millisecond pass, and return whether there are bytes."""
+        """Advance by a millisecond, and return whether there are bytes."""
         self._check()
         self.pass_time(min(seconds, 0.001))
         return any(when <= self.now for when, reply in self.waiting if reply)
 
     def pass_time(self, seconds: float) -> None:
-        """Let time pass for both ends."""
+        """Advance the clock of both ends."""
         self.now += seconds
         self.live()
 
     def live(self) -> None:
-        """Let the drive do what is due now, and send what it sends unrequested."""
+        """Run the drive up to now, and queue its unrequested data."""
         self.device.tick(self.now)
         self._reply(b'')
 
@@ -71,11 +71,11 @@ class MemoryLine:
         """Do nothing."""
 
     def to_drive(self, data: bytes) -> bytes:
-        """Return what arrives of bytes that are written; for a bad line replace it."""
+        """Return the bytes that arrive of those written; override it for a faulty line."""
         return data
 
     def from_drive(self, data: bytes) -> bytes:
-        """Return what arrives of a reply; see `to_drive`."""
+        """Return the bytes that arrive of a reply; see `to_drive`."""
         return data
 
     def _reply(self, data: bytes, always: bool = False) -> None:

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Which request a reply answers, so that a measurement is never dated newer than it is.
+Matches replies to requests, so that a time stamp is never later than its measurement.
 
 A drive replies in the order of the requests; some replies are lost, and any may be delayed.  So a
 reply answers the oldest pending request of its kind, and requests before that one have lost their
-replies.  After a loss stamps are too old by a request, never too new, until a reply shows which
-requests are over: one of a kind that was requested once since the loss.  Drivers send such
-requests in turn, each at most once in `LONGEST_LATENCY`.  A longer interruption ends in a stop,
-and without power requests are given up: see `may_send`.
+replies.  After a loss stamps are too old by a request, never too new, until a reply to a kind that
+was requested once since the loss shows which requests are complete.  Drivers send such requests in
+turn, each at most once in `LONGEST_LATENCY`.  A longer interruption ends in a stop, and without
+power requests are dropped: see `may_send`.
 
 Where replies name their request (VESC), each request is a kind of its own.
 """
@@ -16,15 +16,15 @@ import math
 from typing import Any, NamedTuple, Optional
 
 LARGEST_NUMBER = 1000  # of pending requests
-# Requests are given up when no reply has arrived for this time: longer than the bridge waits
+# Requests are dropped when no reply has arrived for this time: longer than the bridge waits
 # before it stops the motor [s].
 LONGEST_LATENCY = 0.11
-# A write that takes longer leaves the time unknown at which its bytes left [s].
+# After a longer write the time at which its bytes were sent is unknown [s].
 LONGEST_WRITE = 0.001
 
 
 class PendingRequest(NamedTuple):
-    """A request, and when its bytes left at the earliest and at the latest [s]."""
+    """A request, with the earliest and the latest time at which its bytes were sent [s]."""
 
     kind: object
     sent: float
@@ -38,10 +38,10 @@ class Match(NamedTuple):
     Attributes
     ----------
     sent : float
-        When it was sent at the earliest [s]; minus infinity for a reply to no request.
+        Earliest time at which it was sent [s]; minus infinity for a reply to no request.
     measured : float or None
-        The same as the time of the measurement in the reply [s]; None where it is not known, or
-        the reply counts as lost.
+        The same as the time of the measurement in the reply [s]; None if it is not known, or the
+        reply counts as lost.
 
     """
 
@@ -81,10 +81,10 @@ class PendingRequests:
 
     def may_send(self, now: float) -> bool:
         """
-        Return whether a motor without power may be asked for more.
+        Return whether further requests may be sent to a motor without power.
 
-        Not while a reply is overdue: the replies to all that is pending come first, or, where none
-        arrives any more, the requests are given up.
+        Not while a reply is overdue: first all pending replies must arrive or, if none arrives
+        any more, be dropped.
         """
         if self._named or not self._queue or now - self._queue[0].sent <= self._timeout:
             return True
@@ -98,12 +98,12 @@ class PendingRequests:
         self._unsent.append(kind)
 
     def written(self, before: float, after: float) -> None:
-        """Stamp the added requests with the begin and the end of their write [s]."""
+        """Stamp the added requests with the start and the end of their write [s]."""
         self._queue.extend(PendingRequest(kind, before, after) for kind in self._unsent)
         self._unsent.clear()
 
     def clear(self) -> None:
-        """Give all requests up."""
+        """Drop all requests."""
         self._drop(len(self._queue))
         self._unsent.clear()
 

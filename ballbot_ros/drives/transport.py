@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The one place that opens a serial port.
+Serial ports; the only module that opens one.
 
 pyserial raises three unrelated families of exceptions when a cable is pulled: its own
 SerialException, plain OSError (from ``in_waiting``) and termios.error (from ``flush``).  Here
-they all become `LinkError`, with a reason and what to do.
+they all become `LinkError`, with a reason and a remedy.
 
 Anything that ``serial.serial_for_url`` takes is a port: ``/dev/ttyUSB0``,
 ``/dev/serial/by-id/...``, ``socket://host:port``, ``rfc2217://host:port``, ``loop://``,
@@ -27,23 +27,23 @@ from ballbot_ros.errors import LinkError
 # pyserial reads its clock after the write, so that a preempted process would see a timeout: a
 # backstop, and for ports whose free space cannot be queried [s].
 WRITE_TIMEOUT = 0.5
-# How often a port without a file descriptor (loop://) is looked at while waiting [s].
+# Poll period of a port without a file descriptor (loop://) [s].
 POLL_PERIOD = 0.0005
 
 LARGEST_READ = 4096
-CONTROL = 6  # place of the control characters among the settings of a terminal
-# Some hundred bytes are under way at most, and the kernel buffers 4096: a port without space for
+CONTROL = 6  # index of the control characters in the settings of a terminal
+# Some hundred bytes are in transit at most, and the kernel buffers 4096: a port without space for
 # this long is not being read [s].
 PATIENCE = 0.02
-# Longest that one write waits, for a line that takes a few bytes now and then [s].
+# Timeout of one write, for a line that accepts a few bytes at a time [s].
 LONGEST_WRITE = 0.5
 
-# What pyserial raises, and the kernel.
+# Exceptions of pyserial and the kernel.
 FAILURES = (serial.SerialException, OSError, termios.error, ValueError)
 
 
 class Transfer(Protocol):
-    """How bytes go in and out of an open port; see `Link` and `Descriptor`."""
+    """Reads and writes of an open port; see `Link` and `Descriptor`."""
 
     def write(self, data: bytes) -> bool:
         """Write all, and return whether there was room for it."""
@@ -64,7 +64,7 @@ class Descriptor:
     Parameters
     ----------
     number : int
-        Open, for reading and writing, without blocking.
+        Open for reading and writing, without blocking; its owner closes it.
 
     """
 
@@ -74,7 +74,7 @@ class Descriptor:
         self._doubtful = True  # whether an empty read may mean a hang-up
         self._least = 1
         self._state, self._room = select.poll(), select.poll()
-        self._state.register(number, 0)  # a hang-up is reported in any case
+        self._state.register(number, 0)  # poll always reports a hang-up
         self._room.register(number, select.POLLOUT)
 
     def read(self) -> bytes:
@@ -86,10 +86,10 @@ class Descriptor:
         if data:
             self._doubtful = False
         elif self._doubtful:
-            # Of a terminal that was hung up, nothing can be read either.
+            # A read of a terminal after a hang-up is empty, too.
             if self._state.poll(0):
                 raise OSError('the device has hung up')
-        else:  # nothing after something is usual
+        else:  # an empty read after data is usual
             self._doubtful = True
         return data
 
@@ -109,7 +109,7 @@ class Descriptor:
         """Wait for a number of bytes [s] and return whether they are there."""
         if least != self._least:
             self._tell_from(least)
-        # Of the ways to wait, this is the only one that does not round to milliseconds.
+        # Only select does not round the timeout to milliseconds.
         ready, _, _ = select.select(self._alone, (), (), seconds if seconds > 0.0 else 0.0)
         if ready:
             self._doubtful = True
@@ -117,7 +117,7 @@ class Descriptor:
         return False
 
     def _tell_from(self, least: int) -> None:
-        """Make the kernel report bytes only from a number on: a reply comes in pieces."""
+        """Make the kernel report data only from a number of bytes: a reply comes in pieces."""
         self._least = least
         if os.isatty(self._number):
             settings = termios.tcgetattr(self._number)
@@ -125,7 +125,7 @@ class Descriptor:
             termios.tcsetattr(self._number, termios.TCSANOW, settings)
 
     def _written(self, data: bytes) -> int:
-        """Return how many bytes went out at once."""
+        """Return the number of bytes that the kernel accepted."""
         try:
             return os.write(self._number, data)
         except BlockingIOError:
@@ -133,7 +133,7 @@ class Descriptor:
 
 
 class Indirect:
-    """By pyserial, for URLs: a socket, a port of another machine, one that is listened to."""
+    """By pyserial, for URLs: a socket, a port of another machine, a monitored port."""
 
     def __init__(self, port: Any, descriptor: Optional[int]):
         self._port, self._descriptor = port, descriptor
@@ -174,9 +174,9 @@ class Link:
     port : str
         Device or URL, see above.
     baud : int
-        [bit/s]; ignored by USB devices and pseudo-terminals, but set all the same.
+        [bit/s]; USB devices and pseudo-terminals ignore it.
     recorder : TrafficSink, optional
-        Is shown the traffic.
+        Receives a copy of the traffic.
 
     Attributes
     ----------
@@ -204,8 +204,7 @@ class Link:
         except FAILURES as error:
             raise _link_error(port, error, opening=True) from error
         try:
-            # Others may not share the port, but what was sent before we came is still in its
-            # buffer.
+            # Exclusive use starts now, but the buffer still holds earlier data.
             self._serial.reset_input_buffer()
             self._transfer = _transfer(self._serial)
         except FAILURES as error:
@@ -255,7 +254,7 @@ class Link:
 
     def wait(self, seconds: float, least: int = 1) -> bool:
         """
-        Wait until bytes can be read, at most so long, and return whether there are any.
+        Wait until bytes can be read, or a time has passed; return whether there are any.
 
         Parameters
         ----------
@@ -281,7 +280,7 @@ class Link:
         """Close the port; closing twice, or a port that is gone, is no error."""
         port, self._serial, self._transfer = self._serial, None, None
         if port is not None:
-            # One that is gone already is what was wanted.
+            # A port that is gone is closed, too.
             with suppress(serial.SerialException, OSError, termios.error):
                 port.close()
 
@@ -302,10 +301,10 @@ def ports() -> list[tuple[str, str]]:
 
 
 def _transfer(port: Any) -> Transfer:
-    """Return how to read from and write to a port: past pyserial where it is a plain device."""
+    """Return the reads and writes of a port: without pyserial for a plain device."""
     try:
         descriptor = port.fileno()
-    except (OSError, AttributeError):  # loop:// and the like have none
+    except (OSError, AttributeError):  # loop:// and others have none
         descriptor = None
     if descriptor is not None and type(port) is serial.Serial:
         return Descriptor(descriptor)
@@ -319,7 +318,7 @@ def _stuck(port: str) -> LinkError:
 
 
 def _link_error(port: str, error: Exception, opening: bool = False) -> LinkError:
-    """Return a `LinkError` for what pyserial or the kernel raised."""
+    """Return a `LinkError` for an exception of pyserial or the kernel."""
     if isinstance(error, serial.SerialTimeoutException):
         return _stuck(port)
     if isinstance(error, ValueError):  # an unknown scheme, or a baud rate that does not exist
@@ -334,9 +333,9 @@ def _link_error(port: str, error: Exception, opening: bool = False) -> LinkError
 
 
 def _opening_failure(port: str, error: Any) -> LinkError:
-    """Say why a port did not open, and what to do."""
+    """Return why a port did not open, with the remedy."""
     number = getattr(error, 'errno', None)
-    # pyserial does not copy the number of a termios.error, which has it in its arguments only.
+    # pyserial does not copy the errno of a termios.error, which is only in its arguments.
     for origin in (error, error.__context__):
         if number is None and isinstance(origin, termios.error):
             number = origin.args[0]

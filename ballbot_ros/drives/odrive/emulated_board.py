@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What the firmware of an ODrive does to its motor, whatever line it is spoken to by.
+Motor control of the ODrive firmware, for all of its protocols.
 
 0.5 is written after MotorControl/axis.cpp (states, watchdog), controller.cpp (torque and velocity
 mode, velocity limits, overspeed), motor.cpp (limits) and low_level.cpp (supply, brake resistor) of
 odriverobotics/ODrive at fw-v0.5.6.  The source of 0.6 is not published; where it is guessed to be
 as in 0.5, and a guess could spare the driver something, it is made against the driver.
 
-Currents follow at once: the supply gives what the shaft takes and the windings heat.
+Currents follow without delay: the supply gives the power of the shaft and of the winding losses.
 """
 from dataclasses import dataclass
 import math
@@ -20,7 +20,7 @@ from ballbot_ros.drives.odrive.firmware import (
 
 NOT_CALIBRATED, INVALID_STATE = 14, 13  # ODrive.ProcedureResult
 SERIAL_NUMBER = 0x208F3387304B
-POSITION_CONTROL = 3  # the control mode after the factory
+POSITION_CONTROL = 3  # factory default of the control mode
 
 # Properties that have the type of an enumeration.
 ENUMERATIONS = ('error', 'current_state', 'requested_state', 'control_mode', 'input_mode',
@@ -56,7 +56,7 @@ class Names:
     errors: str
     current: str
     torque_max: str
-    torque_min: str  # empty where the largest torque is the least one, too
+    torque_min: str  # empty if the lower limit is the negative upper limit
     current_limit: str
     torque_constant: str
     brake_enabled: str
@@ -70,7 +70,7 @@ class Names:
     read_only: tuple[str, ...]
 
     def properties(self, settings: DriveSettings) -> dict[str, float]:
-        """Return all properties but what is measured, as they are after a first boot."""
+        """Return all properties except measurements, as after a first boot."""
         fresh = 'factory' in settings.quirks
         limit = math.inf if fresh else settings.torque_limit
         watchdog = 0.0 if fresh else settings.watchdog
@@ -138,7 +138,7 @@ ACTIVE = 'axis0.active_errors'
 
 
 def _both(bit: int) -> Mapping[str, int]:
-    """Return an error of 0.6, which stays as the reason when it has gone."""
+    """Return an error of 0.6, which remains as the reason after it has cleared."""
     return {ACTIVE: bit, 'axis0.disarm_reason': bit}
 
 
@@ -196,8 +196,8 @@ NAMES = {
 CALIBRATION = 3  # FULL_CALIBRATION_SEQUENCE
 CALIBRATION_TIME = 2.0  # [s]
 CONFIG = 'axis0.controller.config.'
-# Below its limit of temperature the current is limited over this range, and the limit is so far
-# below where it trips (thermistor.cpp) [K].
+# Range below the temperature limit over which the current is reduced, and the distance of that
+# limit to the trip temperature (thermistor.cpp) [K].
 DERATING, MARGIN = 20.0, 5.0
 
 
@@ -216,7 +216,7 @@ class Board:
     ----------
     properties : dict
     sensed : Sensed
-        What it measures; kept up to date from outside.
+        Its measurements; the owner updates them.
     input_torque : float
         Commanded [N m].
 
@@ -227,14 +227,14 @@ class Board:
         self.properties = {**names.properties(settings), **saved}
         self.input_torque = 0.0
         self._fed: Optional[float] = None
-        self._connected = False  # the controller sees the velocity from the first arming on
+        self._connected = False  # the controller receives the velocity from the first arming on
         self._calibrated_at = math.inf
         if self.properties[names.calibration_kept]:
             self._calibrate()
         self._brake_armed = bool(self.properties[names.brake_enabled])
 
     def save(self) -> dict[str, float]:
-        """Return what is kept over a restart."""
+        """Return the properties kept over a restart."""
         return {name: value for name, value in self.properties.items()
                 if name.startswith('config.') or '.config.' in name}
 
@@ -311,7 +311,7 @@ class Board:
         self._change_state(now)
 
     def _change_state(self, now: float) -> None:
-        """Go into the state that was requested; axis.cpp, run_state_machine_loop."""
+        """Enter the requested state; axis.cpp, run_state_machine_loop."""
         here, names = self.properties, self.names
         wanted = here['axis0.requested_state']
         if wanted:
@@ -338,7 +338,7 @@ class Board:
         self.properties.update({name: done for name, (_, done) in self.names.calibrated.items()})
 
     def trip(self, cause: str) -> None:
-        """Set the bits of an error, and take the power off the motor."""
+        """Set the bits of an error, and disable motor power."""
         if cause == 'overspeed' and '0.5.4' in self.settings.quirks:
             cause = 'overspeed_0.5.4'
         for register, bits in self.names.trips[cause].items():
@@ -354,7 +354,7 @@ class Board:
 
 
 class BoardDevice(Device):
-    """A device whose motor is that of a `Board`; the line that it is spoken to by is missing."""
+    """A device whose motor is that of a `Board`; subclasses add the protocol."""
 
     firmwares = tuple(NAMES)
 
@@ -365,7 +365,7 @@ class BoardDevice(Device):
 
     @property
     def properties(self) -> dict[str, float]:
-        """Return all properties but what is measured."""
+        """Return all properties except measurements."""
         return self.board.properties
 
     @property

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What an ODrive calls its properties and errors, and how it must be set: a table per generation.
+Names of the properties and errors of an ODrive, and required settings: a table per generation.
 
 Sources.  For 0.5: Firmware/odrive-interface.yaml in odriverobotics/ODrive, at fw-v0.5.  For 0.6,
 which runs on Pro, S1 and Micro: names of properties from a list of all endpoints of a 0.6 board,
 as the maker generates it (flat_endpoints.json); names of errors, states and boards from the
-maker's Python package `odrive`, 0.6.11 (enums.py, hw_version.py).  The maker's sentences about the
-properties were not at hand.  So what they mean follows from their names, and from what users of
-0.6.11 measured: that `init_torque` becomes the torque at arming, that a position which is not
-`circular` goes on over full turns, and that an error may go by itself.
+maker's Python package `odrive`, 0.6.11 (enums.py, hw_version.py).  The maker's descriptions of the
+properties were not available.  Their meaning follows from their names, and from measurements of
+users of 0.6.11: `init_torque` becomes the torque at arming, a position that is not `circular`
+counts full turns, and an error may clear by itself.
 
 Guessed for 0.6: that `torque_soft_min`, `torque_soft_max` and `current_soft_max` bound the torque
 command as `torque_lim` and `current_lim` did; that an encoder in RELATIVE_MODE will do, because
@@ -27,7 +27,7 @@ IDLE, CLOSED_LOOP_CONTROL = 1, 8  # axis states
 TORQUE_CONTROL = 1  # control mode
 PASSTHROUGH = 1  # input mode
 
-# A value is cut to nine characters on its way; so many digits may be all or not.
+# The drive truncates a value to nine characters; a value of nine digits may be incomplete.
 CUT = 9
 
 
@@ -43,8 +43,8 @@ class Register(NamedTuple):
         """
         Return the names of what is set; unknown bits in hexadecimal.
 
-        Where a number lost digits on its way, the bit is named whose number begins with those
-        that came, or the two bits; the digits themselves where that could be several.
+        For a truncated number, return the bit, or the two bits, whose number starts with the
+        received digits; the digits themselves if that is ambiguous.
         """
         number = int(value)
         if self.counts:
@@ -159,7 +159,7 @@ class Rule(NamedTuple):
 @dataclass(frozen=True)
 class Generation:
     """
-    What one generation of the firmware calls things; names as in the maker's reference.
+    Names of one generation of the firmware, as in the maker's reference.
 
     Attributes
     ----------
@@ -170,9 +170,9 @@ class Generation:
     one_reply_at_a_time : bool
         A reply is lost if the one before it is still being sent.
     axis : Register
-        With the errors that keep the motor from power.
+        With the errors that prevent motor power.
     reason : str
-        Property with the errors that last took the power away; empty if there is none.
+        Property with the errors that last disabled motor power; empty if there is none.
     details : tuple of Register
         That detail an error.
     no_estimate, watchdog_expired : int
@@ -210,7 +210,7 @@ class Generation:
 
     @property
     def errors(self) -> str:
-        """Return the property with the errors that keep the motor from power."""
+        """Return the property with the errors that prevent motor power."""
         return self.axis.path
 
     @property
@@ -220,19 +220,19 @@ class Generation:
 
     @property
     def name(self) -> str:
-        """Return major and minor as people write them."""
+        """Return major and minor version as text."""
         return '.'.join(map(str, self.version))
 
     @property
     def telemetry(self) -> Mapping[str, str]:
-        """Return the field of `Telemetry` for each property that goes there as it is."""
+        """Return the field of `Telemetry` for each property copied unchanged."""
         return {self.current: 'current', TEMPERATURE: 'temperature',
                 MOTOR_TEMPERATURE: 'motor_temperature', BUS_VOLTAGE: 'bus_voltage',
                 BUS_CURRENT: 'bus_current'}
 
     @property
     def inquest(self) -> tuple[str, ...]:
-        """Return all that must be read before a loss of power is reported."""
+        """Return the properties to read before a loss of power is reported."""
         reason = (self.reason,) if self.reason else ()
         return (self.errors, STATE, *reason, *(item.path for item in self.details))
 
@@ -244,7 +244,7 @@ class Generation:
 
     @property
     def polled(self) -> tuple[str, ...]:
-        """Return what is polled in turn: errors and state often, the others once each."""
+        """Return the properties polled in turn: errors and state often, the others once each."""
         reason = (self.reason,) if self.reason else ()
         others = (*self.telemetry, *self.warnings, *reason)
         return tuple(name for other in others for name in (self.errors, STATE, other))
@@ -255,7 +255,7 @@ class Generation:
 
 
 def hardware_name(major: float, minor: float, variant: float) -> str:
-    """Return what a board is called; not a number is a part that it does not report."""
+    """Return the name of a board; NaN is a part that it does not report."""
     if major == 3:
         return f'v3.{minor:g}-{variant:g}V'
     name = {4.0: 'Pro', 5.0: 'S1', 6.0: 'Micro'}.get(major, 'board')
@@ -312,7 +312,7 @@ OLDEST = (0, 5, 4)  # CHANGELOG.md of odriverobotics/ODrive
 
 
 def in_words(version: Sequence[float]) -> str:
-    """Return a version as people write it."""
+    """Return a version as text."""
     return '.'.join(f'{part:g}' for part in version)
 
 
@@ -323,7 +323,7 @@ def generation_of(version: Sequence[float], axis: int, port: str) -> Generation:
     Raises
     ------
     DriveError
-        ``firmware`` if the version, or such an output in it, is not known or cannot work.
+        ``firmware`` if the version, or such an output in it, is unknown or not supported.
 
     """
     name = in_words(version)

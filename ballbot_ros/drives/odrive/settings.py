@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-How an ODrive must be set for the robot at hand: each setting as it is, as it must be, and why.
+Required settings of an ODrive for a robot: actual and required value of each, and the reason.
 
-What the drive does by itself in torque mode: beyond ``vel_limit - torque / vel_gain`` it takes
-torque away, and beyond ``vel_limit`` it brakes, though no torque is commanded; beyond
-``vel_limit_tolerance`` times it, it disarms (controller.cpp, limitVel and overspeed fault, at
-fw-v0.5.6).  From the factory that is 2 turn/s, 0.07 m/s of rolling behind a gear of 50.  And where
-more than 0.01 A would flow back into the supply it disarms, unless a brake resistor takes it
+In torque mode, above ``vel_limit - torque / vel_gain`` the drive reduces the torque, and above
+``vel_limit`` it brakes without a command; above ``vel_limit_tolerance`` times that limit it
+disarms (controller.cpp, limitVel and overspeed fault, at fw-v0.5.6).  The factory default is
+2 turn/s, 0.07 m/s of rolling behind a gear of 50.  If more than 0.01 A would flow back into the
+supply it disarms, unless a brake resistor takes it
 (low_level.cpp, update_brake_current).  For 0.6, of which only the names are published, the same
 is guessed.
 """
@@ -21,16 +21,17 @@ from ballbot_ros.drives.odrive.firmware import (
 
 Read = Callable[[str], float]
 
-# So much faster than the robot needs its torque it may get before the bridge takes its power.
+# Overspeed that the robot may reach before the bridge disables motor power, relative to its
+# highest speed.
 RUNAWAY = 1.5
 TOLERANCE = 1.2  # of the velocity limit, from the factory
-PRINTED = 1e-6  # to which a number comes
+PRINTED = 1e-6  # resolution of printed numbers
 FULL_DUTY = 0.95  # of the brake resistor at most; low_level.cpp
 
 
 def judge(generation: Generation, read: Read, options: DriveOptions) -> tuple[Setting, ...]:
     """
-    Read back every setting that safety rests on, and judge it.
+    Read back and check each safety-relevant setting.
 
     Parameters
     ----------
@@ -49,7 +50,7 @@ def _torque(generation: Generation, read: Read, options: DriveOptions) -> Settin
     limit = options.own_limit
     bounds = [abs(read(name)) for name in generation.torque_limits]
     currents = read(generation.current_limit) * read(generation.torque_constant)
-    # A bound that is not known is none, and a torque constant below zero is no bound either.
+    # An unknown bound is not a bound, nor is one with a negative torque constant.
     ceiling = math.nan if math.isnan(sum(bounds) + currents) or currents < 0.0 \
         else min(max(bounds), currents)
     return Setting('torque limit', _reading(ceiling, ' N m'), f'at most {limit:.4g} N m',
@@ -67,7 +68,7 @@ def _watchdog(read: Read, options: DriveOptions) -> Setting:
 
 
 def _velocity(read: Read, options: DriveOptions) -> tuple[Setting, Setting]:
-    """Judge where the drive takes torque away, and where it disarms, by itself."""
+    """Check the speeds at which the drive reduces the torque and disarms by itself."""
     limit = read(VELOCITY_LIMIT)
     gain = read(VELOCITY_GAIN)
     limits, trips = read(LIMITS_TORQUE_MODE), read(OVERSPEED)
@@ -87,14 +88,14 @@ def _velocity(read: Read, options: DriveOptions) -> tuple[Setting, Setting]:
 
 
 def _braking(generation: Generation, read: Read, options: DriveOptions) -> Setting:
-    """Judge where the energy of a braking motor goes."""
+    """Check that the supply or a brake resistor takes the energy of a braking motor."""
     most, allowed, voltage = read(MAX_BACK), read(BACK_ALLOWED), read(BUS_VOLTAGE)
     resistance = read(generation.brake_resistance)
     enabled = read(generation.brake_enabled) == 1.0 and resistance > 0.0
     power = RUNAWAY * options.speed_limit * options.torque_limit
     needed = power / voltage if voltage > 0.0 else math.nan
     taken = FULL_DUTY * voltage / resistance if enabled else 0.0
-    # With a resistor, what it is to leave flows back, and what is more than it can take.
+    # With a resistor, the allowed current flows back, and what exceeds its power.
     back = max(allowed, needed - taken) if enabled else needed
     resistor = f'a brake resistor of {resistance:g} ohm' if enabled else 'no brake resistor'
     into = _reading(-most, ' A') + ' into the supply'
@@ -120,7 +121,7 @@ def _is_off(switch: float) -> bool:
 
 
 def _where(switch: float, velocity: float) -> str:
-    """Return at which velocity something is done, if it is switched on."""
+    """Return the velocity of a limit as text, ``off`` if it is disabled."""
     return 'off' if _is_off(switch) else _reading(
         velocity if switch == 1.0 else math.nan, ' turn/s')
 
@@ -134,5 +135,5 @@ def _reading(value: float, unit: str) -> str:
 
 
 def _write(name: str, value: float) -> str:
-    """Return what a person types to change a setting."""
+    """Return the command that changes a setting."""
     return f'w {name} {value:g}'

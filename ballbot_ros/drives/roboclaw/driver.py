@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-RoboClaw by packet serial: a duty cycle, the open-loop voltage that the paper drove GimBall by.
+RoboClaw by packet serial: a duty cycle, open-loop voltage control as for GimBall in the paper.
 
-The controller has no torque command.  The driver computes the voltage that makes the wanted
-torque in a motor of given resistance and back voltage, at the speed that was last measured.
+The controller has no torque command.  The driver computes the voltage for the commanded torque
+from resistance and back EMF of the motor at the last measured speed.
 """
 from dataclasses import dataclass
 import math
@@ -16,7 +16,7 @@ from ballbot_ros.drives.roboclaw import codec
 from ballbot_ros.errors import DriveError
 
 TIMEOUT_UNIT = 0.1  # of the serial timeout [s]
-# A reading of the supply older than this must not scale the duty cycle any more [s].
+# Timeout of the supply voltage that scales the duty cycle [s].
 STALE_VOLTAGE = 1.0
 COUNTER = 2**32  # the encoder counter wraps
 
@@ -78,7 +78,7 @@ class RoboClaw(Driver):
     # What waits
 
     def identify(self, patience: float = 0.5) -> Identity:
-        """Ask who is there; see `Driver`."""
+        """Do the handshake; see `Driver`."""
         deadline = self.clock() + patience
         text = self._ask(codec.GET_VERSION, deadline, handshake=True).text.strip()
         self._ask(codec.GET_BATTERY, deadline)
@@ -88,10 +88,10 @@ class RoboClaw(Driver):
 
     def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
         """
-        Set the serial timeout, read back and judge; see `Driver`.
+        Set the serial timeout, read back and check the settings; see `Driver`.
 
-        The timeout is sent at each start and by `arm`: the drive forgets it with a reset, which
-        may have been too short to be noticed.
+        The timeout is sent at each start and by `arm`: a reset of the drive, which may be too
+        short to be detected, clears it.
         """
         deadline = self.clock() + patience
         options = self.options
@@ -100,7 +100,7 @@ class RoboClaw(Driver):
             codec.GET_VOLTAGES, deadline).values)
         supply = 0.1 * self._ask(codec.GET_BATTERY, deadline).values[0]
         ceiling = current * options.torque_constant
-        # The drive keeps hundredths: one that was rounded up would be refused.
+        # The drive stores hundredths: a value rounded up would be refused.
         most = math.floor(100.0 * options.own_limit / options.torque_constant + 1e-6) / 100.0
         try:
             timeout = self._set_timeout(deadline)
@@ -123,18 +123,18 @@ class RoboClaw(Driver):
 
     @property
     def _tenths(self) -> int:
-        """Return the serial timeout that is wanted [0.1 s]."""
+        """Return the required serial timeout [0.1 s]."""
         return max(1, round(self.options.watchdog / TIMEOUT_UNIT))
 
     def _set_timeout(self, deadline: float) -> float:
-        """Set the serial timeout and return what it is then [s]."""
+        """Set the serial timeout and return the value read back [s]."""
         return TIMEOUT_UNIT * self._ask(
             codec.GET_TIMEOUT, deadline,
             before=codec.set_timeout(self.options.address, self._tenths)).values[0]
 
     def clear_faults(self, patience: float = 0.5) -> tuple[str, ...]:
         """
-        Return nothing where no fault is named, and refuse otherwise.
+        Return an empty tuple if there is no fault, and refuse otherwise.
 
         No command of a RoboClaw clears faults: those of temperature go with their cause, all
         others with a reset (commands 200 to 202 for its e-stop are of the MCP series).
@@ -179,18 +179,18 @@ class RoboClaw(Driver):
         self._commanded_at = self.clock()
 
     def feed(self) -> None:
-        """Feed the watchdog and leave the duty as it is; see `Driver`."""
+        """Feed the watchdog; the duty does not change; see `Driver`."""
         self._send(self._group(codec.GET_PWMS, codec.GET_STATUS))
         self._commanded_at = self.clock()
 
     def ask(self) -> None:
-        """Ask, and send zero duty where the last command is too old; see `Driver`."""
+        """Send the requests, with zero duty if the last command is too old; see `Driver`."""
         stale = self._duty != 0.0 \
             and self.clock() - self._commanded_at > self.options.watchdog
         self._send((self._duty_message(0.0) if stale else b'') + self._requests())
 
     def budget(self) -> WireBudget:
-        """Return the bytes of a period in which a slow value is asked for."""
+        """Return the bytes of a period with a slow value."""
         options = self.options
         numbers = (codec.GET_MAX_CURRENT[options.axis], *self._motion)  # with the longest reply
         answers = sum(codec.answer_length(number) for number in numbers)
@@ -199,7 +199,7 @@ class RoboClaw(Driver):
                           + 2 * len(numbers), 2 + answers)
 
     def _torque_message(self, torque: float) -> bytes:
-        if torque == 0.0:  # released is exactly no torque; the back voltage would be a guess
+        if torque == 0.0:  # zero duty releases the motor: exactly no torque
             return self._duty_message(0.0)
         options, last = self.options, self.telemetry
         voltage = torque * options.resistance / options.torque_constant \
@@ -216,7 +216,7 @@ class RoboClaw(Driver):
     def _requests(self) -> bytes:
         now = self.clock()
         if now - self._slow_at < self.options.status_period:
-            # Alternately in both orders: a reply shows at once that the one before was lost.
+            # Alternating order: a reply immediately shows that the previous one was lost.
             self._motion = self._motion[::-1]
             return self._group(*self._motion)
         self._slow_at = now
@@ -227,14 +227,14 @@ class RoboClaw(Driver):
             + codec.set_timeout(self.options.address, self._tenths)
 
     def _group(self, *numbers: int) -> bytes:
-        """Return requests that are answered together."""
+        """Return requests whose replies form a group."""
         self._pending.add(numbers)
         self._parser.groups = tuple(self._pending.kinds)
         return b''.join(codec.ask(self.options.address, number) for number in numbers)
 
     def _ask(self, number: int, deadline: float, handshake: bool = False,
              before: bytes = b'') -> codec.Reply:
-        """Ask, with a command before it, until there is an answer, and return that."""
+        """Send a command and a request until there is a reply, and return that."""
         self._answers.pop(number, None)
         self._ask_until(lambda: number in self._answers,
                         lambda: before + self._group(number, *self._motion), deadline,

@@ -3,8 +3,8 @@
 A RoboClaw, as its packet serial protocol sees it; the motor is on one of its two outputs.
 
 After the RoboClaw Series User Manual.  It sets a voltage, not a torque; any byte feeds its serial
-timeout; a pause of more than 10 ms inside a packet drops the packet.  What it does with garbage
-is not documented: here it looks for its address.  What it does under each error and warning is
+timeout; a pause of more than 10 ms inside a packet drops the packet.  Its response to garbage is
+not documented: here it searches for its address.  Its response to each error and warning is
 from "Reading and Troubleshooting RoboClaw Errors" of BasicMicro: an e-stop and a high supply
 brake, a low supply and heat release, and from 15 degrees below that the current is reduced.
 """
@@ -46,7 +46,7 @@ class RoboClawDevice(Device):
     def _boot(self) -> None:
         self._buffer = b''
         self._received_at: Optional[float] = None
-        self._timeout = round(self.settings.watchdog / TIMEOUT_UNIT)  # as it was written last
+        self._timeout = round(self.settings.watchdog / TIMEOUT_UNIT)  # last value written
         self._duty = 0.0
         self._status, self._broken = 0, False
         self._origin = self.sensed.position  # the encoder counter starts at 0
@@ -114,7 +114,7 @@ class RoboClawDevice(Device):
         return 0.0 if self._status & POWERLESS else self._duty
 
     def _counts(self, angle: float) -> int:
-        """Return encoder counts as the 32 bits that they are sent in."""
+        """Return encoder counts, wrapped to 32 bits."""
         counts = math.floor(angle / math.tau * self.settings.counts_per_turn)
         return (counts + 2**31) % 2**32 - 2**31
 

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The settings of a VESC that a motion could run into, and where each firmware puts them.
+Settings of a VESC that limit a motion, and their layout in each firmware.
 
-Settings come as one long row of numbers without names, and their places move between firmwares.
-Only the head of the row is read.  5.03 writes many numbers as two-byte integers that 5.02 wrote
-as four-byte floats; 6.05 did so again, and put new ones in between; in all later ones up to 7.01
-the head is the same.  What lies further back (observer, encoder, positions of the PID) moves with
-nearly every firmware and is not read.
+Settings are one long sequence of numbers without names, at offsets that depend on the firmware.
+Only the head of the sequence is read.  5.03 writes many numbers as two-byte integers that 5.02
+wrote as four-byte floats; 6.05 changed more, and inserted new ones; in all later ones up to 7.01
+the head is the same.  The offsets of the rest (observer, encoder, positions of the PID) change
+with nearly every firmware, so it is not read.
 
 Source: confgenerator.c of vedderb/bldc, tags 5.00 to 6.00, branches release_6_02, release_6_05,
 release_6_06, release_7_00 and master (7.01); what the limits do: update_override_limits() of
@@ -73,14 +73,14 @@ _MOTOR_HEAD = 9
 KILL_SWITCHES = (
     'off', 'PPM low', 'PPM high', 'ADC2 low', 'ADC2 high', 'ADC3 low', 'ADC3 high', 'SWDIO low',
     'SWDIO high', 'SWCLK low', 'SWCLK high')
-# What else may command the motor; APP_NONE and APP_UART are this line alone.
+# Applications that may command the motor; APP_NONE and APP_UART are this line alone.
 APPLICATIONS = ('none', 'PPM', 'ADC', 'UART', 'PPM and UART', 'ADC and UART', 'Nunchuk', 'NRF',
                 'custom')
 ALONE = ('none', 'UART')
 
 
 class Application(NamedTuple):
-    """What is read of a ``GET_APPCONF``."""
+    """Settings read from a ``GET_APPCONF``."""
 
     timeout: float  # [s]; 0 for never
     brake_current: float  # when it expires [A]
@@ -89,7 +89,7 @@ class Application(NamedTuple):
 
 
 def why_not(version: Version, test: int) -> str:
-    """Return why a firmware, or test build of one (0 for none), cannot be driven; or nothing."""
+    """Return why a firmware, or a test build (0 for none), is not supported; empty if it is."""
     if version < OLDEST:
         return ('its values end without the status of timeout and kill switch, and '
                 'its settings are written in another way (5.03 changed both)')
@@ -101,7 +101,7 @@ def why_not(version: Version, test: int) -> str:
 
 
 def layout_of(version: Version) -> Layout:
-    """Return how a firmware writes the limits of its motor."""
+    """Return the layout of the motor limits in a firmware."""
     return SINCE_6_05 if version >= _HEAD_OF_6_05 else SINCE_5_03
 
 
@@ -126,12 +126,12 @@ def pack_limits(limits: Mapping[str, float], layout: Layout) -> bytes:
 
 
 def _application_place(version: Version) -> int:
-    """Return where the mode of the kill switch stands in a ``GET_APPCONF``; next is the app."""
+    """Return the offset of the kill switch mode in a ``GET_APPCONF``; next is the app."""
     return 33 if version >= _APPLICATION_OF_6 else 29
 
 
 def parse_application(payload: bytes, version: Version) -> Optional[Application]:
-    """Return what is read of a ``GET_APPCONF``, None if it is not one."""
+    """Return the settings of a ``GET_APPCONF``, None if it is not one."""
     place = _application_place(version)
     if len(payload) < place + 2 or payload[0] != GET_APPCONF:
         return None
@@ -152,7 +152,7 @@ def _name(names: tuple[str, ...], number: int) -> str:
     return names[number] if number < len(names) else f'number {number}'
 
 
-# The thread that looks at the timeout runs every 10 ms (timeout.c) [s].
+# Period of the thread that checks the timeout (timeout.c) [s].
 THREAD = 0.01
 # With `l_temp_accel_dec` 1, driving is cut from this temperature on [degC].
 COLD = 25.0
@@ -168,7 +168,7 @@ def unknown_limits(layout: Layout) -> Mapping[str, float]:
 def judge(application: Optional[Application], limits: Mapping[str, float],
           options: VescOptions, bus_voltage: float) -> tuple[Setting, ...]:
     """
-    Return the settings that matter, and whether each is acceptable.
+    Return the safety-relevant settings, and whether each is acceptable.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def cut_from(limits: Mapping[str, float], part: str) -> float:
 
 
 class FullTorqueRange(NamedTuple):
-    """Within which a VESC gives all of its torque; see `full_torque_range`."""
+    """Range in which a VESC gives its full torque; see `full_torque_range`."""
 
     temperature: float  # of the power stage, at most [degC]
     motor_temperature: float  # at most [degC]
@@ -219,7 +219,7 @@ class FullTorqueRange(NamedTuple):
 
 
 def full_torque_range(limits: Mapping[str, float]) -> FullTorqueRange:
-    """Return within what the limits cut nothing; NaN where that is unknown."""
+    """Return the range in which no limit cuts the torque; NaN where that is unknown."""
     share = limits['l_erpm_start']
     return FullTorqueRange(
         cut_from(limits, 'fet'), cut_from(limits, 'motor'), limits['l_battery_cut_start'],
@@ -228,7 +228,7 @@ def full_torque_range(limits: Mapping[str, float]) -> FullTorqueRange:
 
 
 def warnings_of(values: Values, within: FullTorqueRange) -> tuple[str, ...]:
-    """Return which limits are reached and cut the torque, named as in VESC Tool."""
+    """Return the limits that cut the torque now, named as in VESC Tool."""
     heat, motor_heat, lowest, highest, least, most = within
     if (values.temperature <= heat and values.motor_temperature <= motor_heat
             and lowest <= values.bus_voltage <= highest and least <= values.erpm <= most):
@@ -249,7 +249,7 @@ def _shown(value: float, unit: str) -> str:
 def _torque(limits: Mapping[str, float], options: VescOptions) -> Setting:
     most = limits['l_current_max'] * limits['l_current_max_scale']
     least = limits['l_current_min'] * limits['l_current_min_scale']
-    # Of what is no number max may return either.
+    # max may return either argument if one is NaN.
     ceiling = options.torque_constant * (
         max(most, -least) if most - least < math.inf else math.nan)
     return Setting(

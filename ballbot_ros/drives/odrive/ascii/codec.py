@@ -85,11 +85,11 @@ def write(name: str, value: float) -> bytes:
 
 def marker(number: int) -> bytes:
     """
-    Return lines whose answer is a number of our choice, and which change nothing that matters.
+    Return lines that write and read back a chosen number, without other effects.
 
     Replies come in the order of the requests but do not name them.  What comes before the answer
-    to a marker belongs to requests from before it.  Whatever half a line a predecessor left in
-    the buffer of the drive is ended first, by a checksum that is wrong: it is not obeyed.
+    to a marker belongs to earlier requests.  A wrong checksum first ends an incomplete line that a
+    predecessor may have left in the buffer of the drive, so that the drive ignores it.
 
     Parameters
     ----------
@@ -100,10 +100,10 @@ def marker(number: int) -> bytes:
     return b'*999\n' + write(SCRATCH, number) + read(SCRATCH)
 
 
-# A property for tests: the drive keeps it and does nothing with it.
+# A property for tests: the drive stores it without effect.
 SCRATCH = 'test_property'
-# Numbers that no other property has: an error bit that neither generation knows, in nine digits,
-# which is as much as 0.5 prints.
+# Numbers that no other property has: an error bit that neither generation defines, in nine digits,
+# the most that 0.5 prints.
 MARKERS = range(0x20000000, 0x20000000 + 1000)
 
 CLEAR_ERRORS = line('sc')
@@ -114,15 +114,14 @@ class LineParser:
     r"""
     Finds the lines of the drive whose checksum is right.
 
-    Only ``\r\n`` ends a line: a lone ``\n`` is a fault, and what is around it is not to be
-    trusted.
+    Only ``\r\n`` ends a line: a lone ``\n`` is an error, and the text around it is refused.
 
     Attributes
     ----------
     counts : Counter
         ``refused`` lines whose checksum or characters are wrong, and ``unchecked`` ones of
-        printable text without a checksum, which a drive prints unasked, or as a reply where it
-        does not know checksums.
+        printable text without a checksum, which a drive prints unrequested, or as a reply if it
+        does not support checksums.
 
     """
 

@@ -39,7 +39,7 @@ class ODrive(Driver):
     See `Driver`.
 
     The firmware that answers the handshake decides which table of names is used.  Where a drive
-    gives one reply at a time, a property is asked for when the position has come.
+    gives one reply at a time, a property is requested after the position has arrived.
     """
 
     options: ODriveOptions
@@ -51,12 +51,12 @@ class ODrive(Driver):
 
     def _begin(self) -> None:
         self._parser = codec.LineParser()
-        self._status = DriveStatus(GENERATIONS[-1], self.options.torque_limit)  # asked less of
+        self._status = DriveStatus(GENERATIONS[-1], self.options.torque_limit)
         self._identified = False
         self._settings: dict[str, float] = {}  # values of `safety_settings` at the last arming
         self._properties = Properties(self.options.reply_timeout)
         self._texts: deque[str] = deque(maxlen=8)  # neither feedback nor an answer
-        self._then: Optional[str] = None  # property to ask for once the position has come
+        self._then: Optional[str] = None  # property to request after the position
         self._period_began = -math.inf
 
     @property
@@ -66,7 +66,7 @@ class ODrive(Driver):
     # What waits
 
     def identify(self, patience: float = 0.5) -> Identity:
-        """Ask who is there; see `Driver`."""
+        """Do the handshake; see `Driver`."""
         deadline = self.clock() + patience
         self._synchronise(deadline)
         version = tuple(self._read(name, deadline) for name in VERSION)
@@ -88,12 +88,12 @@ class ODrive(Driver):
         self._texts.clear()
         self._send(codec.INFO)  # three lines, of which the last one has it
         if not self._until(lambda: len(self._texts) >= 3, self._soon(deadline)):
-            self._properties.lose_sync()  # what is missing may still come
+            self._properties.lose_sync()  # delayed lines may still arrive
         return next((text.partition(': ')[2] for text in self._texts
                      if text.startswith('Serial number: ')), '')
 
     def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
-        """Read back and judge; see `Driver`."""
+        """Read back and check the settings; see `Driver`."""
         deadline = self.clock() + patience
         self._know_firmware(deadline)
         settings = judge(
@@ -102,7 +102,7 @@ class ODrive(Driver):
 
     def _arm(self, deadline: float) -> None:
         self._know_firmware(deadline)
-        # An error left over keeps the drive from arming; a present one comes back at once.
+        # A latched error prevents arming; a present one returns immediately.
         self._send(self._torque_message(0.0) + codec.CLEAR_ERRORS)
         self._status.forget_errors()
         if self._write(CONTROL_MODE, TORQUE_CONTROL, deadline) != TORQUE_CONTROL:
@@ -131,7 +131,7 @@ class ODrive(Driver):
                 f'{self.line.port}: the ODrive names {self._named()}; remove the cause'))
 
     def _named(self) -> str:
-        """Return what all registers of errors name, in words; one that is silent names nothing."""
+        """Return the errors of all registers as text; without those that do not reply."""
         with suppress(DriveError):
             return ', '.join(self._faults(math.inf, True)) or 'no error'
         return ', '.join(self._status.faults(self._status.values, True)) or 'nothing'
@@ -141,7 +141,7 @@ class ODrive(Driver):
                                     for name in self._generation.inquest}, ours)
 
     def clear_faults(self, patience: float = 0.5) -> tuple[str, ...]:
-        """Clear the errors and return those that are there again; see `Driver`."""
+        """Clear the errors and return those present again; see `Driver`."""
         deadline = self.clock() + patience
         self._know_firmware(deadline)
         if self._armed or self._read(STATE, deadline) != IDLE:
@@ -163,7 +163,7 @@ class ODrive(Driver):
                 + self._property_request(STATE))
 
     def budget(self) -> WireBudget:
-        """Return the bytes of a period with the longest request, whatever the firmware."""
+        """Return the bytes of a period with the longest request of any firmware."""
         axis, limit = self.options.axis, -self.options.torque_limit
         command = len(codec.torque(axis, limit))
         ask = max(len(codec.read(self._path(name)))
@@ -193,11 +193,11 @@ class ODrive(Driver):
     # Requests for properties
 
     def _path(self, name: str) -> str:
-        """Return what the drive calls a property of the motor output in use."""
+        """Return the drive's name of a property of the motor output in use."""
         return name.replace('axis0.', f'axis{self.options.axis}.')
 
     def _property_request(self, name: str) -> bytes:
-        """Return what to ask for a property now, which may be nothing; see `Requests.ask`."""
+        """Return the request for a property, empty if none is due; see `Properties.ask`."""
         if self._generation.one_reply_at_a_time and codec.Feedback in self._pending.kinds:
             self._then = name
             return b''
@@ -258,7 +258,7 @@ class ODrive(Driver):
                     f'{self.line.port}: the ODrive does not answer for {self._path(name)}'))
 
     def _write(self, name: str, value: float, deadline: float) -> float:
-        """Set a property and return what it reads then."""
+        """Set a property and return the value read back."""
         self._send(codec.write(self._path(name), value))
         return self._read(name, deadline)
 
@@ -288,7 +288,7 @@ class ODrive(Driver):
         if self._then is not None:
             name, self._then = self._then, None
             self._send(self._ask_property(name))
-        # An encoder that failed reads as 0.
+        # A failed encoder reads as 0.
         if not self._status.errors & self._generation.no_estimate:
             self.telemetry = self.telemetry._replace(
                 time=now, measured=match.measured, position=feedback.position * math.tau,

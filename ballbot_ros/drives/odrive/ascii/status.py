@@ -18,15 +18,15 @@ class DriveStatus:
     """
     Collects the values of properties, and reports them as telemetry.
 
-    Where an error is named, or the motor has lost its power, all registers are read at once, and
-    only then is any of it reported: that the controller failed does not explain why, and a state
-    that is read before the errors would be reported without a reason.
+    After an error, or a loss of motor power, all registers are read before anything is reported:
+    the controller error alone does not give the cause, and a state read before the errors would be
+    reported without a reason.
 
     Parameters
     ----------
     generation : Generation
     torque_limit : float
-        What the current must do for [N m].
+        Torque that the current must suffice for [N m].
 
     Attributes
     ----------
@@ -46,16 +46,16 @@ class DriveStatus:
 
     @property
     def urgent(self) -> bool:
-        """Return whether the next question should not wait for its turn."""
+        """Return whether the next request must not wait for its turn."""
         return bool(self._open)
 
     @property
     def errors(self) -> int:
-        """Return the bits that keep the motor from power."""
+        """Return the error bits that prevent motor power."""
         return int(self.values.get(self.generation.errors, 0.0))
 
     def next_name(self, now: float) -> str:
-        """Return what to ask for at a time [s]."""
+        """Return the property to request at a time [s]."""
         if self._open and now - self._opened_at > REGISTER_TIMEOUT:
             self._open, self._about = [], self._cause  # it is reported without them
         if self._open:
@@ -76,7 +76,7 @@ class DriveStatus:
         self._open, self._about = [], None
 
     def forget_errors(self) -> None:
-        """Take no error to be known: they have just been cleared."""
+        """Drop all errors after they have been cleared."""
         self.forget_details()
         self.values.pop(self.generation.errors, None)
         self.values.pop(self.generation.reason, None)
@@ -92,7 +92,7 @@ class DriveStatus:
         now : float
             [s]
         ours : bool
-            Whether the motor was armed from here and not stopped since.
+            Whether this driver has armed the motor and not stopped it since.
 
         """
         if value is not None and math.isfinite(value):
@@ -113,7 +113,7 @@ class DriveStatus:
         return self.values.get(STATE, math.nan), self.errors
 
     def report(self, telemetry: Telemetry, name: str, now: float, ours: bool) -> Telemetry:
-        """Return telemetry with the property that was taken last."""
+        """Return telemetry with the last property taken."""
         generation, values = self.generation, self.values
         if name in generation.telemetry and name in values:
             reported: dict[str, Any] = {generation.telemetry[name]: values[name]}
@@ -128,16 +128,16 @@ class DriveStatus:
 
     def faults(self, values: Mapping[str, float], ours: bool) -> tuple[str, ...]:
         """
-        Return the names of all that is wrong, from the values of properties.
+        Return the names of all faults, from the values of properties.
 
-        A watchdog that expires without power is no fault, and is left out.
+        A watchdog that expires without power is not a fault.
         """
         generation = self.generation
         armed = values.get(STATE) == CLOSED_LOOP_CONTROL
         bits = _number(values, generation.errors)
         if not (ours or armed):
             bits &= ~generation.watchdog_expired
-        # What took the power away last time is no fault of a motor that has it again.
+        # The reason of an earlier loss of power is not a fault of an armed motor.
         reason = 0 if armed else _number(values, generation.reason)
         names = generation.names_of(bits | reason)
         for register in generation.details:
@@ -170,10 +170,10 @@ MARKER = 'marker'
 
 class Properties:
     """
-    Asks for one property at a time, and knows whether a value that comes is the answer.
+    Requests one property at a time, and matches the values to the requests.
 
-    Where a value is overdue, or one comes that was not asked for, it is out of sync: a numbered
-    marker is sent, and no value is accepted until that has been answered.
+    After an overdue or an unrequested value it is out of sync: it sends a numbered marker, and
+    accepts no value until the reply to the marker.
 
     Parameters
     ----------
@@ -183,11 +183,11 @@ class Properties:
     Attributes
     ----------
     asked : str or None
-        Property whose value is to come.
+        Property whose value is pending.
     asked_at : float
-        When it, or the last one, was asked for [s].
+        Time of the last request [s].
     value : float or None
-        The last answer; None for what is no number, such as "invalid property".
+        The last reply; None for text that is not a number, such as "invalid property".
     marker : int
         Number of the last marker.
 
@@ -203,12 +203,12 @@ class Properties:
 
     @property
     def in_sync(self) -> bool:
-        """Return whether the next value is an answer to what was asked."""
+        """Return whether the next value is the reply to the pending request."""
         return self._marked_at is None
 
     @property
     def free(self) -> bool:
-        """Return whether a property can be asked for now."""
+        """Return whether a property can be requested now."""
         return self.in_sync and self.asked is None
 
     def lose_sync(self) -> None:
@@ -223,7 +223,7 @@ class Properties:
         Parameters
         ----------
         name, path : str
-            What the property is called here, and by the drive.
+            Name of the property in this package and in the drive.
         now : float
             [s]
 
@@ -256,7 +256,7 @@ class Properties:
         return name
 
     def overdue(self, now: float) -> bool:
-        """Return whether an answer has become overdue; then it is out of sync."""
+        """Return whether a reply is overdue; then it is out of sync."""
         if self.asked is None or now - self.asked_at <= self._timeout:
             return False
         self.lose_sync()

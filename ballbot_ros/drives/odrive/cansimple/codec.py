@@ -26,14 +26,14 @@ MOTOR_ERROR, ENCODER_ERROR, CONTROLLER_ERROR = 0x03, 0x04, 0x1D
 # 0.6 only; 0.5 does not report its version.
 VERSION, ERROR, RX_SDO, TX_SDO, TEMPERATURE = 0x00, 0x03, 0x04, 0x05, 0x15
 
-# What only a computer sends.
+# Frames that only a computer sends.
 COMMANDS = (0x02, SET_AXIS_STATE, SET_CONTROLLER_MODE, 0x0C, 0x0D, SET_INPUT_TORQUE, 0x0F, 0x16,
             CLEAR_ERRORS)
 
-READ, WRITE = 0, 1  # what is done to an endpoint
+READ, WRITE = 0, 1  # operations on an endpoint
 
 COMMAND_BITS = 5
-HIGHEST_NODE = 0x3E  # 0x3F is that of everybody
+HIGHEST_NODE = 0x3E  # 0x3F is the broadcast id
 
 _TWO_FLOATS, _TWO_WORDS = struct.Struct('<ff'), struct.Struct('<II')
 _SDO = struct.Struct('<BHB')
@@ -43,7 +43,7 @@ TYPES = {'bool': '?', 'uint8': 'B', 'int8': 'b', 'uint16': 'H', 'int16': 'h', 'u
 
 
 class Heartbeat(NamedTuple):
-    """What each drive sends cyclically."""
+    """Cyclic message of each drive."""
 
     errors: int  # of the axis
     state: int

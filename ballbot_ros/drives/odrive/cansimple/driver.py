@@ -43,7 +43,7 @@ class ODriveCanOptions(DriveOptions):
         '0.5 does not report them over CAN', default=None)
 
     def __post_init__(self) -> None:
-        """Check, also what is confirmed."""
+        """Check the options, including `confirmed`."""
         super().__post_init__()
         check_confirmed(self.confirmed)
         if self.firmware and not self.version:
@@ -72,7 +72,7 @@ POLLED = {'0.5': (codec.IQ, codec.BUS_VOLTAGE_CURRENT, codec.MOTOR_ERROR, codec.
 
 
 class Beat(NamedTuple):
-    """A heartbeat, and when it came [s]."""
+    """A heartbeat and its arrival time [s]."""
 
     time: float
     content: Heartbeat
@@ -85,9 +85,9 @@ class AxisCondition:
     Attributes
     ----------
     generation : Generation or None
-        None before it is known.
+        None before the handshake.
     beats : deque of Beat
-        The last ones, newest at the end.
+        The last ones, the latest at the end.
 
     """
 
@@ -99,17 +99,17 @@ class AxisCondition:
 
     @property
     def state(self) -> Optional[int]:
-        """Return the state of the axis by the newest heartbeat, None without one."""
+        """Return the state of the axis in the latest heartbeat, None without one."""
         return self.beats[-1].content.state if self.beats else None
 
     @property
     def armed(self) -> bool:
-        """Return whether the motor has power, by the newest heartbeat."""
+        """Return whether the motor has power, by the latest heartbeat."""
         return self.state == CLOSED_LOOP_CONTROL
 
     @property
     def idle(self) -> bool:
-        """Return whether the motor has no power, by the newest heartbeat."""
+        """Return whether the motor has no power, by the latest heartbeat."""
         return self.state == IDLE
 
     @property
@@ -130,13 +130,13 @@ class AxisCondition:
 
     @property
     def expired(self) -> bool:
-        """Return whether the watchdog has, by the newest heartbeat."""
+        """Return whether the watchdog has expired, by the latest heartbeat."""
         return self.generation is not None and bool(self.beats) and bool(
             self.beats[-1].content.errors & self.generation.watchdog_expired)
 
     @property
     def unread(self) -> Optional[int]:
-        """Return the command for a register that is needed to name what is wrong."""
+        """Return the command for a register that is needed to name the error."""
         for command in self._flagged():
             if command not in self._registers:
                 return command
@@ -144,10 +144,10 @@ class AxisCondition:
 
     def faults(self, ours: bool) -> tuple[str, ...]:
         """
-        Return the names of all errors, in idle also of those that the power went for.
+        Return the names of all errors, in idle also of those that removed the power.
 
-        A watchdog that expired without power is no fault; `ours` is whether this driver had
-        armed it.
+        A watchdog that expired without power is not a fault; `ours` is whether this driver had
+        armed the motor.
         """
         if self.generation is None or not self.beats:
             return ()
@@ -187,11 +187,11 @@ class AxisCondition:
         self._registers[command] = int.from_bytes(data, 'little')
 
     def forget(self) -> None:
-        """Forget the registers: they are being cleared."""
+        """Drop the registers: they are being cleared."""
         self._registers.clear()
 
 
-AGAIN = 0.01        # between two requests while something is waited for [s]
+AGAIN = 0.01        # between two requests while waiting [s]
 
 
 class ODriveCan(Driver):
@@ -213,7 +213,7 @@ class ODriveCan(Driver):
         self._condition = AxisCondition()
         self._version: tuple[int, ...] = ()
         self._replies: dict[int, bytes] = {}  # command -> its last reply
-        # What was sent until then has been obeyed: by now, and at the newest heartbeat.
+        # The drive has executed what was sent before: as of now, and as of the latest heartbeat.
         self._obeyed_until = self._told_until = -math.inf
         self._torque, self._torque_at = 0.0, -math.inf
         self._status_at, self._turn = -math.inf, 0
@@ -222,7 +222,7 @@ class ODriveCan(Driver):
     # What waits
 
     def identify(self, patience: float = 0.5) -> Identity:
-        """Ask who is there; see `Driver`."""
+        """Do the handshake; see `Driver`."""
         deadline = self.clock() + patience
         self._see_obeyed(deadline)
         timeout = self.options.reply_timeout
@@ -245,9 +245,9 @@ class ODriveCan(Driver):
 
     def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
         """
-        Read back what 0.6 reports, try what 0.5 does not, and judge; see `Driver`.
+        Read back the settings of a 0.6, test the watchdog of a 0.5, and check; see `Driver`.
 
-        To try the watchdog takes as long as it does, besides the patience.
+        The test takes the watchdog time, in addition to `patience`.
         """
         deadline, unknown = self.clock() + patience, []
         generation, options = self._known(deadline), self.options
@@ -283,9 +283,9 @@ class ODriveCan(Driver):
 
     def _try_watchdog(self, deadline: float) -> Setting:
         """
-        See whether the watchdog of a firmware 0.5 expires when nothing is sent; it does in idle.
+        Test in idle whether the watchdog of a firmware 0.5 expires when nothing is sent.
 
-        What is sent to a 0.5 feeds it, whatever it is.
+        Any frame to a 0.5 feeds it.
         """
         condition, longest = self._condition, self.options.watchdog
         if not condition.idle:
@@ -300,7 +300,7 @@ class ODriveCan(Driver):
         return judge_trial(took, expired, longest)
 
     def _clear_errors(self, deadline: float) -> None:
-        """Clear all errors, and return when that has been obeyed."""
+        """Clear all errors, and return when the drive has executed it."""
         self._condition.forget()
         self._send(codec.frame(self.options.node_id, codec.CLEAR_ERRORS))
         self._see_obeyed(deadline, 'requests')
@@ -308,13 +308,13 @@ class ODriveCan(Driver):
     def _arm(self, deadline: float) -> None:
         self._known(deadline)
         node, condition, begin = self.options.node_id, self._condition, self.clock()
-        # An error left over keeps the drive from arming; a present one comes back at once.
+        # A latched error prevents arming; a present one returns immediately.
         condition.forget()
         self._send(self._torque_message(0.0) + codec.frame(node, codec.CLEAR_ERRORS)
                    + codec.set_mode(node, TORQUE_CONTROL, PASSTHROUGH)
                    + codec.set_state(node, CLOSED_LOOP_CONTROL) + self._ask_position())
         while True:
-            condition.beats.clear()  # a state from before this look is no news
+            condition.beats.clear()  # earlier states are stale
             obeyed = self._until(lambda: bool(condition.beats) and self._told_until >= begin,
                                  min(deadline, self.clock() + AGAIN))
             names = condition.faults(ours=True)
@@ -328,7 +328,7 @@ class ODriveCan(Driver):
             self._send(self._torque_message(0.0) + self._ask_position())
 
     def clear_faults(self, patience: float = 0.5) -> tuple[str, ...]:
-        """Clear what latched, without power; see `Driver`."""
+        """Clear latched faults, without power; see `Driver`."""
         if self._armed or self.telemetry.armed:
             raise DriveError('not_clearable', (
                 f'{self.line.port}: the motor is under power; stop it first'))
@@ -369,7 +369,7 @@ class ODriveCan(Driver):
         return request
 
     def _send(self, data: bytes) -> None:
-        # To a 0.5 whatever is sent is a command: it would keep an old torque alive, anybody's.
+        # Any frame feeds the watchdog of a 0.5: it would keep an old torque alive, of any sender.
         if data and self.clock() - self._torque_at >= self.options.watchdog:
             data = codec.torque(self.options.node_id, 0.0) + data
         super()._send(data)
@@ -379,7 +379,7 @@ class ODriveCan(Driver):
         return codec.ask(self.options.node_id, codec.ENCODER_ESTIMATES)
 
     def _see_obeyed(self, deadline: float, what: str = '') -> None:
-        """Ask for the position until an answer comes; see `_ask_until`."""
+        """Request the position until a reply arrives; see `_ask_until`."""
         begin = self.clock()
         self._ask_until(lambda: self._obeyed_until >= begin, self._ask_position, deadline, what)
 

@@ -3,9 +3,9 @@
 An ODrive with firmware 0.5 or 0.6, as a CAN bus sees it; its motor is that of emulated_board.py.
 
 0.5 is written after Firmware/communication/can/can_simple.cpp and odrive_can.cpp of
-odriverobotics/ODrive at fw-v0.5.6, with their oddities: whatever is sent to the node feeds its
-watchdog, a request too; three frames at most wait to be sent, and an answer for which there is no
-room is lost; an estimate that is not valid reads as 0.
+odriverobotics/ODrive at fw-v0.5.6, with their peculiarities: any frame to the node feeds its
+watchdog, a request too; the queue for sending has three places, and a reply that finds none is
+lost; an invalid estimate reads as 0.
 
 The source of 0.6 is not published.  Its messages are from the maker's documents, see codec.py; the
 numbers of its endpoints are made up here, as they differ between firmwares.  Guessed, against the
@@ -40,7 +40,7 @@ class ODriveCanDevice(BoardDevice):
         self.properties[self.heartbeat_rate] = 100 if self.has('factory') else 10
         self._records = RecordParser()
         self._beat_at = -math.inf
-        self._busy_until = -math.inf  # with what waits to be sent
+        self._busy_until = -math.inf  # with queued frames
 
     def endpoints(self) -> dict[str, Any]:
         """Return the content of the maker's flat_endpoints.json for a 0.6."""
@@ -65,14 +65,14 @@ class ODriveCanDevice(BoardDevice):
         period = 1e-3 * self.properties[self.heartbeat_rate]
         if period and now - self._beat_at >= period - 1e-9:
             beat = self._sent(self._heartbeat(), now)
-            if beat:  # in its own rhythm, unless it is late by more than that
+            if beat:  # at a fixed period, unless it is delayed by more than that
                 late = now - self._beat_at > 2.0 * period
                 self._beat_at = now if late else self._beat_at + period
             reply += beat
         return reply
 
     def _sent(self, record: bytes, now: float) -> bytes:
-        """Return what of an answer finds one of the three places from which it is sent."""
+        """Return the part of a reply that fits the queue for sending."""
         duration = FRAME_BITS / self.baud
         if not record or self._busy_until - now > (MAILBOXES - 1) * duration:
             return b''
@@ -91,7 +91,7 @@ class ODriveCanDevice(BoardDevice):
             int(here['axis0.current_state']) & 0xFF, *more))
 
     def _obey(self, command: int, frame: CanFrame, now: float) -> bytes:
-        """Obey a command and return the record of its answer; see `do_command`."""
+        """Execute a command and return the record of its reply; see `do_command`."""
         here, data, length = self.properties, frame.data, len(frame.data)
         if self._old or command in (codec.SET_INPUT_TORQUE, codec.SET_AXIS_STATE):
             self.board.feed(now)

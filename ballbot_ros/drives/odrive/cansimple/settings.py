@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Where the settings of an ODrive on a CAN bus are known from.
+Sources of the settings of an ODrive on a CAN bus.
 
 0.6 reports them over the bus by number; the numbers differ between firmwares, and the maker has a
-list for each (flat_endpoints.json).  0.5 reports none.  Then a person reads them with
-odrivetool and confirms them in the hardware file, and of the most important one, the watchdog, it
-is tried whether it is so.
+list for each (flat_endpoints.json).  0.5 reports none: the user reads them with odrivetool and
+confirms them in the hardware file, and the driver tests the most important one, the watchdog.
 """
 import json
 import math
@@ -44,7 +43,7 @@ def load_endpoints(path: str, version: Sequence[int]) -> Mapping[str, Endpoint]:
     Raises
     ------
     ConfigurationError
-        If it cannot be read, is no such list, or that of another firmware.
+        If it cannot be read, is not such a list, or is that of another firmware.
 
     """
     try:
@@ -64,7 +63,7 @@ def load_endpoints(path: str, version: Sequence[int]) -> Mapping[str, Endpoint]:
 
 
 def check_confirmed(confirmed: Any) -> None:
-    """Raise `ConfigurationError` for what is not names with numbers."""
+    """Raise `ConfigurationError` unless it maps names to numbers."""
     if confirmed is None:
         return
     if not isinstance(confirmed, Mapping):
@@ -77,12 +76,12 @@ def check_confirmed(confirmed: Any) -> None:
 
 
 def in_odrivetool(remedy: str) -> str:
-    """Return a remedy for a serial terminal as one types it in odrivetool."""
+    """Convert a remedy for a serial terminal to the syntax of odrivetool."""
     return _WRITE.sub(r'odrv0.\1 = \2', remedy)
 
 
 def missing(names: Sequence[str], old: bool, version: str) -> list[Setting]:
-    """Return what to do about properties that are not known; nothing if there are none."""
+    """Return the remedies for unknown properties; empty if there are none."""
     if not names:
         return []
     listed = ', '.join(names)
@@ -94,9 +93,9 @@ def missing(names: Sequence[str], old: bool, version: str) -> list[Setting]:
 
 
 def judge_heartbeat(period: float, old: bool) -> Setting:
-    """Judge the time between two heartbeats [s]."""
+    """Check the time between two heartbeats [s]."""
     name = 'heartbeat_rate_ms' if old else 'heartbeat_msg_rate_ms'
-    # Read from the line in pieces: between two of them a quarter more or less may pass.
+    # The measured period may differ by a quarter, as the line is read in pieces.
     return Setting('heartbeat', f'each {1e3 * period:.0f} ms',
                    f'each {1e3 * SLOWEST_HEARTBEAT:.0f} ms at most',
                    period <= 1.25 * SLOWEST_HEARTBEAT,
@@ -104,21 +103,21 @@ def judge_heartbeat(period: float, old: bool) -> Setting:
 
 
 def judge_positions(number: int, old: bool) -> Setting:
-    """Judge how many positions came without a request: only replies to requests have a time."""
+    """Check the number of unrequested positions: only replies to requests have a time."""
     name = 'encoder_rate_ms' if old else 'encoder_msg_rate_ms'
     return Setting('positions', 'sent cyclically' if number else 'on request', 'on request',
                    not number, f'odrv0.axis0.config.can.{name} = 0')
 
 
 def judge_firmware(version: str) -> Setting:
-    """Judge the version of a firmware 0.5, as the hardware file has it."""
+    """Check the version of a firmware 0.5, from the hardware file."""
     return Setting('firmware', version or 'unknown', 'named in the hardware file', bool(version),
                    'firmware 0.5 does not report it over CAN: write firmware: "0.5.6", or what '
                    'odrivetool shows, in the section drive')
 
 
 def judge_trial(took: Optional[float], expired: bool, watchdog: float) -> Setting:
-    """Judge how long nothing was sent [s], None if it was not tried, and what came of it."""
+    """Check the test of the watchdog: time without a frame [s], None if it was not tested."""
     value = 'not tried' if took is None else \
         f'{"expired after" if expired else "did not expire in"} {took:.2g} s'
     remedy = 'the motor is under power: stop who drives it' if took is None else (

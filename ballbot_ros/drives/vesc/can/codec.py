@@ -3,9 +3,9 @@
 VESC on a CAN bus, firmware 5.03 to 7.01: the messages of its serial protocol in frames.
 
 The identifier of a frame, of 29 bits, is the kind of the packet above the eight bits of the id of
-who it is for.  A message of up to six bytes is one frame; a longer one fills a buffer of the other
-side, by seven bytes with an offset, from 255 on by six, and a last frame with its length and its
-CRC has it processed.  The answer comes in the same way, to the id of who asked.
+the receiver.  A message of up to six bytes is one frame; a longer one fills a buffer of the
+receiver, by seven bytes with an offset, from 255 on by six, and a last frame with its length and
+its CRC completes it.  The reply comes in the same way, to the id of the sender.
 
 Source: vedderb/bldc, comm/comm_can.c (`comm_can_send_buffer`, `decode_msg`), datatypes.h; the same
 from firmware 5 to 7.
@@ -21,7 +21,7 @@ from ballbot_ros.drives.vesc.uart.codec import LONGEST_PAYLOAD
 SET_CURRENT, FILL_RX_BUFFER, FILL_RX_BUFFER_LONG = 1, 5, 6
 PROCESS_RX_BUFFER, PROCESS_SHORT_BUFFER, PING, PONG = 7, 8, 17, 18
 STATUS = (9, 14, 15, 16, 27, 58)  # status that each VESC broadcasts under its own id
-ANSWER_ME, ANSWER = 0, 1  # what is to be done with a message
+ANSWER_ME, ANSWER = 0, 1  # purposes of a message
 EVERYBODY = 255
 
 SHORT, PIECE, LONG_PIECE = 6, 7, 6
@@ -31,7 +31,7 @@ HOST_ID, DRIVE_ID = 254, 0
 
 
 def packet(kind: int, to: int, data: bytes) -> CanFrame:
-    """Return a frame for who has an id."""
+    """Return a frame for the receiver with an id."""
     return CanFrame(kind << 8 | to, data, extended=True)
 
 
@@ -57,7 +57,7 @@ def records(payload: bytes, to: int, sender: int, purpose: int) -> bytes:
 
 class Assembly:
     """
-    Puts messages together again.
+    Assembles messages from frames.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Assembly:
         self._buffer = b''
 
     def take(self, kind: int, data: bytes) -> Optional[bytes]:
-        """Take a frame for us, and return the message that it completes."""
+        """Take a frame for this receiver, and return the message that it completes."""
         if kind == PROCESS_SHORT_BUFFER:
             return data[2:] or None
         if kind == FILL_RX_BUFFER and data:
@@ -102,15 +102,15 @@ class PayloadParser:
     own : int
         That id.
     sender : int
-        Of whom they are.
+        Id of their sender.
 
     Attributes
     ----------
     counts : Counter
         ``refused`` messages, ``skipped`` bytes that belong to no frame, ``of_others`` frames to
-        the sender, which we have not sent.
+        `sender` from other nodes.
     heard : set of int
-        Ids of all that sent their status.
+        Ids of all nodes that sent their status.
 
     """
 

@@ -23,7 +23,7 @@ class VescCanOptions(VescOptions):
 
 
 class VescCan(Vesc):
-    """See `Vesc`; a motor current has a frame of its own, all else is asked as over a wire."""
+    """See `Vesc`; a motor current has its own frame, all other messages are those of the UART."""
 
     options: VescCanOptions
     protocol = 'vesc_can'
@@ -36,7 +36,7 @@ class VescCan(Vesc):
         self._parser = codec.PayloadParser(self.options.host_id, self.options.can_id)
 
     def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
-        """Read back and judge, also whether there is another sender; see `Driver`."""
+        """Read back and check the settings, and that there is no other sender; see `Driver`."""
         settings = super().read_settings(patience)
         return (*settings, judge_others(self.counts['of_others']))
 

@@ -10,7 +10,7 @@ from ballbot_ros.drives.vesc.settings import VescOptions
 from ballbot_ros.drives.vesc.uart import codec
 from ballbot_ros.errors import DriveError
 
-# A motor current below this part of the limit counts as none: the sensors are not that good.
+# A motor current below this part of the limit counts as zero, because of the sensor noise.
 NO_CURRENT = 0.05
 # Why a motor has no current, by bit of the status; the names are those of timeout.c.
 STATUS = {codec.TIMED_OUT: 'HAS_TIMEOUT', codec.KILL_SWITCH: 'KILL_SW_ACTIVE'}
@@ -20,9 +20,9 @@ class Vesc(Driver):
     """
     See `Driver`.
 
-    A VESC has no arming: it follows the next current that it is sent.  Before `arm`, and after a
-    stop, this driver sends none.  Nothing feeds its timeout then, so its status reports that this
-    has expired; `arm` feeds it until the thread that looks every 10 ms has seen that.
+    A VESC has no arming: it follows each current command.  Before `arm`, and after a stop, this
+    driver sends none.  Then its timeout expires, and its status reports this; `arm` feeds the
+    timeout until the thread of the VESC, which runs every 10 ms, has cleared that status.
     """
 
     options: VescOptions
@@ -35,7 +35,7 @@ class Vesc(Driver):
     def _begin(self) -> None:
         self._parser = codec.FrameParser()
         self._tag = 0
-        self._replies: dict[int, bytes] = {}  # message -> its last reply that is no value
+        self._replies: dict[int, bytes] = {}  # message -> its last reply, except values
         self._turns_apart: Optional[float] = None  # tachometer less encoder, at the first reply
         self._version: Optional[settings.Version] = None
         self._limits: Mapping[str, float] = settings.unknown_limits(settings.SINCE_6_05)
@@ -45,7 +45,7 @@ class Vesc(Driver):
     # What waits
 
     def identify(self, patience: float = 0.5) -> Identity:
-        """Ask who is there; see `Driver`."""
+        """Do the handshake; see `Driver`."""
         firmware = codec.parse_firmware(self._ask(
             codec.FW_VERSION, self.clock() + patience, handshake=True))
         if firmware is None:
@@ -62,7 +62,7 @@ class Vesc(Driver):
                         + (f' test {test}' if test else ''), firmware.serial_number)
 
     def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
-        """Read back and judge; see `Driver`."""
+        """Read back and check the settings; see `Driver`."""
         deadline = self.clock() + patience
         if self._version is None:
             self.identify(patience)
@@ -101,8 +101,8 @@ class Vesc(Driver):
         """
         Wait until the VESC has cleared its faults, and refuse if it does not.
 
-        There is no message that clears them: it does so by itself when the cause has been away
-        for its fault stop time, half a second from the factory.
+        There is no message that clears them: the VESC does so its fault stop time (by default half
+        a second) after the cause has gone.
         """
         deadline = self.clock() + patience
         self.stop(patience)
@@ -142,7 +142,7 @@ class Vesc(Driver):
         return codec.get_values(self._tag)
 
     def _ask(self, message: int, deadline: float, handshake: bool = False) -> bytes:
-        """Ask until there is a reply and return it; see `_ask_until`."""
+        """Repeat a request until there is a reply, and return it; see `_ask_until`."""
         self._replies.pop(message, None)
         self._ask_until(
             lambda: message in self._replies, lambda: codec.ask(message), deadline,
@@ -164,12 +164,12 @@ class Vesc(Driver):
         """Update the telemetry; the tag of a reply names its request."""
         match = self._match(values.tag, now)
         if match.sent == -math.inf:
-            return  # to no request, or one that was given up
+            return  # to no request, or a dropped one
         self._status, self._status_asked_at = values.status, match.sent
         limit = self.options.own_limit / self.options.torque_constant
         if abs(values.current) <= NO_CURRENT * limit:
             self._off_asked_at = match.sent
-        # Without commands a timeout is no news.
+        # Without commands a timeout is expected.
         told = values.status if self._armed else values.status & ~codec.TIMED_OUT
         faults = codec.fault_names(values.fault) + (bit_names(told, STATUS) if told else ())
         self.telemetry = self.telemetry._replace(
@@ -185,9 +185,9 @@ class Vesc(Driver):
         """
         Return the angle of the shaft [rad].
 
-        The tachometer goes on over full turns but has six steps per electrical turn only; the
-        encoder is fine but starts again every turn.  The one gives the turn of the other,
-        however many replies were lost in between.
+        The tachometer counts full turns with only six steps per electrical turn; the encoder has a
+        fine resolution but wraps every turn.  The tachometer gives the turn of the encoder, even
+        after lost replies.
         """
         turns: float = values.tachometer / (6.0 * self.options.pole_pairs)
         if not self.options.encoder:

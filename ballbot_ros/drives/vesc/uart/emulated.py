@@ -18,11 +18,11 @@ from ballbot_ros.drives.vesc.settings import THREAD
 from ballbot_ros.drives.vesc.uart import codec
 
 FAULT_TIME = 0.5  # m_fault_stop_time_ms [s]
-IGNORED = 0.02  # after each look at a kill switch that is pulled [s]
+IGNORED = 0.02  # after each check of an engaged kill switch [s]
 OVER_VOLTAGE, UNDER_VOLTAGE, ABS_OVER_CURRENT, OVER_TEMP_FET = 1, 2, 4, 5
 FACTORY_CURRENT, FACTORY_TIMEOUT = 60.0, 1.0  # [A], [s]
 FIRMWARES = {'6.02': (6, 2), '5.03': (5, 3), '6.05': (6, 5), '7.01': (7, 1)}
-# What follows the fields that are read here; real settings are some hundred bytes long.
+# Filler after the fields that are read here; real settings are some hundred bytes long.
 MORE_SETTINGS = bytes(300)
 # From the factory, motor/mcconf_default.h; those of currents and temperature are the drive's own.
 LIMITS = {
@@ -100,7 +100,7 @@ class VescDevice(Device):
         return 0.0 if self._fault else self.settings.torque_constant * self._limited()
 
     def _limited(self) -> float:
-        """Return the motor current that update_override_limits() leaves of what is set [A]."""
+        """Return the set motor current after update_override_limits() [A]."""
         here, limits = self.sensed, self.limits
         hot = _share(here.temperature, limits['l_temp_fet_start'], limits['l_temp_fet_end'])
         most = hot * limits['l_current_max'] * limits['l_current_max_scale']
@@ -140,7 +140,7 @@ class VescDevice(Device):
             self._fault = 0
 
     def _look(self, now: float) -> None:
-        """Do what the timeout thread does each time."""
+        """Run one cycle of the timeout thread."""
         pulled = self.application.kill_switch != 'off' and self.sensed.stop_switch > 0.0
         timeout = self.application.timeout
         expired = bool(timeout) and now - self._fed > timeout
@@ -202,5 +202,5 @@ class VescDevice(Device):
 
 
 def _share(value: float, start: float, end: float) -> float:
-    """Return what is left of a current: all up to `start`, nothing from `end` on."""
+    """Return the derating factor of a current: 1 up to `start`, 0 from `end` on."""
     return min(max((end - value) / (end - start), 0.0), 1.0)
