@@ -34,12 +34,12 @@ class ErrorMonitor:
 
     def advance(self, after: State, actuator: Actuator, steps: int) -> None:
         """
-        Compare with a state to which an actuation has moved the plant in so many solver steps.
+        Compare with the state of the plant after a number of solver steps of an actuation.
 
         Raises
         ------
         SimulationError
-            If the coarser run cannot go on; nothing has changed then.
+            If the coarser run fails; its state is unchanged then.
 
         """
         coarse = self._model.advance(self._state, actuator, steps)

@@ -17,18 +17,18 @@ from ballbot_ros.plant.error_monitor import ErrorMonitor
 
 class Plant:
     """
-    A scene whose motor takes a torque per control period, and gives what it can of it.
+    A scene with one motor torque per control period, limited by the motor.
 
-    What it promises, as the Physics of dm_control does, to an owner who brings what there is
-    Task and Environment (when a period runs, which torque, what is measured and published):
+    It corresponds to Physics of dm_control; the owner provides Task and Environment (when a
+    period runs, the torque, the measured and published values).  Guarantees:
 
     * `advance` runs exactly one period under one torque, or raises and changes nothing.
-    * `state` is a value: nobody can change the plant through it, and the same torques from the
-      same start give the same states to the bit, whatever the clock.
-    * `time` is the number of periods done times their length, so it carries no accumulated
-      rounding; `reset` brings back the first state, and time goes on.
-    * `torque` is what the motor gave: what was asked for, cut to what the motor of the robot
-      file can give at the rate that its joint has when the period begins.
+    * `state` is immutable, and the same torques from the same start give bit-identical states,
+      independent of the clock.
+    * `time` is the number of completed periods times their length, without accumulated rounding;
+      `reset` restores the first state, and time continues.
+    * `torque` is the applied torque: the command, limited by the speed-torque curve of the motor
+      at the joint rate at the start of the period.
 
     Parameters
     ----------
@@ -37,9 +37,9 @@ class Plant:
     control_rate : float
         [Hz]; a control period must be a whole number of solver steps.
     torque_limit : float, optional
-        [N m]; cuts further than the motor does.
+        [N m]; an additional limit.
     accuracy : float, optional
-        Chooses the solver by itself [m], and lets an `ErrorMonitor` run along.
+        Selects the solver for this accuracy [m], and enables an `ErrorMonitor`.
 
     Raises
     ------
@@ -71,13 +71,13 @@ class Plant:
         self.reset()
 
     def _warm_up(self) -> None:
-        """Have compiled what periods call, and what is told of them: none may wait for it."""
+        """Compile all kernels of a period and its reports in advance."""
         self.model.advance(self._start, Actuator(TORQUE), 1)
         if self._monitor:
             self._monitor.advance(self._start, Actuator(TORQUE), 1)
         available_torque(0.0, *self._line)
         limited(0.0, self.torque_limit)
-        # Wherever the ball is now, here it touches the ground.
+        # At this position the ball touches the ground.
         floor = replace(self.model, terrain=Terrain.flat())
         pressed = State(y=self.model.robot.ball_radius - 1e-4)
         floor.touches(pressed)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is wrong with a simulated sensor, beside the noise that it tells of."""
+"""Faults of a simulated sensor, besides its reported noise."""
 from collections import deque
 from dataclasses import dataclass
 from typing import Deque, Generic, List, Tuple, TypeVar

@@ -10,28 +10,28 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.plant.sensor_faults import SensorFaults
 
-# What a sensor takes for a step: at least so high [m], and steeper than 45 degrees.
+# Minimum height [m] and slope of a detected step: 2 mm and 45 degrees.
 LEAST_HEIGHT, LEAST_SLOPE = 0.002, 1.0
-# A less steep piece that is shorter belongs to it, as on a rounded edge [m].
+# A less steep segment shorter than this belongs to the step, as on a rounded edge [m].
 SHORT = 0.005
 
-# A sensor that tells deviations tells no smaller ones than these, for 0 means unknown [m].
+# Minimum reported standard deviations [m]; 0 means unknown.
 DISTANCE_RESOLUTION, HEIGHT_RESOLUTION = 0.001, 0.0005
 
 
 @dataclass(frozen=True)
 class Sight:
     """
-    One look ahead.
+    One observation ahead.
 
     Attributes
     ----------
     detected : bool
     distance : float
-        Horizontally from the ball centre to the face [m]; when nothing is detected, how
-        far the floor was seen to be clear.
+        Horizontal distance from the ball centre to the face [m]; without a detection, the end of
+        the observed clear floor.
     height : float
-        Of the step, negative for a drop, 0 when nothing is detected [m].
+        Of the step, negative for a drop, 0 without a detection [m].
 
     """
 
@@ -59,26 +59,26 @@ def check_sensor(**deviations: float) -> None:
 
 class Sensor:
     """
-    Sees the next face ahead of the ball centre, with Gaussian noise.
+    Detects the next face ahead of the ball centre, with Gaussian noise.
 
-    Noise and losses of look number n are a function of the seed and n alone: a run is
-    repeated exactly whatever else draws random numbers.
+    Noise and losses of sample number n depend only on the seed and n, so runs are
+    reproducible, independent of other random numbers.
 
     Parameters
     ----------
     terrain : Terrain
     reach : float
-        How far it sees [m].
+        Range [m].
     distance_sd, height_sd : float
         True standard deviations [m].
     seed : int
     faults : SensorFaults
-        Whoever publishes the looks makes them late, see `Latency`.
+        The publisher applies the latency, see `Latency`.
 
     Attributes
     ----------
     distance_sd, height_sd : float
-        The standard deviations that it tells, not below its resolution; 0 for none [m].
+        Reported standard deviations, not below the resolution; 0 for none [m].
 
     """
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sensor that sees the ground ahead as a polyline, as a depth camera does."""
+"""A sensor that observes the terrain ahead as a polyline, like a depth camera."""
 from dataclasses import dataclass
 import math
 from typing import Optional, Tuple
@@ -11,24 +11,24 @@ from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.plant.sensor_faults import SensorFaults
 from ballbot_ros.plant.step_sensor import check_sensor, faces, HEIGHT_RESOLUTION
 
-# Ground nearer to the eye than this, ahead, hides nothing [m]: it lies below the ball.
+# Terrain ahead closer to the sensor than this occludes nothing [m]: it lies below the ball.
 BELOW = 0.02
 
-ENDLESS = 1e4  # [m] the first and last segments of a terrain go on for ever
+ENDLESS = 1e4  # [m]: length of the infinite end segments of a terrain
 
 
 @dataclass(frozen=True)
 class TerrainSight:
     """
-    One look ahead, in the level frame at the centre of the ball.
+    One observation, in the level frame at the centre of the ball.
 
     Attributes
     ----------
     x, z, z_sd : tuple of float
-        Points from behind to ahead, and the standard deviations that are told, 0 for
+        Points from behind to ahead, and their reported standard deviations, 0 for
         unknown [m].
     x_min, x_max : float
-        Between these the ground was seen [m].
+        Limits of the observed terrain [m].
 
     """
 
@@ -41,28 +41,27 @@ class TerrainSight:
 
 class TerrainSensor:
     """
-    Sees points of the ground, equally far apart along it, with Gaussian noise of their height.
+    Samples points at equal distances along the terrain, with Gaussian noise of their height.
 
-    As the pixels of a camera the points lie where they happen to lie, not on the vertices;
-    a vertical face has several.  The eye is level with the centre of the ball, and what the
-    ground between hides is not seen: nothing of a drop, of the floor right behind it, or of
-    what lies behind a wall.  What lies below and behind the ball always is seen, for it was
-    ahead before.
+    Like the pixels of a camera, the points do not coincide with the vertices; a vertical face has
+    several points.  The sensor is at the height of the ball centre, and terrain occludes the
+    points behind it: a drop, the floor right behind it, and anything behind a wall.  Terrain
+    below and behind the ball is always included, as it was observed before.
 
-    Noise and losses of look number n are a function of the seed and n alone.
+    Noise and losses of sample number n depend only on the seed and n.
 
     Parameters
     ----------
     terrain : Terrain
     reach : float
-        How far ahead it sees [m].
+        Range ahead [m].
     height_sd : float
         True standard deviation of a point's height [m].
     seed : int
     faults : SensorFaults
-        Whoever publishes the looks makes them late, see `Latency`.
+        The publisher applies the latency, see `Latency`.
     behind : float
-        How far behind the centre it sees [m].
+        Range behind the centre [m].
     spacing : float
         Between points [m].
 
@@ -90,14 +89,14 @@ class TerrainSensor:
 
     def look(self, x: float, y: float, number: int) -> Optional[TerrainSight]:
         """
-        Look ahead; return None for a look that is lost.
+        Return an observation; None for a lost sample.
 
         Parameters
         ----------
         x, y : float
             Of the ball centre [m].
         number : int
-            Of this look, counted from 0; decides the noise.
+            Of this sample, from 0; determines the noise.
 
         """
         faults = self.faults
@@ -110,7 +109,7 @@ class TerrainSensor:
         ahead = np.interp(course, self._course, self._x) - x
         up = np.interp(course, self._course, self._y) - y
         noise = random.standard_normal(len(course))
-        # Edges hide what is behind them whether or not a point lies on them.
+        # An edge occludes points behind it even if no point lies on the edge.
         seen = _elevation(ahead, up) >= self._horizon(x, y, course) - 1e-12
         if faults.holes:
             seen = seen & (random.random(len(course)) >= faults.holes)
@@ -124,7 +123,7 @@ class TerrainSensor:
                             float(ahead[0]), float(ahead[-1]))
 
     def _horizon(self, x: float, y: float, course: Array) -> Array:
-        """Return the largest elevation of the vertices up to each place of the course."""
+        """Return the maximum elevation of the vertices up to each point of the course."""
         inside = slice(*np.searchsorted(self._course, course[[0, -1]]))
         elevation = _elevation(self._x[inside] - x, self._y[inside] - y)
         highest = np.concatenate([[-np.inf], np.maximum.accumulate(elevation)])
@@ -145,7 +144,7 @@ class TerrainSensor:
 
 
 def _elevation(ahead: Array, up: Array) -> Array:
-    """Return rise over run from the centre of the ball to points, -inf where nothing hides."""
+    """Return rise over run from the ball centre to points, -inf for points that do not occlude."""
     front = ahead > BELOW
     found: Array = np.where(front, up / np.where(front, ahead, 1.0), -np.inf)
     return found

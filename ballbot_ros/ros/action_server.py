@@ -34,7 +34,6 @@ class DeferredActionServer(ActionServer):
 
     def __init__(self, node: Node, kind: Any, name: str, check: Callable[[Any], None],
                  begin: Callable[[ServerGoalHandle], None]):
-        """Serve at once."""
         def judged(request: Any) -> GoalResponse:
             try:
                 check(request)
@@ -53,8 +52,8 @@ class DeferredActionServer(ActionServer):
         end_node = node.destroy_node
 
         def destroy_node() -> None:
-            # rclpy leaves action servers to the garbage collector.  Until it comes by, they hold
-            # the node in the graph, and the next one of this name loses its endpoints with it.
+            # rclpy leaves action servers to the garbage collector.  Until it runs, they keep the
+            # node in the graph, and then remove the endpoints of the next node of this name.
             if self in node.waitables:
                 self.destroy()
             end_node()

@@ -22,8 +22,8 @@ from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.plant import Sensor, Sight, TerrainSight
 from ballbot_ros.ros.frames import FRAMES, Frames, PENDULUM, SHELL
 
-# Variances of what is known by definition (all zeros would mean that nobody knows), and of what is
-# not known; squares of metres, radians, or these per second.
+# Variances of exact values (all zeros would mean unknown) and of unknown values; squares of
+# metres, radians, or these per second.
 EXACT, UNKNOWN = 1e-12, 1e6
 Variances = NDArray[np.float64]
 
@@ -183,7 +183,7 @@ def odometry_message(state: State, frames: Frames = FRAMES) -> Odometry:
 def estimated_odometry_message(stamp: float, state: OdometryState, radius: float,
                                frames: Frames = FRAMES) -> Odometry:
     """
-    Return pose and velocity of the same frame as an encoder and an IMU know them.
+    Return pose and velocity of the same frame, estimated from encoder and IMU.
 
     Parameters
     ----------
@@ -191,8 +191,8 @@ def estimated_odometry_message(stamp: float, state: OdometryState, radius: float
         ROS time [s].
     state : OdometryState
     radius : float
-        Height of the centre above the floor on which the ball started [m]: what it climbs is
-        not known, nor where it turns to.
+        Height of the centre above the start floor [m]; climbed height and heading are not
+        estimated.
     frames : Frames
 
     """

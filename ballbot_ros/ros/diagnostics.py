@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node's health on /diagnostics, once a second and at once when it changes."""
+"""Health of a node on /diagnostics, once a second and immediately on a change."""
 from typing import Callable, Dict, Mapping, Optional, Tuple
 
 from builtin_interfaces.msg import Time
@@ -37,12 +37,12 @@ class Diagnostics:
     report : callable
         Called at each publication.
     hardware : str
-        What it is the health of, such as the name of a robot; with the namespace of the node it
-        tells robots apart.
+        Hardware id, such as the name of a robot; with the namespace of the node it identifies
+        the robot.
     period : float
         [s] of wall time: health is published while simulated time stands still, too.
     stamp : callable, optional
-        Returns the time of the node, where that is not what its clock says.
+        Returns the time of the node, where that is not its clock.
 
     """
 

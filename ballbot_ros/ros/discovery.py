@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Who can find a node: programs of this machine only, unless the user has chosen.
+Discovery range of a node: this machine only, unless the user configures another one.
 
-A graph of ROS has neither passwords nor owners: whoever finds a node may drive the robot.  So what
-is open to the network is opened by somebody, not by default.
+A ROS graph has no access control: any program that discovers a node can drive the robot.  So
+the network is opt-in.
 """
 from typing import Dict, Mapping, MutableMapping
 
 from ballbot_ros.config.files import config_folder
 
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
-# Whoever has set one of these has chosen.
+# If one of these is set, the user has configured discovery.
 CHOICES = (RANGE, 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS', 'ROS_DISCOVERY_SERVER')
 # Where Fast DDS looks for its settings: up to version 2, and from then on.
 SETTINGS = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
@@ -34,8 +34,8 @@ def variables(environment: Mapping[str, str]) -> Dict[str, str]:
     """
     Return what to add to an environment before a node is made in it.
 
-    Where nodes stay on this machine, Fast DDS is told to receive on loopback and in shared memory
-    only; a settings file of the user goes first.  Other middlewares take the range alone.
+    For the local range, Fast DDS is configured to receive on loopback and in shared memory only;
+    a settings file of the user has priority.  Other middlewares use the range alone.
     """
     if not on_this_machine(environment):
         return {}

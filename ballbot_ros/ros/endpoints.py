@@ -2,9 +2,9 @@
 """
 Publishers and subscriptions without the cost of rclpy's default event handlers, and services.
 
-Each default handler is one more thing that the executor prepares at every wait; at 500 Hz
-they take most of its time.  What they report, that two endpoints do not match, is looked up
-now and then instead, and logged with the name of the other node.
+Each default handler is another waitable of the executor; at 500 Hz they take most of its time.
+Mismatches of endpoints, which they report, are polled instead, and logged with the name of the
+other node.
 """
 from typing import Any, Callable, List, Optional
 
@@ -50,7 +50,7 @@ def create_subscription(node: Node, topic: str, callback: Callable[[Any], None],
 
 def subscribe_e_stop(node: Node, callback: Callable[[bool], None]) -> None:
     """
-    Subscribe to the e-stop of each publisher, whatever durability it offers.
+    Subscribe to the e-stop of each publisher, of either durability.
 
     A latched subscription receives the state from before its start, but matches no volatile
     publisher (``ros2 topic pub`` is one); hence a second, volatile one.  A message of a latched
@@ -97,7 +97,7 @@ def has_subscribers(publisher: Publisher) -> bool:
 
 
 def wait_until_received(publisher: Publisher) -> None:
-    """Wait until all have what was published last; destroyed at once, it might get lost."""
+    """Wait until the last message is acknowledged; destroying the publisher might lose it."""
     publisher.wait_for_all_acked(Duration(seconds=RECEIVED_TIMEOUT))
 
 
@@ -109,10 +109,10 @@ def publisher_names(node: Node, topic: str) -> str:
 
 def mismatches(node: Node) -> List[str]:
     """
-    Return a sentence for each pair of this node and another that cannot understand each other.
+    Return a message for each other node with an endpoint incompatible with this node.
 
-    Their message types or their profiles do not match.  Two that publish ``/clock`` are a pair,
-    too: whoever hears both sees time go to and fro.
+    Message types or QoS profiles do not match.  A second publisher of ``/clock`` counts, too:
+    with both, time jumps back and forth.
     """
     own = _full_name(node.get_namespace(), node.get_name())
     found = []

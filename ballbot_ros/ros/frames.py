@@ -28,7 +28,7 @@ class Frames:
     Attributes
     ----------
     odom : str
-        Stands still: x forward, y left, z up, from where the robot began.
+        Fixed: x forward, y left, z up, with the origin at the start of the robot.
     footprint : str
         Level, at the lowest point of the ball.
     base : str
@@ -68,14 +68,14 @@ _DOCS = {
 
 
 def described() -> Any:
-    """Declare the parameter for who tells where the links are."""
+    """Declare the parameter that selects the publisher of the link transforms."""
     return fixed('the topics are made at the start', flag(
         'publish robot_description, and where the links are on /tf and /tf_static; false where '
         'robot_state_publisher does', default=True))
 
 
 def marked(what: str) -> Any:
-    """Declare the parameter for whether something is drawn."""
+    """Declare the parameter that enables markers."""
     return fixed('the topic is made at the start', flag(
         f'publish {what} on markers, 10 times a second while somebody subscribes', default=True))
 

@@ -29,7 +29,7 @@ Place = Tuple[float, float, float]
 
 class MarkerTopic:
     """
-    The topic ``markers``: ten times a second at most, and only while somebody subscribes.
+    The topic ``markers``: at most ten times a second, and only with a subscriber.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ class OdometryTopics:
         self.tell_odometry(settings.odom_rate > 0.0)
 
     def tell_odometry(self, told: bool) -> None:
-        """Tell from now on where the robot is, or leave ``odom`` and its transform to others."""
+        """Enable or disable publishing ``odom`` and its transform."""
         if told and self._made is None:  # and kept: a loop may be publishing
             self._made = create_publisher(self._node, 'odom')
         self._odometry = self._made if told else None
@@ -114,7 +114,7 @@ class OdometryTopics:
 
     def _turned(self, header: Header, ball_angle: float, joint_angle: float
                 ) -> List[TransformStamped]:
-        """Return the transforms of the joints, if nobody else publishes them."""
+        """Return the transforms of the joints, if no other node publishes them."""
         if not self._described:
             return []
         links = [_transform(header, self.frames.base, self.frames.ball, angle=ball_angle)]

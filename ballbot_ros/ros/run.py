@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Start a node, spin it, and end it so that nothing is left running."""
+"""Start a node, spin it, and shut it down completely."""
 import faulthandler
 import gc
 import os
@@ -35,7 +35,7 @@ REFUSED = 2  # exit code when the node does not accept its configuration
 
 class Stop:
     """
-    Ends the work of an executor, from a signal handler or a callback; a future to the executor.
+    Stops an executor from a signal handler or a callback; a future to the executor.
 
     A future of rclpy has a lock, for which a signal handler might wait forever.
 
@@ -50,7 +50,7 @@ class Stop:
         self._wake: Optional[Callable[[Any], None]] = None
 
     def give(self) -> None:
-        """End the work, even before it has begun."""
+        """Stop the executor; also works before it spins."""
         self.given = True
         if self._wake is not None:
             self._wake(self)
@@ -60,7 +60,7 @@ class Stop:
         return self.given
 
     def cancelled(self) -> bool:
-        """Return False: it is given or not."""
+        """Return False: it cannot be cancelled."""
         return False
 
     def add_done_callback(self, wake: Callable[[Any], None]) -> None:
@@ -76,7 +76,7 @@ class Stop:
 
 def spin(executor: Executor, stop: Stop, longest: float) -> None:
     """
-    Let an executor work until `stop` is given, or for a time.
+    Spin an executor until `stop` is given, or for a time.
 
     Parameters
     ----------
@@ -175,8 +175,8 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
         for node in nodes:
             executor.add_node(node)
         start.ready()
-        # All that is there now lives as long as the node: looking through it again and again for
-        # garbage would cost milliseconds in the middle of a control period.
+        # All present objects live as long as the node: garbage collection of them would cost
+        # milliseconds within a control period.
         gc.collect()
         gc.freeze()
         for node in nodes:
@@ -215,17 +215,17 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
 
 def _end_in_time(nodes: Sequence[Node]) -> None:
     """
-    Have a process end that has refused to start, even if its middleware does not let go of it.
+    End a process whose node has refused to start, even if the middleware blocks.
 
-    A node that is destroyed while it is still being discovered may wait in Fast DDS for ever, at
-    full load, and with Python's lock held: only a thread outside of Python ends it, with code 1.
+    A node that is destroyed during discovery may block in Fast DDS indefinitely, at full load and
+    with the GIL held: only a native thread can end the process, with code 1.
     """
     if not nodes:  # none that may have something to make safe yet
         faulthandler.dump_traceback_later(END_TIMEOUT, exit=True, file=open(os.devnull, 'w'))
 
 
 def _watch(node: Node, stopping: Stop) -> None:
-    """Look now and then whether a node that can fail has failed."""
+    """Poll a node for a failure."""
     if hasattr(node, 'failure'):
         def look() -> None:
             if node.failure is not None:
@@ -247,7 +247,7 @@ def _watch_clock(node: Node) -> None:
 
 
 def _compiles(frame: Any) -> bool:
-    """Say whether a frame is within the compiler: LLVM does not survive an exception there."""
+    """Return whether a frame is within the compiler: an exception there corrupts LLVM."""
     while frame is not None:
         if str(frame.f_globals.get('__name__')).split('.')[0] in ('numba', 'llvmlite'):
             return True
@@ -262,18 +262,18 @@ def _one_line(error: Exception) -> str:
 
 COMPILES = ('compiling for this machine, which takes a minute or two and is kept: the next start '
             'begins at once')
-# A period in which this happens is late, and a test reads every log for it.
+# Such a period misses its deadline; a test searches every log for this message.
 LATE = 'this node is late by a kernel that is called for the first time: '
 
 
 class FirstStart:
     """
-    Logs what a node compiles before it is ready, and warns of what it compiles later.
+    Logs compilation during the start of a node, and warns of later compilation.
 
     Parameters
     ----------
     tell, warn : callable
-        Take a sentence.
+        Log a message.
 
     """
 

@@ -17,7 +17,7 @@ RESTART_TIME = 25.0
 
 class SinglePublisher:
     """
-    The node that publishes a topic, from the graph: messages do not tell their sender in rclpy.
+    The node that publishes a topic, from the graph: rclpy does not give the sender of a message.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Someone who looks at running nodes, and speaks to them only when told to."""
+"""An observer of running nodes, which publishes and calls services only on request."""
 from concurrent.futures import Future, TimeoutError as TooLong
 import os
 from queue import Empty, Queue
@@ -25,37 +25,37 @@ from ballbot_ros.ros.rclpy_compat import new_executor
 from ballbot_ros.ros.topics import message_class, TOPICS
 from ballbot_ros.srv import Step
 
-# The topics that are shown, each with the shortest time between two messages of it [s].
+# Displayed topics, each with the minimum time between two messages [s].
 PERIODS: Mapping[str, float] = {
     'ball_state': 0.0, 'joint_states': 0.008, 'odom': 0.008, 'step_observation': 0.1,
     'terrain_observation': 0.1, 'step_decision': 0.0, 'motor_status': 0.05, 'e_stop': 0.0}
 
-# Nodes that are looked for, and which of their parameters say what is there.
+# Recognized nodes, and their displayed parameters.
 NODES: Mapping[str, Tuple[str, ...]] = {
     'simulator': ('scene', 'robot', 'control_rate'), 'bridge': ('hardware',),
     'emulated_robot': ('scene',), 'controller': ('robot',),
     'obstacle_decision': ('robot', 'curve', 'variant')}
 
-ANSWER = 5.0  # patience with a service [s]
-LOOK = 1.0  # between two looks at who is there [s]
-RENEW = 0.05  # between two publications of a set-point that is held [s]
-UNATTENDED = 1.0  # nobody attends to a set-point that is held for longer: it is let go [s]
+ANSWER = 5.0  # timeout of a service call [s]
+LOOK = 1.0  # period of the graph query [s]
+RENEW = 0.05  # period of a held set-point [s]
+UNATTENDED = 1.0  # a held set-point is released after this time without `attend` [s]
 WAKE = 0.02  # longest wait for messages [s]
 
 
 class Presence(NamedTuple):
-    """Who is there."""
+    """Nodes in the graph."""
 
     nodes: FrozenSet[str]  # of `NODES`
-    drivers: Tuple[str, ...]  # names of others that publish set-points
-    followers: int  # that subscribe to set-points
+    drivers: Tuple[str, ...]  # other nodes that publish set-points
+    followers: int  # number of subscribers to set-points
 
 
 class Spectator:
     """
-    Receives what nodes publish, in a thread of its own, and keeps up by leaving out.
+    Receives messages of nodes in its own thread, and drops messages above the display rate.
 
-    It subscribes best effort wherever much is published: no publisher waits for it.
+    It subscribes best effort to fast topics, so that no publisher waits for it.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Spectator:
     Raises
     ------
     ConfigurationError
-        If the namespace is none.
+        If the namespace is not valid.
 
     """
 
@@ -116,12 +116,12 @@ class Spectator:
 
     def trigger(self, service: str) -> str:
         """
-        Call a service of type std_srvs/Trigger and return what it says.
+        Call a service of type std_srvs/Trigger and return its message.
 
         Raises
         ------
         RefusedError
-            If it says no, or nothing.
+            If it refuses, or does not answer.
 
         """
         answer = self._call(Trigger, service, Trigger.Request())
@@ -130,22 +130,22 @@ class Spectator:
         return str(answer.message)
 
     def step(self, periods: int) -> None:
-        """Let a paused simulator go on by control periods; `RefusedError` if it does not."""
+        """Step a paused simulator by control periods; `RefusedError` if it does not."""
         answer = self._call(Step, 'simulator/step', Step.Request(periods=periods))
         if not answer.success:
             raise RefusedError(answer.message)
 
     def hold_speed(self, speed: float) -> None:
-        """Publish a speed [m/s] again and again."""
+        """Publish a speed [m/s] periodically."""
         self._held = float(speed)
 
     def hold_angle(self, angle: float) -> None:
-        """Publish an absolute pendulum angle [rad] again and again."""
+        """Publish an absolute pendulum angle [rad] periodically."""
         message = JointState(name=[PENDULUM], position=[angle])
         self._held = message
 
     def let_go(self) -> None:
-        """Publish no set-points any more."""
+        """Stop publishing set-points."""
         self._held = None
 
     @property
@@ -154,14 +154,14 @@ class Spectator:
         return self._held is not None
 
     def attend(self) -> None:
-        """Say that somebody still holds the set-point; else it is let go soon."""
+        """Renew the held set-point, which is otherwise released after a timeout."""
         self._attended = monotonic()
 
     def ask_again(self) -> None:
-        """Learn the parameters of all nodes afresh; called in the thread."""
+        """Request the parameters of all nodes again; called in the thread."""
         self._asked.clear()
 
-    # What the thread does.
+    # Methods of the thread.
 
     def _live(self) -> None:
         executor = new_executor(self._context)
@@ -185,7 +185,7 @@ class Spectator:
         executor.shutdown()
 
     def _taking(self, topic: str, period: float) -> Callable[[bytes], None]:
-        """Return a callback that decodes no more messages than are shown."""
+        """Return a callback that decodes displayed messages only."""
         kind, last = message_class(TOPICS[topic].type), [-1e9]
 
         def take(data: bytes) -> None:
@@ -196,7 +196,7 @@ class Spectator:
         return take
 
     def _look_around(self, now: float) -> None:
-        """See who is there, and ask new ones what they show."""
+        """Query the graph, and request the parameters of new nodes."""
         own = self._node.get_namespace()
         nodes = frozenset(name for name, where in self._node.get_node_names_and_namespaces()
                           if where == own and name in NODES)
@@ -212,7 +212,7 @@ class Spectator:
                 self._ask(name, now)
 
     def _ask(self, name: str, now: float) -> None:
-        """Ask a node for its parameters; ask again if it does not answer."""
+        """Request the parameters of a node; repeat without an answer."""
         client = self._client(GetParameters, f'{name}/get_parameters')
         if not client.service_is_ready():
             return
@@ -249,7 +249,7 @@ class Spectator:
             raise RefusedError(f'{service} has not answered for {ANSWER:g} s') from None
 
     def _publish(self, now: float) -> None:
-        """Publish the set-point that is held, if somebody attends to it."""
+        """Publish the held set-point, or release it after the timeout."""
         if now - self._attended > UNATTENDED:
             self._held = None
         held: Any = self._held
@@ -257,7 +257,7 @@ class Spectator:
             held = cmd_vel.speed_message(cmd_vel.type_followed(self._node), held)
         kind = None if held is None else type(held)
         if self._publisher is not None and self._publisher.msg_type is not kind:
-            # Others may drive then.
+            # Other nodes may drive then.
             self._node.destroy_publisher(self._publisher)
             self._publisher = None
         if held is None:

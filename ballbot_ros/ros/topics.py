@@ -15,7 +15,6 @@ class Qos(NamedTuple):
     latched: bool = False  # durability: transient local, else volatile
 
     def __str__(self) -> str:
-        """Return it in words."""
         return (f'{"reliable" if self.reliable else "best effort"}, '
                 f'{"latched, " if self.latched else ""}depth {self.depth}')
 

@@ -154,7 +154,6 @@ class JointStateReader:
     """Reads joint states: by the middleware where their form is new, else in place."""
 
     def __init__(self) -> None:
-        """Know no form yet."""
         self._forms: Dict[int, Form] = {}  # by length
 
     def read(self, data: bytes) -> AnyJointState:

@@ -158,7 +158,7 @@ class Changes(Generic[S]):
             return self._compute(parameters)
         except BallbotError as error:
             return Change(str(error))
-        except Exception as error:  # noqa: BLE001 whatever it is, a request is answered
+        except Exception as error:  # noqa: BLE001 every request gets a reply
             return Change(f'it cannot be checked: {error!r}')
 
     def _compute(self, parameters: Sequence[Parameter]) -> Change:

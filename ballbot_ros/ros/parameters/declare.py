@@ -2,10 +2,9 @@
 """
 ROS parameters from the described fields of a dataclass.
 
-One declaration gives the parameter, its description, its range, the message of its refusal
-and the row in docs/nodes.md.  Integers are accepted for floats, and a parameter that nobody
-declared is refused instead of ignored.  What a parameter can do while the node runs is in
-`parameter_changes`.
+One declaration gives the parameter, its description, its range, its error message and the row in
+docs/nodes.md.  Integers are accepted for floats, and undeclared parameters are refused instead of
+ignored.  For changes at run time see `parameter_changes`.
 """
 from typing import Any, Mapping, Optional, Type
 
@@ -79,7 +78,7 @@ def declare(node: Node, cls: Type[S], prepare: Optional[Prepare[S]] = None) -> S
     for name, item in described.items():
         why = why_fixed(item.metadata) if prepare else READ_AT_START
         node.declare_parameter(name, item.value(settings), describe(item.metadata, why))
-    # Numbers that stand in a file are told where they differ from it.
+    # Log values of a file only where they are overridden.
     told = {name: item for name, item in described.items() if not item.part or name in given}
     node.get_logger().info('running with ' + ', '.join(
         f'{name} {item.value(settings)!r}' for name, item in told.items()))

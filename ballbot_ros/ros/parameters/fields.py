@@ -105,9 +105,9 @@ class Settings(Checked):
 
     def changed(self: S, values: Mapping[str, Any]) -> S:
         """
-        Return settings that differ by these values of parameters.
+        Return settings with these parameter values changed.
 
-        Another file gives all of its numbers anew, but for those among the values.
+        A new file name reloads all of its values, except those given explicitly.
 
         Raises
         ------

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What was given to a node by command line and files: unknown names are refused, or told.
+Parameter overrides from command line and files: unknown names are refused or reported.
 
-A name that was given to this very node is a mistake.  In a section of a parameter file that is
-for many nodes (``/**:``) it may be meant for another one, and rclpy hands over all of them
-together: which section a name comes from is looked up in the files themselves.
+An unknown name given to this node is an error.  In a section for many nodes (``/**:``) it may be
+meant for another node.  rclpy merges all sections, so the section of a name is looked up in the
+files themselves.
 """
 from pathlib import Path
 import sys

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the verbs of ``ballbot`` do on a running graph, in the words of ``ros2``."""
+"""Verbs of ``ballbot`` for a running graph, with the terms of ``ros2``."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What somebody at a keyboard needs of the graph: cmd_vel, the e-stop, and how the robot is."""
+"""Graph access of a keyboard driver: cmd_vel, the e-stop, and the state of the robot."""
 import math
 from typing import Any, Dict, Optional
 
@@ -29,18 +29,18 @@ class RobotDriver:
     ----------
     observer : Observer
     node : str
-        That has the services of the e-stop.
+        The node with the e-stop services.
 
     Attributes
     ----------
     speed, pendulum : float or None
-        Of the centre [m/s], and absolute [rad]; None before they came.
+        Of the centre [m/s], and absolute [rad]; None before the first message.
     decision : str
-        The newest of obstacle_decision; empty without one.
+        The latest of obstacle_decision; empty without one.
     e_stop : bool or None
-        Whether it is engaged; None where nobody says.
+        Whether it is engaged; None without a publisher.
     said : str
-        What the e-stop has answered last.
+        Latest answer of the e-stop.
 
     """
 
@@ -63,11 +63,11 @@ class RobotDriver:
 
     @property
     def followers(self) -> int:
-        """Return how many subscribe to cmd_vel."""
+        """Return the number of subscribers to cmd_vel."""
         return self._observer.node.count_subscribers(self._cmd_vel.topic_name)
 
     def publish(self, speed: float) -> None:
-        """Ask for a speed [m/s]; unstamped, so that its age counts from when it comes."""
+        """Publish a speed [m/s]; unstamped, so that its age counts from its arrival."""
         kind = cmd_vel.type_followed(self._observer.node)
         if kind is not self._cmd_vel.msg_type:
             self._observer.node.destroy_publisher(self._cmd_vel)
@@ -75,12 +75,12 @@ class RobotDriver:
         self._cmd_vel.publish(cmd_vel.speed_message(kind, speed))
 
     def _publisher(self) -> Any:
-        """Return a publisher of speeds, in the type that is followed."""
+        """Return a publisher of speeds, with the message type of the subscribers."""
         one = self._observer.node
         return create_publisher(one, cmd_vel.TOPIC, cmd_vel.type_followed(one))
 
     def last(self) -> None:
-        """Ask for a stop, and wait until that has come."""
+        """Publish speed 0, and wait until it is received."""
         self.publish(0.0)
         wait_until_received(self._cmd_vel)
 
@@ -89,7 +89,7 @@ class RobotDriver:
         self._set('engage_e_stop', True)
 
     def release(self) -> None:
-        """Release the e-stop; the bridge may refuse that, and says why."""
+        """Release the e-stop; the bridge may refuse this with a reason."""
         self._set('release_e_stop', False)
 
     def _set(self, verb: str, engaged: bool) -> None:

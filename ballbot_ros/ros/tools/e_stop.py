@@ -10,7 +10,7 @@ from ballbot_ros.ros.tools.observer import Observer
 
 
 class ServiceAnswer(NamedTuple):
-    """What a service has answered."""
+    """Answer of a service."""
 
     success: bool
     message: str
@@ -36,7 +36,7 @@ def trigger(observer: Observer, node: str, verb: str, timeout: float) -> Service
         If there is no such service, or it does not answer; names the nodes that have one.
 
     """
-    # Whose service it is must be looked up before: a client counts as one that has it.
+    # Look up the server first: a client would count as one, too.
     def who() -> List[str]:
         return sorted(name[:-len(verb) - 1] for name, _ in
                       observer.node.get_service_names_and_types() if name.endswith(f'/{verb}'))

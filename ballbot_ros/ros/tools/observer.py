@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node for a command: it joins the graph, looks, and leaves."""
+"""A temporary node for a command."""
 import os
 import time
 from typing import Any, Callable, List, Optional
@@ -15,9 +15,8 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.ros import discovery
 from ballbot_ros.ros.rclpy_compat import new_executor
 
-# A graph that has not changed for so long is taken to be known [s], and one in which nobody else
-# has appeared after the longer time to be empty: who is there is known within half a second,
-# unless the machine is busy.
+# Discovery is complete when the graph has not changed for the first time, at the latest after the
+# second one [s].  It takes less than half a second on an idle machine.
 SETTLED, LONGEST = 0.5, 4.0
 POLL = 0.05  # [s]
 
@@ -31,7 +30,7 @@ class Observer:
     name : str
         Of the command; the node is named after it and the process.
     context : Context, optional
-        One that exists; its own by default, found as `ros.discovery` says.
+        An existing context; by default a new one, configured by `ros.discovery`.
 
     """
 
@@ -62,18 +61,18 @@ class Observer:
             rclpy.try_shutdown(context=self._context)
 
     def spin(self, seconds: float = POLL) -> None:
-        """Take in what comes, for so long at most."""
+        """Process callbacks for at most a time [s]."""
         self._executor.spin_once(timeout_sec=seconds)
 
     def wait(self, condition: Callable[[], Any], seconds: float) -> Any:
-        """Return what a condition returns as soon as that is true, and at the latest then."""
+        """Return the result of a condition once it is true, or after a timeout [s]."""
         deadline = time.monotonic() + seconds
         while not (found := condition()) and time.monotonic() < deadline:
             self.spin()
         return found
 
     def settle(self) -> None:
-        """Wait until the graph has not changed for a while: who is there is known then."""
+        """Wait until the graph has not changed for a while, so discovery is complete."""
         self.wait(self._others, LONGEST)
         begun = changed = time.monotonic()
         known = None
@@ -91,7 +90,7 @@ class Observer:
                 sorted(self.node.get_topic_names_and_types())]
 
     def resolve(self, topic: str) -> str:
-        """Return the full name of a topic, which is looked for where the command is."""
+        """Return the full name of a topic in the namespace of the command."""
         try:
             return self.node.resolve_topic_name(topic)
         except Exception as error:
@@ -99,12 +98,12 @@ class Observer:
 
     def type_of(self, topic: str, seconds: float, waiting: Callable[[], None]) -> str:
         """
-        Return the type of a topic; calls `waiting` once if it is not there yet.
+        Return the type of a topic; calls `waiting` once if it does not exist yet.
 
         Raises
         ------
         ConfigurationError
-            If it has several types, or does not appear; names the nearest one that is there.
+            If it has several types, or does not appear; names the most similar topic.
 
         """
         name = self.resolve(topic)
@@ -126,7 +125,7 @@ class Observer:
         return dict(self.node.get_topic_names_and_types()).get(name, [])
 
     def profile(self, topic: str, depth: int = 1000) -> QoSProfile:
-        """Return a profile that receives from all publishers: what all of them offer."""
+        """Return a profile that is compatible with all publishers."""
         offered = [one.qos_profile for one in self.node.get_publishers_info_by_topic(topic)]
         reliable = all(one.reliability == ReliabilityPolicy.RELIABLE for one in offered)
         latched = all(one.durability == DurabilityPolicy.TRANSIENT_LOCAL for one in offered)

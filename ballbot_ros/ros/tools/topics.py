@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which topics there are, how often their messages come, and what is in them."""
+"""Topics of the graph, their rates and their messages."""
 import array
 from collections import deque
 import csv
@@ -13,12 +13,12 @@ from ballbot_ros.ros.endpoints import create_subscription
 from ballbot_ros.ros.tools.observer import Observer
 from ballbot_ros.ros.topics import message_class
 
-# Times of messages from which a rate is told.
+# Number of messages in the window of a rate.
 WINDOW = 10000
 
 
 class GraphTopic(NamedTuple):
-    """A topic, its types, and how many publish and subscribe to it."""
+    """A topic, its types, and the numbers of publishers and subscribers."""
 
     name: str
     types: List[str]
@@ -27,7 +27,7 @@ class GraphTopic(NamedTuple):
 
 
 def topics(observer: Observer) -> List[GraphTopic]:
-    """Return the topics of the graph by name, without what only the observer has."""
+    """Return the topics of the graph by name, without those of the observer alone."""
     observer.settle()
     node = observer.node
 
@@ -43,7 +43,7 @@ def topics(observer: Observer) -> List[GraphTopic]:
 def echo(observer: Observer, topic: str, show: Callable[[Any], None], once: bool = False,
          timeout: float = float('inf'), waiting: Callable[[], None] = lambda: None) -> int:
     """
-    Hand the messages of a topic on until interrupted, and return how many there were.
+    Pass on the messages of a topic until interrupted, and return their number.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def echo(observer: Observer, topic: str, show: Callable[[Any], None], once: bool
     timeout : float
         End after this long [s].
     waiting : callable
-        Called once if there is no such topic, or nothing comes at first.
+        Called once if the topic does not exist, or no message arrives at first.
 
     Raises
     ------
@@ -67,10 +67,10 @@ def echo(observer: Observer, topic: str, show: Callable[[Any], None], once: bool
     begun = time.monotonic()
     kind = message_class(observer.type_of(topic, timeout, waiting))
     name = observer.resolve(topic)
-    # Whoever publishes may be known a moment after the topic is.
+    # Discovery of the publisher may follow that of the topic.
     observer.wait(lambda: observer.node.count_publishers(name), 0.2)
     came: Deque[Any] = deque()
-    # rclpy looks at the signature of what it calls, and a builtin has none.
+    # rclpy inspects the signature of a callback, and a builtin has none.
     create_subscription(observer.node, name, lambda message: came.append(message), kind,
                         observer.profile(name))
     if not observer.wait(lambda: came, 1.0):
@@ -88,7 +88,7 @@ def echo(observer: Observer, topic: str, show: Callable[[Any], None], once: bool
 
 def rates(observer: Observer, topic: str, timeout: float,
           waiting: Callable[[], None]) -> Iterator[Optional[str]]:
-    """Yield a sentence each second with the rate of a topic, None while nothing comes."""
+    """Yield the rate of a topic as text each second, None without messages."""
     kind = message_class(observer.type_of(topic, timeout, waiting))
     name = observer.resolve(topic)
     observer.wait(lambda: observer.node.count_publishers(name), 0.2)
@@ -140,7 +140,7 @@ def as_csv(message: Any) -> str:
 
 
 def _leaves(value: Any) -> Iterator[Any]:
-    """Yield what is no dict and no list, in order."""
+    """Yield the leaves of nested dicts and lists in order."""
     if isinstance(value, (dict, list)):
         for one in value.values() if isinstance(value, dict) else value:
             yield from _leaves(one)
