@@ -185,7 +185,7 @@ class Spectator:
         executor.shutdown()
 
     def _taking(self, topic: str, period: float) -> Callable[[bytes], None]:
-        """Return a callback that decodes displayed messages only."""
+        """Return a callback that decodes at most one message per period."""
         kind, last = message_class(TOPICS[topic].type), [-1e9]
 
         def take(data: bytes) -> None:
