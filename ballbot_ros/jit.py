@@ -38,10 +38,10 @@ except ImportError:
     COMPILED = False
 
 KEPT_CACHES = 4
-# Where the processor may round a product that is added once, not twice, and may lose the sign of a
-# zero: a run has hundreds of thousands.  A filter is held against its matrices to the last digits.
+# Modules with fused multiply-add and without signed zeros: a run has hundreds of thousands of such
+# products.  The filters are compared with their matrices to the last digits.
 FUSED = ('ballbot_ros.physics.', 'ballbot_ros.crossing.')
-# The folders that may hold any.
+# The folders that contain kernels.
 KERNELS = ('physics', 'crossing', 'control', 'estimation', 'decision')
 
 # Compiling that takes longer is reported [s].
@@ -49,7 +49,7 @@ MOMENT = 2.0
 COMPILES = ('compiling for this machine, which takes a minute or so the first time and is kept '
             'for the next')
 
-# Takes the name of a kernel, and whether its machine code was kept.
+# Receives the name of a kernel, and whether its machine code was cached.
 OnFirstCall = Callable[[str, bool], None]
 _callbacks: List[OnFirstCall] = []
 
@@ -58,7 +58,7 @@ def on_first_call(callback: OnFirstCall) -> None:
     """
     Call a function when a kernel is called for the first time, or with other types than before.
 
-    Before it is compiled; where its machine code is kept, after that was read.
+    The call comes before the compilation, or after loading cached machine code.
     """
     _callbacks.append(callback)
 
@@ -71,11 +71,11 @@ class _CompileNotice:
     """
 
     def __init__(self) -> None:
-        self.spent = 0.0  # with compiling [s]
+        self.spent = 0.0  # time spent compiling [s]
         self._open, self._since, self._warned = 0, 0.0, False
 
     def begins(self) -> None:
-        """Note that a kernel begins to compile, perhaps within another one that does."""
+        """Record the start of a compilation, which may be nested."""
         self._count()
         self._open += 1
         if self.spent > MOMENT and not self._warned and not _callbacks:
@@ -83,7 +83,7 @@ class _CompileNotice:
             logging.getLogger('ballbot_ros').warning(COMPILES)
 
     def ends(self) -> None:
-        """Note that one is ready."""
+        """Record the end of a compilation."""
         self._count()
         self._open = max(self._open - 1, 0)
 
@@ -103,7 +103,7 @@ def compile_time() -> float:
 
 
 def _cache_folder() -> str:
-    """Return the folder for the machine code of this very source, made if need be."""
+    """Return the folder for the machine code of this source; create it if needed."""
     here = Path(__file__).resolve().parent
     digest = hashlib.sha256(numba.__version__.encode())
     kernels = (path for folder in KERNELS for path in (here / folder).rglob('*.py'))
@@ -119,7 +119,7 @@ def _cache_folder() -> str:
         for old in sorted(base.iterdir(), key=os.path.getmtime)[:-KEPT_CACHES]:
             shutil.rmtree(old, ignore_errors=True)
     except OSError:
-        # A home that cannot be written to costs a compilation per run, not the run.
+        # Without a writable home every run compiles, but does not fail.
         return tempfile.mkdtemp(prefix='ballbot_ros_')
     return str(folder)
 
@@ -131,8 +131,8 @@ def compiled(function: F) -> F:
     """
     Mark a kernel for compilation.
 
-    No reordering, and no assumption that numbers are finite; see `FUSED` for what is left to the
-    processor.
+    Operations are not reordered, and numbers may be infinite or NaN; see `FUSED` for the
+    exceptions.
     """
     return _compile(function, inline='never')
 
@@ -141,26 +141,26 @@ def unlocked(function: F) -> F:
     """
     Mark a long-running kernel for compilation that lets other threads of Python run meanwhile.
 
-    Threads that call it at once must each pass arrays of their own to work in.  Kernels that
-    call it do so, instead of holding a copy of it: that takes long to compile.
+    Concurrent threads must each pass their own work arrays.  Kernels call it instead of inlining
+    it, which saves compile time.
     """
     return _compile(function, inline='never', nogil=True, forceinline=False)
 
 
 def outlined(function: F) -> F:
     """
-    Mark a kernel that is compiled once and called, not copied into those that call it.
+    Mark a kernel that is compiled once and called, not inlined into its callers.
 
-    For what is large and called from several places.
+    For large kernels with several callers.
     """
     return _compile(function, inline='never', forceinline=False)
 
 
 def inlined(function: F) -> F:
     """
-    Mark a kernel that is pasted into the kernels that call it.
+    Mark a kernel that is inlined into its callers.
 
-    In the innermost calls, handing on the arguments costs more than the mechanics.
+    In the innermost calls, passing the arguments takes longer than the computation.
     """
     return _compile(function, inline='always')
 
@@ -228,9 +228,9 @@ def direct(kernel: F) -> F:
     """
     Return the machine code of a kernel, for calls with the types that it was compiled for.
 
-    numba finds the types of all arguments out anew in each call, which takes longer than to hand
-    them over.  Returns the kernel itself before its first call, where it was called with several
-    sets of types, and where nothing is compiled.
+    This skips the type dispatch of numba, which takes longer than passing the arguments.  Returns
+    the kernel itself before its first call, if it was called with several sets of types, and if
+    nothing is compiled.
     """
     compiled_for = getattr(kernel, 'overloads', {})
     if len(compiled_for) != 1:
@@ -245,10 +245,10 @@ def _compile(function: F, inline: str,
         return function
     fused = {'contract', 'nsz'} if function.__module__.startswith(FUSED) else False
     before = numba_config.CACHE_DIR
-    numba_config.CACHE_DIR = _FOLDER  # read while decorating only; others keep theirs
+    numba_config.CACHE_DIR = _FOLDER  # read only while decorating; restored below
     try:
-        # Without numba's counting of references (_nrt): kernels neither make nor keep arrays,
-        # whoever calls holds them, and the counting took twice as long as the mechanics.
+        # Without numba's reference counting (_nrt): kernels neither create nor keep arrays,
+        # callers hold the references, and the counting took twice as long as the mechanics.
         kernel: Any = numba.njit(
             cache=True, error_model='numpy', forceinline=forceinline, _nrt=False, inline=inline,
             nogil=nogil, fastmath=fused)(function)
@@ -262,10 +262,10 @@ def _compile(function: F, inline: str,
 
 def _reported(name: str, cache: Any) -> Callable[..., Any]:
     """
-    Return what reads the machine code of a kernel that is kept, and calls each `OnFirstCall`.
+    Return a function that loads cached machine code of a kernel and calls each `OnFirstCall`.
 
-    numba first gets ready to compile, which takes longer than all the reading and is needed only
-    where there is nothing to read.
+    numba itself first initializes its compiler, which takes longer than loading and is needed only
+    without cached machine code.
     """
     prepare_and_load = cache.load_overload
     load = getattr(cache, '_load_overload', prepare_and_load)
@@ -273,7 +273,7 @@ def _reported(name: str, cache: Any) -> Callable[..., Any]:
     def load_and_report(signature: Any, target: Any) -> Any:
         try:
             found = load(signature, target)
-        except Exception:  # noqa: BLE001 whatever it cannot read, numba knows what to do
+        except Exception:  # noqa: BLE001 numba handles unreadable files
             found = None
         if found is None:
             found = prepare_and_load(signature, target)
@@ -287,14 +287,14 @@ def _reported(name: str, cache: Any) -> Callable[..., Any]:
 
 def _one_at_a_time(save: Callable[..., None]) -> Callable[..., None]:
     """
-    Let one process at a time write to the folder of the machine code.
+    Allow one process at a time to write to the folder of the machine code.
 
-    numba reads the index of a kernel, adds a file to it and writes it back.  Two processes that
-    do so at once may name their files alike, and later run the code of the other.
+    numba reads the index of a kernel, adds a file to it and writes it back.  Two concurrent
+    processes may use the same file name, and later run the code of the other.
     """
     def save_alone(*arguments: Any) -> None:
         _notice.ends()
-        # A full disk, or one without locks, costs a compilation per run, not the run.
+        # With a full disk, or one without locks, every run compiles, but does not fail.
         with suppress(OSError), open(os.path.join(_FOLDER, 'lock'), 'w') as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             save(*arguments)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Files of a black box: MCAP, written by a thread of its own, so that the loop waits for no disk.
+Files of a black box: MCAP, written by a separate thread, so that the loop never waits for a disk.
 
-The blocks of the ring are the chunks of the file, so that a dump computes next to nothing beside
-the loop: they are compressed, without Python's lock, and written.
+The blocks of the ring are the chunks of the file, so that a dump takes little CPU time from the
+loop: it compresses them, without Python's lock, and writes them.
 """
 from contextlib import suppress
 from datetime import datetime, timezone
@@ -32,7 +32,7 @@ AFTERMATH = 1.0
 SHORTEST_PAUSE = 10.0
 # The oldest file is deleted when there are more.
 MOST_FILES = 10
-# A draft that has not been written to for so long is of a process that was killed [s].
+# Age of the last write after which a draft belongs to a killed process [s].
 STALE_DRAFT = 60.0
 NICENESS = 10
 # Longest wait for the last file, at the end of the process [s].
@@ -47,7 +47,7 @@ class BlackBoxFiles:
     ----------
     box : BlackBox
     folder : Path
-        Made when the first file is written.
+        Created with the first file.
     about : mapping of str to str
         Metadata for a reader: hardware, robot, protocol.
     shortest_pause, aftermath : float
@@ -58,7 +58,7 @@ class BlackBoxFiles:
     failure : str
         Why the last file could not be written; empty if it could.
     written : int
-        Files.
+        Number of files.
 
     """
 
@@ -73,15 +73,15 @@ class BlackBoxFiles:
         self._thread.start()
 
     def close(self) -> None:
-        """Write what is due, and end; a second time does no harm."""
+        """Write pending files, and end; a second call has no effect."""
         self._ending.set()
         self._box.faulted.set()
         self._thread.join(CLOSE_TIMEOUT)
 
     def _run(self) -> None:
-        with suppress(OSError):  # behind everything else in this process
+        with suppress(OSError):  # below all other threads of this process
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
-        # A fault that came during the last dump is written, too.
+        # Write a fault that occurred during the last dump, too.
         while not self._ending.is_set() or self._box.faulted.is_set():
             self._box.faulted.wait()
             self._ending.wait(max(
@@ -115,7 +115,7 @@ def write_file(folder: Path, box: BlackBox, when: float, reason: str,
     folder : Path
     box : BlackBox
     when : float
-        Of the fault, by the clock of the box [s].
+        Time of the fault by the clock of the box [s].
     reason : str
     about : mapping of str to str
 

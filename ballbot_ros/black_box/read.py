@@ -2,8 +2,8 @@
 """
 Read the file of a black box.
 
-A file that is damaged or was cut off gives what is left of it, and `BlackBoxRecording.damage`
-lists what is not.
+Of a damaged or truncated file the readable part is returned; `BlackBoxRecording.damage` lists the
+rest.
 """
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
@@ -55,11 +55,11 @@ class BlackBoxRecording:
     tables : mapping of str to mapping of str to (n,) array
         By channel (``period``, ``drive``, ``command``, ``imu``) and column.
     traffic : list of Record
-        Pieces of the line.
+        Traffic of the link.
     events : list of RecordedEvent
         In order of time.
     damage : tuple of str
-        What could not be read.
+        Unreadable parts.
 
     """
 
@@ -82,7 +82,7 @@ class BlackBoxRecording:
 
     @property
     def faults(self) -> List[RecordedEvent]:
-        """Return the events of which a file is written."""
+        """Return the events that trigger a dump."""
         return [event for event in self.events if event.level == Level.FAULT]
 
 
@@ -92,7 +92,7 @@ def date(time: float) -> datetime:
 
 
 def find_black_box(path: Path) -> Optional[Path]:
-    """Return a file of a black box, the newest one of a folder, None for anything else."""
+    """Return a file of a black box, the latest one of a folder, None for anything else."""
     if path.is_dir():
         files = sorted(path.glob(f'ballbot-*{ENDING}'))
         return files[-1] if files and _is_black_box(files[-1]) else None
@@ -167,7 +167,7 @@ def _take(chunk: Chunk, messages: Dict[int, List[Tuple[float, bytes]]],
     except DAMAGES as error:
         damage.append(f'a chunk is damaged and is left out: {error!r}')
         return
-    at = 0  # the library would make an object of each message
+    at = 0  # the library would create an object for each message
     while at < size:
         _, length, channel, _, stamp, _, _ = MESSAGE.unpack_from(data, at)
         end = at + OUTSIDE_LENGTH + length

@@ -23,7 +23,7 @@ ZERO_TORQUE = 1e-6
 
 
 def summary(recording: BlackBoxRecording) -> str:
-    """Return a text: the content, and what happened around the fault."""
+    """Return a text: the content, and the events around the fault."""
     rows = [*_origin(recording), ('', ''), *_before(recording)]
     width = max(len(label) for label, _ in rows)
     lines = [f'{label:<{width}}  {text}'.rstrip() for label, text in rows]
@@ -134,12 +134,12 @@ def _cut(recording: BlackBoxRecording, table: str, begin: float, end: float) -> 
 
 
 def gaps(times: Array) -> Tuple[Array, Array]:
-    """Return where gaps between periods end, and how long they are [s]."""
+    """Return the ends of the gaps between periods, and their lengths [s]."""
     return times[1:], np.diff(times)
 
 
 def _gap(times: Array, fault: float) -> str:
-    """Return the longest time between two periods, in words."""
+    """Return the longest time between two periods as text."""
     if len(times) < 2:
         return f'{len(times)} periods'
     ends, lengths = gaps(times)
@@ -149,7 +149,7 @@ def _gap(times: Array, fault: float) -> str:
 
 
 def _last_command(commands: dict[str, Array], fault: float) -> str:
-    """Return how many commands there were, and the last one."""
+    """Return the number of commands, and the last one."""
     if not len(commands['time']):
         return 'none'
     what, unit = COMMANDS[int(commands['kind'][-1])]
@@ -158,7 +158,7 @@ def _last_command(commands: dict[str, Array], fault: float) -> str:
 
 
 def _zero_after(after: dict[str, Array], fault: float) -> str:
-    """Return when the torque was at zero for good."""
+    """Return the time from which the torque stayed at zero."""
     if not len(after['time']):
         return 'nothing was recorded after the fault'
     pushing = np.abs(after['torque']) > ZERO_TORQUE
@@ -235,7 +235,7 @@ def _quoted(text: str) -> str:
 
 def window(recording: BlackBoxRecording, before: float, after: Optional[float]
            ) -> Tuple[float, float]:
-    """Return the times between which there is something to look at [s]."""
+    """Return the time window with data [s]."""
     begin, end = recording.span
     fault = recording.fault_time
     return (max(begin, fault - before), end if after is None else min(end, fault + after))

@@ -3,9 +3,9 @@
 The last ten minutes of a session in memory, as MCAP messages that `dump` writes to a file.
 
 Messages of a few dozen bytes follow each other in blocks of 64 KiB, each a chunk of the file; the
-oldest block goes when there are too many, or when it is too old.  So memory is bounded, and a
-message costs one `struct.pack_into`.  `CHANNELS` is the only table of them: the schemas of the
-file and the columns of the reader come from it.
+oldest block is dropped when the ring is full, or when the block is too old.  So memory is bounded,
+and a message costs one `struct.pack_into`.  `CHANNELS` defines the schemas of the file and the
+columns of the reader.
 """
 from collections import deque
 import math
@@ -25,12 +25,12 @@ from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import Estimate, ImuReading
 
-# What is kept: so long [s], and so much at most [bytes]; at 500 Hz the time comes first.
+# Longest time [s] and largest size [bytes] of the ring; at 500 Hz the time limit applies.
 SPAN = 600.0
 BLOCK, MOST_BLOCKS = 65536, 1536
-# Values that change slowly are sampled with this period [s]; refusals of one kind are logged so.
+# Sampling period of slow values, and of the log of refusals of one kind [s].
 SLOW_PERIOD = 0.1
-# A tick without a measurement is recorded where none was for so many periods.
+# Time without a measurement after which a tick without one is recorded [periods].
 BETWEEN = 0.9
 # Longest piece of traffic or text in one message [bytes].
 LONGEST_PIECE = 8192
@@ -106,14 +106,14 @@ class BlackBox(SessionObserver):
     Parameters
     ----------
     clock : callable
-        That of the session [s].
+        Clock of the session [s].
     period : float
-        Of its loop [s].
+        Period of its loop [s].
 
     Attributes
     ----------
     faulted : threading.Event
-        Set when a fault is to be dumped.
+        Set when a fault requests a dump.
     clock_offset : float
         Of the system clock from that of the session, at the start [s]; messages have system time.
 
@@ -186,14 +186,14 @@ class BlackBox(SessionObserver):
         self._put(IMU, reading.stamp, reading.turn_rate, reading.forward, reading.upward)
 
     def record(self, direction: str, data: bytes) -> None:
-        """Record traffic of the line."""
+        """Record traffic of the link."""
         now = self.clock()
         for begin in range(0, len(data), LONGEST_PIECE):
             piece = data[begin:begin + LONGEST_PIECE]
             self._put(TO_DRIVE if direction == '>' else FROM_DRIVE, now, len(piece), tail=piece)
 
     def event(self, text: str, level: Level = Level.EVENT) -> None:
-        """Record an event, and ask for a file after a fault."""
+        """Record an event, and request a file after a fault."""
         now, tail = self.clock(), text.encode('utf-8', 'replace')[:LONGEST_PIECE] + b'\0'
         self._put(EVENT, now, level, len(tail), tail=tail)
         if level == Level.FAULT:
@@ -231,24 +231,24 @@ class BlackBox(SessionObserver):
                 self._block[at + record.size:at + size] = tail
 
     def _next_block(self) -> None:
-        """Begin another block, and drop what is too old; the lock is held."""
+        """Start a block and drop the oldest ones; requires the lock."""
         now = self.clock()
         self._full.append((self._begun, memoryview(self._block)[:self._at]))
         # A block ends where the next one begins.
         while len(self._full) > 1 and self._full[1][0] < now - SPAN:
             self._full.popleft()
-        # Never reused: a file may still be written of an old one.
+        # Never reused: a dump may still read an old block.
         self._block, self._at, self._begun = bytearray(BLOCK), 0, now
 
     def snapshot(self) -> List[memoryview]:
-        """Return the blocks, oldest first; nothing is copied, and nothing written to them."""
+        """Return the blocks, oldest first, as views without a copy."""
         with self._lock:
             if self._at:
                 self._next_block()
             return [data for _, data in self._full]
 
     def take_fault(self) -> Optional[Tuple[float, str]]:
-        """Return when [s] and why a file is to be written, None if none is; and reset it."""
+        """Return time [s] and reason of a pending dump and reset it; None without one."""
         with self._lock:
             fault, self._fault = self._fault, None
             self.faulted.clear()

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The laws in the loop of the bridge: each estimate is answered at once, no topic in between.
+Onboard control: the controllers run in the loop of the bridge, without a topic in between.
 
-The same objects that the node `controller` runs: set-points with their age, laws (11) and (12) and
-the speed law.  Their torque goes through the `Supervisor` as a command of the very measurement
-that it answers, so that it ends with the measurements.
+These are the objects of the node `controller`: set-points with their age, controllers (11) and
+(12) and the speed controller.  The `Supervisor` receives their torque as a command with the stamp
+of its measurement, so that the torque ends when the measurements end.
 """
 from dataclasses import replace
 from typing import Callable
@@ -16,18 +16,18 @@ from ballbot_ros.control.command_gate import SKEW
 from ballbot_ros.errors import MessageError
 from ballbot_ros.physics.model.robot import Robot
 
-# Which topic the set-points of a law come from.
+# Topic of the set-points of a mode.
 TOPICS = {Mode.SPEED: 'cmd_vel'}
 
 
 def topic_of(set_point: SetPoint) -> str:
-    """Return the topic that a set-point has come by."""
+    """Return the topic of a set-point."""
     return TOPICS.get(set_point.mode, 'set_point')
 
 
 class OnBoard:
     """
-    Takes set-points and answers estimates.  All times are of the clock of the session [s].
+    Computes a torque from set-point and estimate.  All times are of the session clock [s].
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class OnBoard:
     tuning : ControlTuning
     expected : Supervision
     publishers : callable
-        Returns the names of the nodes that publish on a topic, for messages to people.
+        Returns the names of the nodes that publish on a topic, for log messages.
 
     Attributes
     ----------
@@ -48,13 +48,12 @@ class OnBoard:
     def __init__(self, robot: Robot, tuning: ControlTuning,
                  expected: Supervision = Supervision(),
                  publishers: Callable[[str], str] = lambda topic: ''):
-        """Start idle."""
         self.controller = SupervisedController(PendulumController(robot, tuning), expected)
         self._publishers = publishers
         self.tuning = tuning
 
     def retune(self, tuning: ControlTuning, expected: Supervision) -> None:
-        """Go on with gains that were checked, without a jump of the torque."""
+        """Apply checked gains without a jump of the torque."""
         self.controller.expected = expected
         if tuning != self.tuning:
             self.controller.retune(tuning)
@@ -62,22 +61,22 @@ class OnBoard:
 
     @property
     def set_point(self) -> SetPoint:
-        """Return what is followed."""
+        """Return the current set-point."""
         return self.controller.set_point
 
     @property
     def let_down(self) -> bool:
-        """Return whether nobody has renewed the set-point."""
+        """Return whether the set-point has timed out."""
         return self.controller.let_down
 
     def give(self, set_point: SetPoint, now: float, e_stop: bool) -> None:
         """
-        Take a set-point; one without a stamp is of now.
+        Accept a set-point; one without a stamp has the current time.
 
         Raises
         ------
         MessageError
-            As `SupervisedController.give` does; what is followed stays.
+            As `SupervisedController.give` does; the current set-point stays.
 
         """
         self.controller.hear_e_stop(e_stop)
@@ -85,20 +84,20 @@ class OnBoard:
             raise MessageError(
                 'from_the_future', f'the set-point is stamped {set_point.stamp:.3f} s and it is '
                 f'{now:.3f} s here: does the sender use another clock?')
-        # Its age counts from now at the latest: none is followed for longer than promised.
+        # Its age counts from now at the latest, so the timeout limits every set-point.
         stamp = min(set_point.stamp, now) if set_point.stamp else now
         self.controller.give(replace(set_point, stamp=stamp))
 
     def answer(self, readings: JointReadings, in_force: float, e_stop: bool) -> float:
         """
-        Return the torque that answers an estimate, 0 while the e-stop is engaged [N m].
+        Return the torque for an estimate, 0 while the e-stop is engaged [N m].
 
         Parameters
         ----------
         readings : JointReadings
-            Newer than those before.
+            Newer than the previous ones.
         in_force : float
-            Torque of the motor until now [N m]: where another law starts from.
+            Present torque of the motor [N m], from which a new mode starts.
         e_stop : bool
 
         """
@@ -109,11 +108,11 @@ class OnBoard:
         return controller.answer(in_force) or 0.0
 
     def forget(self) -> None:
-        """Be idle, until another set-point comes."""
+        """Stay idle until the next set-point."""
         self.controller.forget()
 
     def inhibit(self) -> str:
-        """Return why the e-stop may not be released now, empty for nothing."""
+        """Return why the e-stop may not be released now, empty for no reason."""
         asked = self.controller.asked
         if asked is None:
             return ''

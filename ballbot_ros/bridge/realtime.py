@@ -3,8 +3,8 @@
 Real-time priority for the loop, where the system permits it: docs/realtime.md.
 
 Python runs one thread of a process at a time.  A loop with priority would still wait for a thread
-of its own process that holds the interpreter and is preempted by busy programs.  So the other
-threads get a priority, too, one less.
+of its own process that holds the interpreter lock and is preempted by other programs.  So the
+other threads get a priority, too, one less.
 """
 import ctypes
 import errno
@@ -20,12 +20,12 @@ LOG = logging.getLogger(__name__)
 
 NAME = 'motor loop'  # of the thread, for ps and top
 PAGE = 'see docs/realtime.md'
-# Below the interrupt threads of a PREEMPT_RT kernel, which have 50.
+# Below 50, the priority of the interrupt threads of a PREEMPT_RT kernel.
 DEFAULT_PRIORITY = 20
 PERMIT = ("to permit it: echo '@dialout - rtprio 50' | sudo tee "
           f'/etc/security/limits.d/ballbot.conf, then log in again; {PAGE}')
 
-# <sys/mman.h>: what is mapped now and later stays in memory once it has been touched.
+# <sys/mman.h>: present and future mappings stay in memory after the first access.
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 PR_SET_NAME = 15  # <sys/prctl.h>
 CAP_IPC_LOCK = 14  # <linux/capability.h>
@@ -33,16 +33,16 @@ CAP_IPC_LOCK = 14  # <linux/capability.h>
 
 class Scheduling(NamedTuple):
     """
-    What a loop asks of the system.
+    Scheduling of the loop by the operating system.
 
     Attributes
     ----------
     priority : int
-        Of SCHED_FIFO, 1 to 99; 0 for none, -1 for `DEFAULT_PRIORITY` where the system permits it.
+        Of SCHED_FIFO, 1 to 99; 0 for none, -1 for `DEFAULT_PRIORITY` if the system permits it.
     cpu : int
-        The processor that it runs on; -1 for any.
+        Processor of the loop; -1 for any.
     lock_memory : bool
-        Keep all memory of the process from being swapped out.
+        Lock all memory of the process, so that it is not swapped out.
 
     """
 
@@ -52,14 +52,14 @@ class Scheduling(NamedTuple):
 
     def prepared(self) -> 'Scheduling':
         """
-        Try all of it, give it to the threads that there are, and return itself.
+        Apply it to the existing threads, check that the system permits it, and return it.
 
-        To be called before there is a loop; threads that are made later inherit it.
+        Call this before the loop starts; later threads inherit it.
 
         Raises
         ------
         ConfigurationError
-            With what the system does not allow, and what to do.
+            If the system does not permit it; the message names the remedy.
 
         """
         if self.priority < 0:
@@ -76,7 +76,7 @@ class Scheduling(NamedTuple):
         if self.lock_memory:
             _lock_memory()
         if self.priority:
-            _set_priority(0, self.priority)  # as the loop will; then it is lowered
+            _set_priority(0, self.priority)  # the priority of the loop, then lowered
             for thread in Path('/proc/self/task').iterdir():
                 _set_priority(int(thread.name), max(1, self.priority - 1))
         if self != Scheduling():
@@ -84,7 +84,7 @@ class Scheduling(NamedTuple):
         return self
 
     def enter(self) -> None:
-        """Give the calling thread what was prepared for the loop, and its name."""
+        """Apply the scheduling and the name of the loop to the calling thread."""
         _libc().prctl(PR_SET_NAME, NAME.encode(), 0, 0, 0)
         if self.cpu >= 0:
             os.sched_setaffinity(0, {self.cpu})
@@ -93,7 +93,7 @@ class Scheduling(NamedTuple):
 
     @property
     def in_words(self) -> str:
-        """Return how the loop runs, for people."""
+        """Return the scheduling as text."""
         return ', '.join((
             f'with real-time priority {self.priority}' if self.priority else
             'without real-time priority',
@@ -113,10 +113,10 @@ def permits(priority: int) -> bool:
 
 
 def _set_priority(thread: int, priority: int) -> None:
-    """Give a thread a priority, 0 for the calling one."""
+    """Set the priority of a thread, 0 for the calling one."""
     try:
         os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority))
-    except ProcessLookupError:  # it has ended meanwhile
+    except ProcessLookupError:  # the thread has ended
         pass
     except OSError as error:
         most, _ = resource.getrlimit(resource.RLIMIT_RTPRIO)
@@ -127,9 +127,8 @@ def _set_priority(thread: int, priority: int) -> None:
 
 
 def _lock_memory() -> None:
-    """Lock the memory of the process."""
     most, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
-    # With a limit it would work now, and memory would run out at the limit later.
+    # With a limit the call would succeed now, and allocations would fail at the limit later.
     number = errno.ENOMEM
     if most == resource.RLIM_INFINITY or _may_lock():
         libc = _libc()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a session knows of the robot, and for how long it may be relied on."""
+"""State estimate of a session, and its validity."""
 import math
 from typing import Optional
 
@@ -15,15 +15,15 @@ from ballbot_ros.imus.plausibility import EXPLANATIONS, ImuPlausibility
 from ballbot_ros.physics.model.robot import Robot
 
 
-# The pendulum may overshoot its angle limits by so much together [rad].
+# Sum of the overshoots of the pendulum beyond its angle limits [rad].
 SWING_OVERSHOOT = 0.8
-# A speed from before this is not told any more where there is a newer one [s].
+# Age above which a newer estimate replaces the odometry of the last IMU reading [s].
 FELT_LONG_AGO = 0.03
 
 
 class Sensing:
     """
-    Turns what the drive answers into estimates.  All times are of one clock [s].
+    Converts telemetry of the drive to estimates.  All times are of one clock [s].
 
     Attributes
     ----------
@@ -32,14 +32,13 @@ class Sensing:
     imu_fault : str
         Why the IMU is not plausible; empty while it is.
     odometry : OdometryState or None
-        Of the last estimate; goes on from where it was when the drive was lost.
+        Of the last estimate; continues after a lost link.
     expecting : bool
-        Whether one was asked for and has not arrived.
+        Whether a requested measurement has not arrived.
 
     """
 
     def __init__(self, hardware: Hardware, robot: Robot):
-        """Start without a measurement."""
         self._joint = hardware.joint
         self._imu_required = hardware.connection.imu_required
         self.fusion = Fusion(robot, hardware.imu, hardware.estimate, hardware.joint.encoder_zero)
@@ -56,29 +55,29 @@ class Sensing:
         self._stamp = -math.inf  # of the last estimate
 
     def begin(self, now: float) -> None:
-        """Begin anew with a drive that has just answered the handshake."""
+        """Restart with a drive after its handshake."""
         self._answered, self.expecting = now, False
         self.fusion.found_again()
 
     def ask(self, now: float) -> None:
-        """Take note that the drive is asked for a measurement."""
+        """Record a request for a measurement."""
         if not self.expecting:
             self._waiting_since = now
         self.expecting = True
 
     def restart(self, now: float) -> None:
-        """Count silence anew: what was just done has taken its time."""
+        """Restart the reply timeout after a blocking operation."""
         self._waiting_since = now
 
     def silence(self, now: float) -> float:
-        """Return how long the drive has owed an answer [s]; without a question it owes none."""
+        """Return the time since the unanswered request [s]; 0 without one."""
         return now - self._waiting_since if self.expecting else 0.0
 
     def take(self, telemetry: Telemetry, torque: float) -> Optional[Estimate]:
         """
         Return an estimate from a new measurement, None if there is none in the telemetry.
 
-        One of which nobody knows when it was made is none, but the drive has answered.
+        A measurement of unknown time yields no estimate but counts as a reply.
         Raises as `Fusion.encoder` does.
         """
         if telemetry.position is None or telemetry.time is None \
@@ -102,15 +101,16 @@ class Sensing:
         return estimate
 
     def _follow(self, estimate: Estimate, imu: ImuReading) -> None:
-        """Take over what an IMU has felt."""
+        """Store the odometry of an IMU update."""
         if self.odometry is not None:
             self.odometry = self._felt = self._rolling.advance(self.odometry, estimate, imu)
 
     def steady_odometry(self) -> Optional[OdometryState]:
         """
-        Return the odometry to be told: after an IMU reading, unless that is long ago.
+        Return the odometry to publish: that of the last IMU update, unless it is old.
 
-        Until the next one the rate of the ball is a prediction that leaves room for every blow.
+        Between IMU readings the predicted rate of the ball has the uncertainty of possible
+        impacts.
         """
         newest, felt = self.odometry, self._felt
         if newest is not None and felt is not None and newest.stamp - felt.stamp < FELT_LONG_AGO:
@@ -118,9 +118,9 @@ class Sensing:
         return newest
 
     def motion(self, now: float) -> Optional[PendulumMotion]:
-        """Return how the robot moves, None where that is not known well enough for torque."""
+        """Return the motion of the robot, None if the estimate is too old for torque."""
         estimate = self.fusion.estimate
-        # A drive may answer, and when it measured be unknown: then there is no new estimate.
+        # Replies may continue without new estimates, when the time of the measurement is unknown.
         if estimate is None or now - self._answered > SILENCE \
                 or now - estimate.stamp > SILENCE or self.needs_imu(now) \
                 or not self.fusion.is_relied_on():
@@ -130,7 +130,7 @@ class Sensing:
 
     def imu(self, reading: ImuReading, now: float) -> None:
         """
-        Take an IMU reading.
+        Accept an IMU reading.
 
         Raises
         ------
@@ -152,5 +152,5 @@ class Sensing:
         self.imu_watch.heard(reading.stamp, now)
 
     def needs_imu(self, now: float) -> bool:
-        """Return whether there must be an IMU, and there is none to rely on."""
+        """Return whether a required IMU is not usable."""
         return self._imu_required and not self.imu_watch.usable(now)

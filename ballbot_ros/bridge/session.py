@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-One drive from handshake to stop, used from several threads: each call holds the lock.
+One drive from handshake to stop, thread-safe: each call holds the lock.
 
-It sleeps only where a driver waits for an answer: in `configure`, `deactivate`, `close`, and in a
-`tick` that arms the motor or looks for a drive that was lost.
+Only calls that wait for a reply block: `configure`, `deactivate`, `close`, and a `tick` that arms
+the motor or reconnects.
 """
 from collections import Counter
 from enum import auto, Enum
@@ -29,15 +29,15 @@ from ballbot_ros.physics.model.robot import Robot
 
 
 class Wanted(Enum):
-    """What the owner wants."""
+    """Requested state."""
 
     CLOSED = auto()
-    INACTIVE = auto()  # a drive, its motor without power
-    ACTIVE = auto()  # power, once the e-stop is released
+    INACTIVE = auto()  # connected, motor power disabled
+    ACTIVE = auto()  # motor power enabled once the e-stop is released
 
 
 class Report(NamedTuple):
-    """What a tick found; times are of the clock of the session [s]."""
+    """Result of a tick; times are of the session clock [s]."""
 
     time: float
     estimate: Optional[Estimate]  # None when there was no new measurement
@@ -45,51 +45,51 @@ class Report(NamedTuple):
     telemetry: Telemetry
     state: MotorState
     e_stop: str
-    timed_out: bool  # commands or set-points came, and have ended
-    commanded: bool  # a fresh command is in force, or a set-point followed
-    set_point: Optional[SetPoint] = None  # that the law on board follows; None in direct control
+    timed_out: bool  # commands or set-points have timed out
+    commanded: bool  # a fresh command or set-point is active
+    set_point: Optional[SetPoint] = None  # of onboard control; None in direct control
     condition: Condition = Condition()  # of battery and motor
-    needs_imu: bool = False  # there is none to rely on, and there must be
+    needs_imu: bool = False  # a required IMU is not usable
 
 
 class Session:
     """
-    Keeps a drive in the state that is wanted, whatever happens to the line.
+    Keeps a drive in the requested state, and reconnects after a lost link.
 
     Parameters
     ----------
     hardware : Hardware
     robot : Robot
     connect : callable
-        Opens the line and returns a driver on it; called again after the line was lost.
+        Opens the link and returns its driver; called again to reconnect.
     clock : callable
-        Gives seconds and never goes back.
+        Monotonic clock [s].
     observer : SessionObserver
         Receives what happens.
     law : OnBoard, optional
-        Makes the torque from set-points; without it, commands from outside do: direct control.
+        Computes the torque from set-points; None for direct control by torque commands.
 
     Attributes
     ----------
     control : DriveControl
-        With the state of the motor, and counts.
+        State of the motor, and counters.
     line : DriveLine
-        With the drive that there is, or why there is none.
+        The connected drive, or why none is connected.
     supervisor : Supervisor
         With the e-stop.
     fusion : Fusion
-        With the newest estimate.
+        With the latest estimate.
     set_points_refused : Counter
-        By reason; counted by whoever takes them in.
+        By reason; the callbacks of the topics count them.
     lock : RLock
-        Held in each call, and by whoever changes what the loop reads.
+        Held in each call, and during changes of data that the loop reads.
 
     """
 
     def __init__(self, hardware: Hardware, robot: Robot, connect: Callable[[], Driver],
                  clock: Callable[[], float] = time.monotonic,
                  observer: SessionObserver = SessionObserver(), law: Optional[OnBoard] = None):
-        """Start without a line, not active, the e-stop engaged; see `warm_up`."""
+        """Start disconnected and inactive, the e-stop engaged; see `warm_up`."""
         warm_up(robot)
         self.hardware, self.robot, self.clock, self.law = hardware, robot, clock, law
         self.observer = observer
@@ -103,10 +103,10 @@ class Session:
         self.fusion: Fusion = self._sensing.fusion
         self.lock, self._wanted = threading.RLock(), Wanted.CLOSED
 
-    # What the owner wants
+    # Requests
 
     def configure(self) -> Tuple[Identity, Tuple[Setting, ...]]:
-        """Open the line, find the drive and check it; raises as `connect.handshake` does."""
+        """Open the link and check the drive; raises as `drive_line.handshake` does."""
         with self.lock:
             self.close()
             found = self.line.open(patience=0.5)
@@ -115,14 +115,14 @@ class Session:
             return found
 
     def activate(self) -> None:
-        """Allow power, once the e-stop is released; raise `RefusedError` without a drive."""
+        """Enable power once the e-stop is released; raise `RefusedError` without a drive."""
         with self.lock:
             if self.line.driver is None:
                 raise RefusedError(f'there is no drive: {self.line.trouble or "not configured"}')
             self._wanted = Wanted.ACTIVE
 
     def deactivate(self) -> None:
-        """Take the power off, wait until the drive confirms it, and engage the e-stop."""
+        """Disable power, wait for the confirmation of the drive, and engage the e-stop."""
         with self.lock:
             if self._wanted is Wanted.ACTIVE:
                 self._wanted = Wanted.INACTIVE
@@ -130,7 +130,7 @@ class Session:
             self.engage('deactivated')
 
     def close(self) -> None:
-        """Stop the motor, close the line, engage the e-stop; nothing is raised."""
+        """Stop the motor, close the link, engage the e-stop; raises nothing."""
         with self.lock:
             self._wanted = Wanted.CLOSED
             self.control.close()
@@ -138,10 +138,10 @@ class Session:
 
     def command(self, torque: float, stamp: float) -> None:
         """
-        Take a command and send it at once, unless the line has been given its share.
+        Accept a command and send it immediately if the rate limit of the link allows.
 
-        See `CommandGate.offer` for the arguments and what is raised, with reason ``onboard``
-        while laws on board make the torque.
+        See `CommandGate.offer` for arguments and errors; with reason ``onboard`` during onboard
+        control.
         """
         if self.law is not None:
             self.supervisor.gate.refuse('onboard')
@@ -157,7 +157,7 @@ class Session:
 
     def give(self, set_point: SetPoint) -> None:
         """
-        Take a set-point, stamped with the clock of the session, or 0 for now.
+        Accept a set-point, stamped with the session clock, or 0 for now.
 
         Raises
         ------
@@ -181,7 +181,7 @@ class Session:
             self.law.give(set_point, self.clock(), bool(self.supervisor.e_stop))
 
     def imu(self, reading: ImuReading) -> None:
-        """Take an IMU reading; raises as `Sensing.imu` does.  An implausible one stops."""
+        """Accept an IMU reading; raises as `Sensing.imu` does.  An implausible one stops."""
         with self.lock:
             self.observer.imu(reading)
             try:
@@ -192,7 +192,7 @@ class Session:
                     self.control.withdraw()
 
     def engage(self, reason: str) -> None:
-        """Engage the e-stop; the motor loses its power at once."""
+        """Engage the e-stop, which disables motor power immediately."""
         with self.lock:
             self.observer.requested_stop(reason)
             self.supervisor.trigger(reason)
@@ -211,7 +211,7 @@ class Session:
             self.observer.event('e-stop released')
 
     def _inhibit(self) -> str:
-        """Return what inhibits the release of the e-stop; empty for nothing."""
+        """Return the reason that inhibits the release of the e-stop, empty for none."""
         driver, now = self.line.driver, self.clock()
         if driver is None:
             return f'the line to the drive is down ({self.line.trouble or "not configured"})'
@@ -233,13 +233,13 @@ class Session:
 
     def clear_faults(self) -> str:
         """
-        Clear the faults of the drive, its motor without power, and say so.
+        Clear the faults of the drive while its motor has no power; return the result as text.
 
         Raises
         ------
         RefusedError
-            Why not: no drive, power or the prospect of it, a drive that cannot be asked to, or
-            faults that are there again.
+            Without a drive, with the motor armed or about to be, for a drive without this
+            function, or if faults remain.
 
         """
         with self.lock:
@@ -258,15 +258,15 @@ class Session:
             raise RefusedError(f'the drive still names {", ".join(left)}; remove the cause')
         return 'the drive names no fault any more'
 
-    # What happens each period
+    # Each period
 
     @property
     def odometry(self) -> Optional[OdometryState]:
-        """Return where the ball has rolled to; None before the first measurement."""
+        """Return the odometry; None before the first measurement."""
         return self._sensing.steady_odometry()
 
     def tick(self) -> Optional[Report]:
-        """Do what this period asks for; None before `configure` and after `close`."""
+        """Execute one period; None before `configure` and after `close`."""
         with self.lock:
             if self._wanted is Wanted.CLOSED:
                 return None
@@ -274,14 +274,14 @@ class Session:
 
     @property
     def expecting(self) -> bool:
-        """Return whether the drive is to answer a question of this period."""
+        """Return whether a reply of this period is outstanding."""
         return self._sensing.expecting and self.line.driver is not None
 
     def await_answer(self, patience: float) -> Optional[Report]:
         """
-        Wait for an answer of the drive, and report it if that is a measurement.
+        Wait for a reply of the drive, and return its report if it is a measurement.
 
-        For so many seconds at most; commands can be given and sent meanwhile.
+        The timeout is in seconds; commands are accepted and sent meanwhile.
         """
         driver = self.line.driver
         if driver is None:

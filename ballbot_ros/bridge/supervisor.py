@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What the motor may do: fresh commands within limits, or nothing.
+Supervision of the motor torque: fresh commands within limits, or zero.
 
-All times are of one steady clock and passed in, so that nothing here needs to sleep to be
-tested.
+All times are of one steady clock and passed in, so that tests need no sleep.
 
-When commands have timed out, `on_timeout` says what takes their place until `damping_time` is
-over: nothing (``coast``), torque against the rate of the joint (``brake``), or torque against the
-absolute rate of the pendulum (``settle``).  What a ball does then, on a slope and on the level, is
-computed by `studies.command_loss` and stands in docs/hardware_bridge.md.
+After a command timeout, `on_timeout` selects the torque during `damping_time`: zero (``coast``),
+against the rate of the joint (``brake``), or against the absolute rate of the pendulum
+(``settle``).  `studies.command_loss` computes the motion of the ball, on a slope and on the level;
+docs/hardware_bridge.md has the results.
 """
 from collections import Counter
 import math
@@ -18,16 +17,16 @@ from ballbot_ros.bridge.hardware_file import Limits
 from ballbot_ros.control.command_gate import CommandGate
 from ballbot_ros.errors import RefusedError
 
-# The e-stop is not reset while commands other than zero have arrived this recently [s].
+# Time without a nonzero command before the e-stop may be released [s].
 QUIET = 0.5
-# Torque below this is none [N m].
+# Torque below this counts as zero [N m].
 NOTHING = 1e-6
-# Faster than this part of the speed limit for so long [s], and limiting does not help any more.
+# Runaway: speed above this multiple of the speed limit for this time [s].
 RUNAWAY, RUNAWAY_TIME = 1.5, 0.02
 
 
 class PendulumMotion(NamedTuple):
-    """What the supervisor must know of the robot; see `estimation.Estimate`."""
+    """Motion of the robot that the supervisor limits; see `estimation.Estimate`."""
 
     pendulum_angle: float  # absolute [rad]
     pendulum_rate: float  # absolute [rad/s]
@@ -36,61 +35,60 @@ class PendulumMotion(NamedTuple):
 
 class Supervisor:
     """
-    Decides the torque of each moment.
+    Limits the torque in each period.
 
     Parameters
     ----------
     limits : Limits
     period : float
-        Between two decisions at most [s]; the timeout is kept in spite of it.
+        Longest time between two decisions [s]; the timeout includes it.
 
     Attributes
     ----------
     torque, asked : float
-        Decided last, and what was wanted before the limits [N m].
+        The last decision, and its value before the limits [N m].
     derating : float
-        Part of the torque limit that heat and battery leave; set by the owner.
+        Available fraction of the torque limit by heat and battery; set by the owner.
     e_stop : str
-        Why the e-stop is engaged; empty when it is not.
+        Why the e-stop is engaged; empty while it is released.
     counts : Counter
         ``timeouts``, ``limited_torque``, ``limited_rate``, ``limited_angle``,
         ``limited_speed``, ``e_stops``.
     gate : CommandGate
-        With the command in force, and the counts of those accepted and refused.
+        With the active command, and the counts of accepted and refused commands.
 
     """
 
     def __init__(self, limits: Limits, period: float):
-        """Start with the e-stop engaged."""
         self._limits, self._period = limits, period
-        # What arrives just after a decision is acted on a period later.
+        # A command that arrives just after a decision takes effect a period later.
         self.gate = CommandGate(max(limits.command_timeout - period, 0.5 * period))
-        self._pushed = -math.inf  # when a command other than zero last came
+        self._pushed = -math.inf  # time of the last nonzero command
         self.torque = self.asked = 0.0
         self.derating = 1.0
         self._decided: Optional[float] = None
         self._fast_since = math.inf
-        self._since: Optional[float] = None  # when commands timed out
+        self._since: Optional[float] = None  # time of the command timeout
         self.e_stop = 'engaged at start'
         self.counts: Counter[str] = Counter()
 
     @property
     def commanded(self) -> bool:
-        """Return whether there is a command in force, be it zero."""
+        """Return whether a command is active, zero included."""
         return self.gate.stamp is not None and self._since is None
 
     @property
     def timed_out(self) -> bool:
-        """Return whether commands came and have timed out."""
+        """Return whether the commands have timed out."""
         return self._since is not None
 
     def offer(self, torque: float, stamp: float, now: float) -> None:
-        """Take a command of a torque at the pendulum, as `CommandGate.offer` does."""
+        """Accept a torque command at the pendulum, as `CommandGate.offer` does."""
         self.overhear(torque, now)
         self.gate.offer(torque, stamp, now)
 
     def overhear(self, torque: float, now: float) -> None:
-        """Take note that a torque was asked for, followed or not."""
+        """Record a torque request, accepted or not."""
         if math.isfinite(torque) and abs(torque) > NOTHING:
             self._pushed = now
 
@@ -102,7 +100,7 @@ class Supervisor:
         self.quiet()
 
     def reset(self, now: float, inhibit: str = '') -> None:
-        """Release the e-stop; raise `RefusedError` with what inhibits it, or if commands push."""
+        """Release the e-stop; `RefusedError` if inhibited, or after a recent nonzero command."""
         if inhibit:
             raise RefusedError(f'the e-stop stays engaged: {inhibit}')
         if now - self._pushed < QUIET:
@@ -113,23 +111,23 @@ class Supervisor:
         self.quiet()
 
     def quiet(self) -> None:
-        """Forget the command in force and the torque: the motor has no power."""
+        """Drop the active command and the torque: the motor has no power."""
         self.gate.clear()
         self.torque = self.asked = 0.0
         self._decided = self._since = None
 
     def decide(self, now: float, motion: Optional[PendulumMotion]) -> float:
-        """Return the torque from now on [N m]: none while the motion is not known (None)."""
+        """Return the torque from now on [N m]: zero while the motion is unknown (None)."""
         wanted = self.asked = self._wanted(now, motion)
         if self.e_stop or motion is None or wanted == 0.0:
-            torque = 0.0  # a cut to zero is never slowed down
+            torque = 0.0  # no rate limit on a cut to zero
         else:
             torque = self._within(wanted, now, motion)
         self.torque, self._decided = torque, now
         return torque
 
     def _wanted(self, now: float, motion: Optional[PendulumMotion]) -> float:
-        """Return what is commanded, or what takes its place."""
+        """Return the commanded torque, or the torque of `on_timeout`."""
         if not self.gate.expired(now):
             self._since = None
             return self.gate.torque(now)
@@ -144,7 +142,7 @@ class Supervisor:
         return -limits.damping * rate
 
     def _within(self, wanted: float, now: float, motion: PendulumMotion) -> float:
-        """Return the torque cut to all limits."""
+        """Return the torque within all limits."""
         limits = self._limits
         fast = abs(motion.joint_rate) > RUNAWAY * limits.speed_limit
         self._fast_since = min(self._fast_since, now) if fast else math.inf
@@ -162,7 +160,7 @@ class Supervisor:
                 if torque * place > 0.0:
                     self.counts[what] += 1
                     return 0.0
-                if before * place > 0.0:  # torque back begins at zero, and not at what was out
+                if before * place > 0.0:  # returning torque starts at zero
                     before = 0.0
         elapsed = self._period if self._decided is None else min(
             max(now - self._decided, 0.0), limits.command_timeout)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Everything compiled that the loop calls, before there is a motor that could wait for it."""
+"""Compile all kernels of the loop before the motor is armed."""
 import logging
 import time
 
@@ -9,16 +9,16 @@ from ballbot_ros.physics.model.robot import Robot
 
 LOG = logging.getLogger(__name__)
 
-# Machine code that is kept from an earlier run is read within less [s].
+# Loading cached machine code takes less than this [s].
 SHORT = 0.5
 
 
 def warm_up(robot: Robot) -> float:
     """
-    Run filter and laws once on made-up readings, and return how long that took [s].
+    Run filter and controllers once on synthetic readings, and return the duration [s].
 
-    The first time after an installation they are compiled meanwhile; within the loop the drive
-    would wait for a command longer than its watchdog allows.
+    The first run after an installation compiles them; within the loop that would exceed the
+    watchdog timeout of the drive.
     """
     begin = time.monotonic()
     warm_up_laws(robot)

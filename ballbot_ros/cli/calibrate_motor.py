@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``calibrate-motor``: find what joins drive and pendulum, and write it down."""
+"""The verb ``calibrate-motor``: calibrate the joint of drive and pendulum."""
 import argparse
 from pathlib import Path
 from typing import Any, Mapping
 
 from ballbot_ros.cli.options import add_port
 
-PATIENCE = 0.5  # with each answer of the handshake [s]
+PATIENCE = 0.5  # timeout of each reply of the handshake [s]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what is calibrated and where the result goes."""
+    """Add hardware file and output."""
     parser.add_argument('--hardware', default='gimball_odrive', metavar='NAME',
                         help='hardware file to start from (default: %(default)s)')
     add_port(parser)
@@ -38,7 +38,7 @@ class Console:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Guide, measure, write."""
+    """Run the calibration and write the file."""
     from ballbot_ros.bridge.commissioning.calibration import Calibrator
     from ballbot_ros.bridge.drive_line import connector, handshake
     from ballbot_ros.bridge.hardware_file import load_hardware
@@ -67,13 +67,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 def write(path: Path, content: Mapping[str, Any], found: Any, base: str) -> None:
     """
-    Write a hardware file with what was found.
+    Write a hardware file with the result of a calibration.
 
     Parameters
     ----------
     path : Path
     content : mapping
-        Of the hardware file that it begins from.
+        Of the uncalibrated hardware file.
     found : Calibration
     base : str
         Name of that file.
@@ -94,6 +94,6 @@ def write(path: Path, content: Mapping[str, Any], found: Any, base: str) -> None
                       round(found.torque_factor + spread, 4)],
             'note': f'as good as M2 and e of the robot; friction was {found.friction:.3f} N m'}}
     whole = {**content, 'joint': joint}
-    read_hardware(whole, str(path))  # what is written can be read
+    read_hardware(whole, str(path))  # check that the file is readable
     write_text(f'# Measured by ballbot calibrate-motor; the rest is that of {base}.\n'
                + yaml.safe_dump(whole, sort_keys=False), path)

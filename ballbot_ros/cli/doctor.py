@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``doctor``: ports, drive and ROS, each finding with the command that mends it."""
+"""The verb ``doctor``: check ports, drive and ROS, with a remedy for each finding."""
 import argparse
 import os
 import sys
@@ -9,7 +9,7 @@ from ballbot_ros.cli.options import add_port
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what is looked at."""
+    """Add hardware file and port."""
     parser.add_argument('--hardware', default='gimball_odrive', metavar='NAME',
                         help='hardware file of the drive to look for (default: %(default)s)')
     add_port(parser)
@@ -29,5 +29,4 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _tell(text: str) -> None:
-    """Say what takes time."""
     print(f'    .  {text}', file=sys.stderr, flush=True)

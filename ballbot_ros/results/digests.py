@@ -9,28 +9,28 @@ import numpy as np
 
 from ballbot_ros.physics.simulation.scene import Scene
 
-LENGTH = 16  # characters; by chance two differ in 1 of 2**64
+LENGTH = 16  # characters; collision probability 2**-64
 
 
 def digest(value: Any) -> str:
     """
     Return a digest of numbers, texts, arrays, lists, mappings and dataclasses of these.
 
-    Comments and the layout of a file do not count, and neither does where a number comes from.
+    Comments, the layout of a file and the provenance of a number have no effect.
     """
     text = json.dumps(_plain(value), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:LENGTH]
 
 
 def scene_digests(scene: Scene) -> Mapping[str, str]:
-    """Return digests of the robot, and of all else that decides how a plant of a scene moves."""
+    """Return digests of the robot, and of all other inputs of the plant of a scene."""
     model = scene.model
     return {'robot': model.robot.digest,
             'scene': digest((model.terrain, model.options, scene.initial))}
 
 
 def _plain(value: Any) -> Any:
-    """Return a value with only what JSON knows; floats keep their last bit."""
+    """Return a value as JSON types; floats keep their last bit."""
     if is_dataclass(value):
         return {item.name: _plain(getattr(value, item.name)) for item in fields(value)
                 if item.name != 'provenance'}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rising faces of a terrain, and how a run fared at each of them."""
+"""The rising faces of a terrain, and the outcome of a run at each of them."""
 from dataclasses import dataclass, replace
 import math
 from typing import Optional
@@ -14,7 +14,7 @@ from ballbot_ros.results.resolved import resolved
 # Lower ones are roughness, not obstacles [m].
 LEAST_HEIGHT = 1e-3
 
-# What rises less steeply is a ramp: a ball rolls up, it does not hit it.
+# A smaller slope is a ramp, on which the ball rolls up without an impact.
 LEAST_SLOPE = math.tan(math.radians(30.0))
 
 # A shallow piece shorter than this many radii, as on top of a round cord, belongs to the face.
@@ -29,21 +29,21 @@ class FaceMeeting:
     height: float  # from foot to top [m]
     touch_time: Optional[float] = None  # of the first touch [s]; None if there was none
     touch_speed: Optional[float] = None  # of the centre just before the first touch [m/s]
-    passed: bool = False  # the centre got past the top, with the contact below it
+    passed: bool = False  # the centre passed the top, with the contact below it
 
 
 def rising_faces(terrain: Terrain, radius: float) -> list[Array]:
     """
     Return the vertices of every rising face of at least `LEAST_HEIGHT`, from left to right.
 
-    What is short beside the radius [m] of the ball is not a slope.
+    Pieces that are short relative to the radius [m] of the ball are not slopes.
     """
     return [face for face in terrain.faces(
         LEAST_SLOPE, LEAST_HEIGHT, SHORT * radius, endless=False) if face[-1, 1] > face[0, 1]]
 
 
 def meet_faces(trajectory: Trajectory) -> list[FaceMeeting]:
-    """Return every rising face with what the ball did there, whatever the output step."""
+    """Return each rising face with its outcome, independent of the output step."""
     meetings = watch_faces(trajectory)
     for piece in resolved(trajectory):
         for meeting in meetings:
@@ -52,7 +52,7 @@ def meet_faces(trajectory: Trajectory) -> list[FaceMeeting]:
 
 
 def watch_faces(trajectory: Trajectory) -> list['FaceWatch']:
-    """Return what finds the first meeting with each rising face in the pieces of a run."""
+    """Return an observer of the first meeting with each rising face."""
     radius = trajectory.model.robot.ball_radius
     return [FaceWatch(vertices, radius)
             for vertices in rising_faces(trajectory.model.terrain, radius)]

@@ -2,7 +2,7 @@
 """
 A trajectory as a file of numbers, to the last bit.
 
-Every file appears whole or not at all: it is written beside its place and then renamed.
+Files are written atomically: to a temporary name in the same folder, then renamed.
 """
 from contextlib import contextmanager
 import csv
@@ -21,7 +21,7 @@ from ballbot_ros.results.units import in_si, SI
 
 PathLike = Union[str, Path]
 
-# Rows turned into text at a time, to keep the memory of a long run in bounds.
+# Rows converted to text at a time, which bounds the memory of a long run.
 _BLOCK = 20000
 
 _DECIMAL_COMMA = re.compile(r'^\s*[-+]?\d+,\d+\s*$')
@@ -31,10 +31,10 @@ _HEADER = re.compile(r'^(?P<name>\w+) \[(?P<unit>[^\]]*)\]$')
 @contextmanager
 def replacing(path: PathLike) -> Iterator[BinaryIO]:
     """
-    Give a file to write to, which takes the place of `path` once all is written.
+    Yield a file that replaces `path` once it is complete.
 
-    Folders are made as needed.  Whatever ends the writing early, Ctrl-C or a failure of the
-    machine included, leaves an older file as it was.  The same command goes on from there.
+    Folders are created as needed.  An interruption, Ctrl-C or a power failure included, leaves an
+    older file unchanged.  The same command then continues from there.
 
     Raises
     ------
@@ -62,14 +62,14 @@ def replacing(path: PathLike) -> Iterator[BinaryIO]:
 
 def check_writable(path: PathLike) -> None:
     """
-    Refuse a file that cannot be written, before the work whose result it is to hold.
+    Refuse a file that cannot be written, before the computation of its content.
 
-    Nothing is made, so that work that is given up leaves nothing behind.
+    No file or folder is created.
 
     Raises
     ------
     ConfigurationError
-        Naming what is in the way.
+        Naming the obstacle.
 
     """
     target = Path(path).absolute()
@@ -93,8 +93,8 @@ def write_csv(trajectory: Trajectory, path: PathLike) -> None:
     """
     Write a trajectory as comma-separated values.
 
-    The first row names the columns with their units, ``x [m]``; each number has as many
-    digits as it takes to read it back unchanged.
+    The first row names the columns with their units, ``x [m]``; each number has enough digits to
+    be read back unchanged.
 
     Raises
     ------
@@ -133,12 +133,12 @@ def write_parquet(trajectory: Trajectory, path: PathLike) -> None:
 
 def write_trajectory(trajectory: Trajectory, path: PathLike) -> None:
     """
-    Write a trajectory to a file of the kind that its ending says.
+    Write a trajectory in the format of the file name extension.
 
     Raises
     ------
     ConfigurationError
-        If the ending is unknown, or the file cannot be written.
+        If the extension is unknown, or the file cannot be written.
 
     """
     writers = {'.csv': write_csv, '.npz': write_npz, '.parquet': write_parquet}
@@ -168,7 +168,7 @@ def write_columns(columns: Mapping[str, Array], units: Mapping[str, str],
         for begin in range(0, length, _BLOCK):
             block = np.column_stack(
                 [values[begin:begin + _BLOCK] for values in columns.values()])
-            # repr is the shortest text that gives the same float again.
+            # repr is the shortest text that round-trips.
             text = '\n'.join(','.join(map(repr, row)) for row in block.tolist())
             stream.write(f'{text}\n'.encode())
 
@@ -201,8 +201,7 @@ def read_columns(path: PathLike) -> dict[str, Array]:
     Raises
     ------
     ConfigurationError
-        If the file cannot be read or is not of this kind, or a column is in no unit of what it
-        holds.
+        If the file cannot be read or is not of this kind, or the unit of a column does not fit.
 
     """
     columns, units = _read(Path(path))
@@ -214,7 +213,7 @@ def read_columns(path: PathLike) -> dict[str, Array]:
 
 def read_units(path: PathLike) -> dict[str, str]:
     """
-    Return the units of what `read_columns` returns for a file.
+    Return the units of the columns that `read_columns` returns.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A run in samples that are close enough together to find contacts and extremes."""
+"""A run with samples that resolve contacts and extremes."""
 import math
 from typing import Iterator
 
@@ -10,7 +10,7 @@ from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.physics.solvers.registry import METHODS
 from ballbot_ros.physics.solvers.values import FINISHED, Output, Status
 
-EVENT_STEP = 1e-3  # largest time between samples in which events and extremes are found [s]
+EVENT_STEP = 1e-3  # largest sampling period for events and extremes [s]
 BLOCK = 2000       # rows of a piece: bounds the memory of a long run
 
 
@@ -19,7 +19,7 @@ def resolved(run: Trajectory) -> Iterator[Trajectory]:
     Yield a run in pieces whose samples are at most `EVENT_STEP` apart.
 
     The last sample of a piece is the first of the next one.  A run of a scene with a larger output
-    step is integrated again, from its own samples; without a scene its samples are all there is.
+    step is integrated again from its samples; without a scene the samples are returned unchanged.
     """
     gap = run.scene.run.output_step if run.scene is not None else 0.0
     solver = run.model.solver_in_use

@@ -64,7 +64,7 @@ class Summary:
 
 
 def plain(value: Any) -> Any:
-    """Return a value with only what JSON knows; a number that is not finite is None."""
+    """Return a value as JSON types; a number that is not finite is None."""
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -76,7 +76,7 @@ def plain(value: Any) -> Any:
 
 def summarise(trajectory: Trajectory, wall_time: Optional[float] = None) -> Summary:
     """
-    Return what happened in a run, ended early or not, that took a wall time [s].
+    Return the summary of a complete or partial run with its wall time [s].
 
     Extremes and contacts do not depend on the output step of the run.
     """
@@ -86,7 +86,7 @@ def summarise(trajectory: Trajectory, wall_time: Optional[float] = None) -> Summ
         scene.run.duration / scene.run.output_step - 1e-9)
     time = trajectory['time']
     duration = float(time[-1] - time[0])
-    # A run that diverged ends in numbers whose squares are out of range.
+    # The squares of diverged states overflow.
     with np.errstate(over='ignore', invalid='ignore'):
         in_play = trajectory.energy_in_play
         residual = _largest(trajectory.energy_residual)
@@ -158,7 +158,7 @@ class Extremes:
         self._sliding += int(np.count_nonzero(slip & ~flying[new]))
 
     def _keep(self, name: str, values: Array) -> None:
-        # np.maximum keeps NaN: a run that diverged must not look harmless.
+        # np.maximum keeps NaN, so that divergence stays visible.
         self.highest[name] = float(np.maximum(self.highest.get(name, 0.0), _largest(values)))
 
     @property

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Before the first drive: doctor and calibration."""
+"""Commissioning: doctor and calibration."""

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Find direction, encoder scale and torque factor of a pendulum motor, gently and with a person.
+Calibrate direction, encoder scale and torque factor of a pendulum motor, with a person.
 
-The shell is held, so that the joint angle is the pendulum angle.  First the person turns the
-pendulum by a known angle while the motor has no power: that gives direction and encoder scale.
-Then the motor lifts it a little, forward and back, as slowly as a torque can be raised; where it
-rests, gravity balances the torque::
+The shell is fixed, so that the joint angle is the pendulum angle.  First the person turns the
+pendulum by a known angle while the motor has no power, which gives direction and encoder scale.
+Then the motor lifts it a little, forward and back, with a slowly rising torque; at rest, gravity
+balances the torque::
 
     torque_factor * torque asked for = M2 g e sin(angle) +- friction
 
-The factor is the slope over both directions, so friction falls out.  It is as good as M2 and e of
-the robot file are: torque against gravity is all that a pendulum shows.
+The factor is the slope over both directions, so friction cancels.  Errors of M2 and e in the robot
+file scale it: only the torque against gravity is observable.
 """
 import math
 from typing import List, NamedTuple, Protocol, Tuple
@@ -22,69 +22,67 @@ from ballbot_ros.drives.driver import Driver
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.physics.model.robot import Robot
 
-# The pendulum is lifted in so many steps to each side, up to this angle [rad].
+# Number of steps of the lift to each side, and its largest angle [rad].
 STEPS, HIGHEST = 3, 0.5
-# Faster [rad/s] or further [rad] than this, and the motor is stopped.
+# Rate [rad/s] and angle [rad] above which the motor is stopped.
 FASTEST, FURTHEST = 4.0, 1.0
-# Period of the commands, how long a torque takes to be raised, a pendulum to swing out, and its
-# angle to be taken [s].
+# Period of the commands, and duration of torque ramp, settling and measurement [s].
 PERIOD, RAISE, SETTLE, LOOK = 0.01, 1.0, 1.5, 0.5
-# A person who turns something by hand turns it by at least so much of what was asked for.
+# Smallest accepted turn by hand, as a fraction of the requested one.
 LEAST_TURN = 0.3
-# Deviations from the file that deserve a word.
+# Relative deviations from the file that are reported.
 NOTEWORTHY = 0.1
 SMALLEST_TURN, LARGEST_TURN = 6.0, 400.0  # by hand [degrees]
 
 
 class Dialogue(Protocol):
-    """How to talk with the person."""
+    """Dialogue with the person."""
 
     def say(self, text: str) -> None:
         """Inform the person."""
 
     def ask(self, question: str) -> str:
-        """Return the answer; raise `RefusedError` if the person wants to end it."""
+        """Return the reply; raise `RefusedError` if the person cancels."""
 
 
 class Calibration(NamedTuple):
-    """What was found."""
+    """Result of a calibration."""
 
     direction: int
-    encoder_scale: float  # turns of the joint per turn that the drive reports
-    torque_factor: float  # torque that is there over torque that was asked for
+    encoder_scale: float  # turns of the joint per reported turn of the drive
+    torque_factor: float  # actual over requested torque
     torque_factor_sd: float
-    friction: float  # that held the pendulum against the torque [N m]
+    friction: float  # of the joint [N m]
 
 
 class Calibrator:
     """
-    Guides through the calibration of one motor.
+    Runs the calibration of one motor.
 
     Parameters
     ----------
     hardware : Hardware
-        What is believed so far; its gear ratio brings torque to the pendulum.
+        The uncalibrated file; its gear ratio converts the torque.
     robot : Robot
     driver : Driver
-        Of a drive that is identified and stopped.
+        Driver of an identified, stopped drive.
     dialogue : Dialogue
 
     """
 
     def __init__(self, hardware: Hardware, robot: Robot, driver: Driver, dialogue: Dialogue):
-        """Take note."""
         self._joint, self._driver, self._dialogue = hardware.joint, driver, dialogue
         self._limit = hardware.limits.torque_limit
         self._gravity_torque = robot.largest_gravity_torque
 
     def run(self) -> Calibration:
         """
-        Ask, measure, and leave the motor without power, also after an error.
+        Run the calibration, and disable motor power at the end, also after an error.
 
         Raises
         ------
         RefusedError
-            If the person ends it, or the motor does what it should not.
+            If the person cancels, or the motor exceeds a limit.
         LinkError, DriveError
             If the drive is lost.
 
@@ -135,12 +133,12 @@ class Calibrator:
         return (1 if moved > 0.0 else -1), scale
 
     def _enter(self, question: str) -> None:
-        """Wait for Enter alone: whoever types a word first, "no" perhaps, is asked again."""
+        """Wait for Enter alone; any other input repeats the question."""
         while answer := self._dialogue.ask(question).strip():
             self._dialogue.say(f'Enter alone goes on, "q" ends it; got {answer!r}.')
 
     def _ask_angle(self, question: str) -> float:
-        """Return an angle [rad], a right angle for Enter; whoever mistypes is asked again."""
+        """Return an angle [rad], a right angle for Enter; invalid input repeats the question."""
         while True:
             answer = self._dialogue.ask(question).strip()
             try:
@@ -154,7 +152,7 @@ class Calibrator:
                                f'got {degrees:g}.')
 
     def _lift(self, scale: float) -> Tuple[List[float], List[float]]:
-        """Return torques asked for and joint angles at rest, `scale` being signed."""
+        """Return requested torques and joint angles at rest; `scale` has a sign."""
         top = min(0.9 * self._limit, self._gravity_torque * math.sin(HIGHEST))
         levels = [top * step / STEPS for step in (*range(1, STEPS + 1), *range(STEPS - 1, 0, -1))]
         torques, angles = [], []
@@ -172,7 +170,7 @@ class Calibrator:
         return torques, angles
 
     def _hold(self, begin: float, torque: float, scale: float) -> float:
-        """Raise the torque slowly, wait until the pendulum hangs still; return its angle."""
+        """Raise the torque slowly, wait until the pendulum rests; return its angle."""
         driver = self._driver
         start = driver.clock()
         seen: List[float] = []
@@ -197,7 +195,7 @@ class Calibrator:
         return float(np.mean(seen))
 
     def _position(self) -> float:
-        """Return the position of the shaft, asked for now [rad]."""
+        """Request and return the position of the shaft [rad]."""
         driver = self._driver
         asked = driver.clock()
         while (driver.telemetry.time or -math.inf) <= asked:
@@ -221,16 +219,16 @@ def fit(torques: List[float], angles: List[float], gravity_torque: float
     Parameters
     ----------
     torques : list of float
-        Asked for, up and down on both sides [N m].
+        Requested torques, up and down on both sides [N m].
     angles : list of float
-        Where the pendulum rested [rad].
+        Rest angles of the pendulum [rad].
     gravity_torque : float
         M2 g e [N m].
 
     Raises
     ------
     RefusedError
-        If the pendulum hardly moved.
+        If the pendulum moved too little.
 
     """
     asked, lifted = np.array(torques), gravity_torque * np.sin(np.array(angles))
@@ -238,7 +236,7 @@ def fit(torques: List[float], angles: List[float], gravity_torque: float
         raise RefusedError(
             'the pendulum hardly moved: friction holds it, or the torque does not reach it; '
             'raise torque_limit, or look at motor and gear')
-    # Friction has the sign of the motion before: plus on the way up, minus on the way down.
+    # Friction has the sign of the preceding motion: plus on the way up, minus on the way down.
     moving = np.sign(np.diff(asked, prepend=0.0))
     columns = np.column_stack([asked, -moving])
     found, _, _, _ = np.linalg.lstsq(columns, lifted, rcond=None)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What stands between a computer and its motor controller, each with the command that mends it."""
+"""Diagnosis of the connection to a motor controller; each finding has a remedy."""
 import grp
 import os
 from pathlib import Path
@@ -17,26 +17,26 @@ from ballbot_ros.drives.transport import ports
 from ballbot_ros.errors import BallbotError, DriveError, LinkError
 
 OK, NOTE, WRONG = 'ok', 'note', 'WRONG'
-# FTDI adapters keep what they have received for so long unless set otherwise [ms].
+# Latency timer of an FTDI adapter for the loop [ms]; its default is longer.
 SLOW_LATENCY = 1
-# Patience with each protocol at each baud rate while probing [s].
+# Timeout per protocol and baud rate while probing [s].
 PATIENCE = 0.25
 # ARPHRD_CAN of linux/if_arp.h.
 CAN_DEVICE = 280
-# Domains beyond this clash with ports of ordinary programs on Linux.
+# The ports of higher domains conflict with ephemeral ports on Linux.
 HIGHEST_DOMAIN = 101
 
 
 class Finding(NamedTuple):
-    """Something that was looked at."""
+    """Result of a check."""
 
     verdict: str  # OK, NOTE or WRONG
     what: str
-    remedy: str = ''  # a command where there is one; empty where nothing needs to be done
+    remedy: str = ''  # a command if one exists; empty for OK
 
 
 def stable_names(device: str, folder: Path = Path('/dev/serial/by-id')) -> List[str]:
-    """Return the names of a device that stay the same whatever else is plugged in."""
+    """Return the persistent names of a device."""
     try:
         return sorted(str(link) for link in folder.iterdir()
                       if link.resolve() == Path(device).resolve())
@@ -46,7 +46,7 @@ def stable_names(device: str, folder: Path = Path('/dev/serial/by-id')) -> List[
 
 def look_at_ports(found: Optional[List[Tuple[str, str]]] = None,
                   system: Path = Path('/sys')) -> Iterator[Finding]:
-    """Yield what there is to say about each serial port, without opening any."""
+    """Yield findings about each serial port, without opening any."""
     known = ports() if found is None else found
     if not known:
         yield Finding(NOTE, 'no serial port at all',
@@ -60,14 +60,14 @@ def look_at_ports(found: Optional[List[Tuple[str, str]]] = None,
 
 
 def look_at_buses(system: Path = Path('/sys')) -> Iterator[Finding]:
-    """Yield what there is to say about each CAN interface of the kernel."""
+    """Yield findings about each CAN interface of the kernel."""
     for path in sorted((system / 'class/net').glob('*/type')):
         name, operation = path.parent.name, path.with_name('operstate')
         try:
             if int(path.read_text()) != CAN_DEVICE:
                 continue
             down = operation.read_text().strip() == 'down'
-        except (OSError, ValueError):  # it has just gone
+        except (OSError, ValueError):  # removed meanwhile
             continue
         yield Finding(NOTE if down else OK, f'{name}: a CAN interface'
                       + (', which is down' if down else ''),
@@ -88,7 +88,7 @@ def look_at_permission(device: str) -> Iterator[Finding]:
 
 
 def look_at_latency(device: str, system: Path = Path('/sys')) -> Iterator[Finding]:
-    """Yield a finding if an FTDI adapter holds back what it has received."""
+    """Yield a finding if an FTDI adapter delays received data."""
     path = system / 'bus/usb-serial/devices' / Path(device).name / 'latency_timer'
     try:
         latency = int(path.read_text())
@@ -101,7 +101,7 @@ def look_at_latency(device: str, system: Path = Path('/sys')) -> Iterator[Findin
 
 
 def look_at_scheduling() -> Finding:
-    """Return whether the loop of the bridge can have real-time priority."""
+    """Return a finding about real-time priority of the bridge loop."""
     if permits(DEFAULT_PRIORITY):
         return Finding(OK, f'real-time priority {DEFAULT_PRIORITY} is permitted')
     return Finding(NOTE, 'real-time priority is not permitted: a busy machine may delay the loop '
@@ -109,7 +109,7 @@ def look_at_scheduling() -> Finding:
 
 
 def look_at_ros(environment: Mapping[str, str]) -> Iterator[Finding]:
-    """Yield what the environment says about who receives from whom."""
+    """Yield findings about ROS domain and discovery range."""
     domain = environment.get('ROS_DOMAIN_ID', '')
     if domain and not (domain.isdigit() and int(domain) <= HIGHEST_DOMAIN):
         yield Finding(WRONG, f'ROS_DOMAIN_ID is {domain!r}',
@@ -131,10 +131,10 @@ def look_at_ros(environment: Mapping[str, str]) -> Iterator[Finding]:
 def look_at_drive(hardware: Hardware,
                   progress: Callable[[str], None] = lambda text: None) -> Iterator[Finding]:
     """
-    Yield who answers on the port of a hardware file, and what it is set to.
+    Yield findings about the drive on the port of a hardware file, and its settings.
 
-    Only questions are sent, and to a RoboClaw its serial timeout; no motor moves.  `progress` is
-    called with what takes some seconds.
+    Only read requests are sent, and to a RoboClaw its serial timeout; no motor moves.  `progress`
+    receives a description of each step of some seconds.
     """
     connection = hardware.connection
     where = f'{connection.port} at {connection.baud} baud'
@@ -169,7 +169,7 @@ def look_at_drive(hardware: Hardware,
 
 def _wrong_drive(hardware: Hardware, error: Union[DriveError, LinkError],
                  progress: Callable[[str], None]) -> Finding:
-    """Say what is there instead of the drive of the file."""
+    """Yield findings about another drive on the port."""
     connection = hardware.connection
     if error.reason == 'firmware':
         return Finding(WRONG, str(error), 'change the firmware with the tool of its maker, or '
@@ -198,9 +198,9 @@ def probe(port: str, protocol: str = '', baud: int = 0,
     """
     Return protocol and baud rate of the drive on a port, None if none answers.
 
-    What is most likely is tried first, if given, and with it all others at that baud rate, if they
-    are spoken on the same kind of line.  On a CAN bus only that rate is tried: another one would
-    disturb all who are on it.
+    A given protocol and baud rate come first, then the other protocols of the same kind of link at
+    that rate.  On a CAN bus only that rate is tried: another one would disturb all nodes of the
+    bus.
     """
     for name, rate in _guesses(protocol, baud):
         progress(f'asking for {name} at {rate} baud')
@@ -212,7 +212,7 @@ def probe(port: str, protocol: str = '', baud: int = 0,
                 line.close()
             return name, rate
         except DriveError as error:
-            if error.reason == 'firmware':  # the right one, too old or too new
+            if error.reason == 'firmware':  # the right protocol, unsupported firmware
                 return name, rate
         except LinkError as error:
             if error.reason != 'bad_baud':
@@ -240,7 +240,7 @@ def _driver(protocol: str, line: SerialLine) -> Driver:
 
 def examine(hardware_name: str, port: str, environment: Mapping[str, str],
             progress: Callable[[str], None] = lambda text: None) -> Iterator[Finding]:
-    """Yield all findings, with another port than that of the file if one is given."""
+    """Yield all findings; a given port replaces that of the file."""
     yield from look_at_ports()
     yield from look_at_buses()
     try:
