@@ -97,7 +97,7 @@ def alike(one: Face, other: Face) -> bool:
 
 
 def sane(profile: Profile) -> bool:
-    """Return whether all numbers of the faces are finite, and none is absurd."""
+    """Return whether all values of the faces are finite and plausible."""
     return all(all(map(math.isfinite, astuple(face))) and abs(face.height) < 10.0
                and face.position_sd >= 0.0 and face.height_sd >= 0.0 for face in profile.faces)
 
@@ -317,7 +317,7 @@ class AttemptWatch:
 
     def _go_on(self, attempt: Attempt, motion: Motion,
                seen: Optional[Profile]) -> Optional[Outcome]:
-        """Follow an attempt, and end it."""
+        """Update an attempt; return its outcome once it has ended."""
         attempt = self._attempt = self._followed(attempt, motion, seen)
         along, now = attempt.along(motion.position), motion.stamp
         if along < attempt.touch - RETREAT if attempt.again is None \
@@ -337,7 +337,7 @@ class AttemptWatch:
         return self._end(Result.OVER, motion) if drop is None or resting else None
 
     def _followed(self, attempt: Attempt, motion: Motion, seen: Optional[Profile]) -> Attempt:
-        """Return an attempt after one more look."""
+        """Return an attempt updated by motion and observation."""
         if seen is not None:
             again, doubt = come_up_again(attempt.face, attempt.known, attempt.doubt,
                                          motion.position, seen, self._radius)
@@ -357,7 +357,7 @@ class AttemptWatch:
         return replace(attempt, farthest=max(attempt.farthest, motion.position))
 
     def _drop_behind(self, attempt: Attempt, seen: Optional[Profile]) -> Optional[Face]:
-        """Return the drop behind the face of an attempt, as it was last seen."""
+        """Return the last observed drop behind the face of an attempt."""
         if seen is not None:
             level = attempt.face.height
             for face in seen.faces:

@@ -113,22 +113,22 @@ class GoalWatch:
         self.end = GoalEnd(Ending.CANCELED, 'canceled: the ball was stopped')
 
     def carry(self, planned: Decision) -> Optional[Decision]:
-        """Return the stop that is on, or the crossing that is too late to stop."""
+        """Return the active stop, or the committed crossing."""
         if committed(planned):
             return planned
         return None if self.end is None else stopping(planned, f'Stopping: {self.end.message}')
 
     def update(self, going: bool, motion: Motion, aim: str) -> Optional[GoalEnd]:
         """
-        Return the end, once the ball rests.
+        Return the end of the goal once the ball rests, else None.
 
         Parameters
         ----------
         going : bool
-            Whether the decision goes on.
+            Whether the decision continues.
         motion : Motion
         aim : str
-            That is named where it is not reached.
+            Name of the target for the timeout message.
 
         """
         now = motion.stamp
@@ -143,15 +143,15 @@ class GoalWatch:
         return self.end if self.rests(motion) else None
 
     def rests(self, motion: Motion) -> bool:
-        """Return whether the ball has been at rest for a while."""
+        """Return whether the ball rests."""
         return motion.stamp - self._moving >= RESTS_AFTER
 
     def refused(self, motion: Motion) -> bool:
-        """Return whether the ball rests because the decision does not go on."""
+        """Return whether the ball rests because the decision does not continue."""
         return self.rests(motion) and motion.stamp - self._going >= BELIEVED_AFTER
 
     def stuck(self, motion: Motion) -> bool:
-        """Return whether the ball has not got on for long."""
+        """Return whether the ball is stuck."""
         return motion.stamp - self._anchor[1] >= PATIENCE
 
 
@@ -184,13 +184,13 @@ class Goals:
         self.waiting = waiting
 
     def begin(self, goal: Goal) -> None:
-        """Take a goal; raises `RefusedError` while there is one."""
+        """Start a goal; raises `RefusedError` while another one is active."""
         if self.goal is not None:
             raise RefusedError('another goal is under way: cancel it first')
         self.goal, self.waiting = goal, True
 
     def go_on(self) -> None:
-        """Do without goals what the decision says."""
+        """Execute decisions without a goal."""
         if self.goal is not None:
             raise RefusedError('a goal is under way: cancel it first')
         self.waiting = False
@@ -209,7 +209,7 @@ class Goals:
 
     def update(self, planned: Decision, motion: Motion,
                outcome: Optional[Outcome]) -> Optional[GoalEnd]:
-        """Return how the goal has ended, if it just has."""
+        """Return the end of the goal if this update ended it."""
         end = None if self.goal is None else self.goal.update(planned, motion, outcome)
         if end is not None:
             self.goal = None

@@ -68,11 +68,11 @@ class Memory:
 
     @property
     def obstruction(self) -> Optional[Obstruction]:
-        """Return where the ball did not get on, if it has not got on since."""
+        """Return the obstruction, None once the ball has passed it."""
         return self._obstruction
 
     def failures(self, profile: Optional[Profile]) -> Tuple[Failure, ...]:
-        """Return what failed at faces ahead, under the numbers that they have now."""
+        """Return the failures at faces ahead, with the present face numbers."""
         found: List[Failure] = []
         for face in profile.faces if profile is not None else ():
             found += [replace(failure, face=face.number) for failure in self._failures
@@ -81,19 +81,19 @@ class Memory:
 
     @property
     def slope(self) -> float:
-        """Return the slope of the ground as it is felt, without steps [rad]."""
+        """Return the slope estimate from the motion, without steps [rad]."""
         return self._slope
 
     def move(self, motion: Motion, profile: Optional[Profile], touching: bool) -> None:
         """
-        Take where the ball is; what it rolls over is free behind it.
+        Update position, free distance behind the ball and slope.
 
         Parameters
         ----------
         motion : Motion
         profile : Profile or None
         touching : bool
-            Whether the ball is at a step.
+            Whether the ball touches a step.
 
         """
         if not motion.sane:
@@ -119,7 +119,7 @@ class Memory:
             self._obstruction = None
 
     def take(self, outcome: Outcome) -> None:
-        """Take what came of an attempt."""
+        """Add the outcome of an attempt."""
         failure = outcome.failure
         if outcome.result == Result.OVER.value:
             there = Face(failure.face, failure.position, failure.height, 0.0, 0.0)
@@ -131,10 +131,9 @@ class Memory:
 
     def watch(self, motion: Motion, decision: Decision) -> None:
         """
-        Take the decision that is carried out, and notice where nothing comes of it.
+        Detect missing progress under the executed decision.
 
-        Rocking at a foot that is not seen, leaning without getting on, rolling back on a slope
-        that is too steep: from the next decision on there is an `obstruction`.
+        An undetected step, or a slope that is too steep, sets `obstruction` for the next decision.
         """
         wants = decision.kind in (Kind.CLEAR, Kind.CROSS) and decision.set_speed >= WANTING
         if not wants or decision.contact_since is not None \
@@ -148,13 +147,12 @@ class Memory:
             now if self._back_since is None else self._back_since)
         if self._back_since is not None and now - self._back_since >= LASTING \
                 and position < self._best[0] - LOST:
-            # A ball that bounces off something rolls back, too, but does not keep on.
+            # After a bounce the ball rolls back, too, but not for this long.
             self._obstruct(self._best[0], Reason.STEEP)
         elif now - self._best[1] >= PATIENCE:
             self._obstruct(self._best[0], Reason.STUCK)
 
     def _obstruct(self, position: float, reason: Reason) -> None:
-        """Remember where the ball did not get on."""
         self._obstruction = Obstruction(position, reason)
         self._rest()
 

@@ -64,13 +64,13 @@ class Pilot:
         self.reset()
 
     def follow(self, knowledge: Knowledge) -> None:
-        """Go on by another tuning or controller; what was learned on the way stays."""
+        """Change tuning or controller; keep the state estimate."""
         self._tuning = knowledge.tuning
         self.law = SpeedLaw.of(
             knowledge.robot, knowledge.control.position_kd / knowledge.control.position_kp)
 
     def reset(self) -> None:
-        """Forget what was learned on the way."""
+        """Discard the state estimate."""
         self._state: Optional[SpeedState] = None
         self._stamp = 0.0
         self._angle = 0.0
@@ -88,13 +88,13 @@ class Pilot:
         """
         Return the set angle of the pendulum [rad].
 
-        Absolute, positive to speed up.  The same stamp again gives the same angle again.
+        Absolute, positive to accelerate.  A repeated stamp returns the same angle.
 
         Parameters
         ----------
         decision : Decision
         motion : Motion
-            One that is not finite lets the pendulum down.
+            Lowers the pendulum if not finite.
 
         """
         if not motion.sane:

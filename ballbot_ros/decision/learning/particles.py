@@ -188,7 +188,7 @@ class Particles:
         """
         Return `number` indices of particles, by weight; systematic resampling.
 
-        A particle of weight w comes between floor(w number) and ceil(w number) times.
+        A particle of weight w is drawn floor(w number) to ceil(w number) times.
         """
         start = np.random.default_rng(seed).random()
         steps = (start + np.arange(number)) / number
@@ -226,18 +226,18 @@ class Particles:
         return after._drawn_anew()
 
     def _drawn_anew(self) -> 'Particles':
-        """Return particles of the same weight, spread as these are with their weights."""
+        """Return equally weighted particles with the same mean and covariance."""
         mean = self.weights @ self.values
         apart = self.values - mean
         covariance = (self.weights[:, None] * apart).T @ apart
-        # Numbers that are certain have no spread; eigenvalues may miss 0 by rounding.
+        # Fixed parameters have eigenvalue 0, up to rounding.
         sizes, axes = np.linalg.eigh(covariance)
         root = axes * np.sqrt(np.maximum(sizes, 0.0))
         random = np.random.default_rng(self.outcomes)
         chosen = self.values[self.draw(len(self), self.outcomes)]
         values = (mean + np.sqrt(1.0 - JITTER**2) * (chosen - mean)
                   + JITTER * random.standard_normal(chosen.shape) @ root.T)
-        # What leaves its range comes back in, as from a mirror.
+        # Reflect at the bounds.
         values = np.where(values > self.highs, 2.0 * self.highs - values, values)
         values = np.where(values < self.lows, 2.0 * self.lows - values, values)
         values = np.clip(values, self.lows, self.highs)
@@ -248,7 +248,7 @@ class Particles:
 
 
 def _biases(points: Array, height_bias_sd: float, prior: Prior) -> Array:
-    """Return errors of heights [m] for points between 0 and 1: of two normal distributions."""
+    """Return height errors [m] at quantiles 0 to 1 of a mixture of two normal distributions."""
     normal, off = NormalDist().inv_cdf, prior.sensors_off
     within = [(prior.off_sd, point / off) if point < off else
               (height_bias_sd, (point - off) / (1.0 - off)) for point in points.tolist()]
