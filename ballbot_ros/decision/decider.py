@@ -46,26 +46,25 @@ class Answer(NamedTuple):
 
 class Decider:
     """
-    Keeps what is known from one message to the next, and decides.
+    Estimates the terrain from observations and odometry, and decides.
 
-    Observations are fused at the position that the ball had when they were made; decisions are
-    made for the newest odometry.  The answer depends on stamps alone, not on when a message
-    happened to arrive.
+    Observations are fused at the ball position at their stamp; decisions use the latest
+    odometry.  The result depends on stamps alone, not on arrival times.
 
     Parameters
     ----------
     knowledge : Knowledge
     planner : str or callable
-        One of `PLANNERS`, or what makes a planner of knowledge as those do.
+        One of `PLANNERS`, or a factory with the same signature.
     frame : str
-        In which polylines of the ground must be.
+        Required frame of terrain polylines.
 
     Attributes
     ----------
     goals : Goals
-        How far decisions are followed; without a goal, all the way.
+        Limits how far decisions are executed; no limit without a goal.
     end : GoalEnd or None
-        Of a goal, if the last call of `decide` ended one.
+        Set if the last call of `decide` ended a goal.
 
     """
 
@@ -100,10 +99,10 @@ class Decider:
 
     def prepare(self, knowledge: Knowledge) -> Callable[[], None]:
         """
-        Make ready to decide by another curve, tuning or controller; return what begins it.
+        Prepare another curve, tuning or controller; return the function that activates it.
 
-        The ground ahead, what was learned, and what the pilot feels stay; plans are made anew.
-        Of the tuning, what is declared as fixed must be the same, and so must the robot.
+        The terrain estimate, the particles and the slope estimate are kept; plans are discarded.
+        The robot and the fixed parameters of the tuning must not change.
         """
         knowledge = replace(knowledge, particles=self._particles)
         plan = with_safety_filter(self._maker(knowledge), knowledge)
@@ -115,7 +114,7 @@ class Decider:
 
     @property
     def profile(self) -> Optional[Profile]:
-        """Return the ground ahead as it is believed to be, None before the first observation."""
+        """Return the estimated terrain ahead, None before the first observation."""
         return self._fusion.profile
 
     @property

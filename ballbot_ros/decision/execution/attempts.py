@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Tell from the motion when an attempt at a step begins, and what comes of it.
+Detect attempts at a step, and their outcomes, from motion and observations.
 
-Odometry slips: a ball that spins at the foot of a step seems to roll through it.  So an attempt
-has got over only when the ground ahead, seen after that, agrees: the face is behind, and no other
-one of that height came up in its place.  Where nothing is seen, nothing is claimed: no outcome.
+Odometry slips: if the ball spins at the foot of a step, its odometry passes the step.  An attempt
+therefore succeeds only when a later observation confirms it: the face is behind the ball, and no
+face of the same height replaces it.  Without an observation there is no outcome.
 """
 from collections import deque
 from dataclasses import astuple, dataclass, replace
@@ -20,7 +20,7 @@ from ballbot_ros.physics.model.robot import Robot
 ALIKE, ALIKE_WITHIN = 0.3, 0.008
 # A face that came up again is no farther ahead than where the ball touches it, and this [m].
 NEAR = 0.05
-# After so much odometry a face must have moved with it by this part, or it is another one [m].
+# After this distance [m], a face must have moved by this fraction of it, or it is another face.
 LOOKED, MOVED = 0.05, 0.3
 
 
@@ -92,7 +92,7 @@ def come_up_again(touched: Face, known: Tuple[int, ...], doubt: Optional[Doubt],
 
 
 def alike(one: Face, other: Face) -> bool:
-    """Return whether two faces are of one height, as far as can be told."""
+    """Return whether the heights of two faces agree within their uncertainty."""
     return abs(one.height - other.height) <= max(ALIKE * abs(other.height), ALIKE_WITHIN)
 
 
@@ -104,26 +104,26 @@ def sane(profile: Profile) -> bool:
 
 # A lower face is an uneven floor [m], and touched more slowly than this it is no attempt [m/s].
 LOWEST_FACE, SLOWEST = 0.003, 0.05
-FASTEST = 10.0  # that an outcome may tell [m/s]
-# The speed at touch is that from so far before it, and two standard deviations: the ball may
-# have touched already [m]; not more than that in all.
+FASTEST = 10.0  # maximum speed in an outcome [m/s]
+# The touch speed is taken this distance plus two standard deviations before the touch, at most
+# the second value [m].
 BEFORE, FARTHEST_BEFORE = 0.005, 0.04
-# Rolled back so far from where it touched, the ball is stuck [m]; so it is without as much
-# progress for so long [s].
+# The ball is stuck if it rolls back this far from the touch [m], or makes less progress than this
+# [m] within this time [s], which is also the timeout for the observation behind the face.
 RETREAT, PROGRESS, PATIENCE = 0.03, 0.005, 1.5
-# Past the face by so much it may be over [m]; the ground must agree within this time [s].
+# Minimum distance past the face for a success [m].
 PAST = 0.1
-# Lower by more than this than before, the ball has fallen [m].
+# Terrain behind the face that is lower than before by more than this is a fall [m].
 FALLEN = 0.03
 # A drop this near behind an edge is measured from the ground before that [m]; the ball rests below
 # this speed [m/s], or has come through after this time [s].
 LANDING, RESTING, LANDED_AFTER = 1.0, 0.03, 5.0
-# Two odometry messages that are farther apart do not go together [s], nor such whose positions
-# differ by so much more than their speeds say [m].
+# Odometry restarts after a longer gap between messages [s], or a position jump that exceeds the
+# integrated speed by this [m].
 GAP, JUMP = 0.5, 0.06
-# What was seen of the ground is believed for so long [s].
+# Maximum age of the terrain estimate [s].
 BELIEVED = 1.0
-# The mean of the pendulum angle is taken over the begin of the contact [s].
+# The pendulum angle is averaged over this time from the touch [s].
 HELD = 0.3
 KEPT_SPEEDS = 200
 
@@ -131,30 +131,30 @@ KEPT_SPEEDS = 200
 @dataclass(frozen=True)
 class Attempt:
     """
-    A touch that has not come to an end.
+    An attempt that has not ended.
 
     Attributes
     ----------
     face : Face
-        As it was believed to be when the ball touched it; its position follows what is seen.
+        Estimate at the touch; later observations update its position.
     known : tuple of int
-        Numbers of the faces that were known then: they are not this one come up again.
+        Numbers of the faces known at the touch; none of them can be a re-detection of this one.
     outcome : Outcome
-        With all that was known at the touch.
+        With the data known at the touch.
     touched, touch : float
-        When [s], and how far the centre was from the face [m], negative before it.
+        Time [s], and position of the centre relative to the face, negative before it [m].
     best, best_at : float
-        Farthest so far, as `touch`, and when.
+        Maximum of the relative position so far [m], and its time [s].
     passed : float or None
-        When the ball went past the face [s].
+        Time at which the ball passed the face [s].
     passed_speed : float or None
-        Its speed then [m/s].
+        Speed at that time [m/s].
     farthest : float
-        Position of the centre so far [m].
+        Maximum position of the centre so far [m].
     again : Face or None
-        That may be this one, come up again where the ball really is.
+        Possible re-detection of this face, after slip.
     doubt : Doubt or None
-        Whether it is.
+        Data association of `again`.
     lean, leans : float, int
         Sum and number of the pendulum angles in contact.
 
@@ -331,7 +331,7 @@ class AttemptWatch:
             return self._end(Result.FELL, motion) if self._agrees(drop, motion, seen) else None
         if along < PAST or seen is None or seen.stamp < attempt.passed:
             if now - attempt.passed > PATIENCE:
-                self._attempt = None  # nobody has seen what came of it
+                self._attempt = None  # no observation of the outcome
             return None
         resting = abs(motion.speed) < RESTING or now - attempt.passed > LANDED_AFTER
         return self._end(Result.OVER, motion) if drop is None or resting else None

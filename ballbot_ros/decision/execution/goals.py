@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Goals that somebody sets: drive to a place, cross the step ahead.
+Goals: drive to a position, cross the step ahead.
 
-A goal does not drive: it says how far the decision is followed, and ends in rest.  Time is that
-of the motion.
+A goal does not drive: it limits how far the decision is executed, and ends with the ball at rest.
+Times are stamps of the motion.
 """
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -15,14 +15,14 @@ from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Decision, FARTHEST, Kind, Motion, Plan, Reason, Strategy
 from ballbot_ros.errors import RefusedError
 
-# The ball rests when it has been slower than this [m/s] for so long [s].
+# The ball rests when it is slower than this [m/s] for this time [s].
 RESTING, RESTS_AFTER = 0.03, 0.5
-# A decision that does not go on, or sees no step, is believed after this time [s].
+# Debounce of decisions to stop, or without a step [s].
 BELIEVED_AFTER = 1.5
-# Without so much progress [m] in such a time [s] the ball does not get on.
+# The ball is stuck with less progress than this [m] within this time [s].
 PROGRESS, PATIENCE = 0.03, 6.0
 LONGEST = 3600.0  # timeout [s]
-# A ball behind an edge needs so much room to stop without rolling back over it [m].
+# Clearance behind an edge for stopping without rolling back over it [m].
 BEHIND = 0.5
 
 
@@ -109,7 +109,7 @@ class GoalWatch:
         self.end: Optional[GoalEnd] = None
 
     def cancel(self) -> None:
-        """Have the ball stop because somebody asks for it."""
+        """Stop the ball and end the goal as cancelled."""
         self.end = GoalEnd(Ending.CANCELED, 'canceled: the ball was stopped')
 
     def carry(self, planned: Decision) -> Optional[Decision]:
@@ -164,12 +164,12 @@ def checked_timeout(timeout: float, default: float) -> float:
 
 class Goals:
     """
-    One goal at a time, and rest after it until somebody asks to go on.
+    Executes one goal at a time; the ball then rests until it is released.
 
     Parameters
     ----------
     waiting : bool
-        Whether the ball stands until there is a goal.
+        Whether the ball rests until there is a goal.
 
     Attributes
     ----------
@@ -196,7 +196,7 @@ class Goals:
         self.waiting = False
 
     def end(self) -> None:
-        """Forget the goal at once."""
+        """Drop the goal immediately."""
         self.goal = None
 
     def carry(self, planned: Decision, motion: Motion) -> Decision:
@@ -216,11 +216,11 @@ class Goals:
         return end
 
 
-# Slower nobody drives: so fast the ball creeps back where it has rolled too far [m/s].
+# Minimum speed limit, and speed at which the ball returns after an overshoot [m/s].
 SLOWEST = 0.1
 # Allowed tolerances, and the one that is taken where none is given [m].
 FINEST, COARSEST, USUAL = 0.01, 1.0, 0.05
-# The usual timeout: so many times what the way takes, and so much more [s].
+# Default timeout: this multiple of the travel time, plus a constant [s].
 TIMES, SPARE = 3.0, 20.0
 ROUNDING = 1e-6  # [m/s]
 

@@ -11,30 +11,30 @@ from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
     Decision, Face, Failure, Kind, Motion, Obstruction, Profile, Reason)
 
-# A face within this of one that was failed at, and alike, is that one [m].
+# Maximum distance between a face and the same face at an earlier failure [m].
 SAME_PLACE = 0.15
 # More failures than this are not kept.
 KEPT = 20
 # A face that was passed is a drop for a ball that rolls back; so is a lower one [m].
 UNEVEN, KEPT_OFF = 0.005, 0.05
-# Who wants on must get on by PROGRESS [m] within PATIENCE [s]; wanting on is being told to drive
-# at least so fast [m/s].
+# The ball is stuck with less progress than this [m] within this time [s], at a commanded speed of
+# at least the third value [m/s].
 PROGRESS, PATIENCE, WANTING = 0.05, 2.5, 0.1
-# Who wants on and rolls back this fast [m/s] for so long [s], and so far [m], is on too steep a
-# slope; it takes a while to feel any slope.
+# The slope is too steep if the ball, commanded forward, rolls back at this speed [m/s] for this
+# time [s] and distance [m]; the slope estimate alone is too slow.
 BACKWARDS, LASTING, LOST = 0.05, 1.0, 0.15
-# Passed by so much, it was no obstruction [m].
+# An obstruction is dropped once the ball has passed it by this distance [m].
 PASSED = 0.1
 # A ball that fails may have spun at the foot of the step: odometry is behind by up to this [m].
 SLIPPED = 0.1
-# A slope that is felt is that of the ground, and no step, when it lasts for such a time [s]; for
-# as long after a touch nothing of the kind is felt.
+# An estimated slope counts as terrain, not as a step, once it lasts this long [s]; the estimate is
+# ignored for the same time after a touch.
 FELT = 1.0
 
 
 class Memory:
     """
-    Remembers from one decision to the next.
+    Failures, obstructions and slope that persist between decisions.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Memory:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all, for a jump of time or place."""
+        """Discard everything, after a jump in time or position."""
         self._failures: Deque[Failure] = deque(maxlen=KEPT)
         self._free_from = math.inf
         self._ahead: Tuple[Face, ...] = ()
@@ -57,7 +57,7 @@ class Memory:
         self._rest()
 
     def _rest(self) -> None:
-        """Begin to watch the progress anew."""
+        """Reset the progress check."""
         self._best: Optional[Tuple[float, float]] = None  # position [m] and when [s]
         self._back_since: Optional[float] = None
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Carry out decisions: the set angle of the pendulum, anew at each odometry."""
+"""Execute decisions: the pendulum set angle at each odometry message."""
 from dataclasses import replace
 import math
 from typing import Optional
@@ -77,7 +77,7 @@ class Pilot:
         self._stand = math.inf
 
     def feel(self, motion: Motion) -> Motion:
-        """Return the motion with what the pilot knows of pendulum and slope."""
+        """Return the motion with pendulum state and slope estimate filled in."""
         if self._state is None:
             return motion
         return replace(motion, pendulum_angle=self._state[3],
@@ -114,7 +114,7 @@ class Pilot:
         return self._angle
 
     def _standing(self, decision: Decision, motion: Motion) -> float:
-        """Return where the ball stands that was told to stop, but not where [m]."""
+        """Return the hold position for a stop without a given position [m]."""
         own = decision.plan is not None and math.isfinite(decision.plan.stop_position)
         if own or decision.kind not in (Kind.STOP, Kind.GO_ROUND):
             self._stand = math.inf

@@ -35,9 +35,9 @@ from ballbot_ros.physics.solvers.values import FINISHED
 
 # Local error of a step of an attempt [m], right-hand sides and time that it may take.
 TOLERANCE, BUDGET, TIME_LIMIT = 1e-4, 200_000, 1.5
-# Of the differences that tell how the score grows: height [m] and part of the speed.
+# Steps of the finite differences of the score: height [m] and fraction of the speed.
 HIGHER, FASTER = 0.002, 0.05
-# A touch more slowly than this teaches nothing [m/s].
+# Minimum touch speed of a usable outcome [m/s].
 SLOWEST = 0.1
 # Part of the slip past the face that is not known.
 SLIP = 0.4
@@ -62,8 +62,8 @@ class Learning(Checked):
 class Touching(NamedTuple):
     """How a step is touched; what a probability is asked for."""
 
-    height: float  # as the sensor tells [m]
-    height_sd: float  # beside its bias [m]
+    height: float  # measured [m]
+    height_sd: float  # without the bias [m]
     speed: float  # [m/s]
     angle: float  # of the pendulum at the touch [rad]
     set_angle: float  # of law (11) from then on [rad]
@@ -186,7 +186,7 @@ class Chances:
         # Squares of speeds, as scores are; where an attempt failed, any up to that at the touch.
         scores, speeds = self._scores[:-4].T
         anything = 1.0 / max(self._touching.speed, SLOWEST)**2
-        # A ball that slips rotates faster than it moves, and the more does not matter so much.
+        # Slip makes odometry faster than the ball; the standard deviation grows with it.
         slip = speeds - np.sqrt(np.maximum(scores, 0.0))
         sd = np.hypot(self._learning.passed_sd, SLIP * slip)
         spread = np.sqrt(self._deviation**2 + (2.0 * speeds * sd)**2 + sd**4)
@@ -210,7 +210,7 @@ class Chances:
 def _crossing(robot: Robot, touching: Touching, speed: float) -> Crossing:
     actuation = held_at(touching.set_angle) if robot.has_pendulum else Actuation()
     return Crossing.of(
-        # By the edge: the speed that an outcome tells is that past the face.
+        # Up to the edge: the outcome reports the speed past the face.
         Course(speed, touching.angle, 0.0, 1.0, TIME_LIMIT, 0.0),
         System(Parameters(*([0.0] * len(Parameters._fields))),
                Site(slope_before=touching.slope, slope_behind=touching.slope).profile(robot),

@@ -64,7 +64,7 @@ class Outcome(Checked):
 
     @property
     def got_over(self) -> bool:
-        """Return whether the ball got over the face, whatever came behind it."""
+        """Return whether the ball crossed the face, also if it stopped or fell behind it."""
         return self.result == Result.OVER.value or (
             self.result == Result.FELL.value and self.height > 0.0)
 

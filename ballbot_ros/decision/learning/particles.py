@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Robots and sensors that may be the ones at hand, each with a weight: what the decision counts on.
+Weighted particles: samples of the robot parameters and of the sensor bias.
 
-Particles are drawn from what is known beforehand (`Prior`): the ranges of the derived numbers of
-the robot file, friction in a range around its coefficients, for what is published is of one floor
-(unless the file has a range), and a constant error of the heights that the sensor tells. The motor
-is left as the robot file gives it: its ranges span different motors, and one's own is in its data
-sheet. Outcomes of attempts change the weights (`learning`).
+The prior (`Prior`) has the ranges of the derived parameters of the robot file, friction in a range
+around its coefficients, since published values are for one floor (unless the file has a range),
+and a constant error of the measured heights.  The motor has the values of the robot file: its
+ranges span different motors, and the data sheet of the motor gives the actual values.  Outcomes of
+attempts change the weights (`learning`).
 """
 from dataclasses import dataclass, replace
 from statistics import NormalDist
@@ -22,17 +22,17 @@ from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.model.uncertainty import (
     changed, independent, ranges, rows_of_parameters, spread_points, uncertain)
 
-# Columns that every set of particles has, whatever the robot file is uncertain of.
+# Columns present in every particle set, independent of the ranges in the robot file.
 SURFACE_FRICTION, EDGE_FRICTION, HEIGHT_BIAS = 'surface_friction', 'edge_friction', 'height_bias'
 GROUND = (SURFACE_FRICTION, EDGE_FRICTION)
 
-# Weights that amount to fewer than this part of the particles: they are drawn anew.
+# Resample below this effective sample size, as a fraction of the particles.
 FEWEST = 1.0 / 3.0
-# Part of the spread of the particles that drawing anew adds, and takes from their distances.
+# Kernel width of the resampling (Liu and West), as a fraction of the particles' spread.
 JITTER = 0.25
-# Part of those drawn anew that is drawn as in the beginning: floors change, sensors are knocked.
+# Fraction redrawn from the prior at resampling: floors change, sensors get displaced.
 REDRAWN = 0.1
-# The height bias is drawn within so many standard deviations of the worse sensors.
+# The height bias is truncated at this many standard deviations of the worse sensors.
 FARTHEST = 3.0
 
 
@@ -75,27 +75,26 @@ class Prior(Checked):
 @dataclass(frozen=True, eq=False)
 class Particles:
     """
-    Robots that may be the one at hand; make them with `Particles.of`.
+    Samples of the robot parameters; create them with `Particles.of`.
 
     Attributes
     ----------
     robot : Robot
-        As its file says.
+        Nominal robot of the robot file.
     names : tuple of str
-        Of the columns: fields of the robot, and ``height_bias``: what the sensor tells minus what
-        is true [m].
+        Column names: fields of the robot, and ``height_bias``: measured minus true height [m].
     values : (N, k) array
         SI.
     weights : (N,) array
         Their sum is 1.
     lows, highs : (k,) arrays
-        Between these lie the values.
+        Bounds of the values.
     first : (N, k) array
-        The values before any outcome.
+        Values of the prior.
     rows : (N, 15) array
         `Parameters` of each robot.
     outcomes : int
-        By which the weights were changed.
+        Number of outcomes in the weights.
 
     """
 
@@ -172,7 +171,7 @@ class Particles:
 
     @property
     def effective_size(self) -> float:
-        """Return 1 / sum(w^2): so many particles of the same weight tell as much."""
+        """Return the effective sample size 1 / sum(w^2)."""
         return float(1.0 / np.sum(self.weights**2))
 
     def mean(self, name: str) -> float:
@@ -200,18 +199,18 @@ class Particles:
         """
         Return the particles after an outcome.
 
-        Where few of them carry all the weight, they are drawn anew around those, with the same
-        mean and covariance (Liu and West 2001, Combined parameter and state estimation).
+        A low effective sample size triggers resampling with the same mean and covariance (Liu
+        and West 2001, Combined parameter and state estimation).
 
         Parameters
         ----------
         log_likelihood : (N,) array_like
-            Of what happened, under each particle.
+            Log likelihood of the outcome under each particle.
 
         Raises
         ------
         ConfigurationError
-            If there is not a finite one for each particle.
+            If the shape is not (N,) or a value is not finite.
 
         """
         given = np.asarray(log_likelihood, dtype=float)

@@ -22,30 +22,30 @@ SHADOW = 0.03
 # sight: points do not lie on the edge, nor where the line of sight meets the ground.
 STEEPNESS = 0.35
 
-# More points than this are no vertices but samples: where they are so many times as far apart
-# as usual, nothing was seen between them.
+# Polylines with more points than this are samples; a spacing larger than this multiple of the
+# local one is a gap.
 SAMPLED, LOST = 50, 3.5
 
-# What is seen may end with a face; it is one if it is so high [m].
+# Minimum height of a face at the end of the observed terrain [m].
 WALL = 0.02
 
 
 class Look(NamedTuple):
     """
-    A look on the nodes of the map.
+    A scan resampled to the nodes of the map.
 
     Attributes
     ----------
     first : int
-        Node of the first element; node k is at k CELL on the odometry axis.
+        Node of the first element; node k is at position k * CELL on the odometry axis.
     z : (n,) array
-        Relative to the centre of the ball [m], NaN where nothing was seen.
+        Height relative to the centre of the ball [m], NaN where not observed.
     steep : (n,) array
-        By how much it changes within `PLACE_SD` [m].
+        Change of height within `PLACE_SD` [m].
     told_sd, roughness : float
-        Standard deviation of a point as it was told, 0 for not told, and as neighbours show [m].
+        Standard deviation of a point: reported, 0 if unknown, and from neighbours [m].
     spacing : float
-        Of the points that were seen [m].
+        Mean spacing of the observed points [m].
 
     """
 
@@ -85,7 +85,7 @@ def resample(x: Array, z: Array, z_sd: Array, position: float) -> Optional[Look]
     first = math.ceil(max(x[0], -BEHIND) / CELL + position / CELL - 1e-9)
     last = math.floor(min(x[-1], AHEAD) / CELL + position / CELL + 1e-9)
     if np.ptp(z[x > x[-1] - CELL]) > WALL:
-        last += 1  # what is seen ends at a wall, which the last node would miss
+        last += 1  # the scan ends at a wall, beyond the last node
     if last - first < 2:
         return None
     places = np.arange(first, last + 1) * CELL - position
@@ -123,23 +123,23 @@ Flags = NDArray[np.bool_]
 
 NODES = 640  # of the map
 
-# Noise where a sensor tells none, until looks have told it [m].  So many looks have.
+# Default noise where the sensor reports none [m], and number of scans for estimating it.
 UNTOLD_SD, ENOUGH = 0.005, 5
 LEAST_SD = 1e-4      # [m]
 
-# What the ball rolls adds to the variance of the map: odometry slips a little [m2/m].
+# Growth of the map variance with distance travelled, for odometry slip [m2/m].
 DRIFT = 0.0005**2 / 0.5
 
-# Part of the roughness of looks that no number of them averages away.
+# Fraction of the roughness that averaging scans does not reduce.
 TEXTURE = 0.5
 
-# So many nodes must overlap for a look to be aligned; over this length its tilt as well [m].
+# Minimum overlap in nodes for aligning a scan; minimum length for estimating its tilt [m].
 LEAST_OVERLAP, TILT_BASE = 20, 0.5
 
-# Part of the overlap that may contradict; one point in a hundred is an outlier of any camera.
+# Maximum fraction of contradicting nodes; one camera point in a hundred is an outlier.
 OUTLIERS = 0.15
 
-# By so many nodes the odometry may have slipped from one look to the next.
+# Maximum odometry slip between scans, in nodes.
 SLIP = 25
 
 
@@ -147,9 +147,9 @@ class ElevationMap:
     """
     Heights of the ground at nodes `CELL` apart, each with its variance.
 
-    A Kalman filter for each node: looks are averaged with weights 1 / variance.  As z is
-    relative to a centre that moves up and down, a look is first shifted, and tilted, to fit
-    what it has in common with the map.
+    A Kalman filter for each node: scans are averaged with weights 1 / variance.  As z is
+    relative to a centre that moves up and down, a scan is first shifted, and tilted, to fit
+    its overlap with the map.
 
     Parameters
     ----------
@@ -160,15 +160,15 @@ class ElevationMap:
     first : int
         Node of the first element.
     height, variance : (NODES,) arrays
-        [m], [m2]; infinite variance where nothing is known.
+        [m], [m2]; infinite variance where not observed.
     noise_sd : float
-        Of a node in one look, estimated [m].
+        Estimated noise of a node in one scan [m].
     tilt_sd : float
-        Of the looks against each other [rad].
+        Tilt noise between scans [rad].
     spacing : float
-        Of the points that are seen [m].
+        Spacing of the observed points [m].
     told : bool
-        Whether the sensor tells its standard deviations.
+        Whether the sensor reports its standard deviations.
 
     """
 
@@ -259,13 +259,13 @@ class ElevationMap:
         return best[2] if best[0] <= OUTLIERS / 3.0 else 0
 
     def _noise(self, look: Look) -> float:
-        """Return what a sensor's noise is at least, or is taken for where none is told [m]."""
+        """Return the lower bound of the sensor noise, or its default if unreported [m]."""
         told = bool(look.told_sd.max() > 0.0)
         shown = max(LEAST_SD, min(look.roughness, UNTOLD_SD) * math.sqrt(2.0 / 3.0))
         estimate = self.noise_sd if self.looks >= ENOUGH else 0.0
         self.told, self.spacing = told, look.spacing
         if told:
-            # What is told is believed until looks show clearly more.
+            # Use the reported noise unless the estimate is clearly larger.
             average = float(look.told_sd.mean()) * math.sqrt(2.0 / 3.0)
             found = max(shown, estimate)
             return found if found > 1.3 * average else LEAST_SD
@@ -285,7 +285,7 @@ class ElevationMap:
 
     def _learn(self, residual: Array, variance: Array, look: Look, common: Flags,
                tilt: float) -> None:
-        """Learn noise and tilt of the looks from how they differ from the map."""
+        """Estimate noise and tilt of the scans from their residuals."""
         even = common & (look.steep < 0.001)
         self.looks += 1
         weight = 1.0 / min(self.looks - 1, 50)
@@ -299,29 +299,29 @@ class ElevationMap:
 
     def _fuse(self, inside: slice, new: Array, new_variance: Array, residual: Array,
               seen: Flags, outside: Flags) -> None:
-        """Average an aligned look into the map; believe points that insist."""
+        """Fuse an aligned scan; replace nodes that are contradicted repeatedly."""
         old, variance, strikes = self.height[inside], self.variance[inside], self._strikes[inside]
         support = self._support[inside]
         strikes[:] = np.where(outside, strikes + 1.0, np.where(seen, 0.0, strikes))
-        # What few observations have shown, fewer refute.
+        # Nodes with little support need fewer contradictions.
         fresh = seen & (np.isinf(variance) | (
             strikes >= np.minimum(self._patience, support + 1.0)))
         fused = seen & ~outside & ~fresh
         known = np.where(fused, variance, 0.0)
         gain = known / (known + new_variance)
         gain[fresh] = 1.0
-        # A point that contradicts is not averaged in, but what it is about is less certain.
+        # A contradicting point is not averaged in, but raises the variance.
         variance[:] = np.where(outside, variance + 0.04 * residual**2, variance)
         strikes[fresh] = 0.0
         support[:] = np.where(fresh, 1.0, support + fused)
         old[:] = np.where(seen, old + gain * np.where(fused, residual, new - old), old)
         variance[:] = np.where(fused, (1.0 - gain) * known, variance)
         variance[fresh] = new_variance[fresh]
-        # Texture of the floor, or of the sensor, is the same in each look.
+        # The texture of the floor, or of the sensor, is the same in each scan.
         np.maximum(variance, (TEXTURE * self._rough)**2, out=variance)
 
     def _follow(self, position: float) -> None:
-        """Move the map with the ball, and let it age with the way."""
+        """Move the map with the ball, and add drift with the distance travelled."""
         self.variance += DRIFT * min(abs(position - self._position), 10.0)
         self._position = position
         wanted = math.floor((position - BEHIND) / CELL) - 4

@@ -17,7 +17,7 @@ from ballbot_ros.physics.model.robot import Robot
 
 Observation = Union[StepObservation, TerrainObservation]
 
-# A sensor that was silent for so much longer than the other does not count any more [s].
+# A sensor whose last message is older than that of the other by this much is ignored [s].
 SILENT = 1.0
 
 # Faces of two sensors no farther apart than this, beside what both are uncertain of, are one [m].
@@ -114,29 +114,28 @@ class ProfileTracker:
         return replace(face, height=face.height + part * apart, height_sd=sd)
 
 
-# Odometry is kept for so long [s], and no more than so many messages.  An observation that is
-# older cannot be placed.
+# Odometry history: duration [s] and number of messages.  Older observations are rejected.
 HISTORY, KEPT = 1.5, 5000
 
-# An observation so far ahead of odometry is of another clock [s]; so many wait for odometry.
+# An observation further ahead of odometry has another clock [s]; queue length for odometry.
 AHEAD, WAITING = 0.5, 200
 
-# Since the last look the place of a face has become uncertain by so much of the way [1] and by
-# so much a second [m/s], and its height by so much a second [m/s].
+# Growth of a face's uncertainty since the last scan: position with distance travelled [1] and
+# with time [m/s], height with time [m/s].
 WAY_SD, PLACE_RATE, HEIGHT_RATE = 0.03, 0.01, 0.002
 
 
-# The same data again, though the ball has rolled this far, are of a sensor that is frozen [m].
+# A sensor is frozen if its data repeat while the ball rolls this far [m].
 FROZEN_DISTANCE = 0.02
 
 # A face enters the profile from this height on, and leaves it below the second [m]: lower ones
 # are an uneven floor, which any speed takes.
 EDGE_ENTRY, EDGE_EXIT = 0.0045, 0.003
 
-# A polyline that is so straight may be the same from everywhere [m].
+# A polyline this straight may repeat without a frozen sensor [m].
 STRAIGHT = 1e-9
 
-# So many rejected observations in a row stop the ball; fewer are lost ones.
+# Consecutive rejected observations that stop the ball.
 REJECTED_MAX = 3
 
 
@@ -261,11 +260,10 @@ class GroundFusion:
 
     def at(self, motion: Motion) -> Optional[Profile]:
         """
-        Return the profile as it is known at a later motion.
+        Return the profile propagated to a later motion.
 
-        The ground does not change, but what is known of its place does, with the way and the
-        time since the last look.  Faces that the centre has passed are left out where the
-        ground is seen.
+        The position uncertainty grows with the distance and time since the last observation.
+        Faces that the centre has passed are left out where the terrain is observed.
         """
         profile = self.profile
         if profile is None or not profile.faces or not math.isfinite(motion.position):

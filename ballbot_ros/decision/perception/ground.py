@@ -12,23 +12,23 @@ from ballbot_ros.physics.model.terrain import Array
 # Steeper than this is a face, not a ramp: no ball of this kind rolls up 11 degrees.
 STEEP = 0.2
 
-# A short piece that is so much steeper than the ground on both sides is a blurred face; so long
-# is a short one [m].
+# A piece up to this length [m] that exceeds the slopes on both sides by this grade is a blurred
+# face.
 LEAST_GRADE, SHORT = 0.06, 0.065
 
-# Slopes of one line differ by no more, beside what is uncertain of them.
+# Maximum slope difference within one line, beside its uncertainty.
 BEND = 0.01
 
-# The blur of a face reaches so many nodes to either side.
+# Blur of a face to either side, in nodes.
 BLUR = 3
 
-# Over so many neighbours heights are averaged to find faces, where they are less certain [m].
+# Averaging width in nodes for face detection, up to this standard deviation [m].
 WIDTHS = (1, 0.0008), (3, 0.0025), (5, math.inf)
 
-# A face is at least so high [m], and so many standard deviations.
+# Minimum height of a face, in metres and in standard deviations.
 LEAST_FACE, CERTAIN = 0.002, 4.0
 
-# A polyline may leave the map by this [m], or by so many standard deviations of it.
+# Minimum tolerance of the polyline simplification [m].
 LEAST_TOLERANCE = 0.001
 
 
@@ -125,7 +125,7 @@ def _joined(nodes: Nodes, pieces: List[Piece]) -> List[Piece]:
 
 
 def _is_one(nodes: Nodes, one: Piece, two: Piece) -> bool:
-    """Return whether two pieces are one line, as far as can be told."""
+    """Return whether two pieces form one line within their uncertainty."""
     short, long = sorted((one, two), key=lambda piece: piece.end - piece.begin)
     at = 0.5 * float(nodes.x[short.begin] + nodes.x[short.end])
     (z, slope, z_variance, slope_variance), (other_z, other, other_variance, variance) = (
@@ -147,30 +147,30 @@ def _smooth(z: Array, width: int) -> Array:
     return found
 
 
-# So much ground before and behind a face tells its height [m], and so much below the ball its
-# slope to either side.
+# Terrain length before and behind a face for its height [m], and to either side of the ball for
+# the slope [m].
 ASIDE, BELOW = 0.2, 0.1
 
-# A slope is never known better [rad]: sensors are not mounted better.
+# Minimum standard deviation of a slope, from the sensor mounting [rad].
 SLOPE_SD = 0.003
 
-# A face whose upper end is not seen may be any amount higher [m].
+# Standard deviation of a face height whose upper end is not observed [m].
 UNSEEN_SD = 0.05
 
-# Unseen ground that is longer is reported as a gap [m].
+# Minimum length of a reported gap [m].
 LEAST_GAP = 0.03
 
 
 class Found(NamedTuple):
     """
-    A face as the map shows it.
+    A face detected in the map.
 
     Attributes
     ----------
     position, run, height, height_sd : float
         As of `Face` [m].
     before, after : (int, int)
-        Nodes of the map that tell its height, the second one not included.
+        Half-open node ranges from which its height is computed.
 
     """
 
@@ -239,7 +239,7 @@ def _bridged(found: ElevationMap, known: Whole,
         return Nodes(x, z, variance, known), []
     gaps = [(float(x[index]), float(x[index + 1])) for index in breaks
             if x[index + 1] - x[index] > LEAST_GAP + 1e-9]
-    # What is hidden is taken to begin at once: a drop at its edge, a rise at its nearest.
+    # Occluded terrain: a drop is at its edge, a rise at its nearest possible position.
     jumps = breaks[np.abs(z[breaks + 1] - z[breaks]) > LEAST_FACE]
     return Nodes(np.insert(x, jumps + 1, x[jumps] + 1e-4),
                  np.insert(z, jumps + 1, z[jumps + 1]),

@@ -9,44 +9,44 @@ from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Face, Profile, Reason, StepObservation
 from ballbot_ros.physics.model.robot import Robot
 
-# No sensor is as good as the zero deviation that some claim: odometry and observation are
-# never of exactly the same moment, and odometry drifts while the step is approached.
+# Minimum standard deviations: odometry and observation are never exactly simultaneous, and
+# odometry drifts during the approach.
 DISTANCE_FLOOR = 0.010   # [m]
 HEIGHT_FLOOR = 0.0001    # [m]
 
-# Deviations of a look where none are told, until looks have shown how they scatter [m].
+# Default standard deviations where the sensor reports none, before an estimate exists [m].
 UNTOLD_DISTANCE, UNTOLD_HEIGHT = 0.020, 0.005
 
-# Looks that scatter more are not noisy but contradict each other; no average is better [m].
+# Maximum scatter of observations; above it they contradict each other [m].
 NOISE = 0.010
 
-# What is told is believed until looks scatter by so many times as much.
+# Maximum ratio of observed scatter to reported deviation; above it the scatter counts.
 BELIEVED = 1.5
 
-# A step this close ahead of the centre may be seen as passed already.
+# A step may appear this far ahead of the centre when the ball has passed it.
 PASSED_SLACK = 0.02      # [m]
 
-# Once passed, a face this much further on is the next one.  Less is the old one, displaced by
-# the slip of a ball that climbs; treads are longer.
+# After a step is passed, a face at least this far beyond it is the next one.  A nearer face is the
+# same one, displaced by odometry slip; treads are longer.
 NEXT_FACE = 0.1          # [m]
 
-LARGEST = 1e6            # [m] more than any floor has
+LARGEST = 1e6            # [m] exceeds any floor
 
 
 class StepTracker:
     """
-    Keeps the next step ahead.
+    Tracks the next step ahead.
 
-    Observations of one step are averaged with weights 1 / variance at a fixed place on the
-    odometry axis.  A standard deviation of 0 is unknown and estimated from how looks scatter;
-    none of the average falls below that of a constant error.  A height that changes with the
-    distance from which it is seen is uncertain by what it may change yet.
+    Observations of one step are averaged with weights 1 / variance at a fixed position on the
+    odometry axis.  A standard deviation of 0 means unknown; the scatter of the observations
+    replaces it.  The deviation of the average has a constant error as lower bound.  A trend of
+    the height with distance adds its expected remaining change to the uncertainty.
 
-    Once the centre has passed that place, the next detection is another step.  One that
-    contradicts the step by more than `contradiction_sigma` deviations is reported, not
-    averaged in; after `forget_after` of them in a row the newest is believed, for then the
-    world has changed.  After as many looks that find nothing the step is forgotten, but not
-    within 1.5 radii, where a sensor may look over it.
+    Once the centre has passed that position, the next detection is another step.  A detection that
+    contradicts the step by more than `contradiction_sigma` deviations is reported, not averaged
+    in; after `forget_after` consecutive contradictions the latest one replaces the step.  After as
+    many observations without a step, the step is dropped, except within 1.5 radii, where a sensor
+    may miss it.
     """
 
     def __init__(self, robot: Robot, tuning: DecisionTuning):
@@ -89,7 +89,7 @@ class StepTracker:
         return self._answer
 
     def _judge(self, observation: StepObservation, position: float) -> Profile:
-        """Return what is known after a new observation."""
+        """Return the profile after a new observation."""
         fault = _fault(observation, position)
         if fault:
             return self._reject(observation, Reason.BAD_OBSERVATION, fault)
@@ -98,7 +98,7 @@ class StepTracker:
                 observation, Reason.CONTRADICTORY, 'nothing is detected, and yet it is '
                 f'{1e3 * observation.height:.0f} mm high')
         if observation.detected:
-            # Whether it is believed or not: it tells how looks scatter.
+            # Rejected observations count for the scatter, too.
             self._heights.add(observation.height)
             self._places.add(position + observation.distance)
         if observation.stamp < self._newest:
@@ -148,7 +148,7 @@ class StepTracker:
         return Profile(observation.stamp, self._faces, rejection=reason, explanation=why)
 
     def _contradiction(self, observation: StepObservation, position: float) -> str:
-        """Return how a sane observation contradicts what is known, or nothing."""
+        """Return how a finite observation contradicts the step, or an empty string."""
         step = next(iter(self._faces), None)
         if step is None or not observation.detected or self._is_passed(position):
             return ''
@@ -179,14 +179,14 @@ class StepTracker:
         self._trend.add(observation.distance, observation.height)
 
     def _deviations(self, observation: StepObservation) -> Tuple[float, float]:
-        """Return the deviations of distance and height of one look that are believed [m]."""
+        """Return the standard deviations of distance and height of one observation [m]."""
         return (_believed(observation.distance_sd, self._places.sd, UNTOLD_DISTANCE,
                           DISTANCE_FLOOR),
                 _believed(observation.height_sd, self._heights.sd, UNTOLD_HEIGHT,
                           HEIGHT_FLOOR))
 
     def _replace(self, observation: StepObservation, position: float) -> None:
-        """Believe the newest observation instead of all before."""
+        """Replace the step by the latest observation."""
         step, self._step = self._step, None
         if step is None or not observation.detected:
             return
@@ -206,7 +206,7 @@ class StepTracker:
             return
         place_sd, height_sd = self._deviations(observation)
         place, place_sd = _average(step.position, step.position_sd, place, place_sd)
-        # Looks were weighted by what was told of them; by now it may be known better.
+        # Earlier weights used the reported deviations; the estimated scatter may be larger.
         height, height_sd = _average(
             step.height, max(step.height_sd, self._shown), observation.height, height_sd)
         self._step = Face(
@@ -238,7 +238,7 @@ def _fault(observation: StepObservation, position: float) -> str:
 
 
 def _believed(told: float, scatter: float, untold: float, floor: float) -> float:
-    """Return the deviation of a look that is believed, from what is told and how looks scatter."""
+    """Return the standard deviation of an observation, from the reported one and the scatter."""
     scatter = min(scatter, NOISE) if math.isfinite(scatter) else math.nan
     if told > 0.0:
         # Written so that a scatter that is not known counts for nothing.

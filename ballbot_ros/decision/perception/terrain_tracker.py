@@ -107,7 +107,7 @@ class TerrainTracker:
         return self._answer
 
     def _judge(self, observation: TerrainObservation, position: float) -> Profile:
-        """Return what is known after a new observation."""
+        """Return the profile after a new observation."""
         wrong = fault(observation, self._frame)
         if not wrong and not abs(position) < 1e6:
             wrong = f'the odometry is at {position:g} m'
@@ -175,7 +175,7 @@ class TerrainTracker:
 
     def _contradicted(self, observation: TerrainObservation, look: Look, position: float,
                       why: str) -> Profile:
-        """Reject a sane observation, or believe it if it insists."""
+        """Reject a contradicting observation, or accept it after repetitions."""
         self._strikes += 1
         if self._strikes < self._tuning.forget_after:
             return self._reject(observation.stamp, Reason.CONTRADICTORY, why)
@@ -200,7 +200,7 @@ class TerrainTracker:
         return self._profile(stamp, ground, position)
 
     def _profile(self, stamp: float, ground: GroundSeen, position: float) -> Profile:
-        """Return what the decision is told of a ground."""
+        """Return the profile of an estimated terrain."""
         return Profile(
             stamp, tuple(known.face for known in self._faces if known.believed
                          and known.face.position + known.face.run > position),
@@ -215,7 +215,7 @@ class TerrainTracker:
                 else max(self._tuning.height_bias_sd, self._tuning.untold_bias_sd))
 
     def _reject(self, stamp: float, reason: Reason, why: str) -> Profile:
-        """Return a profile that reports a rejection and keeps what is known."""
+        """Return the present profile with a rejection."""
         if self._answer is None:
             return Profile(stamp, seen_to=-math.inf, rejection=reason, explanation=why)
         return replace(self._answer, stamp=stamp, rejection=reason, explanation=why)

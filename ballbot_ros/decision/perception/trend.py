@@ -1,25 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the height of a face changes with the distance from which it is seen, and scatters."""
+"""Trend of the observed face height with distance, and scatter of observations."""
 from collections import deque
 import math
 from statistics import median
 from typing import Deque
 
-# So many looks tell how they scatter; before, a sensor that tells nothing counts as bad.
+# Minimum number of observations for estimating the scatter; default noise before.
 ENOUGH = 5
 
-# So many looks back counts how they scatter, and so many there must be.
+# Window of the scatter estimate, and its minimum number of observations.
 KEPT, LEAST_KEPT = 25, 10
 
-# Looks from so different distances tell a trend [m].
+# Minimum range of distances for a trend [m].
 LEAST_BASE = 0.1
 
-# A trend is one beyond so many of its standard deviations.
+# Significance threshold of a trend, in standard deviations.
 SIGNIFICANT = 4.0
 
 
 class Trend:
-    """Regression of heights on distances, look by look."""
+    """Recursive linear regression of heights on distances."""
 
     def __init__(self) -> None:
         """Start without a look."""
@@ -28,7 +28,7 @@ class Trend:
         self._dd = self._dh = self._hh = 0.0
 
     def add(self, distance: float, height: float) -> None:
-        """Take a look: from how far [m], and what height was seen [m]."""
+        """Add an observation: distance [m] and height [m]."""
         self.count += 1
         far, high = distance - self._distance, height - self._height
         self._distance += far / self.count
@@ -40,7 +40,7 @@ class Trend:
 
     @property
     def scatter(self) -> float:
-        """Return the standard deviation of one look about the trend [m]; NaN for too few."""
+        """Return the standard deviation about the trend [m]; NaN for too few observations."""
         if self.count < ENOUGH:
             return math.nan
         explained = self._dh**2 / self._dd if self._dd > 0.0 else 0.0
@@ -49,9 +49,9 @@ class Trend:
     @property
     def growth(self) -> float:
         """
-        Return how much higher the face would look from its foot than it has looked on average [m].
+        Return the extrapolated height at distance 0 minus the mean observed height [m].
 
-        0 where nothing is significant; negative for a face that shrinks on approach.
+        0 without a significant trend; negative if the height decreases on approach.
         """
         scatter = self.scatter
         if not (scatter >= 0.0 and self._dd > self.count * LEAST_BASE**2 / 12.0):
@@ -64,9 +64,9 @@ class Trend:
 
 class Scatter:
     """
-    How much looks at one thing scatter, by the differences from each to the next.
+    Scatter of repeated observations, from the median of their successive differences.
 
-    One jump among them is no scatter: of the differences the median counts.
+    The median ignores a single jump.
     """
 
     def __init__(self) -> None:
