@@ -149,7 +149,7 @@ def check_start(time: float, state: Array, radius: float, ground: Array) -> None
 
 def check_work(solver: Solver, steps: int) -> None:
     """
-    Refuse a run with steps of one length that would take more than its work budget.
+    Refuse a fixed-step run that would exceed its work budget.
 
     Raises
     ------

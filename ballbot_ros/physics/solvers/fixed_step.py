@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What solvers with steps of one length share: how many, and what ends a run."""
+"""Common parts of fixed-step solvers: number of steps, and end conditions of a run."""
 import math
 
 from ballbot_ros.jit import compiled

@@ -12,7 +12,7 @@ class Method(NamedTuple):
 
     advance: Callable[[Packed], Packed]  # see `solvers`
     order: int
-    evaluations: int = 0  # of the right-hand side in each step, where all are of one length
+    evaluations: int = 0  # of the right-hand side per step, for fixed-step methods
     steps: int = AUTOMATIC  # which steps `integrate` takes
     flies: bool = False  # whether it may take flight in closed form
     tolerance: bool = False  # whether steps are chosen by their error
@@ -20,7 +20,7 @@ class Method(NamedTuple):
 
     @property
     def fixed(self) -> bool:
-        """Return whether its steps are of one length."""
+        """Return whether it is a fixed-step method."""
         return not self.tolerance
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The classical Runge-Kutta scheme with steps of one length.
+The classical Runge-Kutta method with fixed steps.
 
 Of order 4 between the kinks of the contact law, of order 1 through them.
 """

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Semi-implicit Euler with steps of one length, the choice of game engines.
+Semi-implicit Euler with fixed steps, as in game engines.
 
 Of order 1, with one evaluation per step; keeps the energy of an undamped spring within a bound.
 """
