@@ -86,8 +86,8 @@ class Ball:
         """
         Return the torque at the pendulum joint [N m] for one at the motor shaft.
 
-        What the supply voltage of the robot file does not allow at the rate of the joint, the
-        plant cuts: a drive that regulates current does not know it.
+        The plant limits the torque by the supply voltage of the robot file at the joint rate: a
+        drive that regulates current does not model this limit.
         """
         return shaft_torque * self.motor.gear_ratio * self.motor.gear_efficiency
 
@@ -106,7 +106,7 @@ class Ball:
         return self.state
 
     def reset(self) -> None:
-        """Put the ball back to the start of the scene."""
+        """Reset the ball to the start of the scene."""
         self.plant.reset()
         self._begin()
 
@@ -117,7 +117,7 @@ class Ball:
         Parameters
         ----------
         before : Sensed
-            Voltage and temperatures are taken over from it.
+            Source of voltage and temperatures.
         jump : float
             Error of the encoder [rad].
 

@@ -18,14 +18,14 @@ from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.emulator.line import LineFaults
 from ballbot_ros.errors import BallbotError, ConfigurationError
 
-# Where the fault is on the line; both directions if neither word stands behind the number.
+# Direction of a fault on the line; both if the number is the last word.
 DIRECTIONS = ('to', 'from')
 
 
 class Fault(NamedTuple):
     """A line that the control channel understands."""
 
-    argument: str  # what stands behind the name, in words; empty for nothing
+    argument: str  # argument after the name, as text; empty for none
     effect: str
     act: Callable[[Emulator, float, float], None]  # emulator, number, now
     default: Optional[float] = None  # of the number; None if it must be given
@@ -47,7 +47,7 @@ def _silence(emulator: Emulator, seconds: float, now: float) -> None:
 
 
 def _sense(name: str) -> Callable[[Emulator, float, float], None]:
-    """Return what sets a measurement of the drive."""
+    """Return the function that sets a measurement of the drive."""
     def act(emulator: Emulator, value: float, _: float) -> None:
         emulator.device.sensed = emulator.device.sensed._replace(**{name: value})
     return act
@@ -95,7 +95,7 @@ FAULTS = {
                    'right', _clear,
                    0.0),
 }
-# What happens to single bytes: each field of `LineFaults`, with the direction as a second word.
+# Faults of single bytes: each field of `LineFaults`, with the direction as a second word.
 LINE_FAULTS = {name: item.metadata for name, item in LineFaults.__dataclass_fields__.items()}
 
 
@@ -136,7 +136,7 @@ def obey(emulator: Emulator, line: str) -> str:
 
 
 def _directions(name: str, words: list[str]) -> tuple[str, ...]:
-    """Take the direction off the words and return it, both if none is there."""
+    """Remove the direction from the words and return it, both if there is none."""
     if len(words) == 2:
         direction = words.pop()
         if direction not in DIRECTIONS:
@@ -147,7 +147,7 @@ def _directions(name: str, words: list[str]) -> tuple[str, ...]:
 
 
 def _number(name: str, words: list[str], default: Optional[float]) -> float:
-    """Return the number behind a name."""
+    """Return the number after a name."""
     if not words and default is not None:
         return default
     try:
@@ -162,7 +162,7 @@ def _number(name: str, words: list[str], default: Optional[float]) -> float:
 
 
 def state_of(emulator: Emulator) -> dict[str, object]:
-    """Return what the emulated robot does, all SI."""
+    """Return the state of the emulated robot, all SI."""
     state, imu = emulator.state, emulator.imu()
     return {
         'device': emulator.path, 'plugged': emulator.terminal.plugged,
@@ -176,7 +176,7 @@ def state_of(emulator: Emulator) -> dict[str, object]:
 
 
 def answer(emulator: Emulator, line: str) -> str:
-    """Obey a line and return one line: ``ok``, a JSON object, or ``error:`` and why."""
+    """Execute a line and return one line: ``ok``, a JSON object, or ``error:`` and the reason."""
     try:
         return obey(emulator, line)
     except BallbotError as error:
@@ -185,7 +185,7 @@ def answer(emulator: Emulator, line: str) -> str:
 
 class Channel:
     """
-    Obeys lines that come over a Unix socket, and answers each with one.
+    Executes lines received over a Unix socket, and answers each with one line.
 
     Parameters
     ----------

@@ -22,8 +22,8 @@ from ballbot_ros.plant import Imu, ImuSample, Pace
 
 # The torque is constant over a period, and the ball is simulated by periods [s].
 PERIOD = 1e-3
-# Periods to catch up with at once.  After a longer stop the ball loses the rest, which a bridge
-# takes for a jump of the encoder.
+# Largest number of periods to catch up in one step.  After a longer stop the ball skips the rest,
+# which a bridge detects as a jump of the encoder.
 MOST_PERIODS = 200
 # The oldest entries of the log go first.
 LONGEST_LOG = 1_000_000
@@ -69,7 +69,7 @@ class Emulator:
     log : deque of Applied
         Every change of the torque, oldest first.
     dropped : int
-        Periods of the model that were given up because the machine was too slow.
+        Periods of the model that were skipped because the machine was too slow.
 
     Raises
     ------
@@ -126,7 +126,7 @@ class Emulator:
 
     @property
     def dropped(self) -> int:
-        """Return how many periods of the model were given up."""
+        """Return the number of skipped periods of the model."""
         return self._pace.dropped
 
     def imu(self) -> ImuSample:
@@ -134,7 +134,7 @@ class Emulator:
         return self.ball.imu()
 
     def start(self) -> 'Emulator':
-        """Let time run and return itself."""
+        """Start the thread and return the emulator."""
         self._running = True
         self._thread = Thread(target=self._run, name='emulator', daemon=True)
         self._thread.start()
@@ -173,7 +173,7 @@ class Emulator:
     # The thread
 
     def _run(self) -> None:
-        """Let time pass until stopped, or until the model cannot go on."""
+        """Step until stopped, or until the model fails."""
         try:
             before = time.monotonic()
             while self._running:
@@ -186,11 +186,11 @@ class Emulator:
             self.terminal.unplug()
 
     def _pause(self, now: float) -> float:
-        """Return how long nothing needs to be done [s]."""
+        """Return the time until the next event [s]."""
         due = min(now + PERIOD, self.to_drive.next_at(), self.from_drive.next_at(),
                   self._replies[0][0] if self._replies else math.inf)
         if self.read_rate < math.inf:
-            time.sleep(PERIOD)  # what waits in the terminal must not wake this thread
+            time.sleep(PERIOD)  # pending data must not wake this thread
         return max(SHORTEST_WAIT, due - now)
 
     def _step(self, now: float, elapsed: float) -> None:
@@ -215,7 +215,7 @@ class Emulator:
         self.terminal.write(self.from_drive.take(now))
 
     def _read(self, elapsed: float) -> bytes:
-        """Return what the line brings, at most what a slow reader takes in a time [s]."""
+        """Return received data, at most what a slow reader takes in a time [s]."""
         if self.read_rate == math.inf:
             return self.terminal.read()
         self._credit = min(self._credit + self.read_rate * elapsed, 4096.0)
@@ -230,14 +230,14 @@ class Emulator:
             self.device.sensed = self.ball.sensed(self.device.sensed, self.encoder_jump)
 
     def _log_torque(self, now: float) -> None:
-        """Write the torque down if it has changed."""
+        """Log the torque if it has changed."""
         torque = self.device.torque()
         if torque != self.torque:
             self.torque = torque
             self.log.append(Applied(now, torque))
 
     def _run_calls(self) -> None:
-        """Run what other threads have asked for."""
+        """Run the functions that other threads have queued."""
         while not self._calls.empty():  # no other thread takes from it
             function, done = self._calls.get()
             try:

@@ -8,7 +8,7 @@ from typing import Optional
 from ballbot_ros.emulator.terminal import PseudoTerminal
 from ballbot_ros.imus import emulated_class
 
-# Longest time between two looks at the terminal [s].
+# Poll period of the terminal [s].
 POLL_PERIOD = 0.002
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A serial line: bytes take their time, and may get lost or changed on the way."""
+"""A serial line: bytes take their transmission time, and may be lost or changed."""
 from collections import deque
 from dataclasses import dataclass
 import random
@@ -8,13 +8,13 @@ from typing import Deque
 from ballbot_ros.config.fields import Checked, quantity
 from ballbot_ros.drives.contract import BITS_PER_BYTE
 
-# What a receiver makes of another baud rate is no text and no packet: this stands for it.
+# Model of the bytes received at a wrong baud rate: neither text nor packets.
 WRONG_BAUD = bytes((byte * 167 + 13) % 256 | 0x80 for byte in range(256))
 
 
 @dataclass(frozen=True)
 class LineFaults(Checked):
-    """What happens to the bytes on a line; all parts are per byte."""
+    """Faults of the bytes on a line; all parts are per byte."""
 
     drop: float = quantity('1', 'part of the bytes that get lost', default=0.0, minimum=0.0,
                            maximum=1.0)
@@ -28,7 +28,7 @@ class LineFaults(Checked):
                               minimum=0.0, maximum=1e6)
 
     def damage(self, data: bytes, rng: random.Random) -> bytes:
-        """Return what is left of bytes."""
+        """Return the bytes after the faults."""
         if not (self.drop or self.corrupt or self.duplicate):
             return data
         result = bytearray()

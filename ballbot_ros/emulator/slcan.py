@@ -17,8 +17,8 @@ class SlcanAdapter(PseudoTerminal):
     """
     See `PseudoTerminal`; what is read and written are records of frames.
 
-    It acknowledges each command with a carriage return, refuses what it does not understand with a
-    bell, and is deaf and dumb while its channel is closed.
+    It acknowledges each command with a carriage return, refuses an unknown one with a bell, and
+    neither sends nor receives frames while its channel is closed.
     """
 
     def plug(self) -> None:
@@ -38,7 +38,7 @@ class SlcanAdapter(PseudoTerminal):
         return self._open
 
     def read(self, most: int = 4096) -> bytes:
-        """Obey what has come and return the records of the frames in it."""
+        """Execute received commands and return the records of their frames."""
         *commands, self._text = (self._text + super().read(most)).split(END)
         frames = b''
         for command in commands:
@@ -51,7 +51,7 @@ class SlcanAdapter(PseudoTerminal):
         return frames
 
     def write(self, data: bytes) -> None:
-        """Hand on the records of frames."""
+        """Pass on the records of frames."""
         frames = self._records.feed(data)
         if self._open:
             self._answer(b''.join(map(text_of, frames)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A pseudo-terminal as the serial device of an emulated drive; it can be pulled out."""
+"""A pseudo-terminal as the serial device of an emulated drive; it can be unplugged."""
 from contextlib import suppress
 import os
 from pathlib import Path
@@ -29,7 +29,7 @@ class PseudoTerminal:
     Raises
     ------
     ConfigurationError
-        If there is something at `link` that is no symbolic link, or it cannot be made.
+        If `link` exists and is not a symbolic link, or cannot be created.
 
     """
 
@@ -89,12 +89,12 @@ class PseudoTerminal:
         self._master = self._slave = -1
 
     def wait(self, seconds: float) -> None:
-        """Wait until there is something to read, at most so long."""
+        """Wait until there is something to read, or a time has passed."""
         descriptors = [self._master] if self.plugged else []
         select.select(descriptors, [], [], max(0.0, seconds))
 
     def read(self, most: int = 4096) -> bytes:
-        """Return what has come, which may be nothing."""
+        """Return the received data, which may be empty."""
         try:
             return os.read(self._master, most) if self.plugged and most > 0 else b''
         except OSError:

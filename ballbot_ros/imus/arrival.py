@@ -4,7 +4,7 @@ Time of measurement of readings that arrive at a fixed rate without a time stamp
 
 The sensor sends at even intervals of its own clock; readings arrive delayed by the line, the USB
 adapter and the scheduler, never early.  So the send times are a straight line that no arrival lies
-below: an earlier arrival moves the line down at once, a later one moves it up by a little.
+below: an earlier arrival moves the line down immediately, a later one moves it up slowly.
 """
 import math
 

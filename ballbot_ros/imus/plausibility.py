@@ -45,7 +45,7 @@ class ImuPlausibility(NamedTuple):
     stamp: float = -math.inf
     values: Tuple[float, ...] = ()  # of the last reading
     repeated_since: float = math.inf  # [s]
-    joint_then: float = 0.0  # joint angle when the repetition began [rad]
+    joint_then: float = 0.0  # joint angle at the start of the repetition [rad]
     outside_since: float = math.inf  # since when the force is out of its range [s]
     swing: float = 0.0  # turn of shell and joint together, less drift [rad]
     joint_angle: Optional[float] = None  # with the last reading [rad]
