@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How boldly to drive at a step: speeds, margins and patience."""
+"""Decision tuning: speeds, margins and timeouts."""
 from dataclasses import dataclass
 
 from ballbot_ros.config.fields import Checked, count, fixed, quantity
@@ -114,14 +114,14 @@ def load_decision_tuning(name_or_path: str) -> DecisionTuning:
 
 def check_decision(robot: Robot, curve: HeightCurve, tuning: DecisionTuning) -> None:
     """
-    Refuse a robot, a curve and a tuning that do not belong together.
+    Check that robot, curve and tuning are consistent.
 
     Raises
     ------
     ConfigurationError
-        If the curve is of another robot or another rule of who is over, starts above the highest
-        speed, fits worse than the height margin or is for another law or angle than those of the
-        approach, or if the pendulum cannot give the accelerations counted on.
+        If the curve has another robot, success criterion, control law or pendulum angle, starts
+        above the maximum speed or fits worse than the height margin, or if the pendulum cannot
+        produce the assumed accelerations.
 
     """
     if curve.robot != robot.name:

@@ -47,7 +47,7 @@ FARTHEST, FASTEST = 1e6, 30.0
 @dataclass(frozen=True)
 class Motion:
     """
-    Where the ball is and how fast, by odometry.
+    Ball state from odometry.
 
     Attributes
     ----------
@@ -56,9 +56,9 @@ class Motion:
     position, speed : float
         Of the ball's centre along its axis of travel [m], [m/s].
     pendulum_angle, pendulum_rate : float
-        Absolute, as the model says after the set angles given [rad], [rad/s].
+        Absolute, modelled from the commanded set angles [rad], [rad/s].
     slope : float
-        Of the ground below the ball as its speed tells, positive uphill [rad].
+        Of the ground below the ball, estimated from its speed, positive uphill [rad].
 
     """
 
@@ -173,7 +173,7 @@ class Outlook:
 @dataclass(frozen=True)
 class Decision:
     """
-    What to do, why, and with which numbers; NaN where there is no such number.
+    Action, reason and values; NaN for values that do not apply.
 
     Attributes
     ----------
@@ -190,8 +190,8 @@ class Decision:
     height : float
         Of the step [m].
     height_margin : float
-        What could be added to the height, margins included, before the answer is no [m];
-        negative by how much it is too high already.
+        Difference between the maximum step height, margins included, and the height [m];
+        negative if the step is too high.
     distance : float
         Ball's centre to the face [m].
     step : int
@@ -199,11 +199,11 @@ class Decision:
     contact_since : float or None
         When the ball touched the step that it is crossing [s].
     start_distance, swing_distance : float
-        From the centre back to where the plan begins, and on to where the pendulum swings [m].
+        Distance from the centre back to the start, and forward to the swing [m].
     plan : Plan or None
-        None from a planner that makes none.
+        None from planners without plans.
     outlook : Outlook or None
-        What is expected of the plan.
+        Predicted outcome of the plan.
 
     """
 
@@ -260,7 +260,7 @@ class Profile:
     Attributes
     ----------
     stamp : float
-        Of the newest observation in it [s].
+        Of the latest observation in it [s].
     faces : tuple of Face
         Ahead of the ball or below it, from near to far.
     points : tuple of (float, float)
@@ -269,15 +269,14 @@ class Profile:
     seen_from, seen_to : float
         Positions between which the ground is known [m].
     slope, slope_sd : float
-        Of the ground below the ball, positive uphill [rad]; NaN where it is not seen.
+        Of the ground below the ball, positive uphill [rad]; NaN if not observed.
     points_sd : tuple of float
         Standard deviations of the heights of the points [m].
     gaps : tuple of (float, float)
-        Between these positions nothing was seen, though `seen_from` and `seen_to` are around
-        them: what edges hide.  The polyline drops there at once to what is seen next [m].
+        Position intervals between `seen_from` and `seen_to` that edges occlude; the polyline
+        drops at their start to the next observed point [m].
     bias_sd : float
-        Part of the deviations of heights that is the same for all faces, and that no number of
-        looks brings down [m].
+        Part of the height deviations common to all faces, not reduced by averaging [m].
     rejection : Reason or None
         ``BAD_OBSERVATION`` or ``CONTRADICTORY``: do not act on it.
     explanation : str
@@ -307,7 +306,7 @@ class Profile:
 @dataclass(frozen=True)
 class Failure:
     """
-    A plan that did not get over.
+    A plan that failed.
 
     Attributes
     ----------
@@ -316,7 +315,7 @@ class Failure:
     position : float
         Of the face [m].
     height : float
-        Of the face, as it was believed to be [m].
+        Estimated height of the face [m].
     plan : Plan
     touch_speed : float
         [m/s]

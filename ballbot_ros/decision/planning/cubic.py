@@ -104,7 +104,7 @@ def beyond(profile: Profile, face: Face, radius: float, passable: float,
             what = f'a drop of {-1e3 * other.height:.0f} mm'
         else:
             level += other.height
-            # Down again at once, as behind a door-sill: one thing to cross.
+            # A drop directly behind, as at a sill: cross both as one obstacle.
             if other.height < -SMALLEST_DROP and other.position - edge < tuning.unseen_room:
                 edge = other.position + touch_distance(radius, -other.height)
                 end = known if known >= edge + GLIMPSE else edge + tuning.unseen_room
@@ -159,7 +159,7 @@ class Reach:
 
 
 class Reckoning:
-    """Reckons what can be had with what is known of robot, curve and tuning."""
+    """Computes required and reachable speeds from robot, curve and tuning."""
 
     def __init__(self, knowledge: Knowledge, braking: Braking):
         """Work the constants out once."""
@@ -171,7 +171,7 @@ class Reckoning:
     def reach(self, face: Face, distance: float, speed: float, slope: float, *,
               margins: float = 1.0, faster_than: float = 0.0, kept: float = 0.0) -> Reach:
         """
-        Return what the step asks for and what can be had.
+        Return the required and the reachable speed at a step.
 
         Parameters
         ----------
@@ -231,10 +231,10 @@ class Reckoning:
 
     def probability(self, speed: float, height: float, deviation: float) -> float:
         """
-        Return the probability of getting over.
+        Return the success probability.
 
-        The mean over the height as it is believed to be, and over a speed at touch whose
-        deviation is half the speed margin.
+        The mean over the estimated height, and over a touch speed whose standard deviation is
+        half the speed margin.
 
         Parameters
         ----------
@@ -247,7 +247,7 @@ class Reckoning:
         curve = self._curve
         low, high = curve.lowest_speed, curve.highest_speed
         inside = min(max(speed, low), high)
-        # A slower ball than the curve knows climbs less, as the square of its speed.
+        # Below the speeds of the curve, the height is proportional to the squared speed.
         height = height if speed >= low else height * (low / max(speed, 1e-3))**2
         steepness = (curve.height(min(inside + 0.01, high))
                      - curve.height(max(inside - 0.01, low))) / (
@@ -347,13 +347,13 @@ CONTACT_SLACK = 0.04
 # The far edge of a sill is where it was seen, within this [m].
 SILL = 0.1
 
-# The pendulum is let down so long before the touch [s].
+# The pendulum is lowered this long before the touch [s].
 HANGING = 0.3
 
-# Parts of the margins that a crossing keeps that was begun with all of them, and that one must
-# have which was given up before, as long as the ball rolls: no change of mind without news.
+# Hysteresis: fraction of the margins required to continue a crossing, and to resume a rejected one
+# while the ball rolls.
 BEGUN, GIVEN_UP = 0.5, 1.25
-BEGUN_LANDING = 0.8  # of the way to a stop behind the edge
+BEGUN_LANDING = 0.8  # fraction of the stopping distance behind the edge
 ROLLING = 0.05  # [m/s]
 
 # After a failure the ball must be this much faster than it was, and than it was to be; after so
@@ -363,7 +363,7 @@ FASTER, FASTER_PLAN, MOST_FAILURES = 1.1, 1.05, 3
 # Not about the step itself.
 DOUBTFUL = (Reason.STALE, Reason.CONTRADICTORY, Reason.BAD_OBSERVATION)
 
-# News of a step that was refused: so much in height, or in room behind it [m].
+# Changes that cause a rejected step to be re-evaluated: height, and clearance behind it [m].
 HEIGHT_NEWS, ROOM_NEWS = 0.003, 0.1
 
 # Too late to stop, a step is taken where this is as likely as not.
@@ -391,7 +391,7 @@ class Cubic:
         self._refused: Optional[Tuple[int, float, float, int]] = None
 
     def __call__(self, situation: Situation, previous: Optional[Decision]) -> Decision:
-        """Decide; what was begun keeps half the margins, in contact it goes on."""
+        """Decide; a crossing continues with reduced margins, and always in contact."""
         profile, motion = situation.profile, situation.motion
         if profile is None:
             return stop(Reason.STALE, 'Stopping: nothing has been observed yet')
@@ -449,7 +449,7 @@ class Cubic:
             return None
         since = previous.contact_since
         if step is None or step.number != previous.step:
-            # On top of a sill, before its far edge; what else comes there is judged anew.
+            # On top of a sill, before its far edge; other faces there are evaluated again.
             edge = previous.plan.edge
             if since is None or not motion.position < edge or (
                     step is not None and step.position < edge - SILL):
@@ -475,7 +475,7 @@ class Cubic:
     def _margins(self, step: Face, motion: Motion, previous: Optional[Decision],
                  room: float) -> float:
         """Return the part of the margins that a crossing must keep."""
-        # What cannot be avoided any more is better crossed than hit.
+        # Beyond the last braking point, crossing is better than a collision.
         if room < 0.0 and motion.speed > ROLLING:
             return BEGUN
         if previous is None or previous.step != step.number:
@@ -514,7 +514,7 @@ class Cubic:
                 stop(Reason.TOO_FAST, f'{where}touched at {found.slowest:.2f} m/s even when '
                      f'braking, the curve ends at {self._curve.highest_speed:.2f} m/s'),
                 **numbers(answer))
-        # Late for a crossing that was begun, or for any as the brakes of the robot file are.
+        # Too late to stop: during a crossing, or within the expected braking distance.
         hopeful = found.probability >= HOPE and step.height < self._radius and (
             late or found.run_up < self._lines.braking.expected_distance(motion.speed, slope))
         around = None if hopeful else self._forbidden(step, found, failed)

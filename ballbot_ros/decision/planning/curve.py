@@ -183,7 +183,7 @@ def _flattest(curve: HeightCurve) -> float:
 
 def load_curve(name_or_path: str, variant: str = 'fit') -> HeightCurve:
     """
-    Read a curve that comes with the package, by name, or a file of one's own.
+    Read a curve of the package by name, or a user file by path.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ def load_curve(name_or_path: str, variant: str = 'fit') -> HeightCurve:
     Raises
     ------
     ConfigurationError
-        Naming file, field, value and what is allowed.
+        With file, field, value and allowed range.
 
     """
     curve = load_config(HeightCurve, 'curves', name_or_path)

@@ -47,7 +47,7 @@ def curve_text(curve: HeightCurve, what: str, writer: str) -> str:
     made, band = content.pop('made', None), content.pop('band', None)
 
     def dump(part: Any, flow: Optional[bool] = None) -> str:
-        lists = json.loads(json.dumps(part))  # YAML knows no tuples
+        lists = json.loads(json.dumps(part))  # YAML has no tuples
         return str(yaml.safe_dump(lists, sort_keys=False, default_flow_style=flow, width=99))
 
     blocks = [dump(content, False), dump(coefficients)]

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What no planner may answer, whatever it thinks: a shell of safety around each of them.
+Safety filter around a planner: validates its inputs and its decisions.
 
-Pure functions.  `unusable` says before planning whether there is anything to plan with;
-`checked` looks at the answer.  `with_safety_filter` puts both around a planner.
+Pure functions.  `unusable` checks the inputs before planning; `checked` checks the decision.
+`with_safety_filter` wraps a planner in both.
 """
 from dataclasses import astuple, replace
 import math
@@ -15,13 +15,12 @@ from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Decision, Kind, Motion, Plan, Profile, Reason, Strategy
 from ballbot_ros.physics.model.robot import Robot
 
-# Once observations were too old, only such a part of the allowed age is young again: latency
-# near the limit must not make the answer alternate.
+# Hysteresis of the age limit of observations: fraction of the limit for a return to fresh.
 YOUNG = 0.9
 
 ROUNDING = 1e-9  # [m/s], [m]
 
-# A start moves with the face as it is believed to be; so little too far back, it is moved [m].
+# Maximum correction of a start that lies too far back after an update of the face [m].
 MOVED = 0.04
 
 # Backed off far enough [m].
@@ -36,10 +35,10 @@ def stop(reason: Reason, explanation: str, **numbers: float) -> Decision:
 
 def energy_bound(robot: Robot, speed: float, swing: float) -> float:
     """
-    Return a height that no step can have that is crossed at a speed [m].
+    Return an upper bound of the step height that can be crossed at a speed [m].
 
-    Where all energy of rolling, the fall of a pendulum from the highest angle that it swings
-    to, and its push on the way up are spent on the height h of the step::
+    All kinetic energy, the potential energy of the pendulum at its largest swing angle, and its
+    work during the ascent balance the height h of the step::
 
         M g h = (M + J1 / R^2) v^2 / 2 + M2 g e (1 - cos(swing) + acos(1 - h / R))
 
@@ -47,7 +46,7 @@ def energy_bound(robot: Robot, speed: float, swing: float) -> float:
     ----------
     robot : Robot
     speed : float
-        At touch, or the highest until then [m/s].
+        Touch speed, or its upper bound [m/s].
     swing : float
         Largest angle of the pendulum [rad].
 
@@ -77,13 +76,13 @@ def energy_bound(robot: Robot, speed: float, swing: float) -> float:
 def unusable(situation: Situation, previous: Optional[Decision],
              tuning: DecisionTuning) -> Optional[Decision]:
     """
-    Return the STOP that missing, old, rejected or meaningless input asks for, or None.
+    Return STOP for missing, stale, rejected or non-finite input, otherwise None.
 
     Parameters
     ----------
     situation : Situation
     previous : Decision or None
-        Observations that were too old must be clearly younger to count again.
+        For the hysteresis of the age limit.
     tuning : DecisionTuning
 
     """
@@ -100,8 +99,8 @@ def unusable(situation: Situation, previous: Optional[Decision],
 
 
 def meaningless(situation: Situation) -> str:
-    """Return what is no number where one is needed, or nothing."""
-    # Whatever is compared with NaN is false, and could be taken for an answer.
+    """Return which input is not finite, or an empty string."""
+    # Comparisons with NaN are false and could pass the checks below.
     if not situation.motion.sane:
         return 'odometry is not finite, or beyond all measure'
     faces = situation.profile.faces if situation.profile is not None else ()
@@ -112,14 +111,14 @@ def meaningless(situation: Situation) -> str:
 
 def _rejected(profile: Profile, motion: Motion, previous: Optional[Decision],
               tuning: DecisionTuning) -> Optional[Decision]:
-    """Return the STOP that a rejected or old observation asks for, or None."""
+    """Return STOP for a rejected or stale observation, otherwise None."""
     if profile.rejection is not None:
         return stop(profile.rejection,
                     f'Stopping: the observation is rejected, {profile.explanation}')
     age, allowed = motion.stamp - profile.stamp, tuning.observation_timeout
     if previous is not None and previous.reason is Reason.STALE:
         allowed *= YOUNG
-    # Written so that an age that is not a number is too old; from the future is no better.
+    # A NaN age counts as stale, and so does a stamp from the future.
     if not abs(age) <= allowed:
         when = f'{age:.2f} s old' if age >= 0.0 else f'{-age:.2f} s ahead of the clock'
         return stop(Reason.STALE,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a planner is told: once, and at each decision."""
+"""Inputs of a planner: constant ones, and those of each decision."""
 from dataclasses import dataclass, field
 from typing import Optional, Protocol, Tuple
 
@@ -14,7 +14,7 @@ from ballbot_ros.physics.model.robot import Robot
 @dataclass(frozen=True)
 class Knowledge:
     """
-    What holds for all decisions; robot, curve and tuning must belong together.
+    Constant planner inputs; robot, curve and tuning must belong together.
 
     See `tuning.check_decision`.
 
@@ -24,11 +24,10 @@ class Knowledge:
     curve : HeightCurve
     tuning : DecisionTuning
     control : ControlTuning
-        That the controller runs with: law (11) makes of the set angles what it says.
+        Gains of the position controller (eq. 11) that executes the set angles.
     seed : int
     particles : Particles or None
-        Robots and sensors that may be the ones at hand, as known at the start; None for what
-        the robot file says.
+        Initial samples of robot and sensor; None for the prior of the robot file.
 
     """
 
@@ -43,22 +42,21 @@ class Knowledge:
 @dataclass(frozen=True)
 class Situation:
     """
-    What is known now.
+    Planner inputs of one decision.
 
     Attributes
     ----------
     motion : Motion
-        Propagated to when an answer will act.
+        Propagated to the time at which the decision takes effect.
     profile : Profile or None
-        None if nothing was observed yet.
+        None before the first observation.
     failures : tuple of Failure
-        What was tried at faces ahead.
+        Failed plans at faces ahead.
     free_from : float
         Farthest position behind the ball to which it may roll back [m].
     obstruction : Obstruction or None
     particles : Particles or None
-        Robots and sensors that may be the ones at hand, as outcomes have taught since; None for
-        those of the `Knowledge`.
+        Samples updated by outcomes; None for those of the `Knowledge`.
 
     """
 
@@ -71,22 +69,21 @@ class Situation:
 
 
 class Planner(Protocol):
-    """What every planner promises; it may keep what it has worked out, and nothing else."""
+    """Interface of a planner; its only state is cached results."""
 
     def __call__(self, situation: Situation, previous: Optional[Decision]) -> Decision:
         """
-        Decide on the ground ahead.
+        Decide on the terrain ahead.
 
         Parameters
         ----------
         situation : Situation
         previous : Decision or None
-            The last answer.
+            The previous decision.
 
         Returns
         -------
         Decision
-            Whatever is not known for certain is answered with STOP and a reason.  Nothing is
-            raised for anything that a sensor says.
+            STOP with a reason for uncertain inputs.  Sensor data never raise an exception.
 
         """

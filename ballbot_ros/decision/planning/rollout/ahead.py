@@ -89,7 +89,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
                slope_sd: float, radius: float, unseen_room: float,
                climbed: float = 0.0) -> Ahead:
     """
-    Return what lies ahead of a ball.
+    Return the terrain ahead of the ball.
 
     Parameters
     ----------
@@ -104,9 +104,9 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
     radius : float
         Of the ball [m].
     unseen_room : float
-        Floor taken for granted behind an edge [m].
+        Floor assumed behind an edge [m].
     climbed : float
-        What the ball has climbed just before [m]: so much it may go down again.
+        Height that the ball has just climbed, and may descend again [m].
 
     """
     floor = Floor(profile.points, slope)

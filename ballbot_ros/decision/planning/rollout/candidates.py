@@ -34,7 +34,7 @@ HELD = 0.01
 @dataclass(frozen=True)
 class Candidate:
     """
-    A plan relative to the faces, so that it moves with what is believed of their places.
+    A plan relative to the faces, so that it follows updates of their positions.
 
     Attributes
     ----------
@@ -44,11 +44,11 @@ class Candidate:
     swing : float
         Distance before the touch at which the pendulum swings [m]; -inf for never.
     angle : float
-        To which it swings [rad].
+        Swing angle [rad].
     faces : int
-        How many it takes.
+        Number of faces that it crosses.
     back : float
-        Distance before the touch from which it starts at rest [m]; 0 for from here.
+        Distance before the touch at which it starts from rest [m]; 0 for the present position.
 
     """
 

@@ -28,7 +28,7 @@ EDGE_AT = 5       # number of the vertex of the ground behind which the ball is 
 NEXT_AT = 6       # and of the foot of the next face, which it must not meet; the last for none
 PLAN = 7
 
-# What comes sooner behind the last edge is stopped for, at once [m].
+# An obstacle nearer than this behind the last edge requires braking immediately [m].
 TIGHT = 1.5
 
 # Columns of a draw. The first are the robot, in the order of `Parameters`.
@@ -38,8 +38,8 @@ EDGE_FRICTION = ROBOT + 1
 SLOPE = ROBOT + 2      # added to the slope of all that lies ahead [rad]
 DELAY = ROBOT + 3      # from what is measured to what the motor does [s]
 HEIGHT = ROBOT + 4     # deviations of the heights of the first faces [m], ...
-FACES = 4              # ... so many of them
-PLACE = HEIGHT + FACES  # and of where they stand [m]
+FACES = 4              # ... number of faces
+PLACE = HEIGHT + FACES  # and deviations of their positions [m]
 DRAW = PLACE + FACES
 
 # Columns of a result.
@@ -77,6 +77,6 @@ class Scratch(NamedTuple):
 
     @classmethod
     def of(cls, vertices: int) -> 'Scratch':
-        """Return arrays for a ground with so many vertices."""
+        """Return arrays for a ground with this number of vertices."""
         return cls(np.zeros(SIZE), np.zeros(SIZE), np.zeros((vertices, 7)),
                    contact_table(vertices))

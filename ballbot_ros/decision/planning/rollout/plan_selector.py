@@ -2,11 +2,11 @@
 """
 Keeps the selected plan between decisions, and replans when the obstacle estimate changes.
 
-For each face it deliberates once, when it is first seen: hundreds of attempts within one answer.
-From then on the choice is kept, and looked at again with a few attempts now and then; it is
-deliberated anew only where there is news (the face is believed to be of another height, or is
-known much better), or confidence is gone.  All budgets count attempts, not time, so that a run
-repeats to the bit.
+The first observation of a face starts a search with hundreds of rollouts within one decision.
+Later decisions keep the plan and re-evaluate it periodically with a few rollouts.  A new search
+starts only after a relevant change (estimated height, much smaller uncertainty), or when the
+success probability has dropped.  All budgets count rollouts, not time, so that a run is
+reproducible bit by bit.
 """
 from dataclasses import dataclass, replace
 import math
@@ -24,31 +24,31 @@ from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Face, Failure, Motion, Reason, Strategy
 
-# Speed that a swing adds at most [m/s].
+# Maximum speed gain of a swing [m/s].
 KICK = 0.15
-# A plan that was chosen before stays if it is no worse than this below what is required.
+# Hysteresis: the previous plan is kept down to this below the required probability.
 LOYALTY = 0.03
-CHECKED = 80  # attempts that it gets for that
-# A run-up of this room is imagined to tell "no room" from "too high" [m].
+CHECKED = 80  # rollouts for checking that
+# Hypothetical run-up that separates "too little run-up" from "too high" [m].
 IMAGINED = 2.5
-# A plan promises more than one that failed if it touches faster by this [m/s] or swings further.
+# After a failure, a plan must touch faster by this [m/s] or swing further by this [rad].
 FASTER, FURTHER = 0.04, 0.3
 
 
 @dataclass
 class Choice:
     """
-    What is to be done about the faces ahead.
+    Result of a search for the faces ahead.
 
     Attributes
     ----------
     trial : Trial or None
-        The plan, None for none.
+        Selected plan, None if every candidate was rejected.
     reason : Reason
-        Why, or why not.
+        Reason of the selection or rejection.
     others : tuple of str
     tally : Tally
-        Attempts behind the answer; of the best plan that was not good enough, where none is.
+        Rollouts of the selected plan, or of the best rejected one.
     limit : float
         See `Outlook.height_limit` [m].
 
@@ -179,28 +179,28 @@ def from_here(candidate: Candidate) -> Candidate:
                    else Strategy.ACCELERATE)
 
 
-# Attempts within the first answer about a face, and within each later one.
+# Rollouts in the first decision on a face, and in each later one.
 FIRST, LATER = 640, 40
-# News: the height has changed by this [m], or its deviation has shrunk to this part.
+# Relevant change: of the height [m], or reduction of its deviation to this fraction.
 HEIGHT_NEWS, SHRUNK = 0.002, 0.6
-# A face of another number so near is the same one [m].
+# Maximum distance for associating a face that has changed its number [m].
 SAME_PLACE = 0.06
-# Or so much more ground is seen behind an edge [m].
+# Relevant increase of the clearance behind an edge [m].
 ROOM_NEWS = 0.1
-# After so many answers a choice is looked at again, with so many attempts; the old ones fade.
+# Re-evaluation: period in decisions, rollouts, forgetting factor, and tally that it applies to.
 EVERY, ATTEMPTS, FADE, MEMORABLE = 10, 24, 0.9, 300
-# A choice is given up where its probability has come this far below what is required.
+# A plan is dropped when its probability is this far below the required one.
 LOST = 0.05
 # Maximum plan switches per face while the ball rolls.
 CHANGES = 2
-# Slower than this a ball stands [m/s]; nearer than this it is there [m].
+# Maximum speed of a standing ball [m/s], and position tolerance [m].
 STANDING, THERE = 0.03, 0.05
 # A ball with less braking room touches faster than 0.1 m/s [m].
 TOO_LATE = -0.01
 
 
 class Belief(NamedTuple):
-    """What a choice was made for."""
+    """Inputs of a selection, for detecting changes."""
 
     face: Face
     faces: int
@@ -212,7 +212,7 @@ class Belief(NamedTuple):
 
 class PlanSelector:
     """
-    Keeps a plan for the faces ahead.
+    Selects and keeps a plan for the faces ahead.
 
     Parameters
     ----------
@@ -221,9 +221,9 @@ class PlanSelector:
     Attributes
     ----------
     choice : Choice or None
-        None before the first deliberation has come to something.
+        None before the first search has a result.
     belief : Belief or None
-        What it was made for.
+        Inputs of the selection.
 
     """
 
@@ -236,14 +236,14 @@ class PlanSelector:
         self.forget()
 
     def forget(self) -> None:
-        """Forget the face ahead."""
+        """Discard the plan."""
         self.choice: Optional[Choice] = None
         self.belief: Optional[Belief] = None
         self._deliberation: Optional[Deliberation] = None
         self._answers = self._changes = 0
 
     def update(self, ahead: Ahead, situation: Situation, braking_room: float) -> None:
-        """Deliberate, or look at the choice again, within the attempts of one answer."""
+        """Continue the search, or re-evaluate the plan, within the budget of one decision."""
         motion, face = situation.motion, ahead.faces[0]
         if self.belief is not None and not _is_same(self.belief.face, face):
             self.forget()
@@ -281,7 +281,7 @@ class PlanSelector:
             self._deliberation = None
 
     def _adopt(self, choice: Choice) -> None:
-        """Take over what a deliberation has come to."""
+        """Adopt the result of a search."""
         before = self.choice
         if before is not None:
             if before.candidate == choice.candidate and not choice.others:
@@ -290,12 +290,12 @@ class PlanSelector:
         self.choice, self._answers = choice, 0
 
     def _is_news(self, now: Belief, braking_room: float) -> bool:
-        """Return whether the choice must be made anew."""
+        """Return whether a new search is required."""
         then, choice = self.belief, self.choice
         if then is None or choice is None:
             return True
         if choice.trial is not None and braking_room < 0.0:
-            # After the last braking point another plan is no safer than the one under way.
+            # Beyond the last braking point, no other plan is safer than the present one.
             return False
         if now.failures != then.failures or now.faces != then.faces:
             return True
@@ -313,10 +313,10 @@ class PlanSelector:
         return abs(now.face.height - then.face.height) > max(HEIGHT_NEWS, then.face.height_sd)
 
     def _look_again(self, task: Task, braking_room: float) -> None:
-        """Try the chosen plan a few times more, now and then."""
+        """Re-evaluate the plan periodically with a few rollouts."""
         choice = self.choice
         self._answers += 1
-        # Where nothing can be changed any more it is for the record.
+        # Beyond the last braking point the result is only reported.
         every = EVERY if braking_room > 0.0 else 4 * EVERY
         if choice is None or choice.trial is None or self._answers % every:
             return
@@ -331,7 +331,7 @@ class PlanSelector:
 
 
 def failures_at(face: Face, situation: Situation) -> Sequence[Failure]:
-    """Return what was tried at a face."""
+    """Return the failures at a face."""
     return [failure for failure in situation.failures
             if failure.face == face.number or abs(failure.position - face.position) < 0.15]
 

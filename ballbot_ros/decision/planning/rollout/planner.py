@@ -128,19 +128,19 @@ def weighing(ahead: Ahead, motion: Motion, tuning: DecisionTuning) -> Decision:
         step=face.number, distance=distance)
 
 
-# A face farther ahead is not thought about yet [m].
+# Faces beyond this distance are not evaluated yet [m].
 FAR = 3.5
-# The ball is on the step from this far before the touch [m], for so long at most [s].
+# The ball counts as on the step from this distance before the touch [m], for at most this [s].
 CONTACT, LONGEST_CONTACT = 0.005, 3.0
-# Room that a ball that stops leaves before a touch [m].
+# Clearance of a stop before a touch [m].
 GAP = 0.03
-# A face within this of the ball is taken for a slope [m].
+# A face within this distance of the ball counts as a slope [m].
 NEAR = 0.35
-# Drops up to this are better gone down on purpose than slid down [m].
+# Drops up to this height are descended deliberately [m].
 SMALL = 0.05
-# A stand is told this early, and what is not seen is stood off from [m].
+# Margin for announcing a stop, and distance kept from unobserved terrain [m].
 AT_EASE = 0.2
-# Answers that a closer look does not change.
+# Reasons that further rollouts do not change.
 DEFINITE = (Reason.TOO_HIGH, Reason.FAILED_BEFORE, Reason.STUCK)
 # Of the slope, where it is not seen [rad].
 SLOPE_SD = 0.01
@@ -235,7 +235,7 @@ class RolloutPlanner:
                 refuse(choice, ahead, motion, room, self._tuning), face.position, situation,
                 ahead.slope)
         begun = selector.choice is not None and selector.choice.trial is not None
-        # What was begun is broken off only where that is sure to end before the face.
+        # A plan in execution is aborted only if the ball certainly stops before the face.
         sure = ahead.touch - motion.position - self._lines.braking.distance(
             motion.speed, ahead.slope - 2.0 * ahead.slope_sd, emergency=True)
         selector.update(ahead, situation, min(room, sure) if begun else room)

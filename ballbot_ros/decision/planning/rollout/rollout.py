@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-One rollout: from now to the verdict, in one of the worlds that may be the real one.
+One rollout: from now to the verdict, in one sampled world.
 
-The ball rolls (`rolling`) until its pendulum swings or it is about to touch, and goes on with the
-full model (`contact`) until it is over, back or stuck.  Over is who gets clear of the edge (see
-`crossing.rules`), driven as the pilot drives it there.  From the edge it is also stopped, rolling
-again, to see whether that can be done before whatever comes next.
+The rolling model (`rolling`) holds until the pendulum swings or the touch is near; then the full
+model (`contact`) continues until the ball is over, back or stuck.  The ball is over once it is
+clear of the edge (see `crossing.rules`), under the commands of the pilot.  A second rolling phase
+from the edge checks whether the ball can stop before the next obstacle.
 """
 import math
 
@@ -71,7 +71,7 @@ def fill_ground(shape: Array, draw: Array, raised: float, here: float, ground: A
         ground[i, SURFACE_FRICTION] = draw[layout.SURFACE_FRICTION]
         ground[i, EDGE_FRICTION] = draw[layout.EDGE_FRICTION]
         before = x
-    # Both ends go on for ever and so must not be vertical.
+    # The end segments extend to infinity and must not be vertical.
     ground[0, VERTEX_X] = min(ground[0, VERTEX_X], ground[1, VERTEX_X] - APART)
     ground[count - 1, VERTEX_X] = max(ground[count - 1, VERTEX_X],
                                       ground[count - 2, VERTEX_X] + APART)
@@ -98,15 +98,15 @@ ROLLED = 0.01  # step of the rolling model [s]
 ROLLS = 2  # of them between two set angles
 GENTLE = 0.03  # sine of a turn of the ground that a rolling ball does not feel
 EARLY = 0.02  # the full model begins this much before the touch [m]
-PROGRESS = 0.001  # what is less is none [m]
+PROGRESS = 0.001  # minimum progress [m]
 RETREAT = 0.004  # a ball this far before where it touched has rolled back [m]
-LONGEST = 15.0  # an approach that takes longer does not arrive [s]
-RISING = 2.5  # a ball that does not roll forward then stands [s]
-SLOW = 0.02  # what is slower stands [m/s]
-PATIENCE = 3.0  # a contact that lasts longer is not going to end well [s]
-IDLE = 0.6  # nor is one in which the ball gets no farther for so long [s]
-LATE = 0.02  # after the edge the ball is stopped [s]
-GAP = 0.04  # between the standing ball and what it must not reach [m]
+LONGEST = 15.0  # maximum duration of an approach [s]
+RISING = 2.5  # maximum time until the ball rolls forward [s]
+SLOW = 0.02  # maximum speed of a standing ball [m/s]
+PATIENCE = 3.0  # maximum duration of a contact [s]
+IDLE = 0.6  # maximum time without progress in contact [s]
+LATE = 0.02  # delay of the stop after the edge [s]
+GAP = 0.04  # clearance between the standing ball and the next obstacle [m]
 
 
 @compiled
@@ -215,7 +215,7 @@ def climb(memory: SpeedState, plan: Array, draw: Array, robot: Parameters, drive
     """Run the full model until the ball is over or not; its state is in the scratch."""
     state, ground = scratch.state, scratch.ground
     edge = int(plan[EDGE_AT])
-    # The swing ends where the edge is believed to be passed, and the stop begins a little later.
+    # The swing ends at the estimated end of the edge; braking starts shortly after.
     over_x = max(ground[edge, VERTEX_X], plan[EDGE])
     over_y = ground[edge, VERTEX_Y] + 0.5 * robot.radius
     clear_x = ground[edge, VERTEX_X] + CLEARANCE * robot.radius

@@ -22,28 +22,28 @@ from ballbot_ros.decision.planning.rollout.rollout import Start
 from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
 from ballbot_ros.physics.model.terrain import Array
 
-# Steps are raised by so many deviations of their height to tell candidates apart.
+# Steps are raised by these multiples of their height deviation, to rank candidates.
 RAISED, MORE = 1.3, 2.3
 HIGHEST = 3
-# What robots differ by, over the height of a step: added to the deviation of what is seen.
+# Spread between robots relative to the step height, added to the height deviation.
 ROBOTS = 0.04
-# Candidates that meet the same worlds, and how many of those.
+# Number of finalists, and of common worlds for comparing them.
 FINALISTS, FEW = 8, 16
-# Worlds that the chosen one meets; the first look after a part of them.
+# Worlds for confirming a plan, and worlds before the first check.
 MANY, LOOK = 200, 40
-# Candidates that are tried at once, and how many of the highest level are enough.
+# Candidates per batch, and sufficient number at the highest level.
 HANDFUL, ENOUGH = 20, 6
-BUNDLE = 40  # attempts between two yields
-# A choice below what is required by this after a look is given up.
+BUNDLE = 40  # rollouts between two yields
+# A candidate this far below the required probability at a check is rejected.
 HOPELESS = 0.12
 CHOICES = 3
-# Most of the attempts that may fall.
+# Maximum fraction of rollouts that fall.
 FALLING = 0.01
 
 
 @dataclass
 class Trial:
-    """A candidate and what is known of it."""
+    """A candidate and its evaluation."""
 
     candidate: Candidate
     row: Array
@@ -57,7 +57,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Task:
-    """What a search is for."""
+    """Start, terrain, worlds and requirements of a search."""
 
     start: Start
     ahead: Ahead
@@ -66,7 +66,7 @@ class Task:
     highest_speed: float  # at touch [m/s]
 
     def tally(self, trial: Trial, worlds: Array, raised: float = 0.0) -> Tally:
-        """Return what becomes of a plan in some worlds."""
+        """Return the results of a plan in some worlds."""
         results = self.worlds.attempt(self.start, [trial.row], worlds, self.ahead, raised)
         return Tally.of(results[0], self.ahead.room_to)
 
@@ -76,14 +76,14 @@ Steps = Generator[None, None, Optional[Trial]]
 
 def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps:
     """
-    Search among candidates; the generator returns the trial that is good enough, or None.
+    Search among candidates; the generator returns the first sufficient trial, or None.
 
     Parameters
     ----------
     plans : sequence of Candidate
     task : Task
     trials : list
-        Filled with what was tried, for whoever wants to know why the others lost.
+        Output: all evaluations, for reporting why candidates were rejected.
 
     """
     ahead, worlds = task.ahead, task.worlds
@@ -97,7 +97,7 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
         yield
     best = max((trial.few.probability for trial in finalists), default=0.0)
     goal = task.required + 0.5 * max(best - task.required, 0.0)
-    # The gentlest of those that do, then those that do best.
+    # The gentlest sufficient candidates first, then by probability.
     order = sorted(finalists, key=lambda item: (
         item.few.falls > 0.0,
         item.few.beyond > (0.0 if ahead.known else (1.0 - task.required) * FEW),
@@ -113,7 +113,7 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
 
 
 def _sort(trials: List[Trial], task: Task, spread: float) -> Generator[None, None, None]:
-    """Write the levels of trials, from gentle to brisk ones, until enough pass what is higher."""
+    """Rank trials by the raised steps they cross, from gentle to brisk, until enough do."""
     middle = task.worlds.middle()
     trials.sort(key=lambda trial: trial.candidate.briskness)
     for begin in range(0, len(trials), HANDFUL):

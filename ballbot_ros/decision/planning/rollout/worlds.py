@@ -16,15 +16,15 @@ from ballbot_ros.decision.planning.rollout.rollout import PlainDrive, run_many, 
 from ballbot_ros.decision.planning.situation import Knowledge
 from ballbot_ros.physics.model.terrain import Array
 
-# So many worlds are drawn once, and taken in turn.
+# Number of worlds, drawn once and used cyclically.
 WORLDS = 1024
-# Between an answer and what it does: the period of the odometry, at most [s].
+# Maximum delay between decision and effect: the odometry period [s].
 LATENESS = 0.02
 
 
 @dataclass(frozen=True)
 class Tally:
-    """What became of attempts with one plan."""
+    """Results of the rollouts of one plan."""
 
     over: float = 0.0
     stuck: float = 0.0
@@ -60,12 +60,12 @@ class Tally:
 
     @property
     def probability(self) -> float:
-        """Return the expected probability of getting over, from an even prior (Laplace)."""
+        """Return the expected success probability with a uniform prior (Laplace)."""
         return (self.over + 1.0) / (self.attempts + 2.0)
 
     @property
     def falling(self) -> float:
-        """Return the part of attempts that fall."""
+        """Return the fraction of rollouts that fall."""
         return self.falls / max(self.attempts, 1.0)
 
     @property
@@ -76,10 +76,10 @@ class Tally:
 
 class Worlds:
     """
-    Worlds drawn from the particles and from what is uncertain of the ground.
+    Worlds sampled from the particles and from the terrain uncertainty.
 
-    The draws are made once, so that plans are compared in the same worlds and a run repeats to
-    the bit; where they end, they begin anew.
+    The samples are drawn once and reused cyclically, so that plans are compared in the same worlds
+    and a run is reproducible bit by bit.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ class Worlds:
         self.attempts = 0
 
     def believe(self, particles: Particles) -> None:
-        """Take the robots of some particles from now on."""
+        """Use the robots of these particles."""
         if particles is self._particles:
             return
         self._particles = particles
@@ -122,11 +122,11 @@ class Worlds:
         self._bias[:] = particles.column('height_bias')[chosen]
 
     def see(self, ahead: Ahead) -> None:
-        """Let the ground vary as what lies ahead is uncertain."""
+        """Sample the terrain from its uncertainty."""
         draws, normal = self._draws, self._normal
         heights, places = ahead.deviations
         draws[:, HEIGHT:HEIGHT + FACES] = normal[:, :FACES] * heights
-        # Who tells heights that are too great tells those of all rising faces so.
+        # The height bias of a sensor is common to all rising faces.
         for index, face in enumerate(ahead.faces):
             draws[:, HEIGHT + index] -= np.sign(face.height) * self._bias
         draws[:, PLACE:PLACE + FACES] = normal[:, FACES:2 * FACES] * places
