@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Verify the promise of `accuracy`, that the true error is below what was asked for.
+Verify that the true error is below the requested `accuracy`.
 
 Random scenes are run at four accuracies and compared with a reference at 1e-9 m. A scene whose
-reference finds no horizon beyond half of it is chaotic and left out; a run that says that its
-accuracy holds up to some time is held to that time.
+reference has a horizon below half its duration is chaotic and excluded; a run with a limited
+horizon is compared up to that time.
 """
 import time
 

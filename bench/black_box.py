@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the black box costs in a period of the bridge's loop, and what a file of it takes."""
+"""Time the black box: per period of the bridge loop, and per file."""
 from pathlib import Path
 import tempfile
 import time

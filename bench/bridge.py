@@ -2,11 +2,10 @@
 """
 Time the bridge: a loop of 500 Hz over an emulated ODrive at 921600 baud.
 
-With the laws on board (`set_point` at 50 Hz), with commands over topics (`control:=direct`), and
-with an IMU at 250 Hz.  The torque that the emulated drive makes is the witness: each command asks
-for another one, so each is found again in the log of the drive, with the time at which it came
-into force there.  What the bridge itself takes from a measurement to the torque that answers it
-is read off a capture of its line, in a run of its own.
+With onboard control (`set_point` at 50 Hz), with commands over topics (`control:=direct`), and
+with an IMU at 250 Hz.  Each command has a different torque, so the log of the emulated drive shows
+when each one takes effect.  The latency of the bridge from a measurement to its torque comes from
+a capture of its link, in a separate run.
 """
 from bisect import bisect
 from contextlib import contextmanager
@@ -39,15 +38,15 @@ from ballbot_ros.ros.rclpy_compat import new_executor
 SETTLE, WINDOW = 2.0, 8.0  # wall time before and of the measurement [s]
 REPEATS = 3
 GEAR = 50.0 * 0.9  # torque at the pendulum per torque at the shaft
-# Torques repeat after so many commands, which is longer than any of them is under way.
+# Number of different torques, more than are in flight at a time.
 DIFFERENT = 400
 SET_POINT_PERIOD = 0.02  # [s]
-LEAN = 0.3  # to both sides in turn, with the laws on board [rad]
+LEAN = 0.3  # to both sides in turn, in onboard control [rad]
 
 
 class Bench:
     """
-    A bridge in a process of its own, an emulated drive here, and commands from here.
+    A bridge in a separate process; emulated drive and commands in this process.
 
     Parameters
     ----------
@@ -59,10 +58,9 @@ class Bench:
     """
 
     def __init__(self, emulator, nodes, node, executor, control):
-        """Answer joint states, or publish set-points."""
         self._control, self._next = control, 0.0
         self.emulator, self.nodes, self.node, self.executor = emulator, nodes, node, executor
-        self.sent = {}  # number of the torque -> when it was published [s]
+        self.sent = {}  # number of the torque -> time of publication [s]
         self.arrivals = []
         self._number = 0
         self._commands = create_publisher(node, 'joint_commands')
@@ -95,7 +93,7 @@ class Bench:
         while time.monotonic() < end:
             if self._control == 'onboard' and self.pushing and time.monotonic() >= self._next:
                 self._next = time.monotonic() + SET_POINT_PERIOD
-                # Stamped by the bridge; the angle changes all the time, and so does the torque.
+                # Stamped by the bridge; angle and torque change continuously.
                 self._set_points.publish(set_point_message(
                     Time(), LEAN * math.sin(3.0 * time.monotonic())))
             self.executor.spin_once(timeout_sec=0.5 * SET_POINT_PERIOD)
@@ -125,20 +123,20 @@ class Bench:
 
 @contextmanager
 def emulated_here(folder):
-    """Give an emulated drive in this process."""
+    """Yield an emulated drive in this process."""
     with Emulator('odrive', load_scene('flat'), 921600, link=folder / 'motor') as emulator:
         yield emulator
 
 
 @contextmanager
 def emulated_apart(folder):
-    """Let an emulated drive run in a process of its own, which writes its log at the end."""
+    """Run an emulated drive in a separate process, which writes its log at the end."""
     process = subprocess.Popen(
         [sys.executable, '-m', 'ballbot_ros.cli', 'emulate-motor', '--protocol', 'odrive',
          '--baud', '921600', '--link', str(folder / 'motor'), '--log', str(folder / 'log.csv')],
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)
     try:
-        process.stdout.readline()  # the name of the device: it is there
+        process.stdout.readline()  # the name of the device: it is ready
         yield None
     finally:
         process.send_signal(signal.SIGTERM)
@@ -147,7 +145,7 @@ def emulated_apart(folder):
 
 @contextmanager
 def emulated_robot(folder):
-    """Let an emulated drive and IMU run in a process of their own."""
+    """Run an emulated drive and IMU in a separate process."""
     with NodeProcesses(folder / 'robot', own_domain()) as nodes:
         nodes.start('emulated_robot', {'link': folder / 'motor', 'scene': 'flat'})
         while not (folder / 'motor').exists():
@@ -157,7 +155,7 @@ def emulated_robot(folder):
 
 @contextmanager
 def running(folder, emulated=emulated_here, control='direct', rearm=True, **parameters):
-    """Give a `Bench` with a bridge under way; files are in a folder."""
+    """Yield a `Bench` with a running bridge; files are in a folder."""
     domain = own_domain()
     content = yaml.safe_load((config_folder() / 'hardware/gimball_odrive.yaml').read_text())
     content['connection'].update(
@@ -189,7 +187,7 @@ def applied(path, begin, end):
 
 
 def latencies(sent, log):
-    """Return the time from publishing each torque to the drive making it [s]."""
+    """Return the time from the publication of each torque to its effect in the drive [s]."""
     found = []
     for when, torque in log:
         times = sent.get(round((abs(torque) - 0.05) / 0.0005), [])
@@ -200,7 +198,7 @@ def latencies(sent, log):
 
 
 def answers(path):
-    """Return the time from each measurement read to the torque that answers it [s]."""
+    """Return the time from each measurement to its torque [s]."""
     found, read = [], None
     for record in read_capture(path):
         if record.direction == '<':
@@ -215,16 +213,16 @@ def answers(path):
 
 def run(emulated, control, **parameters):
     """
-    Run a bridge, and return what it used and the log of the drive.
+    Run a bridge, and return its processor time and the log of the drive.
 
     Returns
     -------
     share : float
         Processor time of the bridge [% of a core].
     log : list
-        See `applied`; empty where the drive keeps none.
+        See `applied`; empty without a log.
     sent : dict
-        When the bench sent each torque [s].
+        Time at which the bench sent each torque [s].
 
     """
     with tempfile.TemporaryDirectory() as name:

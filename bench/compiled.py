@@ -6,8 +6,8 @@ Our adaptive method against compiled solvers on the same compiled right-hand sid
     make bench ARGS='--only compiled --scenes near_critical,roll_60_s'
     make bench ARGS='--only compiled --write'                  # and into the documents
 
-An error costs what the cheapest tolerance takes that keeps it, and that all finer ones keep,
-too.  Runs of all solvers alternate; a time is the least of many, which holds on a busy machine.
+The cost of an error is the time of the cheapest tolerance that achieves it, as all finer ones do.
+Runs of all solvers alternate; a time is the minimum of many, which is robust on a busy machine.
 """
 import math
 import time
@@ -28,11 +28,11 @@ TOLERANCES = tuple(10.0**(-power / 3.0) for power in range(39, 5, -1))
 FIRST_LOOKS, FIRST_LOOK = 40, 0.05  # at each tolerance, to choose one; at all of them [s]
 SOONEST = 40      # repetitions
 LONGEST = 5.0     # of all repetitions of a scene and an error: a host is slow for seconds [s]
-HOPELESS = 3.0    # so many times slower than the best no one is timed again
+HOPELESS = 3.0    # ratio to the best time above which a solver is not timed again
 
 
 def solvers(case, rates):
-    """Return by name what runs a case to a tolerance."""
+    """Return the solvers of a case by name, as functions of a tolerance."""
     found = {'ours': Ours(case)}
     if compiled_fortran.ADDRESSES:
         for kind, name in ((2, 'LSODA'), (1, 'LSODA, Jacobian')):
@@ -54,14 +54,14 @@ def solvers(case, rates):
 
 
 def spent_by(run, tolerance):
-    """Return what a run takes [s]."""
+    """Return the time of a run [s]."""
     begin = time.perf_counter()
     run(tolerance)
     return time.perf_counter() - begin
 
 
 def kept(run, end, levels=LEVELS):
-    """Return for each error the tolerances that keep it, as all finer ones do."""
+    """Return for each error the tolerances that achieve it, as all finer ones do."""
     found, worst = {level: [] for level in levels}, 0.0
     for tolerance in TOLERANCES:  # from fine to coarse
         x, y = run(tolerance)
@@ -77,8 +77,8 @@ def kept(run, end, levels=LEVELS):
 
 
 def cheapest(run, tolerances):
-    """Return tolerance and right-hand sides of the quickest, after a look at each in turn."""
-    tolerances = tolerances[-6:]  # the finest are never it
+    """Return tolerance and right-hand sides of the quickest, after a trial of each in turn."""
+    tolerances = tolerances[-6:]  # the finest are never the quickest
     least, begin = dict.fromkeys(tolerances, math.inf), time.perf_counter()
     for repeat in range(FIRST_LOOKS):
         for item in tolerances:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-CVODE's C library, which the wheel of scikit-sundae carries, called as a program in C would.
+CVODE's C library from the wheel of scikit-sundae, called as from C.
 
-Dense and in double precision; a run is one call that starts anew and one that integrates.
+Dense and in double precision; a run is one call to reinitialize and one to integrate.
 """
 import ctypes
 import math
@@ -59,7 +59,7 @@ class Cvode:
     """Runs of one case by one method."""
 
     def __init__(self, rates, duration, method=BDF, slopes=False, newton=True):
-        """Make what runs of all tolerances share."""
+        """Allocate the data shared by all tolerances."""
         place, real, whole = ctypes.c_void_p, ctypes.c_double, ctypes.c_int
         index = ctypes.c_int32 if WIDTH == 4 else ctypes.c_int64
         self.context = place()

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The Fortran solvers within SciPy, called as a program in Fortran would call them.
+The Fortran solvers within SciPy, called as from Fortran.
 
 ODEPACK's LSODA, DVODE, and Hairer's DOP853 and DOPRI5: one call for a run, from and to numbers.
-SciPy's wrappers tell their addresses, up to the version that replaces Fortran by C.
+SciPy's wrappers expose their addresses, up to the version that replaces Fortran by C.
 """
 import ctypes
 import math
@@ -24,7 +24,7 @@ except (ImportError, AttributeError):
     ADDRESSES = {}
 
 MOST_STEPS = 10**7
-LAST_STEP = 6  # where DOP853 leaves its last step, with which another run would begin
+LAST_STEP = 6  # index of the last step of DOP853, the first step of the next run
 WHOLE = types.CPointer(types.int32)
 
 
@@ -35,7 +35,7 @@ def _routine(name):
     return ctypes.CFUNCTYPE(None)(get(ADDRESSES[name], None))
 
 
-# LSODA hands on the very array that it was given: behind the motion lie the data of the case.
+# LSODA passes the caller's array unchanged: the data of the case follow the motion.
 @cfunc(types.void(WHOLE, NUMBERS, NUMBERS, NUMBERS), **OPTIONS)
 def _lsoda_rates(_, time, motion, out):
     compiled_rates.call(
@@ -63,7 +63,7 @@ class Run:
     """Runs of one case by one routine: a call with everything in place but the tolerance."""
 
     def __init__(self, name, rates, duration, start, done):
-        """Make what runs of all tolerances share; `start` and `done` are values of its state."""
+        """Allocate the shared data; `start` and `done` are values of its state."""
         self.first, self.done, self.counted = start, done, 0
         self.arguments, self.whole, self.work = (), None, None
         self.routine, self.rates, self.kept = _routine(name), rates, []

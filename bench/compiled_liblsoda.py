@@ -2,8 +2,8 @@
 """
 LSODA in C++, from the sources of numbalsoda: one call of its library is one run.
 
-No wheel of it fits our Python, and its own build wants a Fortran compiler for what is not needed
-here; so this compiles the two files that are, into the folder build/.
+No wheel of it supports our Python, and its own build needs a Fortran compiler for unused parts; so
+this compiles the two required files into the folder build/.
 
     .venv/bin/python bench/compiled_liblsoda.py
 """
@@ -30,10 +30,10 @@ LIBRARY = ctypes.CDLL(str(FILE)) if FILE.exists() else None
 
 
 class Liblsoda:
-    """Runs of one case; it does not tell its right-hand sides."""
+    """Runs of one case, without a count of the right-hand sides."""
 
     def __init__(self, rates, duration):
-        """Make what runs share."""
+        """Allocate the data shared by all runs."""
         self.solve = LIBRARY.lsoda_wrapper
         place, real, whole = ctypes.c_void_p, ctypes.c_double, ctypes.c_int
         self.solve.restype = None
@@ -58,7 +58,7 @@ class Liblsoda:
 
 
 def build():
-    """Fetch the sources and compile them for this very processor."""
+    """Fetch the sources and compile them for the local processor."""
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run([sys.executable, '-m', 'pip', 'download', '--quiet', '--no-deps',
                         '--no-binary', 'numbalsoda', '--dest', folder, SOURCE], check=True)

@@ -2,8 +2,8 @@
 """
 Our right-hand side as a function in C calling convention, for solvers in C, C++ and Fortran.
 
-It is compiled anew for each scene, robot and ground as constants, so that whatever the scene
-does not need is left out; no solver of ours gets as much.  Nothing of it is Python.
+It is compiled for each scene with robot and ground as constants, so that the compiler removes
+unused terms; our own solvers do not have this advantage.  No part of it is Python.
 """
 import ctypes
 from typing import NamedTuple
@@ -25,7 +25,7 @@ from ballbot_ros.physics.model.state import COORDINATES, PENDULUM_ANGLE, PENDULU
 MOTION = 8
 OPTIONS = {'error_model': 'numpy', '_nrt': False}
 NUMBERS = types.CPointer(types.float64)
-# Time, motion, where to write, room to work in.
+# Time, motion, output, work array.
 SIGNATURE = types.void(types.float64, NUMBERS, NUMBERS, NUMBERS)
 
 
@@ -35,7 +35,7 @@ class Rates(NamedTuple):
     rates: object  # kept, or their code is freed
     slopes: object
     start: np.ndarray
-    data: np.ndarray  # addresses of both functions, then the room that they work in
+    data: np.ndarray  # addresses of both functions, then their work array
 
 
 def _array(number, dimensions):
@@ -62,7 +62,7 @@ vector, table, whole_table = (
 
 
 def compiled_case(case, with_slopes=True):
-    """Compile the right-hand side of a case, and its Jacobian by column if asked for."""
+    """Compile the right-hand side of a case, and its Jacobian by column on request."""
     model = case.model
     parameters, ground = model.parameters, model.profile
     actuator = case.actuation.actuator(model.robot, 0.0, case.start.joint_angle)
@@ -108,21 +108,21 @@ def compiled_case(case, with_slopes=True):
 
 @intrinsic
 def shifted(_, place, numbers):
-    """Return a pointer so many numbers further on."""
+    """Return a pointer advanced by a number of elements."""
     return place(place, types.intp), lambda context, builder, signature, arguments: builder.gep(
         arguments[0], [arguments[1]])
 
 
 @intrinsic
 def first(_, place):
-    """Return the number that a pointer points to."""
+    """Return the number at a pointer."""
     return types.float64(place), lambda context, builder, signature, arguments: builder.load(
         arguments[0])
 
 
 @intrinsic
 def target_of(_, place, offset):
-    """Return the pointer to numbers that lies so many bytes behind a place."""
+    """Return the pointer stored at a byte offset."""
     def generate(context, builder, signature, arguments):
         found = builder.gep(builder.bitcast(arguments[0], cgutils.voidptr_t), [arguments[1]])
         kind = context.get_value_type(NUMBERS)
@@ -153,7 +153,7 @@ def plain_rates(time, motion, out, data):
 
 
 def largest_difference(case, rates, states=100):
-    """Return how far the compiled right-hand side is from ours at random states, relative."""
+    """Return the relative deviation of the compiled right-hand side from ours at random states."""
     ours, draw, out = peers.compiled_rates(case), np.random.default_rng(2014), np.zeros(MOTION)
     worst = 0.0
     for _ in range(states):

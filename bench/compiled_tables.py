@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Show what compiled.py has measured in docs/speed_and_accuracy.md and README.md.
+Write the results of compiled.py to docs/speed_and_accuracy.md and README.md.
 
     .venv/bin/python bench/compiled_tables.py      # again, from docs/bench.json
 """
@@ -12,19 +12,19 @@ import documents
 DOCUMENT = 'docs/speed_and_accuracy.md'
 OURS = 'ours'
 LEVELS = {1e-4: '0.1 mm', 1e-6: '1 um'}
-# At least so many times quicker than the best compiled peer.
+# Target ratios of the time of the best compiled peer to ours.
 MEDIAN, EACH, EACH_OF = 5.0, 3.0, {'roll_60_s': 10.0}
 OWN = {('near_critical', 1e-4): 30e-6, ('near_critical', 1e-6): 60e-6}  # [s]
 
 
 def best_peer(table):
-    """Return name and time of the quickest peer, None where none gets there."""
+    """Return name and time of the quickest peer, None if none achieves the error."""
     peers = [(spent, name) for name, (spent, *_) in table.items() if name != OURS]
     return min(peers)[::-1] if peers else None
 
 
 def ratios(found):
-    """Return by error and scene how many times longer than ours the best peer takes."""
+    """Return the ratio of the best peer's time to ours by error and scene."""
     table = {}
     for (scene, level), solvers in found.items():
         best = best_peer(solvers)
@@ -45,12 +45,12 @@ def short(value):
 
 
 def verdict(met):
-    """Return what a document says of a target."""
+    """Return the verdict on a target for a document."""
     return 'met' if met else '**missed**'
 
 
 def target_rows(found):
-    """Yield target, what was reached, and whether that does."""
+    """Yield target, result and verdict."""
     for level, table in ratios(found).items():
         values = list(table.values())
         yield (f'{MEDIAN:g} x the best compiled peer at {LEVELS[level]}, median of '
@@ -105,7 +105,7 @@ def solver_rows(found):
 
 
 def headline(found):
-    """Return what the README says."""
+    """Return the headline of the README."""
     table = ratios(found)
     parts = [f'{short(middle(values.values()))} times as long at {LEVELS[level]} (least '
              f'{short(min(values.values()))} in `{min(values, key=values.get)}`, most '
@@ -118,7 +118,7 @@ def headline(found):
 
 
 def write(found):
-    """Keep the figures, and show them."""
+    """Store the figures and update the documents."""
     documents.keep(compiled=[
         {'scene': scene, 'error': level, 'solvers': {
             name: dict(zip(('time', 'tolerance', 'calls'), values))
@@ -127,7 +127,7 @@ def write(found):
 
 
 def show(found):
-    """Put the figures into the documents."""
+    """Write the figures to the documents."""
     documents.show(DOCUMENT, 'compiled targets', documents.table(
         ['target', 'reached', ''], target_rows(found)))
     documents.show(DOCUMENT, 'compiled scenes', documents.table(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the planner of rollouts costs: an attempt, the first answer about a step, later ones."""
+"""Time the rollout planner: one attempt, the first decision about a step, later ones."""
 import math
 from time import process_time
 
@@ -40,12 +40,12 @@ def attempts(height, speed, swing, count=400):
 
 
 def approach(height, seed):
-    """Return the times of all answers on an approach to the touch, or to a stand [ms]."""
+    """Return the times of all decisions on an approach until the touch or a stop [ms]."""
     random, decide = np.random.default_rng(seed), planner(KNOWLEDGE)
     position, speed, decision, spent = -SEEN, 0.3, None, []
     noise = float(random.normal(0.0, 0.002))
     for number in range(300):
-        # What is believed settles as observations come in.
+        # The estimate converges with the number of observations.
         settled = 1.0 / math.sqrt(1.0 + number)
         face = Face(1, 0.0, height + noise * settled, 0.01, max(0.0005, 0.002 * settled))
         begin = process_time()

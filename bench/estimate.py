@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How wrong the estimated pendulum angle is: against truth, with and without an IMU."""
+"""Error of the estimated pendulum angle against the true one, with and without an IMU."""
 from dataclasses import replace
 import math
 
@@ -15,7 +15,7 @@ RATE = 500.0  # of the encoder and the IMU [Hz]
 COUNTS = 50 * 4096  # of the encoder per turn of the joint: on the motor, before the gear
 # A cheap micromechanical IMU, not at the centre of the ball.
 PLACE, GYRO_SD, FORCE_SD, BIAS = (0.03, -0.02), 0.005, 0.1, 0.01
-# The parameters of the filter are wrong by this much, which those of identified robots are.
+# Factors of the parameter errors of the filter, as for identified robots.
 WRONG = {'pendulum_mass': 1.05, 'joint_friction': 1.3, 'ball_inertia': 0.95}
 TORQUE_ERROR = 1.05
 
@@ -41,7 +41,7 @@ def errors(case, imu, closed=False):
     """
     Return the error of the pendulum angle [rad] and of its rate [rad/s] over time.
 
-    With `closed` law (11) works with the estimate, else with the truth.
+    With `closed`, controller (11) uses the estimate, else the true state.
     """
     _, terrain, changes, start, wanted, duration = case
     robot = replace(load_robot('gimball'), **changes)

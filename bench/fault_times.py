@@ -5,8 +5,8 @@ Time to zero torque for each failure mode, in simulated time around the real ses
     .venv/bin/python bench/fault_times.py            # prints the table
     .venv/bin/python bench/fault_times.py --write    # and puts it into docs/hardware_bridge.md
 
-Ball, drive, cable and IMU are models on one clock, so the times are the same on any machine; what
-a busy machine adds is measured by `faults.py`.
+Ball, drive, cable and IMU are models on one clock, so the times are the same on any machine;
+`faults.py` measures the additional delay of a busy machine.
 """
 import logging
 from pathlib import Path
@@ -40,7 +40,7 @@ def measure():
 
 
 def main():
-    """Print the table, and write it where that is asked for."""
+    """Print the table, and write it on request."""
     lines = [f'| failure mode | {" | ".join(PROTOCOLS)} |', '|---' * (1 + len(PROTOCOLS)) + '|']
     for name, _, times, _ in measure():
         lines.append(f'| {name.partition(": ")[2]} | ' + ' | '.join(

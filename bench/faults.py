@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Time to zero torque for every fault, worst of 20, with laws on board and in direct control.
+Time to zero torque for every fault, worst of 20, in onboard and in direct control.
 
-What ends whole nodes is measured ten times in each, twenty in all.
+Faults that end whole nodes are measured ten times in each, twenty in all.
 
     make bench ARGS='--only faults'                       # about ten minutes
     .venv/bin/python bench/faults.py --repeats 3          # quicker
@@ -10,8 +10,8 @@ What ends whole nodes is measured ten times in each, twenty in all.
     .venv/bin/python bench/faults.py --write              # the table, into docs/hardware_bridge.md
 
 Counted from the fault to the last torque in the log of an emulated ODrive at 921600 baud.  Most
-faults meet the loop of the bridge in this process; signals and the e-stop meet whole nodes.  What
-has been measured is kept in a file: the same command goes on where it was interrupted.
+faults act on the loop of the bridge in this process; signals and the e-stop act on whole nodes.
+Results are stored in a file: the same command continues an interrupted run.
 """
 import argparse
 from dataclasses import replace
@@ -43,23 +43,23 @@ from ballbot_ros.estimation import ImuReading
 from ballbot_ros.physics.simulation.scene import load_scene
 
 REPEATS = 20
-# A node takes seconds to start; how it ends does not depend on who makes its torque.
+# A node takes seconds to start; its end does not depend on the control mode.
 PART_OF_NODES = 0.5
 KEPT = Path('ballbot_output/faults.json')
 PAGE = Path(__file__).resolve().parents[1] / 'docs/hardware_bridge.md'
 BEGIN, END = '<!-- table: time to zero -->', '<!-- end -->'
-TORQUE, ANGLE = 0.3, 0.3  # commanded in direct control [N m], asked for on board [rad]
+TORQUE, ANGLE = 0.3, 0.3  # commanded in direct control [N m], set-point in onboard control [rad]
 FEED = 0.004  # between IMU readings and commands; every fifth time a set-point [s]
-QUIET = 0.2  # without torque for so long is at zero [s]
-LONGEST = 6.0  # that is waited for zero [s]
+QUIET = 0.2  # time without torque that counts as zero [s]
+LONGEST = 6.0  # timeout of the wait for zero [s]
 HOUR = 3600.0
 
 
 class Fault(NamedTuple):
-    """What happens, and what limits the time that follows."""
+    """Action of a fault, and the bound of the time to zero."""
 
     what: str
-    act: object  # called with the rig; returns when the fault began [s], None for now
+    act: object  # called with the rig; returns the start of the fault [s], None for now
     bound: str
     onboard: bool = True
     direct: bool = True
@@ -76,7 +76,7 @@ class Rig:
         self.busy = []
 
     def law(self):
-        """Return the laws on board, None in direct control."""
+        """Return the onboard controller, None in direct control."""
         if self.control == 'direct':
             return None
         limits = self.hardware.limits
@@ -84,7 +84,7 @@ class Rig:
             20.0, 0.5, let_down_time=limits.damping_time))
 
     def trial(self, fault):
-        """Let a fault happen under torque, and return the time to zero [s]."""
+        """Trigger a fault under torque, and return the time to zero [s]."""
         self.imu = self.commands = True
         self.explode, self.shift, self.ahead = False, 0.0, 0.0
         self.last, self.pushing, self.ending = 0.0, False, False
@@ -116,7 +116,7 @@ class Rig:
                 process.wait()
 
     def take(self, report):
-        """Fail where the fault is that."""
+        """Raise the injected exception, if there is one."""
         if self.explode:
             raise ZeroDivisionError('planted')
 
@@ -159,7 +159,7 @@ class Rig:
             time.sleep(0.005)
 
     def zero_at(self):
-        """Wait until there is no torque for a while, and return since when."""
+        """Wait until the torque stays at zero, and return the start of that time."""
         end = time.monotonic() + LONGEST
         while time.monotonic() < end:
             last = self.emulator.log[-1]
@@ -171,19 +171,19 @@ class Rig:
     # Faults
 
     def stop_commands(self):
-        """Command no more, and return when that was done last."""
+        """Stop the commands, and return the time of the last one."""
         self.commands = False
         time.sleep(2.0 * FEED)
         return self.last
 
     def stamp_ahead(self):
-        """Let the last command be one that is stamped 49 ms in the future."""
+        """Stamp the last command 49 ms in the future."""
         self.ahead = 0.049
         time.sleep(3.0 * FEED)
         return self.stop_commands()
 
     def make_busy(self):
-        """Let four other programs take the processor, and command no more."""
+        """Stop the commands while four other programs load the processor."""
         self.busy = [subprocess.Popen([sys.executable, '-c', 'while True: pass'])
                      for _ in range(4)]
         time.sleep(0.3)
@@ -191,12 +191,12 @@ class Rig:
 
 
 def tell(line):
-    """Return what has an emulated drive do something."""
+    """Return an action that sends a line to the emulated drive."""
     return lambda rig: obey(rig.emulator, line) and None
 
 
 def put(**values):
-    """Return what changes the feeder or the loop."""
+    """Return an action that changes the feeder or the loop."""
     return lambda rig: [setattr(rig, name, value) for name, value in values.items()] and None
 
 
@@ -227,7 +227,7 @@ BOUNDS = {'SIGINT': 'the stop at the end', 'SIGTERM': 'the stop at the end', 'SI
 
 
 class Book:
-    """Keeps what was measured, and prints it as it comes."""
+    """Stores and prints the results."""
 
     def __init__(self, path):
         self.path, self.times = path, {}
@@ -236,11 +236,11 @@ class Book:
             print(f'going on with {path}; remove it to begin anew', file=sys.stderr)
 
     def have(self, control, what):
-        """Return the times that there are [s]."""
+        """Return the stored times [s]."""
         return self.times.setdefault(f'{control}: {what}', [])
 
     def add(self, control, what, seconds, repeats):
-        """Keep a time, and say how far it is; what was over before it began is none."""
+        """Store a time and print the progress; negative times are discarded."""
         if seconds < 0.0:
             print(f'\n{control}: {what}: the torque had ended before, held up by others?',
                   file=sys.stderr)
@@ -256,7 +256,7 @@ class Book:
 
 
 def measure_loop(book, control, repeats, only):
-    """Meet the loop with each fault that is not measured yet."""
+    """Measure the missing faults of the loop."""
     wanted = [fault for fault in FAULTS if getattr(fault, control)
               and (only is None or only in fault.what)
               and len(book.have(control, fault.what)) < repeats]
@@ -282,7 +282,7 @@ def measure_loop(book, control, repeats, only):
 
 
 def measure_nodes(book, control, repeats, only):
-    """End whole nodes, each after an e-stop or a time in which it was frozen."""
+    """End whole nodes, each after an e-stop or a time of suspension."""
     from bridge import running
     from std_srvs.srv import Trigger
     for name, number in NODES.items():
@@ -311,7 +311,7 @@ def measure_nodes(book, control, repeats, only):
 
 
 def pull(bench):
-    """Let the motor of a node pull for a moment."""
+    """Run the motor of a node under torque for a moment."""
     end = time.monotonic() + 20.0
     while not bench.emulator.torque:
         bench.spin(0.02)
@@ -321,7 +321,7 @@ def pull(bench):
 
 
 def zero(bench):
-    """Return since when the motor of a node makes no torque [s]."""
+    """Return the time since which the motor of a node makes no torque [s]."""
     end = time.monotonic() + LONGEST
     while time.monotonic() < end:
         bench.spin(0.01)
@@ -349,9 +349,9 @@ def table(book):
 
 
 def run(repeats=REPEATS, control=None, only=None, kept=KEPT):
-    """Measure what is not measured yet, and return the book."""
+    """Run the missing measurements, and return the book."""
     book = Book(kept)
-    logging.disable(logging.WARNING)  # that the drive is lost is what is wanted here
+    logging.disable(logging.WARNING)  # a lost drive is expected here
     for name in ('onboard', 'direct') if control is None else (control,):
         measure_loop(book, name, repeats, only)
         if only is None or any(only in what for what in BOUNDS):
@@ -366,7 +366,7 @@ def measure():
 
 
 def main():
-    """Measure, print the table, and write it where that is asked for."""
+    """Measure, print the table, and write it on request."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--repeats', type=int, default=REPEATS)
     parser.add_argument('--control', choices=('onboard', 'direct'))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measure what comes through a line on which random bytes come by themselves, in its own time."""
+"""Measure the data loss on a link with random bytes, in simulated time."""
 import random
 
 from ballbot_ros.drives import device_class, driver_class, DRIVES, open_driver
@@ -10,13 +10,13 @@ from ballbot_ros.physics.simulation.scene import load_scene
 
 GARBAGE = 2000.0  # random bytes per second, both ways
 RATE, SECONDS = 500.0, 20.0
-TICK = 1e-4  # the drive looks at its line so often [s]
-# Positions that a reading may have: of the last so many periods.
+TICK = 1e-4  # polling period of the drive [s]
+# Number of latest periods whose positions a reading may have.
 RECENT = 50
 
 
 class FloodedLine(MemoryLine):
-    """A line with time of its own, a drive at its other end, and bytes that nobody sent."""
+    """A link in simulated time, with a drive at its other end and random bytes."""
 
     def __init__(self, device, baud):
         super().__init__(device)
@@ -25,7 +25,7 @@ class FloodedLine(MemoryLine):
         self.directions = (Direction(baud, rng), Direction(baud, rng))
 
     def flood(self, rate):
-        """Let so many random bytes come per second, in each direction."""
+        """Insert random bytes at a rate [1/s], in each direction."""
         for direction in self.directions:
             direction.faults = LineFaults(garbage=rate)
 
@@ -38,7 +38,7 @@ class FloodedLine(MemoryLine):
         return self.directions[1].take(self.now)
 
     def pass_time(self, seconds):
-        """Let drive and line live on."""
+        """Advance drive and link."""
         end = self.now + seconds - 0.5 * TICK
         while self.now < end:
             self.now += TICK
@@ -48,7 +48,7 @@ class FloodedLine(MemoryLine):
 
 
 def flood(protocol, firmware):
-    """Return the part of the periods with a position that is new, and how many were wrong [%]."""
+    """Return the fractions of periods with a new and with a wrong position [%]."""
     settings = settings_for(load_scene('flat').model.robot, firmware=firmware)
     baud = max(driver_class(protocol).baud_rates)
     line = FloodedLine(device_class(protocol)(settings), baud)

@@ -24,12 +24,12 @@ class Ours:
     flight : bool
         Whether to fly in closed form.
     ledger : bool
-        Whether to keep the energy ledger; peers have none.
+        Whether to compute the energy balance; peers do not.
 
     """
 
     def __init__(self, case, flight=True, ledger=False):
-        """Make what runs of all tolerances share."""
+        """Allocate the data shared by all tolerances."""
         model, method = case.model, METHODS['adaptive']
         actuator = case.actuation.actuator(model.robot, 0.0, case.start.joint_angle)
         self.kernel, self.duration = method.advance, case.duration
@@ -49,7 +49,7 @@ class Ours:
         return int(self.workspace.statistics[EVALUATIONS])
 
     def __call__(self, tolerance):
-        """Run, and return the end position; nothing for a tolerance that nobody may ask for."""
+        """Run, and return the end position; NaN for a tolerance out of range."""
         if tolerance > COARSEST:
             return math.nan, math.nan
         if tolerance != self.tolerance:

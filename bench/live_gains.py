@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time a change of gains: what it does to the loop that goes on meanwhile, and to its torque."""
+"""Time a change of gains: its effect on the period of the running loop, and on the torque."""
 from pathlib import Path
 import tempfile
 import time
@@ -17,14 +17,14 @@ from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import to_seconds
 from ballbot_ros.ros.rclpy_compat import new_executor
 
-PATIENCE = 120.0  # wall time until the loop runs, and until a change is in force [s]
+PATIENCE = 120.0  # timeout of the start of the loop, and of a change [s]
 WINDOW = 6.0  # wall time without a change [s]
-ANGLE = 0.5  # that the pendulum is held at [rad]
+ANGLE = 0.5  # of the held pendulum [rad]
 GAINS = (30.0, 40.0, 30.0)  # position_kp, one after the other [N m/rad]
 
 
 class Bench(Node):
-    """Holds the pendulum, changes gains, and notes each command."""
+    """Holds the pendulum, changes gains, and records each command."""
 
     def __init__(self):
         """Join the loop."""
@@ -41,7 +41,7 @@ class Bench(Node):
                               message.effort[0]))
 
     def change(self, gain):
-        """Ask for another gain; return the future of the answer."""
+        """Request another gain; return the future of the reply."""
         return self.client.call_async(SetParameters.Request(parameters=[
             Parameter('gains.position_kp', value=gain).to_parameter_msg()]))
 

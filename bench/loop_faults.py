@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Ten minutes of the bridge's loop against an emulated drive to which something happens all the time.
+Ten minutes of the bridge loop with an emulated drive and continual faults.
 
     make bench ARGS='--only loop_faults'      # not part of a plain `make bench`
 """
@@ -27,16 +27,16 @@ from ballbot_ros.physics.simulation.scene import load_scene
 
 DURATION = 600.0  # [s]
 PAUSE = (1.0, 6.0)  # between two events [s]
-BAD_LINE = 0.5  # that a bad line stays so [s]
+BAD_LINE = 0.5  # duration of a bad link [s]
 EVENTS = ('unplug 0.3', 'reboot', 'silence 0.4', 'corrupt 0.002', 'drop 0.002', 'duplicate 0.002',
           'garbage 3000 from', 'delay 0.005', 'encoder_jump 0.1', 'corrupt 0.05', 'drop 0.05')
 
 
 class Watcher:
-    """Commands a slow swing and keeps what there is to judge by."""
+    """Commands a slow swing and records the results."""
 
     def __init__(self):
-        # Compact, and made at once: what grows must be what is measured.
+        # Compact and preallocated, so that memory growth comes from the measured code.
         self.periods, self.gaps = array('f', bytes(4 * 600_000)), []
         self.count = 0
         self.before = self.on_until = None

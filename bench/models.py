@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What leaving out gives: for each shipped scene the time with it over that without, at equal error.
+Cost of optional model parts: for each shipped scene the ratio of times with and without.
 
     make bench ARGS='--only models --write'      # and into docs/model.md
 
-A time is that of the cheapest tolerance that keeps an error, as all finer ones do, against a run
-of the full model at 1e-13; the least of many runs in turn.
+A time is that of the cheapest tolerance that achieves an error, as all finer ones do, against a
+run of the full model at 1e-13; the minimum of many runs in turn.
 """
 from dataclasses import replace
 import math
@@ -26,11 +26,11 @@ from ballbot_ros.physics.solvers.values import Options
 
 LEVELS = (1e-4, 1e-5, 1e-6)  # the errors at which times are compared [m]
 REPEATS = 25
-LOOKS = 200        # at states of a run, at each of which contacts are searched for
-AT_REST = 1e-9     # a pendulum that swings no farther hangs still [rad]
+LOOKS = 200        # states of a run at which contacts are searched
+AT_REST = 1e-9     # largest swing of a pendulum at rest [rad]
 COLUMNS = {'pendulum': 'pendulum', 'search': 'search for contacts', 'ledger': 'energy ledger',
            'flight': 'steps in flight', 'all': 'all of them'}
-# A pendulum that moves nothing, to see what its equations cost a robot that has none.
+# A massless pendulum, to time its equations for a robot without one.
 WEIGHTLESS = {'pendulum_mass': 1e-9, 'pendulum_length': 0.05, 'pendulum_inertia': 1e-9}
 
 
@@ -46,7 +46,7 @@ def search_often(repeats, places, radius, ground, contacts):
 
 
 def search_time(case):
-    """Return what one search for contacts takes on the way of a run [s]."""
+    """Return the time of one search for contacts along a run [s]."""
     run = simulate(replace(case.model, solver=replace(
         case.model.solver_in_use, method='adaptive', tolerance=1e-9)), case.start, case.actuation,
         case.duration, case.duration / LOOKS)
@@ -63,7 +63,7 @@ def search_time(case):
 
 
 def variants(case):
-    """Return by name what runs a case with more than it requires; `least` has the least."""
+    """Return the variants of a case with optional model parts by name; `least` has none."""
     found = {'least': Ours(case), 'flight': Ours(case, flight=False),
              'ledger': Ours(case, ledger=True), 'all': Ours(case, False, True)}
     if not case.model.robot.has_pendulum:
@@ -88,12 +88,12 @@ def least_times(case):
 
 
 def found_in(case):
-    """Return by what may be left out the factor in time, or in words why there is none."""
+    """Return the factor in time of each optional model part, or the reason for none as text."""
     times, calls = least_times(case)
     searching, run = search_time(case)
 
     def factor(name):
-        # Tolerances come in steps, so that one error alone would leave much to chance.
+        # Tolerances are discrete, so a single error would be a noisy measure.
         return math.exp(sum(math.log(item[name] / item['least']) for item in times) / len(times))
     least, found = times[-1]['least'], {}
     if run.effort.flights > 0:
@@ -106,7 +106,7 @@ def found_in(case):
     found['pendulum'] = factor('pendulum') if 'pendulum' in times[-1] else 'kept: it swings'
     if 'pendulum' not in times[-1] and np.ptp(run['pendulum_angle']) < AT_REST:
         found['pendulum'] = 'kept: it hangs still'
-    # The search is not among what can be switched on.
+    # The search cannot be switched.
     found['all'] = factor('all') + found['search'] - 1.0
     return found, least
 
@@ -130,7 +130,7 @@ def measure(scenes=None, write=False):
 
 
 def write_table(table):
-    """Put the factors into the document."""
+    """Write the factors to the document."""
     rows = [[f'`{scene}`', f'{1e6 * least:.3g}'] + [
         f'{value:.2f} x' if isinstance(value, float) else value
         for value in (found[what] for what in COLUMNS)] for scene, (found, least) in table.items()]

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Let the bridge run long, or unplug it often, and watch its memory, threads and open files.
+Run the bridge for long, or unplug it often, and monitor its memory, threads and open files.
 
     .venv/bin/python bench/node_resources.py --seconds 600
     .venv/bin/python bench/node_resources.py --unplugs 1000
 
-Without the black box, which would fill its 64 MiB over the first ten minutes: what grows here is
-lost.  Ctrl-C ends it and prints what there is.
+The black box is off, since it would fill its 64 MiB over the first ten minutes: any growth here is
+a leak.  Ctrl-C ends the run and prints the results so far.
 """
 import argparse
 from pathlib import Path
@@ -30,7 +30,7 @@ def resources(process):
 
 
 def row(what, bench, mark):
-    """Print one line; `mark` is where the log of torques was looked at last."""
+    """Print one line; `mark` is the last read position of the log of torques."""
     memory, threads, files = resources(bench.process)
     times = [applied.time for applied in list(bench.emulator.log)[mark:]]
     most = max((after - before for before, after in zip(times, times[1:])), default=float('nan'))
@@ -51,7 +51,7 @@ def unplug(bench, times):
     longest = 0.0
     for number in range(1, times + 1):
         obey(bench.emulator, 'unplug')
-        while bench.emulator.torque:  # until its watchdog lets go: what comes later is new
+        while bench.emulator.torque:  # until its watchdog stops the motor: later torque is new
             bench.spin(0.01)
         obey(bench.emulator, 'plug')
         begin = time.monotonic()

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-From a measurement to the torque that answers it, with laws on board, on the wire of a drive.
+Delay from a measurement to its torque on the link of a drive, in onboard control.
 
-Twice: with the torque in a write of its own as soon as the estimate is there, as the bridge does
-it, and with the next question, which would save the write.  The drive is emulated in a process of
-its own; the loop runs here.
+Two variants: the torque in a separate write right after the estimate, as in the bridge, and with
+the next request, which would save the write.  The drive is emulated in a separate process; the
+loop runs in this one.
 """
 from dataclasses import replace
 from pathlib import Path
@@ -32,10 +32,10 @@ DRIVES = ('odrive', 'vesc', 'roboclaw')
 
 
 class Ride:
-    """A session on an emulated drive, and how late its torques go out."""
+    """A session on an emulated drive, and the delays of its torques."""
 
     def __init__(self, hardware, at_once):
-        """Start the loop and drive to and fro."""
+        """Start the loop and drive back and forth."""
         robot = load_robot(hardware.robot)
         self.session = Session(
             hardware, robot, connector(hardware),
@@ -94,7 +94,7 @@ def delays(protocol, at_once):
              '--baud', str(hardware.connection.baud), '--link', str(link)],
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)
         try:
-            process.stdout.readline()  # the name of the device: it is there
+            process.stdout.readline()  # the name of the device: it is ready
             threading.Thread(target=process.stdout.read, daemon=True).start()
             hardware = replace(
                 hardware, limits=replace(hardware.limits, rearm=True),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scenes on which error is weighed against time: each strains a solver in its own way."""
+"""The scenes of the work-precision benchmark: each one is hard for solvers in another way."""
 from dataclasses import replace
 import math
 from typing import NamedTuple
@@ -10,14 +10,14 @@ from ballbot_ros.physics import Actuation, load_robot, load_scene, Model, Solver
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.model.terrain_file import read_terrain
 
-# A number, so that the scene stays the same whatever becomes of the search [m].
+# A constant, so that the scene does not depend on the search [m].
 NEAR_CRITICAL = 0.01983297
 # The one scene that MuJoCo runs, too: far from the critical height of either engine.
 MUJOCO_SCENE, MUJOCO_SPEED, MUJOCO_HEIGHT = 'crossing_25_mm', 0.8, 0.025
 
 
 class Case(NamedTuple):
-    """A run whose end is asked for."""
+    """A run whose end position is compared."""
 
     name: str
     model: Model
@@ -33,14 +33,14 @@ def shipped(name):
 
 
 def _collision(name, robot, speed, height, actuation=Actuation(), angle=0.0, duration=1.0):
-    """Return a ball that starts a hair before it touches a step."""
+    """Return a ball that starts just before it touches a step."""
     model = Model(robot, Terrain.step(height))
     x = -LEAD - touch_distance(robot.ball_radius, height, robot.static_penetration)
     return Case(name, model, model.at_rest(x, speed, angle), actuation, duration)
 
 
 def near_critical():
-    """Return the crossing of a step 0.2 mm lower than the highest, at 0.6 m/s."""
+    """Return the crossing of a step 0.2 mm below the maximum height, at 0.6 m/s."""
     return _collision('near_critical', load_robot('gimball'), 0.6, NEAR_CRITICAL)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Random scenes that between them use every feature: a function of a seed alone."""
+"""Random scenes that together use every feature, as a function of a seed."""
 from dataclasses import fields, replace
 import math
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Time the round trip of a joint state and a joint command through rclpy, with nothing else done.
+Time the round trip of a joint state and a joint command through rclpy alone.
 
-No lockstep can be faster.  As messages of Python objects, as rclpy hands them out, and as bytes
-that nobody looks into; from process to process, and within one.
+This is the lower bound of lockstep.  The messages are Python objects, or serialized bytes that are
+not parsed; between two processes, and within one.
 """
 import subprocess
 import sys
@@ -33,7 +33,7 @@ def state_message():
 
 
 def answering(name, heard, told, make, raw):
-    """Return a node that answers each message with another, and counts them."""
+    """Return a node that replies to each message and counts them."""
     node, ready = Node(name), bytes(serialize_message(make()))
     topic = create_publisher(node, told)
     node.count = 0
@@ -47,13 +47,13 @@ def answering(name, heard, told, make, raw):
 
 
 def commander(raw):
-    """Return what stands for the controller."""
+    """Return a substitute for the controller."""
     return answering('commander', 'joint_states', 'joint_commands',
                      lambda: command_message(Time(sec=1), 0.5, '/controller#123abc'), raw)
 
 
 def times_real_time(apart, raw):
-    """Return how often the round trip is made in 2 ms, between two processes or within one."""
+    """Return the number of round trips in 2 ms, between two processes or within one."""
     domain = own_domain()
     rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
     node = answering('robot', 'joint_commands', 'joint_states', state_message, raw)

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Hold that a change of the code changes no result, not by a bit.
+Verify that a change of the code keeps all results bit-identical.
 
     .venv/bin/python bench/same_results.py --write before.json     # before the change
     .venv/bin/python bench/same_results.py --against before.json   # after it
 
-Runs every scene with every method, random scenes, control periods and searches for the highest
-step.  Exits with 1 and names the cases where anything differs: rows, statistics, errors.
+Runs every scene with every method, random scenes, control periods and searches for the maximum
+step height.  Exits with 1 and names the cases with differences in rows, statistics or errors.
 """
 import argparse
 from dataclasses import replace
@@ -34,7 +34,7 @@ def digest(values):
 
 
 def said(trajectory):
-    """Return all that a trajectory says, to the bit."""
+    """Return all values of a trajectory, bit-exact."""
     columns = np.array(list(trajectory.columns.values()))
     last = trajectory.state(len(trajectory) - 1)
     return [len(trajectory), digest(trajectory.rows), digest(columns),
@@ -45,7 +45,7 @@ def said(trajectory):
 
 
 def outcome(run):
-    """Return what a run says, or how it failed."""
+    """Return the values of a run, or its error."""
     try:
         return said(run())
     except SimulationError as error:
@@ -111,7 +111,7 @@ def periods():
 
 
 def searches():
-    """Yield name and outcome of searches for the highest step, and single attempts."""
+    """Yield name and outcome of searches for the maximum step height, and single attempts."""
     gimball, shellball = load_robot('gimball'), load_robot('shellball')
     table = [(shellball, 'free', Actuation()), (gimball, 'free', Actuation()),
              (gimball, 'held', held_at(np.pi / 2)), (gimball, 'rolling', rolling(gimball)),
@@ -134,7 +134,7 @@ def differences(before, after):
     """Return the names of the cases that differ, with the parts that do."""
     return [f'{name}: {before.get(name)} -> {after.get(name)}'
             for name in sorted({*before, *after})
-            # Once through JSON, which knows no tuples.
+            # Through JSON, which has no tuples.
             if json.dumps(before.get(name)) != json.dumps(after.get(name))]
 
 

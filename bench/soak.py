@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Let the bridge run for long, on a machine that does nothing else or has too much to do, and count.
+Run the bridge for long, on an idle or an overloaded machine, and count events.
 
     .venv/bin/python bench/soak.py --seconds 600
     .venv/bin/python bench/soak.py --seconds 600 --busy 4
     .venv/bin/python bench/soak.py --seconds 600 --busy 4 --realtime 20
 
-Nothing happens to line and drive, so each e-stop is one too many.  The drive of a robot is no
-program that others keep waiting: the emulated one, and with `--realtime` the bridge, get real-time
-priority, for which the system must allow it (docs/realtime.md).  After an e-stop it is released
-and goes on.  A program that does nothing but wait for 2 ms, again and again, runs beside it: gaps
-that it has, too, are the machine's own, and on a machine that is a guest of another one some are.
+Link and drive have no faults, so each e-stop is spurious.  A real drive does not compete for the
+processor: the emulated one, and with `--realtime` the bridge, get real-time priority, which the
+system must permit (docs/realtime.md).  The run continues after an e-stop with a release.  A
+program that repeatedly sleeps for 2 ms runs beside it: gaps that it has, too, are caused by the
+machine, for example by the host of a virtual machine.
 """
 import argparse
 from collections import Counter
@@ -42,7 +42,7 @@ while True:
 
 @contextmanager
 def busy_processes(number):
-    """Let so many processes compute."""
+    """Run a number of busy processes."""
     processes = [subprocess.Popen([sys.executable, '-c', 'while True: pass'])
                  for _ in range(number)]
     try:
@@ -55,7 +55,7 @@ def busy_processes(number):
 
 @contextmanager
 def waiting(found):
-    """Let a program wait beside the others; fill `found` with the times it woke up at [s]."""
+    """Run a sleeping program beside the others; fill `found` with its wake-up times [s]."""
     process = subprocess.Popen([sys.executable, '-c', WAITING], stdout=subprocess.PIPE, text=True)
     try:
         yield
@@ -65,7 +65,7 @@ def waiting(found):
 
 
 def stolen():
-    """Return the time that the host of this machine gave to others [s], of all its cores."""
+    """Return the steal time of all cores [s]."""
     words = Path('/proc/stat').read_text().splitlines()[0].split()
     return int(words[8]) / os.sysconf('SC_CLK_TCK')
 
@@ -76,7 +76,7 @@ def periods_of(times):
 
 
 def line_of(periods):
-    """Return what is to be known of periods, in two lines."""
+    """Return the statistics of periods in two lines."""
     counts = ', '.join(f'{sum(period > gap for period in periods)} above {1e3 * gap:g} ms'
                        for gap in GAPS)
     return (f'median {1e3 * quantile(periods, 0.5):.2f} ms, '
@@ -86,7 +86,7 @@ def line_of(periods):
 
 @contextmanager
 def drive(folder):
-    """Give an emulated drive that goes before ordinary programs, where that is allowed."""
+    """Yield an emulated drive with real-time priority, if permitted."""
     with emulated_apart(folder) as emulator:
         # It is the child of this process that was started last.
         children = Path(f'/proc/self/task/{os.getpid()}/children').read_text().split()
@@ -100,7 +100,7 @@ def drive(folder):
 
 
 def run(folder, arguments):
-    """Run, and return begin, end, e-stops by reason and what the bridge used [% of a core]."""
+    """Run, and return begin, end, e-stops by reason and load of the bridge [% of a core]."""
     stops, parameters = Counter(), {'realtime_priority': arguments.realtime}
     with running(folder, drive, arguments.control, rearm=False, **parameters) as bench, \
             busy_processes(arguments.busy):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What the speed law makes of set speeds and of stops on slopes: the tables of docs/speed_law.md.
+Tracking of set speeds and stops on slopes by the speed controller: tables of docs/speed_law.md.
 
     .venv/bin/python bench/speed_law.py
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time sweeps of growing size on all cores: the cost of a case must not grow with them."""
+"""Time sweeps of growing size on all cores: the cost of a case must not grow with the size."""
 import os
 from pathlib import Path
 from tempfile import TemporaryDirectory

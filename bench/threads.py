@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time searches for the highest step on more and more threads: kernels run without the GIL."""
+"""Time searches for the maximum step height by number of threads: kernels release the GIL."""
 import os
 import time
 

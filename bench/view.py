@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What the live page costs: frames that reach a browser, and the share of a core for them.
+Cost of the live page: frames that reach a browser, and their processor load.
 
     .venv/bin/python bench/view.py
 
-The process of ``ballbot view`` simulates and draws; somebody who takes every message stands for
-the browser.  Both together are what a person's machine has to do, without the picture itself.
+The process of ``ballbot view`` simulates and draws; a client that receives every message replaces
+the browser.  Together they are the load of a user's machine, without the rendering.
 """
 from pathlib import Path
 import subprocess
@@ -18,7 +18,7 @@ import zstandard
 
 WINDOW = 10.0  # of the measurement [s]
 REPEATS = 3
-SETTLE = 3.0  # after the first look: the page is sent, caches fill [s]
+SETTLE = 3.0  # after the first frame: the page is sent, caches fill [s]
 
 
 def names_in(message):
@@ -30,7 +30,7 @@ def names_in(message):
 
 
 def count(connection, seconds):
-    """Take messages for so long, and return how many drew the ball in a new place."""
+    """Receive messages for a number of seconds; return the number that moved the ball."""
     frames, end = 0, time.monotonic() + seconds
     while time.monotonic() < end:
         frames += any(name == '/world/place' and 'Position' in kind

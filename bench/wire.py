@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measure the way to the motor: latency, bytes, codecs, a bad line, and plugs pulled."""
+"""Measure the link to the motor: latency, bytes, codecs, bad links, and pulled plugs."""
 import os
 from pathlib import Path
 import random
@@ -14,7 +14,7 @@ from ballbot_ros.errors import LinkError
 from ballbot_ros.physics.simulation.scene import load_scene
 
 PROTOCOLS = tuple(sorted(DRIVES))
-# The fastest that each maker's manual names.
+# The highest baud rate in the manual of each manufacturer.
 FASTEST = {protocol: max(driver_class(protocol).baud_rates) for protocol in PROTOCOLS}
 RATE = 500.0
 FRAMES = 1_000_000
@@ -165,12 +165,12 @@ def bad_line(protocol):
 
 
 def plugs():
-    """Yield what is left behind when a plug is pulled and put in again often."""
+    """Yield the leaks after repeated unplugging."""
     emulator = Emulator('odrive', load_scene('flat'), FASTEST['odrive'])
     back = []
     with emulator:
         for cycle in range(CYCLES):
-            if cycle == CYCLES // 10:  # whatever is made once has been made
+            if cycle == CYCLES // 10:  # after one-time allocations
                 before = used()
             back.append(1e3 * session(emulator))
         after = used()
