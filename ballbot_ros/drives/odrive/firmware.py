@@ -32,7 +32,7 @@ CUT = 9
 
 
 class Register(NamedTuple):
-    """A property whose bits, or where `counts` whose value, name what is wrong."""
+    """A property whose bits, or with `counts` whose value, identify an error."""
 
     path: str
     prefix: str  # of each name
@@ -41,7 +41,7 @@ class Register(NamedTuple):
 
     def names_of(self, value: float) -> tuple[str, ...]:
         """
-        Return the names of what is set; unknown bits in hexadecimal.
+        Return the names of the bits set; unknown bits in hexadecimal.
 
         For a truncated number, return the bit, or the two bits, whose number starts with the
         received digits; the digits themselves if that is ambiguous.
