@@ -19,7 +19,7 @@ def honest(curve):
     """
     Return error, setting and times of each run, from fine to coarse.
 
-    A run counts only as good as the worst of all finer ones: what hits by luck is not chosen.
+    The error of a run is the largest of all finer ones, which excludes chance hits.
     """
     worst, found = 0.0, []
     for point in reversed(curve):
@@ -38,6 +38,6 @@ def time_at(curve, level, repeat):
                 part = math.log(error / level) / math.log(error / finer[0])
                 least = min(least, spent * (finer[1] / spent)**part)
             break
-        # Coarser is not always quicker: what is too coarse is refused more often.
+        # Coarser is not always quicker: steps are rejected more often.
         least, finer = min(spent, least) if finer else spent, (error, spent)
     return least

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where measured figures are kept, and where documents show them."""
+"""Storage of measured figures, and their tables in the documents."""
 import json
 from pathlib import Path
 import re
@@ -9,14 +9,14 @@ RESULTS = ROOT / 'docs' / 'bench.json'
 
 
 def keep(**parts):
-    """Put parts into docs/bench.json and leave the others there."""
+    """Update parts of docs/bench.json."""
     stored = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
     stored.update(parts)
     RESULTS.write_text(json.dumps(stored, indent=1) + '\n')
 
 
 def show(document, name, text):
-    """Put a text into a document, between ``<!-- bench: NAME -->`` and ``<!-- end -->``."""
+    """Write a text to a document, between ``<!-- bench: NAME -->`` and ``<!-- end -->``."""
     path = ROOT / document
     marks = f'<!-- bench: {name} -->\n', '<!-- end -->'
     found, count = re.subn(

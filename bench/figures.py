@@ -19,7 +19,7 @@ DOCS = Path(__file__).resolve().parents[1] / 'docs'
 PANELS = {'near_critical': 'GimBall just gets over a step, 1 s',
           'shellball_step': 'ShellBall hits a 30 mm step, 1 s',
           'roll_60_s': 'GimBall rolls on a floor, 60 s'}
-# Colour and width of a curve; the eye is to find ours first.
+# Colour and width of a curve; ours is the most visible.
 CURVES = {'adaptive': ('#c0392b', 2.4), 'rk4': ('#e08e0b', 1.6),
           'semi_implicit': ('#b59b5b', 1.6), 'SciPy LSODA': ('#1f5fa8', 1.4),
           'SciPy DOP853': ('#6a9bd8', 1.2), 'CVODE BDF': ('#2e8b57', 1.4),
@@ -34,7 +34,7 @@ def spent(point, what):
 
 
 def draw(axes, curves, what):
-    """Draw the curves of one scene: what is spent against error, worst of all finer runs."""
+    """Draw the curves of one scene: cost against error, worst of all finer runs."""
     for name, (colour, width) in CURVES.items():
         curve = curves.get(name, [])
         if what == 'calls' and name.endswith('NumPy'):
@@ -60,7 +60,7 @@ def spread(values):
 
 
 def ratio_table(ratios):
-    """Return how many times longer than ours each solver takes, as a table for the document."""
+    """Return the ratio of each solver's time to ours, as a table for the document."""
     lines = ['| solver | 0.1 mm, critical | 0.1 mm, scenes | 1 um, critical | 1 um, scenes |',
              '|---|---|---|---|---|']
     cells = {(item['solver'], item['error']): item['scenes'] for item in ratios}

@@ -2,9 +2,9 @@
 """
 Solvers that are not ours, on our equations.
 
-Each gets them twice: as our compiled right-hand side, and in NumPy, as most people would
-write them from docs/model.md.  All integrate the eight numbers of the motion only; our own
-solvers carry the five of the energy ledger, too.
+Each solver runs them twice: as our compiled right-hand side, and in NumPy, as a direct
+transcription of docs/model.md.  All integrate the eight states of the motion only; our own solvers
+also integrate the five of the energy balance.
 """
 import math
 import warnings
@@ -115,7 +115,7 @@ def _contacts(centre, radius, ground, vertices, tangents):
 
 
 def largest_difference(case, states=200):
-    """Return how far the two right-hand sides differ at random states, relative."""
+    """Return the largest relative difference of the two right-hand sides at random states."""
     ours, plain, draw = compiled_rates(case), numpy_rates(case), np.random.default_rng(2014)
     worst = 0.0
     for _ in range(states):

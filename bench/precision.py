@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Weigh error against time: our solvers, those of SciPy and SUNDIALS, and MuJoCo.
+Work-precision benchmark of our solvers, those of SciPy and SUNDIALS, and MuJoCo.
 
 The error is that of the end position against a run to an accuracy of 1e-9 m, for
 MuJoCo against MuJoCo at its finest step.  Timed is one whole run, warm: of ours
@@ -37,7 +37,7 @@ TOLERANCES = tuple(10.0**-power for power in range(3, 14))
 
 
 def integrator_of(model):
-    """Return what advances a model."""
+    """Return the integrator of a model."""
     return Integrator(model.parameters, model.profile, model.solver_in_use)
 
 
@@ -137,13 +137,13 @@ def curves_of(case):
 
 
 def residual(case, curve, level):
-    """Return what the energy ledger misses with the tolerance for an error, relative."""
+    """Return the relative energy balance error with the tolerance for an error."""
     good = [setting for error, setting, _ in honest(curve) if error <= level]
     for setting in reversed(good):
         try:
             run = simulate(with_solver(case.model, 'adaptive', tolerance=setting), case.start,
                            case.actuation, case.duration)
-        except SimulationError:  # the ledger itself refuses so coarse a run
+        except SimulationError:  # the energy balance refuses this coarse a run
             continue
         return float(np.max(np.abs(run.energy_residual))) / run.energy_in_play
     return math.nan
@@ -192,7 +192,7 @@ def own_target(scene, level):
 
 
 def ratio_rows(ratios):
-    """Yield how many times longer than our adaptive method each solver takes."""
+    """Yield the ratio of each solver's time to that of our adaptive method."""
     for (name, level), table in ratios.items():
         if name == 'adaptive':
             continue

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Measure what the package is meant to reach, and print it beside the targets.
+Run the benchmarks, and print the results beside the targets.
 
     make bench                       # everything, some minutes
     make bench ARGS='--only kernels'
@@ -8,7 +8,7 @@ Measure what the package is meant to reach, and print it beside the targets.
     make bench ARGS='--json out.json'
     make bench ARGS='--only precision --write'   # and docs/bench.json
 
-Nothing here fails: a target that is missed is printed as missed.
+A missed target is printed as missed and is not a failure.
 """
 import argparse
 import importlib
@@ -22,11 +22,11 @@ import sys
 PARTS = ('kernels', 'first_compile', 'search', 'threads', 'sweep', 'loop', 'wire', 'flood',
          'accuracy', 'precision', 'compiled', 'models', 'estimate', 'bridge', 'onboard_delay',
          'black_box', 'decision', 'view', 'live_gains')
-# Measured only when asked for: each takes ten minutes.
+# Run only on request: each takes ten minutes.
 EXTRA = ('loop_faults', 'faults')
 # Measured scene by scene.
 BY_SCENE = ('compiled', 'models')
-# They change the documents where --write says so; else `make bench` leaves the tree as it was.
+# They change the documents only with --write.
 WRITING = (*BY_SCENE, 'precision')
 
 
@@ -65,7 +65,7 @@ def main():
 
 
 def row(name, unit, values, target):
-    """Return one line of the table; a negative target is one to be exceeded."""
+    """Return one line of the table; a negative target is a lower bound."""
     text = f'{name:52}{median(values):9.2f}{min(values):9.2f}{max(values):9.2f} {unit:3}'
     if target is None:
         return text

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``compare-models``: where simpler models suffice, and what each costs."""
+"""The verb ``compare-models``: where simpler models suffice, and the cost of each."""
 import argparse
 import math
 from typing import Any, Iterator

@@ -88,7 +88,7 @@ def make_emulator(arguments: argparse.Namespace, make: Any) -> Any:
     Raises
     ------
     ConfigurationError
-        Naming what is wrong with scene, robot, protocol, firmware, quirk, baud rate or link.
+        Naming the invalid scene, robot, protocol, firmware, quirk, baud rate or link.
 
     """
     from ballbot_ros.emulator.ball import settings_for
@@ -113,7 +113,7 @@ def write_log(emulator: Any, path: Path) -> None:
 
 
 def _take_lines(emulator: Any) -> None:
-    """Obey what comes on standard input; without one wait for a signal, or the end of a run."""
+    """Execute lines of standard input; without one wait for a signal, or the end of a run."""
     from ballbot_ros.emulator.control import answer
     for line in sys.stdin:
         if line.strip():

@@ -16,7 +16,7 @@ NAME = 'decision_evaluation'  # of report and picture
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add which approaches, which planners, where to write."""
+    """Add approaches, planners and output."""
     parser.add_argument('--approaches', type=int, default=5000, metavar='N',
                         help='number of approaches with the first planner (default: %(default)s)')
     parser.add_argument('--compared', type=int, default=1000, metavar='N',

@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Draw one figure after the other; each is written as soon as it is there."""
+    """Draw the figures; each is written as soon as it is complete."""
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.paper.gallery import FIGURES
     if arguments.list:
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def chosen(names: list[str], known: Any) -> list[str]:
-    """Return the names that were asked for, each once, or all."""
+    """Return the requested names, each once, or all."""
     from ballbot_ros.config.fields import suggestion
     for name in names:
         if name not in known:

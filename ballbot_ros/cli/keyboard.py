@@ -8,7 +8,7 @@ from typing import Any, List, Optional, TextIO
 
 from ballbot_ros.errors import ConfigurationError
 
-# What terminals send for keys; both modes of the arrows.
+# Escape sequences of terminals; both modes of the arrows.
 _KEYS = {b'\x1b[A': 'up', b'\x1b[B': 'down', b'\x1b[C': 'right', b'\x1b[D': 'left',
          b'\x1bOA': 'up', b'\x1bOB': 'down', b'\x1bOC': 'right', b'\x1bOD': 'left',
          b' ': 'space', b'\x03': 'interrupt', b'\x04': 'interrupt'}
@@ -25,7 +25,7 @@ def keys_of(data: bytes) -> List[str]:
                 data = data[len(code):]
                 break
         else:
-            if data[:1] == b'\x1b':  # of a key that is not known: all that comes with it
+            if data[:1] == b'\x1b':  # an unknown sequence: skip all of it
                 end = 2
                 while end < len(data) and not data[end:end + 1].isalpha() \
                         and data[end:end + 1] != b'~':
@@ -42,8 +42,8 @@ class Keyboard:
     """
     The keys of a terminal as they are pressed, without Enter and without an echo.
 
-    Use as a context manager: however it is left, the terminal gets back the settings it had.
-    Ctrl-C is a key here and interrupts nothing, so that the robot is stopped first.
+    Use as a context manager: every exit restores the settings of the terminal.  Ctrl-C is a key
+    here and interrupts nothing, so that the robot is stopped first.
 
     Parameters
     ----------

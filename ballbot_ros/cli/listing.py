@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verbs ``scenes`` and ``robots``: what comes with the package, and one robot in detail."""
+"""The verbs ``scenes`` and ``robots``: files of the package, and one robot in detail."""
 import argparse
 from operator import attrgetter
 from pathlib import Path

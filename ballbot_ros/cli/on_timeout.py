@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``on-timeout``: what the ball does when its commands stop."""
+"""The verb ``on-timeout``: motion of the ball after a command timeout."""
 import argparse
 import math
 from typing import Any, Iterator, List
@@ -54,12 +54,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 def read_hardware(arguments: argparse.Namespace) -> Any:
     """
-    Return the hardware with what the command line changes.
+    Return the hardware with the changes of the command line.
 
     Raises
     ------
     ConfigurationError
-        Naming the option, the value and what is allowed.
+        Naming the option, the value and the allowed range.
 
     """
     from dataclasses import replace

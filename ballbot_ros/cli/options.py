@@ -154,7 +154,7 @@ def read_rules(arguments: argparse.Namespace) -> Any:
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
-    """Add where a parallel map runs."""
+    """Add the workers of a parallel map."""
     parser.add_argument('--workers', type=int, metavar='N',
                         help='number of processes on this machine (default: one per core)')
     parser.add_argument('--dask', metavar='ADDRESS',

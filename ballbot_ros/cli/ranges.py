@@ -52,7 +52,7 @@ def read_values(word: str, option: str) -> Values:
     Raises
     ------
     ConfigurationError
-        Naming the word and what is allowed; for a stride, with the count that it comes to.
+        Naming the word and the allowed form; for a stride, with the equivalent count.
 
     """
     parts = word.split(':') if ':' in word else word.split(',')
@@ -106,7 +106,7 @@ def read_varied(word: str, option: str) -> Tuple[str, Values]:
 
 
 def _as_count(first: float, last: float, stride: float) -> str:
-    """Return what to write for a stride; nothing where it comes to no sensible count."""
+    """Return the form with a count for a stride; empty for an implausible count."""
     if not 0.0 < stride <= last - first:
         return ''
     count = (last - first) / stride

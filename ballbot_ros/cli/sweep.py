@@ -13,7 +13,7 @@ from ballbot_ros.errors import ConfigurationError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what varies, what is fixed, the design and the workers."""
+    """Add varied and fixed parameters, the design and the workers."""
     options.add_robot(parser)
     parser.add_argument('--out', type=Path, required=True, metavar='FILE',
                         help='Parquet file to write')
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Plan, run and say what was done."""
+    """Plan and run the sweep, and print a summary."""
     if arguments.out.suffix != '.parquet':
         raise ConfigurationError(
             f'--out must end in .parquet, got {str(arguments.out)!r}: a sweep writes a Parquet '
@@ -96,7 +96,7 @@ def given(word: str, option: str) -> Tuple[str, Values]:
 
 
 def question(arguments: argparse.Namespace, robot: Any, values: Mapping[str, Values]) -> None:
-    """Question the fastest speed and the highest step."""
+    """Warn about an implausible fastest speed or highest step."""
     from ballbot_ros.physics.model.plausibility import height_warnings
     if 'speed' in values:
         options.warn_speeds(arguments, 'speed', values['speed'])
