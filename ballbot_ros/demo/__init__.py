@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The demo: all nodes as processes, two door-steps, and a timeline of the events."""
+"""The demo: all nodes as processes, two steps, and a timeline of the events."""

@@ -40,7 +40,7 @@ ANSWERS = {'joint_commands': 500.0, 'set_point': 50.0, 'step_decision': 50.0}
 
 
 class Act(NamedTuple):
-    """A scene, and what the robot should do about its faces, left to right; None: whatever."""
+    """A scene and the expected action at each face, left to right; None accepts any action."""
 
     title: str
     scene: str
@@ -60,26 +60,26 @@ ACTS = (TWO_STEPS, Act('The floor falls, and then drops.', 'drop_on_slope', (Exp
 def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: float = 60.0,
              acts: Sequence[Act] = ACTS, watched: bool = False) -> int:
     """
-    Let the robot meet two door-steps, and a drop on a slope.
+    Run the demo: two steps, and a drop on a slope.
 
     Parameters
     ----------
     out : Path
-        Folder with a folder for each act: bag, picture and logs.
+        Output folder with one folder per act: bag, picture and logs.
     real_time : bool
-        Run in real time instead of in lockstep, as fast as it goes.
+        Run in real time instead of in lockstep at maximum speed.
     quiet : bool
         Print only the verdict.
     timeout : float
-        Wall time after which an act is given up [s].
+        Timeout of an act in wall time [s].
     acts : sequence of Act
     watched : bool
-        Somebody looks on: in lockstep go no faster than real time.
+        Limit lockstep to real time, for viewers.
 
     Returns
     -------
     int
-        0 if the robot did in each act what it should, 1 if not.
+        0 if the robot acted as expected in every act, 1 if not.
 
     """
     lockstep_period = 0.0 if real_time else 1.0 / CAMERA['terrain_rate']
@@ -225,15 +225,15 @@ class SynchronizedStart:
     """
     Resumes a paused simulator as soon as a recorder has received every topic.
 
-    Each reset makes the simulator publish its first state, and whoever receives it answers.
-    That a topic has a publisher would not do: it may not have discovered the recorder yet.
+    Each reset makes the simulator publish its first state, to which the other nodes respond.
+    Counting publishers is not enough: a publisher may not have discovered the recorder yet.
 
     Parameters
     ----------
     node : Node
     bag : BagRecorder
     topics : iterable of str
-        That it must have recorded.
+        Topics that must have been recorded.
 
     """
 

@@ -25,14 +25,14 @@ TUNING = 'gentle'  # gains that a sample of delay and an estimated angle leave s
 MORE_TOPICS = ('imu', 'motor_status')
 # Wall time between two calls of a service [s].
 AGAIN = 0.3
-# What has refused for so long will not agree [s].
+# Timeout of a service that keeps refusing [s].
 PATIENCE = 20.0
 
 
 def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: bool = False,
                       quiet: bool = False, timeout: float = 60.0) -> int:
     """
-    Let the robot meet two door-steps, its motor behind a serial line.
+    Run the demo with two steps, and the motor on an emulated serial port.
 
     Parameters
     ----------
@@ -41,13 +41,13 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
     protocol : str
         Of the emulated drive.
     firmware : str
-        Its generation; empty for the only or oldest one.
+        Firmware generation; empty for the only or oldest one.
     serial_imu : bool
-        Whether the IMU is on a serial line, too, read by a node imu.
+        Whether the IMU is on a serial port, too, read by a node imu.
     quiet : bool
         Print only the verdict.
     timeout : float
-        Wall time after which it is given up [s].
+        Timeout in wall time [s].
 
     Returns
     -------
@@ -55,13 +55,13 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
         0 if the robot crossed the first step and came to rest before the second, 1 if not.
 
     """
-    # What a drive does not tell over its line is confirmed for the emulated one, in a file apart.
+    # A separate file confirms the values that the emulated drive does not report.
     shipped = {path.stem for path in shipped_files('hardware')}
     name = f'gimball_{protocol}'
     hardware = load_hardware(f'{name}_emulated' if f'{name}_emulated' in shipped else name)
 
     def play(folder: Path, timeline: Timeline) -> List[str]:
-        # Absolute: whoever opens it may be in another folder.
+        # Absolute, since nodes may run in another folder.
         link = str((folder / 'motor').resolve())
         imu = str((folder / 'imu').resolve()) if serial_imu else ''
         bridge = {'hardware': hardware.name, 'port': link, 'tuning': TUNING}
@@ -148,7 +148,7 @@ class GetGoing:
 
 
 def _load() -> str:
-    """Return how busy the machine is: watchdogs wait for nobody."""
+    """Return the system load, a cause of watchdog timeouts."""
     load = os.getloadavg()[0]
     return (f'the load of this machine is {load:.1f} on {os.cpu_count()} processors, and in real '
             'time whoever waits for a turn for too long is taken for dead: try again when it has '

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An act of the demo with one's own robot, scene, curve or gains."""
+"""An act of the demo with user files for robot, scene, curve or gains."""
 from typing import Optional, Sequence
 
 from ballbot_ros.config.fields import check_value
@@ -20,22 +20,22 @@ def own_acts(scene: Optional[str] = None, robot: Optional[str] = None,
              curve: Optional[str] = None, tuning: Optional[str] = None,
              longest: Optional[float] = None, planner: str = 'rollout') -> Sequence[Act]:
     """
-    Return the acts of a demo, checked as their nodes will check them.
+    Return the acts of a demo, after the same checks as in their nodes.
 
     Parameters
     ----------
     scene, robot, curve, tuning : str, optional
-        Names, or files of one's own; by default the scenes of the demo, the robot of the scene, a
-        curve that was made for that robot, and the published gains.
+        Names or paths; by default the scenes of the demo, the robot of the scene, a curve for
+        that robot, and the published gains.
     longest : float, optional
         End of the run, in simulated time [s].
     planner : str
-        That of the decision, see `decision.planning.planners`.
+        Planner of the decision, see `decision.planning.planners`.
 
     Raises
     ------
     ConfigurationError
-        Naming what does not exist or does not belong together, and what to run for it.
+        If a file does not exist or files are inconsistent; with the remedy.
 
     """
     check_value('planner', planner, DecisionSettings.__dataclass_fields__['planner'].metadata,

@@ -44,9 +44,9 @@ def parameter_arguments(parameters: Mapping[str, Any]) -> List[str]:
 
 class NodeProcesses:
     """
-    Nodes of this package as processes, each with its log file.
+    Nodes of this package as processes, each with a log file.
 
-    Use as a context manager: whatever happens, no process is left behind.
+    Context manager that terminates all processes on exit.
 
     Parameters
     ----------

@@ -27,14 +27,14 @@ TAKE_AGAIN = 0.01
 
 @dataclass(frozen=True)
 class RecordedGraph:
-    """The nodes of a demo, and the node that records them; made by `recorded_graph`."""
+    """The nodes of a demo, and the recording node; created by `recorded_graph`."""
 
     node: Node
     executor: Executor
     bag: BagRecorder
     nodes: NodeProcesses
     timeline: Timeline
-    heard: 'SimpleQueue[Callable[[], None]]'  # what the timeline is to take, in its turn
+    heard: 'SimpleQueue[Callable[[], None]]'  # pending timeline updates
 
     def run(self, poll: Callable[[], Optional[str]], timeout: float,
             longest: float, topics: Sequence[str] = ()) -> List[str]:
@@ -80,10 +80,10 @@ def recorded_graph(out: Path, topics: Sequence[str],
                    timeline: Timeline, metadata: Optional[Mapping[str, str]] = None
                    ) -> Iterator[RecordedGraph]:
     """
-    Give a graph without nodes yet; whatever happens, no process is left behind.
+    Yield a graph without nodes; terminate all processes on exit.
 
-    The topics are recorded to a bag in the folder `out`; those named ``ball_state`` and
-    ``step_decision`` go to the timeline, too.  The bag keeps the `metadata`.
+    The topics are recorded to a bag in the folder `out`; ``ball_state`` and ``step_decision``
+    also go to the timeline.  The bag contains the `metadata`.
     """
     domain = own_domain()
     discovery.apply(os.environ)

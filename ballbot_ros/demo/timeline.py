@@ -65,14 +65,14 @@ class Passage:
 
 class Timeline:
     """
-    Takes ball states and decisions, reports the events, and knows the end.
+    Detects events and the end of a run from ball states and decisions.
 
     Times count from the first state [s].
 
     Parameters
     ----------
     passages : list of Passage
-        The faces of the scene, from left to right; those to be crossed come first.
+        The faces of the scene, from left to right; faces to be crossed come first.
     robot : Robot
     report : callable
         Called with time [s], a mark and a sentence.
@@ -80,7 +80,7 @@ class Timeline:
     Attributes
     ----------
     rested : float or None
-        When the ball came to rest behind all that it should cross [s].
+        Time at which the ball came to rest behind all faces to be crossed [s].
 
     """
 
@@ -218,7 +218,7 @@ class Timeline:
 
 
 def account(timeline: Timeline) -> List[str]:
-    """Return what became of each face, and of the ball."""
+    """Return the result at each face, and the rest position."""
     told = []
     for face in timeline.passages:
         fate = 'crossed' if face.crossed is not None else \

@@ -36,7 +36,7 @@ FRAME_RATE = 25.0
 # What a browser still shows without trouble, and fits into memory [s].
 LONGEST_GIF = 60.0
 
-_HOLD = 1.0  # how long the last picture stands before a GIF begins anew [s]
+_HOLD = 1.0  # duration of the last frame before a GIF repeats [s]
 _WIDTH, _DOTS = 7.6, 100  # [in], and per inch
 _LEFT, _RIGHT, _TOP, _BOTTOM = 0.62, 0.14, 0.66, 0.44  # [in]
 _BESIDE, _BELOW, _TALLEST = 1.3, 0.45, 7.0  # [ball radii]
@@ -118,7 +118,7 @@ def _mean(run: Trajectory, samples: NDArray[np.int64],
 
 
 class _View(NamedTuple):
-    """How much is seen at once, and whether the picture goes with the ball [m]."""
+    """Size of the view [m], and whether it follows the ball."""
 
     width: float
     height: float
@@ -176,7 +176,7 @@ def ffmpeg() -> Optional[str]:
 def animate(trajectory: Trajectory, path: PathLike, title: str = '', playback: float = 1.0,
             progress: Progress = ignore) -> None:
     """
-    Write a run as moving pictures, whole or not at all.
+    Write a run as an animation, atomically.
 
     Parameters
     ----------
@@ -184,11 +184,11 @@ def animate(trajectory: Trajectory, path: PathLike, title: str = '', playback: f
     path : str or Path
         Ends in .gif or .mp4.
     title : str
-        Name of the scene, say.
+        Title, for example the name of the scene.
     playback : float
         Simulated seconds per second of the animation.
     progress : callable
-        Told the part that is done, 0 to 1.
+        Called with the completed fraction, 0 to 1.
 
     Raises
     ------
@@ -255,7 +255,7 @@ def _pictures(run: Trajectory, frames: NDArray[np.int64], title: str, playback: 
 
 
 def _view(run: Trajectory) -> _View:
-    """Return what is seen: the whole run where the ball is not too small in it."""
+    """Return the view: the whole run unless the ball would be too small."""
     radius = run.model.robot.ball_radius
     span = float(np.ptp(run['x'])) + 2.0 * _BESIDE * radius
     width = min(max(span, 6.0 * radius), ROW * radius)
@@ -310,7 +310,7 @@ def _draw_force(axes: Any, run: Trajectory, force: ForceArrow) -> None:
 
 
 def _words(run: Trajectory, index: int) -> str:
-    """Return time, speed and pendulum angle in words."""
+    """Return time, speed and pendulum angle as text."""
     speed = math.hypot(run['velocity_x'][index], run['velocity_y'][index])
     words = f'{run["time"][index]:.2f} s    {speed:.2f} m/s'
     if run.model.robot.has_pendulum:

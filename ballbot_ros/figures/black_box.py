@@ -29,7 +29,7 @@ def around_fault(recording: BlackBoxRecording, before: float = 5.0) -> Figure:
     ----------
     recording : BlackBoxRecording
     before : float
-        So long before the fault is where it begins [s].
+        Duration shown before the fault [s].
 
     """
     begin, end = window(recording, before, None)

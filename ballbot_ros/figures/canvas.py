@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.results.files import PathLike, replacing
 
-# Colours of Okabe and Ito, told apart by colour-blind people; purple darker, for thin lines.
+# Colour-blind safe palette of Okabe and Ito; purple is darker, for thin lines.
 BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE = (
     '#0072B2', '#D55E00', '#009E73', '#E69F00', '#56B4E9', '#A0457A')
 INK, GREY, SOIL, PALE = '#222222', '#767676', '#D9D4CC', '#EEF3F7'
@@ -20,8 +20,8 @@ RESIMULATED = 're-simulated; not digitised from the paper'
 NAMES: Mapping[str, str] = {BLUE: 'blue', VERMILION: 'orange', GREEN: 'green', ORANGE: 'yellow',
                             SKY: 'light blue', PURPLE: 'purple', GREY: 'grey', INK: 'black'}
 
-# What the pictures depend on, so that a matplotlibrc of one's own does not spoil them.  The
-# salt makes the names inside an SVG, and so the file, the same each time.
+# Complete style, independent of the user's matplotlibrc.  The hash salt makes SVG files
+# reproducible.
 STYLE: Mapping[str, Any] = {
     'font.family': 'sans-serif', 'font.size': 9.0, 'axes.titlesize': 11.0,
     'axes.labelsize': 9.0, 'xtick.labelsize': 8.0, 'ytick.labelsize': 8.0,

@@ -17,7 +17,7 @@ MEANING = {TURNING: 'turns with the ball', PENDULUM: 'pendulum', PATH: 'path of 
 
 
 def legend(pendulum: bool = True, force: bool = False) -> str:
-    """Return what the colours mean, in words, as far as they are drawn."""
+    """Return the legend text of the drawn colours."""
     drawn = {PENDULUM: pendulum, FORCE: force}
     return '; '.join(f'{canvas.NAMES[colour]}: {meaning}' for colour, meaning in MEANING.items()
                      if drawn.get(colour, True))

@@ -51,7 +51,7 @@ def step_height(case: Case, speed: float, accuracy: float = ACCURACY) -> float:
 
 
 def step_heights(case: Case, speeds: Array) -> Array:
-    """Return `step_height` at each speed, several at once [m]."""
+    """Return `step_height` at each speed, computed as a batch [m]."""
     return np.array([item.height for item in max_step_heights(
         case.robot, speeds.tolist(), case.actuation, case.pendulum_angle, ACCURACY, case.site,
         case.rules)])

@@ -93,7 +93,7 @@ def compare(case: Case, speeds: Array,
 
     def curve(name: str, source: str, height: Callable[[Case, float], float]) -> Curve:
         heights, times = [], []
-        height(case, float(speeds[0]))  # whatever is compiled or loaded at the first call
+        height(case, float(speeds[0]))  # excludes compilation and loading
         for speed in speeds.tolist():
             begin = perf_counter()
             heights.append(height(case, speed))

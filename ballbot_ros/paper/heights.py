@@ -82,7 +82,7 @@ def bench_curves(robot: Robot, bench: Bench) -> list[HeightLine]:
 
 
 def quasi_static_curve(robot: Robot) -> HeightLine:
-    """Return eq. (1), a line: it knows no speed."""
+    """Return eq. (1), constant over the speed."""
     return HeightLine('quasi-static, eq. (1)', np.array([0.0, 10.0]),
                        np.full(2, quasi_static(robot)), canvas.GREY, ':')
 

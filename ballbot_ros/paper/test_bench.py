@@ -34,9 +34,9 @@ BEND_ARC = math.radians(0.5)  # of one flat of the bend
 
 class Roll(NamedTuple):
     """
-    One roll, as it was seen and as it was.
+    One roll: measured and true values.
 
-    The experimenters know the first four; `measured_speed` is NaN where a sensor was not reached.
+    The experiment yields the first four; `measured_speed` is NaN where a sensor was not reached.
     """
 
     step_height: float  # [m]

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What a ball does when its commands stop: each `on_timeout`, on a slope or a level floor.
+Motion of the ball after a command timeout: each `on_timeout`, on a slope or a level floor.
 
-The full model of the robot under the torques of the real `Supervisor`, which knows the true
-angles.  The ball rests, or rolls at a constant speed, under law (12); then nobody commands any
-more.  Slopes rise towards +x where they are positive.
+The full model of the robot under the torques of the real `Supervisor`, which receives the true
+angles.  The ball rests, or rolls at a constant speed, under the velocity controller (12); then the
+commands stop.  Positive slopes rise towards +x.
 """
 from dataclasses import replace
 import math

@@ -47,9 +47,9 @@ def energy(robot: Robot, speed: float) -> float:
     """
     Return the height at which the rolling energy is used up [m].
 
-    M g h = M v^2 / 2 + J1 (v/R)^2 / 2, the idea of Kolacinski and Quinn [32], which the paper
-    describes in words; whether they count the energy of rotation is not known.  An upper bound
-    for a ball without drive, near the truth where little is lost at the impact: for low steps.
+    M g h = M v^2 / 2 + J1 (v/R)^2 / 2, after Kolacinski and Quinn [32]; the paper gives no formula
+    and does not state whether they include the rotational energy.  An upper bound for a ball
+    without drive, accurate for low steps, where the impact loss is small.
     """
     check(robot, speed)
     return min(rolling_energy(robot, speed) / robot.weight, robot.ball_radius)

@@ -22,7 +22,7 @@ POOR = 0.2    # residual RMS, of the standard deviation of the channel, that exp
 ROUGH = 5.0   # times the noise of the channel that residuals are above, to be no noise
 CHANCE = 1e-4  # that independent noise looks as correlated as what is called correlated
 LAGS = 20
-INTEGRATION = 3.0  # times the largest error of integration, below which nobody needs a warning
+INTEGRATION = 3.0  # multiple of the maximum integration error, no warning below it
 BIAS = 2.0    # times the estimated shift by integration that an interval includes
 
 
@@ -78,7 +78,7 @@ def channel_fit(measured: Array, residual: Array, roughness: float,
 
 
 def _samples_per_independent(residual: Array) -> float:
-    """Return how many samples tell as much as one independent one; 1 for noise."""
+    """Return the number of samples per independent sample; 1 for white noise."""
     number = len(residual)
     power = np.abs(np.fft.rfft(residual, 2 * number))**2
     products = np.fft.irfft(power)[:number]

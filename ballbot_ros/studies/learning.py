@@ -21,7 +21,7 @@ from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.model.uncertainty import draw
 
-# What is different: a factor of both frictions, and what the sensor tells too much [m].
+# Deviation of the true robot: factor of both frictions, and bias of the sensor [m].
 CASES = {
     'as assumed': (1.0, 0.0),
     'friction 30 % lower': (0.7, 0.0),
@@ -32,9 +32,9 @@ CASES = {
 NEAR = 0.010
 SPEEDS, HEIGHTS = (0.45, 1.15), (0.005, 0.065)  # [m/s], [m]
 ANGLES = (0.7, 1.5, 2.2)  # that the pendulum is held at [rad]
-HEIGHT_SD = 0.001  # of what the sensor tells, beside its bias [m]
+HEIGHT_SD = 0.001  # of the measured height, without the bias [m]
 ODOMETRY_SD = 0.02  # of the speed past the face [m/s]
-OTHERS = 10_000  # seeds from which robots are drawn, so that none is one of the particles
+OTHERS = 10_000  # seed offset that keeps the robots distinct from the particles
 TESTS, REPEATS = 24, 5  # steps, and attempts at each, that promises are compared with
 
 
@@ -65,12 +65,12 @@ class Truth:
 
     def __init__(self, robot: Robot, bias: float, random: np.random.Generator,
                  learning: Learning):
-        """Keep the robot, and what its sensor tells too much [m]."""
+        """Set the robot and its sensor bias [m]."""
         self._robot, self._bias, self._random = robot, bias, random
         self._learning = learning
 
     def attempt(self, told: Touching) -> Tuple[bool, float]:
-        """Return whether it gets over, and how fast past the face as odometry tells [m/s]."""
+        """Return the success, and the odometry speed past the face [m/s]."""
         noise = self._random.standard_normal(3)
         height = told.height - self._bias + told.height_sd * noise[0]
         speed = told.speed + self._learning.speed_sd * noise[1]
@@ -102,24 +102,24 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0, required: flo
           cases: Sequence[str] = tuple(CASES), particles: int = 256,
           progress: Callable[[float], None] = lambda done: None) -> List[Promises]:
     """
-    Let robots learn.
+    Simulate learning with virtual robots.
 
     Parameters
     ----------
     robot : Robot
-        As its file says.
+        Nominal robot.
     robots : int
-        That are drawn, for each case.
+        Number of sampled robots per case.
     attempts : int
-        From which each learns.
+        Number of attempts per robot.
     seed : int
     required : float
-        Promise below which a step is not tried.
+        Minimum predicted success probability for an attempt.
     cases : sequence of str
         Of `CASES`.
     particles : int
     progress : callable
-        Is told how many robots are done.
+        Called with the number of completed robots.
 
     """
     learning = Learning()

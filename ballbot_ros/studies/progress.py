@@ -8,7 +8,7 @@ Progress = Callable[[float], None]
 
 
 def ignore(done: float) -> None:
-    """Report to nobody."""
+    """Ignore the progress."""
 
 
 def part_of(progress: Progress, number: int, parts: int) -> Progress:

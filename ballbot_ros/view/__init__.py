@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The live page: one robot on one ground, looked at and driven in a browser.
+The live page: display and control of one robot on one ground in a browser.
 
-A `Source` (`source.py`) has the robot, the ground and `Frame` after `Frame` (`frame.py`); the page
-draws what a source knows, and offers what it can do.  No source waits for a page.
+A `Source` (`source.py`) provides the robot, the ground and a sequence of `Frame` (`frame.py`); the
+page draws them, and shows the controls that the source supports.  No source waits for a page.
 """

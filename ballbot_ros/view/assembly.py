@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Frames out of messages, as nodes publish them or a bag has them.
+Builds frames from messages of nodes or of a bag.
 
-A message is whatever has the fields of its type: this module knows no ROS.
+Messages are duck-typed by their fields: this module does not depend on ROS.
 """
 import math
 from typing import Any, List, Mapping, NamedTuple, Optional, Sequence, Tuple
@@ -27,7 +27,7 @@ REASONS = (
     Reason.NOT_LIKELY, Reason.LANDING, Reason.STEEP, Reason.FAILED_BEFORE, Reason.RUN_UP,
     Reason.STUCK, Reason.WALL, Reason.LIKELY, Reason.GOAL)
 
-# The true state replaces the estimated one until so long after its last message [s].
+# Timeout after which the estimated state replaces the true one [s].
 TRUE_STATE_TIMEOUT = 0.5
 
 # Shortest time between two updates of observed terrain [s]: the page redraws it each time.

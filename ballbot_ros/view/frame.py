@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of a robot at one moment; what is not known is None, and never made up."""
+"""State of a robot at one time; unknown values are None."""
 from dataclasses import dataclass
 from typing import NamedTuple, Optional, Tuple
 
@@ -27,7 +27,7 @@ class EnergyShares(NamedTuple):
 @dataclass(frozen=True)
 class DecisionSign:
     """
-    What the obstacle decision says, as far as it says it.
+    The obstacle decision, with the values that it provides.
 
     Attributes
     ----------
@@ -40,11 +40,11 @@ class DecisionSign:
     distance : float or None
         From the centre of the ball to its face [m].
     speed : float or None
-        At which the step would be touched, or must be [m/s].
+        Expected or required touch speed [m/s].
     margin : float or None
-        What could be added to the height before the answer is no [m]; negative: too high by that.
+        Difference between the maximum step height and the height [m]; negative if too high.
     probability : float or None
-        That the ball gets over.
+        Success probability.
 
     """
 
@@ -76,9 +76,9 @@ class Frame:
     ball_rate, pendulum_rate : float or None
         Absolute [rad/s].
     pendulum_torque : float or None
-        That the motor gives [N m].
+        Motor torque [N m].
     contacts : tuple of ContactForce or None
-        Empty in flight, None where nobody knows.
+        Empty in flight, None if unknown.
     energies : EnergyShares or None
     decision : DecisionSign or None
     e_stop : bool or None

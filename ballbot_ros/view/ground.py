@@ -76,7 +76,7 @@ def _faces(terrain: Terrain, radius: float) -> list[Array]:
 def _new_step(terrain: Terrain, x: float, height: float) -> Terrain:
     """Return the ground with an upright face at `x`, where there was none."""
     points, surface, edge = terrain.vertices, terrain.surface_friction, terrain.edge_friction
-    # The ends go on for ever: a vertex more on them changes nothing.
+    # The end segments extend to infinity: an additional vertex on them changes nothing.
     if x <= points[0, 0]:
         end = [[x - 1.0, float(terrain.height(x - 1.0))]]
         points, surface, edge = (np.vstack([end, points]), np.append(surface[:1], surface),

@@ -30,10 +30,10 @@ class Bounds(NamedTuple):
 
 class MotorLaw:
     """
-    A law with its set-point, for one robot.
+    A control law with its set-point, for one robot.
 
-    What the scene file says holds until a person chooses another law or set-point; from then on
-    no more torque is asked for than the motor of the robot file can give.
+    The actuation of the scene file applies until the user selects another law or set-point; from
+    then on the motor of the robot file limits the torque.
 
     Parameters
     ----------
@@ -43,9 +43,9 @@ class MotorLaw:
     set_point : float
         In the unit of the law.
     base : Actuation
-        Gains, and for as long as nobody chooses the law itself.
+        Gains, and the actuation before the user selects a law.
     chosen : bool
-        Whether a person chose.
+        Whether the user has selected a law or set-point.
 
     Raises
     ------

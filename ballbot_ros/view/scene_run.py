@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene that goes on for as long as somebody looks, and can be changed on the way."""
+"""Runs a scene without an end, with changes during the run."""
 from dataclasses import replace
 from functools import lru_cache
 import math

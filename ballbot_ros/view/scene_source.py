@@ -298,7 +298,7 @@ NO_SET_POINT = 'a free pendulum follows no set-point; choose another law'
 
 
 class FileChoice(NamedTuple):
-    """A file that is in use, by its name, and one of one's own that may be chosen again."""
+    """Name of the selected file, and a user file that remains selectable."""
 
     chosen: str
     own: str
@@ -341,6 +341,6 @@ def controls_of(run: SceneRun, paused: bool, speed: float, first: float, scene: 
 
 
 def _names(kind: str, choice: FileChoice) -> Tuple[str, ...]:
-    """Return the names of the files that come with the package, after one of one's own."""
+    """Return the user file, if any, then the names of the files of the package."""
     shipped = tuple(file.stem for file in shipped_files(kind))
     return shipped if choice.own in shipped else (choice.own, *shipped)

@@ -21,7 +21,7 @@ DEFAULT_PORT = 8080
 # Ports tried after one that is taken.
 TRIED = 20
 
-# The page has all that it needs inside, and may ask nobody else for anything.
+# The page is self-contained and must not load from other hosts.
 POLICY = (
     "default-src 'none'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; "
     "worker-src 'self' blob: data:; style-src 'unsafe-inline'; img-src 'self' data: blob:; "
@@ -65,11 +65,10 @@ class PageServer(viser.ViserServer):
 
 def refusal(request: Request, bound: str) -> Optional[str]:
     """
-    Return why a request is refused, None where it is not.
+    Return why a request is refused, None if it is accepted.
 
-    A page of somebody else in the same browser must neither read nor drive the robot.  Its
-    requests carry its own origin; or, where its name has been made to point here, that name as
-    the host.
+    A foreign page in the same browser must neither read nor drive the robot.  Its requests carry
+    its own origin or, after DNS rebinding, its own name as the host.
 
     Parameters
     ----------
@@ -108,7 +107,7 @@ Handler = Callable[[Any, Request], Optional[Response]]
 
 
 def _checked(inner: Optional[Handler], bound: str) -> Handler:
-    """Return a handler that asks `refusal` first, and tells the browser to ask nobody else."""
+    """Return a handler that checks `refusal` and sets the content security policy."""
     def handle(connection: Any, request: Request) -> Optional[Response]:
         reason = refusal(request, bound)
         if reason is not None:

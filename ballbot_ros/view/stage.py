@@ -156,7 +156,7 @@ def ground_top(line: Array, half_width: float) -> Mesh:
 
 
 def ground_front(line: Array, half_width: float, bottom: float) -> Mesh:
-    """Return the cut through the ground that faces whoever looks, down to `bottom` [m]."""
+    """Return the section of the ground that faces the camera, down to `bottom` [m]."""
     above = np.column_stack([line[:, 0], np.full(len(line), -half_width), line[:, 1]])
     below = above.copy()
     below[:, 2] = bottom

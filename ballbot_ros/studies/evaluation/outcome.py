@@ -62,7 +62,7 @@ class ObservedAttempt:
     edge: float        # last one of the plan [m]
     plan: Tuple[float, ...]  # start, speed, swing position and angle; or the set speed
     height_margin: float = math.nan  # predicted [m]
-    swing_speed: float = math.nan  # where the swing began, or at the touch without a swing [m/s]
+    swing_speed: float = math.nan  # at the swing, or at the touch without a swing [m/s]
     same: bool = False  # same plan as one that has failed at this face
     over: Optional[bool] = None
     settled: float = 0.0  # time when `over` was known [s]

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What the true robot can cross: manoeuvres tried one by one with the full model.
+Maximum step of the true robot: exhaustive search over manoeuvres with the full model.
 
 A *manoeuvre* is a run-up from rest to a speed, and a swing of the pendulum some time before the
-touch.  The decision does not know which robot it has; this search does.
+touch.  The search uses the true robot parameters, unlike the decision.
 """
 from concurrent.futures import Executor
 import json
