@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Learn from outcomes: each gives the particles new weights, by how likely it was under each."""
+"""Update the particle weights by the likelihood of each outcome."""
 from collections import deque
 from typing import Deque, Iterable, Optional, Tuple
 
@@ -17,7 +17,7 @@ WAITING = 64
 
 class Learner:
     """
-    Takes outcomes, and works the particles over bit by bit, so that no decision waits.
+    Updates the particles from outcomes in small portions, so that no decision is delayed.
 
     Parameters
     ----------

@@ -134,7 +134,7 @@ class Worlds:
         draws[:, DELAY] = LATENESS * (self._even - 0.5)
 
     def middle(self) -> Array:
-        """Return the world in the middle of all, (1, DRAW)."""
+        """Return the mean of all worlds, (1, DRAW)."""
         middle: Array = np.mean(self._draws, axis=0, keepdims=True)
         return middle
 
