@@ -112,6 +112,15 @@ def pytest_terminal_summary(terminalreporter, config):
         terminalreporter.write_line(f'{took:8.1f}  {path}')
 
 
+@pytest.fixture(autouse=True)
+def scheduling_restored():
+    """Undo the real-time priority that a bridge in this process takes: its children inherit it."""
+    yield
+    if os.sched_getscheduler(0) != os.SCHED_OTHER:
+        for thread in Path('/proc/self/task').iterdir():
+            os.sched_setscheduler(int(thread.name), os.SCHED_OTHER, os.sched_param(0))
+
+
 @pytest.fixture(scope='session')
 def gimball():
     """Return the ball with the pendulum."""
