@@ -13,7 +13,7 @@ from pathlib import Path
 import sys
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'helpers'))
-from faults import FAULTS, FORWARD, loop, time_to_zero
+from session_faults import FAULTS, FORWARD, loop, time_to_zero
 from virtual_robot import VirtualRobot
 
 from ballbot_ros.control import Mode, SetPoint

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faults of sensors, line and drive in simulated time: no torque on data that cannot be right."""
-from faults import (
+from session_faults import (
     FAULTS, FORWARD, frozen, in_degrees, in_g, loop, lost_status, repeated, reversed_encoder,
     time_to_zero, upside_down)
 import pytest

@@ -18,7 +18,7 @@ GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 STEP = {'speed': (0.3, 1.2), 'height': (0.004, 0.05)}
 # A factor of two about the published numbers, but for an arm that may be longer than the ball.
 OWN = {name: (0.5 * getattr(GIMBALL, name), 2.0 * getattr(GIMBALL, name))
-       for name in ROBOT if name != 'pendulum_length'}
+       for name in ROBOT if name != 'pendulum_length' and getattr(GIMBALL, name)}
 MOTORS = {name: (0.7 * value, 1.1 * value) for name, value in (
     (name, getattr(GIMBALL.motor, name[len('motor.'):])) for name in MOTOR)}
 FRICTIONS = dict.fromkeys(
@@ -27,7 +27,8 @@ GAINS = {'position_kp': (10.0, 60.0), 'position_kd': (1.0, 12.0), 'velocity_kp':
          'velocity_ki': (0.0, 5.0), 'torque_limit': (0.5, 4.0)}
 
 PLANS = {
-    'robot': SweepPlan(GIMBALL, ranges={**STEP, **OWN}, design='sobol', cases=80),
+    'robot': SweepPlan(GIMBALL, ranges={**STEP, **OWN, 'contact_dissipation': (0.0, 2.0)},
+                       design='sobol', cases=80),
     'ball alone': SweepPlan(SHELLBALL, design='random', cases=40, ranges={
         **STEP, 'ball_mass': (0.5, 2.0), 'edge_friction': (0.0, 0.5)}),
     'ground in radians': SweepPlan(GIMBALL, design='random', cases=60, ranges={
