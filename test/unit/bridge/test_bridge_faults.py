@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faults of sensors, line and drive in simulated time: no torque on data that cannot be right."""
 import pytest
+from refusals import refused
 from session_faults import (
     FAULTS, FORWARD, frozen, in_degrees, in_g, loop, lost_status, repeated, reversed_encoder,
     time_to_zero, upside_down)
-from refusals import refused
 from virtual_robot import VirtualRobot
 
 from ballbot_ros.bridge.motor_state import MotorState
