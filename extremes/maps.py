@@ -3,13 +3,13 @@
 from dataclasses import replace
 import math
 
-from cases import damped, ROBOTS
+from cases import any_tuning, damped, ROBOTS
 from judge import apart, unsound
 from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
 import numpy as np
 
-from ballbot_ros.control import ControlTuning, lowest_stable_rate
+from ballbot_ros.control import lowest_stable_rate
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.figures.canvas import drawing, INK, save
 from ballbot_ros.physics import Actuation, Model, simulate, Solver, State, Terrain
@@ -175,7 +175,7 @@ def loop_figure(path):
     """Control rate against gain: where law (11) holds the pendulum, and where it is said to."""
     robot = ROBOTS['gimball']
     gains, rates = np.logspace(-1, 3, SIZE), np.logspace(1, 5, SIZE)
-    tunings = [ControlTuning(40.0 * gain, 10.0 * gain) for gain in gains]
+    tunings = [any_tuning(40.0 * gain, 10.0 * gain) for gain in gains]
     grades = np.array([[loop_grade(robot, tuning, float(rate)) for tuning in tunings]
                        for rate in rates])
     with drawing(5.6, 4.2) as figure:

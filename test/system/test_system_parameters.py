@@ -63,7 +63,7 @@ REFUSED = {
         'simulator': ({'scene': 'not_yaml.yaml'}, ('not_yaml.yaml: is not valid YAML',)),
         'controller': ({'robot': 'robot.yaml'}, ('robot.yaml', 'ball_mass', '-3.8')),
         'obstacle_decision': ({'tuning': 'boldness.yaml'}, (
-            'boldness.yaml: highest_speed must be more than 0 m/s, got -1.1',))},
+            'boldness.yaml: highest_speed must be more than 0 and at most 10 m/s, got -1.1',))},
     'a curve of other numbers': {
         'obstacle_decision': ({'robot': 'heavier.yaml'}, (
             'curve gimball_down was made for a gimball of other numbers',

@@ -160,7 +160,8 @@ def test_bad_observations_stop_the_robot_with_their_reason(graph, planner, good_
     good = StepDecision.DECISION_CROSS, good_reason
     assert ask({})[:2] == good
     for name, (change, reason) in BAD.items():
-        decision, why, angle = ask(change)
+        for _ in range(3):  # one or two rejected observations count as lost
+            decision, why, angle = ask(change)
         assert (decision, why) == (StepDecision.DECISION_STOP, reason), name
         assert angle < 0.0, name  # it brakes
         assert decisions[-1].speed == 0.0 and decisions[-1].explanation

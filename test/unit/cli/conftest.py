@@ -14,8 +14,10 @@ def error_of(capsys):
     def call(*words):
         assert main(words) == 2
         out, err = capsys.readouterr()
-        assert out == '' and err.startswith('ballbot: error: ') and err.count('\n') == 1
-        return err
+        *notes, error = err.splitlines(keepends=True)
+        assert out == '' and error.startswith('ballbot: error: ')
+        assert all(note.startswith('Note: ') for note in notes), err
+        return error
     return call
 
 

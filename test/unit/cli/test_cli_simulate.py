@@ -184,5 +184,5 @@ def test_ctrl_c_while_animating_keeps_the_numbers_and_leaves_no_half_file(
     assert main(['simulate', 'fig7_top', '--no-figures', '--out', str(tmp_path),
                  '--animate']) == 130
     out, err = capsys.readouterr()
-    assert names(tmp_path) == NUMBERS and 'rising face' in out
+    assert names(tmp_path) == NUMBERS and 'step edge at' in out
     assert err.count('ballbot: error: ') == 1 and 'it was not written' in err

@@ -63,7 +63,7 @@ def test_the_words_of_a_legend_are_the_colours_that_are_drawn():
         f'{canvas.NAMES[FORCE]}: force of the ground'])
     page = (ROOT / 'docs' / 'view.md').read_text()
     assert f'its pendulum ({canvas.NAMES[canvas.VERMILION]})' in page
-    assert f'the forces of the ground ({canvas.NAMES[canvas.ORANGE]})' in page
+    assert f'the ground contact forces ({canvas.NAMES[canvas.ORANGE]})' in page
 
 
 def test_the_strip_says_what_was_decided_and_what_became_of_each_step():

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.skipif(not compiled.COMPILED, reason='nothing is compil
 def kernel(monkeypatch, tmp_path):
     """Return a function that returns a kernel, as another process would have it."""
     monkeypatch.setattr(compiled, '_FOLDER', str(tmp_path))
-    monkeypatch.setattr(compiled, '_hearing', [])
+    monkeypatch.setattr(compiled, '_callbacks', [])
 
     def add_one(number):
         return number + 1.0
@@ -28,8 +28,8 @@ def start(kernel):
 
 @pytest.fixture
 def patient(monkeypatch, kernel):
-    """Return the same function; whoever waits for a kernel loses patience at once."""
-    monkeypatch.setattr(compiled, '_patience', compiled._Patience())
+    """Return the same function; each compilation is reported immediately."""
+    monkeypatch.setattr(compiled, '_notice', compiled._CompileNotice())
     monkeypatch.setattr(compiled, 'MOMENT', -1.0)
     return kernel
 
@@ -44,13 +44,13 @@ def test_who_waits_in_a_program_is_told_once_why(patient, caplog):
 def test_who_waits_for_less_than_a_moment_is_told_nothing(patient, monkeypatch, caplog):
     monkeypatch.setattr(compiled, 'MOMENT', 1e9)
     patient()(1.0)
-    assert not caplog.records and compiled._patience.spent > 0.0
+    assert not caplog.records and compiled._notice.spent > 0.0
 
 
 def test_what_is_kept_is_not_said_to_compile(patient, caplog):
     patient()(1.0)
     caplog.clear()
-    compiled._patience._said = False
+    compiled._notice._warned = False
     patient()(1.0)
     assert not caplog.records
 
