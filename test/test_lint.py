@@ -159,5 +159,5 @@ def test_discouraged_words_become_fewer_and_never_more():
     found = {word: sum(len(re.findall(rf'(?<![a-z])(?:{word})(?![a-z])', text, re.IGNORECASE))
                        for text in texts) for word in words}
     wrong = {word: f'{found[word]} places, {entry["left"]} allowed: use {entry["use"]}'
-             for word, entry in words.items() if found[word] != entry['left']}
+             for word, entry in words.items() if found[word] > entry['left']}
     assert not wrong, wrong
