@@ -98,10 +98,10 @@ class Bench:
                     Time(), LEAN * math.sin(3.0 * time.monotonic())))
             self.executor.spin_once(timeout_sec=0.5 * SET_POINT_PERIOD)
 
-    def release(self, patience=20.0):
+    def release(self, timeout=20.0):
         """Release the e-stop."""
         self.pushing = False
-        deadline, why = time.monotonic() + patience, 'there was no answer'
+        deadline, why = time.monotonic() + timeout, 'there was no answer'
         while time.monotonic() < deadline:
             self.spin(0.3)
             if self._release.service_is_ready():

@@ -25,7 +25,7 @@ HEIGHTS = (0.012, 0.020, 0.028, 0.036, 0.044, 0.052, 0.060)
 def attempts(height, speed, swing, count=400):
     """Return the time of an attempt, many times [us]."""
     worlds = Worlds(KNOWLEDGE)
-    worlds.believe(Particles.of(GIMBALL, TUNING.height_bias_sd))
+    worlds.set_particles(Particles.of(GIMBALL, TUNING.height_bias_sd))
     face = Face(1, 0.0, height, 0.01, 0.001)
     ahead = look_ahead(Profile(0.0, (face,)), (face,), -1.4, 0.0, 0.003, GIMBALL.ball_radius,
                        TUNING.unseen_room)

@@ -48,9 +48,9 @@ def errors(case, imu, closed=False):
     scene = read_scene({'robot': 'gimball', 'robot_changes': changes, 'terrain': terrain,
                         'initial': start, 'duration': duration}, case[0], case[0])
     plant = Plant(scene, RATE)
-    believed = replace(robot, **{name: getattr(robot, name) * factor
+    assumed = replace(robot, **{name: getattr(robot, name) * factor
                                  for name, factor in WRONG.items()})
-    fusion = Fusion(believed, ImuMounting(*PLACE))
+    fusion = Fusion(assumed, ImuMounting(*PLACE))
     sensor = Imu(robot.gravity, PLACE, GYRO_SD, FORCE_SD, BIAS, seed=1)
     law = PendulumController(robot, ControlTuning(position_kp=6.0, position_kd=0.8))
     torque, wrong = 0.0, []

@@ -149,9 +149,9 @@ class Rig:
             return False
         return True
 
-    def until(self, condition, what, patience=10.0):
+    def until(self, condition, what, timeout=10.0):
         """Wait for something."""
-        end = time.monotonic() + patience
+        end = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > end:
                 reason = self.session.supervisor.e_stop if self.session else ''
@@ -190,7 +190,7 @@ class Rig:
         return self.stop_commands()
 
 
-def tell(line):
+def emulator_command(line):
     """Return an action that sends a line to the emulated drive."""
     return lambda rig: obey(rig.emulator, line) and None
 
@@ -211,12 +211,12 @@ FAULTS = (
           onboard=False),
     Fault('IMU silent', put(imu=False), 'IMU_TIMEOUT 0.05 s and a period'),
     Fault('stamps of all senders an hour ahead', put(shift=HOUR), 'IMU_TIMEOUT 0.05 s'),
-    Fault('unplugged', tell('unplug'), DRIVE),
-    Fault('drive silent', tell('silence 1'), 'SILENCE 0.1 s and a period'),
-    Fault('drive takes no bytes', tell('slow_reader 0'), DRIVE),
-    Fault('drive reboots', tell('reboot'), 'the drive, at once'),
-    Fault('over-current in the drive', tell('over_current'), 'the drive, at once'),
-    Fault('power stage too hot', tell('temperature 120'), 'the drive, at once'),
+    Fault('unplugged', emulator_command('unplug'), DRIVE),
+    Fault('drive silent', emulator_command('silence 1'), 'SILENCE 0.1 s and a period'),
+    Fault('drive takes no bytes', emulator_command('slow_reader 0'), DRIVE),
+    Fault('drive reboots', emulator_command('reboot'), 'the drive, immediately'),
+    Fault('over-current in the drive', emulator_command('over_current'), 'the drive, immediately'),
+    Fault('power stage too hot', emulator_command('temperature 120'), 'the drive, immediately'),
     Fault('exception in the loop', put(explode=True), 'the stop at the end of the loop'),
     Fault('e-stop engaged, in the session', lambda rig: rig.session.engage('bench'),
           'one write'))
@@ -233,7 +233,7 @@ class Book:
         self.path, self.times = path, {}
         if path.exists():
             self.times = json.loads(path.read_text())
-            print(f'going on with {path}; remove it to begin anew', file=sys.stderr)
+            print(f'going on with {path}; remove it to start again', file=sys.stderr)
 
     def have(self, control, what):
         """Return the stored times [s]."""

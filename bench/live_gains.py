@@ -17,7 +17,7 @@ from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import to_seconds
 from ballbot_ros.ros.rclpy_compat import new_executor
 
-PATIENCE = 120.0  # timeout of the start of the loop, and of a change [s]
+START_TIMEOUT = 120.0  # timeout of the start of the loop, and of a change [s]
 WINDOW = 6.0  # wall time without a change [s]
 ANGLE = 0.5  # of the held pendulum [rad]
 GAINS = (30.0, 40.0, 30.0)  # position_kp, one after the other [N m/rad]
@@ -62,8 +62,8 @@ def watch():
     node, executor = Bench(), new_executor()
     executor.add_node(node)
 
-    def spin_until(condition, patience):
-        deadline = time.perf_counter() + patience
+    def spin_until(condition, timeout):
+        deadline = time.perf_counter() + timeout
         while not condition() and time.perf_counter() < deadline:
             executor.spin_once(timeout_sec=0.05)
 
@@ -72,16 +72,16 @@ def watch():
             nodes.start('simulator', {'scene': 'flat'})
             nodes.start('controller')
             spin_until(lambda: len(node.commands) > 1000 and node.client.service_is_ready(),
-                       PATIENCE)
+                       START_TIMEOUT)
             node.commands.clear()
             spin_until(lambda: False, WINDOW)
             quiet = figures(node.commands)
             node.commands.clear()
             took = []
             for gain in GAINS:
-                begun, answer = time.perf_counter(), node.change(gain)
-                spin_until(answer.done, PATIENCE)
-                took.append(time.perf_counter() - begun)
+                start, answer = time.perf_counter(), node.change(gain)
+                spin_until(answer.done, START_TIMEOUT)
+                took.append(time.perf_counter() - start)
                 refused = [one.reason for one in answer.result().results if not one.successful]
                 if refused:
                     raise RuntimeError(refused[0])

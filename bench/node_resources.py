@@ -72,8 +72,8 @@ def main():
     """Run one of them."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument('--seconds', type=float, help='drive for so long')
-    what.add_argument('--unplugs', type=int, help='unplug so many times')
+    what.add_argument('--seconds', type=float, help='duration of the drive [s]')
+    what.add_argument('--unplugs', type=int, help='number of unplugs')
     arguments = parser.parse_args()
     print(HEAD)
     try:

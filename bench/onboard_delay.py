@@ -109,7 +109,7 @@ def measure():
     """Yield name, unit, values and target of each measurement."""
     for protocol in DRIVES:
         lag = 1e3 * onboard_lag(load_hardware(f'gimball_{protocol}'))
-        for at_once, how in ((True, 'at once'), (False, 'with the next question')):
+        for at_once, how in ((True, 'immediately'), (False, 'with the next question')):
             found = delays(protocol, at_once)
             target = lag if at_once else None
             yield f'{protocol}: question to torque, {how}, median', 'ms', [

@@ -32,17 +32,17 @@ def state_message():
     return message
 
 
-def answering(name, heard, told, make, raw):
+def answering(name, input_topic, output_topic, make, raw):
     """Return a node that replies to each message and counts them."""
     node, ready = Node(name), bytes(serialize_message(make()))
-    topic = create_publisher(node, told)
+    topic = create_publisher(node, output_topic)
     node.count = 0
-    node.tell = lambda: topic.publish(ready if raw else make())
+    node.send = lambda: topic.publish(ready if raw else make())
 
     def answer(_):
         node.count += 1
-        node.tell()
-    create_subscription(node, heard, answer, raw=raw)
+        node.send()
+    create_subscription(node, input_topic, answer, raw=raw)
     return node
 
 
@@ -67,7 +67,7 @@ def times_real_time(apart, raw):
         executor.add_node(one)
     try:
         while not node.count:
-            node.tell()
+            node.send()
             executor.spin_once(timeout_sec=0.2)
         _spin(executor, 0.5)
         before, begin = node.count, time.perf_counter()

@@ -74,11 +74,11 @@ def scenes():
                 model = replace(scene.model, solver=solver)
                 yield f'{name}, {way}, {step:g} s', outcome(lambda: simulate(
                     model, scene.start, scene.actuation, scene.run.duration, step))
-        heard = []
+        times = []
         model = replace(scene.model, solver=Solver('adaptive'))
         yield f'{name}, with progress', outcome(lambda: simulate(
-            model, scene.start, scene.actuation, scene.run.duration, 1e-3, progress=heard.append))
-        yield f'{name}, progress', [value.hex() for value in heard]
+            model, scene.start, scene.actuation, scene.run.duration, 1e-3, progress=times.append))
+        yield f'{name}, progress', [value.hex() for value in times]
         for models in ('auto', 'full'):
             model = replace(scene.model, solver=Solver(models=models))
             yield f'{name}, to 1e-4 m, {models}', outcome(lambda: simulate(

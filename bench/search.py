@@ -60,6 +60,6 @@ def measure():
     yield 'the same, one thread', 's', [alone for alone, _ in times], None
     yield f'times quicker with {cores} threads', 'x', [alone / many for alone, many in times], None
     found = all_curves()
-    yield 'largest error that is told', 'mm', [1e3 * max(item.error for item in found)], 0.05
+    yield 'largest reported error', 'mm', [1e3 * max(item.error for item in found)], 0.05
     yield 'attempts per height', '', [median(item.attempts for item in found)], None
     yield from race(gimball)

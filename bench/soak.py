@@ -110,7 +110,7 @@ def run(folder, arguments):
             bench.spin(0.1)
             if bench.status is not None and bench.status.e_stop:
                 stops[bench.status.e_stop] += 1
-                bench.release(patience=60.0)
+                bench.release(timeout=60.0)
         end = time.monotonic()
         used = 100.0 * (processor_time(bench.process) - used) / (end - begin)
     return begin, end, stops, used

@@ -48,10 +48,10 @@ def stop(slope, speed, lean):
     state = speed_law.speed_law_start(0.0, 0.0, math.radians(slope), LAW)
     way = [0.0]
     for period in range(22 * RATE):
-        now, begun = -ROBOT.ball_radius * ball.state.ball_rate, period >= 8 * RATE
+        now, started = -ROBOT.ball_radius * ball.state.ball_rate, period >= 8 * RATE
         state, angle = speed_law.speed_law_step(
-            state, now, ball.state.pendulum_angle, 0.0 if begun else speed,
-            lean if begun else 1.4, 1.0 / RATE, LAW)
+            state, now, ball.state.pendulum_angle, 0.0 if started else speed,
+            lean if started else 1.4, 1.0 / RATE, LAW)
         controller.give(SetPoint(Mode.HOLD, angle, ball.time))
         ball.advance(controller.torque(readings(ball.state)))
         way.append(way[-1] + now / RATE)

@@ -78,7 +78,7 @@ def choose_python(ros):
 
 
 def check_tools(python):
-    """Name every missing system tool at once, with the command that installs them all."""
+    """Name every missing system tool, with the command that installs them all."""
     name = 'python%d.%d' % tuple(python['version'])
     tools = [
         (python['venv'], 'the venv module of %s' % name, name + '-venv'),

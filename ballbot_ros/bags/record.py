@@ -105,7 +105,7 @@ def record(observer: Observer, folder: Path, topics: List[str], duration: float,
         recording = GraphRecording(observer, bag, topics, say)
         observer.wait(lambda: recording.poll() or not recording.missing, 1.0)
         if recording.missing:
-            say(f'not there yet: {", ".join(recording.missing)}; recorded as soon as somebody '
+            say(f'not there yet: {", ".join(recording.missing)}; recorded as soon as a node '
                 'publishes')
         try:
             while time.monotonic() < end:

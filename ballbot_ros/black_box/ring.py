@@ -126,7 +126,7 @@ class BlackBox(SessionObserver):
         self._between = BETWEEN * period
         self._lock = threading.Lock()
         self._full: Deque[Tuple[float, memoryview]] = deque(maxlen=MOST_BLOCKS - 1)
-        self._block, self._at, self._begun = bytearray(BLOCK), 0, clock()
+        self._block, self._at, self._block_start = bytearray(BLOCK), 0, clock()
         self._fault: Optional[Tuple[float, str]] = None
         self._slow_at = -math.inf
         self._e_stop: Optional[str] = None
@@ -233,12 +233,12 @@ class BlackBox(SessionObserver):
     def _next_block(self) -> None:
         """Start a block and drop the oldest ones; requires the lock."""
         now = self.clock()
-        self._full.append((self._begun, memoryview(self._block)[:self._at]))
+        self._full.append((self._block_start, memoryview(self._block)[:self._at]))
         # A block ends where the next one begins.
         while len(self._full) > 1 and self._full[1][0] < now - SPAN:
             self._full.popleft()
         # Never reused: a dump may still read an old block.
-        self._block, self._at, self._begun = bytearray(BLOCK), 0, now
+        self._block, self._at, self._block_start = bytearray(BLOCK), 0, now
 
     def snapshot(self) -> List[memoryview]:
         """Return the blocks, oldest first, as views without a copy."""

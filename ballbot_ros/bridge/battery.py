@@ -136,9 +136,9 @@ class BatteryWatch(NamedTuple):
 
     def warnings(self, now: float) -> Tuple[str, ...]:
         """Return the names of the active warnings."""
-        return tuple(name for name, told in (
+        return tuple(name for name, active in (
             ('battery_empty', now >= self.fading_since), ('battery_low', self.low),
-            ('over_voltage', now < self.too_high_until)) if told)
+            ('over_voltage', now < self.too_high_until)) if active)
 
     def percentage(self, battery: Battery) -> float:
         """Return the approximate charge, 0 to 1, from the voltage; NaN if it is unknown."""

@@ -18,7 +18,7 @@ LOG = logging.getLogger(__name__)
 RETRY = 0.1
 # Timeout of each reply of the handshake after a lost link [s]: a handshake takes well below a
 # second at first; the timeout grows with each failed attempt.
-HANDSHAKE, MOST_PATIENCE = 0.25, 1.0
+HANDSHAKE, LONGEST_HANDSHAKE = 0.25, 1.0
 
 
 class DriveLine:
@@ -33,11 +33,11 @@ class DriveLine:
         self.trouble = ''  # why no drive is connected
         self.reconnects = 0  # successful reconnections
 
-    def open(self, patience: float) -> Tuple[Identity, Tuple[Setting, ...]]:
+    def open(self, timeout: float) -> Tuple[Identity, Tuple[Setting, ...]]:
         """Open the link and check the drive; raises as `handshake` does."""
         self.close()
         try:
-            self.driver, self.identity, settings = handshake(self._connect, patience)
+            self.driver, self.identity, settings = handshake(self._connect, timeout)
         except BallbotError as error:
             self.trouble = str(error)
             raise
@@ -50,7 +50,7 @@ class DriveLine:
             return False
         known = self.trouble
         try:
-            self.open(min(HANDSHAKE * (1 + self._failures), MOST_PATIENCE))
+            self.open(min(HANDSHAKE * (1 + self._failures), LONGEST_HANDSHAKE))
         except BallbotError as error:
             self._failures += 1
             self._next_try = self._clock() + RETRY
@@ -105,7 +105,7 @@ def connector(hardware: Hardware, capture: str = '', observer: SessionObserver =
     return connect
 
 
-def handshake(connect: Callable[[], Driver], patience: float
+def handshake(connect: Callable[[], Driver], timeout: float
               ) -> Tuple[Driver, Identity, Tuple[Setting, ...]]:
     """
     Find the drive, stop its motor, and check its settings.
@@ -114,7 +114,7 @@ def handshake(connect: Callable[[], Driver], patience: float
     ----------
     connect : callable
         See `connector`.
-    patience : float
+    timeout : float
         Timeout of each of the three requests [s].
 
     Raises
@@ -127,9 +127,9 @@ def handshake(connect: Callable[[], Driver], patience: float
     """
     driver = connect()
     try:
-        identity = driver.identify(patience)
-        driver.stop(patience)  # the motor may still turn from an earlier connection
-        settings = driver.read_settings(patience)
+        identity = driver.identify(timeout)
+        driver.stop(timeout)  # the motor may still turn from an earlier connection
+        settings = driver.read_settings(timeout)
         wrong = [item for item in settings if not item.acceptable]
         if wrong:
             raise ConfigurationError(

@@ -16,7 +16,7 @@ from ballbot_ros.estimation.fusion import IMU_TIMEOUT
 AHEAD = 0.01
 # Grace period after the timeout of the IMU [s]: after a preemption of this process, queued
 # readings are read within it.
-PATIENCE = 0.02
+MISSING_TIMEOUT = 0.02
 # Time of readings without a gap before an IMU is usable again after a timeout [s].
 STEADY = 0.5
 
@@ -61,7 +61,7 @@ class ImuWatch:
                 'stale', f'IMU reading of {stamp:.3f} s refused: it is {now:.3f} s '
                 f'here, more than {IMU_TIMEOUT:g} s later; is it delayed, or do clocks differ?')
 
-    def heard(self, stamp: float, now: float) -> None:
+    def reading_received(self, stamp: float, now: float) -> None:
         """Record the arrival of an accepted reading."""
         if now > self._fresh_until:
             self._steady_since = now if self._fresh_until > -math.inf else -math.inf
@@ -97,7 +97,7 @@ class ImuWatch:
             return False
         if now < self._missing_since:
             self._missing_since, self._pulling = now, pulling
-        if self.silent or now - self._missing_since < PATIENCE:
+        if self.silent or now - self._missing_since < MISSING_TIMEOUT:
             return False
         self.silent = True
         self.silences += self._fresh_until > -math.inf

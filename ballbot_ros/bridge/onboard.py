@@ -79,7 +79,7 @@ class OnBoard:
             As `SupervisedController.give` does; the current set-point stays.
 
         """
-        self.controller.hear_e_stop(e_stop)
+        self.controller.on_e_stop(e_stop)
         if set_point.stamp > now + SKEW:
             raise MessageError(
                 'from_the_future', f'the set-point is stamped {set_point.stamp:.3f} s and it is '
@@ -103,7 +103,7 @@ class OnBoard:
         """
         controller = self.controller
         if e_stop is not controller.e_stop:
-            controller.hear_e_stop(e_stop)
+            controller.on_e_stop(e_stop)
         controller.take(readings)
         return controller.answer(in_force) or 0.0
 

@@ -149,7 +149,7 @@ class Sensing:
         if fault:
             raise MessageError(fault, self.imu_fault)
         self.fusion.imu(reading)
-        self.imu_watch.heard(reading.stamp, now)
+        self.imu_watch.reading_received(reading.stamp, now)
 
     def needs_imu(self, now: float) -> bool:
         """Return whether a required IMU is not usable."""

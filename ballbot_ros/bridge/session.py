@@ -109,7 +109,7 @@ class Session:
         """Open the link and check the drive; raises as `drive_line.handshake` does."""
         with self.lock:
             self.close()
-            found = self.line.open(patience=0.5)
+            found = self.line.open(timeout=0.5)
             self.control.begin()
             self._wanted = Wanted.INACTIVE
             return found
@@ -248,8 +248,8 @@ class Session:
                 raise RefusedError(f'there is no drive: {self.line.trouble or "not configured"}')
             if not self.supervisor.e_stop:
                 raise RefusedError(
-                    'the e-stop is released: a motor whose faults are cleared could turn at once; '
-                    'engage it first')
+                    'the e-stop is released: a motor whose faults are cleared could turn '
+                    'immediately; engage it first')
             if self.control.power.state is not MotorState.DISARMED:
                 raise RefusedError('the motor is under power, or its stop is not confirmed yet')
             left = self.control.clear_faults(driver)
@@ -277,7 +277,7 @@ class Session:
         """Return whether a reply of this period is outstanding."""
         return self._sensing.expecting and self.line.driver is not None
 
-    def await_answer(self, patience: float) -> Optional[Report]:
+    def await_answer(self, timeout: float) -> Optional[Report]:
         """
         Wait for a reply of the drive, and return its report if it is a measurement.
 
@@ -287,7 +287,7 @@ class Session:
         if driver is None:
             return None
         try:
-            if driver.line.wait(patience, driver.shortest_answer):
+            if driver.line.wait(timeout, driver.shortest_answer):
                 with self.lock:
                     if self.line.driver is driver:
                         estimate = self.control.measure(driver)

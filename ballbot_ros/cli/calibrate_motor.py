@@ -6,7 +6,7 @@ from typing import Any, Mapping
 
 from ballbot_ros.cli.options import add_port
 
-PATIENCE = 0.5  # timeout of each reply of the handshake [s]
+REPLY_TIMEOUT = 0.5  # timeout of each reply of the handshake [s]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigurationError(f'{arguments.out} exists; move it away or give another --out')
     check_writable(arguments.out)
     hardware = load_hardware(arguments.hardware).at(arguments.port)
-    driver, identity, _ = handshake(connector(hardware), PATIENCE)
+    driver, identity, _ = handshake(connector(hardware), REPLY_TIMEOUT)
     try:
         print(f'{identity.in_words} on {hardware.connection.port}')
         found = Calibrator(hardware, load_robot(hardware.robot), driver, Console()).run()

@@ -19,7 +19,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Print each finding; 1 if something is wrong."""
     from ballbot_ros.bridge.commissioning.doctor import examine, WRONG
     code = DONE
-    for finding in examine(arguments.hardware, arguments.port, os.environ, _tell):
+    for finding in examine(arguments.hardware, arguments.port, os.environ, _print_instruction):
         print(f'{finding.verdict:>5}  {finding.what}')
         if finding.remedy:
             print(f'       -> {finding.remedy}')
@@ -28,5 +28,5 @@ def run(arguments: argparse.Namespace) -> int:
     return code
 
 
-def _tell(text: str) -> None:
+def _print_instruction(text: str) -> None:
     print(f'    .  {text}', file=sys.stderr, flush=True)

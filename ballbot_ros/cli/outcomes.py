@@ -156,7 +156,7 @@ def print_learned(outcomes: Sequence[Any], robot: Any) -> int:
 def show_learning(arguments: argparse.Namespace) -> int:
     """Print predicted and observed success rates before and after some attempts."""
     from ballbot_ros.cli.progress import watched
-    from ballbot_ros.studies.learning import CASES, study, told
+    from ballbot_ros.studies.learning import CASES, study, report_lines
     if arguments.robots < 1 or arguments.attempts < 1:
         raise ConfigurationError(
             '--robots and --attempts must be at least 1', 'out_of_range', '--robots')
@@ -165,5 +165,5 @@ def show_learning(arguments: argparse.Namespace) -> int:
                  'robots') as progress:
         found = study(robot, arguments.robots, arguments.attempts, arguments.seed,
                       progress=progress)
-    print('\n'.join(told(found, arguments.attempts)))
+    print('\n'.join(report_lines(found, arguments.attempts)))
     return DONE

@@ -136,7 +136,7 @@ class SupervisedController:
             self._controller.give(set_point)
             self.let_down = False
 
-    def hear_e_stop(self, engaged: bool) -> None:
+    def on_e_stop(self, engaged: bool) -> None:
         """Store the state of the e-stop; if engaged, drop the set-point in force."""
         if engaged and not self.e_stop:
             self.forget()

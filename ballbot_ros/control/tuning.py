@@ -50,7 +50,7 @@ class ControlTuning(Checked):
         'rad', 'largest pendulum angle that the speed law wants', above=0.0, maximum=1.5,
         default=1.2)
     blend_time: float = quantity(
-        's', 'time over which a new law takes over from the present torque; 0 for at once',
+        's', 'time over which a new law takes over from the present torque; 0 for none',
         minimum=0.0, maximum=10.0, default=0.0)
 
 

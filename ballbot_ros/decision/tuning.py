@@ -64,7 +64,7 @@ class DecisionTuning(Checked):
         '1', 'deviations at which an observation contradicts', above=0.0,
         maximum=100.0, default=5.0))
     forget_after: int = fixed(SEEN, count(
-        'observations in a row after which the newest are believed instead', minimum=1,
+        'observations in a row after which the newest replace the estimate', minimum=1,
         default=5))
 
     required_probability: float = quantity(
@@ -82,7 +82,7 @@ class DecisionTuning(Checked):
     height_bias_sd: float = fixed(SEEN, quantity(
         'm', 'standard deviation of what a sensor of heights is off by all the time',
         minimum=0.0, maximum=0.1, default=0.0005))
-    untold_bias_sd: float = fixed(SEEN, quantity(
+    unreported_bias_sd: float = fixed(SEEN, quantity(
         'm', 'height_bias_sd of a sensor that does not report its standard deviation', minimum=0.0,
         maximum=0.1, default=0.002))
 

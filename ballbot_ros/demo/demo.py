@@ -52,7 +52,7 @@ class Act(NamedTuple):
     planner: str = 'rollout'
 
 
-TWO_STEPS = Act('The ball stands before a door-step, and behind that is a higher one.',
+TWO_STEPS = Act('The ball stands before a step, and behind that is a higher one.',
                 'doorstep', (Expected.CROSSED, Expected.REFUSED))
 ACTS = (TWO_STEPS, Act('The floor falls, and then drops.', 'drop_on_slope', (Expected.REFUSED,)))
 
@@ -161,7 +161,7 @@ def perform(out: Path, act: Act, quiet: bool,
         if not quiet:
             print_event(when, word, sentence)
     timeline = Timeline(passages_of(scene, act.expected), scene.model.robot, report)
-    begun = time.monotonic()
+    start = time.monotonic()
     if not quiet:
         print(f'\n{act.title}\n', flush=True)
     with ending_by_signal():
@@ -180,7 +180,7 @@ def perform(out: Path, act: Act, quiet: bool,
     simulated = timeline.now if timeline.states else 0.0
     if wrong or not quiet:
         print(f'\n{"FAILED" if wrong else "Done"}: {simulated:.1f} s of simulated time in '
-              f'{time.monotonic() - begun:.1f} s.  Picture: {picture}  Bag: {out / "bag"}',
+              f'{time.monotonic() - start:.1f} s.  Picture: {picture}  Bag: {out / "bag"}',
               file=sys.stderr if quiet else sys.stdout)
     for sentence in wrong:
         print(f'  - {sentence}', file=sys.stderr)

@@ -26,7 +26,7 @@ MORE_TOPICS = ('imu', 'motor_status')
 # Wall time between two calls of a service [s].
 AGAIN = 0.3
 # Timeout of a service that keeps refusing [s].
-PATIENCE = 20.0
+REFUSAL_TIMEOUT = 20.0
 
 
 def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: bool = False,
@@ -142,14 +142,14 @@ class GetGoing:
         self._done = 0
         if self._refused_since is None:
             self._refused_since = now
-        if now - self._refused_since > PATIENCE:
-            return f'{service} has refused for {PATIENCE:g} s: {message}; {_load()}'
+        if now - self._refused_since > REFUSAL_TIMEOUT:
+            return f'{service} has refused for {REFUSAL_TIMEOUT:g} s: {message}; {_load()}'
         return None
 
 
 def _load() -> str:
     """Return the system load, a cause of watchdog timeouts."""
     load = os.getloadavg()[0]
-    return (f'the load of this machine is {load:.1f} on {os.cpu_count()} processors, and in real '
-            'time whoever waits for a turn for too long is taken for dead: try again when it has '
-            'less to do' if load > (os.cpu_count() or 1) else 'see the log of the bridge')
+    return (f'the load of this machine is {load:.1f} on {os.cpu_count()} processors, and a '
+            'process that is not scheduled in time exceeds its watchdog: try again at a lower '
+            'load' if load > (os.cpu_count() or 1) else 'see the log of the bridge')

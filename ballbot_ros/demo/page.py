@@ -14,7 +14,7 @@ from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.errors import ConfigurationError
 
 # Until the page is served, and until it has ended [s].
-PATIENCE, GRACE = 60.0, 10.0
+START_TIMEOUT, GRACE = 60.0, 10.0
 
 
 @contextmanager
@@ -59,10 +59,10 @@ def page_beside(quiet: bool = False) -> Iterator[None]:
 def _first_line(process: 'subprocess.Popen[str]') -> str:
     """Return what the page prints once it is served."""
     assert process.stdout is not None
-    ready, _, _ = select.select([process.stdout], [], [], PATIENCE)
+    ready, _, _ = select.select([process.stdout], [], [], START_TIMEOUT)
     line = process.stdout.readline().strip() if ready else ''
     if not line:
         raise ConfigurationError(
-            f'the page was not served within {PATIENCE:g} s; leave --view out, or see what '
+            f'the page was not served within {START_TIMEOUT:g} s; leave --view out, or see what '
             '"ballbot view --live" says')
     return line

@@ -34,7 +34,7 @@ class RecordedGraph:
     bag: BagRecorder
     nodes: NodeProcesses
     timeline: Timeline
-    heard: 'SimpleQueue[Callable[[], None]]'  # pending timeline updates
+    updates: 'SimpleQueue[Callable[[], None]]'  # pending timeline updates
 
     def run(self, poll: Callable[[], Optional[str]], timeout: float,
             longest: float, topics: Sequence[str] = ()) -> List[str]:
@@ -49,8 +49,8 @@ class RecordedGraph:
         ended = False
         while not (ended and self._recorded_to_end(topics)):
             self.executor.spin_once(timeout_sec=TAKE_AGAIN)
-            while not (ended or self.heard.empty()):
-                self.heard.get()()
+            while not (ended or self.updates.empty()):
+                self.updates.get()()
                 ended = self.timeline.rested is not None or self.timeline.now > longest
             hopeless = poll()
             if hopeless:
@@ -90,19 +90,19 @@ def recorded_graph(out: Path, topics: Sequence[str],
     rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
     node, recorder, executor = Node('ballbot_demo'), Node('ballbot_recorder'), new_executor()
     executor.add_node(node)
-    heard: SimpleQueue[Callable[[], None]] = SimpleQueue()
+    updates: SimpleQueue[Callable[[], None]] = SimpleQueue()
 
-    def telling(take: Callable[[Any], None], kind: Any) -> Callable[[bytes], None]:
-        return lambda data: heard.put(lambda: take(deserialize_message(data, kind)))
+    def forwarding(take: Callable[[Any], None], kind: Any) -> Callable[[bytes], None]:
+        return lambda data: updates.put(lambda: take(deserialize_message(data, kind)))
     try:
         with BagRecorder(out / 'bag', metadata) as bag, \
                 NodeProcesses(out / 'logs', domain) as nodes:
-            callbacks = {'ball_state': telling(timeline.add_state, BallState),
-                         'step_decision': telling(timeline.add_decision, StepDecision)}
+            callbacks = {'ball_state': forwarding(timeline.add_state, BallState),
+                         'step_decision': forwarding(timeline.add_decision, StepDecision)}
             for topic in topics:
                 bag.subscribe(recorder, topic, callbacks.get(topic))
             bag.record_in_thread()
-            yield RecordedGraph(node, executor, bag, nodes, timeline, heard)
+            yield RecordedGraph(node, executor, bag, nodes, timeline, updates)
     finally:
         executor.remove_node(node)
         node.destroy_node()

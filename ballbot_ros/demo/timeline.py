@@ -219,15 +219,15 @@ class Timeline:
 
 def account(timeline: Timeline) -> List[str]:
     """Return the result at each face, and the rest position."""
-    told = []
+    lines = []
     for face in timeline.passages:
         fate = 'crossed' if face.crossed is not None else \
             'not touched' if face.touched is None else 'touched, not crossed'
         words = ', '.join(NAMES.get(kind, '?') for kind in face.decided)
-        told.append(f'the {face.name} at {face.x:.2f} m: {fate}'
+        lines.append(f'the {face.name} at {face.x:.2f} m: {fate}'
                     + (f'; decided: {words}' if words else ''))
     if timeline.states:
         where = f'at {timeline.states[-1].x:.2f} m'
-        told.append(f'came to rest {where}' if timeline.rested is not None else
+        lines.append(f'came to rest {where}' if timeline.rested is not None else
                     f'had not come to rest after {timeline.now:.1f} s, {where}')
-    return told
+    return lines

@@ -26,7 +26,7 @@ from ballbot_ros.drives.capture import TrafficSink
 from ballbot_ros.errors import LinkError
 
 # A bus without space for this long has no acknowledging node, or a stuck adapter [s].
-PATIENCE = 0.02
+SEND_TIMEOUT = 0.02
 # pyserial reads its clock after the write, so that a preempted process would see a timeout: a
 # backstop [s].
 WRITE_TIMEOUT = 0.5
@@ -97,7 +97,7 @@ class CanLink:
         with _converted(self.port, self.baud):
             bus = self._open()
             if self._descriptor is not None \
-                    and not select.select([], [self._descriptor], [], PATIENCE)[1]:
+                    and not select.select([], [self._descriptor], [], SEND_TIMEOUT)[1]:
                 raise OSError(errno.ENOBUFS, 'no room')
             for frame in self._parser.feed(data):
                 bus.send(self._message(

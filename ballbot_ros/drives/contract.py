@@ -15,7 +15,7 @@ gear, direction and zero of the pendulum joint are the caller's.  A session goes
     driver.stop()                       # repeated until the drive confirms
 
 `identify`, `read_settings`, `arm` and `stop` wait for answers, never longer than their
-``patience``.  `poll`, `send_torque`, `send_stop`, `ask` and `feed` do not wait: a reply that is
+``timeout``.  `poll`, `send_torque`, `send_stop`, `ask` and `feed` do not wait: a reply that is
 delayed or lost is counted and requested again.  Any of them raises `LinkError` when the line is
 gone; then close the link and open it again.
 

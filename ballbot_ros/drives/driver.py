@@ -64,7 +64,7 @@ class Driver(ABC):
     # What waits
 
     @abstractmethod
-    def identify(self, patience: float = 0.5) -> Identity:
+    def identify(self, timeout: float = 0.5) -> Identity:
         """
         Do the handshake and return the identity of the drive.
 
@@ -77,7 +77,7 @@ class Driver(ABC):
         """
 
     @abstractmethod
-    def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
+    def read_settings(self, timeout: float = 0.5) -> tuple[Setting, ...]:
         """
         Read back and check each safety-relevant setting.
 
@@ -88,7 +88,7 @@ class Driver(ABC):
 
         """
 
-    def arm(self, patience: float = 0.5) -> None:
+    def arm(self, timeout: float = 0.5) -> None:
         """
         Enable motor power at zero torque.
 
@@ -99,19 +99,19 @@ class Driver(ABC):
 
         """
         self._until(lambda: not self._pending or self._pending.may_send(self.clock()),
-                    self.clock() + patience)
+                    self.clock() + timeout)
         self.telemetry = self.telemetry._replace(hazards=())
-        self._arm(self.clock() + patience)
+        self._arm(self.clock() + timeout)
         self._armed = True
 
-    def stop(self, patience: float = 0.5) -> None:
+    def stop(self, timeout: float = 0.5) -> None:
         """
         Disable motor power; repeat until the drive confirms.
 
         Raises
         ------
         DriveError
-            ``not_stopped`` if it does not within `patience`: then the watchdog of the drive must
+            ``not_stopped`` if it does not within `timeout`: then the watchdog of the drive must
             stop the motor.
 
         """
@@ -121,12 +121,12 @@ class Driver(ABC):
             soon = self.clock() + STOP_PERIOD
             if self._until(lambda: self.stopped_since(begin), soon):
                 return
-            if self.clock() >= begin + patience:
+            if self.clock() >= begin + timeout:
                 raise DriveError('not_stopped', (
-                    f'{self.line.port}: the drive did not confirm the stop within {patience:g} s; '
+                    f'{self.line.port}: the drive did not confirm the stop within {timeout:g} s; '
                     f'its own watchdog disarms it after {self.options.watchdog:g} s'))
 
-    def clear_faults(self, patience: float = 0.5) -> tuple[str, ...]:
+    def clear_faults(self, timeout: float = 0.5) -> tuple[str, ...]:
         """Clear latched faults, without power, and return the remaining ones; may refuse."""
         raise DriveError('not_clearable', f'a {self.maker} clears no faults on request')
 
@@ -201,8 +201,8 @@ class Driver(ABC):
 
     def _soon(self, deadline: float) -> float:
         """Return when a reply to a request sent now is overdue, at most a deadline."""
-        patience: float = self.options.reply_timeout
-        return min(deadline, self.clock() + patience)
+        timeout: float = self.options.reply_timeout
+        return min(deadline, self.clock() + timeout)
 
     def _ask_until(self, answered: Callable[[], bool], request: Callable[[], bytes],
                    deadline: float, what: str = '') -> None:

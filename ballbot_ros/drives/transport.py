@@ -34,7 +34,7 @@ LARGEST_READ = 4096
 CONTROL = 6  # index of the control characters in the settings of a terminal
 # Some hundred bytes are in transit at most, and the kernel buffers 4096: a port without space for
 # this long is not being read [s].
-PATIENCE = 0.02
+SEND_TIMEOUT = 0.02
 # Timeout of one write, for a line that accepts a few bytes at a time [s].
 LONGEST_WRITE = 0.5
 
@@ -100,7 +100,7 @@ class Descriptor:
             return True
         deadline = time.monotonic() + LONGEST_WRITE
         while written < len(data):
-            if not self._room.poll(1e3 * PATIENCE) or time.monotonic() > deadline:
+            if not self._room.poll(1e3 * SEND_TIMEOUT) or time.monotonic() > deadline:
                 return False
             written += self._written(data[written:])
         return True
@@ -108,7 +108,7 @@ class Descriptor:
     def wait(self, seconds: float, least: int = 1) -> bool:
         """Wait for a number of bytes [s] and return whether they are there."""
         if least != self._least:
-            self._tell_from(least)
+            self._confirm_from(least)
         # Only select does not round the timeout to milliseconds.
         ready, _, _ = select.select(self._alone, (), (), seconds if seconds > 0.0 else 0.0)
         if ready:
@@ -116,7 +116,7 @@ class Descriptor:
             return True
         return False
 
-    def _tell_from(self, least: int) -> None:
+    def _confirm_from(self, least: int) -> None:
         """Make the kernel report data only from a number of bytes: a reply comes in pieces."""
         self._least = least
         if os.isatty(self._number):
@@ -141,7 +141,7 @@ class Indirect:
     def write(self, data: bytes) -> bool:
         """Write all, and return whether there was room for it."""
         if self._descriptor is not None \
-                and not select.select([], [self._descriptor], [], PATIENCE)[1]:
+                and not select.select([], [self._descriptor], [], SEND_TIMEOUT)[1]:
             return False
         self._port.write(data)
         return True
@@ -325,7 +325,7 @@ def _link_error(port: str, error: Exception, opening: bool = False) -> LinkError
         if 'baud' in str(error).lower():
             return LinkError('bad_baud', f'{port} cannot do this baud rate: {error}')
         return LinkError('bad_address', (
-            f'{port!r} is neither a device nor a URL that pyserial knows: {error}'))
+            f'{port!r} is neither a device nor a URL that pyserial supports: {error}'))
     if opening:
         return _opening_failure(port, error)
     return LinkError(

@@ -87,7 +87,7 @@ FAULTS = {
     'voltage': Fault('V', 'sets the voltage of the supply', _sense('bus_voltage')),
     'stop_switch': Fault('1 or 0', 'the emergency switch at the input of the drive itself is '
                          'pulled, where one is set up', _sense('stop_switch'), 1.0),
-    'encoder_jump': Fault('motor turns', 'the encoder is off by so much more', _encoder_jump),
+    'encoder_jump': Fault('motor turns', 'increment of the encoder offset', _encoder_jump),
     'slow_reader': Fault('bytes/s', 'the drive takes no more from the line', _slow_reader),
     'reset': Fault('', 'the ball is put back to the start of its scene',
                    lambda emulator, *_: emulator.ball.reset(), 0.0),

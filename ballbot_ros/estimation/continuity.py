@@ -52,7 +52,7 @@ class EncoderDoubt(NamedTuple):
     """Consecutive readings that do not agree with the prediction."""
 
     since: float  # [s]
-    begun: float  # first of those that agree [s]
+    start: float  # first of those that agree [s]
     until: float  # the last one [s]
     innovations: tuple[float, ...]  # of those that agree [rad]
 
@@ -60,7 +60,7 @@ class EncoderDoubt(NamedTuple):
     def jump(self) -> Optional[float]:
         """Return their common offset [rad], None until enough of them agree."""
         number = len(self.innovations)
-        enough = number >= AGREEING and self.until - self.begun >= AGREED_FOR
+        enough = number >= AGREEING and self.until - self.start >= AGREED_FOR
         return sum(self.innovations) / number if enough else None
 
 
@@ -96,7 +96,7 @@ class Continuity(NamedTuple):
         if doubt is not None and not broken:
             agreeing = (*doubt.innovations, reading.innovation)
             if max(agreeing) - min(agreeing) <= AGREE:
-                return EncoderDoubt(since, doubt.begun, stamp, agreeing)
+                return EncoderDoubt(since, doubt.start, stamp, agreeing)
         return EncoderDoubt(since, stamp, stamp, (reading.innovation,))
 
     def _explains(self, last: EncoderReading, reading: EncoderReading, step: float,

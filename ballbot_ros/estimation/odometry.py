@@ -106,7 +106,7 @@ class OdometryFilter:
     def start(self, estimate: Estimate) -> OdometryState:
         """Return the odometry of a ball at position 0 that rolls."""
         # Later angles are relative to the first one, whose variance is that of the zero.
-        return self._told(estimate, 0.0, Slide(0.0, 0.0, 0.0, 0.0, 0.0), _variances(estimate)[0],
+        return self._result(estimate, 0.0, Slide(0.0, 0.0, 0.0, 0.0, 0.0), _variances(estimate)[0],
                           -math.inf, 0.0)
 
     def lost(self, before: OdometryState) -> OdometryState:
@@ -156,7 +156,7 @@ class OdometryFilter:
             slide = slide._replace(slip_variance=slide.slip_variance + step * (
                 part * self._radius * rate)**2 / STRAY_TIME)
             slide = self._rolling(slide, step, rate, part)
-        return self._told(estimate, before.rolled - self._radius * turned_by, slide,
+        return self._result(estimate, before.rolled - self._radius * turned_by, slide,
                           before.start_variance, before.felt_stamp, before.felt_rate)
 
     def _felt(self, before: OdometryState, estimate: Estimate,
@@ -178,7 +178,7 @@ class OdometryFilter:
                     tuning.force_sd**2 * STRAY_TIME + (tuning.shock_part * shock)**2 * period))
             if shock <= tuning.contact_gate:
                 slide = self._rolling(slide, period, rate, tuning.slip_part)
-        return self._told(estimate, before.rolled, slide, before.start_variance, imu.stamp,
+        return self._result(estimate, before.rolled, slide, before.start_variance, imu.stamp,
                           rate)._replace(ball_angle=before.ball_angle)
 
     def _rolling(self, slide: 'Slide', step: float, rate: float, part: float) -> 'Slide':
@@ -195,7 +195,7 @@ class OdometryFilter:
             slide.covariance - gain * slide.covariance,
             slide.slip_variance - gain * slide.slip_variance)
 
-    def _told(self, estimate: Estimate, rolled: float, slide: 'Slide', start_variance: float,
+    def _result(self, estimate: Estimate, rolled: float, slide: 'Slide', start_variance: float,
               felt_stamp: float, felt_rate: float) -> OdometryState:
         radius, (angle, rate) = self._radius, _ball(estimate)
         of_angle, of_rate = _variances(estimate)

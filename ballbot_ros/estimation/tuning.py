@@ -25,11 +25,11 @@ class FilterTuning(Checked):
         'm/s2', 'difference of the specific force from g beyond which it does not show where down '
         'is', default=2.0, above=0.0)
     pendulum_noise: float = quantity(
-        'rad/s2/sqrt(Hz)', 'acceleration of the pendulum that no model knows, per root of '
-        'bandwidth', default=0.5, above=0.0)
+        'rad/s2/sqrt(Hz)', 'acceleration of the pendulum that the model does not include, '
+        'per root of bandwidth', default=0.5, above=0.0)
     ball_noise: float = quantity(
-        'rad/s2/sqrt(Hz)', 'acceleration of the ball that no model knows, per root of bandwidth',
-        default=0.5, above=0.0)
+        'rad/s2/sqrt(Hz)', 'acceleration of the ball that the model does not include, per '
+        'root of bandwidth', default=0.5, above=0.0)
     ball_noise_with_imu: float = quantity(
         'rad/s2/sqrt(Hz)', 'ball_noise where a gyro measures the ball, so that slip can be '
         'followed',

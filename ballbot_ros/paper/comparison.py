@@ -87,7 +87,7 @@ def compare(case: Case, speeds: Array,
     """
     if case.actuation.law not in ('free', 'position'):
         raise ConfigurationError(
-            'the simpler models know a pendulum that is free or held by law (11), not one '
+            'the simpler models have a pendulum that is free or held by law (11), not one '
             f'under the law {case.actuation.law!r}')
     done = count(1)
 

@@ -132,19 +132,19 @@ class Plant:
     @property
     def at_start(self) -> bool:
         """Return whether nothing has happened since the start, or the last reset."""
-        return self.periods == self._begun
+        return self.periods == self._first_period
 
     def reset(self, time: bool = False) -> State:
         """Return to the start of the scene, and to its time where `time` is true."""
         if time:
             self.periods = 0
         self.put(self._start)
-        self._begun = self.periods
+        self._first_period = self.periods
         return self.state
 
     def put(self, state: State) -> State:
         """Have the robot in a state from now on, whose time is not looked at."""
-        self.state, self.torque, self._begun = state._replace(time=self.time), 0.0, -1
+        self.state, self.torque, self._first_period = state._replace(time=self.time), 0.0, -1
         if self._monitor:
             self._monitor.reset(self.state)
         return self.state

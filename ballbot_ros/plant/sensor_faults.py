@@ -13,9 +13,9 @@ T = TypeVar('T')
 class SensorFaults(Checked):
     """Faults of a sensor that looks at the ground ahead; none by default."""
 
-    told: float = quantity(
-        '1', 'part of its true standard deviations that the sensor tells; 0 for none', default=1.0,
-        minimum=0.0, maximum=10.0)
+    reported_sd: float = quantity(
+        '1', 'part of its true standard deviations that the sensor reports; 0 for none',
+        default=1.0, minimum=0.0, maximum=10.0)
     bias: float = quantity(
         'm', 'constant error of the height of every face', default=0.0, minimum=-0.1, maximum=0.1)
     scale: float = quantity(

@@ -91,8 +91,8 @@ class Sensor:
         self._noise = distance_sd, height_sd
         self._seed = seed
         self.faults = faults
-        self.distance_sd = faults.told * max(distance_sd, DISTANCE_RESOLUTION)
-        self.height_sd = faults.told * max(height_sd, HEIGHT_RESOLUTION)
+        self.distance_sd = faults.reported_sd * max(distance_sd, DISTANCE_RESOLUTION)
+        self.height_sd = faults.reported_sd * max(height_sd, HEIGHT_RESOLUTION)
 
     def look(self, x: float, number: int) -> Optional[Sight]:
         """

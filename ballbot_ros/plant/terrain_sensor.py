@@ -118,8 +118,8 @@ class TerrainSensor:
             return None
         floor = float(np.interp(x, self._x, self._y)) - y
         up = self._distorted(x, ahead, up, floor) + self._noise * noise
-        told = faults.told * max(self._noise, HEIGHT_RESOLUTION)
-        return TerrainSight(tuple(ahead.tolist()), tuple(up.tolist()), (told,) * len(ahead),
+        reported_sd = faults.reported_sd * max(self._noise, HEIGHT_RESOLUTION)
+        return TerrainSight(tuple(ahead.tolist()), tuple(up.tolist()), (reported_sd,) * len(ahead),
                             float(ahead[0]), float(ahead[-1]))
 
     def _horizon(self, x: float, y: float, course: Array) -> Array:

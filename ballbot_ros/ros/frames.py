@@ -77,7 +77,8 @@ def described() -> Any:
 def marked(what: str) -> Any:
     """Declare the parameter that enables markers."""
     return fixed('the topic is made at the start', flag(
-        f'publish {what} on markers, 10 times a second while somebody subscribes', default=True))
+        f'publish {what} on markers, 10 times a second while there is a subscription',
+        default=True))
 
 
 def frame(kind: str) -> Any:

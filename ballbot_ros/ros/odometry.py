@@ -52,13 +52,13 @@ class OdometryTopics:
             self._transforms = create_publisher(node, '/tf')
         if self._described:
             self._describe(node, robot, Frames.of(settings, prefixed=False))
-        self.tell_odometry(settings.odom_rate > 0.0)
+        self.enable_odometry(settings.odom_rate > 0.0)
 
-    def tell_odometry(self, told: bool) -> None:
+    def enable_odometry(self, enabled: bool) -> None:
         """Enable or disable publishing ``odom`` and its transform."""
-        if told and self._made is None:  # and kept: a loop may be publishing
+        if enabled and self._made is None:  # and kept: a loop may be publishing
             self._made = create_publisher(self._node, 'odom')
-        self._odometry = self._made if told else None
+        self._odometry = self._made if enabled else None
 
     def _describe(self, node: Node, robot: Robot, names: Frames) -> None:
         """Publish the description, and the transforms that stay as they are."""

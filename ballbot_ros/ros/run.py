@@ -261,7 +261,7 @@ def _one_line(error: Exception) -> str:
 
 
 COMPILES = ('compiling for this machine, which takes a minute or two and is kept: the next start '
-            'begins at once')
+            'begins immediately')
 # Such a period misses its deadline; a test searches every log for this message.
 LATE = 'this node is late by a kernel that is called for the first time: '
 
@@ -272,26 +272,26 @@ class FirstStart:
 
     Parameters
     ----------
-    tell, warn : callable
+    log, warn : callable
         Log a message.
 
     """
 
-    def __init__(self, tell: Callable[[str], None], warn: Callable[[str], None]):
-        self._tell, self._warn = tell, warn
-        self._begun, self._compiled, self._ready = time.monotonic(), 0, False
-        on_first_call(self._hear)
+    def __init__(self, log: Callable[[str], None], warn: Callable[[str], None]):
+        self._log, self._warn = log, warn
+        self._start, self._compiled, self._ready = time.monotonic(), 0, False
+        on_first_call(self._on_kernel)
 
     def ready(self) -> None:
         """Log the time that the start took."""
         self._ready = True
-        self._tell(f'ready after {time.monotonic() - self._begun:.1f} s' + (
+        self._log(f'ready after {time.monotonic() - self._start:.1f} s' + (
             f', in which {self._compiled} kernels were compiled' if self._compiled else ''))
 
-    def _hear(self, kernel: str, kept: bool) -> None:
+    def _on_kernel(self, kernel: str, kept: bool) -> None:
         if self._ready:
             self._warn(f'{LATE}{kernel}, {"read from the disk" if kept else "compiled"}')
         elif not kept:
             if not self._compiled:
-                self._tell(COMPILES)
+                self._log(COMPILES)
             self._compiled += 1

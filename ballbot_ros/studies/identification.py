@@ -182,11 +182,11 @@ class _Search:
     def refine(self) -> None:
         """Fit again from the best, with the noise that the residuals have."""
         for done in (STARTS + 2, STARTS + 3):
-            self.weigh_anew()
+            self.reweigh()
             self.fitted(self.best)
             self.progress(done)
 
-    def weigh_anew(self) -> None:
+    def reweigh(self) -> None:
         """Take the noise from the residuals of the best numbers."""
         self.noise = {name: max(float(np.sqrt(np.mean(values**2))), 1e-12 * (1.0 + np.ptp(values)))
                       for name, values in self.differences(self.best).items()}
@@ -228,7 +228,7 @@ class _Search:
     def conclude(self, interrupted: bool) -> Identification:
         """Return what was found."""
         if interrupted:
-            self.weigh_anew()
+            self.reweigh()
         fit = self.at_best()
         shift, residuals = fit.x, self.differences(fit.x)
         errors = self.integration_error(shift)

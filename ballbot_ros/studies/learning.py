@@ -25,8 +25,8 @@ from ballbot_ros.physics.model.uncertainty import draw
 CASES = {
     'as assumed': (1.0, 0.0),
     'friction 30 % lower': (0.7, 0.0),
-    'heights told 4 mm too low': (1.0, -0.004),
-    'heights told 4 mm too high': (1.0, 0.004),
+    'heights reported 4 mm too low': (1.0, -0.004),
+    'heights reported 4 mm too high': (1.0, 0.004),
 }
 # Steps are within this below the highest one that the robot of the file crosses [m].
 NEAR = 0.010
@@ -69,12 +69,12 @@ class Truth:
         self._robot, self._bias, self._random = robot, bias, random
         self._learning = learning
 
-    def attempt(self, told: Touching) -> Tuple[bool, float]:
+    def attempt(self, touching: Touching) -> Tuple[bool, float]:
         """Return the success, and the odometry speed past the face [m/s]."""
         noise = self._random.standard_normal(3)
-        height = told.height - self._bias + told.height_sd * noise[0]
-        speed = told.speed + self._learning.speed_sd * noise[1]
-        score, passed = score_of(self._robot, told._replace(
+        height = touching.height - self._bias + touching.height_sd * noise[0]
+        speed = touching.speed + self._learning.speed_sd * noise[1]
+        score, passed = score_of(self._robot, touching._replace(
             height=max(height, 1e-3), speed=speed))
         return score > 0.0, max(0.0, passed + ODOMETRY_SD * noise[2])
 
@@ -83,19 +83,20 @@ def demanding(robot: Robot, random: np.random.Generator) -> Touching:
     """Draw a step that is nearly as high as a robot crosses."""
     while True:
         angle = float(random.choice(ANGLES))
-        told = Touching(float(random.uniform(*HEIGHTS)), HEIGHT_SD,
+        touching = Touching(float(random.uniform(*HEIGHTS)), HEIGHT_SD,
                         float(random.uniform(*SPEEDS)), 0.6 * angle, angle)
-        higher = told._replace(height=told.height + NEAR)
-        if score_of(robot, told)[0] > 0.0 >= score_of(robot, higher)[0]:
-            return told
+        higher = touching._replace(height=touching.height + NEAR)
+        if score_of(robot, touching)[0] > 0.0 >= score_of(robot, higher)[0]:
+            return touching
 
 
-def outcome_of_attempt(told: Touching, over: bool, passed: float) -> Outcome:
+def outcome_of_attempt(touching: Touching, over: bool, passed: float) -> Outcome:
     """Return the outcome of an attempt."""
     return Outcome(
         stamp=0.0, result=(Result.OVER if over else Result.STUCK).value, face=1, position=0.0,
-        height=told.height, height_sd=told.height_sd, touch_speed=told.speed,
-        touch_angle=told.angle, held_angle=told.set_angle, passed_speed=passed if over else None)
+        height=touching.height, height_sd=touching.height_sd, touch_speed=touching.speed,
+        touch_angle=touching.angle, held_angle=touching.set_angle,
+        passed_speed=passed if over else None)
 
 
 def study(robot: Robot, robots: int, attempts: int, seed: int = 0, required: float = 0.9,
@@ -136,9 +137,9 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0, required: flo
                                  Prior(particles, seed=number))
             learner, tried = Learner(prior, learning), 0
             while tried < attempts:
-                told = demanding(robot, random)
-                if probability(learner.particles, told, learning) >= required:
-                    learner.take(outcome_of_attempt(told, *truth.attempt(told)))
+                touching = demanding(robot, random)
+                if probability(learner.particles, touching, learning) >= required:
+                    learner.take(outcome_of_attempt(touching, *truth.attempt(touching)))
                     learner.work()
                     tried += 1
             for step in (demanding(robot, random) for _ in range(TESTS)):
@@ -150,7 +151,7 @@ def study(robot: Robot, robots: int, attempts: int, seed: int = 0, required: flo
     return found
 
 
-def told(found: Sequence[Promises], attempts: int, required: float = 0.9) -> List[str]:
+def report_lines(found: Sequence[Promises], attempts: int, required: float = 0.9) -> List[str]:
     """Return lines of a table: of all steps, and of those that are promised to be crossed."""
     each = f'{"promised":>9} {"kept":>6}'
     lines = [f'{"":27} {"all steps":^32}   promised {required:g} or more',

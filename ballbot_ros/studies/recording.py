@@ -170,7 +170,7 @@ def _driven(model: Model, scene: Scene, recording: Recording, solver: Solver) ->
             continue
         status = integrator.advance(
             # The torque jumps: the step goes on, the rates do not.
-            Actuator(TORQUE, torque), vector, status._replace(begun=False), moment)
+            Actuator(TORQUE, torque), vector, status._replace(has_mode=False), moment)
         if status.outcome != FINISHED:
             raise failure(status.outcome, status.time, vector, solver)
         rows.append([moment, *vector.tolist(), torque])

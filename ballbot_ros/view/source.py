@@ -24,7 +24,7 @@ Value = Union[bool, float, str]
 # Every control that a source may have: the type of its value, and its effect.
 CONTROLS: Mapping[str, Tuple[type, str]] = MappingProxyType({
     'pause': (bool, 'pause; false resumes at the latest time'),
-    'step': (float, 'advance by so many seconds while paused'),
+    'step': (float, 'advance by a time while paused [s]'),
     'reset': (bool, 'start again'),
     'speed': (float, 'simulated seconds per second of wall time'),
     'seek': (float, 'show an earlier time [s]'),

@@ -150,11 +150,11 @@ class Graph:
         while (left := end - time.monotonic()) > 0.0:
             self.executor.spin_once(timeout_sec=left)
 
-    def wait(self, condition, what, patience=PATIENCE):
+    def wait(self, condition, what, timeout=PATIENCE):
         """Return what a condition returns as soon as that is true."""
-        deadline = time.monotonic() + patience
+        deadline = time.monotonic() + timeout
         while not (found := condition()):
-            assert time.monotonic() < deadline, self._timed_out(what, patience)
+            assert time.monotonic() < deadline, self._timed_out(what, timeout)
             self.executor.spin_once(timeout_sec=0.05)
         return found
 
@@ -167,10 +167,10 @@ class Graph:
         """Wait until a node has logged a text."""
         self.wait(lambda: text in self.log(name), f'{name} logs {text!r}')
 
-    def _timed_out(self, what, patience=PATIENCE):
+    def _timed_out(self, what, timeout=PATIENCE):
         logs = '\n'.join(f'--- {path.stem}\n{path.read_text()[-3000:]}' for path in
                          sorted(self.processes.log('x').parent.glob('*.log')))
-        return f'waited {patience:g} s in vain until {what}\n{logs}'
+        return f'waited {timeout:g} s in vain until {what}\n{logs}'
 
     # Services
 

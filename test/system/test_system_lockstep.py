@@ -105,7 +105,7 @@ def test_each_state_is_published_once_and_the_clock_goes_ahead_of_it(graph):
     ('controller', {'lockstep_set_point_period': 0.02}), ('obstacle_decision', {})])
 def test_time_stands_still_while_a_node_is_away_and_goes_on_with_the_next(
         graph, scene, name, parameters):
-    states = start_all(graph, scene, lockstep_patience=0.5)['ball_state']
+    states = start_all(graph, scene, lockstep_timeout=0.5)['ball_state']
     graph.trigger('resume')
     graph.wait_for_time(states, 0.1)
     graph.kill(name)

@@ -234,7 +234,7 @@ def fit(torques: List[float], angles: List[float], gravity_torque: float
     asked, lifted = np.array(torques), gravity_torque * np.sin(np.array(angles))
     if np.abs(lifted).max() < 0.1 * np.abs(asked).max():
         raise RefusedError(
-            'the pendulum hardly moved: friction holds it, or the torque does not reach it; '
+            'the pendulum barely moved: friction holds it, or the torque does not reach it; '
             'raise torque_limit, or look at motor and gear')
     # Friction has the sign of the preceding motion: plus on the way up, minus on the way down.
     moving = np.sign(np.diff(asked, prepend=0.0))

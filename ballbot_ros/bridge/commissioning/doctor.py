@@ -20,7 +20,7 @@ OK, NOTE, WRONG = 'ok', 'note', 'WRONG'
 # Latency timer of an FTDI adapter for the loop [ms]; its default is longer.
 SLOW_LATENCY = 1
 # Timeout per protocol and baud rate while probing [s].
-PATIENCE = 0.25
+REPLY_TIMEOUT = 0.25
 # ARPHRD_CAN of linux/if_arp.h.
 CAN_DEVICE = 280
 # The ports of higher domains conflict with ephemeral ports on Linux.
@@ -118,10 +118,10 @@ def look_at_ros(environment: Mapping[str, str]) -> Iterator[Finding]:
         yield Finding(OK, f'ROS domain {domain or "0 (ROS_DOMAIN_ID is not set)"}')
     reach = environment.get('ROS_AUTOMATIC_DISCOVERY_RANGE') or 'LOCALHOST'  # as ros.discovery
     if reach in ('LOCALHOST', 'OFF'):
-        yield Finding(OK, f'ROS discovery range {reach}: nobody else can command this motor')
+        yield Finding(OK, f'ROS discovery range {reach}: no other host can command this motor')
     elif reach in ('SUBNET', 'SYSTEM_DEFAULT'):
-        yield Finding(NOTE, f'ROS discovery range {reach}: whoever is on this network and domain '
-                      'can command this motor',
+        yield Finding(NOTE, f'ROS discovery range {reach}: every host on this network and '
+                      'domain can command this motor',
                       'unset ROS_AUTOMATIC_DISCOVERY_RANGE if that is not wanted')
     else:
         yield Finding(WRONG, f'ROS_AUTOMATIC_DISCOVERY_RANGE is {reach!r}',
@@ -160,7 +160,7 @@ def look_at_drive(hardware: Hardware,
                           '' if item.acceptable else item.remedy)
         if driver.keeping and not all(item.acceptable for item in settings):
             yield Finding(NOTE, 'what is set is forgotten when the drive restarts, unless it is '
-                          'told to keep it', driver.keeping)
+                          'configured to keep it', driver.keeping)
     except (DriveError, LinkError) as error:
         yield Finding(WRONG, f'its settings cannot be read: {error}')
     finally:
@@ -207,7 +207,7 @@ def probe(port: str, protocol: str = '', baud: int = 0,
         try:
             line = open_line(name, port, rate)
             try:
-                _driver(name, line).identify(PATIENCE)
+                _driver(name, line).identify(REPLY_TIMEOUT)
             finally:
                 line.close()
             return name, rate

@@ -110,7 +110,7 @@ FASTEST = 10.0  # maximum speed in an outcome [m/s]
 BEFORE, FARTHEST_BEFORE = 0.005, 0.04
 # The ball is stuck if it rolls back this far from the touch [m], or makes less progress than this
 # [m] within this time [s], which is also the timeout for the observation behind the face.
-RETREAT, PROGRESS, PATIENCE = 0.03, 0.005, 1.5
+RETREAT, PROGRESS, ATTEMPT_TIMEOUT = 0.03, 0.005, 1.5
 # Minimum distance past the face for a success [m].
 PAST = 0.1
 # Terrain behind the face that is lower than before by more than this is a fall [m].
@@ -122,7 +122,7 @@ LANDING, RESTING, LANDED_AFTER = 1.0, 0.03, 5.0
 # integrated speed by this [m].
 GAP, JUMP = 0.5, 0.06
 # Maximum age of the terrain estimate [s].
-BELIEVED = 1.0
+VALID_FOR = 1.0
 # The pendulum angle is averaged over this time from the touch [s].
 HELD = 0.3
 KEPT_SPEEDS = 200
@@ -240,7 +240,7 @@ class AttemptWatch:
         if profile is not None and profile.rejection is None and sane(profile):
             self._profile = profile
         seen = self._profile
-        if seen is not None and not abs(motion.stamp - seen.stamp) <= BELIEVED:
+        if seen is not None and not abs(motion.stamp - seen.stamp) <= VALID_FOR:
             seen = None
         if self._attempt is None:
             fall = self._fallen(motion, seen, decision)
@@ -324,13 +324,13 @@ class AttemptWatch:
                 else motion.position < attempt.farthest - RETREAT:
             return self._end(Result.STUCK, motion)
         if attempt.passed is None:
-            late = now - attempt.best_at > PATIENCE
+            late = now - attempt.best_at > ATTEMPT_TIMEOUT
             return self._end(Result.STUCK, motion) if late else None
         drop = self._drop_behind(attempt, seen)
         if drop is not None and motion.position > drop.position + 2.0 * drop.position_sd:
             return self._end(Result.FELL, motion) if self._agrees(drop, motion, seen) else None
         if along < PAST or seen is None or seen.stamp < attempt.passed:
-            if now - attempt.passed > PATIENCE:
+            if now - attempt.passed > ATTEMPT_TIMEOUT:
                 self._attempt = None  # no observation of the outcome
             return None
         resting = abs(motion.speed) < RESTING or now - attempt.passed > LANDED_AFTER

@@ -18,9 +18,9 @@ from ballbot_ros.errors import RefusedError
 # The ball rests when it is slower than this [m/s] for this time [s].
 RESTING, RESTS_AFTER = 0.03, 0.5
 # Debounce of decisions to stop, or without a step [s].
-BELIEVED_AFTER = 1.5
+SETTLED_AFTER = 1.5
 # The ball is stuck with less progress than this [m] within this time [s].
-PROGRESS, PATIENCE = 0.03, 6.0
+PROGRESS, PROGRESS_TIMEOUT = 0.03, 6.0
 LONGEST = 3600.0  # timeout [s]
 # Clearance behind an edge for stopping without rolling back over it [m].
 BEHIND = 0.5
@@ -148,11 +148,11 @@ class GoalWatch:
 
     def refused(self, motion: Motion) -> bool:
         """Return whether the ball rests because the decision does not continue."""
-        return self.rests(motion) and motion.stamp - self._going >= BELIEVED_AFTER
+        return self.rests(motion) and motion.stamp - self._going >= SETTLED_AFTER
 
     def stuck(self, motion: Motion) -> bool:
         """Return whether the ball is stuck."""
-        return motion.stamp - self._anchor[1] >= PATIENCE
+        return motion.stamp - self._anchor[1] >= PROGRESS_TIMEOUT
 
 
 def checked_timeout(timeout: float, default: float) -> float:
@@ -204,7 +204,7 @@ class Goals:
         if self.goal is not None:
             return self.goal.carry(planned, motion)
         if self.waiting and not committed(planned):
-            return stopping(planned, 'Standing: waiting for a goal, or to be told to go on')
+            return stopping(planned, 'Standing: waiting for a goal or for ~/resume')
         return planned
 
     def update(self, planned: Decision, motion: Motion,

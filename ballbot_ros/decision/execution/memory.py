@@ -19,7 +19,7 @@ KEPT = 20
 UNEVEN, KEPT_OFF = 0.005, 0.05
 # The ball is stuck with less progress than this [m] within this time [s], at a commanded speed of
 # at least the third value [m/s].
-PROGRESS, PATIENCE, WANTING = 0.05, 2.5, 0.1
+PROGRESS, PROGRESS_TIMEOUT, COMMANDED = 0.05, 2.5, 0.1
 # The slope is too steep if the ball, commanded forward, rolls back at this speed [m/s] for this
 # time [s] and distance [m]; the slope estimate alone is too slow.
 BACKWARDS, LASTING, LOST = 0.05, 1.0, 0.15
@@ -135,7 +135,7 @@ class Memory:
 
         An undetected step, or a slope that is too steep, sets `obstruction` for the next decision.
         """
-        wants = decision.kind in (Kind.CLEAR, Kind.CROSS) and decision.set_speed >= WANTING
+        wants = decision.kind in (Kind.CLEAR, Kind.CROSS) and decision.set_speed >= COMMANDED
         if not wants or decision.contact_since is not None \
                 or not motion.sane:
             self._rest()
@@ -149,7 +149,7 @@ class Memory:
                 and position < self._best[0] - LOST:
             # After a bounce the ball rolls back, too, but not for this long.
             self._obstruct(self._best[0], Reason.STEEP)
-        elif now - self._best[1] >= PATIENCE:
+        elif now - self._best[1] >= PROGRESS_TIMEOUT:
             self._obstruct(self._best[0], Reason.STUCK)
 
     def _obstruct(self, position: float, reason: Reason) -> None:

@@ -48,8 +48,8 @@ class Learning(Checked):
     """How much an outcome is trusted."""
 
     outliers: float = quantity(
-        '1', 'part of the outcomes that nothing here explains: somebody pushed, or the sensor '
-        'took something else for the step', above=0.0, maximum=0.5, default=0.05)
+        '1', 'part of the outcomes that nothing here explains: a person pushed the ball, or the '
+        'sensor took something else for the step', above=0.0, maximum=0.5, default=0.05)
     speed_sd: float = quantity(
         'm/s', 'standard deviation of the speed at touch', minimum=0.0, default=0.02)
     model_sd: float = quantity(
@@ -192,8 +192,8 @@ class Chances:
         spread = np.sqrt(self._deviation**2 + (2.0 * speeds * sd)**2 + sd**4)
         density = np.exp(-0.5 * ((outcome.passed_speed**2 - speeds**2) / spread)**2) / (
             spread * math.sqrt(2.0 * math.pi))
-        told = np.where((scores > 0.0) & np.isfinite(density), density, anything)
-        likelihood: Array = (1.0 - odd) * over * told + odd * anything
+        explained = np.where((scores > 0.0) & np.isfinite(density), density, anything)
+        likelihood: Array = (1.0 - odd) * over * explained + odd * anything
         return likelihood
 
     @property

@@ -39,7 +39,7 @@ class Outcome(Checked):
     face: int = count('number of the face')
     position: float = quantity('m', 'of the face along the odometry axis')
     height: float = quantity(
-        'm', 'of the face as it was believed to be', minimum=-10.0, maximum=10.0)
+        'm', 'estimated height of the face', minimum=-10.0, maximum=10.0)
     height_sd: float = quantity('m', 'its standard deviation', minimum=0.0, maximum=0.2)
     touch_speed: float = quantity(
         'm/s', 'of the ball at the touch', minimum=0.0, maximum=10.0)

@@ -222,9 +222,9 @@ class Particles:
                         outcomes=self.outcomes + 1)
         if after.effective_size >= FEWEST * len(self):
             return after
-        return after._drawn_anew()
+        return after._resampled()
 
-    def _drawn_anew(self) -> 'Particles':
+    def _resampled(self) -> 'Particles':
         """Return equally weighted particles with the same mean and covariance."""
         mean = self.weights @ self.values
         apart = self.values - mean

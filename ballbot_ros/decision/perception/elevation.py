@@ -42,7 +42,7 @@ class Look(NamedTuple):
         Height relative to the centre of the ball [m], NaN where not observed.
     steep : (n,) array
         Change of height within `PLACE_SD` [m].
-    told_sd, roughness : float
+    reported_sd, roughness : float
         Standard deviation of a point: reported, 0 if unknown, and from neighbours [m].
     spacing : float
         Mean spacing of the observed points [m].
@@ -52,7 +52,7 @@ class Look(NamedTuple):
     first: int
     z: Array
     steep: Array
-    told_sd: Array
+    reported_sd: Array
     roughness: float
     spacing: float
 
@@ -167,14 +167,14 @@ class ElevationMap:
         Tilt noise between scans [rad].
     spacing : float
         Spacing of the observed points [m].
-    told : bool
+    reports_sd : bool
         Whether the sensor reports its standard deviations.
 
     """
 
     def __init__(self, tuning: DecisionTuning):
         """Start with nothing known."""
-        self._sigmas, self._patience = tuning.contradiction_sigma, tuning.forget_after
+        self._sigmas, self._forget_after = tuning.contradiction_sigma, tuning.forget_after
         self.clear()
 
     def clear(self) -> None:
@@ -187,7 +187,7 @@ class ElevationMap:
         self.noise_sd = UNTOLD_SD
         self.tilt_sd = 0.0
         self.spacing = CELL
-        self.told = True
+        self.reports_sd = True
         self._residuals = self._rough = 0.0
         self._position = 0.0
 
@@ -213,8 +213,8 @@ class ElevationMap:
         inside = slice(look.first - self.first, look.first - self.first + len(look.z))
         old, variance = self.height[inside], self.variance[inside]
         noise = self._noise(look)
-        sd = np.where(look.told_sd > 0.0, np.maximum(look.told_sd * math.sqrt(2.0 / 3.0), noise),
-                      noise)
+        sd = np.where(look.reported_sd > 0.0,
+                      np.maximum(look.reported_sd * math.sqrt(2.0 / 3.0), noise), noise)
         new_variance = sd**2 + look.steep**2
         seen = np.isfinite(look.z)
         common = seen & np.isfinite(variance)
@@ -260,13 +260,13 @@ class ElevationMap:
 
     def _noise(self, look: Look) -> float:
         """Return the lower bound of the sensor noise, or its default if unreported [m]."""
-        told = bool(look.told_sd.max() > 0.0)
+        reports_sd = bool(look.reported_sd.max() > 0.0)
         shown = max(LEAST_SD, min(look.roughness, UNTOLD_SD) * math.sqrt(2.0 / 3.0))
         estimate = self.noise_sd if self.looks >= ENOUGH else 0.0
-        self.told, self.spacing = told, look.spacing
-        if told:
+        self.reports_sd, self.spacing = reports_sd, look.spacing
+        if reports_sd:
             # Use the reported noise unless the estimate is clearly larger.
-            average = float(look.told_sd.mean()) * math.sqrt(2.0 / 3.0)
+            average = float(look.reported_sd.mean()) * math.sqrt(2.0 / 3.0)
             found = max(shown, estimate)
             return found if found > 1.3 * average else LEAST_SD
         return max(shown, estimate) if self.looks >= ENOUGH else UNTOLD_SD
@@ -305,7 +305,7 @@ class ElevationMap:
         strikes[:] = np.where(outside, strikes + 1.0, np.where(seen, 0.0, strikes))
         # Nodes with little support need fewer contradictions.
         fresh = seen & (np.isinf(variance) | (
-            strikes >= np.minimum(self._patience, support + 1.0)))
+            strikes >= np.minimum(self._forget_after, support + 1.0)))
         fused = seen & ~outside & ~fresh
         known = np.where(fused, variance, 0.0)
         gain = known / (known + new_variance)

@@ -15,13 +15,13 @@ DISTANCE_FLOOR = 0.010   # [m]
 HEIGHT_FLOOR = 0.0001    # [m]
 
 # Default standard deviations where the sensor reports none, before an estimate exists [m].
-UNTOLD_DISTANCE, UNTOLD_HEIGHT = 0.020, 0.005
+DEFAULT_DISTANCE, DEFAULT_HEIGHT = 0.020, 0.005
 
 # Maximum scatter of observations; above it they contradict each other [m].
 NOISE = 0.010
 
 # Maximum ratio of observed scatter to reported deviation; above it the scatter counts.
-BELIEVED = 1.5
+TRUSTED_RATIO = 1.5
 
 # A step may appear this far ahead of the centre when the ball has passed it.
 PASSED_SLACK = 0.02      # [m]
@@ -53,9 +53,9 @@ class StepTracker:
         """Start with nothing seen."""
         self._radius = robot.ball_radius
         self._sigmas = tuning.contradiction_sigma
-        self._patience = tuning.forget_after
+        self._forget_after = tuning.forget_after
         self._bias = tuning.height_bias_sd
-        self._untold_bias = max(tuning.height_bias_sd, tuning.untold_bias_sd)
+        self._unreported_bias = max(tuning.height_bias_sd, tuning.unreported_bias_sd)
         self._number = 0
         self.reset()
 
@@ -108,7 +108,7 @@ class StepTracker:
         contradiction = self._contradiction(observation, position)
         if contradiction:
             self._strikes += 1
-            if self._strikes < self._patience:
+            if self._strikes < self._forget_after:
                 return self._reject(observation, Reason.CONTRADICTORY, contradiction)
             self._replace(observation, position)
         self._strikes = 0
@@ -125,7 +125,7 @@ class StepTracker:
 
     def _bias_of(self, observation: StepObservation) -> float:
         """Return the standard deviation that no number of looks brings down [m]."""
-        return self._bias if observation.height_sd > 0.0 else self._untold_bias
+        return self._bias if observation.height_sd > 0.0 else self._unreported_bias
 
     @property
     def _faces(self) -> Tuple[Face, ...]:
@@ -180,9 +180,9 @@ class StepTracker:
 
     def _deviations(self, observation: StepObservation) -> Tuple[float, float]:
         """Return the standard deviations of distance and height of one observation [m]."""
-        return (_believed(observation.distance_sd, self._places.sd, UNTOLD_DISTANCE,
+        return (_combined_sd(observation.distance_sd, self._places.sd, DEFAULT_DISTANCE,
                           DISTANCE_FLOOR),
-                _believed(observation.height_sd, self._heights.sd, UNTOLD_HEIGHT,
+                _combined_sd(observation.height_sd, self._heights.sd, DEFAULT_HEIGHT,
                           HEIGHT_FLOOR))
 
     def _replace(self, observation: StepObservation, position: float) -> None:
@@ -220,7 +220,7 @@ class StepTracker:
             return
         self._misses += 1
         visible = self._step.position - position > 1.5 * self._radius
-        if self._is_passed(position) or (visible and self._misses >= self._patience):
+        if self._is_passed(position) or (visible and self._misses >= self._forget_after):
             self._step = None
 
 
@@ -237,13 +237,13 @@ def _fault(observation: StepObservation, position: float) -> str:
     return ''
 
 
-def _believed(told: float, scatter: float, untold: float, floor: float) -> float:
+def _combined_sd(reported: float, scatter: float, default: float, floor: float) -> float:
     """Return the standard deviation of an observation, from the reported one and the scatter."""
     scatter = min(scatter, NOISE) if math.isfinite(scatter) else math.nan
-    if told > 0.0:
+    if reported > 0.0:
         # Written so that a scatter that is not known counts for nothing.
-        return max(scatter if scatter > BELIEVED * told else told, floor)
-    return max(scatter, floor) if math.isfinite(scatter) else untold
+        return max(scatter if scatter > TRUSTED_RATIO * reported else reported, floor)
+    return max(scatter, floor) if math.isfinite(scatter) else default
 
 
 def _average(first: float, first_sd: float, second: float,

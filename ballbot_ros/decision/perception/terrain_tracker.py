@@ -46,7 +46,7 @@ class _Known:
     found: Found
     trend: Trend = field(default_factory=Trend)
     existence: float = 0.0
-    believed: bool = False
+    confirmed: bool = False
     drift: float = 0.0  # of its position in the direction in which the ball rolls [m]
 
 
@@ -147,7 +147,7 @@ class TerrainTracker:
                 contradiction, residual = self._map.add(look, position)
         if contradiction:
             return self._contradicted(observation, look, position, contradiction)
-        return self._believed(observation.stamp, look, residual, position)
+        return self._fused(observation.stamp, look, residual, position)
 
     def _without_outliers(self, x: Array, z: Array, position: float) -> Flags:
         """Return which points to keep: all but lone ones that earlier observations lack."""
@@ -182,9 +182,9 @@ class TerrainTracker:
         self._map.clear()
         self._faces = []
         _, residual = self._map.add(look, position)
-        return self._believed(observation.stamp, look, residual, position)
+        return self._fused(observation.stamp, look, residual, position)
 
-    def _believed(self, stamp: float, look: Look, residual: Array, position: float) -> Profile:
+    def _fused(self, stamp: float, look: Look, residual: Array, position: float) -> Profile:
         """Return the profile after a look that was taken in."""
         self._strikes, self._newest = 0, stamp
         ground = ground_of(self._map, position)
@@ -202,7 +202,7 @@ class TerrainTracker:
     def _profile(self, stamp: float, ground: GroundSeen, position: float) -> Profile:
         """Return the profile of an estimated terrain."""
         return Profile(
-            stamp, tuple(known.face for known in self._faces if known.believed
+            stamp, tuple(known.face for known in self._faces if known.confirmed
                          and known.face.position + known.face.run > position),
             tuple(ground.points), ground.seen_from, ground.seen_to, ground.slope,
             ground.slope_sd, points_sd=tuple(ground.sds), gaps=tuple(ground.gaps),
@@ -211,8 +211,8 @@ class TerrainTracker:
     @property
     def _bias(self) -> float:
         """Return the standard deviation that no number of looks brings down [m]."""
-        return (self._tuning.height_bias_sd if self._map.told
-                else max(self._tuning.height_bias_sd, self._tuning.untold_bias_sd))
+        return (self._tuning.height_bias_sd if self._map.reports_sd
+                else max(self._tuning.height_bias_sd, self._tuning.unreported_bias_sd))
 
     def _reject(self, stamp: float, reason: Reason, why: str) -> Profile:
         """Return the present profile with a rejection."""
@@ -237,7 +237,7 @@ class TerrainTracker:
                 nearest = _Known(Face(self._number, 0.0, 0.0, 0.0, 0.0), found,
                                  existence=ENTRY if self._map.looks == 1 else 0.0)
             nearest.existence = min(nearest.existence + SHOWN, EXISTENCE_MAX)
-            nearest.believed |= nearest.existence >= ENTRY
+            nearest.confirmed |= nearest.existence >= ENTRY
             self._note(nearest, look, residual, position)
             nearest.face = self._described(nearest, position)
             self._faces.append(nearest)

@@ -352,8 +352,8 @@ HANGING = 0.3
 
 # Hysteresis: fraction of the margins required to continue a crossing, and to resume a rejected one
 # while the ball rolls.
-BEGUN, GIVEN_UP = 0.5, 1.25
-BEGUN_LANDING = 0.8  # fraction of the stopping distance behind the edge
+STARTED, GIVEN_UP = 0.5, 1.25
+STARTED_LANDING = 0.8  # fraction of the stopping distance behind the edge
 ROLLING = 0.05  # [m/s]
 
 # After a failure the ball must be this much faster than it was, and than it was to be; after so
@@ -477,11 +477,11 @@ class Cubic:
         """Return the part of the margins that a crossing must keep."""
         # Beyond the last braking point, crossing is better than a collision.
         if room < 0.0 and motion.speed > ROLLING:
-            return BEGUN
+            return STARTED
         if previous is None or previous.step != step.number:
             return 1.0
         if previous.kind is Kind.CROSS:
-            return BEGUN
+            return STARTED
         given_up = previous.kind in (Kind.STOP, Kind.GO_ROUND) \
             and previous.reason not in DOUBTFUL
         rolling = abs(motion.speed) > ROLLING or previous.kind is Kind.GO_ROUND
@@ -495,15 +495,15 @@ class Cubic:
         room = self._lines.braking_room(step, motion, slope)
         margins = self._margins(step, motion, previous, room)
         before = previous if previous is not None and previous.step == step.number else None
-        begun = before if before is not None and before.kind is Kind.CROSS else None
+        started = before if before is not None and before.kind is Kind.CROSS else None
         failed = [one for one in situation.failures if one.face == step.number]
         found = self._reckoning.reach(
             step, distance, motion.speed, slope, margins=margins, faster_than=faster(failed),
-            kept=begun.set_speed if begun is not None else 0.0)
+            kept=started.set_speed if started is not None else 0.0)
         outlook = Outlook(
             found.probability, 1.0 - found.probability, 0.0, self._tuning.required_probability,
             found.driven, self._reckoning.height_limit(found.driven), room)
-        late = begun is not None and room < 0.0
+        late = started is not None and room < 0.0
         answer = Decision(
             Kind.CROSS, Reason.COMMITTED if room < 0.0 else Reason.WITHIN_CURVE,
             found.set_speed, '', math.nan if found.required is None else found.required,
@@ -520,7 +520,7 @@ class Cubic:
         around = None if hopeful else self._forbidden(step, found, failed)
         land = beyond(profile, step, self._radius, PASSABLE, self._tuning)
         if around is None and not late:
-            around = self._landing(step, found, land, slope, begun is not None, failed)
+            around = self._landing(step, found, land, slope, started is not None, failed)
         if around is not None:
             reason, why = around
             return self._lines.stand(
@@ -533,7 +533,7 @@ class Cubic:
         if on_the_way or not (hopeful or answer.required_speed <= found.driven):
             return self._longer_run_up(answer, where, step, situation, slope,
                                        backing if on_the_way else None, failed)
-        plan = self._plan(step, found, land, begun, motion)
+        plan = self._plan(step, found, land, started, motion)
         return replace(
             answer, plan=plan, start_distance=motion.position - plan.start,
             swing_distance=plan.swing_position - motion.position,
@@ -541,11 +541,11 @@ class Cubic:
             f'will be driven, {1e3 * found.spare - 0.5:.0f} mm to spare, probability '
             f'{found.probability:.2f}')
 
-    def _plan(self, step: Face, found: Reach, land: Beyond, begun: Optional[Decision],
+    def _plan(self, step: Face, found: Reach, land: Beyond, started: Optional[Decision],
               motion: Motion) -> Plan:
         """Return the plan of a crossing."""
         touch = step.position - touch_distance(self._radius, step.height)
-        start = begun.plan.start if begun is not None and begun.plan is not None \
+        start = started.plan.start if started is not None and started.plan is not None \
             else motion.position
         cruising = found.set_speed <= self._tuning.cruise_speed
         return Plan(Strategy.CRUISE if cruising else Strategy.ACCELERATE, start, found.set_speed,
@@ -565,11 +565,11 @@ class Cubic:
         if found.required is None and found.conservative <= self._curve.height(found.top):
             return Reason.NOT_LIKELY, (f'at {found.top:.2f} m/s not as likely as '
                                        f'{self._tuning.required_probability:g}')
-        wish = 'more than the curve knows' if found.required is None \
+        wish = 'more than the curve covers' if found.required is None \
             else f'{found.required:.2f} m/s'
         return Reason.TOO_HIGH, f'needs {wish}, {found.top:.2f} m/s is the most'
 
-    def _landing(self, step: Face, found: Reach, land: Beyond, slope: float, begun: bool,
+    def _landing(self, step: Face, found: Reach, land: Beyond, slope: float, started: bool,
                  failed: List[Failure]) -> Optional[Tuple[Reason, str]]:
         """Return why what lies behind a step forbids to cross it, if so."""
         driven = max(found.driven, found.required or 0.0)
@@ -579,7 +579,7 @@ class Cubic:
         downhill = min(0.0, slope)
         needed = self._lines.braking.distance(fastest, downhill, emergency=True) if land.known \
             else self._lines.braking.expected_distance(fastest, downhill)
-        if needed * (BEGUN_LANDING if begun else 1.0) <= land.room:
+        if needed * (STARTED_LANDING if started else 1.0) <= land.room:
             return None
         return Reason.LANDING, (f'behind it {land.room:.2f} m until {land.trouble}, '
                                 f'{needed:.2f} m to stop from {fastest:.2f} m/s')

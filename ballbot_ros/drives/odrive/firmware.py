@@ -304,7 +304,7 @@ GENERATION_6 = Generation(
              CALIBRATE),
         Rule('commutation', 'axis0.commutation_mapper.status', (NOMINAL,), STATUS, CALIBRATE),
         Rule('position', 'axis0.pos_vel_mapper.config.circular', (0,), {
-            0: 'goes on over full turns', 1: 'starts anew each turn'}),
+            0: 'goes on over full turns', 1: 'restarts at each turn'}),
         Rule('torque at arming', 'axis0.config.init_torque', (0,), {0: 'none'})))
 
 GENERATIONS = (GENERATION_5, GENERATION_6)
@@ -330,8 +330,8 @@ def generation_of(version: Sequence[float], axis: int, port: str) -> Generation:
     if tuple(version[:2]) == OLDEST[:2] and not version[2] >= OLDEST[2]:
         raise DriveError('firmware', (
             f'{port}: ODrive firmware 0.5 must be 0.5.4 or later, got {name}: before 0.5.4 states '
-            'and errors are answered as "1d" instead of 1 and cannot be written, and 0.5.1 does '
-            'not know "sc", which clears errors; update it with: odrivetool dfu'))
+            'and errors are answered as "1d" instead of 1 and cannot be written, and 0.5.1 has '
+            'no command "sc", which clears errors; update it with: odrivetool dfu'))
     found = [item for item in GENERATIONS if item.version == tuple(version[:2])]
     if not found:
         names = ' or '.join(item.name for item in GENERATIONS)

@@ -77,23 +77,23 @@ class RoboClaw(Driver):
 
     # What waits
 
-    def identify(self, patience: float = 0.5) -> Identity:
+    def identify(self, timeout: float = 0.5) -> Identity:
         """Do the handshake; see `Driver`."""
-        deadline = self.clock() + patience
+        deadline = self.clock() + timeout
         text = self._ask(codec.GET_VERSION, deadline, handshake=True).text.strip()
         self._ask(codec.GET_BATTERY, deadline)
         self._ask(codec.GET_STATUS, deadline)
         name, _, version = text.rpartition(' ')
         return Identity(self.protocol, name, version.removeprefix('v'))
 
-    def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
+    def read_settings(self, timeout: float = 0.5) -> tuple[Setting, ...]:
         """
         Set the serial timeout, read back and check the settings; see `Driver`.
 
         The timeout is sent at each start and by `arm`: a reset of the drive, which may be too
         short to be detected, clears it.
         """
-        deadline = self.clock() + patience
+        deadline = self.clock() + timeout
         options = self.options
         current = self._ask(codec.GET_MAX_CURRENT[options.axis], deadline).values[0] / 100.0
         lowest, highest = (0.1 * value for value in self._ask(
@@ -132,15 +132,15 @@ class RoboClaw(Driver):
             codec.GET_TIMEOUT, deadline,
             before=codec.set_timeout(self.options.address, self._tenths)).values[0]
 
-    def clear_faults(self, patience: float = 0.5) -> tuple[str, ...]:
+    def clear_faults(self, timeout: float = 0.5) -> tuple[str, ...]:
         """
         Return an empty tuple if there is no fault, and refuse otherwise.
 
         No command of a RoboClaw clears faults: those of temperature go with their cause, all
         others with a reset (commands 200 to 202 for its e-stop are of the MCP series).
         """
-        self.stop(patience)
-        self._ask(codec.GET_STATUS, self.clock() + patience)
+        self.stop(timeout)
+        self._ask(codec.GET_STATUS, self.clock() + timeout)
         if self.telemetry.faults:
             raise DriveError('not_clearable', (
                 f'{self.line.port}: the RoboClaw names {", ".join(self.telemetry.faults)}, which '

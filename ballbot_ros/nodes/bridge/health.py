@@ -56,10 +56,10 @@ VALUES: Mapping[str, str] = {
     'encoder_jumps': 'encoder readings that were rejected as jumps',
     'encoder_rezeroed': 'times that the encoder went on from another zero',
     'late_periods': 'periods of the loop that were missed since configure',
-    'wire_COUNT': 'counts of the line since it was last opened, as far as the protocol can tell: '
-                  '`sent` (writes), `bytes` (received), `replies`, `lost` (not answered in time), '
-                  '`unexpected`, `refused` (checksum or form), `skipped` (bytes that belong to no '
-                  'message), `unchecked` (lines without a checksum)'}
+    'wire_COUNT': 'counts of the line since it was last opened, as far as the protocol reports '
+                  'them: `sent` (writes), `bytes` (received), `replies`, `lost` (not '
+                  'answered in time), `unexpected`, `refused` (checksum or form), `skipped` '
+                  '(bytes that belong to no message), `unchecked` (lines without a checksum)'}
 SUPERVISED = ('timeouts', 'e_stops', 'limited_torque', 'limited_rate', 'limited_angle',
               'limited_speed')
 EVENTS = ('armed', 'disarmed_by_drive', 'links_lost')
@@ -140,5 +140,5 @@ def health(session: Session, loop: Optional[Loop], hardware: Hardware,
     if not has_imu:
         return diagnostics.WARN, 'no IMU: the pendulum angle is a guess off level floor', values
     if warnings:
-        return diagnostics.WARN, f'told before anything is cut: {warnings}', values
+        return diagnostics.WARN, f'warning before a limit applies: {warnings}', values
     return diagnostics.OK, 'running', values

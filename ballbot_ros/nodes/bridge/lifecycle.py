@@ -93,7 +93,7 @@ class Autostart:
         node = self._node
         if node.managed or node.state_label not in (UNCONFIGURED, INACTIVE):
             node.get_logger().info(
-                f'autostart leaves the node {node.state_label}, as somebody has asked for it')
+                f'autostart leaves the node {node.state_label}, as requested')
             self._timer.cancel()
         elif node.start():
             self._timer.cancel()

@@ -140,7 +140,7 @@ class MotorOutputs:
         self._status = create_publisher(node, 'motor_status')
         self._e_stop = create_publisher(node, 'e_stop')
         self._published: Optional[bool] = None
-        self._telling = threading.Lock()
+        self._reporting = threading.Lock()
         self._next, self._state = 0.0, ''
         self._estimate: Optional[Estimate] = None
         self.publish_e_stop(True)
@@ -151,7 +151,7 @@ class MotorOutputs:
 
     def publish_e_stop(self, engaged: bool) -> None:
         """Publish whether the e-stop is engaged, if that has changed."""
-        with self._telling:  # the loop and the executor both call this
+        with self._reporting:  # the loop and the executor both call this
             if engaged is not self._published:
                 self._published = engaged
                 self._e_stop.publish(Bool(data=engaged))

@@ -63,7 +63,7 @@ class RobotOutputs:
     def publish_odometry_at(self, settings: BridgeSettings) -> None:
         """Publish odometry so often from now on, the links always; the loop may be running."""
         self._odometry_turns = Turns(1.0 / (settings.odom_rate or LINK_RATE))
-        self._topics.tell_odometry(settings.odom_rate > 0.0)
+        self._topics.enable_odometry(settings.odom_rate > 0.0)
 
     def publish(self, report: Report) -> None:
         """Publish what a period of the loop has found, each topic when its turn has come."""

@@ -48,10 +48,10 @@ class ServiceManager:
 
     def ready(self) -> None:
         """Say that the start is over: the motor may have power."""
-        self._tell('READY=1')
+        self._notify('READY=1')
 
     def stopping(self) -> None:
-        self._tell('STOPPING=1')
+        self._notify('STOPPING=1')
 
     def beat(self, _: Report) -> None:
         """Take note that the loop has done a period; in its thread."""
@@ -63,16 +63,16 @@ class ServiceManager:
             return
         status = _status(session, loop)
         # Retry a message that a full queue has rejected.
-        if status != self._status and self._tell(f'STATUS={status}'):
+        if status != self._status and self._notify(f'STATUS={status}'):
             self._status = status
         now = time.monotonic()
         # Before configure there is no loop: a drive that is not there is looked for by a timer.
         if self._every > 0.0 and now >= self._next and failure is None \
                 and (loop is None or self._beats != self._seen):
             self._next, self._seen = now + self._every, self._beats
-            self._tell('WATCHDOG=1')
+            self._notify('WATCHDOG=1')
 
-    def _tell(self, line: str) -> bool:
+    def _notify(self, line: str) -> bool:
         """Send a line and return whether it was taken; the motor comes first if it was not."""
         if self._socket is not None:
             with suppress(OSError):

@@ -94,7 +94,7 @@ class Controller(Node):
 
     def _on_e_stop(self, engaged: bool) -> None:
         """Set the torque to 0 and forget the set-point while the e-stop is engaged."""
-        self._controller.hear_e_stop(engaged)
+        self._controller.on_e_stop(engaged)
         if engaged and self._watchdog.fed:
             self._command(0.0)
         self._diagnostics.publish()

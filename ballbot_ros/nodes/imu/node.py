@@ -46,7 +46,7 @@ class ImuNode(Node):
 
         def commit() -> None:
             self._source.read_as(axes, wanted.latency)
-            self._output.tell(wanted.gyro_sd, wanted.force_sd)
+            self._output.set_deviations(wanted.gyro_sd, wanted.force_sd)
         return commit
 
     @property

@@ -27,7 +27,7 @@ VALUES: Mapping[str, str] = {
     'lost': 'times that the line was lost',
     'set_up': 'times that the sensor was set up'}
 # How long the thread waits for bytes [s], and how long its end is waited for.
-PATIENCE, JOIN = 0.05, 2.0
+READ_TIMEOUT, JOIN = 0.05, 2.0
 # Warn below this fraction of the requested rate.
 SLOW = 0.9
 
@@ -60,7 +60,7 @@ class ImuOutput:
         self._frame = frame
         self._source, self._port, self._asked = source, port, rate
         self._clocks = Clocks()
-        self.tell(gyro_sd, force_sd)
+        self.set_deviations(gyro_sd, force_sd)
         self._publisher = create_publisher(node, 'imu')
         self._counted, self._counted_at, self._rate = 0, time.monotonic(), 0.0
         self._diagnostics = diagnostics.Diagnostics(node, 'imu', self._health, f'imu on {port}')
@@ -69,7 +69,7 @@ class ImuOutput:
         self._thread = threading.Thread(target=self._run, name='imu', daemon=True)
         self._thread.start()
 
-    def tell(self, gyro_sd: float, force_sd: float) -> None:
+    def set_deviations(self, gyro_sd: float, force_sd: float) -> None:
         """Set the standard deviations of the following readings [rad/s], [m/s2]."""
         self._covariances = [[sd**2, 0.0, 0.0, 0.0, sd**2, 0.0, 0.0, 0.0, sd**2]
                              for sd in (gyro_sd, force_sd)]
@@ -83,7 +83,7 @@ class ImuOutput:
     def _run(self) -> None:
         try:
             while not self._ending.is_set():
-                for reading in self._source.read(PATIENCE):
+                for reading in self._source.read(READ_TIMEOUT):
                     self._publisher.publish(self._message(reading))
         except Exception as error:  # noqa: BLE001 the owner reports any failure
             self.failure = error

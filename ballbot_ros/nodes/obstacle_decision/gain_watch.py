@@ -33,9 +33,9 @@ class GainWatch:
         """Listen."""
         self._node, self._topic = node, node.resolve_topic_name(topic)
         create_subscription(
-            node, EVENTS, self.hear, ParameterEvent, qos_profile_parameter_events)
+            node, EVENTS, self.on_event, ParameterEvent, qos_profile_parameter_events)
 
-    def hear(self, event: ParameterEvent) -> None:
+    def on_event(self, event: ParameterEvent) -> None:
         """Warn when a node that follows the set-points changes its gains."""
         changed = {one.name: parameter_value_to_python(one.value)
                    for one in event.changed_parameters

@@ -44,7 +44,7 @@ class GoalServers:
         self._knowledge = knowledge
         self._running: Optional[Tuple[DeferredActionServer, ServerGoalHandle]] = None
         self._goal: Any = None
-        self._told = self._heard = -math.inf
+        self._last_feedback = self._last_decision = -math.inf
         self._drive = DeferredActionServer(
             node, DriveTo, '~/drive_to', self._check_drive,
             lambda handle: self._begin(self._drive, handle))
@@ -77,7 +77,8 @@ class GoalServers:
 
     def _begin(self, server: DeferredActionServer, handle: ServerGoalHandle) -> None:
         self._decider().goals.begin(self._goal)
-        self._running, self._told, self._heard = (server, handle), -math.inf, time.monotonic()
+        self._running, self._last_feedback = (server, handle), -math.inf
+        self._last_decision = time.monotonic()
 
     def go_on(self) -> bool:
         """Do without goals what the decision says; return whether that changes anything."""
@@ -91,14 +92,14 @@ class GoalServers:
         if self._running is None:
             return
         decider, handle = self._decider(), self._running[1]
-        self._heard = time.monotonic()
+        self._last_decision = time.monotonic()
         if decider.end is not None:
             return self._finish(decider.end)
         if handle.is_cancel_requested and not self._goal.canceled:
             self._goal.cancel()
         now = decider.motion.stamp
-        if now - self._told >= FEEDBACK:
-            self._told = now
+        if now - self._last_feedback >= FEEDBACK:
+            self._last_feedback = now
             handle.publish_feedback(self._feedback(decider))
 
     def abort(self, why: str) -> None:
@@ -114,7 +115,7 @@ class GoalServers:
             self._node.executor.spin_once(timeout_sec=0.1)
 
     def _watch(self) -> None:
-        if self._running is not None and time.monotonic() - self._heard > SILENCE:
+        if self._running is not None and time.monotonic() - self._last_decision > SILENCE:
             self.abort(f'no odometry has come for {SILENCE:g} s')
 
     def _finish(self, end: GoalEnd) -> None:

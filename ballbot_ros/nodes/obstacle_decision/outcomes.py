@@ -41,13 +41,13 @@ class Experience:
     def __init__(self, path: str, knowledge: Knowledge, planner: str, logger: RcutilsLogger):
         """Compile what decisions call, read the log and learn from it."""
         self.knowledge = knowledge
-        begun = time.monotonic()
+        start = time.monotonic()
         warm_up(knowledge, planner)
-        logger.info(f'ready to decide after {time.monotonic() - begun:.1f} s')
+        logger.info(f'ready to decide after {time.monotonic() - start:.1f} s')
         self._log: Optional[OutcomeLog] = None
         if not path:
             return
-        begun = time.monotonic()
+        start = time.monotonic()
         self._log = OutcomeLog(Path(path).expanduser(), knowledge.robot.digest)
         if self._log.reading.refusal:
             logger.warning(f'outcome_log: {self._log.problem}')
@@ -57,7 +57,7 @@ class Experience:
             knowledge.robot, knowledge.tuning.height_bias_sd)
         self.knowledge = replace(knowledge, particles=learned(particles, outcomes))
         logger.info(f'learned from {len(outcomes)} outcomes of {path} in '
-                    f'{time.monotonic() - begun:.1f} s')
+                    f'{time.monotonic() - start:.1f} s')
 
     @property
     def problem(self) -> Dict[str, str]:

@@ -102,7 +102,7 @@ class LawsInside:
         self._controller.give(given if given.stamp else replace(given, stamp=self._plant.time))
 
     def _on_e_stop(self, engaged: bool) -> None:
-        self._controller.hear_e_stop(engaged)
+        self._controller.on_e_stop(engaged)
 
 
 def _loop(settings: SimulatorSettings) -> LoopNumbers:

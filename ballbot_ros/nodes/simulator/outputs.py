@@ -99,18 +99,18 @@ class Outputs:
         marked = self._markers.is_due(plant.time)
         stamped = odometry or ball_state or joint_states or seen or marked
         if stamped if not every.clock else everything or now % every.clock == 0:
-            self._tell('clock', self._publish_clock, plant.time)
+            self._try_publish('clock', self._publish_clock, plant.time)
         if odometry:
-            self._tell('odometry', self._publish_odometry, plant.state)
+            self._try_publish('odometry', self._publish_odometry, plant.state)
         if ball_state:
-            self._tell('ball_state', self._publish_ball_state, plant.state, plant.torque)
+            self._try_publish('ball_state', self._publish_ball_state, plant.state, plant.torque)
         for publisher, message in seen:
-            self._tell(publisher.topic_name, publisher.publish, message)
+            self._try_publish(publisher.topic_name, publisher.publish, message)
         if marked:
             self._markers.publish(world_markers(
                 plant.state, plant.model, self._odometry.frames.odom))
         if joint_states:
-            self._tell('joint_states', self._joints.publish, self._joint_states.of(
+            self._try_publish('joint_states', self._joints.publish, self._joint_states.of(
                 plant.state.time, plant.state, plant.torque))
 
     def repeat(self) -> None:
@@ -123,7 +123,7 @@ class Outputs:
         for publish, values in self._last.values():
             publish(*values)
 
-    def _tell(self, what: str, publish: Callable[..., None], *values: Any) -> None:
+    def _try_publish(self, what: str, publish: Callable[..., None], *values: Any) -> None:
         self._last[what] = publish, values
         publish(*values)
 

@@ -354,7 +354,7 @@ class Scheduler:
         if now - self._published >= REPEAT_PERIOD:
             self._published = now
             self._outputs.repeat()
-        if now - self._since >= self._settings.lockstep_patience:
+        if now - self._since >= self._settings.lockstep_timeout:
             self._gate.clear()
             self._logger.warning(
                 f'no command answers the state of t = {self._plant.time:.3f} s: time stands '

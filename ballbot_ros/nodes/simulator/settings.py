@@ -41,7 +41,7 @@ class SimulatorSettings(Settings):
     lockstep: bool = live(flag(
         'wait for the command that answers each state, so that a run is repeatable to the bit',
         default=False))
-    lockstep_patience: float = live(quantity(
+    lockstep_timeout: float = live(quantity(
         's', 'wall time after which a missing answer is reported', default=2.0, minimum=0.1,
         maximum=3600.0))
     start_paused: bool = fixed('it says how to begin; call ~/pause or ~/resume', flag(
@@ -84,7 +84,7 @@ class SimulatorSettings(Settings):
     terrain_height_sd: float = live(quantity(
         'm', 'standard deviation of the height of a point of the terrain', default=0.0,
         minimum=0.0, maximum=1.0))
-    sensor_told: float = live(_fault('told'))
+    sensor_reported_sd: float = live(_fault('reported_sd'))
     sensor_bias: float = live(_fault('bias'))
     sensor_scale: float = live(_fault('scale'))
     sensor_growth: float = live(_fault('growth'))

@@ -184,7 +184,7 @@ class Interfaces:
     def _finish(self, run: Future) -> None:
         """End the goal whose steps have run, or were ended."""
         handle, _ = self._goal
-        self._tell()
+        self._publish_state()
         self._goal = None
         if run.result():
             handle.succeed()
@@ -201,9 +201,9 @@ class Interfaces:
         if self._goal[0].is_cancel_requested:
             self._scheduler.pause()  # which ends the steps, and so the goal
         else:
-            self._tell()
+            self._publish_state()
 
-    def _tell(self) -> None:
+    def _publish_state(self) -> None:
         handle, first = self._goal
         completed = self._plant.periods - first
         handle.publish_feedback(SimulateSteps.Feedback(

@@ -201,7 +201,7 @@ def _check_course(points: Array) -> None:
                 f'{points[index].tolist()}; remove one')
         if dx == 0.0 and index in (0, len(step) - 1):
             raise ConfigurationError(
-                'terrain: the first and the last segment go on for ever and so cannot be '
+                'terrain: the first and the last segment extend to infinity and so cannot be '
                 f'vertical; segment {index} is, add a vertex beside it')
 
 

@@ -33,7 +33,7 @@ that starts at END.
 
 END, ERROR, F0 and DENSE are `rows` of `Workspace.work` and hold the motion alone; the energy
 balance is an integral along it (``Options.ledger``).  The state between two calls of a solver is
-in `Status`; its `begun` and `ready` state which arrays of the workspace are still valid.
+in `Status`; its `has_mode` and `ready` state which arrays of the workspace are still valid.
 
 The `controller`, an immutable value, chooses length and method of the next step.  `events` locates
 the events of the contact law within a step.  `integrate` is the loop over these three.

@@ -39,7 +39,7 @@ STEADY = 1.0            # of that: it grows no further, for then it would be rej
 SUSPICION = 8           # of a step at that limit; the half of it, of a step half as long
 IMPLICIT_COST = 1.4     # explicit steps that an implicit one costs; with 0.5 runs took 3 % less
                         # time, and three more of 200,011 extreme ones were wrong
-FIRST_PATIENCE, LAST_PATIENCE = 16, 256  # stiffness count that triggers an implicit step
+FIRST_TRIAL, LAST_TRIAL = 16, 256  # stiffness count that triggers an implicit step
 BITS_OF_ONE = 0x3FF0000000000000  # as a whole number, the floating-point number 1
 
 
@@ -119,7 +119,7 @@ def started(controller: StepController, count: int, method: int,
     step = FIRST_STEP
     if implicit and count > 0:
         step = max(step, min(MEMORY, contact_step(parameters)))
-    return StepController(step, implicit, False, step, 0, FIRST_PATIENCE)
+    return StepController(step, implicit, False, step, 0, FIRST_TRIAL)
 
 
 @compiled
@@ -132,7 +132,7 @@ def contact_step(parameters: Parameters) -> float:
 def with_step(now: StepController, step: float) -> StepController:
     """Return the controller with another step [s]."""
     return StepController(step, now.implicit, now.on_trial, now.explicit_step, now.stiff_steps,
-                          now.patience)
+                          now.trial_after)
 
 
 @compiled
@@ -147,7 +147,7 @@ def stiffness_seen(now: StepController, stiffness: float) -> StepController:
     if 0.0 < stiffness <= AT_LIMIT:  # a number, that is
         suspicion = int(SUSPICION * stiffness / AT_LIMIT)
     return StepController(now.step, now.implicit, now.on_trial, now.explicit_step,
-                          now.stiff_steps + suspicion, now.patience)
+                          now.stiff_steps + suspicion, now.trial_after)
 
 
 @compiled
@@ -184,7 +184,7 @@ def rejected(now: StepController, used: float, error: float, tolerance: float) -
     """Return the controller after a step [s] that was not accurate enough."""
     if now.on_trial:
         return StepController(now.explicit_step, now.implicit, False, now.explicit_step,
-                              now.stiff_steps, min(2 * now.patience, LAST_PATIENCE))
+                              now.stiff_steps, min(2 * now.trial_after, LAST_TRIAL))
     # An error without bound: try much shorter.
     shrink = FASTEST_SHRINKING
     if math.isfinite(error):
@@ -196,7 +196,7 @@ def rejected(now: StepController, used: float, error: float, tolerance: float) -
 @compiled
 def shortest(now: StepController, smallest: float) -> StepController:
     """Return the controller whose next step is the smallest there is [s], and implicit."""
-    return StepController(smallest, True, False, smallest, now.stiff_steps, now.patience)
+    return StepController(smallest, True, False, smallest, now.stiff_steps, now.trial_after)
 
 
 @compiled
@@ -249,17 +249,17 @@ def accepted(now: StepController, used: float, error: float, implicit: bool, sti
     if options.method != AUTOMATIC:
         return with_step(now, step)
     if not implicit:
-        if now.stiff_steps < now.patience:
+        if now.stiff_steps < now.trial_after:
             return with_step(now, step)
         return StepController(step * (1.5 * IMPLICIT_COST), now.implicit, True, step, 0,
-                              now.patience)
+                              now.trial_after)
     # Implicit steps go on where they are longer than explicit ones by more than their cost.
     # While the step still grows as fast as it may, that is not known yet.
     if grow == FASTEST_GROWTH or step * stiffness > IMPLICIT_COST * used:
         return StepController(step, True, False, now.explicit_step, now.stiff_steps,
-                              FIRST_PATIENCE)
+                              FIRST_TRIAL)
     return StepController(min(step, now.explicit_step), False, False, now.explicit_step,
-                          now.stiff_steps, min(2 * now.patience, LAST_PATIENCE))
+                          now.stiff_steps, min(2 * now.trial_after, LAST_TRIAL))
 
 
 @compiled
@@ -278,4 +278,4 @@ def after_event(now: StepController, used: float, count: int, method: int,
     if method != AUTOMATIC or count == 0:
         return now
     # Explicit steps would shake a hard contact before they find it hard.
-    return StepController(now.step, True, now.on_trial, now.step, now.stiff_steps, now.patience)
+    return StepController(now.step, True, now.on_trial, now.step, now.stiff_steps, now.trial_after)

@@ -25,7 +25,7 @@ INSIDE = 1e-300       # for a guard that is zero by rounding
 FALSI_ALONE, MOST_TURNS = 10, 100  # of the search for an event: before it halves, and in all
 
 CHATTER = 1e-9        # [s]: maximum time between events caused by rounding
-PATIENCE = 20         # number of such events before steps skip them, with growing length
+CHATTERING = 20         # number of such events before steps skip them, with growing length
 SOON, CROWD = 0.1, 3  # of the step; number of events within it before steps shorten
 STUCK = 1000          # events, or smallest steps, in a row without any time between them
 
@@ -161,8 +161,8 @@ def rated(rate: EventRate, theta: float, time: float, step: float) -> tuple[Even
     A guard that changes by less than its rounding flickers: after a while it is stepped over.
     """
     chattering = rate.chattering + 1 if theta * step < CHATTER else 0
-    if chattering > PATIENCE and theta <= 1.0:
-        push = time_width(time) * 2.0**min(chattering - PATIENCE, 40)
+    if chattering > CHATTERING and theta <= 1.0:
+        push = time_width(time) * 2.0**min(chattering - CHATTERING, 40)
         theta = max(theta, min(1.0, push / step))
     return EventRate(chattering, rate.crowded + 1 if theta < SOON else 0,
                 rate.stuck + 1 if min(theta, 1.0) * step <= smallest_step(time) else 0), theta

@@ -32,7 +32,7 @@ def stretches(status: Status, end: float, options: Options,
 @compiled
 def moved(status: Status, outcome: int, time: float, filled: int) -> Packed:
     """Return the status of a run that has come to another time."""
-    return packed(Status(outcome, time, filled, status.controller, status.rate, status.begun,
+    return packed(Status(outcome, time, filled, status.controller, status.rate, status.has_mode,
                          status.ready, status.may_fly, status.before))
 
 

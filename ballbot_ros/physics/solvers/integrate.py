@@ -113,14 +113,14 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
     """Do what `advance` does, inside the kernel that calls it: what it never uses is left out."""
     parameters, ground, statistics = system.parameters, system.ground, workspace.statistics
     time, filled, controller, rate = status.time, status.filled, status.controller, status.rate
-    begun, may_fly, again = status.begun, status.may_fly, False
-    ready = status.ready if begun else NOTHING
+    has_mode, may_fly, again = status.has_mode, status.may_fly, False
+    ready = status.ready if has_mode else NOTHING
     flies, outcome = options.flight and has_closed_form(parameters, system.actuator), FINISHED
     while time < end and outcome == FINISHED:
         if filled >= output.pause:
             outcome = PAUSED
             break
-        if not begun:
+        if not has_mode:
             count = find_mode(time, state, system, workspace.mode)
             if flies and may_fly and is_let_go(workspace.mode, parameters):
                 landed, filled = fly_to_touch(
@@ -129,7 +129,7 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
                     may_fly, time = landed - time >= SHORT_FLIGHT, landed
                     continue
             controller = started(controller, count, options.method, parameters)
-            rate, begun = EventRate(0, 0, 0), True
+            rate, has_mode = EventRate(0, 0, 0), True
         if statistics[EVALUATIONS] + statistics[SEARCH] >= options.budget:
             outcome = BUDGET_EXCEEDED
             break
@@ -176,8 +176,8 @@ def integrate(status: Status, end: float, state: Array, system: System, options:
             count = find_mode(time, state, system, workspace.mode)
             controller = after_event(controller, used, count, options.method, parameters)
             may_fly = may_fly or count > 0
-            begun = not (flies and may_fly and is_let_go(workspace.mode, parameters))
-    return Status(outcome, time, filled, controller, rate, begun, ready, may_fly, 0.0)
+            has_mode = not (flies and may_fly and is_let_go(workspace.mode, parameters))
+    return Status(outcome, time, filled, controller, rate, has_mode, ready, may_fly, 0.0)
 
 
 @outlined

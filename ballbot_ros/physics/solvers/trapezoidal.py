@@ -125,7 +125,7 @@ def advance(call: Packed) -> Packed:
     time, filled, controller, before = (
         status.time, status.filled, status.controller, status.before)
     outcome, known = FINISHED, False
-    if not status.begun:
+    if not status.has_mode:
         derivative(time, state, system, workspace.mode.contacts, stages[F0])
         statistics[EVALUATIONS] += 1
         before = 0.0

@@ -57,7 +57,7 @@ class StepController(NamedTuple):
     on_trial: bool = False  # whether the next step is an implicit trial step
     explicit_step: float = 0.0  # step size to return to after a failed trial [s]
     stiff_steps: int = 0  # stiffness count since the last trial, see `controller`
-    patience: int = 0  # stiffness count that triggers the next trial
+    trial_after: int = 0  # stiffness count that triggers the next trial
 
 
 class EventRate(NamedTuple):
@@ -76,7 +76,7 @@ class Status(NamedTuple):
     filled: int = 0  # rows of the output
     controller: StepController = StepController()
     rate: EventRate = EventRate()
-    begun: bool = False  # whether the workspace holds the mode of the state
+    has_mode: bool = False  # whether the workspace holds the mode of the state
     ready: int = NOTHING  # what the workspace holds for the next step
     may_fly: bool = True  # not just after a flight that was not worth it
     before: float = 0.0  # the step before, for a method that looks back [s]

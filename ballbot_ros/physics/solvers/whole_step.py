@@ -49,7 +49,7 @@ def combined(one: float, first: Course, other: float, second: Course) -> Course:
 
 
 @compiled
-def begun_at(value: float, course: Course) -> Course:
+def started_at(value: float, course: Course) -> Course:
     """Return the course of a quantity that goes on as another one does, from its own begin."""
     return value, course[1], course[2], course[3], course[4]
 
@@ -135,7 +135,7 @@ def contact_persists(work: Array, row: int, system: System, mode: ContactMode) -
     vertex = segment + (feature & 1)
     across = normal_x * ground[vertex, VERTEX_X] + normal_y * ground[vertex, VERTEX_Y]
     away, aside = course_of(work, X, normal_x, normal_y), 0.0
-    away = begun_at(away[0] - across, away)
+    away = started_at(away[0] - across, away)
     if feature & 1 == 0:
         foot = course_of(work, X, ground[segment, TANGENT_X], ground[segment, TANGENT_Y])
         if segment > 0 and least(foot) <= place(segment, segment, ground) + reach_of(
@@ -150,7 +150,7 @@ def contact_persists(work: Array, row: int, system: System, mode: ContactMode) -
         if least(before) < place(vertex, segment, ground) or (
                 most(behind) > place(vertex, vertex, ground)):
             return False
-        aside = largest(begun_at(0.0, course_of(work, X, normal_y, -normal_x)))
+        aside = largest(started_at(0.0, course_of(work, X, normal_y, -normal_x)))
     return pressed_throughout(work, row, (normal_x, normal_y, distance), friction, (aside, away),
                               system, mode)
 
@@ -222,7 +222,7 @@ def contact_excluded(work: Array, segment: int, system: System) -> bool:
     if not distance > system.parameters.radius:
         return False
     course = course_of(work, X, away_x / distance, away_y / distance)
-    return least(begun_at(distance, course)) > system.parameters.radius
+    return least(started_at(distance, course)) > system.parameters.radius
 
 
 @compiled
@@ -235,9 +235,9 @@ def motor_stays(time: float, step: float, work: Array, system: System, mode: Con
     actuator = system.actuator
     by_ball, by_angle, by_spin, by_rate, by_time = torque_slopes(actuator)
     begin = unsaturated_torque(time, work[rows.DENSE:rows.DENSE + MOTION], actuator)
-    change = begun_at(0.0, combined(1.0, course_of(work, BALL_ANGLE, by_ball, by_angle),
+    change = started_at(0.0, combined(1.0, course_of(work, BALL_ANGLE, by_ball, by_angle),
                                     1.0, course_of(work, BALL_RATE, by_spin, by_rate)))
-    swung = largest(begun_at(0.0, course_of(work, PENDULUM_ANGLE, 1.0, 0.0)))
+    swung = largest(started_at(0.0, course_of(work, PENDULUM_ANGLE, 1.0, 0.0)))
     unsure = abs(actuator.gravity_torque) * swung + abs(by_time) * step
     weakest, strongest = begin + least(change) - unsure, begin + most(change) + unsure
     saturated, limit = mode.signs[len(mode.signs) - 1, MOTOR], actuator.limit

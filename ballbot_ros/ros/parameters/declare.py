@@ -79,8 +79,8 @@ def declare(node: Node, cls: Type[S], prepare: Optional[Prepare[S]] = None) -> S
         why = why_fixed(item.metadata) if prepare else READ_AT_START
         node.declare_parameter(name, item.value(settings), describe(item.metadata, why))
     # Log values of a file only where they are overridden.
-    told = {name: item for name, item in described.items() if not item.part or name in given}
+    logged = {name: item for name, item in described.items() if not item.part or name in given}
     node.get_logger().info('running with ' + ', '.join(
-        f'{name} {item.value(settings)!r}' for name, item in told.items()))
+        f'{name} {item.value(settings)!r}' for name, item in logged.items()))
     Changes(node, settings, prepare)
     return settings

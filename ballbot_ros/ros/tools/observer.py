@@ -74,9 +74,9 @@ class Observer:
     def settle(self) -> None:
         """Wait until the graph has not changed for a while, so discovery is complete."""
         self.wait(self._others, LONGEST)
-        begun = changed = time.monotonic()
+        start = changed = time.monotonic()
         known = None
-        while time.monotonic() < min(changed + SETTLED, begun + LONGEST):
+        while time.monotonic() < min(changed + SETTLED, start + LONGEST):
             now = self._graph()
             if now != known:
                 known, changed = now, time.monotonic()
@@ -114,7 +114,7 @@ class Observer:
         if not found:
             known = [one for one, _ in self.node.get_topic_names_and_types()]
             raise ConfigurationError(
-                f'nobody publishes or subscribes to {name}{suggestion(name, known)}; '
+                f'no node publishes or subscribes to {name}{suggestion(name, known)}; '
                 f'"ballbot topics" lists what there is')
         if len(found) > 1:
             raise ConfigurationError(f'{name} has several types, {" and ".join(found)}: '

@@ -64,7 +64,7 @@ def echo(observer: Observer, topic: str, show: Callable[[Any], None], once: bool
         See `Observer.type_of`.
 
     """
-    begun = time.monotonic()
+    start = time.monotonic()
     kind = message_class(observer.type_of(topic, timeout, waiting))
     name = observer.resolve(topic)
     # Discovery of the publisher may follow that of the topic.
@@ -76,7 +76,7 @@ def echo(observer: Observer, topic: str, show: Callable[[Any], None], once: bool
     if not observer.wait(lambda: came, 1.0):
         waiting()
     shown = 0
-    while time.monotonic() < begun + timeout or came:
+    while time.monotonic() < start + timeout or came:
         while came:
             show(came.popleft())
             shown += 1

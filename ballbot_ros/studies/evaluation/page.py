@@ -158,7 +158,7 @@ def page(report: Report, command: str) -> str:
             f'start allowed). `{first}` crossed {missed["crossed"]} of them and not '
             f'{missed["missed"]}: '
             + ', '.join(f'{count} {kind}' for kind, count in missed['by kind'].items())
-            + '. The search knows the robot and the terrain; the decision has to be safe for all '
+            + '. The search uses the true robot and terrain; the decision has to be safe for all '
             'that are possible.\n']
     if report['limits']:
         parts += ['## Maximum step height of 23 of 24 robots\n',

@@ -94,8 +94,8 @@ class SensorModel:
                  f'{math.degrees(self.lowest_ray):.0f} degrees below the horizon']
         if self.height_sd:
             found.append(f'noise {1e3 * self.height_sd:.1f} mm in height, '
-                         f'{1e3 * self.distance_sd:.0f} mm in distance, {faults.told:g} of it '
-                         'reported')
+                         f'{1e3 * self.distance_sd:.0f} mm in distance, '
+                         f'{faults.reported_sd:g} of it reported')
         if self.distance_bias:
             found.append(f'distance {1e3 * self.distance_bias:+.0f} mm')
         for name, unit, factor in (
@@ -152,7 +152,7 @@ def draw_sensor(random: Random, sensors: str, kind: Optional[str] = None) -> Sen
         reordering=0.04 + 0.16 * even[16] if reordered else 0.0,
         frozen_from=0.3 + 2.7 * even[17] if frozen else math.inf,
         faults=SensorFaults(
-            told=(1.0, 0.0, 0.5)[int(3.0 * even[5])] if noisy else 1.0,
+            reported_sd=(1.0, 0.0, 0.5)[int(3.0 * even[5])] if noisy else 1.0,
             bias=0.004 * (even[6] - 0.5) if biased else 0.0,
             tilt=0.008 * (even[7] - 0.5) if biased and points else 0.0,
             growth=0.02 + 0.13 * even[8] if growing and wanted != 'camera' else 0.0,
@@ -197,7 +197,7 @@ class Camera:
         # A driver publishes points in the order of the rays, whose x must not decrease.
         ahead = np.maximum.accumulate(distance * rays[:, 0])
         up = distance * rays[:, 1] + model.eye_height + math.tan(faults.tilt) * ahead
-        reported = faults.told * np.maximum(deviation * np.abs(rays[:, 1]), RESOLUTION)
+        reported = faults.reported_sd * np.maximum(deviation * np.abs(rays[:, 1]), RESOLUTION)
         return ahead, up, reported
 
     def _distances(self, eye: Array) -> Array:

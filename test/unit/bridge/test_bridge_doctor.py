@@ -215,7 +215,7 @@ class Port:
         def driver(name, link, options):
             self.tried.append((name, link.rate))
 
-            def identify(patience):
+            def identify(timeout):
                 if (name, link.rate) != (protocol, baud):
                     raise DriveError('silent', 'nobody')
             return SimpleNamespace(identify=identify)

@@ -21,22 +21,22 @@ class Drive:
     """A drive that answers as `error` and `settings` say, and notes what it is asked."""
 
     def __init__(self, error=None, settings=(GOOD,)):
-        self.error, self.settings, self.asked, self.patience = error, settings, [], []
+        self.error, self.settings, self.asked, self.timeout = error, settings, [], []
         self.line = SimpleNamespace(close=lambda: self.asked.append('close'))
 
-    def identify(self, patience):
+    def identify(self, timeout):
         """Answer or raise."""
         self.asked.append('identify')
-        self.patience.append(patience)
+        self.timeout.append(timeout)
         if self.error is not None:
             raise self.error
         return Identity('test', 'board', '1.0')
 
-    def stop(self, patience):
+    def stop(self, timeout):
         """Stop."""
         self.asked.append('stop')
 
-    def read_settings(self, patience):
+    def read_settings(self, timeout):
         """Return the settings."""
         return self.settings
 
@@ -68,7 +68,7 @@ SILENT = DriveError('silent', 'nobody answers')
 def test_a_drive_is_stopped_before_it_is_taken_over():
     drive = Drive()
     assert handshake(lambda: drive, 0.5)[0] is drive
-    assert drive.asked == ['identify', 'stop'] and drive.patience == [0.5]
+    assert drive.asked == ['identify', 'stop'] and drive.timeout == [0.5]
 
 
 def test_settings_that_are_not_safe_are_refused_with_all_of_them_and_the_line_is_closed():
@@ -121,12 +121,12 @@ def test_patience_grows_with_each_failure_up_to_a_second_and_shrinks_once_it_is_
     bench = Bench(*[Drive(SILENT)] * 6, Drive(), Drive(SILENT))
     for _ in range(6):
         assert not bench.look()
-    assert bench.found[0].patience == [0.25, 0.5, 0.75, 1.0, 1.0, 1.0]
+    assert bench.found[0].timeout == [0.25, 0.5, 0.75, 1.0, 1.0, 1.0]
     assert (HANDSHAKE, MOST_PATIENCE) == (0.25, 1.0)
-    assert bench.look() and bench.found[-1].patience == [1.0]
+    assert bench.look() and bench.found[-1].timeout == [1.0]
     bench.line.lose(SILENT)
     bench.look()
-    assert bench.found[-1].patience == [0.25]
+    assert bench.found[-1].timeout == [0.25]
 
 
 def test_why_a_drive_is_not_found_is_logged_once_and_again_when_it_changes(caplog):

@@ -62,7 +62,7 @@ def test_a_motor_that_takes_no_power_is_an_error_though_no_fault_is_named():
     receive = robot.device.receive
 
     def stubborn(data, now):
-        robot.now += 1e-4  # a question takes its time, and patience ends
+        robot.now += 1e-4  # a question takes its time, and timeout ends
         return receive(data.replace(b'requested_state 8', b'requested_state 1'), now)
     robot.device.receive = stubborn
     robot.session.engage('button')

@@ -32,9 +32,9 @@ class FakeSession:
             self.ticked.set()
         return None if len(self.ticks) == 1 else ('tick', len(self.ticks))
 
-    def await_answer(self, patience):
+    def await_answer(self, timeout):
         """Return the answer once per period."""
-        self.waits.append(patience)
+        self.waits.append(timeout)
         self.expecting = False
         return self.answer
 
@@ -71,7 +71,7 @@ def test_an_answer_that_is_expected_is_waited_for_until_the_next_period_and_hand
     session.on_tick = lambda: setattr(session, 'expecting', True)
     run(session, seen.append)
     assert seen.count('answer') >= 15 and None not in seen
-    assert all(0.0 < patience <= 1.0 / RATE for patience in session.waits)
+    assert all(0.0 < timeout <= 1.0 / RATE for timeout in session.waits)
 
 
 def test_what_is_not_expected_is_not_waited_for():

@@ -175,7 +175,7 @@ def test_faults_are_not_cleared_where_the_motor_could_turn():
 def test_why_faults_cannot_be_cleared_is_told(monkeypatch, error, told):
     robot = tripped('odrive 0.5')
 
-    def refuse(self, patience):
+    def refuse(self, timeout):
         raise error
     monkeypatch.setattr(type(robot.session.line.driver), 'clear_faults', refuse)
     assert issubclass(type(robot.session.line.driver), Driver)

@@ -594,10 +594,10 @@ def test_arming_that_takes_its_time_is_no_silence():
     driver, receive = robot.session.line.driver, robot.device.receive
     arm = driver.arm
 
-    def slowly(patience):
+    def slowly(timeout):
         robot.now += 0.15
         robot.device.receive = receive
-        arm(patience)
+        arm(timeout)
         robot.device.receive = deaf
 
     def deaf(data, now):

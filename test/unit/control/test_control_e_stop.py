@@ -37,7 +37,7 @@ def refused(controller, value, stamp, mode=Mode.HOLD):
 
 def test_while_it_is_engaged_there_is_no_torque_and_what_asks_for_motion_is_refused():
     controller = made()
-    controller.hear_e_stop(True)
+    controller.on_e_stop(True)
     assert answer(controller, 1.1) == 0.0 and controller.set_point.mode is Mode.IDLE
     assert 'the e-stop is engaged' in refused(controller, 0.5, 1.1)
     controller.give(SetPoint(Mode.HOLD, 0.0, 1.1))  # rest is no motion, and gives no torque
@@ -46,10 +46,10 @@ def test_while_it_is_engaged_there_is_no_torque_and_what_asks_for_motion_is_refu
 
 def test_a_set_point_that_outlives_it_is_refused_until_it_was_at_rest():
     controller = made()
-    controller.hear_e_stop(True)
+    controller.on_e_stop(True)
     answer(controller, 1.1)
     refused(controller, 0.5, 1.1)
-    controller.hear_e_stop(False)
+    controller.on_e_stop(False)
     for number in range(200):
         stamp = 1.12 + 0.02 * number
         assert answer(controller, stamp) == 0.0
@@ -62,10 +62,10 @@ def test_a_set_point_that_outlives_it_is_refused_until_it_was_at_rest():
 @pytest.mark.parametrize('silence, follows', [(QUIET - 0.01, False), (QUIET + 0.01, True)])
 def test_a_set_point_that_was_away_long_enough_is_a_new_one(silence, follows):
     controller = made()
-    controller.hear_e_stop(True)
+    controller.on_e_stop(True)
     answer(controller, 1.1)
     refused(controller, 0.5, 1.1)
-    controller.hear_e_stop(False)
+    controller.on_e_stop(False)
     answer(controller, 1.1 + silence)
     if follows:
         controller.give(SetPoint(Mode.HOLD, 0.5, 1.1 + silence))
@@ -85,7 +85,7 @@ def test_who_asks_for_motion_is_remembered_while_it_is_recent():
 def test_in_lockstep_the_states_of_an_e_stop_are_answered_without_set_points():
     controller = made(set_point_period=0.02)
     assert answer(controller, 1.02) is None
-    controller.hear_e_stop(True)
+    controller.on_e_stop(True)
     assert controller.answer() == 0.0
 
 

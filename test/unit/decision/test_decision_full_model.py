@@ -26,7 +26,7 @@ def sloped(height, at, slope):
                     [far, height + (far - at) * rise]])
 
 
-def drive(height, face, *, seconds=8.0, speed=0.0, slope=0.0, told=None, latency=0.0,
+def drive(height, face, *, seconds=8.0, speed=0.0, slope=0.0, reported=None, latency=0.0,
           far_behind=0.0):
     """Return the plant after some seconds, positions by time, and decisions; 50 Hz."""
     scene = load_scene('flat')
@@ -47,7 +47,8 @@ def drive(height, face, *, seconds=8.0, speed=0.0, slope=0.0, told=None, latency
             x, v = start.x + turned, -GIMBALL.ball_radius * state.ball_rate
             ahead = face - state.x
             underway.append(
-                StepObservation(now, True, ahead, height if told is None else told, 0.005, 5e-4)
+                StepObservation(now, True, ahead, height if reported is None else reported, 0.005,
+                                5e-4)
                 if ahead > 0.0 else StepObservation(now, False))
             while underway and underway[0].stamp <= now - latency:
                 decider.observe(underway.pop(0))
@@ -92,7 +93,7 @@ def test_before_what_it_does_not_cross_it_stands_with_the_gap(height, face, spee
 
 
 def test_braking_room_says_where_braking_still_works():
-    # Cruising at 0.9 m/s when the drop is told at last.
+    # Cruising at 0.9 m/s when the drop is reported at last.
     for more, falls in ((0.05, False), (-0.6, True)):
         room = 1.0 + more
         state, rows, decisions = drive(-0.1, room, speed=0.9, seconds=4.0)

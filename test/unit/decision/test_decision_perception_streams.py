@@ -72,7 +72,8 @@ def test_a_rejected_look_changes_nothing_and_lowers_no_face(scenes, grade, seed)
                            (place, place * grade + height), (9.0, 9.0 * grade + height)]
                           if abs(height) > 0.001 else [(0.0, 0.0), (1.0, grade)])
         stamp += 0.1
-        profile = tracking.update(look(terrain, 0.0, stamp, seed, 0.001, told=float(told)), 0.0)
+        observation = look(terrain, 0.0, stamp, seed, 0.001, reported_sd=float(told))
+        profile = tracking.update(observation, 0.0)
         check(profile)
         if profile.rejection is not None and before is not None:
             assert profile.faces == before.faces and profile.points == before.points
@@ -88,7 +89,7 @@ def test_noise_dropouts_and_slopes_leave_the_height_within_its_deviation(
     terrain = Terrain([(-9.0, -9.0 * grade), (place, place * grade),
                        (place, place * grade + height), (9.0, 9.0 * grade + height)])
     sensor = TerrainSensor(terrain, 3.0, height_sd, seed,
-                           SensorFaults(told=told, dropout=dropout, holes=0.5 * dropout))
+                           SensorFaults(reported_sd=told, dropout=dropout, holes=0.5 * dropout))
     tracking, profile = ProfileTracker(GIMBALL, TUNING), None
     for number in range(40):
         x = 0.01 * number

@@ -143,12 +143,12 @@ def test_errors_of_height_are_as_large_as_told(looks, height_sd):
 
 @pytest.mark.parametrize('told, floor', [(1.0, 0.0005), (0.0, 0.002)])
 def test_no_number_of_looks_makes_a_height_known_exactly(told, floor):
-    face = approach(SCENES['rise'][0], 60, 0.3, 0.0005, told=told)[-1].face
+    face = approach(SCENES['rise'][0], 60, 0.3, 0.0005, reported_sd=told)[-1].face
     assert face.height_sd == floor
 
 
 def test_noise_that_is_not_told_is_estimated_and_not_believed_at_first():
-    profiles = approach(SCENES['rise'][0], 40, 0.4, 0.003, told=0.0)
+    profiles = approach(SCENES['rise'][0], 40, 0.4, 0.003, reported_sd=0.0)
     assert all(profile.face is None or profile.face.height_sd > 0.0025 for profile in profiles[:4])
     assert abs(profiles[-1].face.height - 0.03) < 3.0 * profiles[-1].face.height_sd
 

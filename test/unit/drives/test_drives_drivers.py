@@ -165,7 +165,7 @@ def test_a_stop_that_nobody_confirms_is_an_error(bench):
     bench.driver.arm()
     bench.to_drive = lambda data: b''
     with pytest.raises(DriveError, match='did not confirm') as raised:
-        bench.driver.stop(patience=0.2)
+        bench.driver.stop(timeout=0.2)
     assert raised.value.reason == 'not_stopped'
 
 
@@ -200,7 +200,7 @@ def test_nobody_at_the_other_end_is_silence(kind):
     bench = Bench(kind)
     bench.to_drive = lambda data: b''
     with pytest.raises(DriveError) as raised:
-        bench.driver.identify(patience=0.2)
+        bench.driver.identify(timeout=0.2)
     assert raised.value.reason == 'silent'
     assert bench.now < 0.5
 
@@ -209,7 +209,7 @@ def test_bytes_that_make_no_sense_are_told_from_silence(kind):
     bench = Bench(kind)
     bench.from_drive = lambda data: bytes(0xAA ^ byte >> 1 for byte in data)
     with pytest.raises(DriveError) as raised:
-        bench.driver.identify(patience=0.2)
+        bench.driver.identify(timeout=0.2)
     assert raised.value.reason == 'garbled'
 
 

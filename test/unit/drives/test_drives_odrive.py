@@ -418,7 +418,7 @@ def test_a_drive_that_cannot_be_armed_says_why(kind, changes, told):
     bench.device.properties.update(changes)
     begin = bench.now
     with pytest.raises(DriveError, match=told) as raised:
-        bench.driver.arm(patience=0.2)
+        bench.driver.arm(timeout=0.2)
     assert raised.value.reason == 'not_armed'
     # 0.5 names an error at once; 0.6 might still get there.
     assert bench.now - begin < 0.2 and (bench.now - begin > 0.1) is (kind == 'odrive 0.6')

@@ -65,7 +65,7 @@ def test_a_motor_that_does_not_obey_the_stop_is_not_confirmed_by_its_heartbeats(
     bench.cycles(5, torque=0.05)
     bench.to_drive = without(codec.SET_AXIS_STATE)
     with pytest.raises(DriveError, match='not confirm'):
-        bench.driver.stop(patience=0.3)
+        bench.driver.stop(timeout=0.3)
     assert bench.device.armed and bench.device.torque() == 0.0
 
 

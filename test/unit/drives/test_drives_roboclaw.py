@@ -238,7 +238,7 @@ def test_answers_to_a_lost_group_do_not_confirm_a_stop(bench):
     bench.driver.send_stop()
     bench.to_drive = lambda data: b''
     with pytest.raises(DriveError, match='did not confirm'):
-        bench.driver.stop(patience=0.1)
+        bench.driver.stop(timeout=0.1)
 
 
 def test_a_duty_beyond_full_is_full():

@@ -104,7 +104,7 @@ def test_a_stop_is_confirmed_where_no_more_current_flows_than_the_sensors_may_er
         bench.driver.stop()
     else:
         with pytest.raises(DriveError, match='did not confirm'):
-            bench.driver.stop(patience=0.1)
+            bench.driver.stop(timeout=0.1)
 
 
 def test_values_that_were_asked_for_before_a_stop_do_not_confirm_it(bench):
@@ -113,7 +113,7 @@ def test_values_that_were_asked_for_before_a_stop_do_not_confirm_it(bench):
     bench.pass_time(0.0005)
     bench.to_drive = lambda data: b''
     with pytest.raises(DriveError, match='did not confirm'):
-        bench.driver.stop(patience=0.1)
+        bench.driver.stop(timeout=0.1)
 
 
 def test_values_that_nobody_asked_for_confirm_no_stop():
@@ -164,14 +164,14 @@ def test_a_timeout_that_stays_although_it_is_fed_is_not_armed_over():
     reporting(bench, status=codec.TIMED_OUT)
     begin = bench.now
     with pytest.raises(DriveError, match='timeout has expired, however often it is fed') as raised:
-        bench.driver.arm(patience=0.25)
+        bench.driver.arm(timeout=0.25)
     assert raised.value.reason == 'not_armed' and bench.now - begin < 0.3
 
 
 def test_a_drive_that_does_not_report_is_not_armed(bench):
     bench.from_drive = lambda data: b''
     with pytest.raises(DriveError, match='does not report its state'):
-        bench.driver.arm(patience=0.1)
+        bench.driver.arm(timeout=0.1)
 
 
 @pytest.mark.parametrize('status, faults', [
@@ -203,11 +203,11 @@ def test_faults_are_waited_for_as_nothing_clears_them_sooner(bench):
     bench.device.sensed = bench.device.sensed._replace(temperature=150.0)
     bench.pass_time(0.002)
     with pytest.raises(DriveError, match='OVER_TEMP_FET, which it clears by itself') as raised:
-        bench.driver.clear_faults(patience=0.2)
+        bench.driver.clear_faults(timeout=0.2)
     assert raised.value.reason == 'not_clearable'
     bench.from_drive = lambda data: b''
     with pytest.raises(DriveError):
-        bench.driver.clear_faults(patience=0.2)
+        bench.driver.clear_faults(timeout=0.2)
 
 
 def test_what_the_supply_gives_is_reported(bench):

@@ -106,7 +106,7 @@ def test_a_wrong_baud_rate_is_told_from_silence(scene, protocol):
             driver = open_driver(protocol, link, read_options(
                 protocol, {'torque_limit': 0.1}, 'test'))
             with pytest.raises(DriveError) as raised:
-                driver.identify(patience=0.2)
+                driver.identify(timeout=0.2)
     assert raised.value.reason in ('silent', 'garbled')
 
 
@@ -117,7 +117,7 @@ def test_another_protocol_does_not_pass_the_handshake(scene, wrong):
             wrong, emulator.path, rates(wrong)[0]) as link:
         driver = open_driver(wrong, link, read_options(wrong, {'torque_limit': 0.1}, 'test'))
         with pytest.raises(DriveError):
-            driver.identify(patience=0.2)
+            driver.identify(timeout=0.2)
 
 
 def test_the_drive_disarms_when_the_host_is_killed(emulator):

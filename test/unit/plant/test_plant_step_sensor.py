@@ -82,7 +82,7 @@ def faulty(height=0.03, height_sd=0.0, **faults):
 
 @pytest.mark.parametrize('told', [0.0, 0.5, 1.0])
 def test_a_sensor_tells_a_part_of_its_noise_and_makes_all_of_it(told):
-    sensor = faulty(height_sd=0.002, told=told)
+    sensor = faulty(height_sd=0.002, reported_sd=told)
     assert (sensor.distance_sd, sensor.height_sd) == (told * 0.01, told * 0.002)
     assert sensor.look(0.0, 3) == faulty(height_sd=0.002).look(0.0, 3)
 
@@ -116,5 +116,5 @@ def test_what_is_late_comes_in_its_order_when_it_is_old_enough():
 def test_a_sensor_without_noise_tells_its_resolution_for_0_means_unknown():
     exact = Sensor(Terrain.step(0.03), 3.0)
     assert exact.distance_sd > 0.0 and exact.height_sd == 0.0005
-    silent = Sensor(Terrain.step(0.03), 3.0, faults=SensorFaults(told=0.0))
+    silent = Sensor(Terrain.step(0.03), 3.0, faults=SensorFaults(reported_sd=0.0))
     assert (silent.distance_sd, silent.height_sd) == (0.0, 0.0)

@@ -67,7 +67,7 @@ def test_the_noise_is_a_function_of_seed_and_number_and_is_what_is_told():
     assert noise.std() == pytest.approx(0.003, rel=0.05)
     assert noise.mean() == pytest.approx(0.0, abs=1e-4)
     assert set(looked(Terrain.flat(), height_sd=0.003)[2].z_sd) == {0.003}
-    assert set(looked(Terrain.flat(), height_sd=0.003, told=0.0)[2].z_sd) == {0.0}
+    assert set(looked(Terrain.flat(), height_sd=0.003, reported_sd=0.0)[2].z_sd) == {0.0}
 
 
 def seen_height(**faults):

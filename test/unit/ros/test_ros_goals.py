@@ -28,7 +28,7 @@ class Graph:
         """Start them; the ball stands until there is a goal."""
         self.node = make_node(Client)
         self.simulator = make_node(
-            Simulator, scene=scene, lockstep=True, real_time_factor=0.0, lockstep_patience=60.0)
+            Simulator, scene=scene, lockstep=True, real_time_factor=0.0, lockstep_timeout=60.0)
         self.decision = make_node(ObstacleDecision, planner=planner, wait_for_goal=True)
         controller = make_node(Controller, lockstep_set_point_period=0.02)
         self.executor = new_executor(context)

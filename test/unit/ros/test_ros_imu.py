@@ -107,7 +107,7 @@ class Source:
             'set_up'), 0)
         self.trouble, self.error = '', None
 
-    def read(self, patience):
+    def read(self, timeout):
         """Return nothing, or raise."""
         time.sleep(0.01)
         if self.error is not None:

@@ -29,9 +29,9 @@ def state(stamp, x=0.0):
     return message
 
 
-def wait_for(true, patience=20.0):
+def wait_for(true, timeout=20.0):
     """Wait until something is true."""
-    end = time.monotonic() + patience
+    end = time.monotonic() + timeout
     while not true():
         assert time.monotonic() < end, 'it has not come to be'
         time.sleep(0.01)

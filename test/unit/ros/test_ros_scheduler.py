@@ -88,7 +88,7 @@ def test_a_step_is_so_many_periods_even_where_more_are_due(clock, monkeypatch, p
 
 
 def test_in_lockstep_time_waits_for_its_answer_and_asks_again(clock):
-    around = scheduled(lockstep=True, real_time_factor=0.0, lockstep_patience=2.0)
+    around = scheduled(lockstep=True, real_time_factor=0.0, lockstep_timeout=2.0)
     for _ in range(10):
         tick(around, clock, 0.05)
     assert around.plant.periods == 0 and around.outputs.repeated == 2

@@ -199,7 +199,7 @@ STANDING, THERE = 0.03, 0.05
 TOO_LATE = -0.01
 
 
-class Belief(NamedTuple):
+class Basis(NamedTuple):
     """Inputs of a selection, for detecting changes."""
 
     face: Face
@@ -222,7 +222,7 @@ class PlanSelector:
     ----------
     choice : Choice or None
         None before the first search has a result.
-    belief : Belief or None
+    basis : Basis or None
         Inputs of the selection.
 
     """
@@ -231,42 +231,42 @@ class PlanSelector:
         """Draw the worlds."""
         self._tuning = knowledge.tuning
         self.worlds = Worlds(knowledge)
-        self.worlds.believe(knowledge.particles or Particles.of(
+        self.worlds.set_particles(knowledge.particles or Particles.of(
             knowledge.robot, knowledge.tuning.height_bias_sd))
         self.forget()
 
     def forget(self) -> None:
         """Discard the plan."""
         self.choice: Optional[Choice] = None
-        self.belief: Optional[Belief] = None
+        self.basis: Optional[Basis] = None
         self._deliberation: Optional[Deliberation] = None
         self._answers = self._changes = 0
 
     def update(self, ahead: Ahead, situation: Situation, braking_room: float) -> None:
         """Continue the search, or re-evaluate the plan, within the budget of one decision."""
         motion, face = situation.motion, ahead.faces[0]
-        if self.belief is not None and not _is_same(self.belief.face, face):
+        if self.basis is not None and not _is_same(self.basis.face, face):
             self.forget()
         failures = failures_at(face, situation)
         if situation.particles is not None:
-            self.worlds.believe(situation.particles)
+            self.worlds.set_particles(situation.particles)
         self.worlds.see(ahead)
         task = Task(
             (motion.position, motion.speed, motion.pendulum_angle, motion.pendulum_rate),
             ahead, self.worlds, self._tuning.required_probability, self._tuning.highest_speed)
-        now = Belief(face, len(ahead.faces), abs(motion.speed) < STANDING, len(failures),
+        now = Basis(face, len(ahead.faces), abs(motion.speed) < STANDING, len(failures),
                      situation.free_from, ahead.room_to)
         budget = LATER if self.choice is not None else FIRST
         kept = self.choice.candidate if self.choice is not None else None
         if kept is not None and _arrived(kept, ahead, motion):
             self.choice = Choice(None, Reason.NOT_LIKELY)
             self._deliberation = deliberate(task, self._tuning, 0.0, from_here(kept), failures)
-            self.belief, budget = now, FIRST
+            self.basis, budget = now, FIRST
         elif self._deliberation is None and self._is_news(now, braking_room):
             room = max(0.0, motion.position - situation.free_from)
             self._deliberation = deliberate(
                 task, self._tuning, room, kept, failures, braking_room < TOO_LATE)
-            self.belief = now
+            self.basis = now
         if self._deliberation is None:
             self._look_again(task, braking_room)
             return
@@ -289,9 +289,9 @@ class PlanSelector:
             self._changes += (before.trial is None) != (choice.trial is None)
         self.choice, self._answers = choice, 0
 
-    def _is_news(self, now: Belief, braking_room: float) -> bool:
+    def _is_news(self, now: Basis, braking_room: float) -> bool:
         """Return whether a new search is required."""
-        then, choice = self.belief, self.choice
+        then, choice = self.basis, self.choice
         if then is None or choice is None:
             return True
         if choice.trial is not None and braking_room < 0.0:
@@ -327,7 +327,7 @@ class PlanSelector:
         choice.tally = choice.tally.faded(fade) + new
         lost = LOST * (1 + self._changes)
         if braking_room > 0.0 and not good(choice.tally, task.ahead, task.required - lost):
-            self.belief = None
+            self.basis = None
 
 
 def failures_at(face: Face, situation: Situation) -> Sequence[Failure]:

@@ -234,11 +234,11 @@ class RolloutPlanner:
             return self._lines.stand(
                 refuse(choice, ahead, motion, room, self._tuning), face.position, situation,
                 ahead.slope)
-        begun = selector.choice is not None and selector.choice.trial is not None
+        started = selector.choice is not None and selector.choice.trial is not None
         # A plan in execution is aborted only if the ball certainly stops before the face.
         sure = ahead.touch - motion.position - self._lines.braking.distance(
             motion.speed, ahead.slope - 2.0 * ahead.slope_sd, emergency=True)
-        selector.update(ahead, situation, min(room, sure) if begun else room)
+        selector.update(ahead, situation, min(room, sure) if started else room)
         choice = selector.choice or Choice(None, Reason.NOT_LIKELY)
         if choice.trial is None:
             # There is time to look closer, and no need to say no yet.
@@ -262,7 +262,7 @@ class RolloutPlanner:
 
     def _climbed(self, motion: Motion) -> float:
         """Return what the ball has climbed just before, of faces that it left behind [m]."""
-        face = self._selector.belief.face if self._selector.belief is not None else None
+        face = self._selector.basis.face if self._selector.basis is not None else None
         if face is not None and face.position < motion.position and face not in self._passed:
             self._passed.append(face)
         self._passed = [one for one in self._passed
@@ -271,13 +271,13 @@ class RolloutPlanner:
 
     def _push(self, situation: Situation, previous: Optional[Decision]) -> Optional[Decision]:
         """Return the decision of a ball on the step: on, unless it lasts too long."""
-        motion, belief = situation.motion, self._selector.belief
+        motion, basis = situation.motion, self._selector.basis
         if previous is None or previous.kind is not Kind.CROSS or previous.plan is None \
-                or belief is None or not motion.position < previous.plan.edge:
+                or basis is None or not motion.position < previous.plan.edge:
             return None
         faces = situation.profile.faces if situation.profile is not None else ()
         own = [face for face in faces if face.number == previous.step]
-        face = own[0] if own else belief.face
+        face = own[0] if own else basis.face
         touch = face.position - touch_distance_on(0.0, self._robot.ball_radius, face.height)
         if previous.contact_since is None and motion.position < touch - CONTACT:
             return None

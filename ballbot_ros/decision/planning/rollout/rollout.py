@@ -103,7 +103,7 @@ RETREAT = 0.004  # a ball this far before where it touched has rolled back [m]
 LONGEST = 15.0  # maximum duration of an approach [s]
 RISING = 2.5  # maximum time until the ball rolls forward [s]
 SLOW = 0.02  # maximum speed of a standing ball [m/s]
-PATIENCE = 3.0  # maximum duration of a contact [s]
+LONGEST_CONTACT = 3.0  # maximum duration of a contact [s]
 IDLE = 0.6  # maximum time without progress in contact [s]
 LATE = 0.02  # delay of the stop after the edge [s]
 GAP = 0.04  # clearance between the standing ball and the next obstacle [m]
@@ -234,7 +234,7 @@ def climb(memory: SpeedState, plan: Array, draw: Array, robot: Parameters, drive
         foremost = push(state, torque, PERIOD, robot, ground, scratch.contacts, scratch.rates)
         time += PERIOD
         if touch_x == math.inf and foremost >= foot:
-            touch_x, until = state[X], time + PATIENCE
+            touch_x, until = state[X], time + LONGEST_CONTACT
             result[TOUCH_SPEED], result[TOUCH_ANGLE] = state[VELOCITY_X], state[PENDULUM_ANGLE]
         if state[X] - LATE * state[VELOCITY_X] > over_x and state[Y] > over_y:
             if math.isnan(result[REST]):

@@ -109,7 +109,7 @@ class Worlds:
         self.law = law[:]
         self.attempts = 0
 
-    def believe(self, particles: Particles) -> None:
+    def set_particles(self, particles: Particles) -> None:
         """Use the robots of these particles."""
         if particles is self._particles:
             return

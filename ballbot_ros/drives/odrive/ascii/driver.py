@@ -57,7 +57,7 @@ class ODrive(Driver):
         self._properties = Properties(self.options.reply_timeout)
         self._texts: deque[str] = deque(maxlen=8)  # neither feedback nor an answer
         self._then: Optional[str] = None  # property to request after the position
-        self._period_began = -math.inf
+        self._period_start = -math.inf
 
     @property
     def _generation(self) -> Generation:
@@ -65,9 +65,9 @@ class ODrive(Driver):
 
     # What waits
 
-    def identify(self, patience: float = 0.5) -> Identity:
+    def identify(self, timeout: float = 0.5) -> Identity:
         """Do the handshake; see `Driver`."""
-        deadline = self.clock() + patience
+        deadline = self.clock() + timeout
         self._synchronise(deadline)
         version = tuple(self._read(name, deadline) for name in VERSION)
         self._status = DriveStatus(generation_of(
@@ -77,7 +77,7 @@ class ODrive(Driver):
         return Identity(self.protocol, hardware, in_words(version),
                         self._serial_number(deadline), self._generation.name)
 
-    def _know_firmware(self, deadline: float) -> None:
+    def _identify_firmware(self, deadline: float) -> None:
         if not self._identified:
             self.identify(deadline - self.clock())
 
@@ -92,16 +92,16 @@ class ODrive(Driver):
         return next((text.partition(': ')[2] for text in self._texts
                      if text.startswith('Serial number: ')), '')
 
-    def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
+    def read_settings(self, timeout: float = 0.5) -> tuple[Setting, ...]:
         """Read back and check the settings; see `Driver`."""
-        deadline = self.clock() + patience
-        self._know_firmware(deadline)
+        deadline = self.clock() + timeout
+        self._identify_firmware(deadline)
         settings = judge(
             self._generation, lambda name: self._read(name, deadline), self.options)
         return tuple(item._replace(remedy=self._path(item.remedy)) for item in settings)
 
     def _arm(self, deadline: float) -> None:
-        self._know_firmware(deadline)
+        self._identify_firmware(deadline)
         # A latched error prevents arming; a present one returns immediately.
         self._send(self._torque_message(0.0) + codec.CLEAR_ERRORS)
         self._status.forget_errors()
@@ -140,10 +140,10 @@ class ODrive(Driver):
         return self._status.faults({name: self._read(name, self._soon(deadline))
                                     for name in self._generation.inquest}, ours)
 
-    def clear_faults(self, patience: float = 0.5) -> tuple[str, ...]:
+    def clear_faults(self, timeout: float = 0.5) -> tuple[str, ...]:
         """Clear the errors and return those present again; see `Driver`."""
-        deadline = self.clock() + patience
-        self._know_firmware(deadline)
+        deadline = self.clock() + timeout
+        self._identify_firmware(deadline)
         if self._armed or self._read(STATE, deadline) != IDLE:
             raise DriveError('not_clearable', (
                 f'{self.line.port}: the motor is under power; take it off first'))
@@ -175,13 +175,13 @@ class ODrive(Driver):
         return codec.torque(self.options.axis, torque)
 
     def _requests(self) -> bytes:
-        now, properties, began = self.clock(), self._properties, self._period_began
-        self._period_began = now
+        now, properties, start = self.clock(), self._properties, self._period_start
+        self._period_start = now
         marker = b'' if properties.in_sync else self._property_request(STATE)
         if marker:
             return marker  # which is long, and stands alone
         if self._generation.one_reply_at_a_time and properties.asked \
-                and properties.asked_at >= began:
+                and properties.asked_at >= start:
             return b''  # its answer is on its way, and would cost that to another request
         self._pending.add(codec.Feedback)
         request = codec.feedback(self.options.axis)

@@ -174,8 +174,8 @@ class AxisCondition:
     @property
     def reason(self) -> str:
         """Return why a state was not reached, as far as the heartbeat reports it."""
-        told = self.generation is not None and self.generation is not OLD
-        return ', '.join(RESULT_6.names_of(self._result) if told else ()) or 'no reason'
+        reported = self.generation is not None and self.generation is not OLD
+        return ', '.join(RESULT_6.names_of(self._result) if reported else ()) or 'no reason'
 
     def take_beat(self, content: Heartbeat, now: float) -> None:
         """Take a heartbeat."""
@@ -214,16 +214,16 @@ class ODriveCan(Driver):
         self._version: tuple[int, ...] = ()
         self._replies: dict[int, bytes] = {}  # command -> its last reply
         # The drive has executed what was sent before: as of now, and as of the latest heartbeat.
-        self._obeyed_until = self._told_until = -math.inf
+        self._obeyed_until = self._reported_until = -math.inf
         self._torque, self._torque_at = 0.0, -math.inf
         self._status_at, self._turn = -math.inf, 0
-        self._heard: set[int] = set()  # nodes whose heartbeat came
+        self._nodes_seen: set[int] = set()  # nodes whose heartbeat came
 
     # What waits
 
-    def identify(self, patience: float = 0.5) -> Identity:
+    def identify(self, timeout: float = 0.5) -> Identity:
         """Do the handshake; see `Driver`."""
-        deadline = self.clock() + patience
+        deadline = self.clock() + timeout
         self._see_obeyed(deadline)
         timeout = self.options.reply_timeout
         version = self._ask(codec.VERSION, min(deadline, self.clock() + 2.0 * timeout))
@@ -243,13 +243,13 @@ class ODriveCan(Driver):
         assert self._condition.generation is not None
         return self._condition.generation
 
-    def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
+    def read_settings(self, timeout: float = 0.5) -> tuple[Setting, ...]:
         """
         Read back the settings of a 0.6, test the watchdog of a 0.5, and check; see `Driver`.
 
-        The test takes the watchdog time, in addition to `patience`.
+        The test takes the watchdog time, in addition to `timeout`.
         """
-        deadline, unknown = self.clock() + patience, []
+        deadline, unknown = self.clock() + timeout, []
         generation, options = self._known(deadline), self.options
         self._see_obeyed(deadline, 'requests')
         endpoints = load_endpoints(options.endpoints, self._version) \
@@ -315,7 +315,7 @@ class ODriveCan(Driver):
                    + codec.set_state(node, CLOSED_LOOP_CONTROL) + self._ask_position())
         while True:
             condition.beats.clear()  # earlier states are stale
-            obeyed = self._until(lambda: bool(condition.beats) and self._told_until >= begin,
+            obeyed = self._until(lambda: bool(condition.beats) and self._reported_until >= begin,
                                  min(deadline, self.clock() + AGAIN))
             names = condition.faults(ours=True)
             if obeyed and condition.armed and not names:
@@ -327,12 +327,12 @@ class ODriveCan(Driver):
                     'odrivetool shows more with dump_errors(odrv0)'))
             self._send(self._torque_message(0.0) + self._ask_position())
 
-    def clear_faults(self, patience: float = 0.5) -> tuple[str, ...]:
+    def clear_faults(self, timeout: float = 0.5) -> tuple[str, ...]:
         """Clear latched faults, without power; see `Driver`."""
         if self._armed or self.telemetry.armed:
             raise DriveError('not_clearable', (
                 f'{self.line.port}: the motor is under power; stop it first'))
-        deadline = self.clock() + patience
+        deadline = self.clock() + timeout
         self._known(deadline)
         self._clear_errors(deadline)
         self._condition.beats.clear()
@@ -405,7 +405,7 @@ class ODriveCan(Driver):
     def _handshake_error(self, before: Counter[str]) -> DriveError:
         if self.counts['skipped'] > before['skipped']:
             return super()._handshake_error(before)
-        node, others = self.options.node_id, ', '.join(map(str, sorted(self._heard)))
+        node, others = self.options.node_id, ', '.join(map(str, sorted(self._nodes_seen)))
         return DriveError('silent', (
             f'{self.line.port}: no ODrive with node_id {node} answers'
             + (f', though heartbeats come of node {others}: set node_id, or check the wiring'
@@ -418,7 +418,7 @@ class ODriveCan(Driver):
         frame: CanFrame = reply
         node, command = divmod(frame.identifier, 1 << codec.COMMAND_BITS)
         if command == codec.HEARTBEAT and not frame.extended:
-            self._heard.add(node)
+            self._nodes_seen.add(node)
         if frame.extended or node != self.options.node_id:
             return
         if frame.remote or command in codec.COMMANDS:
@@ -450,9 +450,9 @@ class ODriveCan(Driver):
         if content is None:
             return
         self._condition.take_beat(content, now)
-        self._told_until = self._obeyed_until
+        self._reported_until = self._obeyed_until
         if self._condition.idle:
-            self._off_asked_at = self._told_until
+            self._off_asked_at = self._reported_until
         self.telemetry = self.telemetry._replace(
             status_time=now, armed=self._condition.armed,
             faults=self._condition.faults(self._armed))

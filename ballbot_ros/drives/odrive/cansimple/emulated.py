@@ -100,7 +100,7 @@ class ODriveCanDevice(BoardDevice):
         elif command == REBOOT:
             self.reboot(now)
         elif frame.remote or not data and not self.has('0.5.4'):
-            return self._tell(command)
+            return self._reply(command)
         elif command == codec.SET_AXIS_STATE and length >= 4:
             here['axis0.requested_state'] = int.from_bytes(data[:4], 'little')
         elif command == codec.SET_CONTROLLER_MODE and length >= 8:
@@ -109,10 +109,10 @@ class ODriveCanDevice(BoardDevice):
             value, = struct.unpack_from('<f', data)
             self.board.input_torque = 0.0 if math.isnan(value) else value
         elif command == codec.RX_SDO and not self._old and length >= 4:
-            return self._tell_endpoint(*struct.unpack_from('<BH', data))
+            return self._endpoint_reply(*struct.unpack_from('<BH', data))
         return b''
 
-    def _tell(self, command: int) -> bytes:
+    def _reply(self, command: int) -> bytes:
         """Return the record of the reply to a command."""
         sensed = self.sensed
         numbers = {
@@ -142,7 +142,7 @@ class ODriveCanDevice(BoardDevice):
                                int(here.get('axis0.disarm_reason', 0)))
         return b''
 
-    def _tell_endpoint(self, operation: int, number: int) -> bytes:
+    def _endpoint_reply(self, operation: int, number: int) -> bytes:
         found = [value for each, value in self._numbered().values() if each == number]
         if operation != codec.READ or not found:
             return b''

@@ -22,7 +22,7 @@ SET_CURRENT, FILL_RX_BUFFER, FILL_RX_BUFFER_LONG = 1, 5, 6
 PROCESS_RX_BUFFER, PROCESS_SHORT_BUFFER, PING, PONG = 7, 8, 17, 18
 STATUS = (9, 14, 15, 16, 27, 58)  # status that each VESC broadcasts under its own id
 ANSWER_ME, ANSWER = 0, 1  # purposes of a message
-EVERYBODY = 255
+BROADCAST_ID = 255
 
 SHORT, PIECE, LONG_PIECE = 6, 7, 6
 FIRST_LONG = 259  # offsets above 255 do not fit one byte: seven times 37
@@ -109,14 +109,14 @@ class PayloadParser:
     counts : Counter
         ``refused`` messages, ``skipped`` bytes that belong to no frame, ``of_others`` frames to
         `sender` from other nodes.
-    heard : set of int
+    nodes_seen : set of int
         Ids of all nodes that sent their status.
 
     """
 
     def __init__(self, own: int = HOST_ID, sender: int = DRIVE_ID):
         self.counts = Counter(refused=0, skipped=0, of_others=0)
-        self.heard: set[int] = set()
+        self.nodes_seen: set[int] = set()
         self._own, self._sender = own, sender
         self._records, self._assembly = RecordParser(), Assembly()
 
@@ -128,7 +128,7 @@ class PayloadParser:
             if not frame.extended or frame.remote:
                 continue
             if kind in STATUS:
-                self.heard.add(to)
+                self.nodes_seen.add(to)
             elif to == self._sender:
                 self.counts['of_others'] += 1
             elif to == self._own:

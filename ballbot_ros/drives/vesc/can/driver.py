@@ -35,9 +35,9 @@ class VescCan(Vesc):
         self._messages = serial.FrameParser()
         self._parser = codec.PayloadParser(self.options.host_id, self.options.can_id)
 
-    def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
+    def read_settings(self, timeout: float = 0.5) -> tuple[Setting, ...]:
         """Read back and check the settings, and that there is no other sender; see `Driver`."""
-        settings = super().read_settings(patience)
+        settings = super().read_settings(timeout)
         return (*settings, judge_others(self.counts['of_others']))
 
     def budget(self) -> WireBudget:
@@ -68,9 +68,9 @@ class VescCan(Vesc):
         if self.counts['skipped'] > before['skipped']:
             return super()._handshake_error(before)
         assert isinstance(self._parser, codec.PayloadParser)
-        heard = ', '.join(map(str, sorted(self._parser.heard)))
+        nodes_seen = ', '.join(map(str, sorted(self._parser.nodes_seen)))
         return DriveError('silent', (
             f'{self.line.port}: no VESC with id {self.options.can_id} answers '
-            + (f'(those that send their status have {heard}: set can_id)' if heard else
+            + (f'(those that send their status have {nodes_seen}: set can_id)' if nodes_seen else
                '; is it powered, is the id that of VESC Tool, App Settings, General: VESC ID, is '
                'its CAN Mode VESC, and the bit rate the same?')))

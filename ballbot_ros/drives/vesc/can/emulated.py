@@ -24,7 +24,7 @@ class VescCanDevice(VescDevice):
     def _take(self, frame: CanFrame, now: float) -> bytes:
         """Obey a frame and return the records of the answer; see `decode_msg`."""
         kind, to = frame.identifier >> 8, frame.identifier & 0xFF
-        if not frame.extended or to not in (codec.DRIVE_ID, codec.EVERYBODY):
+        if not frame.extended or to not in (codec.DRIVE_ID, codec.BROADCAST_ID):
             return b''
         data = frame.data
         if kind == codec.SET_CURRENT and len(data) >= 4:

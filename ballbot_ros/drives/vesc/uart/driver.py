@@ -44,10 +44,10 @@ class Vesc(Driver):
 
     # What waits
 
-    def identify(self, patience: float = 0.5) -> Identity:
+    def identify(self, timeout: float = 0.5) -> Identity:
         """Do the handshake; see `Driver`."""
         firmware = codec.parse_firmware(self._ask(
-            codec.FW_VERSION, self.clock() + patience, handshake=True))
+            codec.FW_VERSION, self.clock() + timeout, handshake=True))
         if firmware is None:
             raise DriveError('firmware', (
                 f'{self.line.port}: a VESC answers that does not report its firmware'))
@@ -61,11 +61,11 @@ class Vesc(Driver):
         return Identity(self.protocol, firmware.hardware, f'{version[0]}.{version[1]:02}'
                         + (f' test {test}' if test else ''), firmware.serial_number)
 
-    def read_settings(self, patience: float = 0.5) -> tuple[Setting, ...]:
+    def read_settings(self, timeout: float = 0.5) -> tuple[Setting, ...]:
         """Read back and check the settings; see `Driver`."""
-        deadline = self.clock() + patience
+        deadline = self.clock() + timeout
         if self._version is None:
-            self.identify(patience)
+            self.identify(timeout)
         assert self._version is not None
         application = settings.parse_application(
             self._ask(codec.GET_APPCONF, deadline), self._version)
@@ -97,15 +97,15 @@ class Vesc(Driver):
                     else 'does not report its state'))
             begin = self.clock()
 
-    def clear_faults(self, patience: float = 1.0) -> tuple[str, ...]:
+    def clear_faults(self, timeout: float = 1.0) -> tuple[str, ...]:
         """
         Wait until the VESC has cleared its faults, and refuse if it does not.
 
         There is no message that clears them: the VESC does so its fault stop time (by default half
         a second) after the cause has gone.
         """
-        deadline = self.clock() + patience
-        self.stop(patience)
+        deadline = self.clock() + timeout
+        self.stop(timeout)
         while True:
             begin = self.clock()
             self._send(self._requests())
@@ -170,8 +170,8 @@ class Vesc(Driver):
         if abs(values.current) <= NO_CURRENT * limit:
             self._off_asked_at = match.sent
         # Without commands a timeout is expected.
-        told = values.status if self._armed else values.status & ~codec.TIMED_OUT
-        faults = codec.fault_names(values.fault) + (bit_names(told, STATUS) if told else ())
+        status = values.status if self._armed else values.status & ~codec.TIMED_OUT
+        faults = codec.fault_names(values.fault) + (bit_names(status, STATUS) if status else ())
         self.telemetry = self.telemetry._replace(
             time=now, measured=match.measured, position=self._position(values),
             velocity=values.erpm / self.options.pole_pairs * math.tau / 60.0,

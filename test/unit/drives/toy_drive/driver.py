@@ -14,13 +14,13 @@ class Toy(Driver):
     def _begin(self):
         self._parser = codec.parser()
 
-    def identify(self, patience=0.5):
+    def identify(self, timeout=0.5):
         """Return what it always is."""
         self._ask_until(lambda: self.counts['replies'] > 0, self._requests,
-                        self.clock() + patience)
+                        self.clock() + timeout)
         return Identity('toy', 'none', '1')
 
-    def read_settings(self, patience=0.5):
+    def read_settings(self, timeout=0.5):
         """Return none."""
         return ()
 
