@@ -16,7 +16,7 @@ VERSION = MANIFEST.findtext('version')
 MAINTAINER = MANIFEST.find('maintainer')
 
 # The only table of executables. Each lands in lib/ballbot_ros, for `ros2 run`; those in ON_PATH
-# land in bin as well, and so become plain commands. pip knows bin only, and installs no others: a
+# land in bin as well, and so become plain commands. pip supports bin only, installs no others: a
 # node may lack rclpy there, and has too common a name; `ballbot run bridge` starts it.
 EXECUTABLES = {
     'ballbot': 'ballbot_ros.cli:main',
@@ -77,7 +77,7 @@ def messages():
         return []
     build = build_directory() / 'messages'
     source, stage = build / 'source', build / 'stage'
-    # Afresh, so that a deleted message disappears; copies keep their times, so make stays quick.
+    # Copied from nothing, so that a deleted message disappears; copies keep their times for make.
     for folder in (source, stage):
         shutil.rmtree(folder, ignore_errors=True)
     for folder in ('msg', 'srv', 'action'):

@@ -274,12 +274,12 @@ def test_the_deviation_is_that_of_least_squares():
 
 def test_a_pendulum_that_moves_a_little_more_than_friction_allows_is_measured():
     assert fit([0.1, 0.2, -0.2], [0.0, 0.021 / 1.24, -0.021 / 1.24], 1.24)[0] > 0.0
-    with pytest.raises(RefusedError, match='hardly moved'):
+    with pytest.raises(RefusedError, match='barely moved'):
         fit([0.1, 0.2, -0.2], [0.0, 0.019 / 1.24, -0.019 / 1.24], 1.24)
 
 
 def test_a_pendulum_that_friction_holds_is_refused():
-    with pytest.raises(RefusedError, match='hardly moved'):
+    with pytest.raises(RefusedError, match='barely moved'):
         fit([0.1, 0.2, -0.2], [0.0, 1e-3, 0.0], 1.24)
 
 

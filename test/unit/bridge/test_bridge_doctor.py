@@ -49,7 +49,7 @@ def test_a_drive_that_is_well_set_is_all_right(vesc):
 
 
 def test_bad_port_busy_port_wrong_protocol_and_wrong_baud_are_told_apart(vesc, monkeypatch):
-    monkeypatch.setattr(doctor, 'PATIENCE', 0.1)
+    monkeypatch.setattr(doctor, 'REPLY_TIMEOUT', 0.1)
     told = [only_wrong(look_at_drive(hardware(port='/dev/ttyNOWHERE')))]
     told.append(only_wrong(look_at_drive(hardware(port=vesc.path, baud=460800))))
     told.append(only_wrong(look_at_drive(

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from ballbot_ros.bridge.drive_line import (
-    connector, DriveLine, HANDSHAKE, handshake, MOST_PATIENCE, RETRY)
+    connector, DriveLine, HANDSHAKE, handshake, LONGEST_HANDSHAKE, RETRY)
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.drives.capture import read_capture
 from ballbot_ros.drives.contract import Identity, Setting
@@ -122,7 +122,7 @@ def test_patience_grows_with_each_failure_up_to_a_second_and_shrinks_once_it_is_
     for _ in range(6):
         assert not bench.look()
     assert bench.found[0].timeout == [0.25, 0.5, 0.75, 1.0, 1.0, 1.0]
-    assert (HANDSHAKE, MOST_PATIENCE) == (0.25, 1.0)
+    assert (HANDSHAKE, LONGEST_HANDSHAKE) == (0.25, 1.0)
     assert bench.look() and bench.found[-1].timeout == [1.0]
     bench.line.lose(SILENT)
     bench.look()

@@ -3,7 +3,7 @@
 import pytest
 from virtual_robot import STEP, VirtualRobot
 
-from ballbot_ros.bridge.imu_watch import AHEAD, ImuWatch, PATIENCE, STEADY
+from ballbot_ros.bridge.imu_watch import AHEAD, ImuWatch, MISSING_TIMEOUT, STEADY
 from ballbot_ros.errors import MessageError, RefusedError
 from ballbot_ros.estimation import ImuReading
 from ballbot_ros.estimation.fusion import IMU_TIMEOUT
@@ -45,31 +45,31 @@ def test_stamps_that_cannot_be_of_now_are_refused(ahead, refused):
 def test_a_reading_counts_from_when_it_came_or_from_its_stamp_where_that_is_earlier(ahead):
     watch = ImuWatch()
     assert not watch.has(0.0)
-    watch.heard(1.0 + ahead, 1.0)
+    watch.reading_received(1.0 + ahead, 1.0)
     assert watch.has(1.0 + 0.99 * IMU_TIMEOUT) and not watch.has(1.0 + 1.01 * IMU_TIMEOUT)
-    watch.heard(1.97, 2.0)
+    watch.reading_received(1.97, 2.0)
     assert watch.has(2.019) and not watch.has(2.021)
 
 
 def test_it_is_silent_once_it_is_missing_for_longer_than_a_hold_up_and_until_it_is_steady():
     watch = ImuWatch()
-    watch.heard(1.0, 1.0)
+    watch.reading_received(1.0, 1.0)
     assert not watch.look(1.0, True) and watch.usable(1.0)
     missing = 1.0 + IMU_TIMEOUT + 0.001
     assert not watch.look(missing, True) and not watch.usable(missing)
-    assert not watch.look(missing + 0.9 * PATIENCE, False)
-    assert watch.look(missing + 1.1 * PATIENCE, False)  # it pulled when the IMU was last there
+    assert not watch.look(missing + 0.9 * MISSING_TIMEOUT, False)
+    assert watch.look(missing + 1.1 * MISSING_TIMEOUT, False)
     assert not watch.look(missing + 2.0, False) and watch.silent and watch.silences == 1
     now = begin = missing + 3.0
     while now < begin + 0.95 * STEADY:
-        watch.heard(now, now)
+        watch.reading_received(now, now)
         watch.look(now, False)
         assert not watch.usable(now)
         now += 0.01
     watch.look(now + 2.0 * IMU_TIMEOUT, False)
     begin = now = now + 2.0 * IMU_TIMEOUT  # a gap, and it counts anew
     while now < begin + 1.05 * STEADY:
-        watch.heard(now, now)
+        watch.reading_received(now, now)
         watch.look(now, False)
         assert watch.usable(now) is (now >= begin + STEADY)
         now += 0.01
@@ -77,10 +77,10 @@ def test_it_is_silent_once_it_is_missing_for_longer_than_a_hold_up_and_until_it_
 
 def test_what_came_while_the_process_was_held_up_is_no_silence():
     watch = ImuWatch()
-    watch.heard(1.0, 1.0)
+    watch.reading_received(1.0, 1.0)
     watch.look(1.0, True)
     watch.look(1.2, True)  # the loop is first
-    watch.heard(1.199, 1.2005)
+    watch.reading_received(1.199, 1.2005)
     assert not watch.look(1.202, False) and watch.usable(1.202) and watch.silences == 0
 
 

@@ -247,7 +247,7 @@ def test_messages_of_other_drives_and_to_others_are_not_taken_for_answers():
         raw = vesc_can.records(bytes(20), to, sender, vesc_can.ANSWER)
         assert len(parser.feed(raw)) == found
     parser.feed(record(vesc_can.packet(vesc_can.STATUS[0], 23, bytes(8))))
-    assert parser.heard == {23}
+    assert parser.nodes_seen == {23}
 
 
 def test_the_frames_of_a_message_are_those_that_the_firmware_makes():

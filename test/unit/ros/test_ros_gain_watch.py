@@ -28,26 +28,26 @@ def event(node, **changed):
 
 def test_other_gains_of_the_one_that_drives_are_said_with_what_to_do(decision, capfd):
     watch = GainWatch(decision, 'set_point')
-    watch.hear(event('/controller', gains__position_kp=30.0))
+    watch.on_event(event('/controller', gains__position_kp=30.0))
     said = capfd.readouterr().err
     assert '/controller drives with other gains now (gains.position_kp 30.0)' in said
     assert "control_tuning 'published'" in said
-    watch.hear(event('/controller', tuning='gentle', gains__position_kp=6.0))
+    watch.on_event(event('/controller', tuning='gentle', gains__position_kp=6.0))
     assert '(tuning gentle)' in capfd.readouterr().err
 
 
 def test_gains_of_others_other_parameters_and_the_same_tuning_are_nothing_to_say(
         decision, capfd):
     watch = GainWatch(decision, 'set_point')
-    watch.hear(event('/left/controller', gains__position_kp=30.0))
-    watch.hear(event('/controller', state_timeout=0.2))
-    watch.hear(event('/controller', tuning='published', gains__position_kp=40.0))
+    watch.on_event(event('/left/controller', gains__position_kp=30.0))
+    watch.on_event(event('/controller', state_timeout=0.2))
+    watch.on_event(event('/controller', tuning='published', gains__position_kp=40.0))
     assert 'other gains' not in capfd.readouterr().err
 
 
 def test_it_hears_what_a_node_changes(decision, make_node, context, monkeypatch):
     heard = []
-    monkeypatch.setattr(GainWatch, 'hear', lambda _, message: heard.append(message))
+    monkeypatch.setattr(GainWatch, 'on_event', lambda _, message: heard.append(message))
     GainWatch(decision, 'set_point')
     other = make_node(Node, 'other')
     other.declare_parameter('gains.position_kp', 40.0)
