@@ -26,8 +26,6 @@ from ballbot_ros.results.faces import LEAST_HEIGHT, LEAST_SLOPE, SHORT
 
 ROBOT, CURVE, TUNING = 'gimball', 'gimball_down', 'published'
 CONTROL_RATE = 500.0  # [Hz]
-# The simulator sees the ground ahead as a depth camera does, not only the next step.
-CAMERA = {'observation_rate': 0.0, 'terrain_rate': 50.0}
 LONGEST = 30.0  # simulated time after which the robot has had its chance [s]
 
 TOPICS = ('joint_states', 'joint_commands', 'set_point', 'odom', 'terrain_observation',
@@ -82,7 +80,7 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
         0 if the robot acted as expected in every act, 1 if not.
 
     """
-    lockstep_period = 0.0 if real_time else 1.0 / CAMERA['terrain_rate']
+    lockstep_period = 0.0 if real_time else 1.0 / STATES['terrain_observation']
     how = 'in real time' if real_time else (
         f'in lockstep, {"at most in real time" if watched else "as fast as it goes"}')
     prepare(('simulator', 'controller', 'decision'))  # before anything is waited for
@@ -92,7 +90,7 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
     def play(act: Act, folder: Path, timeline: Timeline) -> List[str]:
         simulator = {
             'scene': act.scene, 'robot': act.robot, 'control_rate': CONTROL_RATE,
-            'lockstep': not real_time, **CAMERA,
+            'lockstep': not real_time,
             'real_time_factor': 1.0 if real_time or watched else 0.0, 'start_paused': True}
         decision = {'robot': act.robot, 'curve': act.curve, 'control_tuning': act.tuning,
                     'planner': act.planner}
@@ -119,7 +117,7 @@ def check_bag(graph: RecordedGraph, real_time: bool, quiet: bool) -> List[str]:
         return []
     # What answers the last state was perhaps still to come.
     last = states[-1].header.stamp
-    end = last.sec * 10**9 + last.nanosec - round(1e9 / CAMERA['terrain_rate'])
+    end = last.sec * 10**9 + last.nanosec - round(1e9 / STATES['terrain_observation'])
     rates = STATES if real_time else {**STATES, **ANSWERS}
     wrong, count = verdict(graph.bag.folder, graph.bag.recorded, rates, end)
     if not wrong and not quiet:

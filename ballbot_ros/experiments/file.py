@@ -111,8 +111,9 @@ def _nodes(plan: Experiment, path: Path, beside: Path
         nodes[name] = entries
     simulator = nodes['simulator']
     simulator.setdefault('control_rate', SimulatorSettings.control_rate)
-    simulator.setdefault('terrain_rate', 0.0)
-    simulator.setdefault('observation_rate', 0.0 if simulator['terrain_rate'] else 50.0)
+    simulator.setdefault('observation_rate', SimulatorSettings.observation_rate)
+    simulator.setdefault(
+        'terrain_rate', 0.0 if simulator['observation_rate'] else SimulatorSettings.terrain_rate)
     rates = [simulator[name] for name in ('terrain_rate', 'observation_rate') if simulator[name]]
     if 'obstacle_decision' not in nodes:
         return nodes, 0.0

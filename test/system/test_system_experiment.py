@@ -27,5 +27,5 @@ def test_a_folder_of_an_experiment_gives_the_same_numbers_again(tmp_path):
     # To the last state, and what answers it.
     assert told['messages'] == {
         '/ball_state': 11, '/joint_commands': 51, '/joint_states': 51, '/odom': 11,
-        '/step_observation': 6}
+        '/terrain_observation': 6}
     assert 'same numbers: yes' in run(tmp_path / 'out')

@@ -5,7 +5,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from ballbot_ros.msg import BallState, StepDecision, StepObservation
+from ballbot_ros.msg import BallState, StepDecision, TerrainObservation
 from ballbot_ros.ros import qos
 
 BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -15,7 +15,7 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 def test_subscribers_that_ask_for_less_receive_and_mismatches_are_logged_by_name(graph):
     received = {topic: graph.subscribe(topic, kind, BEST_EFFORT) for topic, kind in (
         ('joint_states', JointState), ('ball_state', BallState),
-        ('step_observation', StepObservation), ('/clock', Clock))}
+        ('terrain_observation', TerrainObservation), ('/clock', Clock))}
     graph.node.create_publisher(JointState, 'joint_commands', BEST_EFFORT)
     graph.subscribe('odom', Odometry, LATCHED)
     graph.start('simulator', scene='flat')

@@ -41,6 +41,9 @@ SMALLEST_DROP = 0.005
 # The centre stays this far before what it must not reach [m].
 KEPT_OFF = 0.03
 
+# A drop this close behind a face is the far edge of a sill: a stop takes more [m].
+SILL_LENGTH = 0.65
+
 # Less than this of the ground behind an edge is none that is seen [m].
 GLIMPSE = 0.1
 
@@ -105,7 +108,7 @@ def beyond(profile: Profile, face: Face, radius: float, passable: float,
         else:
             level += other.height
             # A drop directly behind, as at a sill: cross both as one obstacle.
-            if other.height < -SMALLEST_DROP and other.position - edge < tuning.unseen_room:
+            if other.height < -SMALLEST_DROP and other.position - edge < SILL_LENGTH:
                 edge = other.position + touch_distance(radius, -other.height)
                 end = known if known >= edge + GLIMPSE else edge + tuning.unseen_room
             continue

@@ -70,7 +70,9 @@ class SimulatorSettings(Settings):
         'ahead of it', 0.0, minimum=0.0))
     odom_rate: float = live(rate_of('odom', 100.0))
     ball_state_rate: float = live(rate_of('ball_state', 100.0))
-    observation_rate: float = live(rate_of('step_observation; 0 for none', 50.0, minimum=0.0))
+    observation_rate: float = live(rate_of(
+        'step_observation, of a sensor that sees the next step and no floor behind it; 0 for none',
+        0.0, minimum=0.0))
     observation_reach: float = live(quantity(
         'm', 'how far ahead the step sensor sees', default=3.0, above=0.0, maximum=1000.0))
     observation_distance_sd: float = live(quantity(
@@ -78,7 +80,7 @@ class SimulatorSettings(Settings):
         maximum=10.0))
     observation_height_sd: float = live(quantity(
         'm', 'standard deviation of the observed height', default=0.0, minimum=0.0, maximum=1.0))
-    terrain_rate: float = live(rate_of('terrain_observation; 0 for none', 0.0, minimum=0.0))
+    terrain_rate: float = live(rate_of('terrain_observation; 0 for none', 50.0, minimum=0.0))
     terrain_reach: float = live(quantity(
         'm', 'how far ahead the terrain sensor sees', default=3.0, above=0.0, maximum=100.0))
     terrain_height_sd: float = live(quantity(

@@ -15,8 +15,8 @@ from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.plant import Plant
 
 GIMBALL = load_robot('gimball')
-KNOWN = Knowledge(GIMBALL, load_curve('gimball_down'), load_decision_tuning('decision_default'))
-TUNING = KNOWN.tuning
+TUNING = replace(load_decision_tuning('decision_default'), unseen_room=0.65)
+KNOWN = Knowledge(GIMBALL, load_curve('gimball_down'), TUNING)
 
 
 def sloped(height, at, slope):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A rollout does what the plant does: the promise of a plan is worth what this is."""
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -32,7 +33,7 @@ from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.plant.plant import Plant
 
 GIMBALL = load_robot('gimball')
-TUNING = load_decision_tuning('decision_default')
+TUNING = replace(load_decision_tuning('decision_default'), unseen_room=0.65)
 KNOWLEDGE = Knowledge(GIMBALL, load_curve('gimball_down'), TUNING)
 WORLDS = Worlds(KNOWLEDGE)
 RADIUS = GIMBALL.ball_radius

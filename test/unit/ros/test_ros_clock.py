@@ -10,7 +10,7 @@ from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from ballbot_ros.msg import BallState, StepObservation
+from ballbot_ros.msg import BallState, TerrainObservation
 from ballbot_ros.nodes.simulator.node import Simulator
 from ballbot_ros.nodes.simulator.outputs import CLOCK, LITTLE_ENDIAN
 from ballbot_ros.nodes.simulator.scheduler import FollowedClock, LAG_MAX
@@ -22,7 +22,7 @@ from ballbot_ros.ros.endpoints import mismatches
 from ballbot_ros.ros.rclpy_compat import new_executor
 
 TOPICS = (('joint_states', JointState), ('odom', Odometry), ('ball_state', BallState),
-          ('step_observation', StepObservation))
+          ('terrain_observation', TerrainObservation))
 
 
 @pytest.fixture

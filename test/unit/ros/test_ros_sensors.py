@@ -8,7 +8,7 @@ from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 
 
 @pytest.mark.parametrize('given, named', [
-    ({'terrain_rate': 50.0}, 'terrain_rate'), ({'sensor_latency': 0.1}, 'sensor_latency'),
+    ({'observation_rate': 50.0}, 'terrain_rate'), ({'sensor_latency': 0.1}, 'sensor_latency'),
     ({'sensor_dropout': 0.1}, 'sensor_dropout')])
 def test_in_lockstep_an_observation_comes_once_at_once_and_always(given, named):
     with pytest.raises(ConfigurationError, match=f'{named} must'):
@@ -17,4 +17,4 @@ def test_in_lockstep_an_observation_comes_once_at_once_and_always(given, named):
 
 def test_one_sensor_of_either_kind_goes_with_lockstep():
     check_lockstep(SimulatorSettings(lockstep=True))
-    check_lockstep(SimulatorSettings(lockstep=True, terrain_rate=50.0, observation_rate=0.0))
+    check_lockstep(SimulatorSettings(lockstep=True, terrain_rate=0.0, observation_rate=50.0))

@@ -106,8 +106,9 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
     said = (f'{what} at {face.position - motion.position:.2f} m: '
             f'{WHY.get(choice.reason, "no plan is good enough")}')
     if choice.reason is Reason.LANDING and not ahead.known:
-        said += (f'; it is not seen, and unseen_room grants {tuning.unseen_room:g} m: raise it if '
-                 'this site has more floor behind each edge')
+        said += (f'; the floor behind it is not seen, and unseen_room grants '
+                 f'{tuning.unseen_room:g} m: set unseen_room to the floor that this site has '
+                 'behind each edge, 0.65 m or more for a stop, or use a terrain sensor')
     if seen.attempts:
         said += (f'; at best over with {100 * seen.probability:.0f} %, '
                  f'{100 * tuning.required_probability:.0f} % are required')
