@@ -69,7 +69,7 @@ def test_a_sourced_ros_needs_the_python_that_imports_it(host, monkeypatch):
         host.choose_python('jazzy')
 
 
-def test_a_machine_without_wheels_is_told_to_source_ros(host, monkeypatch):
+def test_a_machine_without_wheels_gets_the_advice_to_source_ros(host, monkeypatch):
     monkeypatch.setattr(host.platform, 'machine', lambda: 'aarch64')
     with pytest.raises(host.Problem, match='aarch64.*(\n.*)*source'):
         host.choose_python('')

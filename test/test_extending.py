@@ -3,7 +3,7 @@
 A solver, a drive and a planner are each added as docs/architecture.md says, and then used.
 
 In a copy of the package: a file is copied and changed, a table gets a line.  Nothing else is
-touched, and what users see knows the new name.
+touched, and what users see contains the new name.
 """
 import json
 import os

@@ -23,12 +23,12 @@ def begin(*words, **options):
         **{'stderr': subprocess.PIPE, **options})
 
 
-def test_ctrl_c_keeps_what_was_done_and_is_told_by_the_exit_code(tmp_path):
+def test_ctrl_c_keeps_what_was_done_and_the_exit_code_reports_it(tmp_path):
     found = tmp_path / 'found.json'
     words = ['--class', 'slope', '--cases', str(ENOUGH), '--jobs', '1', '--json', str(found)]
     with begin(*words) as process:
         first = process.stderr.readline()
-        # As a terminal does: every process of the group hears it.
+        # As a terminal does: every process of the group receives it.
         os.killpg(process.pid, signal.SIGINT)
         out, err = process.communicate(timeout=60)
     assert re.fullmatch(rf'\d+ of {ENOUGH} cases, 0 wrong, \d+ s\n', first)

@@ -41,7 +41,7 @@ LAYERS['figures'] = (*RUNTIME, 'studies', 'results')
 LAYERS['paper'] = (*RUNTIME, 'studies', 'results', 'figures')
 LAYERS['ros'] = RUNTIME
 LAYERS['nodes'] = (*RUNTIME, 'ros')
-# The live page. Only its live source knows ROS, and that through the layer ros.
+# The live page. Only its live source uses ROS, and that through the layer ros.
 LAYERS['bags'] = (*RUNTIME, 'results', 'studies', 'ros')
 LAYERS['view'] = (*RUNTIME, 'results', 'studies', 'figures', 'bags', 'ros')
 LAYERS['experiments'] = (*LAYERS, 'demo')
@@ -114,7 +114,7 @@ def violations(module, text, is_package=False):
                 if other not in OFFERED:
                     found.append(f'{where}: the package itself offers {", ".join(OFFERED)}')
             elif other in LAYERS and other != layer and other not in LAYERS[layer]:
-                found.append(f'{where}: {layer} must not know {other}')
+                found.append(f'{where}: {layer} must not import {other}')
             elif upstairs(module, name):
                 found.append(f'{where}: up, not down the floors {", ".join(FLOORS)}')
     return found

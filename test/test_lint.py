@@ -125,7 +125,7 @@ def test_ament_xmllint_finds_nothing(capfd):
     assert code == 0, said
 
 
-# ament_copyright is not run: it wants the long header and does not know SPDX lines.
+# ament_copyright is not run: it requires the long header and rejects SPDX lines.
 
 
 def test_shell_scripts_parse():
@@ -138,7 +138,7 @@ def test_shell_scripts_parse():
 
 
 def test_nothing_names_a_package_host_or_a_home_folder():
-    # The pins must install from any mirror, and a path of one machine helps nobody else.
+    # The pins must install from any mirror, and a path of one machine is useless on another.
     pattern = re.compile(r'files\.pythonhosted\.org|--(?:extra-)?index-url|/home/\w|/root/\w')
     here = Path(__file__).name
     found = [f'{path.relative_to(ROOT)}:{number}'

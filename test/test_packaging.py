@@ -157,7 +157,7 @@ def sources(tmp_path_factory):
 
 
 def keep_the_messages_only(folder):
-    """Remove what was built in a workspace, but for the messages: these do not know the mode."""
+    """Remove what was built in a workspace, but for the messages: these do not depend on the mode."""
     messages = folder / 'build' / 'ballbot_ros' / 'build' / 'messages'
     if messages.exists():
         messages.rename(folder / 'messages')
@@ -216,7 +216,7 @@ def test_ballbot_is_a_plain_command_once_sourced(workspace):
 
 @pytest.mark.slow
 def test_each_node_starts_and_stops(workspace, tmp_path):
-    # All at once, each in its own domain. Interpreted, for the first compilation in a new
+    # All in parallel, each in its own domain. Interpreted, for the first compilation in a new
     # workspace takes half a minute and is not what is tested here.
     _, folder, environment = workspace
     started = {}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The live page in a real browser: it loads, moves and obeys, and asks nobody but its server."""
+"""The live page in a real browser: it loads, moves, obeys, and contacts only its own server."""
 from pathlib import Path
 import sys
 from urllib.parse import urlsplit
@@ -82,7 +82,7 @@ def slide(tab, label, key):
 
 
 def press(tab, label):
-    """Click at once: a busy machine draws too slowly for a button to be seen standing still."""
+    """Click immediately: a busy machine draws too slowly for a button to be seen standing still."""
     tab.get_by_role('button', name=label).dispatch_event('click')
 
 
@@ -122,5 +122,5 @@ def test_a_picture_can_be_taken_and_is_not_empty(tab, tmp_path):
 
 
 # The last one: it looks back on all of the above.
-def test_nothing_went_wrong_in_the_browser_and_nobody_else_was_asked(tab, complaints):
+def test_nothing_went_wrong_in_the_browser_and_no_other_server_was_asked(tab, complaints):
     assert not complaints

@@ -171,10 +171,10 @@ class VirtualRobot(MemoryLine):
         for number in range(round(seconds / STEP)):
             if set_point is not None and number % 10 == 0:
                 self.session.give(set_point)
-            begun = self.now
+            start = self.now
             report = self.session.tick() or report
             report = self.session.await_answer(STEP) or report
-            if self.now == begun:  # nothing was waited for
+            if self.now == start:  # nothing was waited for
                 self.pass_time(STEP)
         return report
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Highest steps of random robots on random ground, held against bracketing by whole runs.
+Highest steps of random robots on random ground, compared with bracketing by whole runs.
 
 The bracket is halved to 0.1 um.  Each of its heights is a whole run (`reference_search.crosses`),
 with a tolerance so fine that it no longer matters: rows are looked at, nothing ends early, no
@@ -66,7 +66,7 @@ def shares(seed, accuracies):
     """
     Return the error of each accuracy [m] that is asked for, over it; None where it is refused.
 
-    The error is that of the height, and beyond what is told it is also that of the answer.
+    Below the reported height the error is that of the height, above it that of the answer.
     """
     crossing = random_crossing(seed)
     robot, speed, actuation, site, rules = crossing

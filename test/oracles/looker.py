@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Somebody who looks at the live page without a browser: the first words of viser's client."""
+"""A viewer of the live page without a browser: the first messages of viser's client."""
 import msgspec.msgpack
 import viser
 from websockets.sync.client import connect

@@ -2,7 +2,7 @@
 """
 The highest step as the paper searches for it: ascending bracketing, with steps of one length.
 
-`crossing.max_step_height` has to give the same answers.  This one goes by whole runs and their
+`crossing.max_step_height` has to give the same answers.  This one uses whole runs and their
 rows, so that both share the rules of a crossing and its start, but neither solver nor search.
 """
 import math
@@ -15,7 +15,7 @@ from ballbot_ros.physics import Actuation, ContactOptions, Model, Solver, State
 from ballbot_ros.physics.simulation.run import run_once
 
 # A run that has not ended by then is made again, longer, up to the time limit [s].
-PATIENCE = (0.5, 1.5)
+FIRST_LIMITS = (0.5, 1.5)
 
 
 def crosses(robot, speed, height, actuation=Actuation(), pendulum_angle=0.0,
@@ -25,7 +25,7 @@ def crosses(robot, speed, height, actuation=Actuation(), pendulum_angle=0.0,
     vector = np.array(State()[1:])
     touch_x = place(vector, rules.course(speed, pendulum_angle), model.parameters, model.profile)
     limit = int(rules.time_limit / solver.step) * solver.step
-    for duration in (*PATIENCE, limit):
+    for duration in (*FIRST_LIMITS, limit):
         # Near the highest step next to nothing decides: `simulate` would refuse these steps.
         run = run_once(
             model, State(0.0, *vector), actuation, min(duration, limit), solver.step)

@@ -15,7 +15,7 @@ u_t = 0 it sticks, d P_t = -(w_nt / w_tt) d P_n, where the cone allows that, and
 the other side.  So there is one bend at most, and all is piecewise linear.
 
 *Restitution* (Stronge).  Compression ends with u_n = 0; then the contact gives back e^2 of the
-work that compression took.  So the energy never grows, whatever the friction does.
+work that compression took.  So the energy never grows, for any friction.
 
 *The e of eq. (7).*  A mass 1/w on spring and damper that may not pull leaves, at N = 0, with
 

@@ -21,7 +21,7 @@ from ballbot_ros.ros import discovery
 from ballbot_ros.ros.run import LATE
 
 # Ports of the first lie beside those that Linux gives to programs, and the demo takes none of
-# them.  The others are for a machine on which many tests run at once.
+# them.  The others are for a machine on which many tests run in parallel.
 DOMAINS = (*range(215, 232), *range(1, 102))
 PREFERRED = 17
 _turn = count(os.getpid())
@@ -33,7 +33,7 @@ def domains_of_processes():
     for path in Path('/proc').glob('[0-9]*/environ'):
         try:
             words = path.read_bytes().split(b'\0')
-        except OSError:  # it has just ended, or belongs to somebody else
+        except OSError:  # it has just ended, or belongs to another user
             continue
         found |= {int(word[14:]) for word in words
                   if word.startswith(b'ROS_DOMAIN_ID=') and word[14:].isdigit()}
@@ -45,7 +45,7 @@ def own_domain():
     """
     Reserve a ROS domain that no other test uses, in this process or another.
 
-    A locked file says so: the lock goes with the process that holds it, whatever happens.  Nodes
+    A locked file says so: the lock ends with the process that holds it.  Nodes
     of a test that was killed outlive it, and would publish in the next one on their domain.
     """
     shift = next(_turn) % PREFERRED  # not the one that was left just now
@@ -93,7 +93,7 @@ def this_machine_only(monkeypatch):
 
 @pytest.fixture
 def domain():
-    """Return a ROS domain that nobody else uses."""
+    """Return a ROS domain that no other test uses."""
     with own_domain() as number:
         yield number
 

@@ -46,7 +46,7 @@ class Driving:
         return reason if 'cannot arm' in reason and held_up else ''
 
     def pull(self):
-        """Command a torque until the motor makes it, and forget what was told before."""
+        """Command a torque until the motor makes it, and forget earlier reports."""
         for _ in range(5):
             self.status.clear()
             found = self.graph.publish_until(
@@ -62,8 +62,8 @@ class Driving:
         reason = self.status[-1].e_stop if self.status else ''
         return reason if any(word in reason for word in ('disarmed', 'line', 'silent')) else ''
 
-    def wait_until_told(self, state):
-        """Wait until the bridge has told a state since the motor pulled."""
+    def wait_until_reported(self, state):
+        """Wait until the bridge has reported a state since the motor pulled."""
         self.graph.wait(lambda: state in [status.state for status in self.status], 'it says so')
 
     def wait_for_nothing(self):

@@ -19,7 +19,7 @@ from ballbot_ros.ros.conversions import to_seconds, to_time
 from ballbot_ros.srv import Step
 
 # Nothing waits this long on a quiet machine; on a busy one nothing fails for lack of time [s].
-PATIENCE = 60.0
+TIMEOUT = 60.0
 
 # Reliable, and so deep that nothing is lost while the test is held up.
 EVERYTHING = QoSProfile(depth=5000)
@@ -37,7 +37,7 @@ class Graph:
     folder : Path
         For the logs of the nodes.
     domain : int
-        ROS domain that nobody else uses.
+        ROS domain that no other test uses.
 
     """
 
@@ -87,12 +87,12 @@ class Graph:
     def kill(self, name):
         """End a node without a chance to do anything about it."""
         self.processes.signal(name, signal.SIGKILL)
-        assert self.processes.wait(name, PATIENCE) == -signal.SIGKILL
+        assert self.processes.wait(name, TIMEOUT) == -signal.SIGKILL
 
     def end(self, name, number=signal.SIGINT):
         """Send a signal to a node and return its exit code."""
         self.processes.signal(name, number)
-        return self.processes.wait(name, PATIENCE)
+        return self.processes.wait(name, TIMEOUT)
 
     def add_load(self, processes=3):
         """Let other processes take the processor until the end of the test."""
@@ -119,14 +119,14 @@ class Graph:
         if topic not in self._publishers:
             self._publishers[topic] = self.node.create_publisher(kind, topic, profile)
         publisher = self._publishers[topic]
-        self.wait(lambda: publisher.get_subscription_count(), f'somebody subscribes to {topic}')
+        self.wait(lambda: publisher.get_subscription_count(), f'a node subscribes to {topic}')
         return publisher
 
     def publish_until(self, condition, what, topic, *messages):
         """Publish messages, or what functions return, in turn; return as `wait` does."""
         kind = JointState if callable(messages[0]) else type(messages[0])
         publisher = self.publisher(topic, kind)
-        deadline, turn = time.monotonic() + PATIENCE, 0
+        deadline, turn = time.monotonic() + TIMEOUT, 0
         while not (found := condition()):
             assert time.monotonic() < deadline, self._timed_out(what)
             message = messages[turn % len(messages)]
@@ -150,7 +150,7 @@ class Graph:
         while (left := end - time.monotonic()) > 0.0:
             self.executor.spin_once(timeout_sec=left)
 
-    def wait(self, condition, what, timeout=PATIENCE):
+    def wait(self, condition, what, timeout=TIMEOUT):
         """Return what a condition returns as soon as that is true."""
         deadline = time.monotonic() + timeout
         while not (found := condition()):
@@ -161,13 +161,13 @@ class Graph:
     def wait_for_time(self, states, seconds):
         """Wait until the stamps of messages have come so far, on a busy machine, too."""
         self.wait(lambda: states and to_seconds(states[-1].header.stamp) >= seconds,
-                  f'simulated time has come to {seconds:g} s', PATIENCE + 3.0 * seconds)
+                  f'simulated time has come to {seconds:g} s', TIMEOUT + 3.0 * seconds)
 
     def wait_for_log(self, name, text):
         """Wait until a node has logged a text."""
         self.wait(lambda: text in self.log(name), f'{name} logs {text!r}')
 
-    def _timed_out(self, what, timeout=PATIENCE):
+    def _timed_out(self, what, timeout=TIMEOUT):
         logs = '\n'.join(f'--- {path.stem}\n{path.read_text()[-3000:]}' for path in
                          sorted(self.processes.log('x').parent.glob('*.log')))
         return f'waited {timeout:g} s in vain until {what}\n{logs}'
@@ -192,12 +192,12 @@ class Graph:
         its first answer to it on a busy machine.
         """
         client = self.client(service, kind)
-        begun, futures = time.monotonic(), []
+        start, futures = time.monotonic(), []
         while not any(future.done() for future in futures):
-            if not futures or again and time.monotonic() > begun + 3.0 * len(futures):
+            if not futures or again and time.monotonic() > start + 3.0 * len(futures):
                 self.wait(client.service_is_ready, f'{service} is there')
                 futures.append(client.call_async(kind.Request(**fields)))
-            assert time.monotonic() < begun + PATIENCE, self._timed_out(f'{service} answers')
+            assert time.monotonic() < start + TIMEOUT, self._timed_out(f'{service} answers')
             self.executor.spin_once(timeout_sec=0.05)
         return next(future.result() for future in futures if future.done())
 
@@ -219,7 +219,7 @@ class Graph:
 
     def wait_until_connected(self, *topics):
         """Reset a paused simulation until messages of all these topics have come."""
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + TIMEOUT
         while not all(topics):
             assert time.monotonic() < deadline, self._timed_out('all nodes are connected')
             self.trigger('reset')

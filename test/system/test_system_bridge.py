@@ -31,7 +31,7 @@ def test_a_signal_ends_the_bridge_with_a_stop(driving, motor, number):
     run = driving()
     assert run.graph.end('bridge', number) == 0
     assert motor.torque == 0.0 and not motor.device.armed
-    run.wait_until_told(MotorStatus.STATE_ENDED)
+    run.wait_until_reported(MotorStatus.STATE_ENDED)
     last = run.status[-1]
     assert last.state == MotorStatus.STATE_ENDED and last.torque == 0.0
 
@@ -57,7 +57,7 @@ def test_a_process_that_is_frozen_and_a_full_disk_do_no_harm(driving, motor):
 def test_commands_that_stop_stop_the_motor_and_are_followed_again(driving, motor):
     run = driving()
     run.wait_for_nothing()
-    run.wait_until_told(MotorStatus.STATE_TIMED_OUT)
+    run.wait_until_reported(MotorStatus.STATE_TIMED_OUT)
     run.pull()
 
 
@@ -65,7 +65,7 @@ def test_unplugging_ends_in_a_stop_and_service_comes_back(driving, motor):
     run = driving()
     obey(motor, 'unplug')
     run.wait_for_nothing()
-    run.wait_until_told(MotorStatus.STATE_LOST)
+    run.wait_until_reported(MotorStatus.STATE_LOST)
     run.graph.wait_for_health('bridge', diagnostics.ERROR, 'looking for the drive')
     obey(motor, 'plug')
     run.graph.wait(lambda: run.status[-1].state == MotorStatus.STATE_E_STOP, 'the drive is back')
@@ -78,8 +78,8 @@ def test_unplugging_ends_in_a_stop_and_service_comes_back(driving, motor):
     file = find_black_box(run.graph.processes.log('bridge').parent / 'ballbot')
     found = read_black_box(file)
     assert not found.damage and 'drive lost: the line was lost' in found.reason
-    told = '\n'.join(event.text for event in found.events)
-    assert 'looking for the drive' in told  # a line of the log
+    texts = '\n'.join(event.text for event in found.events)
+    assert 'looking for the drive' in texts  # a line of the log
     assert len(found.traffic) > 100 and len(found.tables['command']['time']) > 0
     assert np.abs(found.tables['period']['torque']).max() == pytest.approx(TORQUE)
 
@@ -162,13 +162,13 @@ def test_an_executor_that_stands_still_keeps_no_torque_on(domain, hardware, moto
     with bridge_here(domain, hardware(), motor.path) as (node, executor):
         pull_here(node, executor, motor)
         deadline = time.monotonic() + 5.0
-        while motor.torque != 0.0:  # nobody spins
+        while motor.torque != 0.0:  # without a spinning executor
             assert time.monotonic() < deadline
             time.sleep(0.01)
         assert motor.device.armed  # it was the loop that did it, not the watchdog of the drive
 
 
-def test_an_error_in_the_loop_ends_in_a_stop_and_is_told(domain, hardware, motor):
+def test_an_error_in_the_loop_ends_in_a_stop_and_is_reported(domain, hardware, motor):
     with bridge_here(domain, hardware(), motor.path) as (node, executor):
         pull_here(node, executor, motor)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whoever asks for what, and however many do, the bridge goes on, and says what it does."""
+"""The bridge keeps running for any request from any number of clients, and reports its state."""
 import re
 import signal
 

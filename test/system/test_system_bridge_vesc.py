@@ -30,16 +30,16 @@ def vesc_file(tmp_path):
     return str(path)
 
 
-def test_a_vesc_is_released_each_time_and_its_kill_switch_is_told(graph, vesc, vesc_file):
+def test_a_vesc_is_released_each_time_and_its_kill_switch_is_reported(graph, vesc, vesc_file):
     graph.start('bridge', hardware=vesc_file, port=vesc.path, control='direct')
     run = Driving(graph, vesc)
-    for _ in range(3):  # idle for so long that its timeout has expired
+    for _ in range(3):  # idle until its timeout has expired
         graph.spin(WATCHDOG + 0.1)
         run.release()
         assert not run.status[-1].e_stop
         run.pull()
         obey(vesc, 'stop_switch')
-        graph.wait(lambda: 'KILL_SW_ACTIVE' in run.status[-1].e_stop, 'it tells of the switch')
+        graph.wait(lambda: 'KILL_SW_ACTIVE' in run.status[-1].e_stop, 'it reports the switch')
         run.wait_for_nothing()
         assert list(run.status[-1].faults) == ['KILL_SW_ACTIVE']
         obey(vesc, 'stop_switch 0')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speeds on cmd_vel, on a slope: kept, ended at a stand, and told where they cannot be."""
+"""Speeds on cmd_vel, on a slope: kept, ended at a stand, and refused where they cannot be kept."""
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 import pytest
@@ -57,7 +57,7 @@ def test_a_speed_settles_within_3_s_on_a_slope_and_0_stands(graph, on_slope):
         graph.statuses.get('controller'), 'message', '') == 'running', 'nothing is wrong')
 
 
-def test_a_slope_that_is_too_steep_is_told(graph, on_slope):
+def test_a_slope_that_is_too_steep_is_reported(graph, on_slope):
     moved = on_slope(7.0)
     ask(graph, 0.0, 2.5, moved)
     graph.wait_for_log('controller', 'what resists is like a slope of')

@@ -48,7 +48,7 @@ class Ride:
 
     @property
     def story(self):
-        """Return the decisions at which it changed its mind, for whoever reads a failure."""
+        """Return the changes of the decision, for the message of a failure."""
         return [f'{to_seconds(other.header.stamp):.2f} s {other.decision}/{other.reason} '
                 f'{other.explanation}' for one, other in zip(self.decisions, self.decisions[1:])
                 if one.decision != other.decision]
@@ -173,7 +173,7 @@ def test_a_ramp_is_seen_before_the_ball_is_on_it(ride, angle_deg):
 
 @pytest.mark.parametrize('sensor', [
     {'observation_height_sd': 0.003, **SEES_STEPS}, {'terrain_height_sd': 0.003, **SEES_TERRAIN}])
-def test_noise_that_nobody_told_of_is_no_reason_to_hit_a_step(ride, sensor):
+def test_unreported_noise_is_no_reason_to_hit_a_step(ride, sensor):
     seen = ride([flat(1.0), step(0.055), flat(1.0)], 8.0, sensor_reported_sd=0.0, **sensor)
     if StepDecision.DECISION_CROSS not in seen.kinds:
         assert seen.speed_at(1.0) < HIT

@@ -16,7 +16,7 @@ from test_layouts import named_topics
 
 from ballbot_ros.demo.processes import environment
 
-PATIENCE = 120.0
+TIMEOUT = 120.0
 NODES = {'simulator', 'controller', 'obstacle_decision'}
 
 
@@ -30,14 +30,14 @@ def demo(domain, tmp_path):
             [sys.executable, '-m', 'ballbot_ros.cli', 'demo', '--out', str(tmp_path / 'out'),
              *arguments], env=environment(domain, tmp_path), stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT, text=True,
-            # Whoever runs the tests in the background has it ignored.
+            # A shell that runs the tests in the background has it ignored.
             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
         started.append(process)
         return process
     yield start
     for process in started:
         process.terminate()
-        process.communicate(timeout=PATIENCE)
+        process.communicate(timeout=TIMEOUT)
 
 
 def nodes_of(demo):
@@ -57,7 +57,7 @@ def nodes_of(demo):
 
 def wait(condition, what):
     """Return what a condition returns as soon as that is true."""
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + TIMEOUT
     while not (found := condition()):
         assert time.monotonic() < deadline, f'waited in vain until {what}'
         time.sleep(0.02)
@@ -67,7 +67,7 @@ def wait(condition, what):
 @pytest.mark.slow
 def test_a_step_is_crossed_one_refused_a_drop_not_fallen_off_and_all_recorded(demo, tmp_path):
     process = demo('--timeout', '110')
-    printed = process.communicate(timeout=PATIENCE)[0]
+    printed = process.communicate(timeout=TIMEOUT)[0]
     assert process.returncode == 0, printed
     order = ['sees  a step of 31 mm', 'CROSS', 'swing', 'over with', 'touches  the 31 mm step',
              'the plan is good for', 'crossed', 'sees  a step of 80 mm', 'GO ROUND', 'rests',
@@ -98,7 +98,7 @@ def test_a_step_is_crossed_one_refused_a_drop_not_fallen_off_and_all_recorded(de
                 heights.add(round(1e2 * message.height))
     end = max(stamps['/joint_states'])
     assert end > 5000 and {3, 8} <= heights
-    # Whatever the machine had to do meanwhile, but for what was on its way at the end.
+    # However busy the machine was, only messages still on their way at the end may be missing.
     for topic, period in (('/joint_states', 2), ('/ball_state', 10), ('/odom', 10),
                           ('/terrain_observation', 20), ('/joint_commands', 2),
                           ('/step_decision', 20), ('/set_point', 20)):
@@ -119,7 +119,7 @@ def test_a_node_that_dies_fails_the_demo_and_is_named(demo, tmp_path):
     wait(lambda: 'joint states have arrived' in (
         tmp_path / 'out' / 'doorstep' / 'logs' / 'controller.log').read_text(), 'they communicate')
     subprocess.run(['kill', '-KILL', str(nodes['controller'])], check=True)
-    printed = process.communicate(timeout=PATIENCE)[0]
+    printed = process.communicate(timeout=TIMEOUT)[0]
     assert process.returncode == 1, printed
     assert 'FAILED' in printed and 'node controller ended with code -9, see ' in printed
     assert 'Traceback' not in printed
@@ -134,7 +134,7 @@ def test_demo_that_is_interrupted_leaves_nothing_running(demo, tmp_path, number,
     wait(lambda: all('running with' in (logs / f'{name}.log').read_text() for name in NODES),
          'they run')
     process.send_signal(number)
-    printed = process.communicate(timeout=PATIENCE)[0]
+    printed = process.communicate(timeout=TIMEOUT)[0]
     assert process.returncode == code, printed
     assert 'Traceback' not in printed
     assert not any(Path('/proc', str(number)).exists() for number in nodes.values())
@@ -152,7 +152,7 @@ def test_demo_whose_robot_cannot_do_it_fails_and_says_what_was_missing(domain, t
          f'acts = [TWO_STEPS._replace(scene="{scene}")]; '
          'sys.exit(run_demo(pathlib.Path("out"), timeout=5.0, acts=acts))'],
         cwd=tmp_path, env=environment(domain, tmp_path), capture_output=True, text=True,
-        timeout=PATIENCE)
+        timeout=TIMEOUT)
     assert done.returncode == 1, done.stderr
     for words in ('the 60 mm step was never accepted', 'the 60 mm step was not crossed',
                   'the robot did not come to rest', 'given up after 5 s'):

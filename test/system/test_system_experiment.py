@@ -23,9 +23,9 @@ def run(*words):
 def test_a_folder_of_an_experiment_gives_the_same_numbers_again(tmp_path):
     (tmp_path / 'plan.yaml').write_text(PLAN)
     run(tmp_path / 'plan.yaml', '--out', tmp_path / 'out')
-    told = json.loads((tmp_path / 'out' / 'seed_7' / 'numbers.json').read_text())
+    numbers = json.loads((tmp_path / 'out' / 'seed_7' / 'numbers.json').read_text())
     # To the last state, and what answers it.
-    assert told['messages'] == {
+    assert numbers['messages'] == {
         '/ball_state': 11, '/joint_commands': 51, '/joint_states': 51, '/odom': 11,
         '/terrain_observation': 6}
     assert 'same numbers: yes' in run(tmp_path / 'out')

@@ -104,7 +104,7 @@ class Walk:
         assert code == 0, out + self.shop.complaint
         joint = load_hardware('my_motor.yaml').joint
         assert joint.direction == 1 and joint.torque_factor == pytest.approx(EXTRA, rel=0.05)
-        # The drive need not be set up anew for it.
+        # The drive need not be set up again for it.
         assert self.shop.obey_doctor('ballbot doctor --hardware my_motor.yaml') == 0
 
     def _answer(self, question):
@@ -188,31 +188,31 @@ class Walk:
 
     def turn_and_see(self, name, sign, tolerance):
         """
-        Turn something bit by bit, and back, until the bridge has told all of it.
+        Turn something bit by bit, and back, until the bridge has reported all of it.
 
-        What turns while a busy machine holds up the bridge it cannot tell: readings of its IMU are
-        lost then, which gravity makes up for in minutes only, and a drive that it has lost for a
-        moment, and that tells a small angle now, looks like one that was off and counts anew.
+        A turn while a busy machine holds up the bridge is not reported: readings of its IMU are
+        lost then, which gravity makes up for in minutes only, and a drive that was lost for a
+        moment and now reports a small angle looks like one that was off and counts again from 0.
         """
         joint = ('shell', 'pendulum').index(name)
         for _ in range(5):
             self.graph.wait(lambda: abs(self.ball.state.pendulum_angle) < 0.005, 'it hangs')
             self.states.clear()
             self.graph.wait(lambda: self.states, 'joint states flow')
-            begin, told = self.states[-1].position[joint], True
+            begin, reported = self.states[-1].position[joint], True
             for angle in (sign * bit for bit in BIT_BY_BIT):
                 self.turn(**{name: angle})
-                told = told and self.tells(joint, begin + angle, tolerance)
+                reported = reported and self.reports(joint, begin + angle, tolerance)
             if name == 'shell':
                 self.turn(shell=0.0)
             else:
                 self.ball.pendulum = None
-            if told and self.tells(joint, begin, max(tolerance, 0.05)):
+            if reported and self.reports(joint, begin, max(tolerance, 0.05)):
                 return
-        raise AssertionError(f'the bridge never tells how far the {name} turned')
+        raise AssertionError(f'the bridge never reports how far the {name} turned')
 
-    def tells(self, joint, angle, tolerance):
-        """Return whether the bridge tells the angle of a joint before long."""
+    def reports(self, joint, angle, tolerance):
+        """Return whether the bridge reports the angle of a joint within 5 s."""
         end = time.monotonic() + 5.0
         while abs(self.states[-1].position[joint] - angle) >= tolerance:
             if time.monotonic() > end:
@@ -281,6 +281,6 @@ def test_the_list_of_the_page_is_walked_through(workshop, graph, monkeypatch):
             step(walk, item)
     finally:
         walk.close()
-    # The plug was a fault, and is told.
+    # The pulled plug was a fault, and is reported.
     code, out = walk.shop.run(f'ballbot replay {graph.processes.log("bridge").parent / "ballbot"}')
     assert code == 0 and 'the line was lost' in out

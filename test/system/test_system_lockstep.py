@@ -9,7 +9,7 @@ from sensor_msgs.msg import JointState
 from ballbot_ros.msg import BallState
 from ballbot_ros.ros.conversions import to_seconds
 
-# The ball rolls at a door-step that it crosses within the second.
+# The ball rolls at a step that it crosses within the second.
 SCENE = """
 robot: gimball
 terrain:
@@ -58,7 +58,7 @@ def record(graph, scene, seed, together):
     for topic, messages in received.items():
         for message in messages:
             key = topic, to_seconds(message.header.stamp)
-            # A state that nobody answered at once is published again, with the same numbers.
+            # A state without an immediate answer is published again, with the same numbers.
             assert found.setdefault(key, str(message)) == str(message), key
     graph.close()
     return found

@@ -25,7 +25,7 @@ def test_the_decision_drives_a_simulator_over_a_step_without_a_controller(graph)
     assert graph.values('simulator')['law'] == 'hold'
 
 
-def test_a_simulator_on_board_hears_the_e_stop_and_the_decision_goes_on_only_when_asked(graph):
+def test_a_simulator_on_board_takes_the_e_stop_and_the_decision_goes_on_only_when_asked(graph):
     states = graph.subscribe('ball_state', BallState)
     wanted = graph.subscribe('set_point', JointState)
     graph.start('obstacle_decision')
@@ -52,7 +52,7 @@ def test_what_makes_no_sense_on_board_is_refused_with_words(graph):
     assert 'lockstep waits for the joint_commands' in graph.log('simulator')
 
 
-def test_a_controller_hears_the_e_stop_and_does_not_jump_when_it_is_released(graph):
+def test_a_controller_receives_the_e_stop_and_does_not_jump_when_it_is_released(graph):
     commands = graph.subscribe('joint_commands', JointState)
     graph.start('controller')
     # Slowly: half a second without set-points counts as rest, and this machine may be busy.
@@ -64,7 +64,7 @@ def test_a_controller_hears_the_e_stop_and_does_not_jump_when_it_is_released(gra
     latch.publish(Bool(data=True))
     graph.wait_for_health('controller', diagnostics.WARN, 'the e-stop is engaged')
     # Commands from before may still be on their way to us; those behind the first zero are not.
-    graph.publish_until(lambda: commands[-1].effort[0] == 0.0, 'the motor lets go',
+    graph.publish_until(lambda: commands[-1].effort[0] == 0.0, 'the motor makes no torque',
                         'set_point', up)
     commands.clear()
     released = []

@@ -21,25 +21,25 @@ def systemd(tmp_path, monkeypatch):
 
 
 # Before the graph, whose processes have the environment of its beginning.
-def test_systemd_is_told_of_the_start_the_life_and_the_end_of_a_bridge(
+def test_systemd_is_notified_of_the_start_the_life_and_the_end_of_a_bridge(
         systemd, graph, motor, hardware):
-    told = []
+    states = []
     deadline = time.monotonic() + 60.0
 
-    def hear():
-        assert time.monotonic() < deadline, told
-        told.append(systemd.recv(4096).decode())
+    def receive():
+        assert time.monotonic() < deadline, states
+        states.append(systemd.recv(4096).decode())
     graph.start('bridge', hardware=hardware(), port=motor.path, control='direct')
-    # It is told ten times a second: who releases the e-stop sooner has it not told.
-    while 'STATUS=e-stop: engaged at start' not in told:
-        hear()
+    # It is notified ten times a second: an e-stop that is released sooner is not reported.
+    while 'STATUS=e-stop: engaged at start' not in states:
+        receive()
     run = Driving(graph, motor)
     run.release()
     run.pull()
-    # Nobody commands while this test listens, so that it may have timed out by then.
+    # There are no commands while this test listens, so that it may have timed out by then.
     released = {'STATUS=running', 'STATUS=commands timed out'}
-    while not ('READY=1' in told and released & set(told) and told.count('WATCHDOG=1') > 3):
-        hear()
+    while not ('READY=1' in states and released & set(states) and states.count('WATCHDOG=1') > 3):
+        receive()
     graph.end('bridge', signal.SIGTERM)
-    while told[-1] != 'STOPPING=1':
-        hear()
+    while states[-1] != 'STOPPING=1':
+        receive()

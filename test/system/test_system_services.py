@@ -38,7 +38,7 @@ def test_time_is_paused_stepped_reset_and_resumed(graph, rolling, way):
     graph.wait_until_connected(states)
     assert {to_seconds(state.header.stamp) for state in states} == {0.0}
 
-    # Exactly so many periods, also right after one another.
+    # Exactly that number of periods, also right after one another.
     assert [round(500 * graph.step(periods)) for periods in (1, 50, 0, 9)] == [1, 51, 52, 61]
     graph.wait_for_time(states, 61 / 500)
     assert sorted({round(500 * to_seconds(state.header.stamp)) for state in states}) == [
@@ -62,10 +62,10 @@ def test_step_and_resume_say_why_not(graph, rolling):
     assert not refused.success and 'call ~/pause first' in refused.message
     graph.trigger('pause')
 
-    # Nobody answers the states, so this step lasts until something ends it.
+    # No node answers the states, so this step lasts until something ends it.
     unfinished = graph.call_async('step', periods=5)
     graph.wait(lambda: 'not paused' in graph.request('step', periods=1).message,
-               'the first step has begun')
+               'the first step has started')
     graph.trigger('pause')
     graph.wait(unfinished.done, 'the step is ended by the pause')
     assert not unfinished.result().success

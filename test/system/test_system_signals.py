@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ctrl-C and SIGTERM end a node at once, with exit code 0 and without a traceback."""
+"""Ctrl-C and SIGTERM end a node immediately, with exit code 0 and without a traceback."""
 import signal
 import time
 
@@ -12,14 +12,14 @@ SIGNALS = [signal.SIGINT, signal.SIGTERM]
 
 def end_all(graph, number):
     """Send a signal to all nodes; return how long it took until the last had ended [s]."""
-    begun = time.monotonic()
+    start = time.monotonic()
     for name in NODES:
         graph.processes.signal(name, number)
     for name in NODES:
         assert graph.processes.wait(name, 30.0) == 0, graph.log(name)
         assert 'Traceback' not in graph.log(name)
         assert 'rror' not in graph.log(name)
-    return time.monotonic() - begun
+    return time.monotonic() - start
 
 
 @pytest.mark.parametrize('number', SIGNALS)
@@ -45,7 +45,7 @@ def test_while_a_step_waits(graph):
     graph.start('simulator', lockstep=True, start_paused=True)
     graph.trigger('reset')
     unfinished = graph.call_async('step', periods=5)
-    graph.wait(lambda: 'not paused' in graph.request('step', periods=1).message, 'it has begun')
+    graph.wait(lambda: 'not paused' in graph.request('step', periods=1).message, 'it has started')
     assert graph.end('simulator') == 0 and not unfinished.done()
     assert 'Traceback' not in graph.log('simulator') and 'never' not in graph.log('simulator')
 

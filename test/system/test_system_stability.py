@@ -35,7 +35,7 @@ def hold(graph, gimball, rate, seconds):
 def test_published_gains_rattle_at_100_hertz(graph, gimball):
     torques, _ = hold(graph, gimball, 100.0, 1.0)
     late = torques[-50:]
-    # Full torque, to and fro, for ever.
+    # Full torque in alternating directions, indefinitely.
     assert sum(abs(torque) == 4.0 for torque in late) > 15
     assert sum(before * after < 0.0 for before, after in pairwise(late)) > 15
 

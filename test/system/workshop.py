@@ -89,4 +89,4 @@ class Workshop:
         elif 'max current' in remedy:
             device.settings = replace(device.settings, current_limit=number)
         else:
-            raise AssertionError(f'{what}: nobody knows how to do {remedy!r}')
+            raise AssertionError(f'{what}: this test has no handler for {remedy!r}')

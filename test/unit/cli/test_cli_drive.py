@@ -25,7 +25,7 @@ OPTIONS = argparse.Namespace(step=0.1, max_speed=0.6, hold=False, node='bridge')
 
 @pytest.fixture
 def terminal():
-    """Return the two ends of a terminal: where somebody types, and what the command reads."""
+    """Return the two ends of a terminal: where the user types, and what the command reads."""
     # A bridge of another test that has lost its drive opens the number that it had again and
     # again: take one that none has had.
     pairs = [pty.openpty()]
@@ -89,7 +89,7 @@ def test_ctrl_c_is_a_key_that_ends_as_q_does(terminal):
 
 
 @pytest.mark.parametrize('error', [RuntimeError('broken'), KeyboardInterrupt(), SystemExit(143)])
-def test_whatever_goes_wrong_the_terminal_is_as_before(terminal, error):
+def test_after_any_error_the_terminal_is_as_before(terminal, error):
     def fail():
         raise error
 
@@ -183,7 +183,7 @@ def test_an_e_stop_also_takes_back_what_was_asked_for():
     assert driving.press('interrupt', 0.0).quit and driving.speed == 0.0
 
 
-def test_keys_are_told_apart_and_unknown_ones_ignored():
+def test_keys_are_distinguished_and_unknown_ones_ignored():
     assert keys_of(b'\x1b[A\x1bOBq \x03') == ['up', 'down', 'q', 'space', 'interrupt']
     assert keys_of(b'\x1b[5~\x1b[1;5Ce\xc3\xa4\x1b') == ['e']
     assert keys_of(b'') == []
@@ -229,7 +229,7 @@ def test_a_stick_and_two_buttons_are_read_by_evdev(monkeypatch):
     assert driving.speed == 0.6
 
 
-def test_a_stick_that_nobody_touches_asks_for_nothing(monkeypatch):
+def test_an_untouched_stick_commands_nothing(monkeypatch):
     monkeypatch.setitem(sys.modules, 'evdev', fake_evdev([event(3, 1, 131)]))
     assert open_gamepad().read() == (0.0, [])
     assert centred(0.1) == 0.0 == centred(-0.1)
@@ -237,7 +237,7 @@ def test_a_stick_that_nobody_touches_asks_for_nothing(monkeypatch):
 
 
 @pytest.mark.parametrize('devices, keys', [((), (304,)), (('/dev/input/event1',), (30,))])
-def test_no_gamepad_is_told_from_none_that_may_be_read(devices, keys, monkeypatch):
+def test_no_gamepad_is_distinguished_from_none_that_may_be_read(devices, keys, monkeypatch):
     monkeypatch.setitem(sys.modules, 'evdev', fake_evdev([], devices=devices, keys=keys))
     with refused('unavailable', 'gamepad'):
         open_gamepad()

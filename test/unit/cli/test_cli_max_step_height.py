@@ -54,7 +54,7 @@ def test_a_robot_may_be_a_file(capsys, tmp_path):
         == answer(capsys, '--speed', '0.6')
 
 
-def test_people_get_a_table_in_millimetres_that_tells_its_doubts(capsys):
+def test_people_get_a_table_in_millimetres_that_shows_its_uncertainty(capsys):
     words = ['--robot', 'shellball', '--attempts', 'any', '--speed', '3']
     assert main(['max-step-height', *words]) == 0
     out, _ = capsys.readouterr()

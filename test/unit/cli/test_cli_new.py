@@ -53,7 +53,7 @@ def test_a_template_has_the_numbers_of_the_robot_it_begins_with(tmp_path):
 
 
 def test_every_line_that_is_commented_out_loads_when_it_is_not(tmp_path):
-    """So that nobody meets a name that the file does not take."""
+    """So that the file offers no name that it does not take."""
     for kind, cls in (('tuning', ControlTuning), ('decision', DecisionTuning)):
         keys = {key for part in file_kinds.KINDS[kind]('x') for key in part.keys}
         assert keys == {item.name for item in fields(cls)}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results are never replaced unless somebody says so."""
+"""Results are never replaced unless the user asks for it."""
 from pathlib import Path
 import types
 
@@ -76,6 +76,6 @@ def test_a_file_that_is_there_is_refused_unless_it_may_go(tmp_path):
 @pytest.mark.parametrize('verb', [
     'simulate', 'demo', 'figures', 'test-bench', 'identify', 'fit-curve', 'sweep', 'replay',
     'emulate-motor', 'outcomes'])
-def test_every_verb_that_writes_can_be_told_to_replace(verb, capsys):
+def test_every_verb_that_writes_has_an_option_to_replace(verb, capsys):
     assert main([verb, '--help']) == 0
     assert '--overwrite' in capsys.readouterr().out

@@ -53,28 +53,28 @@ def test_the_highest_step_has_one_name_in_all_results():
 @pytest.mark.parametrize('verb', VERBS)
 def test_an_option_in_degrees_says_so_in_its_name(verb, capsys):
     assert main([verb, '--help']) == 0
-    told = capsys.readouterr().out
-    options = re.findall(r'(--[\w-]+) DEGREES', told)
+    text = capsys.readouterr().out
+    options = re.findall(r'(--[\w-]+) DEGREES', text)
     assert all(option.endswith('-deg') for option in options)
     for word in ('--angle', '--slope', '--slopes'):
-        assert f'{word} ' not in told
+        assert f'{word} ' not in text
 
 
-@pytest.mark.parametrize('words, told', [
+@pytest.mark.parametrize('words, suggestion', [
     (['simulate', 'flat', '--durration', '3'], '--durration: did you mean --duration?'),
     (['max-step-height', '--sped', '0.5'], '--sped: did you mean --speed?'),
     (['max-step-height', '--speed', '1', '--angle', '5'], '--angle: did you mean --angle-deg?'),
     (['simulate', 'flat', '--acuracy=1e-5'], '--acuracy: did you mean --accuracy?; see ballbot '
      'simulate --help')])
-def test_a_misspelt_option_gets_the_nearest_one(words, told, error_of):
-    assert told in error_of(*words)
+def test_a_misspelt_option_gets_the_nearest_one(words, suggestion, error_of):
+    assert suggestion in error_of(*words)
 
 
 def test_help_of_a_verb_is_had_with_help_before_it_too(capsys, error_of):
     assert main(['help', 'simulate']) == 0
-    told = capsys.readouterr().out
+    text = capsys.readouterr().out
     assert main(['simulate', '--help']) == 0
-    assert capsys.readouterr().out == told and 'usage: ballbot simulate' in told
+    assert capsys.readouterr().out == text and 'usage: ballbot simulate' in text
     assert main(['help']) == 0
     assert 'usage: ballbot ' in capsys.readouterr().out
     assert "did you mean 'simulate'" in error_of('help', 'simulte')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ballbot simulate`` keeps what happened, whatever happens."""
+"""``ballbot simulate`` keeps its results, also after an interruption or an error."""
 import json
 import os
 from pathlib import Path
@@ -151,7 +151,7 @@ def test_a_terminal_gets_a_bar(tmp_path):
         os.close(master)
 
 
-def test_animate_writes_a_gif_beside_the_other_files_or_where_it_is_told(tmp_path, capsys):
+def test_animate_writes_a_gif_beside_the_other_files_or_at_a_given_path(tmp_path, capsys):
     words = ['simulate', 'fig7_top', '--duration', '0.2', '--no-figures', '--out',
              str(tmp_path / 'out')]
     assert main([*words, '--animate']) == 0

@@ -8,11 +8,11 @@ import pytest
 from ballbot_ros.cli import main
 
 
-@pytest.mark.parametrize('words, told', [
+@pytest.mark.parametrize('words, message', [
     (['--port', '70000'], 'from 0 to 65535'), (['--duration', '0'], 'more than 0 s'),
     (['doorstepp'], "did you mean 'doorstep'"), (['--duration', 'inf'], 'finite')])
-def test_a_wrong_value_is_refused(error_of, words, told):
-    assert told in error_of('view', *words)
+def test_a_wrong_value_is_refused(error_of, words, message):
+    assert message in error_of('view', *words)
 
 
 def test_a_missing_viser_is_named_with_the_remedy(error_of, monkeypatch):

@@ -35,7 +35,7 @@ def test_authority_passes_on_after_a_silence_of_the_one_that_has_it_and_not_of_t
     assert refused(authority, 'controller', 1.15)
 
 
-def test_a_contest_is_told_for_a_while():
+def test_a_contest_is_reported_for_a_while():
     authority = Authority(0.1)
     authority.check('controller', 1.0)
     assert not authority.contested(1.0) and authority.contest == ''
@@ -50,7 +50,7 @@ def test_a_clock_that_was_set_back_gives_authority_to_the_next():
     assert not refused(authority, 'teleop', 1.0)
 
 
-def test_one_that_is_not_known_is_followed_only_where_nobody_commands_and_gets_no_authority():
+def test_an_unknown_one_is_followed_only_where_no_other_commands_and_gets_no_authority():
     authority = Authority(0.1)
     assert not refused(authority, '', 1.0) and authority.holder is None
     authority.check('controller', 1.0)
@@ -58,7 +58,7 @@ def test_one_that_is_not_known_is_followed_only_where_nobody_commands_and_gets_n
     assert not refused(authority, 'teleop', 1.2)
 
 
-def test_after_clear_whoever_comes_next_commands():
+def test_after_clear_the_next_one_commands():
     authority = Authority(0.1)
     authority.check('controller', 1.0)
     authority.clear()

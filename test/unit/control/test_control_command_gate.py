@@ -104,7 +104,7 @@ anything = strategies.floats(allow_nan=True, allow_infinity=True)
 
 @given(strategies.lists(strategies.tuples(
     anything, strategies.one_of(anything, strategies.floats(0.0, 1.0))), max_size=20))
-def test_whatever_is_offered_the_torque_is_finite_and_fresh(offers):
+def test_the_torque_is_finite_and_fresh_for_any_offers(offers):
     gate, good = CommandGate(TIMEOUT), 0.0
     for index, (torque, stamp) in enumerate(offers):
         now = 0.05 * index

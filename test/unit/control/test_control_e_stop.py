@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A controller that hears the e-stop: no torque, no memory, and no jump when it is released."""
+"""A controller with the e-stop engaged: no torque, no memory, and no jump on release."""
 import pytest
 
 from ballbot_ros.control import (

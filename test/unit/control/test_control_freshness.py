@@ -60,7 +60,7 @@ def test_rate_is_the_median():
     assert monitor.rate == pytest.approx(100.0)
 
 
-def test_repeated_stamps_count_once_and_a_jump_back_starts_anew():
+def test_repeated_stamps_count_once_and_a_jump_back_starts_again():
     monitor = RateMonitor()
     for stamp in (0.0, 0.0, 0.1, 0.1):
         monitor.add(stamp)

@@ -54,7 +54,7 @@ def test_accelerations_are_those_of_the_lagrangian():
 
 
 def test_the_full_model_rolls_as_the_rolling_model():
-    # Hard ground leaves hardly any penetration.
+    # Hard ground leaves almost no penetration.
     scene = read_scene({
         'robot': 'gimball', 'robot_changes': {'contact_stiffness': 1e8},
         'terrain': [{'flat': {'length': 30.0}}], 'initial': {'x': 1.0}, 'duration': 1.0}, '', '')

@@ -144,7 +144,7 @@ def test_growth_is_that_of_the_worst_pole_at_the_worst_angle():
 
 @pytest.mark.parametrize('growth, stable', [(0.19, True), (0.21, False)])
 def test_slow_drift_is_not_called_unstable_and_growth_is(growth, stable):
-    # A raised pendulum falls slowly where the law is hardly too weak for its weight.
+    # A raised pendulum falls slowly where the law is slightly too weak for its weight.
     def held_with(gain):
         return replace(tuning, position_kp=gain), 'hold', 1000.0, 0, (math.pi,)
 
@@ -324,7 +324,7 @@ def test_torque_limit_turns_divergence_into_rattling():
 
 @pytest.mark.parametrize('tuning, delay, rate', [
     ('published', 0, 233.0), ('published', 1, 467.0), ('gentle', 0, 20.7), ('gentle', 1, 43.1)])
-def test_the_speed_law_needs_hardly_more_than_the_laws_below_it(tuning, delay, rate):
+def test_the_speed_law_needs_little_more_than_the_laws_below_it(tuning, delay, rate):
     tuning = load_tuning(tuning)
     assert lowest_stable_rate(GIMBALL, tuning, 'speed', delay) == pytest.approx(rate, rel=5e-3)
     assert lowest_stable_rate(GIMBALL, tuning, 'hold', delay) > rate

@@ -40,7 +40,7 @@ def test_the_wanted_angle_gives_the_wanted_acceleration(wanted, slope):
     resistance = LAW[1] * math.sin(slope)
     angle = speed_law.wanted_angle(wanted, resistance, math.pi / 2.0, LAW)
     if abs(angle) < 1.5:
-        # The law does not know how much of the resistance is slope; it leaves the slope out of
+        # The law has no share of the slope in the resistance; it leaves the slope out of
         # the coupling, which is a tenth of the inertia.
         assert speed_law.acceleration(angle, slope, LAW) == pytest.approx(wanted, abs=3e-3)
 

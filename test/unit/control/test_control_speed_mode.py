@@ -61,9 +61,9 @@ def test_a_speed_settles_within_5_percent_in_3_s_and_a_stop_stands(slope, tuning
     rows = drive(ball, controller, [(0.3, 3.0)])
     assert settling_time(rows, 0.3) < 3.0 and rows[:, 1].max() < 0.315
     rows = drive(ball, controller, [(0.0, 3.0)])
-    assert rows[:, 1].min() > -0.002  # no rolling back, on whatever slope
+    assert rows[:, 1].min() > -0.002  # no rolling back, on any slope
     assert abs(rows[-1, 1]) < 0.001
-    # It knows the slope then, to what the gravity of an ideal ball explains of it.
+    # It has estimated the slope then, to what the gravity of an ideal ball explains of it.
     assert math.degrees(controller.slope) == pytest.approx(slope, abs=0.05)
 
 
@@ -93,7 +93,7 @@ def test_robots_at_the_ends_of_their_ranges_settle_too(pendulum_mass, slope):
 
 
 def test_on_a_slope_that_no_lean_holds_it_says_so_and_not_on_one_that_it_holds(caplog):
-    for slope, told in ((4.5, 0), (-7.0, 1)):
+    for slope, reports in ((4.5, 0), (-7.0, 1)):
         controller = SupervisedController(controller_for(), Supervision())
         ball = plant(slope)
         controller.give(SetPoint(Mode.SPEED, 0.0, 0.0))
@@ -102,8 +102,8 @@ def test_on_a_slope_that_no_lean_holds_it_says_so_and_not_on_one_that_it_holds(c
             controller.take(JointReadings(ball.time, state.ball_angle, state.joint_angle,
                                           state.ball_rate, state.joint_rate))
             ball.advance(controller.answer())
-        assert controller.overcome == bool(told)
-        assert len(caplog.messages) == told
+        assert controller.overcome == bool(reports)
+        assert len(caplog.messages) == reports
     assert 'a slope of -6.9 degrees' in caplog.text and 'largest lean holds 5.5' in caplog.text
 
 
@@ -118,7 +118,7 @@ def test_a_ball_held_by_a_wall_leaves_it_at_once_when_asked_back():
     assert settling_time(rows, -0.3) < 3.0
 
 
-def test_a_torque_limit_that_hardly_swings_the_pendulum_does_not_wind_it_up():
+def test_a_torque_limit_that_barely_swings_the_pendulum_does_not_wind_it_up():
     # 0.9 N m holds 47 degrees of the pendulum, without acceleration.
     tuning = replace(load_tuning('published'), torque_limit=0.9)
     ball, controller = plant(), PendulumController(GIMBALL, tuning)
@@ -173,7 +173,7 @@ def test_what_is_learnt_outlasts_another_speed_and_no_other_mode():
     assert controller.slope == 0.0
 
 
-def test_after_a_gap_in_the_readings_the_law_starts_anew():
+def test_after_a_gap_in_the_readings_the_law_starts_again():
     controller = controller_for()
     controller.give(SetPoint(Mode.SPEED, 0.0, 0.0))
     for index in range(500):

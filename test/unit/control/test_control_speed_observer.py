@@ -31,7 +31,7 @@ def watch(slope, angle, period, duration, speed=0.0, set_speed=0.0):
 
 
 @given(slopes, st.floats(-1.5, 1.5), periods)
-def test_the_slope_is_learnt_whatever_the_pendulum_does_and_however_often_it_is_looked_at(
+def test_the_slope_is_learnt_for_any_motion_of_the_pendulum_and_any_number_of_updates(
         slope, angle, period):
     learnt = watch(slope, angle, period, 3.0)[-1]
     assert speed_law.estimated_slope(learnt, LAW) == pytest.approx(slope, abs=1e-4)
@@ -91,7 +91,7 @@ def test_what_law_11_falls_short_by_is_made_up_for_and_no_more_than_some():
         assert state[4] == pytest.approx(made_up, abs=0.03)
 
 
-def test_what_is_learnt_is_bounded_and_above_the_steepest_slope_so_that_it_can_be_told():
+def test_what_is_learnt_is_bounded_above_the_steepest_slope_so_that_it_can_be_reported():
     state = speed_law.speed_law_start(0.0, 0.0, 0.0, LAW)
     for number in range(1000):  # it is pushed back ever faster
         state, _ = speed_law.speed_law_step(

@@ -23,7 +23,7 @@ def test_what_is_there_is_complete_however_often_it_was_repeated():
 
 
 @pytest.mark.parametrize('missing', [0, 44, 100])
-def test_one_message_that_is_missing_is_told_with_topic_and_time(missing):
+def test_one_message_that_is_missing_is_reported_with_topic_and_time(missing):
     found = recorded(100)
     found['joint_states'].remove(missing * MS)
     assert gaps(found, RATES, 100 * MS) == [
@@ -37,7 +37,7 @@ def test_a_topic_that_never_came_lacks_all_of_it():
     assert sentence.startswith('bag: odom lacks 11 of 11 messages')
 
 
-def test_what_was_recorded_and_is_not_in_the_file_is_told(tmp_path):
+def test_what_was_recorded_and_is_not_in_the_file_is_reported(tmp_path):
     found = recorded(100)
     lost = 'bag: 62 messages were recorded and 61 are in the file'
     for count, wrong in ((62, []), (61, [lost])):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The demo with one's own robot, and one that is honest about an e-stop."""
+"""The demo with a custom robot, and one that reports an e-stop."""
 from types import SimpleNamespace
 
 import pytest
@@ -44,7 +44,7 @@ def own_robot(tmp_path):
     return str(path)
 
 
-def test_a_robot_without_a_curve_is_told_what_to_run(own_robot):
+def test_a_robot_without_a_curve_gets_the_command_to_run(own_robot):
     with pytest.raises(ConfigurationError) as refusal:
         own_acts(robot=own_robot)
     assert f'ballbot fit-curve --robot {own_robot} --actuation held' in str(refusal.value)
@@ -67,7 +67,7 @@ def test_carpets_and_cords_are_as_high_as_they_are_seen():
         '31 mm step', '80 mm step']
 
 
-def test_a_run_of_which_nothing_was_expected_is_told_face_by_face(gimball):
+def test_a_run_without_expectations_is_reported_face_by_face(gimball):
     timeline = Timeline([Passage(1.0, 0.03, 0.03, None), Passage(2.0, 0.08, 0.11, None)],
                         gimball, lambda *event: None)
     assert account(timeline) == ['the 30 mm step at 1.00 m: not touched',
@@ -149,7 +149,7 @@ def test_a_refusal_at_first_is_no_reason_to_give_up(person):
 
 @pytest.mark.parametrize('given, lockstep, factor', [
     ({}, True, 0.0), ({'real_time': True}, False, 1.0), ({'watched': True}, True, 1.0)])
-def test_somebody_who_looks_on_sees_it_in_real_time_at_most_and_slower_where_that_is_too_fast(
+def test_a_viewer_sees_it_in_real_time_at_most_and_slower_where_that_is_too_fast(
         tmp_path, monkeypatch, given, lockstep, factor):
     class Started(Exception):
         """Takes the place of all that follows."""

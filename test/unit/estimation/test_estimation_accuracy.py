@@ -25,12 +25,12 @@ CASES = {
 }
 
 
-def run(case, duration=2.5, imu=None, mounting=ImuMounting(), believed=GIMBALL, late=0.0):
-    """Return estimates and true states of a robot whose pendulum is pushed to and fro."""
+def run(case, duration=2.5, imu=None, mounting=ImuMounting(), assumed=GIMBALL, late=0.0):
+    """Return estimates and true states of a robot whose pendulum is pushed back and forth."""
     terrain, changes, start = CASES[case]
     scene = read_scene({'robot': 'gimball', 'robot_changes': changes, 'terrain': terrain,
                         'initial': start, 'duration': duration}, case, case)
-    plant, fusion, pairs = Plant(scene, RATE), Fusion(believed, mounting), []
+    plant, fusion, pairs = Plant(scene, RATE), Fusion(assumed, mounting), []
     for number in range(int(duration * RATE)):
         torque = 1.1 * math.sin(1.2 * plant.time)
         before = plant.state
@@ -48,7 +48,7 @@ def angle_errors(pairs):
 
 
 @pytest.mark.parametrize('case', CASES)
-def test_with_an_imu_the_angle_is_right_whatever_the_ball_does(case):
+def test_with_an_imu_the_angle_is_right_for_any_motion_of_the_ball(case):
     pairs, _ = run(case, imu=Imu(9.81))
     if case in ('crossing', 'flight'):
         assert pairs[-1][1].x > 1.2 + GIMBALL.ball_radius
@@ -69,10 +69,10 @@ def test_without_an_imu_rolling_on_a_level_floor_is_enough():
     assert np.abs(angle_errors(pairs)).max() < math.radians(1.0)
 
 
-def test_without_an_imu_a_slope_is_taken_for_a_lean_and_an_imu_mends_it():
+def test_without_an_imu_a_slope_is_taken_for_a_lean_and_an_imu_corrects_it():
     wrong = np.abs(angle_errors(run('slope')[0])).max()
-    mended = np.abs(angle_errors(run('slope', imu=Imu(9.81))[0])).max()
-    assert wrong > math.radians(4.0) and wrong > 5.0 * mended
+    corrected = np.abs(angle_errors(run('slope', imu=Imu(9.81))[0])).max()
+    assert wrong > math.radians(4.0) and wrong > 5.0 * corrected
 
 
 def test_an_imu_that_comes_late_does_not_move_the_pendulum():
@@ -83,6 +83,6 @@ def test_an_imu_that_comes_late_does_not_move_the_pendulum():
 
 
 def test_the_estimate_of_a_wrong_robot_is_wrong_by_little_with_an_imu():
-    believed = replace(GIMBALL, pendulum_mass=1.7, joint_friction=0.2)
-    pairs, _ = run('rolling', imu=Imu(9.81), believed=believed)
+    assumed = replace(GIMBALL, pendulum_mass=1.7, joint_friction=0.2)
+    pairs, _ = run('rolling', imu=Imu(9.81), assumed=assumed)
     assert np.abs(angle_errors(pairs)).max() < math.radians(1.0)

@@ -75,7 +75,7 @@ def test_two_turns_of_the_motor_are_noticed_and_the_angle_stays_right(motion, im
     fusion, found = followed(motion, imu, every, jump=jump)
     assert fusion.rezeroed == 1
     assert fusion.last_jump == pytest.approx(jump, abs=0.03)
-    # Until it is believed again the angle is a prediction.
+    # Until its readings are used again the angle is a prediction.
     assert max(abs(one - other) for one, other in zip(found, right)) < 0.04
 
 
@@ -105,7 +105,7 @@ def test_a_velocity_that_the_jump_itself_made_does_not_explain_it():
 @pytest.mark.parametrize('angle, doubted', [
     (0.0, True), (-0.2, True), (-0.34, True), (-0.36, False), (0.14, True), (0.16, False),
     (0.35, False)])
-def test_after_a_pause_an_encoder_that_may_have_begun_at_0_again_is_doubted(angle, doubted):
+def test_after_a_pause_an_encoder_that_may_have_restarted_at_0_is_doubted(angle, doubted):
     # It stood at 0.5 and has moved by -0.2 in the pause, by the prediction.
     kept = Continuity().after(EncoderReading(0.0, 0.5, -1.0, 0.0, -1.0))
     kept = kept.after(EncoderReading(0.2, angle, -1.0, angle - 0.3, -1.0))

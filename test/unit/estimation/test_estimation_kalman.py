@@ -45,7 +45,7 @@ def felt_while_rolling(angle, joint, rate, ball_rate, torque):
                       forward * math.sin(turn) + upward * math.cos(turn), roll)
 
 
-def told(estimate, row, variance, found):
+def updated_by(estimate, row, variance, found):
     """Return mean and covariance after a scalar measurement, from the sum of informations."""
     row = np.array(row, dtype=float)
     before = np.linalg.inv(estimate.covariance)
@@ -55,7 +55,7 @@ def told(estimate, row, variance, found):
 
 # The start
 
-def test_a_robot_at_rest_lets_its_pendulum_hang_whatever_the_encoder_shows():
+def test_a_robot_at_rest_lets_its_pendulum_hang_for_any_reading_of_the_encoder():
     estimate = FILTER.start(3.0, 12.5)
     assert estimate.stamp == 3.0 and estimate.encoder_zero == 12.5
     assert estimate.mean.tolist() == [0.0] * 5
@@ -184,7 +184,7 @@ def test_an_encoder_angle_adds_its_information(seed, angle, joint_rate):
     tuning = FilterTuning(encoder_sd=0.02, timing_sd=0.003)
     estimate = known([0.1, 0.2, 1.5 + joint_rate, 1.5, 0.0], uncertain(seed), zero=7.0)
     updated = PendulumFilter(GIMBALL, tuning).with_encoder(estimate, 7.0 + angle)
-    mean, covariance = told(
+    mean, covariance = updated_by(
         estimate, [0, 1, 0, 0, 0], 0.02**2 + (0.003 * joint_rate)**2, angle)
     np.testing.assert_allclose(updated.mean, mean, rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(updated.covariance, covariance, rtol=1e-5, atol=1e-5)
@@ -198,7 +198,7 @@ def test_the_innovation_is_what_the_encoder_shows_beyond_the_predicted():
 @given(strategies.integers(0, 2**32 - 1), rates)
 def test_in_free_fall_or_impact_an_imu_adds_only_its_turn_rate(seed, turn_rate):
     estimate = known([0.1, 0.2, 1.5, 0.5, 0.01], uncertain(seed))
-    mean, covariance = told(estimate, [0, 0, 0, 1, 1], TUNING.gyro_sd**2, turn_rate)
+    mean, covariance = updated_by(estimate, [0, 0, 0, 1, 1], TUNING.gyro_sd**2, turn_rate)
     for upward in (0.0, 40.0):
         updated = FILTER.with_imu(estimate, ImuReading(0.0, turn_rate, 0.0, upward), 0.002)
         np.testing.assert_allclose(updated.mean, mean, rtol=1e-5, atol=1e-5)
@@ -207,7 +207,7 @@ def test_in_free_fall_or_impact_an_imu_adds_only_its_turn_rate(seed, turn_rate):
 
 @given(strategies.integers(0, 2**32 - 1), angles)
 def test_gravity_adds_its_information_about_the_ball_angle(seed, ball_angle):
-    # The gyro reads what is expected with hardly any information of its own.
+    # The gyro reads what is expected with almost no information of its own.
     tuning = FilterTuning(gyro_sd=1e6, gravity_sd=2.0)
     estimate = known([0.3 + ball_angle, 0.3, 0.0, 0.0, 0.0], uncertain(seed))
     imu = ImuReading(0.0, 0.0, 0.6, G)
@@ -215,7 +215,7 @@ def test_gravity_adds_its_information_about_the_ball_angle(seed, ball_angle):
     sine, cosine = math.sin(ball_angle), math.cos(ball_angle)
     forward, upward = 0.6 * cosine - G * sine, 0.6 * sine + G * cosine
     # forward(ball angle) = 0 without acceleration; d forward / d ball angle = -upward.
-    mean, covariance = told(
+    mean, covariance = updated_by(
         estimate, [-upward, upward, 0, 0, 0], 2.0**2, -forward - upward * ball_angle)
     np.testing.assert_allclose(updated.mean, mean, rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(updated.covariance, covariance, rtol=1e-5, atol=1e-5)
@@ -244,7 +244,7 @@ def test_readings_in_a_row_stray_together_and_count_as_one_in_a_tenth_of_a_secon
     tuning = FilterTuning(gyro_sd=1e6, gravity_sd=5.0)
 
     def information(period):
-        """Return what is known of the ball angle more than before."""
+        """Return the information on the ball angle that an update adds."""
         updated = PendulumFilter(GIMBALL, tuning).with_imu(estimate, UPRIGHT, period)
         lean = np.array([1.0, -1.0, 0.0, 0.0, 0.0])
         return 1.0 / (lean @ updated.covariance @ lean) - 0.5

@@ -25,7 +25,7 @@ imus = strategies.none() | readings
 robots = strategies.sampled_from(sorted(ROBOTS))
 
 
-def believed(seed, angle, joint, rate, ball_rate, size=0.1):
+def random_estimate(seed, angle, joint, rate, ball_rate, size=0.1):
     """Return an estimate with any covariance."""
     root = size * np.random.default_rng(seed).normal(size=(5, 5))
     covariance = root @ root.T + 1e-4 * np.eye(5)
@@ -46,14 +46,14 @@ def assert_same(found, expected):
        strategies.floats(1e-5, 0.02))
 def test_a_prediction_is_that_of_the_matrices(name, seed, angle, joint, rate, ball_rate, torque,
                                               imu, duration):
-    estimate = believed(seed, angle, joint, rate, ball_rate)
+    estimate = random_estimate(seed, angle, joint, rate, ball_rate)
     assert_same(*(kind(ROBOTS[name]).predict(estimate, 3.0 + duration, torque, imu)
                   for kind in (PendulumFilter, MatrixFilter)))
 
 
 @given(seeds, angles, rates, rates, strategies.floats(-0.5, 0.5))
 def test_an_encoder_angle_counts_as_in_the_matrices(seed, angle, rate, ball_rate, off):
-    estimate = believed(seed, 0.3, angle, rate, ball_rate)
+    estimate = random_estimate(seed, 0.3, angle, rate, ball_rate)
     assert_same(*(kind(GIMBALL).with_encoder(estimate, 7.0 + angle + off)
                   for kind in (PendulumFilter, MatrixFilter)))
 
@@ -61,7 +61,7 @@ def test_an_encoder_angle_counts_as_in_the_matrices(seed, angle, rate, ball_rate
 @given(robots, seeds, angles, angles, rates, readings, strategies.floats(0.0, 0.1))
 def test_an_imu_reading_counts_as_in_the_matrices(name, seed, angle, joint, ball_rate, imu,
                                                   period):
-    estimate = believed(seed, angle, joint, 1.0, ball_rate)
+    estimate = random_estimate(seed, angle, joint, 1.0, ball_rate)
     # Any force shows where down is: the gate is tested elsewhere.
     tuning = FilterTuning(gravity_gate=1e9)
     assert_same(*(kind(ROBOTS[name], tuning).with_imu(estimate, imu, period)
@@ -70,7 +70,7 @@ def test_an_imu_reading_counts_as_in_the_matrices(name, seed, angle, joint, ball
 
 @given(seeds, angles, rates, torques, imus)
 def test_an_estimate_is_a_value_that_later_ones_leave_alone(seed, angle, rate, torque, imu):
-    estimate = believed(seed, angle, 0.2, rate, 0.5)
+    estimate = random_estimate(seed, angle, 0.2, rate, 0.5)
     mean, covariance = estimate.mean.copy(), estimate.covariance.copy()
     kalman = PendulumFilter(GIMBALL)
     later = kalman.with_encoder(kalman.predict(estimate, 3.004, torque, imu), 7.3)
@@ -83,7 +83,7 @@ def test_an_estimate_is_a_value_that_later_ones_leave_alone(seed, angle, rate, t
 @given(seeds, strategies.lists(strategies.tuples(torques, imus, strategies.floats(-0.3, 0.3)),
                                min_size=1, max_size=30))
 def test_a_covariance_stays_symmetric_and_positive(seed, happenings):
-    estimate, kalman = believed(seed, 0.1, 0.2, 1.0, 0.5), PendulumFilter(GIMBALL)
+    estimate, kalman = random_estimate(seed, 0.1, 0.2, 1.0, 0.5), PendulumFilter(GIMBALL)
     for torque, imu, off in happenings:
         estimate = kalman.predict(estimate, estimate.stamp + 0.002, torque, imu)
         if imu is not None:

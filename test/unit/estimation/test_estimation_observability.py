@@ -16,7 +16,7 @@ EVERY_ANGLE = [0.0, 0.2, 1.0, -1.3, 2.8]
 
 
 @pytest.mark.parametrize('angle', EVERY_ANGLE)
-def test_slope_lean_and_torque_error_are_told_apart_by_an_imu_only(angle):
+def test_only_an_imu_separates_slope_lean_and_torque_error(angle):
     assert unobservable(GIMBALL, imu=True, angle=angle) == []
     assert unobservable(GIMBALL, imu=False, angle=angle) == [
         'pendulum angle', 'constant torque', 'slope of the floor']

@@ -57,7 +57,7 @@ def test_a_ball_that_gets_faster_without_slip_slides_nowhere():
     assert abs(state.slide.way) < 1e-9 and abs(state.slide.slip) < 1e-9
 
 
-def test_in_the_air_the_speed_stays_whatever_the_ball_turns():
+def test_in_the_air_the_speed_stays_for_any_turn_of_the_ball():
     # Takes off at 1 m/s after 0.1 s and spins up by 20 rad/s2, for 0.3 s.
     def flight(now):
         rate, air = -1.0 / RADIUS, max(now - 0.1, 0.0)
@@ -95,7 +95,7 @@ def test_a_blow_is_felt_once_however_long_its_reading_is_the_newest():
     assert state.speed == pytest.approx(50.0 * STEP, rel=0.01)
 
 
-def test_a_wrong_radius_is_a_part_of_the_way_and_rolling_back_mends_it():
+def test_a_wrong_radius_is_a_part_of_the_way_and_rolling_back_corrects_it():
     tuning = OdometryTuning(
         radius_error=0.01, slip_part=0.0, slip_at_rest=1e-6, force_sd=1e-6)
     odometry = OdometryFilter(GIMBALL, tuning)
@@ -107,7 +107,7 @@ def test_a_wrong_radius_is_a_part_of_the_way_and_rolling_back_mends_it():
     assert back.position_variance < 1e-6
 
 
-def test_rolling_that_nobody_watches_is_less_certain():
+def test_rolling_without_readings_is_less_certain():
     def position_variance(watched):
         force = (0.0, 9.81) if watched else (None, None)
         return follow(lambda now: (-2.0 * now, -2.0, *force), 2.0).position_variance
@@ -149,7 +149,7 @@ def test_an_estimate_that_is_not_later_changes_nothing():
     some.floats(1e-4, 0.5), some.floats(-3.0, 3.0), some.floats(-30.0, 30.0),
     some.none() | some.tuples(some.floats(-100.0, 100.0), some.floats(-100.0, 100.0))),
     min_size=1, max_size=30))
-def test_variances_are_never_negative_whatever_comes(steps):
+def test_variances_are_never_negative_for_any_sequence(steps):
     odometry, stamp, angle = OdometryFilter(GIMBALL), 0.0, 0.0
     state = odometry.start(estimate(0.0))
     for step, turn, rate, force in steps:
@@ -216,7 +216,7 @@ def drive(case, push, late=0):
 
 
 def swing(plant):
-    """Push to and fro."""
+    """Push back and forth."""
     return 1.1 * math.sin(1.2 * plant.time)
 
 
@@ -229,7 +229,7 @@ def charge(plant):
 
 @pytest.mark.parametrize('push', (swing, charge))
 @pytest.mark.parametrize('case', CASES)
-def test_the_true_place_is_within_three_deviations_whatever_the_ball_meets(case, push):
+def test_the_true_place_is_within_three_deviations_on_any_ground(case, push):
     position, speed, position_sd, speed_sd = drive(case, push)
     assert np.mean(position < 3.0 * position_sd) > 0.99
     assert np.mean(speed < 3.0 * speed_sd) > 0.99

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An animation shows the run: so many frames, that long, the ball where it was."""
+"""An animation shows the run: number of frames, duration, and the ball where it was."""
 from dataclasses import replace
 import math
 import subprocess
@@ -122,10 +122,10 @@ def test_arrows_begin_on_the_shell_and_edge_and_floor_have_one_each(run):
         assert away == pytest.approx(run.model.robot.ball_radius)
 
 
-def test_progress_is_told_up_to_the_end(run, tmp_path):
-    told = []
-    animate(run, tmp_path / 'run.gif', playback=5.0, progress=told.append)
-    assert told == sorted(told) and told[-1] == 1.0
+def test_progress_is_reported_up_to_the_end(run, tmp_path):
+    fractions = []
+    animate(run, tmp_path / 'run.gif', playback=5.0, progress=fractions.append)
+    assert fractions == sorted(fractions) and fractions[-1] == 1.0
 
 
 def test_an_end_on_the_way_leaves_no_file(run, tmp_path):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures exist for every scene, show something and tell no lies about scale."""
+"""Figures exist for every scene, show something and are to scale."""
 from functools import lru_cache
 import warnings
 

@@ -41,10 +41,10 @@ def words(figure):
 
 @pytest.mark.parametrize('name', gallery.FIGURES)
 def test_every_figure_says_where_it_comes_from_and_reports_its_progress(name, coarse):
-    told = []
-    text = words(gallery.FIGURES[name](told.append))
+    fractions = []
+    text = words(gallery.FIGURES[name](fractions.append))
     assert ('re-simulated' if name.startswith('fig') else 'simulated with the full') in text
-    assert told == sorted(told) and told[-1] == pytest.approx(1.0)
+    assert fractions == sorted(fractions) and fractions[-1] == pytest.approx(1.0)
 
 
 def test_figure_6_has_the_three_printed_points(coarse):

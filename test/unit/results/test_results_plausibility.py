@@ -23,15 +23,15 @@ def warned(**sections):
     return list(scene_warnings(scene))
 
 
-@pytest.mark.parametrize('sections, told', [
+@pytest.mark.parametrize('sections, message', [
     ({'terrain': [{'flat': {'length': 1.0}}, {'step': {'height': 31}}]}, '31 mm are 0.031'),
     ({'terrain': [{'flat': {'length': 1.0}}, {'step': {'height': 0.5}}]}, 'higher than the ball'),
     ({'initial': {'speed': 78}}, '281 km/h'),
     ({'initial': {'pendulum_angle_deg': 200}}, '-160 is the same angle'),
     ({'actuation': {'law': 'position', 'set_angle_deg': 120}}, '90 is horizontal')])
-def test_what_is_impossible_for_people_is_questioned(sections, told):
+def test_what_is_impossible_for_people_is_questioned(sections, message):
     question, = warned(**sections)
-    assert told in question
+    assert message in question
 
 
 @pytest.mark.parametrize('name', ['fig7_top', 'fig7_bottom', 'household', 'doorstep'])
@@ -81,14 +81,14 @@ def test_a_robot_that_contradicts_physics_is_questioned_in_every_verb(
     assert 'Warning: the mean density of robot' in err and '1100 g would be 1.1 kg' in err
 
 
-@pytest.mark.parametrize('words, told', [
+@pytest.mark.parametrize('words, message', [
     (['max-step-height', '--speed', '0.5,78'], '--speed is 78 m/s, 281 km/h'),
     (['fit-curve', '--speed', '0.2:78:6', '--out', 'a.yaml'], '--speed is 78 m/s, 281 km/h'),
     (['sweep', '--vary', 'speed=0.5,78', '--out', 'a.parquet'], 'speed is 78 m/s, 281 km/h'),
     (['sweep', '--fix', 'speed=0.5', '--vary', 'height=0.01,31', '--out', 'a.parquet'],
      'the step of 31 m to be tried is higher than the ball')])
 def test_numbers_of_the_command_line_are_questioned_before_the_work(
-        words, told, tmp_path, monkeypatch, capsys):
+        words, message, tmp_path, monkeypatch, capsys):
     def work(*_, **__):
         raise ConfigurationError('the work begins')
     for place in ('crossing.max_step_heights', 'studies.curve_fit.fit_curve',
@@ -97,7 +97,7 @@ def test_numbers_of_the_command_line_are_questioned_before_the_work(
     monkeypatch.chdir(tmp_path)
     assert main(words) == 2
     asked_first, refused = capsys.readouterr().err.splitlines()
-    assert told in asked_first and asked_first.startswith('Warning: ')
+    assert message in asked_first and asked_first.startswith('Warning: ')
     assert 'the work begins' in refused
 
 

@@ -133,23 +133,23 @@ def test_a_coarse_step_is_advised_against():
     assert any('use a smaller step than 0.001 s' in warning for warning in summary.warnings)
 
 
-def test_sliding_all_along_is_told():
+def test_sliding_all_along_is_reported():
     scene = scene_of(initial={'velocity_x': 2.0, 'ball_rate': 100.0}, duration=0.2)
     summary = summarise(scene.simulate())
     assert any('slid for 100%' in warning for warning in summary.warnings)
 
 
-def test_a_soft_contact_is_told():
+def test_a_soft_contact_is_reported():
     scene = scene_of(initial={'y': 1.0}, robot_changes={'contact_stiffness': 3000.0})
     summary = summarise(scene.simulate())
     assert any('contact_stiffness is too low' in warning for warning in summary.warnings)
 
 
-def test_a_scene_without_start_or_drive_is_told():
+def test_a_scene_without_start_or_drive_is_reported():
     assert any('nothing moved' in warning for warning in summary_of('flat').warnings)
 
 
-def test_an_early_end_is_told():
+def test_an_early_end_is_reported():
     scene = load_scene('fig7_top')
     run = scene.simulate()
     summary = summarise(replace(run, rows=run.rows[:600]))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes in the process of the test, on a domain where nobody talks."""
+"""Nodes in the process of the test, on a domain without other nodes."""
 import pytest
 import rclpy
 from rclpy.context import Context

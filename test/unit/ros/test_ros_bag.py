@@ -43,7 +43,7 @@ def test_stamps_are_read_where_messages_have_them():
         def get_fields_and_field_types():
             return {'transforms': 'sequence<geometry_msgs/TransformStamped>'}
     assert stamp_reader(Transforms) is stamp_of_first
-    # A sequence of one is its length and the message, whatever stands there.
+    # A sequence of one is its length and the message, for any content.
     one = serialize_message(stamped(TransformStamped, 5.0))
     assert stamp_of_first(one[:4] + b'\1\0\0\0' + one[4:]) == 5_000_000_000
 
@@ -83,23 +83,23 @@ def test_where_nothing_has_a_time_it_is_that_of_the_wall(recorded):
     assert found[0][0] == '/String' and abs(found[0][1] - time.time_ns()) < 3600 * 10**9
 
 
-def test_a_recorder_with_its_own_thread_misses_nothing_while_nobody_else_gets_on(
+def test_a_recorder_with_its_own_thread_misses_nothing_without_an_executor(
         make_node, tmp_path):
     source, sink = make_node(Node, 'source'), make_node(Node, 'sink')
     publisher = source.create_publisher(JointState, 'states', qos.STATE)
-    told = []
+    received = []
     with BagRecorder(tmp_path / 'bag') as bag:
-        bag.subscribe(sink, 'states', told.append, JointState, qos.recording('joint_states'))
+        bag.subscribe(sink, 'states', received.append, JointState, qos.recording('joint_states'))
         bag.record_in_thread()
         for number in range(10000):  # twice what a subscription holds; no executor ever spins
             publisher.publish(stamped(JointState, 0.002 * number))
-        while len(told) < 10000:
+        while len(received) < 10000:
             assert bag.failure is None
             time.sleep(0.001)
     assert bag.recorded == {'states': [2_000_000 * number for number in range(10000)]}
 
 
-def test_a_bag_that_cannot_be_written_is_told(make_node, tmp_path):
+def test_a_bag_that_cannot_be_written_is_reported(make_node, tmp_path):
     source, sink = make_node(Node, 'source'), make_node(Node, 'sink')
     publisher = source.create_publisher(String, 'words', qos.STATE)
 

@@ -71,14 +71,14 @@ def test_a_bag_says_which_scene_and_robot_it_was_made_with(tmp_path):
     writer.write(writer.add_topic('/here', 'std_msgs/msg/String'), 5, b'\0\1\0\0\1\0\0\0\0')
     writer.close()
     file = yaml.safe_load((tmp_path / 'bag' / 'metadata.yaml').read_text())
-    told = BagMetadata.read(file['rosbag2_bagfile_information']['custom_data'])
+    metadata = BagMetadata.read(file['rosbag2_bagfile_information']['custom_data'])
     with Reader(tmp_path / 'bag') as bag:
         assert [stamp for _, stamp, _ in bag.messages()] == [5]
-    assert told.source == SIMULATOR and told.parameters == {'lockstep': True}
-    assert told == BagMetadata.read(bag_metadata(SIMULATOR, {'lockstep': True}, scene))
+    assert metadata.source == SIMULATOR and metadata.parameters == {'lockstep': True}
+    assert metadata == BagMetadata.read(bag_metadata(SIMULATOR, {'lockstep': True}, scene))
     other = BagMetadata.read(bag_metadata(SIMULATOR, {}, load_scene('doorstep', 'shellball')))
-    assert other.digests['robot'] != told.digests['robot']
-    assert other.digests['scene'] == told.digests['scene']
+    assert other.digests['robot'] != metadata.digests['robot']
+    assert other.digests['scene'] == metadata.digests['scene']
 
 
 def test_what_a_bag_does_not_say_is_left_out():
@@ -106,11 +106,11 @@ def test_where_rosbags_is_missing_the_bags_of_a_ros_installation_are_used(
         ('write', '/here', b'data', 5)]
 
 
-@pytest.mark.parametrize('present, told', [
+@pytest.mark.parametrize('present, message', [
     ((), 'neither is installed'), (('rosbag2_py',), 'is ros-.*-rosbag2-storage-mcap installed')])
 def test_without_anything_that_writes_bags_it_is_said_what_to_install(
-        monkeypatch, tmp_path, present, told):
+        monkeypatch, tmp_path, present, message):
     only(monkeypatch, *present)
     monkeypatch.setitem(__import__('sys').modules, 'rosbag2_py', FakeRosbag2(broken=True))
-    with pytest.raises(ConfigurationError, match=told):
+    with pytest.raises(ConfigurationError, match=message):
         bag_writer(tmp_path / 'bag', {}).open()

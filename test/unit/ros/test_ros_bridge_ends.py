@@ -20,35 +20,35 @@ def bridge(make_node, tmp_path):
     return node
 
 
-def heard_late(make_node, context):
-    """Return what somebody hears who subscribes now."""
-    peer, heard = make_node(Node, 'late'), []
-    peer.create_subscription(Bool, 'e_stop', heard.append, qos.LATCHED)
+def received_late(make_node, context):
+    """Return what a new subscriber receives."""
+    peer, received = make_node(Node, 'late'), []
+    peer.create_subscription(Bool, 'e_stop', received.append, qos.LATCHED)
     executor = new_executor(context)
     executor.add_node(peer)
     deadline = time.monotonic() + 20.0
-    while not heard:
+    while not received:
         assert time.monotonic() < deadline
         executor.spin_once(timeout_sec=0.01)
     executor.shutdown()
-    return heard[-1].data
+    return received[-1].data
 
 
-def test_a_released_one_is_heard_as_such(bridge, make_node, context):
-    assert heard_late(make_node, context) is False
+def test_a_released_one_is_published_as_such(bridge, make_node, context):
+    assert received_late(make_node, context) is False
 
 
 @pytest.mark.parametrize('end', ['shutdown', 'cleanup', 'error'])
-def test_after_shutdown_cleanup_and_an_error_the_e_stop_is_heard_to_be_engaged(
+def test_after_shutdown_cleanup_and_an_error_the_e_stop_is_published_as_engaged(
         bridge, make_node, context, end):
     if end == 'error':
         def fail():
-            raise RuntimeError('something nobody thought of')
+            raise RuntimeError('an unexpected error')
         bridge._session.configure = fail
         bridge.trigger_configure()
     else:
         getattr(bridge, f'on_{end}')(None)
-    assert heard_late(make_node, context) is True
+    assert received_late(make_node, context) is True
     assert bridge._session.supervisor.e_stop == 'the bridge was shut down'
     bridge._look_after()
-    assert heard_late(make_node, context) is True
+    assert received_late(make_node, context) is True

@@ -31,7 +31,7 @@ def simulators(context):
     executor, made = new_executor(context), []
 
     def make(namespace='', **parameters):
-        # A subscription that the executor does not know yet has no order of arrival.
+        # A subscription that the executor has not collected yet has no order of arrival.
         executor.spin_once(timeout_sec=0.01)
         parameters = {'scene': 'flat', **parameters}
         node = Simulator(context=context, namespace=namespace, parameter_overrides=[
@@ -55,29 +55,29 @@ def simulators(context):
 
 
 class Arrivals:
-    """What one subscriber hears, in order of arrival."""
+    """What one subscriber receives, in order of arrival."""
 
     def __init__(self, node, *namespaces):
         self.now, self.clocks, self.ahead = -1.0, [], []
-        self.heard = {}
+        self.received = {}
         node.create_subscription(Clock, '/clock', self._tick, qos.recording('/clock'))
         for namespace in namespaces:
             for topic, kind in TOPICS:
                 name = f'{namespace}/{topic}'
-                self.heard[name] = []
-                node.create_subscription(kind, name, self._hearing(name), qos.STATE)
+                self.received[name] = []
+                node.create_subscription(kind, name, self._receiver(name), qos.STATE)
 
     def _tick(self, message):
         self.now = to_seconds(message.clock)
         self.clocks.append(self.now)
 
-    def _hearing(self, name):
-        def hear(message):
+    def _receiver(self, name):
+        def receive(message):
             stamp = to_seconds(message.header.stamp)
-            self.heard[name].append(stamp)
+            self.received[name].append(stamp)
             if stamp > self.now:
                 self.ahead.append((name, stamp, self.now))
-        return hear
+        return receive
 
 
 @pytest.mark.parametrize('parameters', [
@@ -87,10 +87,10 @@ def test_no_stamp_is_ahead_of_the_clock_in_order_of_arrival(simulators, paramete
     make, until = simulators
     arrivals = Arrivals(make.listener, '')
     make(**parameters)
-    until(lambda: all(len(found) > 20 for found in arrivals.heard.values()))
+    until(lambda: all(len(found) > 20 for found in arrivals.received.values()))
     assert not arrivals.ahead
     # And it is not published for nothing.
-    assert len(set(arrivals.clocks)) <= 1 + max(map(len, map(set, arrivals.heard.values()))) * (
+    assert len(set(arrivals.clocks)) <= 1 + max(map(len, map(set, arrivals.received.values()))) * (
         3 if parameters.get('joint_state_rate') == 250.0 else 1)
 
 
@@ -98,7 +98,7 @@ def test_a_rate_that_is_asked_for_is_kept_and_stamps_are_ahead_by_less_than_its_
     make, until = simulators
     arrivals = Arrivals(make.listener, '')
     make(clock_rate=100.0)
-    until(lambda: len(arrivals.heard['/odom']) > 20)
+    until(lambda: len(arrivals.received['/odom']) > 20)
     assert arrivals.ahead and all(
         stamp - now < 0.01 for _, stamp, now in arrivals.ahead if now >= 0.0)
 
@@ -115,17 +115,17 @@ def test_two_robots_have_one_time_and_the_second_never_runs_ahead_of_it(simulato
     arrivals = Arrivals(make.listener, '/a', '/b')
     follower = make('b', publish_clock=False, real_time_factor=0.0)
     until(lambda: follower._scheduler._pace._waiting_since is not None)
-    assert not arrivals.heard['/b/odom'] or arrivals.heard['/b/odom'] == [0.0]
+    assert not arrivals.received['/b/odom'] or arrivals.received['/b/odom'] == [0.0]
     make('a')
-    until(lambda: min(len(arrivals.heard[f'/{name}/odom']) for name in 'ab') > 30)
+    until(lambda: min(len(arrivals.received[f'/{name}/odom']) for name in 'ab') > 30)
     assert not [one for one in arrivals.ahead if one[2] >= 0.0]
-    one, other = (arrivals.heard[f'/{name}/joint_states'] for name in 'ab')
+    one, other = (arrivals.received[f'/{name}/joint_states'] for name in 'ab')
     assert abs(one[-1] - other[-1]) < 0.2
     assert make.listener.count_publishers('/clock') == 1
     assert not mismatches(follower)
 
 
-def test_two_that_both_make_the_time_are_told_by_name(simulators):
+def test_two_that_both_make_the_time_are_reported_by_name(simulators):
     make, until = simulators
     first, second = make('a'), make('b')
     until(lambda: mismatches(first) and mismatches(second))  # they have found each other
@@ -169,7 +169,7 @@ def test_a_lag_is_made_up_for_a_long_one_given_up_and_a_clock_set_back_followed(
     assert at(0.9) == 0 and plant.time == 0.9 and clock.dropped == 550
 
 
-def test_that_no_clock_comes_is_said_after_some_patience(followed, capfd):
+def test_a_missing_clock_is_reported_after_a_timeout(followed, capfd):
     _, clock, _ = followed
     clock.due(100.0)
     clock.due(102.9)

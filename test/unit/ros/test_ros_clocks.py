@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stamps on a clock that is set now and then, and timeouts on one that is not."""
+"""Stamps on a clock that is set from time to time, and timeouts on one that is not."""
 from types import SimpleNamespace
 
 import pytest
@@ -34,7 +34,7 @@ def machine(monkeypatch):
 
 
 @pytest.fixture
-def told(monkeypatch):
+def logged(monkeypatch):
     """Return what is logged, by a logger whose records wait for the executor."""
     assert motor.LOG.name.startswith('ballbot_ros.bridge.')  # see nodes/bridge/node.py
     found = []
@@ -55,30 +55,30 @@ def test_a_stamp_of_now_is_now(machine):
 
 
 @pytest.mark.parametrize('change', [3600.0, -3600.0, 1.8e9, 0.5, -0.02])
-def test_a_clock_that_is_set_is_followed_after_twenty_ms_and_logged(machine, told, change):
+def test_a_clock_that_is_set_is_followed_after_twenty_ms_and_logged(machine, logged, change):
     clocks = Clocks()
     off(clocks, machine)
     machine.apart += change
     machine.steady += 0.021
     assert off(clocks, machine) == pytest.approx(0.0, abs=1e-6)
-    assert len(told) == (abs(change) > 0.1)
-    assert not told or f'set by {change:+.3f} s' in told[0]
+    assert len(logged) == (abs(change) > 0.1)
+    assert not logged or f'set by {change:+.3f} s' in logged[0]
 
 
-def test_a_sample_during_which_the_process_is_preempted_is_dropped(machine, told):
+def test_a_sample_during_which_the_process_is_preempted_is_dropped(machine, logged):
     clocks = Clocks()
     off(clocks, machine)
     machine.held_up = 0.03
     for _ in range(5):
         machine.steady += 0.1
         assert off(clocks, machine) == pytest.approx(0.0, abs=1e-6)
-    assert not told
+    assert not logged
 
 
-def test_clocks_that_drift_apart_are_followed_without_a_word(machine, told):
+def test_clocks_that_drift_apart_are_followed_without_a_word(machine, logged):
     clocks = Clocks()
     for _ in range(1000):
         machine.steady += 0.03
         machine.apart += 15e-6
         assert abs(off(clocks, machine)) < 0.0021
-    assert not told
+    assert not logged

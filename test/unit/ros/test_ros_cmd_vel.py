@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speeds from whoever sends them; what one motor cannot do is refused, not half done."""
+"""Speeds from any publisher; what one motor cannot do is refused, not half done."""
 import math
 
 from geometry_msgs.msg import Twist, TwistStamped

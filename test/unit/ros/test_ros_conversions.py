@@ -178,7 +178,7 @@ def test_odometry_gives_back_place_and_speed(state):
     assert (message.header.frame_id, message.child_frame_id) == ('odom', 'base_link')
 
 
-def test_odometry_of_the_simulator_says_that_it_is_exact_and_not_that_nobody_knows():
+def test_odometry_of_the_simulator_is_marked_as_exact_and_not_as_unknown():
     message = conversions.odometry_message(State())
     for covariance in (message.pose.covariance, message.twist.covariance):
         variances = covariance.reshape(6, 6).diagonal()
@@ -203,7 +203,7 @@ def test_estimated_odometry_says_how_well_the_way_is_known_and_what_is_not():
     assert (message.header.frame_id, message.child_frame_id) == ('odom', 'base_link')
 
 
-def test_the_ball_state_holds_what_the_model_knows():
+def test_the_ball_state_holds_what_the_model_computes():
     model = Model(load_robot('gimball'), Terrain.step(0.05, at=0.226))
     state = model.at_rest(0.0, 0.3)._replace(time=1.25, motor_work=0.5, friction_loss=0.25)
     message = conversions.ball_state_message(state, 0.75, model)

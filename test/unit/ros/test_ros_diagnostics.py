@@ -32,7 +32,7 @@ def published(monkeypatch):
     return found
 
 
-def test_two_robots_are_told_apart_by_name_and_hardware_id(make_node, published):
+def test_two_robots_differ_in_name_and_hardware_id(make_node, published):
     for cls, robot in ((Left, 'gimball'), (Right, 'shellball')):
         make_node(cls, start_paused=True, robot=robot)._diagnostics.publish()
     found = [array.status[0] for array in published]

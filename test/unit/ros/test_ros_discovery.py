@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node is open to the network only where somebody has opened it."""
+"""A node is open to the network only where the user has opened it."""
 from pathlib import Path
 import re
 import subprocess
@@ -46,7 +46,7 @@ def addresses(pid):
                 yield protocol, address, int(port, 16)
 
 
-def test_a_node_that_nobody_has_opened_receives_from_this_machine_only(monkeypatch):
+def test_a_node_that_was_not_opened_receives_from_this_machine_only(monkeypatch):
     for name in (*discovery.CHOICES, *discovery.SETTINGS):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv('ROS_DOMAIN_ID', str(DOMAIN))
@@ -77,7 +77,7 @@ def test_what_the_user_has_chosen_stays_and_is_named(choice):
     assert 'this machine' not in said
 
 
-def test_whoever_asks_for_this_machine_gets_no_socket_elsewhere_either():
+def test_a_process_limited_to_this_machine_gets_no_socket_elsewhere_either():
     for choice in ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}, {'ROS_LOCALHOST_ONLY': '1'}):
         environment = dict(choice)
         assert 'this machine only' in discovery.apply(environment)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A stop request on the topic `e_stop` reaches every node, whatever the QoS of its publisher."""
+"""A stop request on the topic `e_stop` reaches every node for any QoS of its publisher."""
 import time
 
 import pytest

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that cannot understand each other are told by name, with what does not match."""
+"""Nodes that cannot understand each other are reported by name, with what does not match."""
 import time
 from types import SimpleNamespace
 
@@ -17,17 +17,17 @@ def pair(make_node):
     """Return two nodes, and a function that returns what one of them finds, once it does."""
     robot, other = make_node(Node, 'robot'), make_node(Node, 'other')
 
-    def told(node):
+    def reported(node):
         deadline = time.monotonic() + 20.0
         while not (found := mismatches(node)):
             assert time.monotonic() < deadline
             time.sleep(0.01)  # for discovery, which has a thread of its own
         return found
-    return robot, other, told
+    return robot, other, reported
 
 
 def endpoint(name, kind):
-    """Return what is known of an endpoint in another process; in one, types must agree."""
+    """Return the information on an endpoint in another process; in one, types must agree."""
     return SimpleNamespace(node_name=name, node_namespace='/a', topic_type=kind,
                            qos_profile=QoSProfile(depth=1))
 
@@ -49,22 +49,22 @@ def test_another_type_of_a_topic_is_reported_with_both_types(own, published):
         f'subscribed to as {kinds[0]}'])
 
 
-def test_a_profile_that_does_not_match_is_told(pair):
-    robot, other, told = pair
+def test_a_profile_that_does_not_match_is_reported(pair):
+    robot, other, reported = pair
     robot.create_subscription(Twist, 'cmd_vel', print, 1)
     other.create_publisher(Twist, 'cmd_vel', QoSProfile(
         depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))
-    found, = told(robot)
+    found, = reported(robot)
     assert found.startswith('/robot cannot receive /cmd_vel from /other: ')
     assert 'reliab' in found.lower()
 
 
-def test_whoever_publishes_the_clock_beside_another_names_it(pair, make_node):
-    robot, other, told = pair
+def test_a_second_publisher_of_the_clock_names_the_first(pair, make_node):
+    robot, other, reported = pair
     robot.create_publisher(Clock, '/clock', 1)
     assert not mismatches(robot)
     other.create_publisher(Clock, '/clock', 1)
-    found, = told(robot)
+    found, = reported(robot)
     assert found.startswith('/other publishes /clock, too') and 'publish_clock:=false' in found
     listener = make_node(Node, 'listener')
     listener.create_subscription(Clock, '/clock', print, 1)

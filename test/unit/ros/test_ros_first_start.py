@@ -21,9 +21,9 @@ def kernel(monkeypatch, tmp_path):
 
 @pytest.fixture
 def start(kernel):
-    """Return a start, and what it tells and warns of."""
-    told, warned = [], []
-    return FirstStart(told.append, warned.append), told, warned
+    """Return a start, and its messages and warnings."""
+    messages, warned = [], []
+    return FirstStart(messages.append, warned.append), messages, warned
 
 
 @pytest.fixture
@@ -34,14 +34,14 @@ def patient(monkeypatch, kernel):
     return kernel
 
 
-def test_who_waits_in_a_program_is_told_once_why(patient, caplog):
+def test_a_compilation_in_a_program_is_explained_once(patient, caplog):
     for argument in (1.0, 1, 1j):
         patient()(argument)
     assert [record.message for record in caplog.records] == [compiled.COMPILES]
     assert caplog.records[0].levelname == 'WARNING'
 
 
-def test_who_waits_for_less_than_a_moment_is_told_nothing(patient, monkeypatch, caplog):
+def test_a_short_compilation_is_not_reported(patient, monkeypatch, caplog):
     monkeypatch.setattr(compiled, 'MOMENT', 1e9)
     patient()(1.0)
     assert not caplog.records and compiled._notice.spent > 0.0
@@ -60,28 +60,28 @@ def test_a_node_says_it_in_its_own_words_only(patient, start, caplog):
     assert start[1] == [COMPILES] and not caplog.records
 
 
-def test_the_first_compilation_is_told_and_no_other(kernel, start):
-    _, told, warned = start
+def test_the_first_compilation_is_reported_and_no_other(kernel, start):
+    _, messages, warned = start
     for argument in (1.0, 1, 2.0):
         kernel()(argument)
-        assert told == [COMPILES] and not warned
+        assert messages == [COMPILES] and not warned
 
 
-def test_what_is_kept_tells_nothing_but_that_the_node_is_ready(kernel, start):
+def test_a_kernel_from_the_cache_gives_no_message_but_that_the_node_is_ready(kernel, start):
     kernel()(1.0)
     start[1].clear()
     again = FirstStart(start[1].append, start[2].append)
     kernel()(1.0)
     again.ready()
-    assert len(told := start[1]) == 1 and told[0].startswith('ready after ')
-    assert 'compiled' not in told[0]
+    assert len(messages := start[1]) == 1 and messages[0].startswith('ready after ')
+    assert 'compiled' not in messages[0]
 
 
-def test_how_much_was_compiled_is_told_when_it_is_ready(kernel, start):
-    first, told, _ = start
+def test_how_much_was_compiled_is_reported_when_it_is_ready(kernel, start):
+    first, messages, _ = start
     kernel()(1.0)
     first.ready()
-    assert told[1].startswith('ready after ') and '1 kernels were compiled' in told[1]
+    assert messages[1].startswith('ready after ') and '1 kernels were compiled' in messages[1]
 
 
 @pytest.mark.parametrize('kept, how', [(False, 'compiled'), (True, 'read from the disk')])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whoever plans says when the gains that the plans rest on are no more those in force."""
+"""A planning node reports when the gains of its plans are no longer those in force."""
 import pytest
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
@@ -45,9 +45,9 @@ def test_gains_of_others_other_parameters_and_the_same_tuning_are_nothing_to_say
     assert 'other gains' not in capfd.readouterr().err
 
 
-def test_it_hears_what_a_node_changes(decision, make_node, context, monkeypatch):
-    heard = []
-    monkeypatch.setattr(GainWatch, 'on_event', lambda _, message: heard.append(message))
+def test_it_receives_what_a_node_changes(decision, make_node, context, monkeypatch):
+    received = []
+    monkeypatch.setattr(GainWatch, 'on_event', lambda _, message: received.append(message))
     GainWatch(decision, 'set_point')
     other = make_node(Node, 'other')
     other.declare_parameter('gains.position_kp', 40.0)
@@ -56,8 +56,8 @@ def test_it_hears_what_a_node_changes(decision, make_node, context, monkeypatch)
     other.set_parameters([Parameter('gains.position_kp', value=30.0)])
     for _ in range(200):
         executor.spin_once(timeout_sec=0.1)
-        if any(one.changed_parameters for one in heard):
+        if any(one.changed_parameters for one in received):
             break
     executor.shutdown()
-    assert [one.changed_parameters[0].name for one in heard if one.changed_parameters] == [
+    assert [one.changed_parameters[0].name for one in received if one.changed_parameters] == [
         'gains.position_kp']

@@ -18,7 +18,7 @@ from ballbot_ros.nodes.simulator.node import Simulator
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.rclpy_compat import new_executor
 
-PATIENCE = 120.0  # for a machine that is busy; nothing waits this long on a quiet one [s]
+TIMEOUT = 120.0  # for a machine that is busy; nothing waits this long on a quiet one [s]
 
 
 class Graph:
@@ -39,7 +39,7 @@ class Graph:
 
     def wait(self, condition, what):
         """Return what a condition returns as soon as that is true."""
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + TIMEOUT
         while not (found := condition()):
             assert time.monotonic() < deadline, f'waited in vain until {what}'
             self.executor.spin_once(timeout_sec=0.05)
@@ -71,7 +71,7 @@ class Graph:
 
 
 class Client(Node):
-    """What somebody who sends goals has."""
+    """A client that sends goals."""
 
     def __init__(self, **kwargs):
         """Listen to odometry."""
@@ -80,9 +80,9 @@ class Client(Node):
         self.clients_of = {kind: ActionClient(self, kind, f'obstacle_decision/{name}')
                            for kind, name in ((DriveTo, 'drive_to'), (CrossStep, 'cross_step'))}
         self.e_stop = self.create_publisher(Bool, 'e_stop', qos.LATCHED)
-        self.create_subscription(Odometry, 'odom', self._hear, qos.LATEST)
+        self.create_subscription(Odometry, 'odom', self._on_odometry, qos.LATEST)
 
-    def _hear(self, message):
+    def _on_odometry(self, message):
         self.odometry = message
 
 

@@ -32,10 +32,10 @@ class Sensor:
         while not self._ending.wait(0.0005):
             number += 1
             self.device.force = (0.5, 0.0, 9.81 + 0.01 * (number % 5))
-            data, heard = self.device.tick(time.monotonic()), self.terminal.read()
+            data, received = self.device.tick(time.monotonic()), self.terminal.read()
             if self.terminal.baud == self.device.baud:
                 self.terminal.write(data)
-                self.device.receive(heard)
+                self.device.receive(received)
 
     def end(self):
         """Unplug."""
@@ -99,7 +99,7 @@ def output_of(make_node, source):
 
 
 class Source:
-    """A source that a test tells what to give."""
+    """A source with readings that a test sets."""
 
     def __init__(self):
         self.counts = dict.fromkeys((

@@ -100,7 +100,7 @@ def test_what_is_read_in_place_is_what_the_middleware_reads(given_messages):
         assert same(reader.read(bytes(serialize_message(message))), message)
 
 
-def test_the_second_message_of_a_form_is_read_in_place_whatever_fills_its_gaps():
+def test_the_second_message_of_a_form_is_read_in_place_with_any_padding():
     def command(*numbers):
         message = command_message(Time(sec=numbers[0], nanosec=numbers[1]), numbers[2])
         message.header.frame_id = 'frame'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A lifecycle node that no request ends, and that starts by itself only while nobody else does."""
+"""A lifecycle node that no request ends, and that starts by itself unless a request came first."""
 import random
 
 from lifecycle_msgs.msg import Transition
@@ -57,11 +57,11 @@ def test_a_refusal_says_what_is_possible(machine, capfd):
     assert not ask(Transition.TRANSITION_ACTIVATE)
     assert ask(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
     assert not ask(Transition.TRANSITION_CONFIGURE)
-    told = capfd.readouterr().err
+    printed = capfd.readouterr().err
     assert ('activate is not possible: the node is unconfigured, with the transitions '
-            'configure, shutdown') in told
+            'configure, shutdown') in printed
     assert 'configure is not possible: the node is finalized, with the transitions none' \
-        in told
+        in printed
 
 
 def test_it_starts_by_itself_as_soon_as_that_works(machine):
@@ -83,7 +83,7 @@ def test_a_start_that_came_half_way_goes_on(machine):
 @pytest.mark.parametrize('asked, left', [
     (Transition.TRANSITION_CONFIGURE, 'inactive'),
     (Transition.TRANSITION_UNCONFIGURED_SHUTDOWN, 'finalized')])
-def test_where_somebody_has_asked_for_a_state_it_is_left_there(machine, asked, left):
+def test_after_a_request_for_a_state_it_is_left_there(machine, asked, left):
     node, ask = machine
     node.drive = False
     start = Autostart(node)
@@ -93,7 +93,7 @@ def test_where_somebody_has_asked_for_a_state_it_is_left_there(machine, asked, l
     assert node.state_label == left and start._timer.is_canceled()
 
 
-def test_what_somebody_asked_for_in_vain_stops_no_start(machine):
+def test_a_failed_request_stops_no_start(machine):
     node, ask = machine
     node.drive = False
     start = Autostart(node)

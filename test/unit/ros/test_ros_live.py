@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page beside running nodes: it looks, it drives while somebody holds, it holds nobody up."""
+"""The page beside running nodes: it shows, it drives while a user holds, and delays no node."""
 from threading import Event, Thread
 import time
 from types import SimpleNamespace
@@ -38,20 +38,20 @@ def wait_for(true, timeout=20.0):
 
 
 class Link:
-    """Stands in for a spectator, and notes what it is told."""
+    """Stands in for a spectator, and records its calls."""
 
     def __init__(self, nodes=('simulator',), drivers=(), followers=1):
         self.presence = Presence(frozenset(nodes), drivers, followers)
-        self.holding, self.told, self.refusal = False, [], ''
+        self.holding, self.calls, self.refusal = False, [], ''
 
     def __getattr__(self, name):
-        def tell(*values):
+        def record(*values):
             self.holding = name.startswith('hold') or self.holding and name != 'let_go'
             if name != 'attend':
-                self.told.append((name, *values))
+                self.calls.append((name, *values))
             if self.refusal:
                 raise RefusedError(self.refusal)
-        return tell
+        return record
 
 
 @pytest.fixture
@@ -90,7 +90,7 @@ def test_a_repeated_state_counts_once_and_time_that_begins_again_is_another_epoc
     epoch = source.epoch
     source.receive('ball_state', state(0.0))
     assert source.epoch != epoch and source.span == (0.0, 0.0)
-    assert ('ask_again',) in link.told  # it may be another simulator
+    assert ('ask_again',) in link.calls  # it may be another simulator
 
 
 def test_a_simulator_is_paused_stepped_and_reset(source, link):
@@ -98,7 +98,7 @@ def test_a_simulator_is_paused_stepped_and_reset(source, link):
     assert source.terrain.height(1.5) == pytest.approx(0.021)
     for name, value in (('pause', True), ('step', 0.1), ('pause', False), ('reset', True)):
         source.apply(name, value)
-    assert link.told == [('trigger', 'simulator/pause'), ('step', 25),
+    assert link.calls == [('trigger', 'simulator/pause'), ('step', 25),
                          ('trigger', 'simulator/resume'), ('trigger', 'simulator/reset')]
     assert source.shown is None
 
@@ -109,7 +109,7 @@ def test_a_bridge_is_not_paused_but_looked_at_standing_still():
     source.receive('ball_state', state(1.0, 1.0))
     source.apply('pause', True)
     source.receive('ball_state', state(1.1, 1.1))
-    assert source.shown.x == 1.0 and not link.told
+    assert source.shown.x == 1.0 and not link.calls
     for name, value in (('step', 0.1), ('reset', True)):
         with pytest.raises(ConfigurationError, match='no node simulator is running'):
             source.apply(name, value)
@@ -120,7 +120,7 @@ def test_an_e_stop_lets_go_first_and_a_refused_release_is_said_in_the_words_of_t
     source = LiveSource(link=link)
     source.apply('law', 'speed')
     source.apply('e_stop', True)
-    assert link.told[-2:] == [('let_go',), ('trigger', 'bridge/engage_e_stop')]
+    assert link.calls[-2:] == [('let_go',), ('trigger', 'bridge/engage_e_stop')]
     link.refusal = 'no IMU readings come'
     with pytest.raises(ConfigurationError, match='e_stop: no IMU readings come'):
         source.apply('e_stop', False)
@@ -140,20 +140,20 @@ def test_a_law_is_held_and_let_go(source, link):
     source.apply('set_point', 0.3)
     source.apply('law', 'position')
     source.apply('set_point', 90.0)
-    assert [words for words in link.told if words[0].startswith('hold')] == [
+    assert [words for words in link.calls if words[0].startswith('hold')] == [
         ('hold_speed', 0.0), ('hold_speed', 0.3), ('hold_angle', 0.0),
         ('hold_angle', pytest.approx(1.5708, abs=1e-4))]
     assert source.controls['law'].value == 'position'
-    link.holding = False  # nobody attended
+    link.holding = False  # no client attended
     assert source.controls['law'].value == 'free'
     source.apply('law', 'free')
-    assert link.told[-1] == ('let_go',)
+    assert link.calls[-1] == ('let_go',)
 
 
 @pytest.mark.parametrize('link, says', [
     (Link(drivers=('obstacle_decision',)), 'obstacle_decision publishes set-points'),
     (Link(followers=0), 'no node subscribes to set-points')])
-def test_nobody_drives_against_another_or_for_nobody(link, says):
+def test_the_page_drives_neither_against_another_nor_without_a_follower(link, says):
     with pytest.raises(ConfigurationError, match=says):
         LiveSource(link=link).apply('law', 'speed')
 
@@ -210,24 +210,24 @@ def domain(monkeypatch):
 
 @pytest.fixture
 def robot(domain):
-    """Return a robot that has just begun."""
+    """Return a robot that has just started."""
     robot = Robot(domain)
     yield robot
     robot.close()
 
 
-def test_a_spectator_hears_learns_calls_and_drives_as_long_as_someone_attends(
+def test_a_spectator_receives_learns_calls_and_drives_as_long_as_a_client_attends(
         domain, robot, monkeypatch):
     monkeypatch.setattr(spectator, 'LOOK', 0.1)
-    heard, learned = [], {}
-    looking = Spectator('left', lambda *words: heard.append(words), learned.__setitem__, domain)
+    received, learned = [], {}
+    looking = Spectator('left', lambda *words: received.append(words), learned.__setitem__, domain)
     looking.start()
     try:
         wait_for(lambda: learned and looking.presence.followers)
         assert learned == {'simulator': {
             'scene': 'fig7_top', 'robot': '', 'control_rate': 250.0}}
-        wait_for(lambda: robot.states.publish(state(1.5, 0.7)) or heard)
-        assert heard[0][0] == 'ball_state' and heard[0][1].x == 0.7
+        wait_for(lambda: robot.states.publish(state(1.5, 0.7)) or received)
+        assert received[0][0] == 'ball_state' and received[0][1].x == 0.7
         looking.trigger('simulator/pause')
         assert robot.paused.is_set()
 
@@ -243,12 +243,12 @@ def test_a_spectator_hears_learns_calls_and_drives_as_long_as_someone_attends(
         looking.close()
 
 
-def test_whoever_takes_a_twist_is_sent_one_also_where_that_is_found_out_late(domain):
+def test_a_follower_of_twists_is_sent_one_also_where_that_is_found_out_late(domain):
     looking = Spectator('left', lambda *_: None, lambda *_: None, domain)
     looking.start()
     looking.attend()
     looking.hold_speed(0.4)
-    wait_for(lambda: looking.attend() or looking._publisher is not None)  # for nobody yet
+    wait_for(lambda: looking.attend() or looking._publisher is not None)  # without a follower yet
     robot = Robot(domain, Twist)
     try:
         wait_for(lambda: looking.attend() or robot.speeds)
@@ -282,7 +282,7 @@ def test_a_namespace_that_is_none_is_refused(domain):
         Spectator('not a name', lambda *_: None, lambda *_: None, domain)
 
 
-def test_live_frames_are_kept_while_nobody_looks(link, monkeypatch):
+def test_live_frames_are_kept_without_a_viewer(link, monkeypatch):
     monkeypatch.setattr(live, 'FRAME_TIMEOUT', 1e9)
     source = LiveSource(link=link)
     for number in range(300):

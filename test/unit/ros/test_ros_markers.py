@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is drawn is what is there, and nobody pays for a picture that nobody sees."""
+"""What is drawn is what is there, and without a subscriber nothing is drawn."""
 import math
 from types import SimpleNamespace
 
@@ -96,7 +96,7 @@ def test_markers_come_ten_times_a_second_at_most_and_again_after_time_went_back(
     assert marks.is_due(0.0)
 
 
-def test_nothing_is_drawn_for_nobody(make_node, topic):
+def test_nothing_is_drawn_without_a_subscriber(make_node, topic):
     assert not MarkerTopic(make_node(Node, 'robot'), False).is_due(0.0)
     topic.listeners = 0
     assert not MarkerTopic(make_node(Node, 'robot'), True).is_due(0.0)

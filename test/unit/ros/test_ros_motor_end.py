@@ -16,8 +16,8 @@ from ballbot_ros.ros.rclpy_compat import new_executor
 def test_the_last_status_is_received_and_says_what_the_motor_was_left_with(
         make_node, context, state, unconfirmed):
     node, peer = make_node(Node, 'bridge'), make_node(Node, 'peer')
-    heard = []
-    peer.create_subscription(MotorStatus, 'motor_status', heard.append, qos.STATE)
+    received = []
+    peer.create_subscription(MotorStatus, 'motor_status', received.append, qos.STATE)
     outputs = MotorOutputs(node, Clocks(), 10.0, 0.0)
     executor = new_executor(context)
     executor.add_node(peer)
@@ -26,9 +26,9 @@ def test_the_last_status_is_received_and_says_what_the_motor_was_left_with(
     outputs.publish_end(state, SimpleNamespace(
         supervisor=SimpleNamespace(e_stop='asked for'),
         control=SimpleNamespace(unconfirmed=unconfirmed)))
-    while not heard:
+    while not received:
         executor.spin_once(timeout_sec=0.01)
     executor.shutdown()
-    last, = heard
+    last, = received
     assert (last.state, last.torque, last.e_stop) == (state, 0.0, 'asked for')
     assert list(last.warnings) == ([unconfirmed] if unconfirmed else [])

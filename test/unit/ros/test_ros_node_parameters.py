@@ -36,7 +36,7 @@ def start(make_node, tmp_path):
 
 
 def changed(node, **values):
-    """Ask for all of these at once; return why not, empty if they are in force."""
+    """Ask for all of these atomically; return why not, empty if they are in force."""
     result = node.set_parameters_atomically(
         [Parameter(name.replace('__', '.'), value=value) for name, value in values.items()])
     assert result.successful == (not result.reason)
@@ -99,7 +99,7 @@ def test_a_simulator_goes_slower_and_faster_from_now_on(start):
     assert periods == pytest.approx([0.004, 0.0005, 0.002])
 
 
-def test_simulated_time_for_the_one_who_makes_it_is_told_and_does_no_harm(start, capfd):
+def test_simulated_time_for_the_node_that_makes_it_is_reported_and_does_no_harm(start, capfd):
     node = start(Simulator, use_sim_time=True)
     assert 'use_sim_time does not apply to the simulator' in capfd.readouterr().err
     assert node.get_parameter('use_sim_time').value

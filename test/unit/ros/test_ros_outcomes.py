@@ -25,7 +25,7 @@ class Logger:
 
 
 def bias(particles):
-    """Return the mean of what the sensor tells too much [m]."""
+    """Return the mean bias of the reported height [m]."""
     return float(particles.weights @ particles.column('height_bias'))
 
 
@@ -59,7 +59,7 @@ def test_what_is_kept_is_learned_from_at_the_next_start(tmp_path):
     experience.close()
 
 
-def test_a_log_that_is_no_log_is_told_and_left_alone(tmp_path):
+def test_a_log_that_is_no_log_is_reported_and_left_alone(tmp_path):
     path, logger = tmp_path / 'outcomes.jsonl', Logger()
     path.write_text('not an outcome\nnor this\n')
     experience = Experience(str(path), KNOWLEDGE, 'cubic', logger)

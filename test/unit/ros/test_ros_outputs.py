@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What nobody subscribes to is not made, and what was not made is repeated all the same."""
+"""Without a subscriber nothing is made, and what was not made is repeated all the same."""
 from nav_msgs.msg import Odometry
 import pytest
 from rclpy.node import Node
@@ -82,7 +82,7 @@ def test_what_was_not_made_at_its_time_is_repeated_with_its_time(run):
     assert made[-1] == ('odometry_message', 0.0)
 
 
-def test_who_subscribes_to_the_clock_hears_it(run):
+def test_a_subscriber_of_the_clock_receives_it(run):
     published, plant, _, node = run
     receive = listen(node, Clock, '/clock')
     plant.advance(0.0)

@@ -42,12 +42,12 @@ def started(make_node, tmp_path, monkeypatch):
 def test_what_a_section_for_many_nodes_gives_may_be_for_another_one(started, capfd):
     settings = started()
     assert (settings.rate, settings.tuning) == (400.0, 'gentle')
-    told = [line for line in capfd.readouterr().err.splitlines() if 'WARN' in line]
-    assert len(told) == 1 and 'not parameters of node controller, and ignored' in told[0]
-    assert "'frequency'" in told[0] and "'nested.deep'" in told[0] and "'other'" not in told[0]
+    warnings = [line for line in capfd.readouterr().err.splitlines() if 'WARN' in line]
+    assert len(warnings) == 1 and 'not parameters of node controller, and ignored' in warnings[0]
+    assert "'frequency'" in warnings[0] and "'nested.deep'" in warnings[0] and "'other'" not in warnings[0]
 
 
-def test_one_that_is_like_a_parameter_is_told_with_it(started, capfd):
+def test_one_that_is_like_a_parameter_is_reported_with_it(started, capfd):
     started(many='tunning')
     assert "'tunning'; did you mean 'tuning'?" in capfd.readouterr().err
 
@@ -58,6 +58,6 @@ def test_what_a_section_for_this_node_gives_is_meant_for_it(started):
 
 
 @pytest.mark.parametrize('argument', ['frequency:=1', 'controller:frequency:=1'])
-def test_what_the_command_line_gives_is_meant_for_it_whatever_files_say(started, argument):
+def test_what_the_command_line_gives_is_meant_for_it_despite_files(started, argument):
     with pytest.raises(ConfigurationError, match="'frequency' is not a parameter"):
         started('-p', argument)

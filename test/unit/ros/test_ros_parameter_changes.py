@@ -55,7 +55,7 @@ class Owner:
         return commit
 
     def set(self, **values):
-        """Set all at once, in this process."""
+        """Set all atomically, in this process."""
         return self.node.set_parameters_atomically(
             [Parameter(name.replace('__', '.'), value=value) for name, value in values.items()])
 

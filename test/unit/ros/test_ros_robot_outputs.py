@@ -91,7 +91,7 @@ def test_after_a_gap_it_does_not_catch_up(make_node, published):
     assert len(topics(published, 'odom')) == 2
 
 
-def test_the_battery_is_told_once_a_second_whatever_the_rate_of_the_loop(make_node, published):
+def test_the_battery_is_reported_once_a_second_at_any_rate_of_the_loop(make_node, published):
     outputs = outputs_of(make_node, SimpleNamespace(odometry=None), 0.0)
     for number in range(1501):
         outputs.publish(found(0.002 * number, bus_voltage=24.0))

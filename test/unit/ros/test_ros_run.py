@@ -124,7 +124,7 @@ def test_a_stop_that_comes_before_the_executor_begins_is_not_lost():
     assert woken == [stop] and stop.done()
 
 
-def test_a_stop_wakes_nobody_who_has_gone():
+def test_a_stop_wakes_no_executor_that_has_ended():
     stop, woken = Stop(), []
     stop.add_done_callback(woken.append)
     stop.remove_done_callback(woken.append)
@@ -148,7 +148,7 @@ sys.exit(run.run(Slow, []))
 
 
 @pytest.mark.parametrize('signal', ['SIGINT', 'SIGTERM'])
-def test_a_node_that_is_still_being_made_ends_at_once_when_told_to(
+def test_a_node_that_is_still_being_made_ends_immediately_on_a_stop(
         signal, monkeypatch, tmp_path):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
     (tmp_path / 'slow_node.py').write_text(SLOW)

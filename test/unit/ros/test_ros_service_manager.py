@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What systemd is told, on a real socket: only a bridge that runs says that it is alive."""
+"""Messages to systemd, on a real socket: only a bridge that runs says that it is alive."""
 import configparser
 import os
 from pathlib import Path
@@ -30,8 +30,8 @@ class Systemd:
         self.socket.bind(address)
         self.now = 1000.0
 
-    def told(self):
-        """Return what was told since the last time."""
+    def messages(self):
+        """Return the messages since the last call."""
         found = []
         while True:
             try:
@@ -64,23 +64,23 @@ def session(e_stop='', trouble='', driver=True, timed_out=False):
 
 
 def look(systemd, service, seconds, beats=True, loop=LOOP, failure=None):
-    """Look ten times a second for a while; return what is told."""
+    """Look ten times a second for a while; return the messages."""
     found = []
     for _ in range(round(10 * seconds)):
         systemd.now += 0.1
         if beats:
             service.beat(None)
         service.look(session(), loop, failure)
-        found += systemd.told()
+        found += systemd.messages()
     return found
 
 
-def test_ready_and_stopping_are_told(systemd):
+def test_ready_and_stopping_are_reported(systemd):
     service = ServiceManager(systemd.environment)
-    assert not systemd.told()
+    assert not systemd.messages()
     service.ready()
     service.stopping()
-    assert systemd.told() == ['READY=1', 'STOPPING=1']
+    assert systemd.messages() == ['READY=1', 'STOPPING=1']
 
 
 def test_a_running_bridge_is_alive_several_times_in_the_time_that_is_waited(systemd):
@@ -101,7 +101,7 @@ def test_an_executor_that_stands_still_says_nothing_though_the_loop_goes_on(syst
     for _ in range(1000):
         systemd.now += 0.1
         service.beat(None)
-    assert not systemd.told()
+    assert not systemd.messages()
 
 
 def test_a_bridge_that_has_failed_is_not_alive(systemd):
@@ -115,18 +115,18 @@ def test_a_drive_that_is_not_there_yet_is_no_reason_to_be_killed(systemd):
     assert found.count('WATCHDOG=1') >= 10
 
 
-@pytest.mark.parametrize('loop, state, told', [
+@pytest.mark.parametrize('loop, state, status', [
     (None, {'trouble': 'no such port'}, 'not configured: no such port'),
     (None, {}, 'not configured'),
     (LOOP, {'driver': False, 'trouble': 'unplugged'}, 'looking for the drive: unplugged'),
     (LOOP, {'e_stop': 'engaged at start'}, 'e-stop: engaged at start'),
     (LOOP, {'timed_out': True}, 'commands timed out'), (LOOP, {}, 'running')])
 def test_the_status_says_why_the_motor_has_no_power_and_only_when_it_changes(
-        systemd, loop, state, told):
+        systemd, loop, state, status):
     service = ServiceManager({'NOTIFY_SOCKET': systemd.environment['NOTIFY_SOCKET']})
     for _ in range(3):
         service.look(session(**state), loop)
-    assert systemd.told() == [f'STATUS={told}']
+    assert systemd.messages() == [f'STATUS={status}']
 
 
 @pytest.mark.parametrize('changes', (
@@ -137,7 +137,7 @@ def test_who_is_not_watched_sends_no_sign_of_life(systemd, changes):
     assert 'WATCHDOG=1' not in look(systemd, service, 20.0)
 
 
-def test_without_systemd_nobody_is_told_and_nothing_happens():
+def test_without_systemd_nothing_is_sent():
     service = ServiceManager({})
     service.ready()
     service.look(session(), LOOP)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two that ask for motion on board: one is followed, the other is told."""
+"""Two that ask for motion on board: one is followed, the other is refused."""
 from collections import Counter
 import time
 

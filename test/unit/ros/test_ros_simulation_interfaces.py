@@ -88,7 +88,7 @@ def test_states_and_transitions_have_their_codes(client, simulator):
     assert client.set_state(PAUSED) == answer.INCORRECT_TRANSITION
     assert client.set_state(PLAYING) == OK and client.state() == PLAYING
     assert client.code(srv.StepSimulation, steps=1) == FAILED
-    client.wait(lambda: simulator._plant.periods)  # what has not begun is stopped, not paused
+    client.wait(lambda: simulator._plant.periods)  # what has not started is stopped, not paused
     assert client.set_state(PAUSED) == OK and client.state() == PAUSED
     assert client.set_state(PAUSED) == answer.ALREADY_IN_TARGET_STATE
     assert client.set_state(STOPPED) == OK and client.state() == STOPPED
@@ -126,18 +126,18 @@ def test_after_a_reset_a_run_is_repeated_to_the_bit(client, simulator):
     assert run() == run()
 
 
-def test_the_action_tells_how_far_it_is_and_can_be_canceled(client, simulator):
-    action, told = ActionClient(client.node, SimulateSteps, '/simulator/simulate_steps'), []
+def test_the_action_reports_its_progress_and_can_be_canceled(client, simulator):
+    action, reports = ActionClient(client.node, SimulateSteps, '/simulator/simulate_steps'), []
     client.wait(action.server_is_ready)
 
     def send(steps):
         return client.done(action.send_goal_async(
-            SimulateSteps.Goal(steps=steps), lambda one: told.append(one.feedback)))
+            SimulateSteps.Goal(steps=steps), lambda one: reports.append(one.feedback)))
 
     done = client.done(send(50).get_result_async())
     assert (done.status, done.result.result.result) == (4, OK)
-    client.wait(lambda: told and told[-1].remaining_steps == 0)
-    assert told[-1].completed_steps == simulator._plant.periods == 50
+    client.wait(lambda: reports and reports[-1].remaining_steps == 0)
+    assert reports[-1].completed_steps == simulator._plant.periods == 50
 
     goal = send(2**40)
     other = client.done(send(1).get_result_async())
@@ -156,14 +156,14 @@ def test_entities_are_filtered_and_unknown_ones_not_found(client):
     assert everything.result.result == OK and len(everything.entities) == 1
     robot = everything.entities[0]
     assert names(filter=f'^{robot[:3]}').entities == [robot]
-    assert names(filter='^nobody$').entities == []
+    assert names(filter='^missing$').entities == []
     assert names(filter='(').result.result == FAILED
     assert names(categories=[EntityCategory(category=EntityCategory.CATEGORY_HUMAN)]).entities \
         == []
     assert names(tags=TagsFilter(tags=['x'])).result.result == UNSUPPORTED
     assert names(bounds=Bounds(type=Bounds.TYPE_BOX)).result.result == UNSUPPORTED
-    assert client.code(srv.GetEntityState, entity='nobody') == NOT_FOUND
-    assert client.code(srv.SetEntityState, entity='nobody') == NOT_FOUND
+    assert client.code(srv.GetEntityState, entity='missing') == NOT_FOUND
+    assert client.code(srv.SetEntityState, entity='missing') == NOT_FOUND
 
 
 def test_the_robot_is_put_where_it_is_asked_for_and_never_into_the_ground(client):

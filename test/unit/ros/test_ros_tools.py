@@ -33,7 +33,7 @@ from ballbot_ros.ros.topics import message_class
 
 @pytest.fixture
 def look(context, monkeypatch):
-    """Return an observer that waits no longer than it must here, where all is known at once."""
+    """Return an observer with short timeouts: here it discovers all nodes immediately."""
     monkeypatch.setattr(observer, 'SETTLED', 0.05)
     with Observer('test', context) as one:
         yield one
@@ -152,12 +152,12 @@ def test_a_recording_has_all_that_came_and_says_how_many(look, robot, tmp_path):
 def test_ctrl_c_completes_the_bag_and_topics_that_come_late_are_in_it(
         look, robot, tmp_path, monkeypatch):
     publish_while(robot, Odometry, 'odom', odometry())
-    spin, begun = look.spin, time.monotonic()
+    spin, start = look.spin, time.monotonic()
     late = []
 
     def interrupted(seconds=0.05):
         spin(seconds)
-        if not late and time.monotonic() > begun + 0.5:
+        if not late and time.monotonic() > start + 0.5:
             late.append(publish_while(robot, Odometry, 'later', odometry()))
         if late and late[0].get_subscription_count():
             late.append(None)
@@ -221,13 +221,13 @@ def test_who_drives_sends_the_type_that_is_followed(look, robot):
 
 
 def test_the_e_stop_of_who_drives_is_that_of_the_bridge_or_else_the_topic(look, robot):
-    heard = []
-    robot.create_subscription(Bool, 'e_stop', heard.append, qos.LATCHED)
+    received = []
+    robot.create_subscription(Bool, 'e_stop', received.append, qos.LATCHED)
     driver = RobotDriver(look, 'bridge')
     driver.engage()
-    assert look.wait(lambda: heard and heard[-1].data, 30.0)
+    assert look.wait(lambda: received and received[-1].data, 30.0)
     driver.release()
-    assert look.wait(lambda: not heard[-1].data, 30.0)
+    assert look.wait(lambda: not received[-1].data, 30.0)
     robot.create_service(Trigger, 'bridge/engage_e_stop', answer(True, 'engaged by service'))
     assert look.wait(lambda: driver._clients['engage_e_stop'].service_is_ready(), 30.0)
     driver.engage()
@@ -261,7 +261,7 @@ def test_a_node_runs_as_with_ros2_run_and_ends_well_with_ctrl_c():
 
 
 def test_nodes_that_share_a_process_each_take_their_parameters_and_all_are_made_safe():
-    # The controller hears the simulator within the process.
+    # The controller receives the simulator's states within the process.
     code, logged = logged_until(
         'joint states have arrived', 'simulator', 'controller', '--ros-args',
         '-p', 'simulator:lockstep:=true', '-p', 'simulator:real_time_factor:=0.0',

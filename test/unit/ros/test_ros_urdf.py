@@ -62,7 +62,7 @@ def described(robot, **names):
 
 
 def posed(robot, state):
-    """Return the transforms of the links in a state of the model, as joint_states tells it."""
+    """Return the transforms of the links in a state of the model, as joint_states reports it."""
     return stand(described(robot), {'shell': state.ball_angle, 'pendulum': state.joint_angle},
                  (state.x, 0.0, state.y))
 
@@ -122,10 +122,10 @@ def test_the_patches_of_the_band_lie_flat_on_the_shell(gimball):
 
 def test_masses_inertia_and_limits_are_those_of_the_robot_file(gimball):
     tree = described(gimball)
-    told = {link.get('name'): (float(link.find('inertial/mass').get('value')),
+    inertials = {link.get('name'): (float(link.find('inertial/mass').get('value')),
                                float(link.find('inertial/inertia').get('iyy')))
             for link in tree.findall('link') if link.find('inertial') is not None}
-    assert told == {'ball_link': (gimball.ball_mass, gimball.ball_inertia),
+    assert inertials == {'ball_link': (gimball.ball_mass, gimball.ball_inertia),
                     'pendulum_link': (gimball.pendulum_mass, gimball.pendulum_inertia)}
     limit = tree.find('joint[@name="pendulum"]/limit')
     assert float(limit.get('effort')) == gimball.motor.maximum_torque

@@ -95,11 +95,11 @@ def test_every_start_is_tried_with_every_policy():
 
 
 def test_the_table_of_the_document_is_what_is_printed():
-    told = DOCUMENT.read_text(encoding='utf-8').splitlines()
-    begin = told.index(next(heading()))
-    assert told[begin:begin + 2] == list(heading())
+    lines = DOCUMENT.read_text(encoding='utf-8').splitlines()
+    begin = lines.index(next(heading()))
+    assert lines[begin:begin + 2] == list(heading())
     rows = len(list(scenarios(0.6, np.radians([0.0, 1.0, 2.0, 5.0]))))
-    table = told[begin + 2:begin + 2 + rows]
+    table = lines[begin + 2:begin + 2 + rows]
     for item in (Scenario('settle', 0.0, 0.6), Scenario('coast', -math.radians(5.0), 0.6),
                  Scenario('brake', math.radians(1.0), 0.6)):
         assert row(lose_commands(HARDWARE, item)) in table

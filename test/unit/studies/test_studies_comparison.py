@@ -41,7 +41,7 @@ def test_each_case_is_compared_with_the_models_that_apply():
     assert 'energy' not in held and 'impulse, free pendulum' not in held
 
 
-def test_an_actuation_that_the_models_do_not_know_is_refused():
+def test_an_actuation_that_the_models_do_not_have_is_refused():
     with pytest.raises(ConfigurationError, match='velocity'):
         compare(Case(GIMBALL, Actuation(law='velocity', set_rate=3.0)), np.array([0.4]))
 

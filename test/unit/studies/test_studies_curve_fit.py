@@ -109,7 +109,7 @@ def test_covariance_and_residual_are_those_of_least_squares():
     assert misfit <= curve.residual <= misfit + 1e-6, 'a bound, and rounded to a micrometre'
 
 
-def test_drawn_robots_keep_their_ranges_and_the_mass_that_a_balance_tells():
+def test_drawn_robots_keep_their_ranges_and_the_mass_that_a_balance_shows():
     robots = draw(GIMBALL, 100, seed=3)
     assert len(robots) == 100 and len({robot.digest for robot in robots}) == 100
     for name, (low, high) in uncertain(GIMBALL).items():
@@ -156,7 +156,7 @@ def test_a_written_curve_is_read_again(tmp_path, capsys):
             abs=curve.residual + 2e-4)
 
 
-@pytest.mark.parametrize('words, told', [
+@pytest.mark.parametrize('words, message', [
     (['--out', 'x.txt'], '--out must end in .yaml'),
     (['--out', 'x.yaml', '--speed', '0.2:1.2:3'], 'points must be at least 6'),
     (['--out', 'x.yaml', '--speed', '0.2:0.1:21'], 'the last must be above the first'),
@@ -165,8 +165,8 @@ def test_a_written_curve_is_read_again(tmp_path, capsys):
     (['--out', 'x.yaml', '--robot', 'shellball', '--samples', '8'],
      '--samples 8: no parameter of shellball has a range'),
     (['--out', 'x.yaml', '--angle-deg', '3'], '--angle-deg goes with')])
-def test_a_curve_that_cannot_be_made_is_refused(capsys, tmp_path, monkeypatch, words, told):
+def test_a_curve_that_cannot_be_made_is_refused(capsys, tmp_path, monkeypatch, words, message):
     monkeypatch.chdir(tmp_path)
     assert main(['fit-curve', *words]) == 2
-    assert told in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

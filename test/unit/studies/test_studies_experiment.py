@@ -33,7 +33,7 @@ def test_the_shipped_experiments_are_right(path):
     assert load_experiment(path).periods > 0
 
 
-@pytest.mark.parametrize('changes, told', [
+@pytest.mark.parametrize('changes, message', [
     ({'scnee': 'flat'}, "'scnee' is not known here; did you mean 'scene'?"),
     ({'duration': None}, 'duration is missing .simulated time of a run, more than 0'),
     ({'duration': -1.0}, 'duration must be more than 0 and at most 3600 s, got -1.0'),
@@ -49,8 +49,8 @@ def test_the_shipped_experiments_are_right(path):
     ({'obstacle_decision': {}, 'simulator': {'terrain_rate': 50.0, 'observation_rate': 50.0}},
      'one of terrain_rate and observation_rate must be above 0'),
     ({'obstacle_decision': {'outcome_log': 'here'}}, 'a run that learns from the one before')])
-def test_what_is_wrong_in_the_file_is_named(tmp_path, changes, told):
-    with pytest.raises(ConfigurationError, match=told):
+def test_what_is_wrong_in_the_file_is_named(tmp_path, changes, message):
+    with pytest.raises(ConfigurationError, match=message):
         freeze(load_experiment(write(tmp_path, **changes)))
 
 
@@ -110,7 +110,7 @@ def test_a_folder_gives_the_same_numbers_again(tmp_path, monkeypatch, capsys):
     assert sorted(path.name for path in out.rglob('*')) == before
 
 
-def test_a_number_that_is_not_the_same_is_told_by_time_and_topic(tmp_path, monkeypatch, capsys):
+def test_a_number_that_is_not_the_same_is_reported_by_time_and_topic(tmp_path, monkeypatch, capsys):
     pretend(monkeypatch, {'drift': True})
     assert run_experiment(str(write(tmp_path, seeds=[3])), tmp_path / 'out', True, 60.0)
     assert not run_experiment(str(tmp_path / 'out'), None, False, 60.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers come back from noisy runs within their intervals; what cannot be told is told so."""
+"""Numbers come back from noisy runs within their intervals; undetermined ones are named."""
 from dataclasses import replace
 import json
 import math
@@ -26,7 +26,7 @@ ENCODER = 2e-3  # noise [rad]
 
 
 def recorded(scene, seed, noise=ENCODER):
-    """Return what encoders of shell and joint tell of a run."""
+    """Return the readings of the encoders of shell and joint in a run."""
     run, chance = scene.simulate(), np.random.default_rng(seed)
     return Recording({name: (run['time'], values + chance.normal(0.0, noise, len(run)))
                       for name, values in (
@@ -105,10 +105,10 @@ def test_the_command_reads_a_csv_and_leaves_table_and_figure(tmp_path, capsys):
     out, _ = capsys.readouterr()
     assert 'not determined' in out and '0.124' in out
     assert main([*words, '--json', '--overwrite']) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told == json.loads((tmp_path / 'out' / 'identify.json').read_text())
-    assert told['estimates'][0]['value'] == pytest.approx(0.124, rel=1e-3)
-    assert told['estimates'][1]['low'] is None
+    report = json.loads(capsys.readouterr().out)
+    assert report == json.loads((tmp_path / 'out' / 'identify.json').read_text())
+    assert report['estimates'][0]['value'] == pytest.approx(0.124, rel=1e-3)
+    assert report['estimates'][1]['low'] is None
     for kind in ('png', 'svg'):
         assert (tmp_path / 'out' / f'residuals.{kind}').stat().st_size > 5000
 
@@ -123,7 +123,7 @@ def test_noise_free_data_never_exclude_the_true_value():
     friction, = found.estimates
     assert friction.low <= present(truth, 'joint_friction') <= friction.high
     assert friction.high - friction.low < 1e-6
-    # All nine fits find one explanation, and it is told once.
+    # All nine fits find one explanation, and it is reported once.
     assert found.rivals == [] and not found.interrupted
     assert {item.verdict for item in found.channels.values()} == {'good'}
 
@@ -140,11 +140,11 @@ def test_the_run_of_another_scene_is_refused_loudly(tmp_path, capsys):
     out, err = capsys.readouterr()
     assert 'x: poor fit, residual RMS' in err
     assert 'the model does not fit x: no parameter is estimated' in err
-    told = json.loads((tmp_path / 'out' / 'identify.json').read_text())
-    assert told['estimates'][0]['low'] is None and not told['estimates'][0]['determined']
+    report = json.loads((tmp_path / 'out' / 'identify.json').read_text())
+    assert report['estimates'][0]['low'] is None and not report['estimates'][0]['determined']
 
 
-def test_residuals_that_hang_together_widen_the_interval_and_are_told():
+def test_correlated_residuals_widen_the_interval_and_are_reported():
     # The recording has a friction law that the model leaves out: a slow wave of 0.02 rad.
     exact, chance = recorded(TRUTH, 2), np.random.default_rng(0)
     times, angle = exact.channels['ball_angle']
@@ -194,14 +194,14 @@ def test_columns_in_other_units_are_converted(tmp_path, unit, factor):
         'time': 's', 'ball_angle': 'rad', 'battery': 'banana'}
 
 
-@pytest.mark.parametrize('heading, told', [
+@pytest.mark.parametrize('heading, message', [
     ('time [s],ball_angle [banana]', r'run.csv: column ball_angle must be in rad or mrad or deg.*'
      r'got \[banana\]'),
     ('time [s],x [rad]', r'column x must be in m or cm or mm, got \[rad\]'),
     ('time [m],x [m]', r'column time must be in s or ms')])
-def test_a_unit_that_makes_no_sense_is_refused(tmp_path, heading, told):
+def test_a_unit_that_makes_no_sense_is_refused(tmp_path, heading, message):
     (tmp_path / 'run.csv').write_text(f'{heading}\n' + '1,2\n' * 9)
-    with pytest.raises(ConfigurationError, match=told):
+    with pytest.raises(ConfigurationError, match=message):
         read_columns(tmp_path / 'run.csv')
 
 

@@ -87,7 +87,7 @@ def test_steeper_friction_raises_its_heights_and_not_ours():
 
 @with_mujoco
 def test_its_default_contact_is_a_plastic_impact():
-    # Critically damped: nothing bounces, whatever the shell is made of.
+    # Critically damped: nothing bounces, for any material of the shell.
     for speed in (0.6, 1.2):
         found = mujoco_check.mujoco_height(Case(GIMBALL), speed, 5e-4, law='default')
         assert found == pytest.approx(free_pendulum_impulse(GIMBALL, speed), abs=1.1e-3)

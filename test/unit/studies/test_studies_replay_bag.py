@@ -31,7 +31,7 @@ def plant_of(scene='flat', robot=None, **changes):
 
 
 def wanted(number):
-    """Return a torque that changes each period, now and then above what the motor can give."""
+    """Return a torque that changes each period, sometimes above what the motor can give."""
     return 0.5 * math.sin(0.05 * number) + (20.0 if number % 97 == 0 else 0.0)
 
 
@@ -85,7 +85,7 @@ def test_where_commands_came_late_the_model_is_cleared_by_what_the_motor_gave(tm
 
 
 @pytest.mark.slow
-def test_another_robot_is_told_by_its_digest_and_by_where_it_departs(tmp_path, capsys):
+def test_another_robot_is_reported_by_its_digest_and_by_where_it_departs(tmp_path, capsys):
     plant = plant_of(pendulum_mass=2.0)
     code, said, _ = replayed(
         capsys, record(tmp_path / 'bag', plant=plant, metadata=bag_metadata(
@@ -137,11 +137,11 @@ def test_foreign_and_damaged_bags_are_refused_with_a_sentence(tmp_path, capsys):
     file.write_bytes(data[:len(data) // 2])
     (tmp_path / 'odd').mkdir()
     (tmp_path / 'odd' / 'metadata.yaml').write_text('{')
-    for name, told in (('foreign', 'has no joint_states, so it is no recording of a ball robot'),
+    for name, message in (('foreign', 'has no joint_states, so it is no recording of a ball robot'),
                        ('cut', 'one that was cut short'), ('odd', 'is no bag that can be read'),
                        ('none.mcap', 'is no bag that can be read')):
         code, _, said = replayed(capsys, tmp_path / name)
-        assert code == 2 and told in said and 'Traceback' not in said
+        assert code == 2 and message in said and 'Traceback' not in said
 
 
 def record_robot(folder):

@@ -42,8 +42,8 @@ def test_numbers_of_the_motor_are_changed_in_the_motor():
 
 
 def test_the_ends_of_a_bar_are_the_heights_of_the_changed_robots():
-    told = []
-    bars = {bar.name: bar for bar in sensitivity(Case(GIMBALL), 0.8, told.append)}
+    fractions = []
+    bars = {bar.name: bar for bar in sensitivity(Case(GIMBALL), 0.8, fractions.append)}
     inertia = bars['ball_inertia']
     assert (inertia.low, inertia.high, inertia.unit) == (0.05, 0.116, 'kg m2')
     assert inertia.height_high == step_height(
@@ -52,7 +52,7 @@ def test_the_ends_of_a_bar_are_the_heights_of_the_changed_robots():
     assert bars['contact_stiffness'].high == pytest.approx(1.1 * 33000.0)
     assert not any(name.startswith('motor') for name in bars)
     assert {'gravity', 'ball_mass', 'slip_threshold'}.isdisjoint(bars)
-    assert told == sorted(told) and told[-1] == 1.0
+    assert fractions == sorted(fractions) and fractions[-1] == 1.0
 
 
 def test_bars_come_from_the_largest_effect_to_the_smallest():

@@ -91,8 +91,8 @@ def test_the_file_has_all_cases_with_units_and_provenance(tmp_path):
     assert {field.name: field.metadata[b'unit'].decode() for field in table.schema} \
         == columns(plan)
     assert columns(plan)['ball_mass'] == 'kg' and columns(plan)['speed'] == 'm/s'
-    told = json.loads(table.schema.metadata[b'ballbot_sweep'])
-    assert told['plan']['robot_digest'] == GIMBALL.digest and told['digest'] == plan.digest
+    metadata = json.loads(table.schema.metadata[b'ballbot_sweep'])
+    assert metadata['plan']['robot_digest'] == GIMBALL.digest and metadata['digest'] == plan.digest
     assert not out.with_name('sweep.parquet.blocks').exists()
     pandas = pytest.importorskip('pandas', reason='only to see that it opens the file')
     frame = pandas.read_parquet(out)
@@ -236,16 +236,16 @@ def test_an_angle_may_be_in_degrees_and_its_column_says_so():
                   grid={'slope_before_deg': [1.0]})
 
 
-@pytest.mark.parametrize('words, told', [
+@pytest.mark.parametrize('words, message', [
     (['--vary', 'speed=1,2', '--workers', '0'], '--workers must be at least 1'),
     (['--vary', 'speed=1,2', '--out', 'x.csv'], 'must end in .parquet'),
     (['--vary', 'sped=1,2'], "did you mean 'speed'"),
     (['--vary', 'speed=1', '--vary', 'set_angle=0:90:3'], 'write set_angle_deg='),
     (['--vary', 'speed=1,2', '--fix', 'height=1:2'], '--fix height: give one value')])
-def test_a_mistake_is_told_in_one_line(capsys, tmp_path, words, told):
+def test_a_mistake_is_reported_in_one_line(capsys, tmp_path, words, message):
     assert main(['sweep', '--out', str(tmp_path / 'x.parquet'), *words]) == 2
     out, err = capsys.readouterr()
-    assert out == '' and told in err and err.count('\n') == 1
+    assert out == '' and message in err and err.count('\n') == 1
 
 
 def test_a_dask_cluster_gives_the_same_file(tmp_path, capsys):

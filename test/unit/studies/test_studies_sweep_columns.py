@@ -112,14 +112,14 @@ def test_these_plans_vary_every_number_there_is():
 
 
 def test_these_plans_meet_every_reason_for_an_empty_row():
-    told = [reason for plan in PLANS.values() for reason in run_block(
+    reasons = [reason for plan in PLANS.values() for reason in run_block(
         plan, 0, plan.size)['failure'] if reason is not None]
     for reason in (
             'must be 0 for a robot without a pendulum', 'a pendulum needs a pendulum_inertia or',
             'pendulum_length must be at most ball_radius', 'has no gravity', 'without its law',
             'describes none', 'needs a pendulum and robot', 'voltage must be within',
             'under the ground', 'no step up to'):
-        assert any(reason in said for said in told), reason
+        assert any(reason in said for said in reasons), reason
 
 
 @pytest.mark.parametrize('kind, alone_too', [

@@ -147,7 +147,7 @@ def test_a_bag_that_does_not_say_its_robot_is_drawn_as_gimball_and_says_so(tmp_p
     assert source.robot.name == 'gimball' and '--robot NAME' in source.health.notes[0]
 
 
-def test_ground_that_nobody_knows_is_what_was_seen(tmp_path, played):
+def test_unknown_ground_is_what_was_seen(tmp_path, played):
     messages = list(rolling())
     for time in (0.505, 1.505):
         ahead = 1.0 - 0.5 * (time - 0.005)

@@ -22,7 +22,7 @@ def test_the_step_ahead_is_the_next_one(doorstep):
     assert step_ahead(doorstep, 5.0, RADIUS) is None
 
 
-def test_a_drop_ahead_is_told_by_its_sign():
+def test_a_drop_ahead_is_shown_by_its_sign():
     assert step_ahead(Terrain.step(-0.1, at=1.0), 0.0, RADIUS) == pytest.approx((1.0, -0.1))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page draws for whoever looks, and holds nothing up for whoever does not read."""
+"""The page draws for each viewer, and delays nothing for a viewer that does not read."""
 from dataclasses import replace
 from threading import Event
 
@@ -33,19 +33,19 @@ def until(what):
 
 
 class Asker:
-    """Somebody who uses a widget, and is told."""
+    """A user of a widget, with the notifications it gets."""
 
     def __init__(self):
-        """Start with nothing told."""
-        self.told = []
+        """Start without notifications."""
+        self.notifications = []
         self.client = self
 
     def add_notification(self, title, body, **_):
         """Note what is shown."""
-        self.told.append((title, body))
+        self.notifications.append((title, body))
 
 
-def test_time_begins_when_somebody_looks(page):
+def test_time_begins_with_the_first_viewer(page):
     source = page._source
     page.start()
     assert source.shown.time == 0.0 and not source.health.running
@@ -78,7 +78,7 @@ def test_a_closed_browser_never_slows_a_simulation(page):
     assert page.frames <= drawn + 1
 
 
-def test_a_refusal_is_told_in_the_page_in_its_own_words(page, monkeypatch):
+def test_a_refusal_is_shown_in_the_page_in_its_own_words(page, monkeypatch):
     controls, asker = page._controls, Asker()
 
     def refuse(name, value):
@@ -86,7 +86,7 @@ def test_a_refusal_is_told_in_the_page_in_its_own_words(page, monkeypatch):
     with monkeypatch.context() as patched:
         patched.setattr(page._source, 'apply', refuse)
         controls._use('friction', -1.0, asker)
-    assert asker.told == [('Refused', 'friction must be at least 0, got <-1>')]
+    assert asker.notifications == [('Refused', 'friction must be at least 0, got <-1>')]
     assert 'got &lt;-1&gt;' in controls._status.content
     controls._use('friction', 0.5, asker)
     assert 'Refused' not in controls._status.content
@@ -130,7 +130,7 @@ def test_the_stage_follows_the_ball_and_forgets_another_run(page):
     assert len(stage._path) == 1
 
 
-def test_what_nobody_knows_is_not_drawn(page):
+def test_what_is_unknown_is_not_drawn(page):
     source, stage = page._source, page._stage
     bare = replace(source.shown, x=None, y=None, contacts=None, energies=None)
     stage.draw(source, bare)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene in the page is the scene that `ballbot simulate` runs, until somebody changes it."""
+"""A scene in the page is the scene that `ballbot simulate` runs, until the user changes it."""
 import math
 
 import pytest

@@ -66,7 +66,7 @@ def test_looking_back_pauses_and_running_shows_the_newest_again(source):
     assert source.shown.time == pytest.approx(0.22)
 
 
-def test_the_step_ahead_is_told_as_the_ball_goes_on(source):
+def test_the_step_ahead_is_reported_as_the_ball_goes_on(source):
     assert source.controls['step_height'].value == pytest.approx(0.031)
     source.apply('step', 5.0)
     assert source.shown.x > 1.5 and source.controls['step_height'].value == 0.0
@@ -91,7 +91,7 @@ def test_another_scene_keeps_the_e_stop(source):
     assert source.controls['e_stop'].value is True and source.title == 'Scene flat'
 
 
-def test_what_is_refused_while_it_runs_reaches_whoever_asked(source):
+def test_what_is_refused_while_it_runs_reaches_its_caller(source):
     source.start()
     with pytest.raises(ConfigurationError, match='voltage must be|set_point must be'):
         source.apply('set_point', 400.0)

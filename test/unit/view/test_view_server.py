@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The server answers its own page, and nobody else's."""
+"""The server answers its own page and no other."""
 from contextlib import nullcontext
 import http.client
 import socket
@@ -41,7 +41,7 @@ def handshake(server, origin):
                    subprotocols=[f'viser-v{viser.__version__}'])
 
 
-def test_the_page_is_served_and_may_ask_nobody_else(server):
+def test_the_page_is_served_and_may_ask_no_other_server(server):
     status, headers, text = get(server)
     assert status == 200 and '<html' in text
     policy = headers['Content-Security-Policy']
@@ -79,7 +79,7 @@ def test_a_foreign_page_does_not_get_the_document_either(server):
     assert get(server, Origin='http://evil.example')[0] == 403
 
 
-def test_nobody_opens_a_tunnel(server):
+def test_no_request_opens_a_tunnel(server):
     assert server.request_share_url() is None and server._share_tunnel is None
 
 

@@ -8,7 +8,7 @@ from ballbot_ros.view.source import checked, Control
 CONTROLS = {
     'speed': Control(1.0, 0.1, 4.0), 'pause': Control(False),
     'law': Control('free', choices=('free', 'hold')),
-    'reset': Control(refusal='a recording cannot begin anew'),
+    'reset': Control(refusal='a recording cannot start again'),
     'step_height': Control(0.03, -0.2, 0.2, 'm')}
 
 
@@ -22,7 +22,7 @@ def test_an_allowed_value_is_passed_on(name, value):
     ('speed', 5.0, 'at least 0.1 and at most 4'), ('speed', float('nan'), 'at least'),
     ('speed', float('inf'), 'at least'), ('speed', 'fast', "'fast'"), ('speed', True, 'True'),
     ('pause', 1.0, 'true or false'), ('law', 'swim', 'free, hold'),
-    ('step_height', 0.5, 'at most 0.2 m'), ('reset', True, 'cannot begin anew'),
+    ('step_height', 0.5, 'at most 0.2 m'), ('reset', True, 'cannot start again'),
     ('seek', 1.0, "'seek' is not a control here")])
 def test_anything_else_is_refused_with_what_is_allowed(name, value, words):
     with pytest.raises(ConfigurationError, match=words):

@@ -90,7 +90,7 @@ def test_a_thinned_series_keeps_its_samples_as_time_goes_on_and_its_end():
     assert thinned([], 0.1) == []
 
 
-def test_how_a_source_is_doing_is_told_with_the_error_in_a_unit_that_people_read():
+def test_the_state_of_a_source_is_shown_with_the_error_in_a_readable_unit():
     lines = ' '.join(status_lines(Health(True, 0.98, 3.2e-6, '', ('<note>',)), True))
     assert 'running' in lines and '0.98 x real time' in lines and '3.2 um' in lines
     assert 'e-stop engaged' in lines and '&lt;note&gt;' in lines
