@@ -157,7 +157,7 @@ def sources(tmp_path_factory):
 
 
 def keep_the_messages_only(folder):
-    """Remove what was built in a workspace, but for the messages: these do not depend on the mode."""
+    """Remove what was built in a workspace, but not the messages: they suit both modes."""
     messages = folder / 'build' / 'ballbot_ros' / 'build' / 'messages'
     if messages.exists():
         messages.rename(folder / 'messages')

@@ -82,7 +82,7 @@ def slide(tab, label, key):
 
 
 def press(tab, label):
-    """Click immediately: a busy machine draws too slowly for a button to be seen standing still."""
+    """Click without waiting: a busy machine draws too slowly for a button to seem at rest."""
     tab.get_by_role('button', name=label).dispatch_event('click')
 
 

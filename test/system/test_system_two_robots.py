@@ -17,7 +17,7 @@ def test_two_robots_have_one_time_and_differ_in_namespace_and_frames(graph):
     assert graph.node.count_publishers('/clock') == 1
     for name, found in moved.items():
         assert {one.header.frame_id for one in found} == {f'{name}/odom'}
-    # The second uses the time of the first, whenever it began.
+    # The second uses the time of the first, whenever it started.
     newest = to_seconds(moved['b'][-1].header.stamp)
     graph.wait(lambda: to_seconds(clocks[-1].clock) >= newest, 'the clock is not behind it')
     assert abs(newest - to_seconds(moved['a'][-1].header.stamp)) < 1.0

@@ -42,9 +42,9 @@ def started(make_node, tmp_path, monkeypatch):
 def test_what_a_section_for_many_nodes_gives_may_be_for_another_one(started, capfd):
     settings = started()
     assert (settings.rate, settings.tuning) == (400.0, 'gentle')
-    warnings = [line for line in capfd.readouterr().err.splitlines() if 'WARN' in line]
-    assert len(warnings) == 1 and 'not parameters of node controller, and ignored' in warnings[0]
-    assert "'frequency'" in warnings[0] and "'nested.deep'" in warnings[0] and "'other'" not in warnings[0]
+    warning, = [line for line in capfd.readouterr().err.splitlines() if 'WARN' in line]
+    assert 'not parameters of node controller, and ignored' in warning
+    assert "'frequency'" in warning and "'nested.deep'" in warning and "'other'" not in warning
 
 
 def test_one_that_is_like_a_parameter_is_reported_with_it(started, capfd):
