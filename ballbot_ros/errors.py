@@ -61,8 +61,9 @@ class ConfigurationError(BallbotError, ValueError):
     reason : str
         ``'unknown_name'``, ``'missing'``, ``'wrong_type'``, ``'not_a_choice'``,
         ``'out_of_range'``, ``'not_finite'``, ``'inconsistent'`` (with another value),
-        ``'unreadable'`` (a file or its syntax), ``'wrong_kind'`` (of a file),
-        ``'not_installed'``, or ``'invalid'``.
+        ``'unreadable'`` (a file or its syntax), ``'wrong_kind'`` (of a file), ``'exists'`` (a
+        file that would be replaced), ``'not_writable'``, ``'not_installed'``, ``'ambiguous'``
+        (several match), ``'unavailable'`` (now, on this machine), or ``'invalid'``.
     problems : tuple of ConfigurationError
         Each of several in a file; empty for a single one.
 
@@ -169,4 +170,19 @@ class EstimateLostError(BallbotError, ArithmeticError):
 
 
 class RefusedError(BallbotError):
-    """A request, to release the e-stop for instance, is not safe now."""
+    """
+    A request, to release the e-stop for instance, is not safe now.
+
+    Attributes
+    ----------
+    reason : str
+        One word: ``'standing'`` (after an e-stop), ``'busy'``, ``'missing'``, ``'out_of_range'``,
+        ``'not_finite'``, ``'not_writable'``, ``'timeout'``, ``'failed'``, ``'cancelled'``, or
+        ``'refused'``, for instance by another node.
+
+    """
+
+    def __init__(self, explanation: str, reason: str = 'refused', field: str = ''):
+        super().__init__(explanation)
+        self.reason = reason
+        self.field = field

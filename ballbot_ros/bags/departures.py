@@ -67,7 +67,7 @@ def measured_columns(run: RecordedRun) -> Dict[str, Array]:
     if len(rows) < 8:
         raise ConfigurationError(
             f'the recording has {len(rows)} joint states of shell and pendulum'
-            f'{" during its odometry" if seen else ""}; 8 are needed')
+            f'{" during its odometry" if seen else ""}; 8 are needed', 'missing', 'joint_states')
     begin = rows[0][0]
     columns = {'time': np.array([1e-9 * (stamp - begin) for stamp, _ in rows])}
     for name in JOINTS:
@@ -96,7 +96,8 @@ def commanded_torque(run: RecordedRun, columns: Mapping[str, Array]) -> Array:
 
     """
     if not run.commands:
-        raise ConfigurationError('the recording has no joint_commands')
+        raise ConfigurationError(
+            'the recording has no joint_commands', 'missing', 'joint_commands')
     begin = min(run.joints)
     stamps = sorted(run.commands)
     times = np.array([1e-9 * (stamp - begin) for stamp in stamps])

@@ -26,4 +26,4 @@ def bag_opener() -> Any:
         from ballbot_ros.bags.source import open_bag as open_with_ros
         return open_with_ros
     from ballbot_ros.bags.storage import MISSING
-    raise ConfigurationError(MISSING)
+    raise ConfigurationError(MISSING, 'not_installed')

@@ -52,8 +52,9 @@ def unreadable(path: Path, error: BaseException) -> ConfigurationError:
     if 'magic' in str(error):
         return ConfigurationError(
             f'{path}: is no bag that can be read, or one that was cut short ({error}); what was '
-            'recorded before its end can be had with "mcap recover"')
-    return ConfigurationError(f'{path}: is no bag that can be read: {error or repr(error)}')
+            'recorded before its end can be had with "mcap recover"', 'unreadable')
+    return ConfigurationError(
+        f'{path}: is no bag that can be read: {error or repr(error)}', 'unreadable')
 
 
 def custom_data(path: Path) -> Mapping[str, str]:
@@ -146,7 +147,8 @@ def read_bag(path: Path, opener: BagOpener = open_bag) -> Recording:
                     times.append(time)
                     numbers.append(value)
     if not found:
-        raise ConfigurationError(f'{path}: has neither joint_states nor odom')
+        raise ConfigurationError(
+            f'{path}: has neither joint_states nor odom', 'missing', 'joint_states')
     begin = min(times[0] for times, _ in found.values())
     series = {name: (np.array(times) - begin, np.array(values))
               for name, (times, values) in found.items()}

@@ -78,7 +78,8 @@ class GraphRecording:
 
     def _subscribe(self, name: str, kinds: List[str]) -> None:
         if len(kinds) > 1:
-            raise ConfigurationError(f'it has several types, {" and ".join(kinds)}')
+            raise ConfigurationError(
+                f'it has several types, {" and ".join(kinds)}', 'ambiguous', 'topic')
         profile: QoSProfile = self._observer.profile(name, DEPTH)
         self._bag.subscribe(self._observer.node, name, partial(self._count, name),
                             message_class(kinds[0]), profile)
@@ -121,4 +122,4 @@ def check_new(folder: Path) -> None:
     """Refuse a folder that exists: a bag would take its place."""
     if folder.exists():
         raise ConfigurationError(
-            f'{folder} exists already; name another folder with -o, or remove it')
+            f'{folder} exists already; name another folder with -o, or remove it', 'exists', '-o')

@@ -79,7 +79,8 @@ def read_run(path: Path, namespace: Optional[str] = None, opener: BagOpener = op
         for topic, message in bag.messages(wanted):
             takers[topic][1](message)
     if not run.joints:
-        raise ConfigurationError(f'{path}: {where}/joint_states is empty: nothing to replay')
+        raise ConfigurationError(
+            f'{path}: {where}/joint_states is empty: nothing to replay', 'missing', 'joint_states')
     return run
 
 
@@ -90,17 +91,19 @@ def _namespace(path: Path, bag: Bag, namespace: Optional[str]) -> str:
     if not found:
         raise ConfigurationError(
             f'{path}: has no joint_states, so it is no recording of a ball robot; it has '
-            + (', '.join(sorted(bag.topics)) or 'nothing'))
+            + (', '.join(sorted(bag.topics)) or 'nothing'), 'wrong_kind', 'joint_states')
     names = [name or '/' for name in found]
     if namespace is None:
         if len(found) > 1:
             raise ConfigurationError(
-                f'{path}: has {len(found)} robots; name one: --namespace {" or ".join(names)}')
+                f'{path}: has {len(found)} robots; name one: --namespace {" or ".join(names)}',
+                'ambiguous', '--namespace')
         return found[0]
     wanted = f'/{namespace.strip("/")}' if namespace.strip('/') else ''
     if wanted not in found:
         raise ConfigurationError(
-            f'{path}: has no robot {namespace!r}{suggestion(namespace, names)}')
+            f'{path}: has no robot {namespace!r}{suggestion(namespace, names)}',
+            'unknown_name', '--namespace')
     return wanted
 
 

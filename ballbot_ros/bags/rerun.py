@@ -182,7 +182,8 @@ def rerun(plant: Plant, run: RecordedRun, torques: Torques) -> Rerun:
     if not set(moments) <= set(grid):
         raise ConfigurationError(
             f'the stamps of the recording do not fit a control rate of {1.0 / plant.period:g} Hz: '
-            'give the rate of that simulator, --set control_rate=...')
+            'give the rate of that simulator, --set control_rate=...',
+            'inconsistent', 'control_rate')
     plant.periods = first
     plant.reset()
     filler, compare = MotorTorques(run), _Comparer()

@@ -40,7 +40,7 @@ class Rosbag2Bag:
                     yield topic, deserialize_message(data, kinds[topic])
         except RuntimeError as error:
             raise ConfigurationError(
-                f'{self._path}: is no bag that can be read: {error}') from error
+                f'{self._path}: is no bag that can be read: {error}', 'unreadable') from error
 
 
 @contextmanager
@@ -61,5 +61,6 @@ def open_bag(path: Path) -> Iterator[Rosbag2Bag]:
                     rosbag2_py.ConverterOptions('cdr', 'cdr'))
         bag = Rosbag2Bag(path, reader)
     except RuntimeError as error:
-        raise ConfigurationError(f'{path}: is no bag that can be read: {error}') from error
+        raise ConfigurationError(
+            f'{path}: is no bag that can be read: {error}', 'unreadable') from error
     yield bag

@@ -49,7 +49,7 @@ def bag_writer(folder: Path, metadata: Mapping[str, str]) -> BagWriter:
         return RosbagsWriter(folder, metadata)
     if find_spec('rosbag2_py') is not None:
         return Rosbag2Writer(folder, metadata)
-    raise ConfigurationError(MISSING)
+    raise ConfigurationError(MISSING, 'not_installed')
 
 
 class RosbagsWriter:
@@ -115,7 +115,8 @@ class Rosbag2Writer:
             self._writer.open(self._storage, self._rosbag2.ConverterOptions('cdr', 'cdr'))
         except RuntimeError as error:
             raise ConfigurationError(f'{self._storage.uri}: rosbag2_py cannot write: {error}; '
-                                     'is ros-...-rosbag2-storage-mcap installed?') from error
+                                     'is ros-...-rosbag2-storage-mcap installed?',
+                                     'not_writable') from error
 
     def add_topic(self, name: str, kind: str, offered: Sequence[Qos] = ()) -> str:
         """Return the name."""

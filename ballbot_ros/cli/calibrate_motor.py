@@ -33,7 +33,7 @@ class Console:
         except EOFError:
             answer = 'q'
         if answer.strip().lower() == 'q':
-            raise RefusedError('calibration ended; nothing was written')
+            raise RefusedError('calibration ended; nothing was written', 'cancelled')
         return answer
 
 
@@ -47,7 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.physics.model.robot import load_robot
     from ballbot_ros.results.files import check_writable
     if arguments.out.exists():
-        raise ConfigurationError(f'{arguments.out} exists; move it away or give another --out')
+        raise ConfigurationError(
+            f'{arguments.out} exists; move it away or give another --out', 'exists', '--out')
     check_writable(arguments.out)
     hardware = load_hardware(arguments.hardware).at(arguments.port)
     driver, identity, _ = handshake(connector(hardware), REPLY_TIMEOUT)

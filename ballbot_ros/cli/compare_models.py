@@ -26,10 +26,12 @@ def run(arguments: argparse.Namespace) -> int:
     """Compute and print the table."""
     if arguments.angle_deg is not None and arguments.actuation != 'held':
         raise ConfigurationError(
-            f'--angle-deg goes with --actuation held, not {arguments.actuation}')
+            f'--angle-deg goes with --actuation held, not {arguments.actuation}',
+            'inconsistent', '--angle-deg')
     angle = arguments.angle_deg or 0.0
     if not math.isfinite(angle):
-        raise ConfigurationError(f'--angle-deg must be finite, got {angle!r}')
+        raise ConfigurationError(
+            f'--angle-deg must be finite, got {angle!r}', 'not_finite', '--angle-deg')
     robot = read_robot(arguments)
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.paper.cases import Case, holding, SPEEDS

@@ -57,5 +57,5 @@ def chosen(names: list[str], known: Any) -> list[str]:
         if name not in known:
             raise ConfigurationError(
                 f'there is no figure {name!r}{suggestion(name, known)}; "ballbot figures --list" '
-                'lists them')
+                'lists them', 'unknown_name', 'name')
     return list(dict.fromkeys(names)) or list(known)

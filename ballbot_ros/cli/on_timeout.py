@@ -66,7 +66,8 @@ def read_hardware(arguments: argparse.Namespace) -> Any:
     from ballbot_ros.bridge.hardware_file import load_hardware
     if not 0.0 <= arguments.speed <= 3.0:
         raise ConfigurationError(
-            f'--speed must be at least 0 and at most 3 m/s, got {arguments.speed:g}')
+            f'--speed must be at least 0 and at most 3 m/s, got {arguments.speed:g}',
+            'out_of_range', '--speed')
     hardware = load_hardware(arguments.hardware)
     changes = {name: getattr(arguments, name) for name in ('damping', 'damping_time')
                if getattr(arguments, name) is not None}
@@ -87,7 +88,7 @@ def read_slopes(slopes: List[float]) -> List[float]:
         if not 0.0 <= slope <= SLOPE_MAX:
             raise ConfigurationError(
                 f'--slopes-deg must be at least 0 and at most {SLOPE_MAX:g} degrees, each is '
-                f'tried both ways, got {slope:g}')
+                f'tried both ways, got {slope:g}', 'out_of_range', '--slopes-deg')
     return sorted(set(slopes))
 
 

@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     fixed = {}
     for name, values in (given(word, '--fix') for word in arguments.fix):
         if not isinstance(values, list) or len(values) != 1:
-            raise ConfigurationError(f'--fix {name}: give one value')
+            raise ConfigurationError(f'--fix {name}: give one value', 'wrong_type', name)
         fixed[name] = values[0]
     plan = SweepPlan(
         robot, options.read_law(arguments), options.read_site(arguments),
@@ -91,7 +91,8 @@ def given(word: str, option: str) -> Tuple[str, Values]:
     if name not in IN_DEGREES and NUMBERS.get(name, {}).get('unit') == 'rad':
         in_degrees = next(key for key, owner in IN_DEGREES.items() if owner == name)
         raise ConfigurationError(
-            f'{option} {name}: angles are given in degrees here; write {in_degrees}=...')
+            f'{option} {name}: angles are given in degrees here; write {in_degrees}=...',
+            'inconsistent', name)
     return name, values
 
 

@@ -44,7 +44,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.cli.progress import watched
     from ballbot_ros.paper.procedure import HEIGHTS, run_tests
     if arguments.seed < 0:
-        raise ConfigurationError(f'--seed must be at least 0, got {arguments.seed}')
+        raise ConfigurationError(
+            f'--seed must be at least 0, got {arguments.seed}', 'out_of_range', '--seed')
     name = f'bench_{robot.name}{"_driven" if arguments.driven else ""}'
     folder = result_folder(arguments.out, DEFAULT_FOLDER / name, (
         'tests.csv', 'truth.csv', *figure_files(['tests'])), arguments.overwrite)
@@ -75,11 +76,12 @@ def make_bench(arguments: argparse.Namespace) -> Any:
         if value is not None and not wanted:
             raise ConfigurationError(
                 f'{option} belongs to the {"free-rolling" if arguments.driven else "driven"} '
-                f'test; leave it out, or {"leave out" if arguments.driven else "add"} --driven')
+                f'test; leave it out, or {"leave out" if arguments.driven else "add"} --driven',
+                'inconsistent', option)
     if arguments.slope_deg is not None and not 0.0 < arguments.slope_deg <= STEEPEST:
         raise ConfigurationError(
             f'--slope-deg must be more than 0 and at most {STEEPEST:g} degrees, '
-            f'got {arguments.slope_deg:g}')
+            f'got {arguments.slope_deg:g}', 'out_of_range', '--slope-deg')
     changes = {name: value for name, value in (
         ('slope', None if arguments.slope_deg is None else math.radians(arguments.slope_deg)),
         ('length', arguments.run_up), ('sensor_distance', arguments.sensor_distance))

@@ -36,7 +36,8 @@ class Authority:
     def __init__(self, timeout: float):
         if not (math.isfinite(timeout) and timeout > 0.0):
             raise ConfigurationError(
-                f'timeout of an authority must be above 0 s and finite, got {timeout!r}')
+                f'timeout of an authority must be above 0 s and finite, got {timeout!r}',
+                'out_of_range', 'timeout')
         self._timeout = timeout
         self._last = -math.inf  # when the holder was last there
         self.holder: Optional[str] = None

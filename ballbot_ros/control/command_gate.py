@@ -34,7 +34,8 @@ class CommandGate:
     def __init__(self, timeout: float):
         if not (timeout > 0.0 and math.isfinite(timeout)):
             raise ConfigurationError(
-                f'command_timeout must be above 0 s and finite, got {timeout!r}')
+                f'command_timeout must be above 0 s and finite, got {timeout!r}',
+                'out_of_range', 'command_timeout')
         self.timeout = timeout
         self.accepted = 0
         self.refused: Counter[str] = Counter()

@@ -39,7 +39,7 @@ class Watchdog:
         if not (math.isfinite(timeout) and timeout > 0.0):
             raise ConfigurationError(
                 f'watchdog timeout must be more than 0 s and finite, got {timeout!r}; '
-                '0.25 s suits this robot')
+                '0.25 s suits this robot', 'out_of_range', 'timeout')
         self.timeout = timeout
         self._last: Optional[float] = None
 
@@ -89,7 +89,8 @@ class RateMonitor:
     def __init__(self, size: int = 21, least: int = 2):
         if not 2 <= least <= size:
             raise ConfigurationError(
-                f'a rate needs at least 2 stamps, got size {size!r} and least {least!r}')
+                f'a rate needs at least 2 stamps, got size {size!r} and least {least!r}',
+                'out_of_range', 'least')
         self._size, self._least = size, least
         self._last: Optional[float] = None
         # In order of arrival, and sorted: each joint state needs the median.

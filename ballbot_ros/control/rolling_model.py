@@ -39,7 +39,7 @@ def require_pendulum(robot: Robot) -> None:
     if not robot.has_pendulum:
         raise ConfigurationError(
             f'{robot.name} has no pendulum (pendulum_mass is 0): there is nothing to control or '
-            'to estimate; use a robot with a pendulum')
+            'to estimate; use a robot with a pendulum', 'inconsistent', 'pendulum_mass')
 
 
 class Acceleration(NamedTuple):

@@ -137,13 +137,16 @@ def _angles(law: Mode, tuning: ControlTuning) -> Sequence[float]:
 def _check(law: Union[Mode, str], rate: float, delay: float) -> Mode:
     """Return the law; refuse rates and delays out of range."""
     if not (math.isfinite(rate) and rate > 0.0):
-        raise ConfigurationError(f'control rate must be more than 0 Hz, got {rate!r}')
+        raise ConfigurationError(
+            f'control rate must be more than 0 Hz, got {rate!r}', 'out_of_range', 'rate')
     if not 0.0 <= delay <= MOST_DELAY:
-        raise ConfigurationError(f'delay must be from 0 to {MOST_DELAY} samples, got {delay!r}')
+        raise ConfigurationError(
+            f'delay must be from 0 to {MOST_DELAY} samples, got {delay!r}',
+            'out_of_range', 'delay')
     if law not in CLOSED:
         raise ConfigurationError(
             f"law must be 'hold' (11), 'drive' (12) or 'speed', got {law!r}: only these close a "
-            'loop')
+            'loop', 'not_a_choice', 'law')
     return Mode(law)
 
 

@@ -68,7 +68,8 @@ class SpeedLaw(NamedTuple):
         for name, value in (('lag', lag), ('speed_gain', speed_gain), ('swing_time', swing_time),
                             ('observer_rate', observer_rate)):
             if not (math.isfinite(value) and value > 0.0):
-                raise ConfigurationError(f'{name} must be above 0 and finite, got {value!r}')
+                raise ConfigurationError(
+                    f'{name} must be above 0 and finite, got {value!r}', 'out_of_range', name)
         return cls(
             robot.largest_gravity_torque, robot.weight * robot.ball_radius,
             robot.ball_inertia + robot.total_mass * robot.ball_radius**2,
@@ -89,7 +90,8 @@ class SpeedLaw(NamedTuple):
         if tuning.position_kp == 0.0 or tuning.position_kd == 0.0:
             raise ConfigurationError(
                 'the speed law needs a law (11) that follows set angles: position_kp and '
-                f'position_kd above 0, got {tuning.position_kp:g} and {tuning.position_kd:g}')
+                f'position_kd above 0, got {tuning.position_kp:g} and {tuning.position_kd:g}',
+                'inconsistent', 'position_kp')
         return cls.of(robot, tuning.position_kd / tuning.position_kp, tuning.speed_gain,
                       tuning.swing_time, tuning.observer_rate)
 

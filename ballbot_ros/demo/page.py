@@ -38,7 +38,7 @@ def page_beside(quiet: bool = False) -> Iterator[None]:
     if find_spec('viser') is None:
         raise ConfigurationError(
             '--view needs the package viser, which is not installed; install it with: pip install '
-            'viser')
+            'viser', 'not_installed', 'viser')
     os.environ['ROS_DOMAIN_ID'] = str(own_domain())
     with ending_by_signal(), subprocess.Popen(
             [sys.executable, '-m', 'ballbot_ros.cli', 'view', '--live'], stdout=subprocess.PIPE,
@@ -64,5 +64,5 @@ def _first_line(process: 'subprocess.Popen[str]') -> str:
     if not line:
         raise ConfigurationError(
             f'the page was not served within {START_TIMEOUT:g} s; leave --view out, or see what '
-            '"ballbot view --live" says')
+            '"ballbot view --live" says', 'unavailable', '--view')
     return line

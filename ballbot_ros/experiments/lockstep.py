@@ -90,15 +90,16 @@ def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: 
                 executor.spin_once(timeout_sec=SPIN_TIME)
                 driver.poll()
                 if bag.failure is not None:
-                    raise RefusedError(f'the bag cannot be written: {bag.failure}')
+                    raise RefusedError(
+                        f'the bag cannot be written: {bag.failure}', 'not_writable', 'bag')
                 ended = processes.ended()
                 if ended is not None:
                     raise RefusedError(f'node {ended[0]} ended with code {ended[1]}; see '
-                                       f'{processes.log(ended[0])}')
+                                       f'{processes.log(ended[0])}', 'failed', ended[0])
                 if time.monotonic() > deadline:
                     raise RefusedError(
                         f'not finished within {timeout:g} s; on a slow machine increase '
-                        f'--timeout; else see {logs}')
+                        f'--timeout; else see {logs}', 'timeout')
     finally:
         executor.remove_node(node)
         node.destroy_node()
@@ -125,7 +126,8 @@ class _Driver:
         if self._answer is not None:
             if self._answer.done() and not self._answer.result().success:
                 raise RefusedError(
-                    f'the simulation was refused: {self._answer.result().message}')
+                    f'the simulation was refused: {self._answer.result().message}',
+                    'failed', 'simulator')
             self.done = self._answer.done() and self._bag.reached({
                 name: self._last.get(name, self._last['joint_states']) for name in self._topics})
         elif now >= self._next and self._reset.service_is_ready() \

@@ -154,7 +154,8 @@ def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict
     except RefusedError as error:
         draft.rename(failed)
         # The logs have been moved with it.
-        raise RefusedError(str(error).replace(str(draft), str(failed))) from error
+        raise RefusedError(
+            str(error).replace(str(draft), str(failed)), error.reason, error.field) from error
     finally:
         shutil.rmtree(draft, ignore_errors=True)
     return result

@@ -148,19 +148,22 @@ def check_animation(path: PathLike, duration: float, playback: float = 1.0) -> N
     kind = Path(path).suffix.lower()
     if kind not in KINDS:
         raise ConfigurationError(
-            f'{path}: an animation must end in {" or ".join(KINDS)}, got {kind!r}')
+            f'{path}: an animation must end in {" or ".join(KINDS)}, got {kind!r}',
+            'not_a_choice', 'path')
     if not 0.01 <= playback <= 1000.0:
         raise ConfigurationError(
-            f'playback must be at least 0.01 and at most 1000, got {playback:g}')
+            f'playback must be at least 0.01 and at most 1000, got {playback:g}',
+            'out_of_range', 'playback')
     if kind == '.mp4' and ffmpeg() is None:
         raise ConfigurationError(
             f'{path}: MP4 needs ffmpeg, which is not installed: "sudo apt-get install ffmpeg" or '
             '"pip install imageio-ffmpeg", '
-            'or choose a file ending in .gif')
+            'or choose a file ending in .gif', 'not_installed', 'ffmpeg')
     if kind == '.gif' and duration / playback > LONGEST_GIF:
         raise ConfigurationError(
             f'{path}: a GIF of {duration / playback:g} s is too long, {LONGEST_GIF:g} s are the '
-            f'most: choose a playback of {math.ceil(duration / LONGEST_GIF)} or more, or .mp4')
+            f'most: choose a playback of {math.ceil(duration / LONGEST_GIF)} or more, or .mp4',
+            'out_of_range', 'playback')
 
 
 def ffmpeg() -> Optional[str]:
@@ -373,4 +376,4 @@ def _write_mp4(pictures: Iterator[Picture], path: str) -> None:
     if process.returncode:
         raise ConfigurationError(
             f'ffmpeg failed: {says[-1] if says else process.returncode}; a file ending in .gif '
-            'needs none')
+            'needs none', 'unavailable', 'ffmpeg')

@@ -58,7 +58,8 @@ def save(figure: Figure, path: PathLike) -> None:
     kind = Path(path).suffix[1:].lower()
     if kind not in FORMATS:
         raise ConfigurationError(
-            f'{path}: a figure must end in .{" or .".join(FORMATS)}, got {kind!r}')
+            f'{path}: a figure must end in .{" or .".join(FORMATS)}, got {kind!r}',
+            'not_a_choice', 'path')
     # Without a date the same run gives the same file.
     metadata = {'Date': None} if kind == 'svg' else {'Software': None}
     with matplotlib.rc_context(dict(STYLE)), replacing(path) as stream:

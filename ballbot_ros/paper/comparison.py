@@ -88,7 +88,7 @@ def compare(case: Case, speeds: Array,
     if case.actuation.law not in ('free', 'position'):
         raise ConfigurationError(
             'the simpler models have a pendulum that is free or held by law (11), not one '
-            f'under the law {case.actuation.law!r}')
+            f'under the law {case.actuation.law!r}', 'not_a_choice', 'law')
     done = count(1)
 
     def curve(name: str, source: str, height: Callable[[Case, float], float]) -> Curve:

@@ -169,9 +169,11 @@ class MujocoRun:
                  integrator: str = 'RK4', law: str = 'forces'):
         """Build both models and put the ball to its start."""
         if mujoco is None:
-            raise ConfigurationError(f'MuJoCo is not installed: {HOW_TO_INSTALL}')
+            raise ConfigurationError(
+                f'MuJoCo is not installed: {HOW_TO_INSTALL}', 'not_installed', 'mujoco')
         if law not in CONTACTS:
-            raise ConfigurationError(f'law must be one of {", ".join(CONTACTS)}, got {law!r}')
+            raise ConfigurationError(
+                f'law must be one of {", ".join(CONTACTS)}, got {law!r}', 'not_a_choice', 'law')
         robot = case.robot
         self.forces, self.height, self.step = law == 'forces', height, step
         self.own = Model(robot, Terrain.step(height))

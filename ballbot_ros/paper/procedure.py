@@ -53,9 +53,11 @@ def run_tests(bench: Bench, robot: Robot, heights: Sequence[float] = HEIGHTS, se
 
     """
     if not heights or not all(low < high for low, high in zip((0.0, *heights), heights)):
-        raise ConfigurationError(f'heights must be above 0 m and rise, got {list(heights)}')
+        raise ConfigurationError(
+            f'heights must be above 0 m and rise, got {list(heights)}', 'out_of_range', 'heights')
     if fine_rolls < 1:
-        raise ConfigurationError(f'fine_rolls must be at least 1, got {fine_rolls}')
+        raise ConfigurationError(
+            f'fine_rolls must be at least 1, got {fine_rolls}', 'out_of_range', 'fine_rolls')
     setting = bench.lowest
     for number, height in enumerate(heights):
         # A generator for each step: a roll more at one does not change all the others.

@@ -62,10 +62,11 @@ def crosses_rigidly(robot: Robot, speed: float, height: float,
     if not 0.0 < height <= robot.ball_radius:
         raise ConfigurationError(
             f'height must be above 0 and at most the radius of {robot.ball_radius:g} m, got '
-            f'{height!r}')
+            f'{height!r}', 'out_of_range', 'height')
     bounce = robot.restitution if restitution is None else restitution
     if not 0.0 <= bounce <= 1.0:
-        raise ConfigurationError(f'restitution must be from 0 to 1, got {restitution!r}')
+        raise ConfigurationError(
+            f'restitution must be from 0 to 1, got {restitution!r}', 'out_of_range', 'restitution')
     return RigidBall(robot, speed, height, bounce).passes()
 
 

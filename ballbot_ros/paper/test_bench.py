@@ -110,7 +110,8 @@ class Bench(Checked):
         if self.sensor_distance < touch:
             raise ConfigurationError(
                 f'sensor_distance must be at least {touch:.3g} m, where the ball touches a step '
-                f'of {height:g} m, got {self.sensor_distance:g} m')
+                f'of {height:g} m, got {self.sensor_distance:g} m',
+                'inconsistent', 'sensor_distance')
         model = Model(robot, self.terrain(height), solver=Solver(step=STEP))
         start, actuation = self.begin(model, setting, chance)
         phase = chance.random()

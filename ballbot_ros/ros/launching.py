@@ -79,14 +79,16 @@ class Given:
             return float(self[name])
         except ValueError:
             raise ConfigurationError(
-                f'launch argument {name} must be a number, got {self[name]!r}') from None
+                f'launch argument {name} must be a number, got {self[name]!r}',
+                'wrong_type', name) from None
 
     def flag(self, name: str) -> bool:
         """Return an argument as true or false; raises `ConfigurationError` if it is neither."""
         text = self[name].lower()
         if text not in TRUTH:
             raise ConfigurationError(
-                f'launch argument {name} must be true or false, got {self[name]!r}')
+                f'launch argument {name} must be true or false, got {self[name]!r}',
+                'wrong_type', name)
         return TRUTH[text]
 
     def node(self, executable: str, parameters: Mapping[str, Any], required: bool = True) -> Node:
@@ -111,7 +113,8 @@ class Given:
         given = self['params_file']
         if given and not Path(given).is_file():
             raise ConfigurationError(
-                f'launch argument params_file: there is no file {given!r}')
+                f'launch argument params_file: there is no file {given!r}',
+                'missing', 'params_file')
         return [given] if given else []
 
     def frames(self) -> Dict[str, Any]:

@@ -88,7 +88,8 @@ class Spectator:
                               enable_rosout=False, start_parameter_services=False)
         except Exception as error:  # rclpy has one for each part of a name
             rclpy.try_shutdown(context=self._context)
-            raise ConfigurationError(f'--namespace {namespace}: {error}') from error
+            raise ConfigurationError(
+                f'--namespace {namespace}: {error}', 'wrong_type', '--namespace') from error
         self._jobs: 'Queue[Callable[[], None]]' = Queue()
         self._ending = Event()
         self._asked: Dict[str, float] = {}
@@ -126,14 +127,14 @@ class Spectator:
         """
         answer = self._call(Trigger, service, Trigger.Request())
         if not answer.success:
-            raise RefusedError(answer.message)
+            raise RefusedError(answer.message, 'refused', service)
         return str(answer.message)
 
     def step(self, periods: int) -> None:
         """Step a paused simulator by control periods; `RefusedError` if it does not."""
         answer = self._call(Step, 'simulator/step', Step.Request(periods=periods))
         if not answer.success:
-            raise RefusedError(answer.message)
+            raise RefusedError(answer.message, 'refused', 'simulator/step')
 
     def hold_speed(self, speed: float) -> None:
         """Publish a speed [m/s] periodically."""
@@ -246,7 +247,8 @@ class Spectator:
         try:
             return answer.result(ANSWER)
         except TooLong:
-            raise RefusedError(f'{service} has not answered for {ANSWER:g} s') from None
+            raise RefusedError(
+                f'{service} has not answered for {ANSWER:g} s', 'timeout', service) from None
 
     def _publish(self, now: float) -> None:
         """Publish the held set-point, or release it after the timeout."""

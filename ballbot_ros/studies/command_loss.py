@@ -92,7 +92,9 @@ def held_angle(robot: Robot, slope: float, joint_rate: float) -> float:
 
     """
     if robot.largest_gravity_torque == 0.0:
-        raise ConfigurationError(f'robot {robot.name!r} has no pendulum that could hold it')
+        raise ConfigurationError(
+            f'robot {robot.name!r} has no pendulum that could hold it',
+            'inconsistent', 'pendulum_mass')
     drag = robot.rolling_friction * joint_rate
     weight = robot.weight * robot.ball_radius
     sine = (weight * math.sin(slope) + drag) / robot.largest_gravity_torque
@@ -100,7 +102,8 @@ def held_angle(robot: Robot, slope: float, joint_rate: float) -> float:
         steepest = math.asin((robot.largest_gravity_torque - abs(drag)) / weight)
         raise ConfigurationError(
             f'slope must be within +-{math.degrees(steepest):.3g} degrees, got '
-            f'{math.degrees(slope):g}: no pendulum angle holds {robot.name!r} on a steeper one')
+            f'{math.degrees(slope):g}: no pendulum angle holds {robot.name!r} on a steeper one',
+            'out_of_range', 'slope')
     return math.asin(sine)
 
 

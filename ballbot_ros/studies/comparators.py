@@ -154,7 +154,8 @@ def inertia_ratio(robot: Robot) -> float:
 def check(robot: Robot, speed: float) -> None:
     """Refuse a speed or gravity for which there is no maximum step height."""
     if not (math.isfinite(speed) and speed >= 0.0):
-        raise ConfigurationError(f'speed must be finite and at least 0 m/s, got {speed!r}')
+        raise ConfigurationError(
+            f'speed must be finite and at least 0 m/s, got {speed!r}', 'out_of_range', 'speed')
     check_gravity(robot)
 
 

@@ -53,7 +53,8 @@ class Request(Checked):
         if not self.lowest_speed < self.highest_speed:
             raise ConfigurationError(
                 f'Request: highest_speed must be more than lowest_speed '
-                f'({self.lowest_speed:g} m/s), got {self.highest_speed:g} m/s')
+                f'({self.lowest_speed:g} m/s), got {self.highest_speed:g} m/s',
+                'inconsistent', 'highest_speed')
         if self.samples == 1:
             raise ConfigurationError(
                 'Request: samples must be 0, or at least 2, got 1', 'out_of_range', 'samples')
@@ -99,7 +100,8 @@ def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
     """
     if actuation.law not in LAWS:
         raise ConfigurationError(
-            f'fit_curve: law must be one of {", ".join(LAWS)}, got {actuation.law!r}')
+            f'fit_curve: law must be one of {", ".join(LAWS)}, got {actuation.law!r}',
+            'not_a_choice', 'law')
     low, high = request.lowest_speed, request.highest_speed
     dense: Array = np.array(np.linspace(low, high, dense_points(request)).round(12), float)
     done = itertools.count(1)
@@ -172,7 +174,8 @@ def monotone_cubic(speeds: Array, heights: Array) -> Array:
         best = found.x
         if not (slopes @ best > 0.5 * LEAST_SLOPE).all():
             raise ConfigurationError(
-                'no rising cubic fits these heights; narrow the range of speeds')
+                'no rising cubic fits these heights; narrow the range of speeds',
+                'inconsistent', 'highest_speed')
     return best
 
 
@@ -198,7 +201,8 @@ def conservative_cubic(speeds: Array, heights: Array) -> Array:
         bounds=(None, None))
     if not found.success:
         raise ConfigurationError(
-            'no rising cubic stays below these heights; narrow the range of speeds')
+            'no rising cubic stays below these heights; narrow the range of speeds',
+            'inconsistent', 'highest_speed')
     # Rounding of the solver: down, never up.
     return np.array([found.x[0] - 1e-7, *found.x[1:]])
 

@@ -58,7 +58,8 @@ def with_step(terrain: Terrain, x: float, radius: float, height: float) -> Terra
     if face[0, 0] - x <= 1.01 * radius:
         raise ConfigurationError(
             f'step_height cannot change while the ball is at the step: its centre is '
-            f'{max(face[0, 0] - x, 0.0):.2f} m before it, let there be more than {radius:.2f} m')
+            f'{max(face[0, 0] - x, 0.0):.2f} m before it, let there be more than {radius:.2f} m',
+            'inconsistent', 'step_height')
     height = 0.0 if abs(height) < LEAST_HEIGHT else height
     points = terrain.vertices.copy()
     begin = int(np.flatnonzero((points == face[0]).all(axis=1))[0])

@@ -146,4 +146,5 @@ def bounds_of(robot: Robot, law: str) -> Bounds:
     if law == 'torque':
         largest = motor.maximum_torque if motor else 2.0 * robot.largest_gravity_torque
         return Bounds(-largest, largest)
-    raise ConfigurationError('a free pendulum follows no set-point; choose another law')
+    raise ConfigurationError(
+        'a free pendulum follows no set-point; choose another law', 'inconsistent', 'set_point')

@@ -226,7 +226,7 @@ class SceneSource(Source):
 
     def _set_pause(self, value: bool) -> None:
         if not value and self._failure:
-            raise ConfigurationError(self._failure)
+            raise ConfigurationError(self._failure, 'unavailable', 'pause')
         self._paused = value
         if not value:
             self._sought = None

@@ -51,7 +51,7 @@ class PageServer(viser.ViserServer):
             self.end()
             raise ConfigurationError(
                 f'viser {viser.__version__} starts its server in a way that this package cannot '
-                'guard against foreign pages; install viser 1.1.1')
+                'guard against foreign pages; install viser 1.1.1', 'unavailable', 'viser')
         self.gui.configure_theme(show_logo=False, show_share_button=False)
 
     def request_share_url(self, verbose: bool = True) -> None:
@@ -175,14 +175,15 @@ def free_port(host: str, port: Optional[int]) -> int:
                 continue
             if error.errno == errno.EACCES:
                 raise ConfigurationError(
-                    f'--port {tried} is not allowed to this user; take one from 1024 on'
-                    ) from None
+                    f'--port {tried} is not allowed to this user; take one from 1024 on',
+                    'out_of_range', '--port') from None
             raise ConfigurationError(
                 f'--host {host} is not an address of this machine; leave it out to listen on '
-                f'{LOOPBACK}') from None
+                f'{LOOPBACK}', 'out_of_range', '--host') from None
     if port is not None:
         raise ConfigurationError(
             f'port {port} of {host} is taken, perhaps by another page; leave --port out to take '
-            'the next free one')
+            'the next free one', 'unavailable', '--port')
     raise ConfigurationError(
-        f'the ports {first} to {last} of {host} are all taken; give a free one with --port')
+        f'the ports {first} to {last} of {host} are all taken; give a free one with --port',
+        'unavailable', '--port')

@@ -270,7 +270,7 @@ class Source(ABC):
         except ConfigurationError:
             raise
         except BallbotError as error:
-            raise ConfigurationError(f'{name}: {error}') from error
+            raise ConfigurationError(f'{name}: {error}', error.reason, name) from error
 
     def _use(self, name: str, value: Value) -> None:
         """Use a control with a checked value."""

@@ -57,11 +57,12 @@ class GoalServers:
         """Return the decider that a goal can be given to."""
         decider = self._decider()
         if self._standstill.standing:
-            raise RefusedError(self._standstill.reason)
+            raise RefusedError(self._standstill.reason, 'standing', 'e_stop')
         if decider.goals.goal is not None:
-            raise RefusedError('another goal is under way: cancel it first')
+            raise RefusedError('another goal is under way: cancel it first', 'busy', 'goal')
         if decider.motion is None or decider.planned is None:
-            raise RefusedError('no odometry has come yet: does a simulator or a bridge run?')
+            raise RefusedError(
+                'no odometry has come yet: does a simulator or a bridge run?', 'missing', 'odom')
         return decider
 
     def _check_drive(self, request: DriveTo.Goal) -> None:

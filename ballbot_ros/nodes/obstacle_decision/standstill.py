@@ -57,7 +57,7 @@ class Standstill:
 
     def _resume(self) -> str:
         if self.engaged:
-            raise RefusedError('the e-stop is engaged: release it first')
+            raise RefusedError('the e-stop is engaged: release it first', 'standing', 'e_stop')
         went_on = self.go_on()
         was, self.standing = self.standing or went_on, False
         return 'going on' if was else 'nothing has stopped it'

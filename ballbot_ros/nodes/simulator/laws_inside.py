@@ -36,7 +36,8 @@ def check_control(settings: SimulatorSettings) -> None:
         if settings.lockstep:
             raise ConfigurationError(
                 'lockstep waits for the joint_commands that answer each state, and with '
-                'control:=onboard there are none; take control:=direct and a node controller')
+                'control:=onboard there are none; take control:=direct and a node controller',
+                'inconsistent', 'control')
         periods_per(settings.joint_state_rate, settings.control_rate, 'joint_state_rate')
 
 

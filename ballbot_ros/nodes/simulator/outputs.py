@@ -250,9 +250,9 @@ def check_lockstep(settings: SimulatorSettings) -> None:
         raise ConfigurationError(
             'terrain_rate must be 0 Hz where observation_rate is above 0 Hz in lockstep, where '
             f'each period has one answer, got {settings.observation_rate:g} and '
-            f'{settings.terrain_rate:g} Hz; set one of them to 0')
+            f'{settings.terrain_rate:g} Hz; set one of them to 0', 'inconsistent', 'terrain_rate')
     for name in ('sensor_latency', 'sensor_dropout'):
         if getattr(settings, name) > 0.0:
             raise ConfigurationError(
                 f'{name} must be 0 in lockstep, where each period waits for its observation, got '
-                f'{getattr(settings, name):g}; set lockstep to false')
+                f'{getattr(settings, name):g}; set lockstep to false', 'inconsistent', name)

@@ -334,7 +334,8 @@ def placed(plant: Plant, message: Any, pose: bool, twist: bool) -> State:
         _check((place.x, place.y, place.z), (place.y,), 'position')
         _check((turned.x, turned.y, turned.z, turned.w), (turned.x, turned.z), 'orientation')
         if abs(math.hypot(turned.y, turned.w) - 1.0) > 1e-3:
-            raise RefusedError('orientation must be a quaternion of length 1')
+            raise RefusedError(
+                'orientation must be a quaternion of length 1', 'out_of_range', 'orientation')
         angle = -2.0 * math.atan2(turned.y, turned.w)
         turns = round((state.ball_angle - angle) / math.tau)
         moved = angle + math.tau * turns - state.ball_angle
@@ -342,7 +343,8 @@ def placed(plant: Plant, message: Any, pose: bool, twist: bool) -> State:
         deepest = max((touch.penetration for touch in plant.model.touches(state)), default=0.0)
         if deepest > DEEPEST:
             raise RefusedError(
-                f'the ball would lie {1e3 * deepest:.1f} mm in the ground, 1 mm is allowed')
+                f'the ball would lie {1e3 * deepest:.1f} mm in the ground, 1 mm is allowed',
+                'out_of_range', 'position')
     if twist:
         linear, angular = message.twist.linear, message.twist.angular
         _check((linear.x, linear.y, linear.z), (linear.y,), 'linear velocity')
@@ -355,6 +357,7 @@ def placed(plant: Plant, message: Any, pose: bool, twist: bool) -> State:
 def _check(numbers: Any, none: Any, what: str) -> None:
     """Refuse numbers that are not finite, or leave the plane of motion."""
     if not all(map(math.isfinite, numbers)):
-        raise RefusedError(f'{what} must be finite')
+        raise RefusedError(f'{what} must be finite', 'not_finite', what)
     if any(abs(number) > NEGLIGIBLE for number in none):
-        raise RefusedError(f'{what} must be in the x-z plane, in which the robot moves')
+        raise RefusedError(
+            f'{what} must be in the x-z plane, in which the robot moves', 'out_of_range', what)

@@ -38,7 +38,7 @@ def refuse_unknown_overrides(node: Node, known: Iterable[str]) -> None:
         if name in for_one or name not in for_many:
             raise ConfigurationError(
                 f'{name!r} is not a parameter of node {node.get_name()}'
-                + suggestion(name, names))
+                + suggestion(name, names), 'unknown_name', name)
         ignored.append(f'{name!r}{suggestion(name, names, listing=False)}')
     node.get_logger().warning(
         f'not parameters of node {node.get_name()}, and ignored, as a section for many nodes '

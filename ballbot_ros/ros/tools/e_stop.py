@@ -50,10 +50,10 @@ def trigger(observer: Observer, node: str, verb: str, timeout: float) -> Service
             if known else '; is the node running, in this ROS_DOMAIN_ID?'
         raise ConfigurationError(
             f'no node {node!r} with a service {verb}{suggestion(wanted, known, listing=False)}'
-            f'{there}')
+            f'{there}', 'unknown_name', '--node')
     answer = client.call_async(Trigger.Request())
     if not observer.wait(answer.done, timeout):
         raise ConfigurationError(f'{node}/{verb} has not answered within {timeout:g} s; look '
-                                 'whether it did what it was asked for')
+                                 'whether it did what it was asked for', 'unavailable', '--node')
     result = answer.result()
     return ServiceAnswer(result.success, result.message)

@@ -94,7 +94,8 @@ class Observer:
         try:
             return self.node.resolve_topic_name(topic)
         except Exception as error:
-            raise ConfigurationError(f'{topic!r} is no name of a topic: {error}') from error
+            raise ConfigurationError(
+                f'{topic!r} is no name of a topic: {error}', 'wrong_type', 'topic') from error
 
     def type_of(self, topic: str, seconds: float, waiting: Callable[[], None]) -> str:
         """
@@ -115,10 +116,11 @@ class Observer:
             known = [one for one, _ in self.node.get_topic_names_and_types()]
             raise ConfigurationError(
                 f'no node publishes or subscribes to {name}{suggestion(name, known)}; '
-                f'"ballbot topics" lists what there is')
+                f'"ballbot topics" lists what there is', 'unknown_name', 'topic')
         if len(found) > 1:
             raise ConfigurationError(f'{name} has several types, {" and ".join(found)}: '
-                                     'end those nodes that mean the other one')
+                                     'end those nodes that mean the other one',
+                                     'ambiguous', 'topic')
         return str(found[0])
 
     def _types(self, name: str) -> List[str]:
