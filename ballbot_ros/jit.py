@@ -22,6 +22,7 @@ import shutil
 import sys
 import tempfile
 from time import monotonic
+from types import FunctionType
 from typing import Any, Callable, cast, get_type_hints, List, Tuple, Type, TypeVar
 
 F = TypeVar('F', bound=Callable[..., Any])
@@ -222,6 +223,28 @@ def _generated(cls: Any, verb: str, source: str, names: List[Any]) -> Any:
     file = sys.modules[cls.__module__].__file__
     exec(compile(f'def {name}{source[len(verb):]}', str(file), 'exec'), space)
     return compiled(cast(Any, space[name]))
+
+
+def with_globals(function: F, owner: Callable[..., Any], **names: Any) -> F:
+    """
+    Return a copy of a function, still to be compiled, that reads other global names.
+
+    numba caches no kernel that receives another one as an argument or in a closure.
+
+    Parameters
+    ----------
+    function : function
+    owner : kernel
+        The copy belongs to its module.
+    names
+        Added to the globals of the function.
+
+    """
+    made = FunctionType(function.__code__, {
+        **function.__globals__, '__name__': owner.__module__, **names}, function.__name__)
+    made.__qualname__ = f'{owner.__module__.rpartition(".")[2]}{function.__name__}'
+    made.__doc__ = function.__doc__
+    return cast(F, made)
 
 
 def direct(kernel: F) -> F:

@@ -73,7 +73,7 @@ def test_a_solver_is_a_file_and_a_line(house):
     house.copy('physics/solvers/rk4.py', 'physics/solvers/midpoint.py')
     house.change('physics/solvers/midpoint.py', (r'ORDER = 4', 'ORDER = 2'),
                  (r'EVALUATIONS = 4', 'EVALUATIONS = 2'),
-                 (r'    stages, probe, contacts.*?(?=\n\n\n@)', MIDPOINT.rstrip()))
+                 (r'    stages, probe, contacts.*?(?=\n\n\nadvance)', MIDPOINT.rstrip()))
     house.change('physics/solvers/registry.py',
                  (r'import integrate,', 'import integrate, midpoint,'),
                  (r"    'rk4': ", "    'midpoint': Method(midpoint.advance, midpoint.ORDER,\n"

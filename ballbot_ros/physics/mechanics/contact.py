@@ -204,10 +204,15 @@ def find_contacts(x: float, y: float, radius: float, ground: Array, contacts: Ar
 
 
 @inlined
-def contact_loads(state: Array, parameters: Parameters, ground: Array,
-                  contacts: Array) -> tuple[float, float, float, float, float]:
+def sum_of_loads(state: Array, parameters: Parameters, contacts: Array,
+                 count: int) -> tuple[float, float, float, float, float]:
     """
     Return what all contacts together do to the ball.
+
+    Parameters
+    ----------
+    contacts, count
+        See `find_contacts`.
 
     Returns
     -------
@@ -220,7 +225,7 @@ def contact_loads(state: Array, parameters: Parameters, ground: Array,
 
     """
     force_x = force_y = torque = contact_loss = friction_loss = 0.0
-    for row in range(find_contacts(state[X], state[Y], parameters.radius, ground, contacts)):
+    for row in range(count):
         force, slip, _ = force_and_slip(state, parameters, contacts, row)
         load = contact_load(state, pressed_sign(force, parameters),
                             sliding_sign(slip, parameters), parameters, contacts, row)
@@ -230,6 +235,14 @@ def contact_loads(state: Array, parameters: Parameters, ground: Array,
         contact_loss += load[3]
         friction_loss -= load[4]
     return force_x, force_y, torque, contact_loss, friction_loss
+
+
+@inlined
+def contact_loads(state: Array, parameters: Parameters, ground: Array,
+                  contacts: Array) -> tuple[float, float, float, float, float]:
+    """Find all contacts of a state, and return their `sum_of_loads`."""
+    count = find_contacts(state[X], state[Y], parameters.radius, ground, contacts)
+    return sum_of_loads(state, parameters, contacts, count)
 
 
 @compiled

@@ -1,8 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Common parts of fixed-step solvers: number of steps, and end conditions of a run."""
-import math
+"""
+The loop of the fixed-step methods: number of steps, end conditions of a run, output.
 
-from ballbot_ros.jit import compiled
+A method supplies its step, see `loop_of`.
+"""
+import math
+from typing import Callable
+
+from ballbot_ros.jit import compiled, outlined, with_globals
 from ballbot_ros.physics.mechanics.contact import ground_height
 from ballbot_ros.physics.mechanics.equations import is_finite
 from ballbot_ros.physics.model.parameters import System
@@ -10,8 +15,11 @@ from ballbot_ros.physics.model.state import X, Y
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.dense import write_row
 from ballbot_ros.physics.solvers.values import (
-    EVALUATIONS, FINISHED, NOT_FINITE, Options, Output, Packed, packed, PENETRATED, Status,
-    STEPS, Workspace)
+    EVALUATIONS, FINISHED, named, NOT_FINITE, Options, Output, Packed, packed, PAUSED,
+    PENETRATED, Status, STEPS, Workspace)
+
+# ``step(time, state, size, system, workspace)`` advances a state in place.
+Step = Callable[[float, Array, float, System, Workspace], None]
 
 
 @compiled
@@ -44,13 +52,39 @@ def outcome_of(state: Array, system: System) -> int:
     return PENETRATED if state[Y] <= ground_height(system.ground, state[X]) else FINISHED
 
 
-@compiled
-def end_stretch(time: float, state: Array, steps: int, evaluations: int, system: System,
-                output: Output, filled: int, workspace: Workspace) -> int:
-    """Count the steps of a stretch, write its row, and return how many rows are filled."""
-    workspace.statistics[STEPS] += steps
-    workspace.statistics[EVALUATIONS] += steps * evaluations
-    if filled < len(output.rows):
-        write_row(output, filled, time, state, system.actuator)
-        return filled + 1
-    return filled
+def loop_of(step: Step, evaluations: int) -> Callable[[Packed], Packed]:
+    """
+    Return the `advance` of a fixed-step method; see the contract in `solvers`.
+
+    Parameters
+    ----------
+    step : kernel
+        See `Step`.
+    evaluations : int
+        Right-hand sides of a step.
+
+    """
+    return outlined(with_globals(_advance, step, step=step, evaluations=evaluations))
+
+
+def _advance(call: Packed) -> Packed:
+    """Advance a state in place by the `step` of a method."""
+    status, end, state, system, options, output, workspace = named(call)
+    start, count, steps = stretches(status, end, options, output)
+    filled, size = status.filled, options.step
+    for stretch in range(filled, count):
+        # Times are counted from the start, so that they carry no accumulated rounding.
+        begin = start + stretch * steps * size
+        if filled >= output.pause:
+            return moved(status, PAUSED, begin, filled)
+        for done in range(steps):
+            step(begin + done * size, state, size, system, workspace)  # type: ignore  # noqa: F821
+            outcome = outcome_of(state, system)
+            if outcome != FINISHED:
+                return moved(status, outcome, begin + (done + 1) * size, filled)
+        workspace.statistics[STEPS] += steps
+        workspace.statistics[EVALUATIONS] += steps * evaluations  # type: ignore  # noqa: F821
+        if filled < len(output.rows):
+            write_row(output, filled, begin + steps * size, state, system.actuator)
+            filled += 1
+    return moved(status, FINISHED, start + count * steps * size, filled)

@@ -4,14 +4,13 @@ The classical Runge-Kutta method with fixed steps.
 
 Of order 4 between the kinks of the contact law, of order 1 through them.
 """
-from ballbot_ros.jit import compiled, outlined
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.equations import derivative
 from ballbot_ros.physics.model.parameters import System
 from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.solvers.fixed_step import end_stretch, moved, outcome_of, stretches
-from ballbot_ros.physics.solvers.values import (
-    FINISHED, named, Packed, PAUSED, Workspace)
+from ballbot_ros.physics.solvers.fixed_step import loop_of
+from ballbot_ros.physics.solvers.values import Workspace
 
 ORDER = 4
 EVALUATIONS = 4  # of the right-hand side, for each step
@@ -36,22 +35,4 @@ def step(time: float, state: Array, size: float, system: System, workspace: Work
         state[i] += size / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
 
 
-@outlined
-def advance(call: Packed) -> Packed:
-    """Advance a state in place; see the contract in `solvers`."""
-    status, end, state, system, options, output, workspace = named(call)
-    start, count, steps = stretches(status, end, options, output)
-    filled, size = status.filled, options.step
-    for stretch in range(filled, count):
-        # Times are counted from the start, so that they carry no accumulated rounding.
-        begin = start + stretch * steps * size
-        if filled >= output.pause:
-            return moved(status, PAUSED, begin, filled)
-        for done in range(steps):
-            step(begin + done * size, state, size, system, workspace)
-            outcome = outcome_of(state, system)
-            if outcome != FINISHED:
-                return moved(status, outcome, begin + (done + 1) * size, filled)
-        filled = end_stretch(begin + steps * size, state, steps, EVALUATIONS, system, output,
-                             filled, workspace)
-    return moved(status, FINISHED, start + count * steps * size, filled)
+advance = loop_of(step, EVALUATIONS)

@@ -16,15 +16,15 @@ from typing import NamedTuple
 
 from ballbot_ros.decision.planning.rollout.layout import Drive
 from ballbot_ros.jit import compiled, inlined
-from ballbot_ros.physics.mechanics.contact import find_contacts
-from ballbot_ros.physics.mechanics.contact_law import (
-    contact_load, force_and_slip, POINT_X, pressed_sign, sliding_sign)
+from ballbot_ros.physics.mechanics.contact import find_contacts, sum_of_loads
+from ballbot_ros.physics.mechanics.contact_law import POINT_X
 from ballbot_ros.physics.mechanics.equations import write_rates
 from ballbot_ros.physics.mechanics.laws import available_torque, position_torque
 from ballbot_ros.physics.model.parameters import Parameters
 from ballbot_ros.physics.model.state import (
-    BALL_RATE, COORDINATES, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_Y, X, Y)
+    BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_Y, X, Y)
 from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.physics.solvers.semi_implicit import apply_rates
 
 
 class Rolling(NamedTuple):
@@ -113,19 +113,7 @@ def torque_of(state: Array, set_angle: float, robot: Parameters, drive: Drive) -
 def push(state: Array, torque: float, step: float, robot: Parameters, ground: Array,
          contacts: Array, rates: Array) -> float:
     """Advance a state in place, and return the x of its foremost contact [m]; -inf for none."""
-    force_x = force_y = turning = 0.0
-    foremost = -math.inf
-    for row in range(find_contacts(state[X], state[Y], robot.radius, ground, contacts)):
-        force, slip, _ = force_and_slip(state, robot, contacts, row)
-        load = contact_load(state, pressed_sign(force, robot), sliding_sign(slip, robot), robot,
-                            contacts, row)
-        force_x += load[0]
-        force_y += load[1]
-        turning += load[2]
-        foremost = contacts[row, POINT_X]
-    write_rates(state, robot, (force_x, force_y, turning, 0.0, 0.0), torque, rates)
-    for i in range(COORDINATES, VELOCITY_Y + 1):
-        state[i] += step * rates[i]
-    for i in range(COORDINATES):
-        state[i] += step * state[COORDINATES + i]
-    return foremost
+    count = find_contacts(state[X], state[Y], robot.radius, ground, contacts)
+    write_rates(state, robot, sum_of_loads(state, robot, contacts, count), torque, rates)
+    apply_rates(state, step, rates, VELOCITY_Y + 1)
+    return contacts[count - 1, POINT_X] if count > 0 else -math.inf
