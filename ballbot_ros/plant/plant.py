@@ -5,7 +5,7 @@ import math
 from typing import Optional
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.mechanics.laws import available_torque, limited
+from ballbot_ros.physics.mechanics.laws import applied_torque
 from ballbot_ros.physics.model.parameters import Actuator, TORQUE
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.model.terrain import Terrain
@@ -75,8 +75,7 @@ class Plant:
         self.model.advance(self._start, Actuator(TORQUE), 1)
         if self._monitor:
             self._monitor.advance(self._start, Actuator(TORQUE), 1)
-        available_torque(0.0, *self._line)
-        limited(0.0, self.torque_limit)
+        applied_torque(0.0, 0.0, self._line, self.torque_limit)
         # At this position the ball touches the ground.
         floor = replace(self.model, terrain=Terrain.flat())
         pressed = State(y=self.model.robot.ball_radius - 1e-4)
@@ -117,8 +116,8 @@ class Plant:
             If the run cannot go on; state and time stay at the last good ones.
 
         """
-        lowest, highest = available_torque(self.state.joint_rate, *self._line)
-        cut = limited(min(max(torque, lowest), highest), self.torque_limit)
+        cut = applied_torque(
+            float(torque), self.state.joint_rate, self._line, self.torque_limit)
         actuator = Actuator(TORQUE, cut, limit=self.torque_limit)
         after = self.model.advance(self.state, actuator, self._steps)
         after = after._replace(time=(self.periods + 1) * self.period)

@@ -7,7 +7,7 @@ from typing import Any, Mapping, NamedTuple, Optional, Tuple
 from ballbot_ros.control import (
     JointReadings, load_tuning, Mode, PendulumController, SetPoint)
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.mechanics.laws import available_torque, limited
+from ballbot_ros.physics.mechanics.laws import applied_torque
 from ballbot_ros.physics.model.actuation import Actuation, set_rate_for_speed
 from ballbot_ros.physics.model.parameters import Actuator, TORQUE
 from ballbot_ros.physics.model.robot import Robot
@@ -103,8 +103,8 @@ class MotorLaw:
         asked = self._controller.torque(JointReadings(
             state.time, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate))
         # As the motor of a `Plant`: no more than it can give at the rate of its joint.
-        lowest, highest = available_torque(state.joint_rate, *self.robot.motor_line)
-        return Actuator(TORQUE, limited(min(max(asked, lowest), highest), 1e9))
+        return Actuator(TORQUE, applied_torque(
+            asked, state.joint_rate, self.robot.motor_line, 1e9))
 
     def _actuation_of(self, law: str, value: float) -> Actuation:
         """Return the actuation of a law that a person chose."""

@@ -125,6 +125,33 @@ def available_torque(joint_rate: float, stall_torque_per_volt: float, back_volta
 
 
 @compiled
+def applied_torque(asked: float, joint_rate: float, line: tuple[float, float, float, float],
+                   limit: float) -> float:
+    """
+    Return the torque at the joint for one that a control law asks for [N m].
+
+    First the speed-torque line of the motor cuts it, then the limit of the drive: beyond the
+    idle speed, where the line leaves braking only, a drive does not exceed its limit either.
+
+    Parameters
+    ----------
+    asked : float
+        [N m]
+    joint_rate : float
+        theta2' [rad/s].
+    line : tuple of 4 floats
+        See `Robot.motor_line`.
+    limit : float
+        [N m]
+
+    """
+    stall_torque_per_volt, back_voltage, supply, maximum_torque = line
+    lowest, highest = available_torque(
+        joint_rate, stall_torque_per_volt, back_voltage, supply, maximum_torque)
+    return limited(min(max(asked, lowest), highest), limit)
+
+
+@compiled
 def limited(torque: float, limit: float) -> float:
     """Return `torque` cut to [-limit, limit]."""
     return min(max(torque, -limit), limit)

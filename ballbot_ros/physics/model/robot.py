@@ -218,7 +218,7 @@ class Robot(Checked):
     @property
     def motor_line(self) -> tuple[float, float, float, float]:
         """
-        Return what `laws.available_torque` takes after the rate of the joint.
+        Return the speed-torque line of the motor, see `laws.applied_torque`.
 
         Stall torque per volt [N m/V], back voltage [V s/rad], supply voltage [V] and largest
         torque [N m].  A robot that describes no motor has one without limits.

@@ -13,7 +13,7 @@ import numpy as np
 
 from ballbot_ros.control.tuning import ControlTuning
 from ballbot_ros.jit import compiled, unlocked
-from ballbot_ros.physics.mechanics.laws import available_torque, limited, position_torque
+from ballbot_ros.physics.mechanics.laws import applied_torque, position_torque
 from ballbot_ros.physics.model.parameters import Actuator, Parameters, System, TORQUE
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.state import (
@@ -115,12 +115,10 @@ def advance_periods(call: Call) -> Tuple[int, int, float]:
     workspace = unpacked(arrays)
     torque = 0.0
     for number in range(first, first + count):
-        wanted = limited(position_torque(state[PENDULUM_ANGLE], state[PENDULUM_RATE],
-                                         scripted_angle(state, script), kp, kd,
-                                         gravity_torque), most)
-        lowest, highest = available_torque(
-            state[PENDULUM_RATE] - state[BALL_RATE], stall, back, supply, maximum)
-        torque = min(max(wanted, lowest), highest)
+        asked = position_torque(state[PENDULUM_ANGLE], state[PENDULUM_RATE],
+                                scripted_angle(state, script), kp, kd, gravity_torque)
+        torque = applied_torque(asked, state[PENDULUM_RATE] - state[BALL_RATE],
+                                (stall, back, supply, maximum), most)
         system = System(parameters, ground,
                         Actuator(TORQUE, torque, 0.0, 0.0, 0.0, maximum, 0.0, 0.0))
         before = state[VELOCITY_X]

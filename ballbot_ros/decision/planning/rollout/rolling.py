@@ -15,11 +15,11 @@ import math
 from typing import NamedTuple
 
 from ballbot_ros.decision.planning.rollout.layout import Drive
-from ballbot_ros.jit import compiled, inlined
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import find_contacts, sum_of_loads
 from ballbot_ros.physics.mechanics.contact_law import POINT_X
 from ballbot_ros.physics.mechanics.equations import write_rates
-from ballbot_ros.physics.mechanics.laws import available_torque, position_torque
+from ballbot_ros.physics.mechanics.laws import applied_torque, position_torque
 from ballbot_ros.physics.model.parameters import Parameters
 from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_Y, X, Y)
@@ -34,15 +34,6 @@ class Rolling(NamedTuple):
     speed: float  # along the ground [m/s]
     angle: float  # of the pendulum, absolute [rad]
     rate: float  # [rad/s]
-
-
-@inlined
-def motor_torque_of(asked: float, joint_rate: float, drive: Drive) -> float:
-    """Return what the motor gives of a torque that is asked for, as the plant does [N m]."""
-    asked = min(max(asked, -drive.limit), drive.limit)
-    per_volt, back, supply, most = drive.motor_line
-    lowest, highest = available_torque(joint_rate, per_volt, back, supply, most)
-    return min(max(asked, lowest), highest)
 
 
 @compiled
@@ -86,7 +77,7 @@ def roll(now: Rolling, set_angle: float, slope: float, step: float, robot: Param
     rate = (now.rate + step * (share * fixed + rest) / left) / (
         1.0 + step * share * damping / left)
     asked = fixed - damping * rate
-    torque = motor_torque_of(asked, joint_rate, drive)
+    torque = applied_torque(asked, joint_rate, drive.motor_line, drive.limit)
     if torque != asked:
         rate = now.rate + step * (share * torque + rest) / left
     turned = (rate - now.rate) / step
@@ -106,7 +97,8 @@ def torque_of(state: Array, set_angle: float, robot: Parameters, drive: Drive) -
     asked = position_torque(
         state[PENDULUM_ANGLE], state[PENDULUM_RATE], set_angle, drive.kp, drive.kd,
         drive.compensated * robot.pendulum_moment * robot.gravity)
-    return motor_torque_of(asked, state[PENDULUM_RATE] - state[BALL_RATE], drive)
+    return applied_torque(asked, state[PENDULUM_RATE] - state[BALL_RATE], drive.motor_line,
+                          drive.limit)
 
 
 @compiled
