@@ -81,7 +81,8 @@ class Decider:
         self._plan = with_safety_filter(self._maker(knowledge), knowledge)
         self._fusion = GroundFusion(knowledge.robot, knowledge.tuning, frame)
         self._pilot = Pilot(knowledge)
-        self._memory, self._watch = Memory(knowledge.tuning), AttemptWatch(knowledge.robot)
+        self._memory = Memory(knowledge.tuning, knowledge.robot.ball_radius)
+        self._watch = AttemptWatch(knowledge.robot)
         self.goals = Goals()
         self.reset()
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import math
 from typing import Deque, List, Optional, Tuple
 
+from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.execution.attempts import alike
 from ballbot_ros.decision.learning.outcomes import Outcome, Result
 from ballbot_ros.decision.tuning import DecisionTuning
@@ -39,18 +40,19 @@ class Memory:
     Parameters
     ----------
     tuning : DecisionTuning
+    ball_radius : float
+        [m].
 
     """
 
-    def __init__(self, tuning: DecisionTuning):
-        """Start with nothing to remember."""
-        self._room_behind = tuning.room_behind
+    def __init__(self, tuning: DecisionTuning, ball_radius: float):
+        self._room_behind, self._radius = tuning.room_behind, ball_radius
         self.reset()
 
     def reset(self) -> None:
         """Discard everything, after a jump in time or position."""
         self._failures: Deque[Failure] = deque(maxlen=KEPT)
-        self._free_from = math.inf
+        self._free_from, self._edge_behind = math.inf, -math.inf
         self._ahead: Tuple[Face, ...] = ()
         self._obstruction: Optional[Obstruction] = None
         self._slope, self._felt, self._touched = 0.0, math.nan, -math.inf
@@ -64,7 +66,7 @@ class Memory:
     @property
     def free_from(self) -> float:
         """Return the farthest position behind to which the ball may roll back [m]."""
-        return self._free_from
+        return max(self._free_from, self._edge_behind)
 
     @property
     def obstruction(self) -> Optional[Obstruction]:
@@ -107,10 +109,13 @@ class Memory:
         if not math.isfinite(self._free_from):
             self._free_from = motion.position - self._room_behind
         self._free_from = min(self._free_from, motion.position)
+        if motion.position < self._edge_behind - KEPT_OFF - self._radius:
+            self._edge_behind = -math.inf  # the ball has rolled back over it
         for face in self._ahead:
             if abs(face.height) > UNEVEN and face.position <= motion.position:
-                self._free_from = max(self._free_from,
-                                      min(face.position + KEPT_OFF, motion.position))
+                # After a step down, the way back is a step up, which the ball touches earlier.
+                self._edge_behind = face.position + KEPT_OFF + touch_distance(
+                    self._radius, -face.height)
         if profile is not None and profile.rejection is None:
             self._ahead = tuple(face for face in profile.faces
                                 if face.position > motion.position)

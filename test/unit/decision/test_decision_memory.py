@@ -18,6 +18,7 @@ from ballbot_ros.physics.model.robot import load_robot
 TUNING = replace(load_decision_tuning('decision_default'), unseen_room=0.65)
 KNOWN = Knowledge(load_robot('gimball'), load_curve('gimball_down'), TUNING)
 STEP = Face(4, 1.0, 0.02, 0.01, 0.001)
+RADIUS = KNOWN.robot.ball_radius
 DRIVING = Decision(Kind.CLEAR, Reason.NOTHING_AHEAD, 0.4, '')
 PLAN = Plan(Strategy.ACCELERATE, 0.0, 0.75, edge=1.0)
 
@@ -35,11 +36,11 @@ def moved(memory, *positions, faces=(), since=0.0, touching=False, slope=0.0, sp
 
 
 def test_what_was_rolled_over_is_free_behind_and_nothing_else():
-    memory = Memory(TUNING)
+    memory = Memory(TUNING, RADIUS)
     assert memory.free_from == math.inf
     moved(memory, 0.3, 0.5, 0.2, 0.4)
     assert memory.free_from == 0.2
-    roomy = Memory(DecisionTuning(room_behind=0.5))
+    roomy = Memory(DecisionTuning(room_behind=0.5), RADIUS)
     moved(roomy, 0.3, 0.5)
     assert roomy.free_from == pytest.approx(-0.2)
     memory.reset()
@@ -47,17 +48,25 @@ def test_what_was_rolled_over_is_free_behind_and_nothing_else():
 
 
 def test_behind_a_step_that_was_climbed_it_does_not_back_off_over_its_edge():
-    memory = Memory(TUNING)
+    memory = Memory(TUNING, RADIUS)
     moved(memory, 0.0, 0.9, faces=(STEP,))
     moved(memory, 1.1, 1.5, since=0.04)
     assert memory.free_from == pytest.approx(1.05)
-    # Down again it is where it can be.
+    # Below it again, the floor that it came over is free.
     moved(memory, 0.6, since=0.08)
-    assert memory.free_from == 0.6
+    assert memory.free_from == 0.0
+
+
+def test_below_a_step_down_it_does_not_back_off_against_the_step():
+    memory = Memory(TUNING, RADIUS)
+    down = replace(STEP, height=-0.02)
+    moved(memory, *(0.9 + 0.01 * index for index in range(80)), faces=(down,))
+    touch = math.sqrt(2.0 * RADIUS * 0.02 - 0.02**2)
+    assert 1.0 + touch < memory.free_from < 1.0 + touch + 0.1
 
 
 def test_a_failure_is_found_again_at_its_place_under_another_number():
-    memory = Memory(TUNING)
+    memory = Memory(TUNING, RADIUS)
     moved(memory, 0.0)
     memory.take(outcome())
     assert memory.failures(Profile(0.0, (STEP,))) == (Failure(4, 1.0, 0.02, PLAN, 0.7),)
@@ -76,7 +85,7 @@ def test_a_failure_is_found_again_at_its_place_under_another_number():
     (0.0, 2.6, Reason.STUCK), (-0.2, 1.1, Reason.STEEP), (0.0, 2.3, None),
     (-0.2, 0.9, None), (-0.07, 1.5, None)])
 def test_where_the_ball_does_not_get_on_is_noticed(speed, seconds, reason):
-    memory = Memory(TUNING)
+    memory = Memory(TUNING, RADIUS)
     for index in range(int(seconds * 50)):
         now = 0.02 * index
         # It rocks by a few centimetres.
@@ -88,14 +97,14 @@ def test_where_the_ball_does_not_get_on_is_noticed(speed, seconds, reason):
     replace(DRIVING, kind=Kind.STOP), replace(DRIVING, kind=Kind.GO_ROUND),
     replace(DRIVING, set_speed=0.05), replace(DRIVING, kind=Kind.CROSS, contact_since=0.0)])
 def test_who_does_not_want_on_or_pushes_at_a_step_is_not_stuck(decision):
-    memory = Memory(TUNING)
+    memory = Memory(TUNING, RADIUS)
     for index in range(400):
         memory.watch(Motion(0.02 * index, 0.5, 0.0), decision)
     assert memory.obstruction is None
 
 
 def test_a_ball_that_gets_on_is_not_stuck_and_what_it_passes_was_no_obstruction():
-    memory = Memory(TUNING)
+    memory = Memory(TUNING, RADIUS)
     for index in range(500):
         memory.watch(Motion(0.02 * index, 0.0005 * index, 0.025), DRIVING)
     assert memory.obstruction is None
@@ -109,7 +118,7 @@ def test_a_ball_that_gets_on_is_not_stuck_and_what_it_passes_was_no_obstruction(
 
 
 def test_what_is_felt_at_a_step_is_no_slope():
-    memory = Memory(TUNING)
+    memory = Memory(TUNING, RADIUS)
     moved(memory, *[0.01 * index for index in range(300)], slope=0.03)
     assert memory.slope == pytest.approx(0.03, abs=0.002)
     moved(memory, *[3.0] * 50, since=6.0, touching=True, slope=0.3)

@@ -30,7 +30,7 @@ def step(height, sd=0.0005, position=0.0, number=1):
     return Face(number, position, height, 0.004, sd)
 
 
-def decide(*faces, room=1.2, speed=0.0, answers=12, knowledge=KNOWLEDGE, failures=(),
+def decide(*faces, room=1.2, speed=0.0, answers=60, knowledge=KNOWLEDGE, failures=(),
            free_from=math.inf, **more):
     """Return the decision of a ball whose front is so far before 0, after some observations."""
     plan, decision = planner(knowledge), None

@@ -2,11 +2,12 @@
 """
 Keeps the selected plan between decisions, and replans when the obstacle estimate changes.
 
-The first observation of a face starts a search with hundreds of rollouts within one decision.
-Later decisions keep the plan and re-evaluate it periodically with a few rollouts.  A new search
-starts only after a relevant change (estimated height, much smaller uncertainty), or when the
-success probability has dropped.  All budgets count rollouts, not time, so that a run is
-reproducible bit by bit.
+The first observation of a face starts a search with hundreds of rollouts, spread over several
+decisions so that each one takes a bounded time.  Later decisions keep the plan and re-evaluate it
+periodically with a few rollouts.  A new search starts only after a relevant change (estimated
+height, much smaller uncertainty), or when the success probability has dropped; the plan stays
+until that search ends, and beyond the last braking point no search replaces it.  All budgets count
+rollouts, not time, so that a run is reproducible bit by bit.
 """
 from dataclasses import dataclass, replace
 import math
@@ -93,7 +94,7 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
     """
     position, speed = task.start[:2]
     if kept is not None:
-        trial = Trial(kept, kept.row(task.ahead))
+        trial = Trial(kept)
         yield from confirm(trial, task, CHECKED)
         if good(trial.many, task.ahead, task.required - LOYALTY):
             return Choice(trial, Reason.RUN_UP if kept.back > 0.0 else Reason.LIKELY,
@@ -179,8 +180,8 @@ def from_here(candidate: Candidate) -> Candidate:
                    else Strategy.ACCELERATE)
 
 
-# Rollouts in the first decision on a face, and in each later one.
-FIRST, LATER = 640, 40
+# Rollouts of a search in each decision.
+ROLLOUTS_PER_DECISION = 20
 # Relevant change: of the height [m], or reduction of its deviation to this fraction.
 HEIGHT_NEWS, SHRUNK = 0.002, 0.6
 # Maximum distance for associating a face that has changed its number [m].
@@ -240,6 +241,7 @@ class PlanSelector:
         self.choice: Optional[Choice] = None
         self.basis: Optional[Basis] = None
         self._deliberation: Optional[Deliberation] = None
+        self._task: Optional[Task] = None
         self._answers = self._changes = 0
 
     def update(self, ahead: Ahead, situation: Situation, braking_room: float) -> None:
@@ -256,23 +258,24 @@ class PlanSelector:
             ahead, self.worlds, self._tuning.required_probability, self._tuning.highest_speed)
         now = Basis(face, len(ahead.faces), abs(motion.speed) < STANDING, len(failures),
                      situation.free_from, ahead.room_to)
-        budget = LATER if self.choice is not None else FIRST
         kept = self.choice.candidate if self.choice is not None else None
-        if kept is not None and _arrived(kept, ahead, motion):
-            self.choice = Choice(None, Reason.NOT_LIKELY)
-            self._deliberation = deliberate(task, self._tuning, 0.0, from_here(kept), failures)
-            self.basis, budget = now, FIRST
-        elif self._deliberation is None and self._is_news(now, braking_room):
-            room = max(0.0, motion.position - situation.free_from)
-            self._deliberation = deliberate(
-                task, self._tuning, room, kept, failures, braking_room < TOO_LATE)
-            self.basis = now
+        if kept is not None and braking_room < 0.0:
+            self._deliberation = None
         if self._deliberation is None:
+            arrived = kept is not None and _arrived(kept, ahead, motion)
+            if arrived or self._is_news(now, braking_room):
+                room = 0.0 if arrived else max(0.0, motion.position - situation.free_from)
+                self._task, self.basis = task, now
+                self._deliberation = deliberate(
+                    task, self._tuning, room, from_here(kept) if arrived else kept, failures,
+                    braking_room < TOO_LATE)
+        if self._deliberation is None or self._task is None:
             self._look_again(task, braking_room)
             return
+        self._task.start, self._task.ahead = task.start, task.ahead
         spent = self.worlds.attempts
         try:
-            while self.worlds.attempts - spent < budget:
+            while self.worlds.attempts - spent < ROLLOUTS_PER_DECISION:
                 found = next(self._deliberation)
                 if found is not None:
                     self._adopt(found)
@@ -321,7 +324,6 @@ class PlanSelector:
         if choice is None or choice.trial is None or self._answers % every:
             return
         trial = choice.trial
-        trial.row = trial.candidate.row(task.ahead)
         new = task.tally(trial, task.worlds.take(ATTEMPTS))
         fade = FADE if choice.tally.attempts > MEMORABLE else 1.0
         choice.tally = choice.tally.faded(fade) + new

@@ -33,7 +33,7 @@ FINALISTS, FEW = 8, 16
 MANY, LOOK = 200, 40
 # Candidates per batch, and sufficient number at the highest level.
 HANDFUL, ENOUGH = 20, 6
-BUNDLE = 40  # rollouts between two yields
+BUNDLE = 20  # rollouts between two yields
 # A candidate this far below the required probability at a check is rejected.
 HOPELESS = 0.12
 CHOICES = 3
@@ -46,7 +46,6 @@ class Trial:
     """A candidate and its evaluation."""
 
     candidate: Candidate
-    row: Array
     level: int = 0  # how much higher a step it passes
     speed: float = math.nan  # at touch, in the middle of all worlds [m/s]
     behind: float = math.inf  # when it has passed the last edge there [m/s]
@@ -55,9 +54,13 @@ class Trial:
     many: Tally = field(default_factory=Tally)
 
 
-@dataclass(frozen=True)
+@dataclass
 class Task:
-    """Start, terrain, worlds and requirements of a search."""
+    """
+    Start, terrain, worlds and requirements of a search.
+
+    `start` and `ahead` are updated while a search goes on over several decisions.
+    """
 
     start: Start
     ahead: Ahead
@@ -67,7 +70,8 @@ class Task:
 
     def tally(self, trial: Trial, worlds: Array, raised: float = 0.0) -> Tally:
         """Return the results of a plan in some worlds."""
-        results = self.worlds.attempt(self.start, [trial.row], worlds, self.ahead, raised)
+        results = self.worlds.attempt(
+            self.start, [trial.candidate.row(self.ahead)], worlds, self.ahead, raised)
         return Tally.of(results[0], self.ahead.room_to)
 
 
@@ -87,7 +91,7 @@ def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps
 
     """
     ahead, worlds = task.ahead, task.worlds
-    trials += [Trial(plan, plan.row(ahead)) for plan in plans]
+    trials += [Trial(plan) for plan in plans]
     spread = math.hypot(worlds.spread(), ROBOTS * abs(ahead.faces[0].height))
     yield from _sort(trials, task, spread)
     finalists = _finalists(trials, task.highest_speed)
@@ -118,7 +122,7 @@ def _sort(trials: List[Trial], task: Task, spread: float) -> Generator[None, Non
     trials.sort(key=lambda trial: trial.candidate.briskness)
     for begin in range(0, len(trials), HANDFUL):
         bundle = trials[begin:begin + HANDFUL]
-        rows = [trial.row for trial in bundle]
+        rows = [trial.candidate.row(task.ahead) for trial in bundle]
         first = task.worlds.attempt(
             task.start, rows, middle, task.ahead, RAISED * spread)[:, 0]
         yield
@@ -129,9 +133,11 @@ def _sort(trials: List[Trial], task: Task, spread: float) -> Generator[None, Non
                 trial.behind = float(result[PASSED_SPEED])
         for level, raised in ((2, MORE * spread), (0, 0.0)):
             chosen = [trial for trial in bundle if trial.level == level and not trial.falls]
+            yield
             if chosen:
                 results = task.worlds.attempt(
-                    task.start, [trial.row for trial in chosen], middle, task.ahead, raised)
+                    task.start, [trial.candidate.row(task.ahead) for trial in chosen], middle,
+                    task.ahead, raised)
                 for trial, result in zip(chosen, results[:, 0]):
                     trial.level += int(result[VERDICT] == OVER)
                     if result[VERDICT] == OVER:
