@@ -234,7 +234,8 @@ class SceneSource(Source):
 
     def _set_step(self, seconds: float) -> None:
         if not self._paused:
-            raise ConfigurationError('step advances a paused run; pause it first', field='step')
+            raise ConfigurationError(
+                'step advances a paused run; pause it first', 'unavailable', 'step')
         self._sought = None
         for _ in range(max(1, round(seconds / self._run.period))):
             self._go_on(1)

@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from refusals import refused as expect_refusal
 
 from ballbot_ros.control import Authority
 from ballbot_ros.errors import ConfigurationError, MessageError
@@ -68,7 +69,7 @@ def test_after_clear_the_next_one_commands():
 def test_both_are_named():
     authority = Authority(0.1)
     authority.check('/controller', 1.0)
-    with pytest.raises(MessageError, match='/teleop commands, too, and /controller did first'):
+    with expect_refusal('other_sender', error=MessageError):
         authority.check('/teleop', 1.0)
 
 

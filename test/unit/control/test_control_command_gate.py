@@ -4,9 +4,10 @@ import math
 
 from hypothesis import given, strategies
 import pytest
+from refusals import refused
 
 from ballbot_ros.control import CommandGate
-from ballbot_ros.errors import ConfigurationError, MessageError
+from ballbot_ros.errors import MessageError
 
 TIMEOUT = 0.1
 
@@ -95,7 +96,7 @@ def test_clear_forgets_the_command_and_keeps_the_counts():
 
 @pytest.mark.parametrize('timeout', [0.0, -0.1, math.nan, math.inf])
 def test_timeout_that_is_none_is_refused(timeout):
-    with pytest.raises(ConfigurationError, match='above 0 s and finite'):
+    with refused('out_of_range', 'command_timeout'):
         CommandGate(timeout)
 
 

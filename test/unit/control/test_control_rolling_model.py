@@ -5,10 +5,10 @@ import math
 from hypothesis import given, strategies
 import numpy as np
 import pytest
+from refusals import refused
 import sympy
 
 from ballbot_ros.control import RollingModel
-from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Plant
@@ -126,5 +126,5 @@ def test_a_level_pendulum_accelerates_the_ball_by_its_weight_alone():
 
 
 def test_robot_without_pendulum_is_refused():
-    with pytest.raises(ConfigurationError, match='shellball has no pendulum'):
+    with refused('inconsistent', 'pendulum_mass'):
         RollingModel(load_robot('shellball'))

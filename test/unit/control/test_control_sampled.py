@@ -5,13 +5,14 @@ import math
 
 import numpy as np
 import pytest
+from refusals import refused
 from scipy.linalg import expm
 
 from ballbot_ros.control import (
     check_loop, ControlTuning, growth_rate, is_stable, JointReadings, load_tuning, loop_poles,
     lowest_stable_rate, PendulumController, RollingModel, SetPoint)
 from ballbot_ros.control.sampled import HeldInput
-from ballbot_ros.errors import ConfigurationError, UnstableLoopError
+from ballbot_ros.errors import UnstableLoopError
 from ballbot_ros.physics import Model, Solver, State, Terrain
 from ballbot_ros.physics.model.parameters import Actuator, TORQUE
 from ballbot_ros.physics.model.robot import load_robot
@@ -187,12 +188,14 @@ def test_integral_adds_a_state_but_no_neutral_pole():
     assert len(poles) == 4 and np.abs(poles).max() < 1.0 - 1e-6
 
 
-@pytest.mark.parametrize('law, rate, delay', [
-    ('hold', 0.0, 1), ('hold', math.nan, 1), ('drive', 100.0, -1), ('idle', 100.0, 1),
-    ('fast', 100.0, 1), ('hold', 100.0, -0.5), ('hold', 100.0, math.nan),
-    ('hold', 100.0, 100.5)])
-def test_meaningless_loops_are_refused(law, rate, delay):
-    with pytest.raises(ConfigurationError, match='must be'):
+@pytest.mark.parametrize('law, rate, delay, reason, field', [
+    ('hold', 0.0, 1, 'out_of_range', 'rate'), ('hold', math.nan, 1, 'out_of_range', 'rate'),
+    ('drive', 100.0, -1, 'out_of_range', 'delay'), ('idle', 100.0, 1, 'not_a_choice', 'law'),
+    ('fast', 100.0, 1, 'not_a_choice', 'law'), ('hold', 100.0, -0.5, 'out_of_range', 'delay'),
+    ('hold', 100.0, math.nan, 'out_of_range', 'delay'),
+    ('hold', 100.0, 100.5, 'out_of_range', 'delay')])
+def test_meaningless_loops_are_refused(law, rate, delay, reason, field):
+    with refused(reason, field):
         check_loop(GIMBALL, PUBLISHED, law, rate, delay)
 
 

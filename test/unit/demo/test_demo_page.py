@@ -4,10 +4,10 @@ import os
 import sys
 
 import pytest
+from refusals import refused
 
 from ballbot_ros.demo import page
 from ballbot_ros.demo.page import page_beside
-from ballbot_ros.errors import ConfigurationError
 
 
 @pytest.fixture
@@ -48,11 +48,11 @@ def test_without_a_domain_the_page_and_the_demo_take_the_same(server, monkeypatc
 
 def test_a_page_that_does_not_begin_is_said(server, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, 'executable', '/bin/false')
-    with pytest.raises(ConfigurationError, match='the page was not served'), page_beside():
+    with refused('unavailable', '--view'), page_beside():
         pass
 
 
 def test_without_viser_the_page_is_refused_with_the_remedy(monkeypatch):
     monkeypatch.setattr(page, 'find_spec', lambda _: None)
-    with pytest.raises(ConfigurationError, match='pip install viser'), page_beside():
+    with refused('not_installed', 'viser'), page_beside():
         pass

@@ -4,8 +4,9 @@ import math
 
 from hypothesis import given, strategies
 import pytest
+from refusals import refused
 
-from ballbot_ros.errors import ConfigurationError, MessageError
+from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import ImuMounting, ImuReading
 from ballbot_ros.physics import load_robot
 from ballbot_ros.physics.simulation.scene import read_scene
@@ -48,7 +49,7 @@ def test_an_imu_anywhere_in_the_simulated_shell_shows_what_one_at_the_centre_doe
 def test_a_reading_that_is_not_finite_is_refused(index, bad):
     values = [0.0] * 5
     values[index] = bad
-    with pytest.raises(MessageError, match='must be finite') as caught:
+    with refused('not_finite', error=MessageError) as caught:
         ImuReading(*values)
     assert caught.value.reason == 'not_finite'
 
@@ -64,5 +65,5 @@ def test_an_imu_sits_at_the_centre_and_square_unless_said_otherwise():
 def test_a_mounting_has_a_range(name, largest):
     for value in (-largest, largest):
         assert getattr(ImuMounting(**{name: value}), name) == value
-        with pytest.raises(ConfigurationError, match=name):
+        with refused('out_of_range', name):
             ImuMounting(**{name: 1.001 * value})

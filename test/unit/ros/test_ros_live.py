@@ -11,10 +11,11 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from refusals import refused
 from std_srvs.srv import Trigger
 
 from ballbot_ros.demo.processes import own_domain
-from ballbot_ros.errors import ConfigurationError, RefusedError
+from ballbot_ros.errors import RefusedError
 from ballbot_ros.msg import BallState
 from ballbot_ros.ros import discovery, qos, spectator
 from ballbot_ros.ros.spectator import Presence, Spectator
@@ -111,7 +112,7 @@ def test_a_bridge_is_not_paused_but_looked_at_standing_still():
     source.receive('ball_state', state(1.1, 1.1))
     assert source.shown.x == 1.0 and not link.calls
     for name, value in (('step', 0.1), ('reset', True)):
-        with pytest.raises(ConfigurationError, match='no node simulator is running'):
+        with refused('unavailable', name):
             source.apply(name, value)
 
 
@@ -122,7 +123,7 @@ def test_an_e_stop_lets_go_first_and_a_refused_release_is_said_in_the_words_of_t
     source.apply('e_stop', True)
     assert link.calls[-2:] == [('let_go',), ('trigger', 'bridge/engage_e_stop')]
     link.refusal = 'no IMU readings come'
-    with pytest.raises(ConfigurationError, match='e_stop: no IMU readings come'):
+    with refused('refused', 'e_stop'):
         source.apply('e_stop', False)
 
 
@@ -134,7 +135,7 @@ def test_the_e_stop_of_a_bridge_is_shown():
 
 
 def test_a_law_is_held_and_let_go(source, link):
-    with pytest.raises(ConfigurationError, match='choose a law other than free'):
+    with refused('unavailable', 'set_point'):
         source.apply('set_point', 0.3)
     source.apply('law', 'speed')
     source.apply('set_point', 0.3)
@@ -154,8 +155,9 @@ def test_a_law_is_held_and_let_go(source, link):
     (Link(drivers=('obstacle_decision',)), 'obstacle_decision publishes set-points'),
     (Link(followers=0), 'no node subscribes to set-points')])
 def test_the_page_drives_neither_against_another_nor_without_a_follower(link, says):
-    with pytest.raises(ConfigurationError, match=says):
+    with refused('unavailable', 'law') as caught:
         LiveSource(link=link).apply('law', 'speed')
+    assert says in str(caught.value)
 
 
 @pytest.mark.parametrize('nodes, says', [
@@ -278,7 +280,7 @@ def test_a_page_that_hangs_never_slows_the_one_who_publishes(domain, robot):
 
 
 def test_a_namespace_that_is_none_is_refused(domain):
-    with pytest.raises(ConfigurationError, match='--namespace'):
+    with refused('wrong_type', '--namespace'):
         Spectator('not a name', lambda *_: None, lambda *_: None, domain)
 
 

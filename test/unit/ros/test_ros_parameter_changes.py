@@ -9,6 +9,7 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from refusals import refused
 
 from ballbot_ros.config.fields import count, fixed, flag, live, quantity, text
 from ballbot_ros.control import ControlTuning, load_tuning
@@ -141,9 +142,10 @@ def test_another_file_gives_all_of_its_numbers_but_those_that_are_given_too(owne
 def test_a_mapping_of_names_as_a_dump_has_them_makes_settings():
     made = Example.from_mapping({'gain': 3, 'gains.position_kp': 5, 'tuning': 'gentle'}, 'bag')
     assert (made.gain, made.gains.position_kp, made.gains.position_kd) == (3.0, 5.0, 0.8)
-    with pytest.raises(ConfigurationError, match="bag: 'gian' is not known here; did you mean"):
+    with refused('unknown_name', 'gian') as caught:
         Example.from_mapping({'gian': 3.0}, 'bag')
-    with pytest.raises(ConfigurationError, match='bag: gains.position_kp must be at least 0'):
+    assert 'did you mean' in str(caught.value)
+    with refused('out_of_range', 'gains.position_kp'):
         Example.from_mapping({'gains.position_kp': -1.0}, 'bag')
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 import time
 
 import pytest
+from refusals import refused
 
 from ballbot_ros.bridge.feasibility import check_feasible, onboard_lag
 from ballbot_ros.bridge.hardware_file import load_hardware
@@ -27,11 +28,12 @@ def test_a_hardware_file_can_be_sent(gimball):
 
 
 def test_an_unexpected_error_is_reported_in_one_line():
-    with pytest.raises(RefusedError, match='divmod failed .*: ZeroDivisionError: '):
+    with refused('failed', error=RefusedError) as caught:
         run_in_process(divmod, 1, 0)
+    assert 'ZeroDivisionError' in str(caught.value)
 
 
 def test_a_calculation_beyond_the_time_limit_is_ended_and_refused(monkeypatch):
     monkeypatch.setattr(separate_process, 'TIME_LIMIT', 0.05)
-    with pytest.raises(RefusedError, match='sleep did not finish within 0.05 s .*nothing has cha'):
+    with refused('timeout', error=RefusedError):
         run_in_process(time.sleep, 60.0)

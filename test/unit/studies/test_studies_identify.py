@@ -12,7 +12,6 @@ from rosbags.typesys import get_typestore, Stores
 
 from ballbot_ros.bags.reader import read_bag
 from ballbot_ros.cli import main
-from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.results import read_columns, read_units, write_csv
 from ballbot_ros.studies.identification import identify, present, with_values
@@ -89,7 +88,7 @@ def test_a_recorded_torque_is_replayed():
     exact = replay(driven, recording, False)
     for name, values in replay(free, recording, True).items():
         np.testing.assert_allclose(values, exact[name], atol=1e-5)
-    with pytest.raises(ConfigurationError, match='pendulum_torque'):
+    with refused('missing', 'pendulum_torque'):
         replay(free, Recording(recording.channels), True)
 
 
@@ -194,14 +193,12 @@ def test_columns_in_other_units_are_converted(tmp_path, unit, factor):
         'time': 's', 'ball_angle': 'rad', 'battery': 'banana'}
 
 
-@pytest.mark.parametrize('heading, message', [
-    ('time [s],ball_angle [banana]', r'run.csv: column ball_angle must be in rad or mrad or deg.*'
-     r'got \[banana\]'),
-    ('time [s],x [rad]', r'column x must be in m or cm or mm, got \[rad\]'),
-    ('time [m],x [m]', r'column time must be in s or ms')])
-def test_a_unit_that_makes_no_sense_is_refused(tmp_path, heading, message):
+@pytest.mark.parametrize('heading, column', [
+    ('time [s],ball_angle [banana]', 'ball_angle'), ('time [s],x [rad]', 'x'),
+    ('time [m],x [m]', 'time')])
+def test_a_unit_that_makes_no_sense_is_refused(tmp_path, heading, column):
     (tmp_path / 'run.csv').write_text(f'{heading}\n' + '1,2\n' * 9)
-    with pytest.raises(ConfigurationError, match=message):
+    with refused('not_a_choice', column):
         read_columns(tmp_path / 'run.csv')
 
 
@@ -240,7 +237,7 @@ def test_a_bag_says_what_its_run_was(tmp_path):
 def test_what_is_no_bag_is_refused(tmp_path):
     (tmp_path / 'metadata.yaml').write_text('nonsense')
     for path in (tmp_path, tmp_path / 'none', tmp_path / 'metadata.yaml'):
-        with pytest.raises(ConfigurationError, match='is no bag'):
+        with refused('unreadable'):
             read_bag(path)
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a control is given is checked before the source sees it."""
 import pytest
+from refusals import refused
 
-from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.view.source import checked, Control
 
 CONTROLS = {
@@ -18,15 +18,18 @@ def test_an_allowed_value_is_passed_on(name, value):
     assert checked(CONTROLS, name, value) == value
 
 
-@pytest.mark.parametrize('name, value, words', [
-    ('speed', 5.0, 'at least 0.1 and at most 4'), ('speed', float('nan'), 'at least'),
-    ('speed', float('inf'), 'at least'), ('speed', 'fast', "'fast'"), ('speed', True, 'True'),
-    ('pause', 1.0, 'true or false'), ('law', 'swim', 'free, hold'),
-    ('step_height', 0.5, 'at most 0.2 m'), ('reset', True, 'cannot start again'),
-    ('seek', 1.0, "'seek' is not a control here")])
-def test_anything_else_is_refused_with_what_is_allowed(name, value, words):
-    with pytest.raises(ConfigurationError, match=words):
+@pytest.mark.parametrize('name, value, reason, words', [
+    ('speed', 5.0, 'out_of_range', 'at least 0.1 and at most 4'),
+    ('speed', float('nan'), 'out_of_range', 'at least'),
+    ('speed', float('inf'), 'out_of_range', 'at least'),
+    ('speed', 'fast', 'out_of_range', "'fast'"), ('speed', True, 'out_of_range', 'True'),
+    ('pause', 1.0, 'wrong_type', 'true or false'), ('law', 'swim', 'not_a_choice', 'free, hold'),
+    ('step_height', 0.5, 'out_of_range', 'at most 0.2 m'),
+    ('reset', True, 'unavailable', 'cannot start again'), ('seek', 1.0, 'unknown_name', "'seek'")])
+def test_anything_else_is_refused_with_what_is_allowed(name, value, reason, words):
+    with refused(reason, name) as caught:
         checked(CONTROLS, name, value)
+    assert words in str(caught.value)
 
 
 def test_an_end_of_a_range_is_not_refused_for_rounding():
