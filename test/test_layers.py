@@ -20,6 +20,8 @@ LAYERS = {
     'physics': ('errors', 'config'),
     'crossing': ('errors', 'config', 'physics'),
     'control': ('errors', 'config', 'physics'),
+    # Lateral motion beside the planar physics.
+    'steering': ('errors', 'config', 'physics'),
     'estimation': ('errors', 'config', 'physics', 'control'),
     'plant': ('errors', 'config', 'physics'),
     'drives': ('errors', 'config'),

@@ -15,7 +15,7 @@ from ballbot_ros.drives import driver_class, DRIVES
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.experiments.file import Experiment
 from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Solver
-from ballbot_ros.physics.model.robot import Motor, Robot
+from ballbot_ros.physics.model.robot import Motor, Robot, Steering
 from ballbot_ros.physics.simulation.scene import HUMAN, Initial, SceneFile
 
 # Numbers of `Actuation` for which scene files have others.
@@ -64,14 +64,18 @@ def _default(item: 'Field[Any]') -> dict[str, Any]:
 def robot_file(name: str, robot: str = 'gimball') -> list[Section]:
     """Return the sections of a robot file, with the parameters of a robot."""
     known = load_robot(robot)
-    motor = {} if known.motor is None else _values(known.motor)
     return [Section('', described(Robot), '', {**_values(known), 'name': name}),
             Section('motor', described(Motor), 'the motor of the pendulum; may be left out',
-                    motor)]
+                    _values(known.motor)),
+            Section('steering', described(Steering),
+                    'the lateral axis of the pendulum; a robot without it drives straight',
+                    _values(known.steering))]
 
 
 def _values(part: Any) -> dict[str, Any]:
-    """Return the values of a part that differ from the defaults."""
+    """Return the values of a part that differ from the defaults; none of a missing part."""
+    if part is None:
+        return {}
     return {name: getattr(part, name) for name, metadata in described(type(part)).items()
             if getattr(part, name) != metadata.get('default', MISSING)}
 

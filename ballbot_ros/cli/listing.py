@@ -92,8 +92,10 @@ def print_table(robot: Any) -> None:
 
 def _rows(robot: Any) -> Iterator[tuple[str, str, str, str, str, str]]:
     """Yield the cells of each parameter, then those of derived values."""
-    from ballbot_ros.physics.model.named_parameters import MOTOR, ROBOT
-    for name, metadata in {**ROBOT, **(MOTOR if robot.motor else {})}.items():
+    from ballbot_ros.physics.model.named_parameters import MOTOR, ROBOT, STEERING
+    described = {**ROBOT, **(MOTOR if robot.motor else {}),
+                 **(STEERING if robot.steering else {})}
+    for name, metadata in described.items():
         known = robot.provenance.get(name)
         bounds = ''
         if known is not None and known.low is not None:

@@ -5,7 +5,7 @@ import hashlib
 import math
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Mapping, Optional, Union
+from typing import Any, Mapping, Optional, Type, Union
 import warnings
 
 from ballbot_ros.config.fields import (
@@ -43,6 +43,20 @@ class Motor(Checked):
         return self.gear_ratio * self.speed_constant
 
 
+@dataclass(frozen=True)
+class Steering(Checked):
+    """
+    Lateral axis of the pendulum, see `ballbot_ros.steering`.
+
+    The lean is the angle between pendulum and ball about the axis that points forwards.
+    """
+
+    largest_lean: float = quantity('rad', 'largest lean to either side', above=0.0, maximum=1.4)
+    largest_lean_rate: float = quantity('rad/s', 'largest rate of the lean', above=0.0)
+    largest_torque: float = quantity(
+        'N m', 'largest torque of the lateral axis', above=0.0)
+
+
 @dataclass(frozen=True, repr=False)
 class Robot(Checked):
     """
@@ -57,6 +71,8 @@ class Robot(Checked):
     provenance : mapping of str to Provenance
         By field name.
     motor : Motor or None
+    steering : Steering or None
+        A robot without it drives straight.
 
     Raises
     ------
@@ -92,6 +108,7 @@ class Robot(Checked):
         's/m', 'dissipation of the shell by Hunt and Crossley, lambda: beside kd, a damping of '
         'k lambda times the penetration', minimum=0.0, default=0.0)
     motor: Optional[Motor] = None
+    steering: Optional[Steering] = None
     provenance: Mapping[str, Provenance] = field(
         default_factory=lambda: MappingProxyType({}), compare=False, repr=False)
 
@@ -121,18 +138,20 @@ class Robot(Checked):
     def from_mapping(cls, mapping: Any, where: str) -> 'Robot':
         """Build from the mapping of a YAML file, in which values may carry their `Provenance`."""
         content = dict(expect_mapping(mapping, where))
-        motor = content.pop('motor', None)
-        part = f'{where}: motor'
+        parts = {name: content.pop(name, None) for name in PARTS}
         problems = Problems()
         values: dict[str, Any] = {}
         provenance: dict[str, Any] = {}
         with problems.collected():
             values, provenance = read_values(cls, content, where)
-        if motor is not None:
+        for name, entries in parts.items():
+            if entries is None:
+                continue
+            place = f'{where}: {name}'
             with problems.collected():
-                given, sources = read_values(Motor, expect_mapping(motor, part), part)
-                provenance.update({f'motor.{key}': item for key, item in sources.items()})
-                values['motor'] = build(Motor, given, part)
+                given, sources = read_values(PARTS[name], expect_mapping(entries, place), place)
+                provenance.update({f'{name}.{key}': item for key, item in sources.items()})
+                values[name] = build(PARTS[name], given, place)
         problems.refuse()
         return build(cls, {**values, 'provenance': MappingProxyType(provenance)}, where)
 
@@ -158,15 +177,16 @@ class Robot(Checked):
         """
         kept = {key: item for key, item in self.provenance.items()
                 if key.partition('.')[0] not in changes}
-        motor = changes.pop('motor', self.motor)
-        if motor is not None and not isinstance(motor, Motor):
-            raise ConfigurationError(
-                f'{where}: motor must be a Motor or None, got {motor!r}', 'wrong_type', 'motor')
+        parts = {name: changes.pop(name, getattr(self, name)) for name in PARTS}
+        for name, part in parts.items():
+            if part is not None and not isinstance(part, PARTS[name]):
+                raise ConfigurationError(
+                    f'{where}: {name} must be a {PARTS[name].__name__} or None, got {part!r}',
+                    'wrong_type', name)
         current = {item.name: getattr(self, item.name) for item in fields(self)
                    if 'kind' in item.metadata}
         values = checked_values(Robot, {**current, **changes}, where)
-        return build(Robot, {**values, 'motor': motor, 'provenance': MappingProxyType(kept)},
-                     where)
+        return build(Robot, {**values, **parts, 'provenance': MappingProxyType(kept)}, where)
 
     def __repr__(self) -> str:
         """Return a short description; ``dataclasses.asdict`` has all parameters."""
@@ -189,7 +209,7 @@ class Robot(Checked):
 
     @property
     def digest(self) -> str:
-        """Return a fingerprint of all numbers, also of the motor; the name does not count."""
+        """Return a fingerprint of the numbers of robot and motor; steering and name do not count."""
         numbers = [(type(part).__name__, item.name, getattr(part, item.name))
                    for part in (self, self.motor) if part is not None
                    for item in fields(part) if item.metadata.get('kind') is float]
@@ -250,6 +270,9 @@ class Robot(Checked):
         zeta = self.damping_ratio
         return math.exp(-math.pi * zeta / math.sqrt(1.0 - zeta**2)) if zeta < 1.0 else 0.0
 
+
+# The sections of a robot file.
+PARTS: Mapping[str, Type[Checked]] = {'motor': Motor, 'steering': Steering}
 
 # A robot, or the name or the file of one.
 RobotLike = Union[Robot, str, Path]

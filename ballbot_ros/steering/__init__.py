@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Turning by leaning the pendulum sideways: model, limits and law; docs/steering.md derives them.
+
+Forward motion is the planar physics; the lateral state is a `LateralState` beside it.  In each
+control period `law` computes the set-point of the lean for a commanded yaw rate, and `step` (the
+simulated robot) follows it:
+
+    >>> from ballbot_ros.physics import load_robot
+    >>> robot, state = load_robot('gimball'), LateralState()
+    >>> for _ in range(2500):
+    ...     command = law(robot, state, speed=0.4, yaw_rate=0.2)
+    ...     state = step(robot, state, 0.4, command, dt=0.002)
+    >>> round(state.yaw_rate, 3)
+    0.2
+
+The commanded yaw rate is limited to `yaw_rate_limit`, and curvature to `curvature_limit`, which
+does not depend on the yaw rate and is 0 of a robot that drives straight:
+
+    >>> yaw_rate_limit(robot, 0.4) > 0.2
+    True
+    >>> curvature_limit(load_robot('shellball'), 0.4)
+    0.0
+
+The ball moves at `speed` along the heading and at `lateral_speed` to the left of it.
+"""
+from ballbot_ros.steering.law import law
+from ballbot_ros.steering.limits import curvature_limit, steady_turn, Turn, yaw_rate_limit
+from ballbot_ros.steering.model import lateral_speed, LateralState, required_steering, step
+
+__all__ = [
+    'curvature_limit', 'lateral_speed', 'LateralState', 'law', 'required_steering',
+    'steady_turn', 'step', 'Turn', 'yaw_rate_limit']

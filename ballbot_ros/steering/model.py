@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Lateral motion of a ball whose pendulum leans sideways; the derivation is in docs/steering.md.
+
+The frame has x along the heading, horizontal, z upwards.  Angles are positive to the left: lean of
+the pendulum in the ball, tilt of the axle (left end down), swing = lean - tilt of the pendulum
+against the vertical, yaw.
+"""
+import math
+from typing import NamedTuple
+
+from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.model.robot import Robot, Steering
+
+BANDWIDTH = 20.0  # of the position control of the lateral axis, critically damped [rad/s]
+LARGEST_STEP = 0.01  # of the integration [s]
+
+
+class LateralState(NamedTuple):
+    """Lateral state of a ball on its path."""
+
+    lean: float = 0.0  # of the pendulum in the ball [rad]
+    lean_rate: float = 0.0  # [rad/s]
+    tilt: float = 0.0  # of the axle [rad]
+    tilt_rate: float = 0.0  # [rad/s]
+    yaw_rate: float = 0.0  # of axle and pendulum about the vertical [rad/s]
+    heading: float = 0.0  # horizontal direction of travel at zero tilt rate [rad]
+
+
+class Accelerations(NamedTuple):
+    """What the equations of motion give for an acceleration of the lean."""
+
+    tilt: float  # [rad/s2]
+    yaw: float  # [rad/s2]
+    torque: float  # of the lateral axis, on the pendulum [N m]
+
+
+def required_steering(robot: Robot) -> Steering:
+    """
+    Return the section ``steering`` of a robot.
+
+    Raises
+    ------
+    ConfigurationError
+        Of a robot that drives straight.
+
+    """
+    if robot.steering is None or not robot.has_pendulum:
+        raise ConfigurationError(
+            f'robot {robot.name!r} drives straight: its file has no section steering '
+            '(largest_lean, largest_lean_rate, largest_torque)', 'missing', 'steering')
+    return robot.steering
+
+
+def accelerations(robot: Robot, state: LateralState, speed: float,
+                  lean_acceleration: float) -> Accelerations:
+    """
+    Return tilt and yaw accelerations and the torque of the lateral axis, eqs. (S1) to (S3).
+
+    Parameters
+    ----------
+    speed : float
+        Of the ball along the heading, taken as constant [m/s].
+    lean_acceleration : float
+        [rad/s2]
+
+    """
+    ball, pendulum, radius = robot.ball_inertia, robot.pendulum_inertia, robot.ball_radius
+    first = robot.pendulum_mass * robot.pendulum_length
+    second = first * robot.pendulum_length
+    swing, rolling, yaw_rate = state.lean - state.tilt, speed / radius, state.yaw_rate
+    swing_rate = state.lean_rate - state.tilt_rate
+    sine, cosine = math.sin(swing), math.cos(swing)
+    coupling = first * radius * cosine
+    # Moments about the contact point, along the heading.
+    rolled = ball + robot.total_mass * radius**2 - coupling
+    swung = pendulum + second - coupling
+    moment = (first * robot.gravity * sine + first * radius * sine * swing_rate**2
+              + yaw_rate**2 * sine * (first * radius - second * cosine)
+              - rolled * rolling * yaw_rate - robot.rolling_friction * state.tilt_rate)
+    tilt = (moment + swung * lean_acceleration) / (rolled + swung)
+    # Moments about the vertical through the centre.
+    inertia = ball + pendulum + second * sine**2
+    yaw = (ball * rolling * state.tilt_rate / math.cos(state.tilt)**2
+           - 2.0 * second * sine * cosine * swing_rate * yaw_rate
+           - first * sine * radius * yaw_rate * state.tilt_rate) / inertia
+    # Moments on the pendulum about the centre, along the heading.
+    torque = ((pendulum + second) * (lean_acceleration - tilt)
+              + first * cosine * (radius * tilt + speed * yaw_rate)
+              + first * robot.gravity * sine - second * yaw_rate**2 * sine * cosine)
+    return Accelerations(tilt, yaw, torque)
+
+
+def step(robot: Robot, state: LateralState, speed: float, command: float,
+         dt: float) -> LateralState:
+    """
+    Return the state a time later, with the lean following its set-point within the limits.
+
+    The lateral axis holds its set-point by position control; rate and torque are limited.
+
+    Parameters
+    ----------
+    robot : Robot
+    state : LateralState
+    speed : float
+        Of the ball along the heading, taken as constant over `dt` [m/s].
+    command : float
+        Set-point of the lean, see `law`; limited to the largest lean [rad].
+    dt : float
+        [s]
+
+    Raises
+    ------
+    ConfigurationError
+        If the robot has no steering.
+
+    """
+    limits = required_steering(robot)
+    target = min(max(command, -limits.largest_lean), limits.largest_lean)
+    count = max(1, math.ceil(dt / LARGEST_STEP))
+    h = dt / count
+    for _ in range(count):
+        lean_rate = _servo(robot, limits, state, speed, target, h)
+        lean_acceleration = (lean_rate - state.lean_rate) / h
+        # Midpoint rule; the lean rate is linear over the step.
+        slope = accelerations(robot, state, speed, lean_acceleration)
+        middle = _moved(state, slope, 0.5 * (state.lean_rate + lean_rate), lean_acceleration,
+                        state, 0.5 * h)
+        slope = accelerations(robot, middle, speed, lean_acceleration)
+        state = _moved(middle, slope, 0.5 * (state.lean_rate + lean_rate), lean_acceleration,
+                       state, h)
+    return state
+
+
+def _moved(rates: LateralState, slope: Accelerations, mean_lean_rate: float,
+           lean_acceleration: float, start: LateralState, h: float) -> LateralState:
+    """Return `start` moved for a time by given rates."""
+    return LateralState(
+        start.lean + h * mean_lean_rate, start.lean_rate + h * lean_acceleration,
+        start.tilt + h * rates.tilt_rate, start.tilt_rate + h * slope.tilt,
+        start.yaw_rate + h * slope.yaw, start.heading + h * rates.yaw_rate)
+
+
+def _servo(robot: Robot, limits: Steering, state: LateralState, speed: float, target: float,
+           h: float) -> float:
+    """Return the lean rate at the end of a step, within the limits of rate and torque."""
+    largest = limits.largest_lean_rate
+    wanted = min(max(0.5 * BANDWIDTH * (target - state.lean), -largest), largest)
+    acceleration = 2.0 * BANDWIDTH * (wanted - state.lean_rate)
+    # The torque is linear in the acceleration of the lean.
+    without = accelerations(robot, state, speed, 0.0).torque
+    per = accelerations(robot, state, speed, 1.0).torque - without
+    low, high = sorted(((-limits.largest_torque - without) / per,
+                        (limits.largest_torque - without) / per))
+    return state.lean_rate + h * min(max(acceleration, low), high)
+
+
+def lateral_speed(robot: Robot, state: LateralState) -> float:
+    """Return the speed of the ball to the left of its heading, R tilt_rate [m/s]."""
+    return robot.ball_radius * state.tilt_rate
