@@ -209,7 +209,7 @@ class Robot(Checked):
 
     @property
     def digest(self) -> str:
-        """Return a fingerprint of the numbers of robot and motor; steering and name do not count."""
+        """Return a fingerprint of the numbers of robot and motor, not of steering and name."""
         numbers = [(type(part).__name__, item.name, getattr(part, item.name))
                    for part in (self, self.motor) if part is not None
                    for item in fields(part) if item.metadata.get('kind') is float]
