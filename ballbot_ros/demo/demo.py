@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger
 from ballbot_ros.bags.check import also_recorded, verdict
 from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
 from ballbot_ros.bags.writer import BagRecorder
+from ballbot_ros.demo.forked import Forked, import_nodes
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.demo.recorded_graph import recorded_graph, RecordedGraph
@@ -84,6 +85,7 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
     how = 'in real time' if real_time else (
         f'in lockstep, {"at most in real time" if watched else "as fast as it goes"}')
     prepare(('simulator', 'controller', 'decision'))  # before anything is waited for
+    import_nodes(('simulator', 'controller', 'obstacle_decision'))
     if not quiet:
         print(f'Three nodes on ROS domain {own_domain()}, {how}.', flush=True)
 
@@ -96,18 +98,34 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
                     'planner': act.planner}
         metadata = bag_metadata(
             SIMULATOR, simulator, load_scene(act.scene, act.robot), decision)
-        with recorded_graph(folder, (*TOPICS, *ALSO), timeline, metadata) as graph:
-            graph.nodes.start('controller', {
-                'robot': act.robot, 'tuning': act.tuning, 'rate': CONTROL_RATE,
-                'lockstep_set_point_period': lockstep_period})
-            graph.nodes.start('obstacle_decision', decision)
-            graph.nodes.start('simulator', simulator)
+        controller = {'robot': act.robot, 'tuning': act.tuning, 'rate': CONTROL_RATE,
+                      'lockstep_set_point_period': lockstep_period}
+        nodes = {'controller': controller, 'obstacle_decision': decision, 'simulator': simulator}
+        with recorded_graph(folder, (*TOPICS, *ALSO), timeline, nodes, metadata) as graph:
             start = SynchronizedStart(graph.node, graph.bag, TOPICS)
             wrong = graph.run(start.poll, timeout, act.longest, TOPICS)
         return wrong + check_bag(graph, real_time, quiet)
 
-    return max([perform(out / Path(act.scene).stem, act, quiet, partial(play, act))
-                for act in acts])
+    codes = []
+    for act in acts:
+        codes.append(perform_alone(out / Path(act.scene).stem, act, quiet, partial(play, act)))
+    return max(codes)
+
+
+def perform_alone(out: Path, act: Act, quiet: bool,
+                  play: Callable[[Path, Timeline], List[str]]) -> int:
+    """Perform an act in a copy of this process, so that its nodes can be copies of it, too."""
+    def work() -> int:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent sends SIGTERM instead
+        return perform(out, act, quiet, play)
+
+    with ending_by_signal():
+        process = Forked(work)
+        try:
+            return process.wait()
+        finally:
+            process.send_signal(signal.SIGTERM)
+            process.wait()
 
 
 def check_bag(graph: RecordedGraph, real_time: bool, quiet: bool) -> List[str]:

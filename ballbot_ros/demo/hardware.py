@@ -14,6 +14,7 @@ from ballbot_ros.bags.metadata import bag_metadata, BRIDGE
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.config.files import shipped_files
 from ballbot_ros.demo.demo import ALSO, CURVE, perform, TOPICS, TWO_STEPS
+from ballbot_ros.demo.forked import import_nodes
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.demo.recorded_graph import recorded_graph
@@ -67,14 +68,15 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
         bridge = {'hardware': hardware.name, 'port': link, 'tuning': TUNING}
         decision = {'curve': CURVE, 'control_tuning': TUNING}
         metadata = bag_metadata(BRIDGE, bridge, decision=decision)
-        with recorded_graph(folder, (*TOPICS, *ALSO, *MORE_TOPICS), timeline, metadata) as graph:
-            graph.nodes.start('emulated_robot', {
+        nodes = {
+            'emulated_robot': {
                 'hardware': hardware.name, 'firmware': firmware, 'scene': TWO_STEPS.scene,
-                'link': link, 'imu_link': imu})
-            if imu:
-                graph.nodes.start('imu', {'port': imu})
-            graph.nodes.start('bridge', bridge)
-            graph.nodes.start('obstacle_decision', decision)
+                'link': link, 'imu_link': imu},
+            **({'imu': {'port': imu}} if imu else {}),
+            'bridge': bridge, 'obstacle_decision': decision}
+        import_nodes(nodes)
+        with recorded_graph(
+                folder, (*TOPICS, *ALSO, *MORE_TOPICS), timeline, nodes, metadata) as graph:
             return graph.run(GetGoing(graph.node).poll, timeout, math.inf)
 
     prepare(('simulator', 'bridge', 'decision'))  # before anything is waited for

@@ -5,10 +5,12 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 import yaml
 
+from ballbot_ros.demo.forked import detached, Forked
+from ballbot_ros.nodes.start import start
 from ballbot_ros.ros import discovery
 
 GRACE = 15.0  # wall time for a node to end after SIGINT before it is killed [s]
@@ -61,7 +63,7 @@ class NodeProcesses:
         """Start with none."""
         self._folder = folder
         self._environment = environment(domain, folder)
-        self._running: Dict[str, subprocess.Popen] = {}
+        self._running: Dict[str, Union[subprocess.Popen[bytes], Forked]] = {}
         folder.mkdir(parents=True, exist_ok=True)
         for old in folder.glob('*.log'):
             old.unlink()
@@ -95,6 +97,13 @@ class NodeProcesses:
         """
         self.run(f'ballbot_ros.nodes.{name}',
                  [*parameter_arguments(parameters or {}), *arguments], label or name)
+
+    def fork(self, name: str, parameters: Optional[Mapping[str, Any]] = None) -> None:
+        """Start a node as a copy of this process, which must not have initialised ROS."""
+        with open(self.log(name), 'a', encoding='utf-8') as log:
+            self._running[name] = Forked(detached(
+                name, lambda: start(name), parameter_arguments(parameters or {}),
+                self._environment, log))
 
     def run(self, module: str, arguments: Sequence[str], label: str) -> None:
         """Start a module as ``python -m`` does; it is called by a label here."""

@@ -76,35 +76,37 @@ class RecordedGraph:
 
 
 @contextmanager
-def recorded_graph(out: Path, topics: Sequence[str],
-                   timeline: Timeline, metadata: Optional[Mapping[str, str]] = None
-                   ) -> Iterator[RecordedGraph]:
+def recorded_graph(out: Path, topics: Sequence[str], timeline: Timeline,
+                   nodes: Mapping[str, Mapping[str, Any]],
+                   metadata: Optional[Mapping[str, str]] = None) -> Iterator[RecordedGraph]:
     """
-    Yield a graph without nodes; terminate all processes on exit.
+    Yield a graph of nodes, given by their parameters; terminate all processes on exit.
 
     The topics are recorded to a bag in the folder `out`; ``ball_state`` and ``step_decision``
     also go to the timeline.  The bag contains the `metadata`.
     """
     domain = own_domain()
     discovery.apply(os.environ)
-    rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-    node, recorder, executor = Node('ballbot_demo'), Node('ballbot_recorder'), new_executor()
-    executor.add_node(node)
     updates: SimpleQueue[Callable[[], None]] = SimpleQueue()
 
     def forwarding(take: Callable[[Any], None], kind: Any) -> Callable[[bytes], None]:
         return lambda data: updates.put(lambda: take(deserialize_message(data, kind)))
-    try:
-        with BagRecorder(out / 'bag', metadata) as bag, \
-                NodeProcesses(out / 'logs', domain) as nodes:
-            callbacks = {'ball_state': forwarding(timeline.add_state, BallState),
-                         'step_decision': forwarding(timeline.add_decision, StepDecision)}
-            for topic in topics:
-                bag.subscribe(recorder, topic, callbacks.get(topic))
-            bag.record_in_thread()
-            yield RecordedGraph(node, executor, bag, nodes, timeline, updates)
-    finally:
-        executor.remove_node(node)
-        node.destroy_node()
-        recorder.destroy_node()
-        rclpy.try_shutdown()
+    with NodeProcesses(out / 'logs', domain) as processes:
+        for name, parameters in nodes.items():
+            processes.fork(name, parameters)
+        rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+        node, recorder, executor = Node('ballbot_demo'), Node('ballbot_recorder'), new_executor()
+        executor.add_node(node)
+        try:
+            with BagRecorder(out / 'bag', metadata) as bag:
+                callbacks = {'ball_state': forwarding(timeline.add_state, BallState),
+                             'step_decision': forwarding(timeline.add_decision, StepDecision)}
+                for topic in topics:
+                    bag.subscribe(recorder, topic, callbacks.get(topic))
+                bag.record_in_thread()
+                yield RecordedGraph(node, executor, bag, processes, timeline, updates)
+        finally:
+            executor.remove_node(node)
+            node.destroy_node()
+            recorder.destroy_node()
+            rclpy.try_shutdown()

@@ -42,16 +42,16 @@ def demo(domain, tmp_path):
 
 def nodes_of(demo):
     """Return name and process id of the nodes that a demo has started."""
-    found = {}
+    names, parents = {}, {}
     for stat in Path('/proc').glob('[0-9]*/stat'):
         try:
-            parent = int(stat.read_text().rsplit(')', 1)[1].split()[1])
-            words = (stat.parent / 'cmdline').read_text().split('\0')
-        except (OSError, IndexError):
+            number, rest = stat.read_text().split(' (', 1)
+        except (OSError, ValueError):
             continue  # it has just ended
-        names = [word.rsplit('.', 1)[1] for word in words if word.startswith('ballbot_ros.nodes.')]
-        if parent == demo.pid and names:
-            found[names[0]] = int(stat.parent.name)
+        name, rest = rest.rsplit(') ', 1)
+        names[int(number)], parents[int(number)] = name, int(rest.split()[1])
+    found = {node: number for number, name in names.items() for node in NODES
+             if name == node[:15] and parents.get(parents[number]) == demo.pid}
     return found
 
 

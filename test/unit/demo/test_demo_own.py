@@ -154,9 +154,11 @@ def test_a_viewer_sees_it_in_real_time_at_most_and_slower_where_that_is_too_fast
     class Started(Exception):
         """Takes the place of all that follows."""
 
-    def graph(folder, topics, timeline, metadata):
+    def graph(folder, topics, timeline, nodes, metadata):
+        assert nodes['simulator'] == metadata
         raise Started(metadata)
     monkeypatch.setattr(demo, 'prepare', lambda nodes: None)
+    monkeypatch.setattr(demo, 'perform_alone', demo.perform)
     monkeypatch.setattr(demo, 'recorded_graph', graph)
     monkeypatch.setattr(demo, 'bag_metadata', lambda name, simulator, *_: simulator)
     with pytest.raises(Started) as started:

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Processes as copies of this one, which has imported their modules already.
+
+Importing a node takes a second of processor time.  A process that has initialised ROS cannot be
+copied: the middleware has threads, and a copy has none of them.
+"""
+from importlib import import_module
+import multiprocessing
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+from typing import Callable, Iterable, Mapping, Optional, Sequence, TextIO
+
+
+class Forked:
+    """
+    A copy of this process that runs a function; with the methods of `subprocess.Popen`.
+
+    Parameters
+    ----------
+    work : callable
+        Returns the exit code.
+
+    Attributes
+    ----------
+    pid : int
+
+    """
+
+    def __init__(self, work: Callable[[], int]):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        self._process = multiprocessing.get_context('fork').Process(target=_run, args=(work,))
+        self._process.start()
+        assert self._process.pid is not None
+        self.pid: int = self._process.pid
+
+    def poll(self) -> Optional[int]:
+        """Return the exit code, negative for a signal; None while the process runs."""
+        return self._process.exitcode
+
+    def wait(self, timeout: Optional[float] = None) -> int:
+        """
+        Return the exit code of a process that is about to end.
+
+        Raises
+        ------
+        subprocess.TimeoutExpired
+            After the timeout [s].
+
+        """
+        self._process.join(timeout)
+        code = self._process.exitcode
+        if code is None:
+            raise subprocess.TimeoutExpired(self._process.name, timeout or 0.0)
+        return code
+
+    def send_signal(self, number: int) -> None:
+        """Send a signal, unless the process has ended."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        """End the process immediately."""
+        self._process.kill()
+
+
+def detached(name: str, work: Callable[[], int], arguments: Sequence[str],
+             environment: Mapping[str, str], log: TextIO) -> Callable[[], int]:
+    """Return a function that works in a session of its own, with a name and a log file."""
+    def work_alone() -> int:
+        os.setsid()
+        Path('/proc/self/comm').write_text(name)  # ps and top show 15 characters of it
+        for stream in (1, 2):  # standard output and error, of C++ as well
+            os.dup2(log.fileno(), stream)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        os.environ.update(environment)
+        sys.argv = [sys.argv[0], *arguments]
+        return work()
+    return work_alone
+
+
+def import_nodes(names: Iterable[str]) -> None:
+    """Import nodes, so that copies of this process start without delay."""
+    for name in names:
+        import_module(f'ballbot_ros.nodes.{name}.node')
+
+
+def _run(work: Callable[[], int]) -> None:
+    sys.exit(work())

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Copies of this process: their exit code, their output and their end."""
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from ballbot_ros.demo.forked import detached, Forked
+
+TIMEOUT = 20.0
+
+
+def test_the_exit_code_of_the_work_is_that_of_the_process():
+    process = Forked(lambda: 3)
+    assert process.wait(TIMEOUT) == process.poll() == 3
+    process.send_signal(signal.SIGTERM)  # to no other process that has its number by now
+
+
+def test_what_does_not_end_in_time_runs_on_until_a_signal():
+    process = Forked(lambda: time.sleep(TIMEOUT) or 0)
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(0.05)
+    assert process.poll() is None
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(TIMEOUT) == -signal.SIGTERM
+    deaf = Forked(lambda: time.sleep(TIMEOUT) or 0)
+    deaf.kill()
+    assert deaf.wait(TIMEOUT) == -signal.SIGKILL
+
+
+def test_a_detached_one_has_name_arguments_environment_log_and_session_of_its_own(tmp_path):
+    def work():
+        name = Path('/proc/self/comm').read_text().strip()
+        found = name, sys.argv[1:], os.environ['COLOUR'], os.getsid(0) == os.getpid()
+        os.write(1, f'{found}\n'.encode())
+        os.write(2, b'an error\n')
+        return 0
+    own = os.environ.get('COLOUR')
+    with open(tmp_path / 'log', 'w', encoding='utf-8') as log:
+        process = Forked(detached('node', work, ['-p', 'a:=1'], {'COLOUR': 'red'}, log))
+    assert process.wait(TIMEOUT) == 0
+    assert (tmp_path / 'log').read_text() == (
+        "('node', ['-p', 'a:=1'], 'red', True)\nan error\n")
+    assert os.environ.get('COLOUR') == own
