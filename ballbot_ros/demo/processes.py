@@ -125,10 +125,6 @@ class NodeProcesses:
         """Send a signal to one node."""
         self._running[name].send_signal(number)
 
-    def process_id(self, name: str) -> int:
-        """Return the process id of a node."""
-        return self._running[name].pid
-
     def wait(self, name: str, timeout: float = GRACE) -> int:
         """Return the exit code of a node that is about to end."""
         return self._running.pop(name).wait(timeout)

@@ -12,19 +12,13 @@ A robot that stands still, with its encoder at 0 and gravity in its acceleromete
     ...     estimate = fusion.encoder(stamp, 0.0, torque=0.0)
     >>> bool(abs(estimate.mean[0]) < 0.01)
     True
-
-With an encoder alone some quantities are not observable:
-
-    >>> len(unobservable(load_robot('gimball'), imu=False)) > 0
-    True
 """
 from ballbot_ros.estimation.fusion import Fusion
 from ballbot_ros.estimation.imu import ImuMounting, ImuReading
 from ballbot_ros.estimation.kalman import Estimate, PendulumFilter
-from ballbot_ros.estimation.observability import unobservable
 from ballbot_ros.estimation.odometry import OdometryFilter, OdometryState, OdometryTuning
 from ballbot_ros.estimation.tuning import FilterTuning
 
 __all__ = [
     'Estimate', 'FilterTuning', 'Fusion', 'ImuMounting', 'ImuReading', 'OdometryFilter',
-    'OdometryState', 'OdometryTuning', 'PendulumFilter', 'unobservable']
+    'OdometryState', 'OdometryTuning', 'PendulumFilter']

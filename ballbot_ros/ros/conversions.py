@@ -29,8 +29,6 @@ Variances = NDArray[np.float64]
 
 ALL_EXACT = np.eye(6).ravel() * EXACT
 
-JOINTS = [SHELL, PENDULUM]
-
 
 def sec_nanosec(seconds: float) -> Tuple[int, int]:
     """Return the two numbers of a stamp, rounded to the nanosecond."""
@@ -92,23 +90,6 @@ def command_message(stamp: Time, torque: float) -> JointState:
     """Return a joint command for the pendulum, stamped like the state that it answers."""
     message = JointState(name=[PENDULUM], effort=[torque])
     message.header.stamp = stamp
-    return message
-
-
-def joint_state_message(state: State, torque: float, has_pendulum: bool,
-                        frames: Frames = FRAMES) -> JointState:
-    """Return shell and pendulum as joints: theta1, and theta2 relative to the shell."""
-    message = JointState()
-    message.header.stamp, message.header.frame_id = to_time(state.time), frames.base
-    if has_pendulum:
-        message.name = JOINTS
-        message.position = [state.ball_angle, state.joint_angle]
-        message.velocity = [state.ball_rate, state.joint_rate]
-        message.effort = [0.0, torque]
-    else:
-        message.name = [SHELL]
-        message.position, message.velocity = [state.ball_angle], [state.ball_rate]
-        message.effort = [0.0]
     return message
 
 

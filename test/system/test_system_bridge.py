@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every way in which the bridge can end, and the torque of the emulated motor afterwards."""
 from contextlib import contextmanager
-import os
 import signal
 import time
 
@@ -45,12 +44,11 @@ def test_a_kill_is_outlived_by_no_torque_for_the_drive_watches(driving, motor):
 
 def test_a_process_that_is_frozen_and_a_full_disk_do_no_harm(driving, motor):
     run = driving(capture='/dev/full')  # the motor pulls although nothing can be written
-    process = run.graph.processes.process_id('bridge')
-    os.kill(process, signal.SIGSTOP)
+    run.graph.processes.signal('bridge', signal.SIGSTOP)
     try:
         run.wait_for_nothing()
     finally:
-        os.kill(process, signal.SIGCONT)
+        run.graph.processes.signal('bridge', signal.SIGCONT)
     run.graph.wait(run.held_up, 'the bridge notices')
 
 

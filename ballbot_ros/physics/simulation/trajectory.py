@@ -156,13 +156,7 @@ class Trajectory:
             If pandas is not installed.
 
         """
-        try:
-            frame = import_module('pandas').DataFrame
-        except ImportError as error:
-            raise ConfigurationError(
-                'to_pandas needs pandas, which is not installed: pip install pandas',
-                'not_installed', 'pandas') from error
-        table = frame(self.columns)
+        table = _library('pandas', 'to_pandas').DataFrame(self.columns)
         table.attrs['units'] = dict(UNITS)
         return table
 
@@ -176,13 +170,7 @@ class Trajectory:
             If xarray is not installed.
 
         """
-        try:
-            dataset = import_module('xarray').Dataset
-        except ImportError as error:
-            raise ConfigurationError(
-                'to_xarray needs xarray, which is not installed: pip install xarray',
-                'not_installed', 'xarray') from error
-        table = dataset(
+        table = _library('xarray', 'to_xarray').Dataset(
             {name: ('time', values, {'units': UNITS[name]})
              for name, values in self.items() if name != 'time'},
             {'time': ('time', self['time'], {'units': UNITS['time']})},
@@ -300,3 +288,13 @@ class Trajectory:
         return float(max(np.max(np.abs(part)) for part in (
             self['kinetic_energy'], potential - potential[0], self['contact_energy'],
             self.dissipated_energy, self['motor_work'])))
+
+
+def _library(name: str, method: str) -> Any:
+    """Return an optional library that a method needs; `ConfigurationError` without it."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise ConfigurationError(
+            f'{method} needs {name}, which is not installed: pip install {name}',
+            'not_installed', name) from error

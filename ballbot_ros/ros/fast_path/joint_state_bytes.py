@@ -15,8 +15,9 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import JointReadings
-from ballbot_ros.ros.conversions import JOINTS, PENDULUM, sec_nanosec
+from ballbot_ros.ros.conversions import sec_nanosec
 from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.ros.frames import JOINTS, PENDULUM
 
 # Of plain CDR, little-endian; within it, numbers are aligned from here on.
 LITTLE_ENDIAN, START = b'\0\1', 4
@@ -235,7 +236,7 @@ class JointStateBytes:
 
     def __init__(self, frame: str = '', has_pendulum: bool = True):
         """Make the form."""
-        names = JOINTS if has_pendulum else JOINTS[:1]
+        names = list(JOINTS) if has_pendulum else list(JOINTS[:1])
         zeros = [0.0] * len(names)
         message = JointState(name=names, position=zeros, velocity=zeros, effort=zeros)
         message.header.frame_id = frame

@@ -80,7 +80,7 @@ def test_who_does_not_end_is_ended(sleepers):
     for name in ('polite', 'deaf'):
         sleepers.start(name)
         wait_until_up(sleepers, name)
-    numbers = [sleepers.process_id(name) for name in ('polite', 'deaf')]
+    numbers = [sleepers._running[name].pid for name in ('polite', 'deaf')]
     codes = sleepers.stop()
     assert codes == {'polite': codes['polite'], 'deaf': -signal.SIGKILL}
     assert codes['polite'] != -signal.SIGKILL

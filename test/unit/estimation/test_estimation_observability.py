@@ -4,11 +4,11 @@ from dataclasses import replace
 import math
 
 import numpy as np
+from observability import unobservable
 import pytest
 from scipy.linalg import expm
 
 from ballbot_ros.control import RollingModel
-from ballbot_ros.estimation import unobservable
 from ballbot_ros.physics import load_robot
 
 GIMBALL = load_robot('gimball')

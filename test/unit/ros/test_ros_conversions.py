@@ -3,6 +3,7 @@
 import math
 
 from hypothesis import given, strategies as some
+from joint_states import joint_state_message
 import pytest
 from sensor_msgs.msg import JointState
 
@@ -84,7 +85,7 @@ def test_a_set_point_that_is_none_is_refused(message):
 @given(some.builds(State, *[some.floats(-50, 50)] * 9))
 def test_readings_give_back_the_angles_of_the_state(state):
     found = conversions.readings(
-        conversions.joint_state_message(state._replace(time=1.0), 0.5, True))
+        joint_state_message(state._replace(time=1.0), 0.5, True))
     assert found.pendulum_angle == pytest.approx(state.pendulum_angle, abs=1e-12)
     assert found.pendulum_rate == pytest.approx(state.pendulum_rate, abs=1e-12)
 
@@ -92,7 +93,7 @@ def test_readings_give_back_the_angles_of_the_state(state):
 def test_a_robot_without_a_pendulum_has_one_joint_and_nan_for_the_rest():
     model = Model(load_robot('shellball'), Terrain.flat())
     state = model.at_rest(0.0, 0.5)
-    assert list(conversions.joint_state_message(state, 0.0, False).name) == ['shell']
+    assert list(joint_state_message(state, 0.0, False).name) == ['shell']
     message = conversions.ball_state_message(state, 0.0, model)
     assert math.isnan(message.pendulum_angle) and math.isnan(message.pendulum_torque)
     assert len(message.contacts) == 1

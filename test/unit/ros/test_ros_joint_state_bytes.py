@@ -12,12 +12,13 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import JointReadings
-from ballbot_ros.ros.conversions import command_message, JOINTS, to_time
+from ballbot_ros.ros.conversions import command_message, to_time
 from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.fast_path import joint_state_bytes
 from ballbot_ros.ros.fast_path.joint_state_bytes import (
     CommandBytes, JointStateBytes, JointStateReader, ReceivedJointState, same,
     subscribe_joint_states)
+from ballbot_ros.ros.frames import JOINTS
 from ballbot_ros.ros.rclpy_compat import new_executor
 
 numbers = strategies.floats(-1e100, 1e100)
@@ -28,8 +29,9 @@ BYTES = JointStateBytes()
 def test_what_goes_out_is_what_the_message_would_be(stamp, ball, joint, ball_rate, joint_rate,
                                                     torque):
     readings = JointReadings(3.0, ball, joint, ball_rate, joint_rate)
-    expected = JointState(name=JOINTS, position=[ball, joint], velocity=[ball_rate, joint_rate],
-                          effort=[0.0, torque])
+    expected = JointState(
+        name=list(JOINTS), position=[ball, joint], velocity=[ball_rate, joint_rate],
+        effort=[0.0, torque])
     expected.header.stamp = to_time(stamp)
     assert deserialize_message(BYTES.of(stamp, readings, torque), JointState) == expected
 
