@@ -173,7 +173,9 @@ def perform(out: Path, act: Act, quiet: bool,
 
     def report(when: float, word: str, sentence: str) -> None:
         if word in NAMES.values() and [mark.word for mark in marks[-1:]] != [word]:
-            marks.append(Mark(when, word, word in ('CROSS', 'CLEAR')))
+            ahead = timeline.passages[timeline.next_step:]
+            step = ahead[0].x if ahead and word in ('CROSS', 'GO ROUND', 'BACK OFF') else None
+            marks.append(Mark(when, word, word in ('CROSS', 'CLEAR'), step))
         if not quiet:
             print_event(when, word, sentence)
     timeline = Timeline(passages_of(scene, act.expected), scene.model.robot, report)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ball on the terrain, true to scale: a film strip like Fig. 7 of the paper."""
 import math
-from typing import Any, NamedTuple, Sequence
+from typing import Any, NamedTuple, Optional, Sequence
 
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
@@ -24,11 +24,12 @@ _MARGIN, _DEPTH = 1.25, 0.42  # beside the outermost centres, of the ground [bal
 
 
 class Mark(NamedTuple):
-    """A word at the place where the ball was at a time, such as what was decided there."""
+    """A decision: at the step that it refers to, or where the ball was at that time."""
 
     time: float  # [s]
     word: str
     good: bool  # green; else orange
+    step: Optional[float] = None  # place of the foot of that step [m]
 
 
 def strip(trajectory: Trajectory, title: str = '', marks: Sequence[Mark] = ()) -> Figure:
@@ -161,18 +162,26 @@ def _result(run: Trajectory, row: Row, met: FaceMeeting) -> str:
 
 def _draw_marks(axes: Any, run: Trajectory, row: Row, marks: Sequence[Mark],
                 scale: float) -> None:
-    """Write each mark above the place of the ball, two high in turn, with a line down to it."""
+    """Write each mark above its place, two high in turn, with a line down to it."""
     first, last = run['time'][row.samples[0]], run['time'][row.samples[-1]]
+    left, right = axes.get_xlim()
     top = axes.get_ylim()[1]
+    tops = {face[0, 0]: face[-1, 1]
+            for face in rising_faces(run.model.terrain, run.model.robot.ball_radius)}
     shown = [mark for mark in marks if first <= mark.time <= last]
     for number, mark in enumerate(shown):
         index = row.samples[np.argmin(np.abs(run['time'][row.samples] - mark.time))]
+        x, y, word = run['x'][index], run['y'][index], mark.word
+        if mark.step in tops and left < mark.step < right:
+            x, y, word = mark.step, tops[mark.step], f'{mark.word}, at {mark.time:.2f} s'
         colour = canvas.GREEN if mark.good else canvas.VERMILION
         level = top - (0.2 + 1.1 * (number % 2)) * _LINE / scale
-        axes.plot([run['x'][index]] * 2, [run['y'][index], level - 0.8 * _LINE / scale],
-                  color=colour, lw=0.7, ls=':', zorder=9)
-        axes.plot(run['x'][index], run['y'][index], 'o', color=colour, ms=3.0, zorder=9)
-        axes.text(run['x'][index], level, mark.word, fontsize=7.5, weight='bold', color=colour,
+        axes.plot([x] * 2, [y, level - 0.8 * _LINE / scale], color=colour, lw=0.7, ls=':',
+                  zorder=9)
+        axes.plot(x, y, 'o', color=colour, ms=3.0, zorder=9)
+        # Within the picture, also beside its right end.
+        half = 0.5 * _LETTER * len(word) / scale
+        axes.text(min(x, right - half), level, word, fontsize=7.5, weight='bold', color=colour,
                   ha='center', va='top', zorder=10,
                   path_effects=[withStroke(linewidth=2.0, foreground='white')])
 

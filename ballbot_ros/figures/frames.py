@@ -7,14 +7,18 @@ import numpy as np
 
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.trajectory import Trajectory
+from ballbot_ros.results.faces import meet_faces
 
 # Lengths in ball radii.
 ROW = 17.0  # travel in one row at most
 TURN = 0.5  # travel back that begins a new row
 LEAST_GAP = 0.55  # between two outlines
+NEAR = 1.2  # of the centre from a step that the ball climbs
 
-# Outlines along the longest row at most.
+# Outlines along the longest row at most, if the ball touches no step.
 OUTLINES = 13
+# Beside the touched steps, the outlines are so much farther apart.
+SPARSE = 2.0
 
 # Rows of a strip at most; a longer run shows its most interesting part.
 MOST_ROWS = 4
@@ -47,8 +51,15 @@ def lay_out(run: Trajectory) -> Layout:
     shown = _window(run, parts)
     longest = max(float(np.hypot(np.diff(run['x'][part]), np.diff(run['y'][part])).sum())
                   for part in shown)
-    gap = max(LEAST_GAP * radius, longest / (OUTLINES - 1))
-    return Layout(tuple(Row(part, _frames(run, part, gap)) for part in shown), gap, len(parts))
+    least, even = LEAST_GAP * radius, longest / (OUTLINES - 1)
+    touched = [met.x for met in meet_faces(run) if met.touch_time is not None]
+    if not touched or even <= least:
+        gaps = np.full(len(run), max(least, even))
+    else:
+        near = np.min(np.abs(run['x'][:, None] - touched), axis=1) < NEAR * radius
+        gaps = np.where(near, least, SPARSE * even)
+    return Layout(tuple(Row(part, _frames(run, part, gaps[part])) for part in shown),
+                  float(gaps.min()), len(parts))
 
 
 def _legs(x: Array, looked: Array, least: float) -> list[Array]:
@@ -91,17 +102,17 @@ def _window(run: Trajectory, parts: list[Array]) -> list[Array]:
     return parts[first:first + MOST_ROWS]
 
 
-def _frames(run: Trajectory, part: Array, gap: float) -> Array:
-    """Return the first and the last sample, and those in between that keep their distance."""
+def _frames(run: Trajectory, part: Array, gaps: Array) -> Array:
+    """Return the first and the last sample, and those in between that keep their distances [m]."""
     places = np.column_stack([run['x'][part], run['y'][part]])
     kept = [0]
     last = len(part) - 1
     for index in range(1, last):
         away = np.hypot(*(places[kept] - places[index]).T)
-        if away.min() >= gap:
+        if away.min() >= gaps[index]:
             kept.append(index)
-    if last and np.hypot(*(places[last] - places[0])) > 0.2 * gap:
+    if last and np.hypot(*(places[last] - places[0])) > 0.2 * gaps[last]:
         # The end matters more than a neighbour of it.
         kept = [0, *(index for index in kept[1:]
-                     if np.hypot(*(places[last] - places[index])) >= 0.7 * gap), last]
+                     if np.hypot(*(places[last] - places[index])) >= 0.7 * gaps[last]), last]
     return part[kept]
